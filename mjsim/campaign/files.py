@@ -1,0 +1,106 @@
+"""Reading a campaign folder: campaign.toml, machine.toml and the traces."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from mjsim.campaign.model import Campaign, Instrument, Test, Trace
+from mjsim.campaign.schema import DIRECTIONS, NEEDED, OPTIONAL, CampaignTable, TestTable
+from mjsim.campaign.traces import read_trace
+from mjsim.errors import InputError
+from mjsim.nc.program import Program
+from mjsim.toml import check, parse
+from mjsim.units import DEG, MM, UM
+
+_SPECIFIC = {k for keys in (*NEEDED.values(), *OPTIONAL.values()) for k in keys}
+
+
+def read_campaign(path: str | Path, traces: bool = True) -> Campaign:
+    """Read a campaign.
+
+    Args:
+        path: the folder or its campaign.toml.
+        traces: also read the recorded traces.
+
+    Raises:
+        InputError: a file, key, value or trace is wrong; nothing is guessed.
+    """
+    path = Path(path)
+    file = path / "campaign.toml" if path.is_dir() else path
+    if not file.is_file():
+        raise InputError(f"{file}: no such campaign; give a folder that holds a campaign.toml, or the path of a campaign.toml")
+    table = check(file, CampaignTable, parse(file))
+    folder = file.parent
+    tests = tuple(_test(file, t) for t in table.test)
+    names = [t.name for t in tests]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f'{file}: [[test]] name "{name}" appears {names.count(name)} times; allowed: each name once')
+    i = table.instrument
+    instrument = Instrument(i.resolution_um * UM, i.range_mm * MM, i.sample_rate_Hz)
+    recorded: dict[str, Trace] = {}
+    if traces:
+        for t in tests:
+            if t.trace is not None:
+                recorded[t.name] = _recorded(file, t, instrument)
+    return Campaign(table.name, folder, _inside(file, folder, table.machine, "machine", outside=True), instrument, tests, recorded)
+
+
+def _inside(file: Path, folder: Path, name: str, key: str, outside: bool = False) -> Path:
+    target = folder / name
+    if Path(name).is_absolute() or (not outside and not target.resolve().is_relative_to(folder.resolve())):
+        raise InputError(f"{file}: {key} = {name!r} leaves the campaign's folder; allowed: a path inside it")
+    return target
+
+
+def _recorded(file: Path, test: Test, instrument: Instrument) -> Trace:
+    trace = read_trace(_inside(file, file.parent, test.trace, f'[[test]] "{test.name}" trace'), instrument)
+    first, last = Program(test).measured_span
+    want, have = last - first, float(trace.time[-1] - trace.time[0])
+    if abs(have - want) > 0.02 * want + 0.1:
+        raise InputError(
+            f"{file.parent / test.trace}: the trace lasts {have:.2f} s, the program of test \"{test.name}\" {want:.2f} s "
+            f"(feed {test.feed * 60e3:g} mm/min); check feed_mm_min, revolutions and that the trace belongs to this test"
+        )
+    if trace.time[0] < first - 0.5 or trace.time[-1] > last + 0.5:
+        raise InputError(
+            f"{file.parent / test.trace}: time_s runs from {trace.time[0]:.2f} to {trace.time[-1]:.2f} s; the program of test "
+            f'"{test.name}" is measured from {first:.2f} to {last:.2f} s; time_s counts from the start of the NC program'
+        )
+    return trace
+
+
+def _test(file: Path, t: TestTable) -> Test:
+    place = f'{file}: [[test]] "{t.name}"'
+    for key in NEEDED[t.kind]:
+        if getattr(t, key) is None:
+            raise InputError(f"{place}: the key {key!r} is missing; {t.kind} needs {', '.join(NEEDED[t.kind])}")
+    for key in _SPECIFIC - set(NEEDED[t.kind]) - set(OPTIONAL[t.kind]):
+        if getattr(t, key) is not None:
+            raise InputError(f"{place}: the key {key!r} does not belong to {t.kind}")
+    if t.kind in DIRECTIONS and t.sensitive_direction not in DIRECTIONS[t.kind]:
+        raise InputError(f"{place}: sensitive_direction = {t.sensitive_direction!r}; allowed for {t.kind}: {', '.join(DIRECTIONS[t.kind])}")
+    ball = tuple(x * MM for x in t.table_ball_mm)
+    if t.kind == "rotary":
+        if t.from_deg == t.to_deg:
+            raise InputError(f"{place}: from_deg and to_deg are both {t.from_deg:g}; the axis would not turn")
+        if np.hypot(*(ball[:2] if t.axis == "C" else ball[1:])) < 1e-3:
+            raise InputError(f"{place}: table_ball_mm = {t.table_ball_mm} lies on the {t.axis} axis; allowed: at least 1 mm away from it")
+    common = dict(name=t.name, kind=t.kind, table_ball=ball, length=t.bar_length_mm * MM, feed=t.feed_mm_min * MM / 60.0)
+    return Test(
+        **common,
+        half_apex=(t.half_apex_deg or 0.0) * DEG,
+        inclination=(t.inclination_deg or 0.0) * DEG,
+        sensitive=t.sensitive_direction or "perpendicular",
+        plane=t.plane or "XY",
+        axis=t.axis or "C",
+        start=(t.from_deg or 0.0) * DEG,
+        stop=(t.to_deg or 0.0) * DEG,
+        direction=t.direction or ("CCW" if (t.to_deg or 0.0) > (t.from_deg or 0.0) else "CW"),
+        revolutions=t.revolutions or (1 if t.kind == "rotary" else 2),
+        setup=t.setup or t.name,
+        started=t.started_s,
+        trace=t.trace,
+    )

@@ -1,0 +1,78 @@
+"""A measurement campaign: the tests, in order, and what was recorded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Test:
+    """One ball-bar test. Lengths in m, angles in rad, feed in m/s; names as in ``campaign.toml``.
+
+    ``kind`` is cone_frustum, circular or rotary. ``sensitive`` is perpendicular or parallel (cone_frustum), tangential,
+    radial or axial (rotary). ``start``/``stop`` are the rotary axis' ends, ``setup`` names the tests that share both balls'
+    offsets, ``started`` is the clock time of the NC program's start in s.
+    """
+
+    __test__ = False  # not a pytest class
+
+    name: str
+    kind: str
+    table_ball: tuple[float, float, float]
+    length: float
+    feed: float
+    half_apex: float = 0.0
+    inclination: float = 0.0
+    sensitive: str = "perpendicular"
+    plane: str = "XY"
+    axis: str = "C"
+    start: float = 0.0
+    stop: float = 0.0
+    direction: str = "CCW"
+    revolutions: int = 2
+    setup: str = ""
+    started: float = 0.0
+    trace: str | None = None
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A recorded trace: ``time`` (n,) s from the program's start, ``deviation`` (n,) m, ``valid`` (n,) bool."""
+
+    time: np.ndarray
+    deviation: np.ndarray
+    valid: np.ndarray
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """The ball bar: ``resolution`` and ``range`` in m, ``rate`` in Hz."""
+
+    resolution: float = 0.1e-6
+    range: float = 1.0e-3
+    rate: float = 200.0
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """Tests of one machine with their traces (by test name; tests that were not measured are absent)."""
+
+    name: str
+    folder: Path
+    machine_file: Path
+    instrument: Instrument
+    tests: tuple[Test, ...]
+    traces: dict[str, Trace]
+
+    @property
+    def measured(self) -> tuple[Test, ...]:
+        """The tests that have a trace, in order."""
+        return tuple(t for t in self.tests if t.name in self.traces)
+
+    @property
+    def state_folder(self) -> Path:
+        """Where mjsim keeps this campaign's history and plots."""
+        return self.folder / ".mjsim"

@@ -1,0 +1,84 @@
+"""What a campaign.toml and a machine.toml may contain; the checks behind their error messages."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=False)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class InstrumentTable(Table):
+    kind: Literal["ball_bar"] = "ball_bar"
+    resolution_um: Positive = 0.1
+    range_mm: Positive = 1.0
+    sample_rate_Hz: Positive = 200.0
+
+
+class TestTable(Table):
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$")]
+    kind: Literal["cone_frustum", "circular", "rotary"]
+    table_ball_mm: Annotated[list[Number], Field(min_length=3, max_length=3)]
+    bar_length_mm: Annotated[float, Field(ge=20, le=1000)]
+    feed_mm_min: Annotated[float, Field(gt=0, le=100000)]
+    trace: str | None = None
+    setup: str | None = None
+    started_s: Number = 0.0
+    half_apex_deg: Annotated[float, Field(gt=0, lt=90)] | None = None
+    inclination_deg: Annotated[float, Field(ge=0, lt=90)] | None = None
+    sensitive_direction: Literal["perpendicular", "parallel", "tangential", "radial", "axial"] | None = None
+    plane: Literal["XY", "YZ", "ZX"] | None = None
+    axis: Literal["A", "C"] | None = None
+    from_deg: Number | None = None
+    to_deg: Number | None = None
+    direction: Literal["CW", "CCW"] | None = None
+    revolutions: Annotated[int, Field(ge=1, le=100)] | None = None
+
+
+class CampaignTable(Table):
+    name: str
+    machine: str = "machine.toml"
+    instrument: InstrumentTable = InstrumentTable()
+    test: Annotated[list[TestTable], Field(min_length=1)]
+
+
+#: Keys that each kind needs, and the ones that it may have besides the common ones.
+NEEDED = {
+    "cone_frustum": ("half_apex_deg", "inclination_deg", "sensitive_direction", "direction"),
+    "circular": ("plane", "direction"),
+    "rotary": ("axis", "from_deg", "to_deg", "sensitive_direction"),
+}
+OPTIONAL = {"cone_frustum": ("revolutions",), "circular": ("revolutions",), "rotary": ()}
+DIRECTIONS = {"cone_frustum": ("perpendicular", "parallel"), "rotary": ("tangential", "radial", "axial")}
+
+
+class DriveTable(Table):
+    lead_mm: Annotated[float, Field(gt=0, le=1000)] | None = None
+    worm_teeth: Annotated[float, Field(gt=0, le=10000)] | None = None
+    position_gain_per_s: Annotated[float, Field(gt=0, le=1000)]
+    velocity_gain_Nms_per_rad: Annotated[float, Field(gt=0, le=10000)]
+    integral_time_s: Annotated[float, Field(gt=0, le=10)]
+    inertia_kgm2: Annotated[float, Field(gt=0, le=100)]
+    viscous_Nms_per_rad: Annotated[float, Field(ge=0, le=100)]
+    gravity_Nm: Annotated[float, Field(ge=-1e4, le=1e4)] = 0.0
+
+
+class DrivesTable(Table):
+    X: DriveTable
+    Y: DriveTable
+    Z: DriveTable
+    A: DriveTable
+    C: DriveTable
+
+
+class MachineTable(Table):
+    name: str
+    configuration: Literal["w-C'A'Y'bXZ-t"] = "w-C'A'Y'bXZ-t"
+    drive: DrivesTable
+    effect: list[dict[str, Any]] = []

@@ -1,0 +1,68 @@
+"""Reading recorded traces: ``time_s,deviation_um``."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from mjsim.campaign.model import Instrument, Trace
+from mjsim.errors import InputError
+from mjsim.units import UM
+
+_HEADER = ["time_s", "deviation_um"]
+_LARGEST = 200_000_000
+
+
+def read_trace(path: Path, instrument: Instrument) -> Trace:
+    """Read one trace; samples at or beyond the sensor's range are marked invalid.
+
+    Raises:
+        InputError: names the file, the line, what was found and what is allowed.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: the trace is missing (named in campaign.toml)")
+    if path.stat().st_size > _LARGEST:
+        raise InputError(f"{path}: {path.stat().st_size / 1e6:.0f} MB; allowed: up to {_LARGEST / 1e6:.0f} MB, thin the trace to {instrument.rate:g} Hz")
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is not text; allowed: a CSV file with the header {','.join(_HEADER)}") from None
+    first, _, body = text.partition("\n")
+    header = [h.strip() for h in first.split(",")]
+    if header != _HEADER:
+        raise InputError(f"{path}, line 1: header {first.strip()[:80]!r}; allowed: {','.join(_HEADER)}")
+    try:
+        data = np.loadtxt(body.splitlines(), delimiter=",", ndmin=2)
+        if data.shape[1] != 2:
+            raise ValueError
+    except ValueError:
+        raise InputError(f"{path}, {_first_bad_line(body)}") from None
+    if len(data) < 50:
+        raise InputError(f"{path}: {len(data)} samples; allowed: at least 50")
+    time, deviation = data[:, 0], data[:, 1] * UM
+    if not np.isfinite(time).all():
+        raise InputError(f"{path}, line {int(np.flatnonzero(~np.isfinite(time))[0]) + 2}: time_s is not a finite number")
+    back = np.flatnonzero(np.diff(time) <= 0)
+    if len(back):
+        i = int(back[0])
+        raise InputError(f"{path}, line {i + 3}: time_s = {time[i + 1]:g} after {time[i]:g}; allowed: times that grow from line to line")
+    valid = np.isfinite(deviation) & (np.abs(np.nan_to_num(deviation)) < instrument.range * (1 - 1e-9))
+    if valid.sum() < 50:
+        raise InputError(f"{path}: only {int(valid.sum())} of {len(valid)} samples are inside the sensor's range of ±{instrument.range * 1e3:g} mm")
+    return Trace(time, np.nan_to_num(deviation), valid)
+
+
+def _first_bad_line(body: str) -> str:
+    for number, row in enumerate(csv.reader(body.splitlines()), start=2):
+        if not row:
+            continue
+        if len(row) != 2:
+            return f"line {number}: {len(row)} columns in {','.join(row)[:60]!r}; allowed: two numbers, time_s and deviation_um (decimal point)"
+        for name, value in zip(_HEADER, row, strict=True):
+            try:
+                float(value)
+            except ValueError:
+                return f"line {number}: {name} = {value.strip()[:40]!r} is not a number"
+    return "the table cannot be read; allowed: two columns of numbers"

@@ -1,0 +1,56 @@
+"""Location errors of the rotary axes (ISO 230-7)."""
+
+import mujoco
+import numpy as np
+
+from mjsim.effects.base import Effect, Parameter
+from mjsim.effects.registry import register
+
+_SHIFT = (Parameter("value_um", "displacement of the centreline", -5000.0, 5000.0, neutral=0.0, scale=10.0),)
+_TILT = (Parameter("value_urad", "rotation of the centreline", -5000.0, 5000.0, neutral=0.0, scale=20.0),)
+#: subject -> (body, kind of edit, coordinate)
+_WHERE = {
+    "EX0C": ("table", "shift", 0),
+    "EY0C": ("table", "shift", 1),
+    "EA0C": ("table", "tilt", 0),
+    "EB0C": ("table", "tilt", 1),
+    "EY0A": ("cradle", "shift", 1),
+    "EZ0A": ("cradle", "shift", 2),
+    "EB0A": ("cradle", "tilt", 1),
+    "EC0A": ("cradle", "tilt", 2),
+}
+
+
+@register
+class AxisLocation(Effect):
+    kind = "axis_location"
+    subjects = tuple(_WHERE)
+    title = "Location error of a rotary axis"
+    parameters = _SHIFT
+    definition = "p ← Ry(EB0C) Rx(EA0C) p + (EX0C, EY0C, 0) in the cradle; p ← Rz(EC0A) Ry(EB0A) p + (0, EY0A, EZ0A) on the slide"
+    source = "ISO 230-7 and ISO 230-1 (axis location errors); order of rotations: effect catalogue"
+    signature = "Once- and twice-per-turn deviations; partly or wholly hidden by the set-up's ball offsets."
+
+    @classmethod
+    def parameters_of(cls, subject):
+        return _SHIFT if _WHERE[subject][1] == "shift" else _TILT
+
+    @property
+    def _value(self):
+        return self.si(self.parameters_of(self.subject)[0].name)
+
+    def act(self, plant):
+        plant.geometry.location[self.subject] = self._value
+
+    def edit_spec(self, spec):
+        body_name, edit, i = _WHERE[self.subject]
+        body = spec.body(body_name)
+        if edit == "shift":
+            body.pos = body.pos + np.eye(3)[i] * self._value
+            return
+        turn, out = np.zeros(4), np.zeros(4)
+        mujoco.mju_axisAngle2Quat(turn, np.eye(3)[i], self._value)
+        # the axis named second in the catalogue's product turns last: EB0C after EA0C, EC0A after EB0A
+        order = (turn, body.quat) if self.subject in ("EB0C", "EC0A") else (body.quat, turn)
+        mujoco.mju_mulQuat(out, *map(np.asarray, order))
+        body.quat = out

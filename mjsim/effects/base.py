@@ -1,0 +1,209 @@
+"""What an effect is: one physical cause of motion error, one class in one file.
+
+A subclass names its parameters (unit in the name, bounds, the value that switches it off), says where it acts by overriding
+:meth:`Effect.act` (drive, transmission, geometry), and is picked up everywhere by :func:`mjsim.effects.registry.register`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from mjsim.errors import InputError
+from mjsim.units import unit_of
+
+if TYPE_CHECKING:
+    import mujoco
+    import numpy as np
+
+    from mjsim.engine.plant import Plant
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of an effect, in the units of its name.
+
+    Attributes:
+        name: e.g. ``width_deg``; the unit is its ending.
+        meaning: one line.
+        lower, upper: allowed closed range.
+        neutral: the value that switches the effect off (leading parameters only).
+        default: value when the file leaves it out; ``None`` makes it required.
+        kind: ``number``, ``components`` (a list of [order, amplitude, phase_deg]) or ``choice``.
+        choices: allowed texts of a ``choice``.
+        scale: a typical size, in the same unit: the step of numerical derivatives and of searches.
+    """
+
+    name: str
+    meaning: str
+    lower: float = -1e9
+    upper: float = 1e9
+    neutral: float | None = None
+    default: Any = None
+    kind: str = "number"
+    choices: tuple[str, ...] = ()
+    scale: float = 1.0
+
+    @property
+    def factor(self) -> float:
+        """Factor to SI."""
+        return unit_of(self.name)[0]
+
+    @property
+    def unit(self) -> str:
+        """Symbol of the unit, empty for ratios and orders."""
+        return unit_of(self.name)[1]
+
+    @property
+    def leading(self) -> bool:
+        """Whether this parameter's neutral value switches the whole effect off."""
+        return self.neutral is not None or self.kind == "components"
+
+
+class Effect(ABC):
+    """Base class. ``values`` holds the parameters as the file gives them (units of their names).
+
+    Class attributes to set: ``kind`` (first half of the id), ``subjects``, ``parameters``, ``title``, ``definition``,
+    ``source``, ``signature``. Raises :class:`InputError` for an unknown subject, parameter, or a value out of bounds.
+    """
+
+    kind: ClassVar[str]
+    subjects: ClassVar[tuple[str, ...]]
+    parameters: ClassVar[tuple[Parameter, ...]]
+    title: ClassVar[str]
+    definition: ClassVar[str]
+    source: ClassVar[str]
+    signature: ClassVar[str]
+    #: True where the whole effect can be found from the axes' motion without simulating the drive again.
+    quasi_static: ClassVar[bool] = True
+    #: Parameters that a diagnosis fits; the others keep their defaults.
+    free: ClassVar[tuple[str, ...]] = ()
+    #: A pitch error's orders are found by a spectrum, not by seeds.
+    scanned: ClassVar[bool] = False
+    #: Smallest departure of the leading parameter from neutral that makes sense as a cause of its own (assumed).
+    least: ClassVar[float] = 0.0
+
+    def __init__(self, subject: str, **values: Any) -> None:
+        if subject not in self.subjects:
+            raise InputError(f"effect {self.kind}.{subject}: unknown subject {subject!r}; allowed: {', '.join(self.subjects)}")
+        self.subject = subject
+        specs = {p.name: p for p in self.parameters_of(subject)}
+        for name in values:
+            if name not in specs:
+                raise InputError(f"effect {self.id}: unknown parameter {name!r}; allowed: {', '.join(specs)}")
+        self.values: dict[str, Any] = {}
+        for name, p in specs.items():
+            if name in values:
+                self.values[name] = self._checked(p, values[name])
+            elif p.default is not None:
+                self.values[name] = p.default
+            elif p.kind != "choice":
+                raise InputError(f"effect {self.id}: parameter {name!r} is missing")
+
+    @classmethod
+    def parameters_of(cls, subject: str) -> tuple[Parameter, ...]:
+        """Parameters for one subject (units can differ between linear and rotary axes)."""
+        return cls.parameters
+
+    @classmethod
+    def free_of(cls, subject: str) -> tuple[str, ...]:
+        """Names that a diagnosis fits for one subject; by default the leading parameters."""
+        return cls.free or tuple(p.name for p in cls.parameters_of(subject) if p.leading)
+
+    @classmethod
+    def seeds(cls, subject: str) -> list[dict[str, Any]]:
+        """Starting values from which a diagnosis searches: leading parameters at a typical size off neutral."""
+        return [{p.name: p.neutral + p.scale for p in cls.parameters_of(subject) if p.neutral is not None}]
+
+    @property
+    def id(self) -> str:
+        """``kind.SUBJECT``."""
+        return f"{self.kind}.{self.subject}"
+
+    @property
+    def key(self) -> str:
+        """What must be unique in one machine: the id, and the direction where the effect has one."""
+        direction = self.values.get("direction") if hasattr(self, "values") else None
+        return f"{self.id}[{direction}]" if direction else self.id
+
+    def _checked(self, p: Parameter, value: Any) -> Any:
+        if p.kind == "choice":
+            if value not in p.choices:
+                raise InputError(f"effect {self.id}: {p.name} = {value!r}; allowed: {', '.join(p.choices)}")
+            return value
+        if p.kind == "components":
+            return self._checked_components(p, value)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise InputError(f"effect {self.id}: {p.name} = {value!r} is not a number")
+        if not p.lower <= value <= p.upper:
+            raise InputError(f"effect {self.id}: {p.name} = {value:g} is out of bounds; allowed: {p.lower:g} to {p.upper:g} {p.unit}".rstrip())
+        return float(value)
+
+    def _checked_components(self, p: Parameter, value: Any) -> list[list[float]]:
+        if not isinstance(value, (list, tuple)):
+            raise InputError(f"effect {self.id}: components = {value!r}; allowed: a list of [order, amplitude, phase_deg]")
+        rows = []
+        for row in value:
+            number = isinstance(row, (list, tuple)) and len(row) == 3
+            if not number or any(isinstance(x, bool) or not isinstance(x, (int, float)) for x in row):
+                raise InputError(f"effect {self.id}: component {row!r}; allowed: [order, amplitude, phase_deg], three numbers")
+            order, amplitude, _ = row
+            if not 0 < order <= 2000 or not abs(amplitude) <= p.upper:
+                raise InputError(
+                    f"effect {self.id}: component {list(row)!r} is out of bounds; allowed: order above 0 to 2000, amplitude up to {p.upper:g}"
+                )
+            rows.append([float(x) for x in row])
+        return rows
+
+    def si(self, name: str) -> float:
+        """A number parameter in SI."""
+        return self.values[name] * next(p.factor for p in self.parameters_of(self.subject) if p.name == name)
+
+    @property
+    def is_neutral(self) -> bool:
+        """True when the leading parameters switch the effect off; the plant then leaves it out altogether."""
+        leading = [p for p in self.parameters_of(self.subject) if p.leading]
+        return all(
+            not any(row[1] for row in self.values[p.name]) if p.kind == "components" else self.values[p.name] == p.neutral for p in leading
+        )
+
+    def replaced(self, **values: Any) -> Effect:
+        """The same effect with some parameters changed."""
+        return type(self)(self.subject, **{**self.values, **values})
+
+    def act(self, plant: Plant) -> None:
+        """Enter the effect into the plant: its drives, transmissions or geometry. Values in SI."""
+
+    def edit_spec(self, spec: mujoco.MjSpec) -> None:
+        """Native MuJoCo edits before the model is compiled; none by default."""
+
+    def edit_model(self, model: mujoco.MjModel) -> None:
+        """Edits of the compiled model, where the compiler would not keep a value as it is; none by default."""
+
+    def position_error(self, motion: Motion) -> np.ndarray | None:
+        """A user's own effect in plain Python: what it adds to the load side's axis positions, (n, 5) m and rad.
+
+        ``None`` (default) means the effect has no Python part. Called with arrays of any length n, in time order.
+        """
+        return None
+
+    def __repr__(self) -> str:
+        return f"{self.id}({', '.join(f'{k}={v}' for k, v in self.values.items())})"
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What a plain-Python effect may depend on; arrays over n instants.
+
+    Attributes:
+        time: s from the program's start, (n,).
+        clock: s on the campaign clock, (n,).
+        position: load-side axis positions so far, (n, 5) m and rad, order X, Y, Z, A, C.
+        velocity: their rates, (n, 5).
+    """
+
+    time: np.ndarray
+    clock: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray

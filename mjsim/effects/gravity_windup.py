@@ -1,0 +1,26 @@
+"""Wind-up of the tilting axis under its unbalance."""
+
+import math
+
+from mjsim.effects.base import Effect, Parameter
+from mjsim.effects.registry import register
+from mjsim.engine.plant import SINE
+
+
+@register
+class GravityWindup(Effect):
+    kind = "gravity_windup"
+    subjects = ("A",)
+    title = "Wind-up of the tilting axis under gravity"
+    parameters = (
+        Parameter("amplitude_deg", "unbalance torque times worm compliance", -0.1, 0.1, neutral=0.0, scale=0.001),
+        Parameter("phase_deg", "direction of the unbalance", -360.0, 360.0, default=0.0, scale=10.0),
+    )
+    definition = "x + amplitude·sin(A + phase)"
+    source = "effect catalogue; static moment equilibrium of an unbalanced cradle on a compliant worm"
+    signature = "A slow wave tied to the tilt angle, largest where the cradle tilts far."
+
+    free = ("amplitude_deg", "phase_deg")
+
+    def act(self, plant):
+        plant.add_op("gravity_windup", SINE, "A", self.si("amplitude_deg"), 1.0, math.radians(self.values["phase_deg"]), 0.0)

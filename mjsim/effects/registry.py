@@ -1,0 +1,85 @@
+"""The open catalogue of effects: built-in files, installed entry points, and a user's own file."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import pkgutil
+from functools import cache
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+from mjsim.effects.base import Effect
+from mjsim.errors import InputError
+
+_REGISTRY: dict[str, type[Effect]] = {}
+_NOT_EFFECTS = {"base", "registry"}
+
+
+def register(cls: type[Effect]) -> type[Effect]:
+    """Class decorator: makes an effect known under its ``kind``. A clash of names is refused."""
+    for name in ("kind", "subjects", "parameters", "title", "definition", "source", "signature"):
+        if not hasattr(cls, name):
+            raise InputError(f"effect class {cls.__name__}: the class attribute {name!r} is missing")
+    other = _REGISTRY.get(cls.kind)
+    if other is not None and other.__module__ != cls.__module__:
+        raise InputError(f"effect kind {cls.kind!r} of {cls.__module__} is already taken by {other.__module__}; choose another kind")
+    _REGISTRY[cls.kind] = cls
+    return cls
+
+
+@cache
+def _load_installed() -> None:
+    package = importlib.import_module("mjsim.effects")
+    for module in pkgutil.iter_modules(package.__path__):
+        if module.name not in _NOT_EFFECTS:
+            importlib.import_module(f"mjsim.effects.{module.name}")
+    for point in entry_points(group="mjsim.effects"):
+        point.load()
+
+
+def kinds() -> dict[str, type[Effect]]:
+    """All known effect classes by kind."""
+    _load_installed()
+    return dict(sorted(_REGISTRY.items()))
+
+
+def all_ids() -> list[str]:
+    """Every ``kind.SUBJECT`` of the catalogue."""
+    return [f"{k}.{s}" for k, cls in kinds().items() for s in cls.subjects]
+
+
+def load_file(path: Path) -> type[Effect]:
+    """Load a user's own effect: a Python file that defines and registers exactly one effect class."""
+    _load_installed()
+    before = dict(_REGISTRY)
+    spec = importlib.util.spec_from_file_location(f"mjsim_user_{path.stem}", path)
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except InputError:
+        raise
+    except Exception as error:  # the user's code can raise anything
+        raise InputError(f"effect file {path}: {type(error).__name__}: {error}") from error
+    new = [cls for cls in _REGISTRY.values() if cls.__module__ == module.__name__ and (before.get(cls.kind) is not cls)]
+    if len(new) != 1:
+        raise InputError(f"effect file {path}: {len(new)} effect classes registered; allowed: exactly one class with @register")
+    return new[0]
+
+
+def effect_class(effect_id: str) -> tuple[type[Effect], str]:
+    """Class and subject of an id; an unknown id raises an :class:`InputError` that lists what there is."""
+    kind, _, subject = effect_id.partition(".")
+    known = kinds()
+    if kind not in known:
+        raise InputError(f"unknown effect {effect_id!r}; known kinds: {', '.join(known)}")
+    if subject not in known[kind].subjects:
+        raise InputError(f"unknown effect {effect_id!r}; {kind} exists for: {', '.join(known[kind].subjects)}")
+    return known[kind], subject
+
+
+def make(effect_id: str, **values: Any) -> Effect:
+    """An effect by id, e.g. ``make("backlash.A", width_deg=0.002)``."""
+    cls, subject = effect_class(effect_id)
+    return cls(subject, **values)

@@ -1,0 +1,20 @@
+"""A command that arrives later than the other axes'."""
+
+from mjsim.effects.base import Effect, Parameter
+from mjsim.effects.registry import register
+from mjsim.kinematics import AXES
+
+
+@register
+class ServoDelay(Effect):
+    kind = "servo_delay"
+    subjects = AXES
+    title = "Command delay of one axis"
+    parameters = (Parameter("delay_ms", "delay of the axis command; negative: earlier", -50.0, 50.0, neutral=0.0, scale=0.1),)
+    definition = "r(t) is replaced by r(t − delay)"
+    source = "effect catalogue; dead time of the interpolator or drive bus"
+    signature = "Like a difference of Kpp: v·delay along the axis' motion."
+    quasi_static = False
+
+    def act(self, plant):
+        plant.axes[self.subject].delay += self.si("delay_ms")

@@ -1,0 +1,33 @@
+"""Straightness errors of the linear axes (ISO 230-1 component errors)."""
+
+from mjsim.effects.base import Effect, Parameter
+from mjsim.effects.registry import register
+from mjsim.engine.plant import POLYNOMIAL
+from mjsim.units import UM
+
+#: Travel over which the coefficients are given, m.
+_REFERENCE = 0.1
+
+
+@register
+class Straightness(Effect):
+    kind = "straightness"
+    subjects = ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
+    title = "Straightness error of a linear axis"
+    parameters = (
+        Parameter("quadratic_um", "bow over 100 mm of travel", -200.0, 200.0, neutral=0.0, scale=2.0),
+        Parameter("cubic_um", "S-shape over 100 mm of travel", -200.0, 200.0, neutral=0.0, default=0.0, scale=2.0),
+    )
+    definition = "displacement quadratic·(x/0.1 m)² + cubic·(x/0.1 m)³ in the first letter's direction, x the second letter's axis"
+    source = "ISO 230-1 (straightness error motion), polynomial form assumed"
+    signature = "Three-lobed (quadratic) or two- and four-lobed (cubic) shapes on circles; tied to the position of one axis."
+
+    free = ("quadratic_um", "cubic_um")
+
+    @classmethod
+    def seeds(cls, subject):
+        return [{"quadratic_um": 2.0, "cubic_um": 0.0}]
+
+    def act(self, plant):
+        _, direction, axis = self.subject
+        plant.add_op("straightness", POLYNOMIAL, direction, self.values["quadratic_um"] * UM, self.values["cubic_um"] * UM, _REFERENCE, source=axis)

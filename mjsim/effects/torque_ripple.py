@@ -1,0 +1,33 @@
+"""Torque ripple of a drive's motor."""
+
+import math
+
+from mjsim.effects.base import Effect, Parameter
+from mjsim.effects.registry import register
+from mjsim.kinematics import AXES
+
+
+@register
+class TorqueRipple(Effect):
+    kind = "torque_ripple"
+    subjects = AXES
+    title = "Torque ripple of a motor"
+    parameters = (
+        Parameter("amplitude_Nm", "amplitude of the disturbance torque", 0.0, 100.0, neutral=0.0, scale=0.05),
+        Parameter("order", "cycles per motor revolution", 0.01, 500.0, scale=1.0),
+        Parameter("phase_deg", "phase", -360.0, 360.0, default=0.0, scale=10.0),
+    )
+    definition = "τ_disturbance = a sin(order·θm + phase)"
+    source = "effect catalogue; cogging of permanent-magnet motors"
+    signature = "A wave tied to the axis position whose height falls as the axis moves faster or slower than the loop's weak band."
+    quasi_static = False
+
+    free = ("amplitude_Nm", "phase_deg")
+
+    @classmethod
+    def seeds(cls, subject):
+        """Once per motor turn, and the usual pole and slot counts."""
+        return [{"amplitude_Nm": 0.05, "order": float(k)} for k in (1, 2, 3, 4, 5, 6, 8, 10, 12)]
+
+    def act(self, plant):
+        plant.axes[self.subject].ripple = (self.si("amplitude_Nm"), self.values["order"], math.radians(self.values["phase_deg"]))

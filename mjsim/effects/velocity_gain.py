@@ -1,0 +1,20 @@
+"""Velocity-loop gain of a drive, as a ratio to the setting."""
+
+from mjsim.effects.base import Effect, Parameter
+from mjsim.effects.registry import register
+from mjsim.kinematics import AXES
+
+
+@register
+class VelocityGain(Effect):
+    kind = "velocity_gain"
+    subjects = AXES
+    title = "Velocity gain Kvp off its setting"
+    parameters = (Parameter("ratio", "factor on Kvp", 0.1, 5.0, neutral=1.0, scale=0.05),)
+    definition = "Kvp is multiplied by ratio"
+    source = "paper Fig. 2 (Kvp)"
+    signature = "Quadrant glitches change by 1/ratio in height, much like a change of friction."
+    quasi_static = False
+
+    def act(self, plant):
+        plant.axes[self.subject].velocity_gain *= self.values["ratio"]

@@ -1,0 +1,32 @@
+"""A worn stretch of a worm wheel."""
+
+from mjsim.effects.base import Effect, Parameter
+from mjsim.effects.registry import register
+from mjsim.engine.plant import BUMP
+from mjsim.kinematics import ROTARY
+
+
+@register
+class WormWear(Effect):
+    kind = "worm_wear"
+    subjects = ROTARY
+    title = "Local wear of a worm wheel"
+    parameters = (
+        Parameter("depth_deg", "depth of the worn stretch", -0.1, 0.1, neutral=0.0, scale=0.001),
+        Parameter("centre_deg", "axis position of its middle", -360.0, 360.0, scale=1.0),
+        Parameter("width_deg", "standard deviation of its shape", 0.2, 90.0, scale=1.0),
+    )
+    definition = "x − depth·exp(−½((x − centre)/width)²), repeating every 360°"
+    source = "paper section 3.1 (deflection blamed on the worm gear); Gaussian shape assumed"
+    signature = "A local dent wherever the axis passes the worn stretch, in both directions of motion."
+
+    free = ("depth_deg", "centre_deg", "width_deg")
+
+    @classmethod
+    def seeds(cls, subject):
+        """A grid over the places and widths that a cradle or a turning table can show."""
+        centres = range(-20, 101, 4) if subject == "A" else range(0, 360, 10)
+        return [{"depth_deg": 0.001, "centre_deg": float(c), "width_deg": w} for w in (2.0, 5.0, 12.0) for c in centres]
+
+    def act(self, plant):
+        plant.add_op("worm_wear", BUMP, self.subject, self.si("depth_deg"), self.si("centre_deg"), self.si("width_deg"))

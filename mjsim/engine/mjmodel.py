@@ -1,0 +1,104 @@
+"""The MuJoCo model of a machine: the MJCF, the effects' native edits, the data sheet's inertias, the callback's parameters."""
+
+from __future__ import annotations
+
+import copy
+
+import mujoco
+import numpy as np
+
+from mjsim.campaign.model import Test
+from mjsim.engine import callback
+from mjsim.engine.drive import AXIS_SIZE, STEP, SUBSTEPS, discretise
+from mjsim.engine.plant import OP_SIZE, Plant
+from mjsim.kinematics import AXES
+from mjsim.resources import model_file
+
+#: Joints of the rotary table's own error motion, in the order in which they act (outermost first): tilt, then displacement.
+TABLE_JOINTS = ("EXC", "EYC", "EAC", "EBC")
+
+
+def build_model(plant: Plant, step: float = STEP, substeps: int = SUBSTEPS) -> mujoco.MjModel:
+    """Compile the machine.
+
+    Args:
+        plant: drives, transmissions and effects.
+        step: MuJoCo's time step, s. substeps: drive sub-steps in it.
+
+    Returns:
+        A model whose numeric ``mjsim`` holds everything the callback needs except the test (:func:`for_test`).
+    """
+    spec = mujoco.MjSpec.from_file(str(model_file()))
+    spec.option.timestep = step
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    ops = plant.op_table()
+    spec.nuserdata = callback.userdata_size(len(ops))
+    spec.add_numeric(name=callback.NUMERIC, data=_block(plant, ops, step, substeps))
+    if plant.width > len(AXES):
+        _add_table_joints(spec)
+    for effect in plant.effects:
+        effect.edit_spec(spec)
+    model = spec.compile()
+    for effect in plant.effects:
+        effect.edit_model(model)
+    model.actuator_gainprm[:] = 0.0
+    model.actuator_biasprm[:] = 0.0
+    _set_inertia(model, plant)
+    block = model.numeric(callback.NUMERIC).data
+    joints = AXES if plant.width == len(AXES) else (*AXES, *TABLE_JOINTS)
+    block[callback.N_JOINTS] = len(joints)
+    for i, name in enumerate(joints):
+        block[callback.JOINTS + i] = model.joint(name).dofadr[0]
+    return model
+
+
+def _block(plant: Plant, ops: np.ndarray, step: float, substeps: int) -> np.ndarray:
+    block = np.zeros(callback.HEADER + 5 * AXIS_SIZE + ops.size)
+    block[callback.STEP_], block[callback.SUBSTEPS_], block[callback.N_OPS] = step, substeps, len(ops)
+    for i, a in enumerate(AXES):
+        at = callback.HEADER + i * AXIS_SIZE
+        block[at : at + AXIS_SIZE] = discretise(plant.axes[a], step / substeps)
+    block[callback.HEADER + 5 * AXIS_SIZE :] = ops.ravel()
+    assert ops.shape[1] == OP_SIZE
+    return block
+
+
+def _add_table_joints(spec: mujoco.MjSpec) -> None:
+    """Four joints between cradle and table for its error motion; the C joint stays innermost."""
+    table = spec.body("table")
+    old = spec.joint("C")
+    spin = {k: getattr(old, k) for k in ("axis", "armature")}
+    spec.delete(old)
+    slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
+    for name, kind, axis in (("EAC", hinge, [1, 0, 0]), ("EBC", hinge, [0, 1, 0]), ("EXC", slide, [1, 0, 0]), ("EYC", slide, [0, 1, 0])):
+        table.add_joint(name=name, type=kind, axis=axis)
+    table.add_joint(name="C", type=hinge, **spin)
+
+
+def _set_inertia(model: mujoco.MjModel, plant: Plant) -> None:
+    """Bodies' own inertia plus armature add up to J·gear² (armature is never negative: solids are scaled down instead)."""
+    dofs = [model.joint(a).dofadr[0] for a in AXES]
+    model.dof_armature[dofs] = 0.0
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    mass = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    own = np.diag(mass)[dofs]
+    want = np.array([plant.axes[a].inertia * plant.axes[a].gear ** 2 for a in AXES])
+    # 5 % of every axis stays on the motor side, so that a solid never outweighs its drive
+    scale = min(1.0, float(np.min(0.95 * want / own)))
+    if scale < 1.0:
+        model.body_mass *= scale
+        model.body_inertia *= scale
+        mujoco.mj_setConst(model, data)
+    model.dof_armature[dofs] = want - scale * own
+
+
+def for_test(model: mujoco.MjModel, test: Test, start: np.ndarray) -> mujoco.MjModel:
+    """A copy of ``model`` for one test: ball on the table, campaign clock, first command (5,)."""
+    model = copy.copy(model)
+    model.body("table_fixture").pos[:] = test.table_ball
+    block = model.numeric(callback.NUMERIC).data
+    block[callback.CLOCK] = test.started
+    block[callback.START : callback.START + 5] = start
+    return model

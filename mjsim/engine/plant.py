@@ -1,0 +1,106 @@
+"""The plant: everything the compiled callback needs to know, collected from a machine's drives and effects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mjsim.effects.base import Effect
+from mjsim.kinematics import AXES, COLUMN, Geometry
+from mjsim.machine.model import Machine
+
+#: Order in which position effects act, motor side to tool (effect catalogue).
+STAGES = ("pitch_error", "worm_wear", "backlash", "scale_error", "gravity_windup", "straightness", "user", "thermal_drift", "vibration")
+
+SINE, PLAY, BUMP, POLYNOMIAL, SCALE, SETTLE, VIBRATE = range(7)
+OP_SIZE = 10
+
+
+@dataclass
+class AxisPlant:
+    """One drive with every effect that changes it. SI, motor side; names as in :class:`mjsim.machine.model.Drive`.
+
+    ``coulomb`` = 0 is no friction; ``delay`` s; ``feedforward`` is the velocity feedforward's ratio; ``ripple`` is (amplitude
+    N·m, order per motor revolution, phase rad).
+    """
+
+    gear: float
+    position_gain: float
+    velocity_gain: float
+    integral_time: float
+    inertia: float
+    viscous: float
+    gravity: float
+    feedforward: float = 0.0
+    delay: float = 0.0
+    coulomb: float = 0.0
+    presliding: float = 1.0
+    static_ratio: float = 1.0
+    stribeck_velocity: float = 0.0
+    ripple: tuple[float, float, float] = (0.0, 1.0, 0.0)
+
+    def key(self) -> tuple:
+        """Hashable identity of the drive's behaviour (for caching motions)."""
+        return tuple(vars(self).values())
+
+
+@dataclass(frozen=True)
+class Op:
+    """One elementary operation on an axis position: ``out`` is changed as a function of ``source`` (axis indices)."""
+
+    stage: int
+    code: int
+    out: int
+    source: int
+    parameters: tuple[float, ...]
+
+
+@dataclass
+class Plant:
+    """Drives, transmission operations in acting order, geometry, and the effects that are plain Python."""
+
+    axes: dict[str, AxisPlant]
+    ops: list[Op] = field(default_factory=list)
+    geometry: Geometry = field(default_factory=Geometry)
+    python_effects: list[Effect] = field(default_factory=list)
+    effects: list[Effect] = field(default_factory=list)
+
+    @property
+    def width(self) -> int:
+        """Columns of a motion: the five axes, and the table's error motion where an effect has one."""
+        return 9 if any(op.out > 4 for op in self.ops) else 5
+
+    def add_op(self, stage: str, code: int, out: str, *parameters: float, source: str | None = None) -> None:
+        """Append an operation; operations of one stage keep the order of the effects."""
+        self.ops.append(Op(STAGES.index(stage), code, COLUMN[out], COLUMN[source or out], tuple(map(float, parameters))))
+
+    def sorted_ops(self) -> list[Op]:
+        """Operations in the order in which they act."""
+        return sorted(self.ops, key=lambda op: op.stage)
+
+    def op_table(self) -> np.ndarray:
+        """Operations as (n, OP_SIZE) numbers for the compiled code: code, out, source, parameters."""
+        ops = self.sorted_ops()
+        table = np.zeros((len(ops), OP_SIZE))
+        for row, op in zip(table, ops, strict=True):
+            row[:3] = op.code, op.out, op.source
+            row[3 : 3 + len(op.parameters)] = op.parameters
+        return table
+
+
+def build(machine: Machine) -> Plant:
+    """The plant of a machine. Neutral effects are left out, so that off is bit-identical to absent."""
+    axes = {
+        a: AxisPlant(d.gear, d.position_gain, d.velocity_gain, d.integral_time, d.inertia, d.viscous, d.gravity)
+        for a, d in ((a, machine.drives[a]) for a in AXES)
+    }
+    plant = Plant(axes)
+    for effect in machine.effects:
+        if effect.is_neutral:
+            continue
+        effect.act(plant)
+        plant.effects.append(effect)
+        if type(effect).position_error is not Effect.position_error:
+            plant.python_effects.append(effect)
+    return plant

@@ -1,0 +1,174 @@
+"""Joint fit of nuisances, data sheet and effects: Gauss-Newton on whitened residuals with priors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from mjsim.effects.base import Effect
+from mjsim.engine.plant import build
+from mjsim.inference.calibration import SHEET, calibrated
+from mjsim.inference.free import FreeEffect
+from mjsim.inference.problem import Problem
+from mjsim.machine.model import Machine
+
+_STEP = 0.02  # of a parameter's typical size, for numerical derivatives
+#: Prior width of effect parameters in typical sizes: wide, it only keeps the equations regular.
+_WIDE = 1e3
+
+
+@dataclass
+class Fit:
+    """A fitted model.
+
+    Attributes:
+        base: the user's machine with ``effects`` in it, data sheet as printed.
+        effects: the free effects at their fitted values. nuisance: (layout.size,). tau: (len(SHEET),) data-sheet moves;
+        all three in prior standard deviations (effects: typical sizes).
+        objective: squared whitened residuals plus prior penalties. sum_squares: without the penalties.
+        readings: simulated readings on the GRID, with the fitted effects and data sheet.
+        residual: (count,) whitened. design: (count, p) whitened columns, order nuisance, sheet, effects.
+        covariance: (p, p) of those parameters. step: (p,) Gauss-Newton step from here (near zero after convergence).
+    """
+
+    base: Machine
+    effects: list[FreeEffect]
+    nuisance: np.ndarray
+    tau: np.ndarray
+    objective: float = np.inf
+    sum_squares: float = np.inf
+    readings: list[np.ndarray] = field(default_factory=list)
+    residual: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    design: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    covariance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    step: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def machine(self) -> Machine:
+        """The machine with the fitted effects and the calibrated data sheet."""
+        return calibrated(with_effects(self.base, [f.effect for f in self.effects]), self.tau)
+
+    def block(self, index: int) -> slice:
+        """Columns of the ``index``-th effect in design and covariance."""
+        start = len(self.nuisance) + len(self.tau) + sum(len(f.vector) for f in self.effects[:index])
+        return slice(start, start + len(self.effects[index].vector))
+
+
+def with_effects(machine: Machine, effects: list[Effect]) -> Machine:
+    """``machine`` with effects appended or replaced."""
+    for e in effects:
+        machine = machine.with_effect(e)
+    return machine
+
+
+class Fitter:
+    """Fits models of one machine to one problem. The data sheet's derivative columns are computed once, at the start."""
+
+    def __init__(self, problem: Problem, machine: Machine, calibrate: bool = True) -> None:
+        self.problem, self.machine = problem, machine
+        self.calibrate = calibrate
+        zero = np.zeros(problem.layout.size)
+        self.sheet = problem.sheet_columns(machine, zero) if calibrate else None
+        self.sheet_white = problem.whiten(self.sheet) if calibrate else np.zeros((problem.count, len(SHEET)))
+
+    def frozen_sheet(self, effects: list[FreeEffect]) -> np.ndarray:
+        """Data-sheet entries that an effect fits freely, so that they leave the calibration, (len(SHEET),) bool."""
+        out = np.zeros(len(SHEET), bool)
+        if not self.calibrate:
+            return ~out
+        names = {"coulomb_Nm": "coulomb", "presliding_rad": "presliding"}
+        for f in effects:
+            if f.effect.kind == "friction":
+                freed = {names[n] for n in f.names if n in names}
+                out |= [p.axis == f.effect.subject and p.name in freed for p in SHEET]
+        return out
+
+    def fit(self, effects: list[FreeEffect], start: Fit | None = None, iterations: int = 6, exact: bool = True) -> Fit:
+        """Fit the given effects together with nuisances and data sheet.
+
+        Args:
+            effects: what is free, at its starting values. start: an earlier fit to start from.
+            iterations: Gauss-Newton steps at most. exact: simulate again after every change of the data sheet; otherwise its
+            derivative columns stand in for small changes (much faster, for ranking).
+        """
+        p = self.problem
+        now = Fit(
+            self.machine, list(effects),
+            start.nuisance.copy() if start else np.zeros(p.layout.size),
+            start.tau.copy() if start else np.zeros(len(SHEET)),
+        )
+        frozen = self.frozen_sheet(effects)
+        now.tau[frozen] = 0.0
+        anchor = now.tau.copy()
+        self._evaluate(now, anchor, exact)
+        for _ in range(iterations):
+            step = self._solve(now, frozen)
+            for scale in (1.0, 0.5, 0.2, 0.05):
+                trial = self._moved(now, scale * step)
+                self._evaluate(trial, anchor, exact)
+                if trial.objective < now.objective:
+                    break
+            else:
+                break
+            gain = now.objective - trial.objective
+            now = trial
+            if gain < 0.5:
+                break
+        self._solve(now, frozen)
+        return now
+
+    def _moved(self, fit: Fit, step: np.ndarray) -> Fit:
+        n, t = len(fit.nuisance), len(fit.tau)
+        effects, at = [], n + t
+        for f in fit.effects:
+            v = f.vector
+            effects.append(FreeEffect(f.at(v + step[at : at + len(v)]), f.names))
+            at += len(v)
+        return replace(fit, effects=effects, nuisance=fit.nuisance + step[:n], tau=np.clip(fit.tau + step[n : n + t], -8, 8))
+
+    def _evaluate(self, fit: Fit, anchor: np.ndarray, exact: bool) -> None:
+        p = self.problem
+        machine = with_effects(self.machine, [f.effect for f in fit.effects])
+        held = fit.tau if exact else anchor
+        fit.readings = p.readings(build(calibrated(machine, held)))
+        rest = p.residual(fit.readings, fit.nuisance)
+        if not exact:
+            rest = [r - c @ (fit.tau - anchor) for r, c in zip(rest, self.sheet, strict=True)] if self.calibrate else rest
+        fit.residual = p.whiten(rest)
+        fit.sum_squares = float(fit.residual @ fit.residual)
+        fit.objective = fit.sum_squares + float(fit.nuisance @ fit.nuisance + fit.tau @ fit.tau)
+
+    def effect_columns(self, fit: Fit) -> list[np.ndarray]:
+        """Derivative of the block means with respect to the effects' vectors, (m, k) per test, m per typical size."""
+        p = self.problem
+        columns: list[list[np.ndarray]] = [[] for _ in p.tests]
+        for i, f in enumerate(fit.effects):
+            v = f.vector
+            for j in range(len(v)):
+                for sign in (1.0, -1.0):
+                    moved = v.copy()
+                    moved[j] += sign * _STEP
+                    effect = f.at(moved)
+                    change = FreeEffect(effect, f.names).vector[j] - v[j]
+                    if abs(change) > 1e-9:
+                        break
+                others = [g.effect if k != i else effect for k, g in enumerate(fit.effects)]
+                plant = build(calibrated(with_effects(self.machine, others), fit.tau))
+                for k, d in enumerate(p.difference(fit.readings, p.readings(plant), fit.nuisance)):
+                    columns[k].append(d / change)
+        return [np.column_stack(c) if c else np.zeros((len(s.centre), 0)) for c, s in zip(columns, p.samples, strict=True)]
+
+    def _solve(self, fit: Fit, frozen: np.ndarray) -> np.ndarray:
+        """Gauss-Newton step; leaves design and covariance in ``fit``."""
+        p = self.problem
+        nuisance = p.whiten(p.nuisance_columns(fit.readings, fit.nuisance))
+        effects = p.whiten(self.effect_columns(fit)) if fit.effects else np.zeros((len(nuisance), 0))
+        sheet = np.where(frozen, 0.0, self.sheet_white)
+        fit.design = np.hstack([nuisance, sheet, effects])
+        n, t = len(fit.nuisance), len(fit.tau)
+        prior = np.concatenate([np.ones(n + t), np.full(effects.shape[1], _WIDE**-2)])
+        now = np.concatenate([fit.nuisance, fit.tau, np.zeros(effects.shape[1])])
+        fit.covariance = np.linalg.inv(fit.design.T @ fit.design + np.diag(prior))
+        fit.step = fit.covariance @ (fit.design.T @ fit.residual - prior * now)
+        return fit.step

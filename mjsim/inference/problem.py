@@ -1,0 +1,153 @@
+"""A campaign as an estimation problem: whitened residuals, nuisances, and derivatives with respect to the data sheet.
+
+All columns are in m per standard deviation of their prior, so every prior is a unit normal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjsim.campaign.model import Campaign
+from mjsim.engine.plant import Plant, build
+from mjsim.inference.calibration import SHEET, calibrated
+from mjsim.inference.samples import GRID, Samples, estimate_noise, make_samples
+from mjsim.kinematics import AXES, sensitivity
+from mjsim.machine.model import Machine
+from mjsim.motion import TestMotion
+
+#: Priors of the nuisances (measurement chain: "typically"), one standard deviation.
+TABLE_BALL, SPINDLE_BALL, LENGTH, TRIGGER = 10e-6, 2e-6, 3e-6, 20e-3
+_EVERY = round(GRID / 1e-3)
+
+
+@dataclass(frozen=True)
+class NuisanceLayout:
+    """Where each nuisance stands in the parameter vector."""
+
+    setups: tuple[str, ...]
+    tests: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        return 6 * len(self.setups) + 1 + len(self.tests)
+
+    def setup(self, name: str) -> int:
+        """First of the six offsets (table ball x y z, spindle ball x y z) of a set-up."""
+        return 6 * self.setups.index(name)
+
+    @property
+    def length(self) -> int:
+        return 6 * len(self.setups)
+
+    def trigger(self, test: str) -> int:
+        return self.length + 1 + self.tests.index(test)
+
+
+class Problem:
+    """Measured tests with everything that does not change while models are tried.
+
+    Attributes:
+        campaign: the campaign. samples: one entry per measured test. noise: the noise model.
+        motions: axis motions per test. layout: the nuisances. sensitivity: the reading's derivatives along each test, at the
+        positions that ``machine`` reaches.
+    """
+
+    def __init__(self, campaign: Campaign, machine: Machine, threads: int = 2) -> None:
+        self.campaign = campaign
+        self.tests = campaign.measured
+        self.samples: list[Samples] = [make_samples(t, campaign.traces[t.name]) for t in self.tests]
+        self.noise = estimate_noise(self.samples, campaign.instrument.resolution)
+        self.layout = NuisanceLayout(tuple(dict.fromkeys(t.setup for t in self.tests)), tuple(t.name for t in self.tests))
+        self.threads = threads
+        self.motions = self.map(lambda k: TestMotion(self.tests[k]))
+        plant = build(machine)
+        self.sensitivity = self.map(lambda k: sensitivity(self.motions[k].load(plant)[::_EVERY, :5], np.asarray(self.tests[k].table_ball)))
+
+    def map(self, work: Callable[[int], object]) -> list:
+        """``work(k)`` for every test on the problem's threads, in order."""
+        with ThreadPoolExecutor(self.threads) as pool:
+            return list(pool.map(work, range(len(self.tests))))
+
+    @property
+    def count(self) -> int:
+        """Number of whitened residuals."""
+        return int(sum(self.noise.rows(s).sum() for s in self.samples))
+
+    def readings(self, plant: Plant) -> list[np.ndarray]:
+        """Simulated readings of all tests on the GRID, m."""
+        return self.map(lambda k: self.motions[k].reading(plant, _EVERY))
+
+    def shift(self, k: int, nuisance: np.ndarray) -> float:
+        """Trigger shift of test ``k``, s."""
+        return float(TRIGGER * nuisance[self.layout.trigger(self.tests[k].name)])
+
+    def offsets(self, k: int, nuisance: np.ndarray) -> np.ndarray:
+        """What the set-up's ball offsets and the bar's length add to test ``k``'s reading, on the GRID, m."""
+        at = self.layout.setup(self.tests[k].setup)
+        sens = self.sensitivity[k]
+        return (
+            sens.table @ (TABLE_BALL * nuisance[at : at + 3])
+            + sens.spindle @ (SPINDLE_BALL * nuisance[at + 3 : at + 6])
+            + LENGTH * nuisance[self.layout.length]
+        )
+
+    def modelled(self, readings: list[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
+        """Modelled block means of every test, m: simulated readings on the GRID with the nuisances (layout.size,) applied."""
+        return self.map(lambda k: self.samples[k].sample(readings[k] + self.offsets(k, nuisance), self.shift(k, nuisance)))
+
+    def residual(self, readings: list[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
+        """Measured less modelled block means (m,) per test, m."""
+        return [s.mean - x for s, x in zip(self.samples, self.modelled(readings, nuisance), strict=True)]
+
+    def nuisance_columns(self, readings: list[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
+        """Derivative of the modelled block means, (m, layout.size) per test, m per prior standard deviation."""
+
+        def columns(k: int) -> np.ndarray:
+            s, t, sens, shift = self.samples[k], self.tests[k], self.sensitivity[k], self.shift(k, nuisance)
+            out = np.zeros((len(s.centre), self.layout.size))
+            at = self.layout.setup(t.setup)
+            for j in range(3):
+                out[:, at + j] = s.sample(sens.table[:, j], shift) * TABLE_BALL
+                out[:, at + 3 + j] = s.sample(sens.spindle[:, j], shift) * SPINDLE_BALL
+            out[:, self.layout.length] = LENGTH
+            total = readings[k] + self.offsets(k, nuisance)
+            out[:, self.layout.trigger(t.name)] = -s.sample(np.gradient(total, GRID), shift) * TRIGGER
+            return out
+
+        return self.map(columns)
+
+    def difference(self, base: list[np.ndarray], other: list[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
+        """``other - base`` as block means at the triggers of ``nuisance``, m."""
+        return self.map(lambda k: self.samples[k].sample(other[k] - base[k], self.shift(k, nuisance)))
+
+    def sheet_columns(self, machine: Machine, nuisance: np.ndarray, done: Callable[[], None] | None = None) -> list[np.ndarray]:
+        """Derivative with respect to the data sheet, (m, len(SHEET)) per test, m per standard deviation.
+
+        Only the changed axis is simulated; its motion enters through the reading's sensitivity.
+        """
+        base = build(machine)
+        moved = [build(calibrated(machine, row)) for row in np.eye(len(SHEET))]
+
+        def columns(k: int) -> np.ndarray:
+            s, motion = self.samples[k], self.motions[k]
+            shift = self.shift(k, nuisance)
+            out = np.zeros((len(s.centre), len(SHEET)))
+            for j, p in enumerate(SHEET):
+                i = AXES.index(p.axis)
+                if not np.ptp(motion.commands[:, i]):
+                    continue
+                change = (motion.motor(p.axis, moved[j].axes[p.axis]) - motion.motor(p.axis, base.axes[p.axis]))[::_EVERY]
+                out[:, j] = s.sample(self.sensitivity[k].axes[:, i] * change, shift)
+            if done:
+                done()
+            return out
+
+        return self.map(columns)
+
+    def whiten(self, per_test: list[np.ndarray]) -> np.ndarray:
+        """Stack per-test block arrays (m,) or (m, k) into whitened rows (count,) or (count, k)."""
+        return np.concatenate(self.map(lambda k: self.noise.whiten(self.samples[k], per_test[k])))

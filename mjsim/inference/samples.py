@@ -1,0 +1,196 @@
+"""Measured traces brought onto a common footing: averaged in blocks, with gaps and outliers marked, and whitened.
+
+The noise is coloured, so neighbouring samples are no independent evidence. All fits and tests work on whitened blocks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+
+from mjsim.campaign.model import Test, Trace
+from mjsim.engine.drive import STEP
+from mjsim.nc.paths import peripheral_radius
+
+#: Simulated readings are kept at this spacing, s (every fifth step; linear band far above the bar's).
+GRID = 5 * STEP
+#: Length of an averaging block, s.
+BLOCK = 0.010
+
+
+@dataclass
+class Samples:
+    """One test's trace in blocks.
+
+    Attributes:
+        test: the test. time: (n,) s, all samples. value: (n,) m. valid: (n,) bool.
+        edges: (m + 1,) first sample of each block. centre: (m,) s. mean: (m,) m. good: (m,) bool.
+    """
+
+    test: Test
+    time: np.ndarray
+    value: np.ndarray
+    valid: np.ndarray
+    edges: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        dt = float(np.median(np.diff(self.time)))
+        if dt < BLOCK:
+            block = np.floor((self.time - self.time[0]) / BLOCK + 0.5 * dt / BLOCK).astype(int)
+            self.edges = np.append(np.flatnonzero(np.diff(block, prepend=-1)), len(self.time))
+        else:
+            self.edges = np.arange(len(self.time) + 1)
+        self.centre, self.mean = self.average(self.time), self.average(self.value)
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Recompute which blocks are good after ``valid`` has changed."""
+        self.good = np.logical_and.reduceat(self.valid, self.edges[:-1])
+        jump = np.diff(self.centre) > 1.6 * max(BLOCK, float(np.median(np.diff(self.centre))))
+        self.segment = np.concatenate([[0], np.cumsum(jump)])
+
+    def average(self, x: np.ndarray) -> np.ndarray:
+        """Block means of a per-sample array (n,) or (n, k)."""
+        total = np.add.reduceat(x, self.edges[:-1], axis=0)
+        count = np.diff(self.edges)
+        return total / (count if x.ndim == 1 else count[:, None])
+
+    def sample(self, grid: np.ndarray, shift: float) -> np.ndarray:
+        """A simulated reading (on the GRID from time 0) at the recorded times; ``shift`` s is added to the program's clock."""
+        out = np.empty(len(self.centre))
+        _interpolate_blocks(np.ascontiguousarray(grid), (self.time - shift) / GRID, self.edges, out)
+        return out
+
+
+@njit(cache=True, nogil=True)
+def _filter_rows(x, taps, kept, out):
+    for i in range(len(kept)):
+        row = kept[i]
+        for c in range(x.shape[1]):
+            out[i, c] = taps[0] * x[row, c]
+        for j in range(1, len(taps)):
+            for c in range(x.shape[1]):
+                out[i, c] += taps[j] * x[row - j, c]
+
+
+@njit(cache=True, nogil=True)
+def _interpolate_blocks(y, u, edges, out):
+    """Block means of the four-point interpolation of ``y`` at indices ``u``."""
+    n = len(y)
+    for b in range(len(edges) - 1):
+        total = 0.0
+        for k in range(edges[b], edges[b + 1]):
+            i = min(max(int(np.floor(u[k])), 1), n - 3)
+            f = u[k] - i
+            p, q, r, s = y[i - 1], y[i], y[i + 1], y[i + 2]
+            total += q + 0.5 * f * (r - p + f * (2 * p - 5 * q + 4 * r - s + f * (3 * (q - r) + s - p)))
+        out[b] = total / (edges[b + 1] - edges[b])
+
+
+def make_samples(test: Test, trace: Trace) -> Samples:
+    """Samples of one test."""
+    return Samples(test, trace.time, trace.deviation, trace.valid.copy())
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of the campaign from the repeated revolutions, never from the residual that is being explained.
+
+    Attributes:
+        rms: of one sample, m. block_rms: of one block mean, m.
+        ar: (p,) coefficients of an autoregressive model of the block means, so that
+            ``x[k] = Σ ar[j] x[k-1-j] + innovation`` with standard deviation ``innovation``.
+        source: where the estimate comes from, for the user.
+    """
+
+    rms: float
+    block_rms: float
+    ar: np.ndarray
+    innovation: float
+    source: str
+
+    def whiten(self, s: Samples, columns: np.ndarray) -> np.ndarray:
+        """Innovations of block columns (m,) or (m, k) in units of their standard deviation; rows that touch a bad block are dropped."""
+        taps = np.concatenate([[1.0], -self.ar]) / self.innovation
+        kept = np.flatnonzero(self.rows(s))
+        out = np.empty((len(kept), 1 if columns.ndim == 1 else columns.shape[1]))
+        _filter_rows(np.ascontiguousarray(columns.reshape(len(columns), -1)), taps, kept, out)
+        return out[:, 0] if columns.ndim == 1 else out
+
+    def rows(self, s: Samples) -> np.ndarray:
+        """Which blocks have a whole filter's length of good blocks behind them, (m,) bool."""
+        p = len(self.ar)
+        broken = ~s.good
+        broken = broken | np.concatenate([[False], np.diff(s.segment) > 0])
+        since = np.arange(len(broken)) - np.maximum.accumulate(np.where(broken, np.arange(len(broken)), -1))
+        keep = since > p
+        keep[:p] = False
+        return keep
+
+
+def revolution_time(test: Test) -> float:
+    """Duration of one revolution at the constant feed, s."""
+    return 2 * np.pi * peripheral_radius(test) / test.feed
+
+
+def _delayed(x: np.ndarray, delay: float, taps: int = 32) -> np.ndarray:
+    """``x`` a (fractional) number of samples later, by a windowed sinc: it keeps the white part of the noise, as linear interpolation would not."""
+    whole = int(np.floor(delay))
+    before = taps // 2 - 1
+    k = np.arange(taps) - before
+    kernel = np.sinc(k - (delay - whole)) * np.kaiser(taps + 1, 6.0)[1:]
+    return np.correlate(x, kernel / kernel.sum(), mode="valid")[whole - before :]
+
+
+def half_differences(s: Samples) -> tuple[np.ndarray, np.ndarray]:
+    """Half the difference of successive revolutions: per sample and per block, m.
+
+    It has the noise's RMS over √2 and no repeatable signal. Slow drift between revolutions (eccentricity and its growth) is taken out.
+    """
+    turn = revolution_time(s.test)
+    out = []
+    for time, value, valid in ((s.time, s.value, s.valid), (s.centre, s.mean, s.good)):
+        later = _delayed(np.where(valid, value, np.median(value[valid])), turn / float(np.median(np.diff(time))))
+        bad = np.convolve(~valid, np.ones(33), mode="same") > 0
+        n = min(len(later), int(np.searchsorted(time, time[-1] - turn)) - 16)
+        h = 0.5 * (later[:n] - value[:n])
+        lag = int(turn / float(np.median(np.diff(time))))
+        ok = valid[:n] & ~bad[lag : lag + n]
+        phi = 2 * np.pi * (time[:n] - time[0]) / turn
+        basis = np.column_stack([np.ones(n), np.cos(phi), np.sin(phi), phi, phi * np.cos(phi), phi * np.sin(phi)])
+        if ok.sum() > 50:
+            h = h - basis @ np.linalg.lstsq(basis[ok], h[ok], rcond=None)[0]
+        h[~ok] = 0.0
+        out.append(h)
+    return out[0], out[1]
+
+
+def estimate_noise(samples: list[Samples], resolution: float, order: int = 6) -> Noise:
+    """Noise model of a campaign.
+
+    Tests with two revolutions or more give half-differences; their median spectrum over the tests counts, so that one test with
+    something that does not repeat does not raise the floor. Without any, 0.1 µm with the usual colour is assumed.
+    """
+    repeated = [s for s in samples if s.test.kind != "rotary" and s.test.revolutions >= 2]
+    if not repeated:
+        ar = np.array([np.exp(-BLOCK / 0.05)])
+        rms = max(0.12e-6, resolution)
+        return Noise(rms, 0.93 * rms, ar, 0.93 * rms * float(np.sqrt(1 - ar[0] ** 2)), "assumed: no test repeats its revolution")
+    lags = np.arange(order + 1)
+    covariances, levels = [], []
+    for s in repeated:
+        fine, coarse = half_differences(s)
+        n = len(coarse)
+        covariances.append([2.0 * np.dot(coarse[: n - k], coarse[k:]) / n for k in lags])
+        levels.append(np.sqrt(2.0 * np.mean(fine**2)))
+    covariances = np.array(covariances)
+    quietest = covariances[:, 0] <= np.median(covariances[:, 0]) * (1 + 1e-12)
+    r = covariances[quietest].mean(axis=0)
+    r[0] += (0.05 * resolution) ** 2
+    R = r[np.abs(lags[:-1, None] - lags[None, :-1])]
+    ar = np.linalg.solve(R, r[1:])
+    innovation = float(np.sqrt(max(r[0] - ar @ r[1:], 1e-3 * r[0])))
+    rms = float(np.median(levels))
+    return Noise(rms, float(np.sqrt(r[0])), ar, innovation, f"half-differences of {len(repeated)} tests' revolutions")

@@ -1,0 +1,216 @@
+"""Which effects are missing: forward search with joint refits, then every effect found is tried against its rivals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mjsim.effects.base import Effect
+from mjsim.inference.fit import Fit, Fitter
+from mjsim.inference.free import FreeEffect
+from mjsim.inference.signatures import Candidate, Projector, SignatureBank, seeds
+from mjsim.inference.spectrum import pitch_candidates
+from mjsim.kinematics import AXES
+
+#: Fall of the objective below which nothing is called an effect. Calibrated on simulated nulls (``scripts/calibrate_threshold``).
+THRESHOLD = 30.0
+#: A rival whose objective is within this of the winner's cannot be told from it (likelihood ratio e^6).
+RIVAL = 12.0
+#: Price of one more free parameter when models are compared.
+PRICE = 8.0
+_SHORTLIST = 5
+
+
+@dataclass
+class Found:
+    """One missing effect of the final model: its position in ``fit.effects`` and the ids the data cannot tell from it."""
+
+    id: str
+    gain: float
+    alternatives: list[str] = field(default_factory=list)
+
+
+@dataclass
+class Search:
+    """Outcome: the model without missing effects, the final one, and what was found in the order of contribution."""
+
+    start: Fit
+    fit: Fit
+    found: list[Found]
+    bank: SignatureBank
+    trail: list[dict] = field(default_factory=list)
+
+
+def report_nothing(stage: str, done: int, total: int) -> None:
+    """Progress sink that shows nothing."""
+
+
+class Searcher:
+    """Runs one search. ``progress(stage, done, total)`` is called as work gets on."""
+
+    def __init__(self, fitter: Fitter, progress: Callable[[str, int, int], None] = report_nothing) -> None:
+        self.fitter, self.problem, self.progress = fitter, fitter.problem, progress
+
+    def run(self, max_effects: int = 5) -> Search:
+        """Search with at most ``max_effects`` effects."""
+        start = self.fitter.fit([], exact=False)
+        bank = SignatureBank(self.problem, start)
+        candidates = seeds(self.fitter.machine)
+        count = [0]
+
+        def tick() -> None:
+            count[0] += 1
+            self.progress("signatures", count[0], len(candidates))
+
+        bank.compute(candidates, tick)
+        fit, trail = start, []
+        while len(fit.effects) < max_effects or any(f.effect.scanned for f in fit.effects):
+            better = self._extend(fit, bank, trail, len(fit.effects) < max_effects)
+            if better is None:
+                break
+            fit = better
+        fit = self._prune(fit)
+        found = []
+        if fit.effects:
+            fit, found = self._rivals(fit, bank)
+        return Search(start, fit, found, bank, trail)
+
+    # -- growing -------------------------------------------------------------------------------------------------------
+
+    def ranked(self, fit: Fit, bank: SignatureBank) -> list[tuple[float, np.ndarray, Candidate]]:
+        """Best starting point of every effect at the residual of ``fit``, best first; gains are net of the parameters' price."""
+        projector = Projector(fit)
+        rows = projector.screen(bank)
+        for axis in AXES:
+            for candidate, columns in pitch_candidates(self.problem, fit, bank, axis):
+                rows.append((*projector.gain(columns), candidate))
+        rows = [(g - PRICE * (len(FreeEffect(c.effect, c.names).vector) - 1), x, c) for g, x, c in rows]
+        rows.sort(key=lambda r: -r[0])
+        best: dict[str, tuple] = {}
+        for row in rows:
+            best.setdefault(row[2].id, row)
+        return list(best.values())
+
+    def _extend(self, fit: Fit, bank: SignatureBank, trail: list[dict], new_allowed: bool) -> Fit | None:
+        """The best model with one effect (or one pitch-error component) more, or ``None``."""
+        have = {f.effect.id for f in fit.effects}
+        rows = [r for r in self.ranked(fit, bank) if r[0] > 0.5 * THRESHOLD and self._plausible(r[1], r[2])]
+        rows = [r for r in rows if r[2].effect.scanned or (r[2].id not in have and new_allowed)]
+        rows = [r for r in rows if r[2].id in have or new_allowed]
+        if not rows or rows[0][0] < THRESHOLD:
+            return None
+        shortlist = [r for r in rows if r[0] > 0.3 * rows[0][0]][:_SHORTLIST]
+        best: Fit | None = None
+        for i, (_, x, c) in enumerate(shortlist):
+            self.progress(f"model {len(fit.effects) + 1}: trying {c.id}", i, len(shortlist))
+            trial = self.fitter.fit(self._with(fit, c, x), start=fit, exact=False)
+            trail.append({"effects": [f.effect.id for f in trial.effects], "objective": trial.objective})
+            if best is None or self._price(trial) < self._price(best):
+                best = trial
+        if best is None or self._price(fit) - self._price(best) < THRESHOLD - PRICE:
+            return None
+        return self.fitter.fit(best.effects, start=best, exact=True)
+
+    def _with(self, fit: Fit, c: Candidate, x: np.ndarray) -> list[FreeEffect]:
+        """Free effects of ``fit`` and the candidate at its linear estimate ``x``."""
+        if c.effect.scanned:
+            same = next((f for f in fit.effects if f.effect.id == c.id), None)
+            scaled = FreeEffect(c.effect, c.names).at(x).values["components"]
+            if same is not None:
+                grown = same.effect.replaced(components=[*same.effect.values["components"], *scaled])
+                return [FreeEffect(grown, f.names) if f is same else f for f in fit.effects]
+        free = FreeEffect(c.effect, c.names)
+        v = free.vector
+        if any(e.key == c.effect.key for e in self.fitter.machine.effects):
+            v = v + x
+        elif free.polar or c.effect.scanned:
+            v[: len(x)] = x
+        else:
+            linear = [i for i, n in enumerate(free.names) if free.specs[n].neutral is not None]
+            for i, value in zip(linear, x, strict=True):
+                v[i] = free.specs[free.names[i]].neutral / free.specs[free.names[i]].scale + value
+        return [*fit.effects, FreeEffect(free.at(v), c.names)]
+
+    def _plausible(self, x: np.ndarray, c: Candidate) -> bool:
+        """Whether the linear estimate lies within the parameter's bounds and above its least sensible size."""
+        if c.effect.scanned:
+            return True
+        free = FreeEffect(c.effect, c.names)
+        if free.polar:
+            p = free.specs[free.amplitude]
+            return bool(np.hypot(x[0], x[1]) * p.scale <= p.upper)
+        present = any(e.key == c.effect.key for e in self.fitter.machine.effects)
+        for value, name in zip(x, (n for n in free.names if present or free.specs[n].neutral is not None), strict=False):
+            p = free.specs[name]
+            size = value * p.scale + (c.effect.values[name] if present else p.neutral)
+            slack = 0.02 * p.scale
+            if not p.lower - slack <= size <= p.upper + slack:
+                return False
+            if c.effect.least and abs(size - (p.neutral or 0.0)) < c.effect.least:
+                return False
+        return True
+
+    @staticmethod
+    def _price(fit: Fit) -> float:
+        return fit.objective + PRICE * sum(len(f.vector) for f in fit.effects)
+
+    # -- pruning and rivals --------------------------------------------------------------------------------------------
+
+    def _prune(self, fit: Fit) -> Fit:
+        """Drop effects that the others have made unnecessary."""
+        while len(fit.effects) > 1:
+            trials = []
+            for i, f in enumerate(fit.effects):
+                rest = [g for j, g in enumerate(fit.effects) if j != i]
+                trial = self.fitter.fit(rest, start=fit, exact=False)
+                trials.append((self._price(trial) - self._price(fit), f, trial))
+            loss, _, trial = min(trials, key=lambda t: t[0])
+            if loss > THRESHOLD - PRICE:
+                return fit
+            fit = self.fitter.fit(trial.effects, start=trial, exact=True)
+        return fit
+
+    def _rivals(self, fit: Fit, bank: SignatureBank) -> tuple[Fit, list[Found]]:
+        """For every effect: its contribution, and the catalogue entries that do as well in its place (a better one takes it)."""
+        found: dict[str, Found] = {}
+        index = 0
+        swaps = 0
+        while index < len(fit.effects):
+            mine = fit.effects[index]
+            rest = [f for j, f in enumerate(fit.effects) if j != index]
+            without = self.fitter.fit(rest, start=fit, exact=False, iterations=3)
+            gain = without.objective - fit.objective
+            alternatives, better = [], None
+            rows = [r for r in self.ranked(without, bank) if r[2].id != mine.effect.id and self._plausible(r[1], r[2])]
+            rows = [r for r in rows if r[2].id not in {f.effect.id for f in rest}]
+            # far from its seed a linear gain is a rough guide: refit everything that comes near
+            close = [r for r in rows if r[0] > 0.9 * gain - 3 * THRESHOLD][:6]
+            for i, (_, x, c) in enumerate(close):
+                self.progress(f"{mine.effect.id} against {c.id}", i, len(close))
+                names = self._with(without, c, x)
+                trial = self.fitter.fit(names, start=without, exact=False)
+                if self.fitter.problem is not None and self._price(trial) < self._price(fit) + 3 * RIVAL:
+                    trial = self.fitter.fit(trial.effects, start=trial, exact=True, iterations=3)
+                if any(not self._sensible(f) for f in trial.effects):
+                    continue
+                if self._price(trial) < self._price(fit) + RIVAL:
+                    alternatives.append(c.id)
+                    if self._price(trial) < self._price(fit) - 2.0 and (better is None or self._price(trial) < self._price(better)):
+                        better = trial
+            if better is not None and swaps < 3:
+                swaps += 1
+                fit, found, index = better, {}, 0
+                continue
+            found[mine.effect.id] = Found(mine.effect.id, gain, alternatives)
+            index += 1
+        return fit, sorted(found.values(), key=lambda f: -f.gain)
+
+    @staticmethod
+    def _sensible(free: FreeEffect) -> bool:
+        effect: Effect = free.effect
+        if not effect.least:
+            return True
+        p = next(p for p in effect.parameters_of(effect.subject) if p.neutral is not None)
+        return abs(effect.values[p.name] - p.neutral) >= effect.least

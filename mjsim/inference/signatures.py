@@ -1,0 +1,201 @@
+"""Signatures: what each candidate effect would add to the readings, whitened, at the present model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjsim.effects import registry
+from mjsim.effects.base import Effect
+from mjsim.engine.plant import PLAY, SINE, build
+from mjsim.engine.transmission import transmit
+from mjsim.inference.calibration import calibrated
+from mjsim.inference.fit import Fit, with_effects
+from mjsim.inference.free import FreeEffect
+from mjsim.inference.problem import Problem
+from mjsim.kinematics import AXES
+from mjsim.machine.model import Machine
+
+_EVERY = 5
+_SMALL = 0.05  # of a typical size
+
+
+@dataclass
+class Candidate:
+    """One effect that could be missing, at one starting point.
+
+    Attributes:
+        effect: at its seed. names: what is free.
+    """
+
+    effect: Effect
+    names: tuple[str, ...]
+
+    @property
+    def id(self) -> str:
+        return self.effect.id
+
+
+def seeds(machine: Machine) -> list[Candidate]:
+    """Starting points of the whole catalogue (and the user's effects in the machine), scanned families left out."""
+    out = []
+    for kind, cls in registry.kinds().items():
+        if cls.scanned:
+            continue
+        for subject in cls.subjects:
+            present = machine.effect(f"{kind}.{subject}")
+            names = cls.free_of(subject)
+            if present is not None:
+                out.append(Candidate(present, names))
+                continue
+            out += [Candidate(cls(subject, **values), names) for values in cls.seeds(subject)]
+    return out
+
+
+class SignatureBank:
+    """Computes whitened signatures at one fitted model and keeps them.
+
+    Signatures of quasi-static effects hardly depend on what else is in the model, so one bank serves a whole diagnosis.
+    """
+
+    def __init__(self, problem: Problem, fit: Fit) -> None:
+        self.problem, self.fit = problem, fit
+        self.plant = build(fit.machine)
+        self.loads = problem.map(lambda k: np.ascontiguousarray(problem.motions[k].load(self.plant)[::_EVERY]))
+        self.base_readings = problem.readings(self.plant)
+        self.candidates: list[Candidate] = []
+        self.matrix = np.zeros((problem.count, 0))
+        self.slices: list[slice] = []
+
+    def compute(self, candidates: list[Candidate], done: Callable[[], None] | None = None) -> None:
+        """Compute and keep the whitened columns of all candidates."""
+        parts, at = [], 0
+        for c in candidates:
+            parts.append(self.problem.whiten(self.columns(c)))
+            self.slices.append(slice(at, at + parts[-1].shape[1]))
+            at += parts[-1].shape[1]
+            if done:
+                done()
+        self.matrix = np.hstack(parts)
+        self.candidates = list(candidates)
+        self.own = [self.matrix[:, s].T @ self.matrix[:, s] for s in self.slices]
+
+    def columns(self, c: Candidate) -> list[np.ndarray]:
+        """Block-mean signatures per test, (m, k), m per typical size."""
+        free = FreeEffect(c.effect, c.names)
+        present = any(e.key == c.effect.key for e in self.fit.machine.effects)
+        v = free.vector
+        if present:
+            origin, moves = c.effect, np.eye(len(v)) * _SMALL
+        else:
+            origin = None
+            # only entries that the reading is linear in: the leading size (and its quadrature); shapes come with the refit
+            linear = 2 if free.polar else sum(1 for n in c.names if free.specs[n].neutral is not None)
+            moves = np.eye(len(v))[:linear] * _SMALL
+        stateless = origin is None and self._stateless(c.effect)
+        changes_of = self.position_changes if stateless else self._reading_changes if c.effect.quasi_static else self._motor_changes
+        out: list[list[np.ndarray]] = [[] for _ in self.problem.tests]
+        for move in moves:
+            at = v + move if present else self._alone(free, v, move)
+            effect = free.at(at)
+            size = float(np.abs(move).max())
+            for k, d in enumerate(changes_of(effect)):
+                out[k].append(d / size)
+        return [np.column_stack(x) for x in out]
+
+    @staticmethod
+    def _alone(free: FreeEffect, v: np.ndarray, move: np.ndarray) -> np.ndarray:
+        """Seed vector with its linear entries replaced by the small ``move``: neutral plus one small step."""
+        out = v.copy()
+        neutral = {n: free.specs[n].neutral for n in free.names}
+        linear = 2 if free.polar else None
+        if linear:
+            out[:2] = move[:2]
+            return out
+        for i, n in enumerate(free.names):
+            if neutral[n] is not None:
+                out[i] = neutral[n] / free.specs[n].scale + move[i]
+        return out
+
+    def _stateless(self, effect: Effect) -> bool:
+        """Whether the effect is nothing but operations on positions without memory."""
+        if not effect.quasi_static or type(effect).position_error is not Effect.position_error:
+            return False
+        empty = build(self.fit.base.__class__(self.fit.base.name, self.fit.base.drives, (effect,)))
+        geometric = bool(empty.geometry.location or empty.geometry.squareness)
+        return bool(empty.ops) and not geometric and all(o.code != PLAY and (o.code != SINE or o.parameters[3] == 0.0) and o.out < 5 for o in empty.ops)
+
+    def position_changes(self, effect: Effect) -> list[np.ndarray]:
+        p = self.problem
+        ops = build(self.fit.base.__class__(self.fit.base.name, self.fit.base.drives, (effect,))).op_table()
+
+        def one(k: int) -> np.ndarray:
+            s, motion = p.samples[k], p.motions[k]
+            q = self.loads[k]
+            change = transmit(ops, q, motion.test.started + motion.time[::_EVERY])[:, :5] - q[:, :5]
+            grid = np.einsum("ni,ni->n", p.sensitivity[k].axes, change)
+            return s.sample(grid, p.shift(k, self.fit.nuisance))
+
+        return p.map(one)
+
+    def _motor_changes(self, effect: Effect) -> list[np.ndarray]:
+        """Changes of drives: only the effect's own axis is simulated again."""
+        p, axis = self.problem, effect.subject
+        i = AXES.index(axis)
+        drive = build(self._with(effect)).axes[axis]
+
+        def one(k: int) -> np.ndarray:
+            s, motion = p.samples[k], p.motions[k]
+            if not np.ptp(motion.commands[:, i]):
+                return np.zeros(len(s.centre))
+            change = (motion.motor(axis, drive) - motion.motor(axis, self.plant.axes[axis]))[::_EVERY]
+            return s.sample(p.sensitivity[k].axes[:, i] * change, p.shift(k, self.fit.nuisance))
+
+        return p.map(one)
+
+    def _with(self, effect: Effect) -> Machine:
+        return calibrated(with_effects(self.fit.base, [*(f.effect for f in self.fit.effects), effect]), self.fit.tau)
+
+    def _reading_changes(self, effect: Effect) -> list[np.ndarray]:
+        return self.problem.difference(self.base_readings, self.problem.readings(build(self._with(effect))), self.fit.nuisance)
+
+
+class Projector:
+    """Gains of signatures on a fitted model, with everything that is already fitted projected out (priors kept)."""
+
+    def __init__(self, fit: Fit) -> None:
+        self.design, self.covariance, self.residual = fit.design, fit.covariance, fit.residual
+        self.step = fit.step  # what a further fit of the present model would still move
+
+    def normal(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Normal matrix (k, k) of the columns after projection, and their score (k,) on the residual."""
+        cross = self.design.T @ columns
+        return columns.T @ columns - cross.T @ (self.covariance @ cross), columns.T @ self.residual - cross.T @ self.step
+
+    def gain(self, columns: np.ndarray) -> tuple[float, np.ndarray]:
+        """Fall of the objective if the columns were fitted as well, and the coefficients (k,)."""
+        return _solve(*self.normal(columns))
+
+    def screen(self, bank: SignatureBank) -> list[tuple[float, np.ndarray, Candidate]]:
+        """Gain and coefficients of every candidate of the bank, best first."""
+        cross = self.design.T @ bank.matrix
+        reduced = self.covariance @ cross
+        score = bank.matrix.T @ self.residual - cross.T @ self.step
+        out = []
+        for c, s, own in zip(bank.candidates, bank.slices, bank.own, strict=True):
+            gain, x = _solve(own - cross[:, s].T @ reduced[:, s], score[s])
+            out.append((gain, x, c))
+        return sorted(out, key=lambda row: -row[0])
+
+    def visible(self, columns: np.ndarray) -> np.ndarray:
+        """Share of each column's whitened power that the projection leaves, (k,)."""
+        matrix, _ = self.normal(columns)
+        return np.clip(np.diag(matrix), 0, None) / np.maximum(np.einsum("nk,nk->k", columns, columns), 1e-300)
+
+
+def _solve(matrix: np.ndarray, score: np.ndarray) -> tuple[float, np.ndarray]:
+    matrix = matrix + np.eye(len(matrix)) * (1e-9 * np.trace(matrix) / len(matrix) + 1e-6)
+    x = np.linalg.solve(matrix, score)
+    return float(score @ x), x

@@ -1,0 +1,81 @@
+"""The machine model that a user has today: drives and the effects already in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from mjsim.effects.base import Effect
+from mjsim.kinematics import AXES
+
+#: One standard deviation of the data sheet (relative). Controller settings are exact numbers in the control; what hangs on
+#: the motor and the mechanics is not. Source: campaign format, "data sheet".
+TOLERANCE = {
+    "position_gain": 0.0003,
+    "integral_time": 0.005,
+    "velocity_gain": 0.02,
+    "inertia": 0.03,
+    "viscous": 0.10,
+    "coulomb": 0.05,
+    "presliding": 0.10,
+}
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Cascaded drive of one axis, motor side (paper, Fig. 2); SI.
+
+    Attributes:
+        gear: motor angle per axis position, rad/m (2π/lead) or rad/rad (worm-wheel teeth R).
+        position_gain: Kpp, 1/s. velocity_gain: Kvp, N·m·s/rad. integral_time: Ti, s.
+        inertia: J of the whole axis, kg·m². viscous: C, N·m·s/rad. gravity: N·m.
+    """
+
+    axis: str
+    gear: float
+    position_gain: float
+    velocity_gain: float
+    integral_time: float
+    inertia: float
+    viscous: float
+    gravity: float = 0.0
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Rigid kinematics + drives + a list of effects."""
+
+    name: str
+    drives: dict[str, Drive]
+    effects: tuple[Effect, ...] = ()
+    path: Path | None = None
+    configuration: str = "w-C'A'Y'bXZ-t"
+    effect_files: dict[str, str] = field(default_factory=dict)
+
+    def effect(self, key: str) -> Effect | None:
+        """The effect with this key (or id), or ``None``."""
+        return next((e for e in self.effects if e.key == key), None) or next((e for e in self.effects if e.id == key), None)
+
+    def with_effect(self, effect: Effect) -> Machine:
+        """A machine with ``effect`` appended, or in place of the one with the same key."""
+        if any(e.key == effect.key for e in self.effects):
+            return replace(self, effects=tuple(effect if e.key == effect.key else e for e in self.effects))
+        return replace(self, effects=(*self.effects, effect))
+
+    def without(self, key: str) -> Machine:
+        """A machine without the effects that have this key or id."""
+        return replace(self, effects=tuple(e for e in self.effects if key not in (e.key, e.id)))
+
+    def with_drive(self, axis: str, **changes: float) -> Machine:
+        """A machine with some numbers of one drive changed."""
+        return replace(self, drives={**self.drives, axis: replace(self.drives[axis], **changes)})
+
+
+def lead(drive: Drive) -> float:
+    """Ball-screw lead of a linear drive, m."""
+    return 2 * np.pi / drive.gear
+
+
+assert set(AXES) == set("XYZAC")

@@ -1,0 +1,94 @@
+"""The axes' motion without the multibody model: the same compiled drives, five independent axes.
+
+The mass matrix of the balanced machine is diagonal, so this gives what the MuJoCo simulation gives (``tests/test_simulate.py``
+holds the difference); the diagnosis searches with it. Errors that are reported come from the MuJoCo simulation.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjsim.campaign.model import Test
+from mjsim.effects.base import Motion
+from mjsim.engine.drive import STEP, SUBSTEPS, discretise, run
+from mjsim.engine.plant import AxisPlant, Plant
+from mjsim.engine.transmission import transmit
+from mjsim.kinematics import AXES, reading
+from mjsim.nc.program import Program
+
+#: Time after the program's end that is still simulated, s (trigger shifts look there).
+TAIL = 0.1
+
+
+def time_grid(program: Program) -> np.ndarray:
+    """Instants one step apart from 0 to a little past the program's end, s."""
+    return np.arange(int(np.ceil((program.duration + TAIL) / STEP)) + 1) * STEP
+
+
+def delayed_commands(program: Program, time: np.ndarray, plant: Plant) -> np.ndarray:
+    """Axis commands (n, 5) as the drives receive them, each with its own delay."""
+    commands = program.commands(time)
+    for i, a in enumerate(AXES):
+        delay = plant.axes[a].delay
+        if delay:
+            commands[:, i] = program.commands(time - delay)[:, i]
+    return commands
+
+
+@dataclass
+class TestMotion:
+    """Motor-side motions of one test, computed per axis on demand and kept for the drives used last.
+
+    Attributes:
+        test: the test. time: (n,) s. commands: (n, 5) without delays, m and rad.
+    """
+
+    __test__ = False
+
+    test: Test
+    keep: int = 3
+
+    def __post_init__(self) -> None:
+        self.program = Program(self.test)
+        self.time = time_grid(self.program)
+        self.commands = self.program.commands(self.time)
+        self._kept: dict[str, OrderedDict] = {a: OrderedDict() for a in AXES}
+
+    def motor(self, axis: str, drive: AxisPlant) -> np.ndarray:
+        """Motor position of one axis in axis units, (n,)."""
+        kept, key = self._kept[axis], drive.key()
+        if key in kept:
+            kept.move_to_end(key)
+            return kept[key]
+        i = AXES.index(axis)
+        r = self.commands[:, i] if not drive.delay else self.program.commands(self.time - drive.delay)[:, i]
+        if np.ptp(self.commands[:, i]) == 0.0:
+            out = np.ascontiguousarray(r)  # an axis that never moves stays: the integrator holds gravity
+        else:
+            out = np.empty(len(self.time))
+            run(discretise(drive, STEP / SUBSTEPS), np.ascontiguousarray(r), STEP / SUBSTEPS, SUBSTEPS, out)
+        kept[key] = out
+        while len(kept) > self.keep:
+            kept.popitem(last=False)
+        return out
+
+    def load(self, plant: Plant) -> np.ndarray:
+        """Load-side axis positions (n, 5 or 9), m and rad; columns 5 to 8 are the table's error motion."""
+        q = np.zeros((len(self.time), plant.width))
+        for i, a in enumerate(AXES):
+            q[:, i] = self.motor(a, plant.axes[a])
+        ops = plant.op_table()
+        if len(ops):
+            q = transmit(ops, q, self.test.started + self.time)
+        if plant.python_effects:
+            motion = Motion(self.time, self.test.started + self.time, q, np.gradient(q, STEP, axis=0))
+            q[:, :5] += sum(e.position_error(motion) for e in plant.python_effects)
+        return q
+
+    def reading(self, plant: Plant, every: int = 1) -> np.ndarray:
+        """Ball-bar reading in m at every ``every``-th instant."""
+        q = self.load(plant)[::every]
+        return reading(q, np.asarray(self.test.table_ball), self.test.length, plant.geometry)

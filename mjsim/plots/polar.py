@@ -1,0 +1,160 @@
+"""Polar plot of circular traces, as in Kato, Tsutsumi and Sato, IJMTM 64 (2013) 1-11, figures 5 to 17.
+
+0° at the right, angles counter-clockwise, the nominal circle half-way out, deviations magnified on concentric divisions. The paper
+calls 180° what its appendix calls φ = 0, so a trace is plotted at φ + 180°; traces of rotary tests are plotted at the axis angle
+itself (``shift_deg=0``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mjsim.plots import series, style
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from matplotlib.projections.polar import PolarAxes
+
+#: Divisions from the centre to the nominal circle, and from there to the rim, unless the data need more.
+INNER, OUTER = 5, 4
+#: Largest deviation, in divisions, that the automatic scale allows.
+FILL = 3.2
+
+_LINES = {
+    "measured": {"color": style.MEASURED, "linewidth": 1.7, "zorder": 3},
+    "simulated": {"color": style.SIMULATED, "linewidth": 0.9, "zorder": 4},
+    "nominal": {"color": style.SOFT, "linewidth": 0.9, "linestyle": (0, (5, 2)), "zorder": 3.5},
+}
+
+
+@dataclass(frozen=True)
+class PolarTrace:
+    """One trace of a polar plot.
+
+    Attributes:
+        label: its name in the legend.
+        phi_deg: (n,) φ of the test, or the axis angle of a rotary test; signed, over any number of revolutions [deg].
+        deviation_um: (n,) deviation with eccentricity already removed, outward positive; NaN breaks the line [µm].
+        style: "measured" (near-black), "simulated" (vermilion, thinner, on top) or "nominal" (dashed grey).
+        shift_deg: plot angle minus ``phi_deg`` [deg]: 180 for circles, 0 for rotary tests.
+    """
+
+    label: str
+    phi_deg: ArrayLike
+    deviation_um: ArrayLike
+    style: Literal["measured", "simulated", "nominal"] = "measured"
+    shift_deg: float = 180.0
+
+
+def polar_figure(
+    traces: Sequence[PolarTrace], title: str, subtitle: str | None = None, um_per_div: float | None = None, size_in: float = 5.0
+) -> Figure:
+    """Polar plot of ``traces`` over each other.
+
+    Args:
+        traces: drawn in the order given within each style.
+        title: first line of the heading.
+        subtitle: second line, smaller; conditions of the test.
+        um_per_div: deviation per division [µm]; a nice step that fits the data when missing.
+        size_in: width of the figure [inch]; it is a little higher than wide.
+
+    Raises:
+        ValueError: an unknown style, arrays of different length, or ``um_per_div`` not above 0.
+    """
+    top, bottom = (0.62 if subtitle else 0.42) + 0.26, 0.72
+    side = size_in - 0.9
+    figure = style.new_figure(size_in, side + top + bottom)
+    height = side + top + bottom
+    axes: PolarAxes = figure.add_axes((0.45 / size_in, bottom / height, side / size_in, side / height), projection="polar")
+    step = draw_polar(axes, traces, um_per_div)
+    figure.text(
+        0.5, 1.0 - 0.22 / height, title, ha="center", va="center", color=style.INK, fontweight="bold",
+        fontsize=style.fitted(title, style.TITLE, size_in - 0.4))  # fmt: skip
+    if subtitle:
+        figure.text(
+            0.5, 1.0 - 0.44 / height, subtitle, ha="center", va="center", color=style.SOFT,
+            fontsize=style.fitted(subtitle, style.TEXT, size_in - 0.3))  # fmt: skip
+    figure.text(1.0 - 0.25 / size_in, 0.2 / height, scale_text(step), ha="right", va="center", fontsize=style.TEXT, color=style.INK)
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="center left", bbox_to_anchor=(0.2 / size_in, 0.2 / height), ncols=len(labels), frameon=False,
+        fontsize=style.TEXT, handlelength=1.8, columnspacing=1.4, borderpad=0.0, borderaxespad=0.0,
+    )  # fmt: skip
+    return figure
+
+
+def draw_polar(axes: PolarAxes, traces: Sequence[PolarTrace], um_per_div: float | None = None, small: bool = False) -> float:
+    """Draw the plot into polar ``axes``; radial data are deviations [µm], angles are plot angles [rad].
+
+    Args:
+        small: leave out angle labels except 0° and 90° and thin the lines, for a grid of plots.
+
+    Returns:
+        The deviation per division [µm].
+
+    Raises:
+        ValueError: as :func:`polar_figure`.
+    """
+    step = division_um(traces) if um_per_div is None else float(um_per_div)
+    if not step > 0.0:
+        raise ValueError(f"um_per_div must be above 0, not {um_per_div}")
+    low, high = _range_um(traces)
+    inner = max(INNER, math.ceil(-low / step) + 1)
+    outer = max(OUTER, math.ceil(high / step))
+    _frame(axes, inner, outer, step, small)
+    for trace in traces:
+        if trace.style not in _LINES:
+            raise ValueError(f"style of trace '{trace.label}' must be one of {', '.join(_LINES)}, not '{trace.style}'")
+        angle, value = series.thinned(*series.broken(trace.phi_deg, trace.deviation_um))
+        look = dict(_LINES[trace.style])
+        look["linewidth"] *= (0.65 if small else 1.0) * (0.8 if _turns(angle) > 1.5 else 1.0)
+        axes.plot(np.radians(angle + trace.shift_deg), value, label=trace.label, solid_joinstyle="round", **look)
+    return step
+
+
+def division_um(traces: Sequence[PolarTrace]) -> float:
+    """Deviation per division that suits the data: a 1-2-5 step [µm], never below 0.1 µm (the resolution of a ball bar)."""
+    low, high = _range_um(traces)
+    return max(0.1, style.nice_step(max(-low, high, 1e-6) / FILL))
+
+
+def scale_text(step_um: float) -> str:
+    """The scale as the paper prints it: ``1 div.: 5 µm``."""
+    return f"1 div.: {style.number(step_um)} µm"
+
+
+def _frame(axes: PolarAxes, inner: int, outer: int, step: float, small: bool) -> None:
+    axes.set_theta_zero_location("E")
+    axes.set_theta_direction(1)
+    axes.set_rorigin(-inner * step)
+    axes.set_ylim(-inner * step, outer * step)
+    axes.set_yticks([k * step for k in range(-inner + 1, outer)], labels=[])
+    named = (0, 90) if small else (0, 90, 180, 270)
+    axes.set_xticks(np.radians(np.arange(0, 360, 30)), labels=[f"{a}°" if a in named else "" for a in range(0, 360, 30)])
+    axes.tick_params(axis="x", pad=-2 if small else 1, labelsize=style.SMALL - 1.0 if small else style.TEXT, labelcolor=style.INK)
+    axes.grid(color=style.GRID, linewidth=0.4 if small else 0.55)
+    axes.set_axisbelow(True)
+    for side in ("polar", "inner"):
+        if side in axes.spines:
+            axes.spines[side].set(color=style.GRID, linewidth=0.6)
+    turn = np.linspace(0.0, 2.0 * np.pi, 361)
+    label = None if small else "nominal circle"
+    axes.plot(turn, np.zeros_like(turn), color=style.NOMINAL, linewidth=0.6 if small else 0.9, zorder=2, label=label)
+
+
+def _range_um(traces: Sequence[PolarTrace]) -> tuple[float, float]:
+    values = [np.asarray(trace.deviation_um, dtype=float).ravel() for trace in traces]
+    every = np.concatenate(values) if values else np.zeros(0)
+    every = every[np.isfinite(every)]
+    return (min(float(every.min()), 0.0), max(float(every.max()), 0.0)) if every.size else (0.0, 0.0)
+
+
+def _turns(angle_deg: np.ndarray) -> float:
+    finite = angle_deg[np.isfinite(angle_deg)]
+    return float(np.ptp(finite)) / 360.0 if finite.size else 0.0

@@ -1,0 +1,191 @@
+"""What a model leaves unexplained, over the angle: residual, noise band and the places where axes reverse."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mjsim.plots import series, style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: Marks of one axis closer than this are one reversal, seen in several revolutions [deg].
+SAME_PLACE_DEG = 0.5
+
+
+@dataclass(frozen=True)
+class ResidualTrace:
+    """Residual of one test.
+
+    Attributes:
+        test: name of the test.
+        phi_deg: (n,) φ of the test, or the axis angle of a rotary test; signed, over any number of revolutions [deg].
+        residual_um: (n,) measured minus simulated after the nuisance fit [µm].
+        reversals: axis letter -> angles at which the axis reverses, as ``phi_deg`` counts [deg].
+        noise_um: standard deviation of the measurement noise of one sample [µm]; None when unknown.
+        outlier: (n,) True where a sample is not to be judged; drawn grey, without effect on scale and RMS. None: no outliers.
+        shift_deg: plot angle minus ``phi_deg`` [deg], as in polar plots: 180 for circles, 0 for rotary tests.
+    """
+
+    test: str
+    phi_deg: ArrayLike
+    residual_um: ArrayLike
+    reversals: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    noise_um: float | None = None
+    outlier: ArrayLike | None = None
+    shift_deg: float = 180.0
+
+    def good(self) -> NDArray[np.bool_]:
+        """(n,) True where the residual is finite and no outlier."""
+        finite = np.isfinite(np.asarray(self.residual_um, dtype=float))
+        return finite if self.outlier is None else finite & ~np.asarray(self.outlier, dtype=bool)
+
+    def rms_um(self) -> float:
+        """Root mean square of the residual without outliers [µm]; NaN when nothing is left."""
+        kept = np.asarray(self.residual_um, dtype=float)[self.good()]
+        return float(np.sqrt(np.mean(kept**2))) if kept.size else float("nan")
+
+    def full_circle(self) -> bool:
+        """Whether the trace goes round at least once, so that its angles are shown modulo 360°."""
+        return self.shift_deg % 360.0 != 0.0 and float(np.ptp(np.asarray(self.phi_deg, dtype=float))) > 359.0
+
+
+def residual_figure(tests: Sequence[ResidualTrace], width_in: float = 7.6, panel_in: float = 1.35, title: str | None = None) -> Figure:
+    """One panel per test, stacked, all with the same µm scale.
+
+    Revolutions lie over each other: what repeats is the model's, what does not is noise or drift.
+
+    Args:
+        tests: in the order of the panels, at least one.
+        width_in, panel_in: width of the figure and height of one panel's plot area [inch].
+        title: heading.
+
+    Raises:
+        ValueError: no test given, or arrays of different length.
+    """
+    if not tests:
+        raise ValueError("a residual figure needs at least one test")
+    gap, top, bottom, left, right = 0.74, (0.3 if title else 0.0) + 0.5, 0.62, 0.72, 0.15
+    height = top + bottom + len(tests) * panel_in + (len(tests) - 1) * gap
+    figure = style.new_figure(width_in, height)
+    limit = _limit_um(tests)
+    for index, trace in enumerate(tests):
+        y = height - top - (index + 1) * panel_in - index * gap
+        axes = figure.add_axes((left / width_in, y / height, (width_in - left - right) / width_in, panel_in / height))
+        _panel(axes, trace, limit)
+        _marks(axes, trace, (width_in - left - right) * 72.0)
+        across = dict(transform=axes.transAxes, va="bottom", fontsize=style.SMALL + 0.5)
+        lift = 1.0 + 0.2 / panel_in
+        axes.text(0.0, lift, trace.test, ha="left", fontweight="bold", color=style.INK, **across)
+        axes.text(1.0, lift, _summary(trace), ha="right", color=style.SOFT, **across)
+    figure.axes[-1].set_xlabel("plot angle, deg", fontsize=style.TEXT, color=style.INK)
+    if title:
+        figure.text(0.5, 1.0 - 0.18 / height, title, ha="center", va="center", fontsize=style.TITLE, fontweight="bold", color=style.INK)
+    _legend(figure, tests, height)
+    return figure
+
+
+def reversal_angles(trace: ResidualTrace) -> list[tuple[str, float]]:
+    """(axis, plot angle in deg) of every distinct reversal mark, sorted by angle; repeats in further revolutions are merged."""
+    marks: list[tuple[str, float]] = []
+    for axis, angles in trace.reversals.items():
+        plotted = sorted(_shown(trace, np.asarray(list(angles), dtype=float)).tolist())
+        kept: list[float] = []
+        for angle in plotted:
+            if not kept or angle - kept[-1] > SAME_PLACE_DEG:
+                kept.append(angle)
+        if trace.full_circle() and len(kept) > 1 and kept[0] + 360.0 - kept[-1] <= SAME_PLACE_DEG:
+            kept.pop()
+        marks.extend((axis, angle) for angle in kept)
+    return sorted(marks, key=lambda mark: (mark[1], mark[0]))
+
+
+def _shown(trace: ResidualTrace, phi_deg: NDArray[np.float64]) -> NDArray[np.float64]:
+    angle = phi_deg + trace.shift_deg
+    return np.mod(angle, 360.0) if trace.full_circle() else angle
+
+
+def _panel(axes: Axes, trace: ResidualTrace, limit: float) -> None:
+    good = trace.good()
+    phi, residual = np.asarray(trace.phi_deg, dtype=float), np.asarray(trace.residual_um, dtype=float)
+    if trace.noise_um is not None:
+        axes.axhspan(-2.0 * trace.noise_um, 2.0 * trace.noise_um, color=style.BAND, linewidth=0, zorder=0, label="noise band, ±2σ")
+    axes.axhline(0.0, color=style.NOMINAL, linewidth=0.6, zorder=1)
+    if (~good).any():
+        axes.plot(_shown(trace, phi[~good]), residual[~good], ".", color=style.OUTLIER, markersize=1.6, zorder=1.5, label="left out (outliers)")
+    angle, value = series.thinned(*series.broken(phi, np.where(good, residual, np.nan)))
+    shown = _shown(trace, angle)
+    wrap = np.flatnonzero(np.abs(np.diff(shown)) > 180.0) + 1
+    axes.plot(
+        np.insert(shown, wrap, np.nan), np.insert(value, wrap, np.nan), color=style.MEASURED, linewidth=0.65, zorder=3, label="residual"
+    )
+    axes.set_ylim(-limit, limit)
+    if trace.full_circle():
+        axes.set_xlim(0.0, 360.0)
+        axes.set_xticks(range(0, 361, 30))
+    else:
+        shown = shown[np.isfinite(shown)]
+        low, high = (float(shown.min()), float(shown.max())) if shown.size else (0.0, 360.0)
+        axes.set_xlim(low - 0.01 * (high - low), high + 0.01 * (high - low))
+        step = next((s for s in (1, 2, 5, 10, 15, 30, 45, 60, 90) if (high - low) / s <= 13.0), 180)
+        axes.set_xticks(np.arange(np.ceil(low / step), np.floor(high / step) + 1.0) * step)
+    axes.set_ylabel("residual, µm", fontsize=style.TEXT, color=style.INK)
+    axes.tick_params(labelsize=style.SMALL, color=style.NOMINAL, labelcolor=style.INK, length=3)
+    axes.yaxis.set_major_formatter(lambda v, _: style.number(round(v, 6) + 0.0))
+    axes.xaxis.set_major_formatter(lambda v, _: style.number(round(v, 6) + 0.0))
+    axes.grid(axis="y", color=style.GRID, linewidth=0.5)
+    axes.set_axisbelow(True)
+    for side, spine in axes.spines.items():
+        spine.set(visible=side in ("left", "bottom"), color=style.NOMINAL, linewidth=0.6)
+
+
+def _marks(axes: Axes, trace: ResidualTrace, width_pt: float) -> None:
+    low, high = axes.get_xlim()
+    ends = [-np.inf, -np.inf]
+    for axis, angle in reversal_angles(trace):
+        if not low <= angle <= high:
+            continue
+        colour = style.AXIS_COLOURS.get(axis, style.SOFT)
+        line = axes.axvline(angle, color=colour, linewidth=0.8, linestyle=(0, (4, 2)), alpha=0.8, zorder=2)
+        line.set_gid(f"reversal-{axis}")
+        at = (angle - low) / (high - low) * width_pt
+        row = 0 if at - ends[0] > 8.0 else 1
+        ends[row] = at
+        axes.annotate(
+            axis, (angle, 1.0), xycoords=("data", "axes fraction"), xytext=(0.0, 1.5 + 7.5 * row), textcoords="offset points", ha="center",
+            va="bottom", fontsize=style.SMALL, fontweight="bold", color=colour,
+        )  # fmt: skip
+
+
+def _summary(trace: ResidualTrace) -> str:
+    text = f"RMS {style.micrometres(trace.rms_um())}"
+    return text if trace.noise_um is None else f"{text}, noise σ {style.micrometres(trace.noise_um)}"
+
+
+def _limit_um(tests: Sequence[ResidualTrace]) -> float:
+    largest = 1e-3
+    for trace in tests:
+        kept = np.abs(np.asarray(trace.residual_um, dtype=float)[trace.good()])
+        largest = max(largest, float(kept.max()) if kept.size else 0.0, 2.5 * (trace.noise_um or 0.0))
+    return 1.06 * largest
+
+
+def _legend(figure: Figure, tests: Sequence[ResidualTrace], height_in: float) -> None:
+    from matplotlib.lines import Line2D
+
+    found: dict[str, object] = {}
+    for axes in figure.axes:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    if any(reversal_angles(trace) for trace in tests):
+        found["an axis reverses"] = Line2D([], [], color=style.SOFT, linewidth=0.8, linestyle=(0, (4, 2)))
+    figure.legend(
+        list(found.values()), list(found), loc="center", bbox_to_anchor=(0.5, 0.12 / height_in), ncols=len(found), frameon=False,
+        fontsize=style.SMALL, handlelength=1.8, borderpad=0.0,
+    )  # fmt: skip

@@ -1,0 +1,62 @@
+"""One look for all figures: colours, sizes, and a figure that needs neither pyplot nor a display."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+INK = "#1a1a1a"
+SOFT = "#5c5c5c"
+GRID = "#dedede"
+NOMINAL = "#8a8a8a"
+BAND = "#e9eef3"
+OUTLIER = "#b9b9b9"
+
+#: Near-black and vermilion differ in hue for every kind of colour vision and in lightness on a black-and-white print (Okabe and Ito 2008).
+MEASURED = "#222222"
+SIMULATED = "#d9480f"
+
+#: Axis letter (ISO 841) -> colour; always drawn with its letter, so that nothing hangs on the colour alone.
+AXIS_COLOURS = {"X": "#0072b2", "Y": "#007a5a", "Z": "#8a6d00", "A": "#b3007d", "C": "#5b3fb5"}
+
+#: Font sizes in points.
+TITLE, TEXT, SMALL = 10.5, 8.5, 7.5
+
+
+def new_figure(width_in: float, height_in: float) -> Figure:
+    """An empty white figure of that size [inch] with an Agg canvas attached."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width_in, height_in), facecolor="white")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def fitted(text: str, size: float, width_in: float) -> float:
+    """Font size [points] at which ``text`` keeps within ``width_in`` [inch]: ``size``, or less for a long text, by average letter width."""
+    return min(size, width_in * 72.0 / (0.62 * max(len(text), 1)))
+
+
+def nice_step(smallest: float) -> float:
+    """The smallest of 1, 2, 5 x 10^k that is not less than ``smallest`` (> 0)."""
+    import math
+
+    decade = 10.0 ** math.floor(math.log10(smallest))
+    for factor in (1.0, 2.0, 5.0, 10.0):
+        if factor * decade >= smallest * (1.0 - 1e-9):
+            return factor * decade
+    raise ValueError(f"no step for {smallest}")
+
+
+def number(value: float) -> str:
+    """A number as it is printed: up to four significant digits, a true minus sign, no trailing zeros."""
+    return f"{value:.4g}".replace("-", "−")
+
+
+def micrometres(value: float) -> str:
+    """An error in µm for a label: two decimals below 10, one below 100, none above."""
+    decimals = 2 if abs(value) < 9.995 else 1 if abs(value) < 99.95 else 0
+    return f"{value:.{decimals}f} µm".replace("-", "−")

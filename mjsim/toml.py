@@ -1,0 +1,92 @@
+"""Reading TOML with errors that name file, line or key, what was found and what is allowed."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from mjsim.errors import InputError
+
+T = TypeVar("T", bound=BaseModel)
+_LARGEST = 5_000_000
+
+
+def read_text(path: Path) -> str:
+    """Text of a small configuration file; a byte order mark is dropped."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    if path.stat().st_size > _LARGEST:
+        raise InputError(f"{path}: {path.stat().st_size / 1e6:.0f} MB; allowed: a TOML file of up to {_LARGEST / 1e6:.0f} MB")
+    try:
+        return path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is not UTF-8 text; save the file as UTF-8") from None
+
+
+def parse(path: Path) -> dict:
+    """The file's tables as plain Python."""
+    try:
+        return tomllib.loads(read_text(path))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise InputError(f"{path}: tables are nested too deeply") from None
+
+
+def check(path: Path, schema: type[T], data: dict) -> T:
+    """Validate ``data`` against ``schema``; the first problem becomes one sentence."""
+    try:
+        return schema.model_validate(data)
+    except ValidationError as error:
+        raise InputError(f"{path}: {_sentence(schema, data, error.errors()[0])}") from None
+
+
+def _sentence(schema: type[BaseModel], data: dict, problem: dict) -> str:
+    place, owner = _place(data, problem["loc"])
+    kind = problem["type"]
+    if kind == "extra_forbidden":
+        allowed = _keys(schema, problem["loc"][:-1])
+        key = str(problem["loc"][-1])
+        near = difflib.get_close_matches(key, allowed, n=1)
+        return f"{owner}unknown key {key!r}" + (f" (did you mean {near[0]!r}?)" if near else "") + f"; allowed: {', '.join(allowed)}"
+    if kind == "missing":
+        return f"{owner}the key {str(problem['loc'][-1])!r} is missing"
+    text = problem["msg"].replace("Input should be", "allowed:").replace("Input should have", "allowed: to have")
+    return f"{place} = {problem['input']!r}; {text[0].lower() + text[1:]}"
+
+
+def _place(data: dict, loc: tuple) -> tuple[str, str]:
+    """Readable place of a value ('[[test]] "x50" feed_mm_min') and of the table that holds it."""
+    words: list[str] = []
+    node: object = data
+    for step in loc[:-1]:
+        try:
+            node = node[step]
+        except (KeyError, IndexError, TypeError):
+            node = None
+        if isinstance(step, int):
+            name = node.get("name") if isinstance(node, dict) else None
+            words[-1] = f"[[{words[-1]}]] " + (f'"{name}"' if isinstance(name, str) else f"number {step + 1}")
+        else:
+            words.append(str(step))
+    table = ".".join(words)
+    if table and not table.startswith("["):
+        table = f"[{table}]"
+    last = loc[-1]
+    item = f"item {last + 1}" if isinstance(last, int) else str(last)
+    return f"{table} {item}".strip(), f"{table}: " if table else ""
+
+
+def _keys(schema: type[BaseModel], loc: tuple) -> list[str]:
+    for step in loc:
+        if isinstance(step, int):
+            continue
+        annotation = schema.model_fields[step].annotation
+        while not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
+            annotation = next(a for a in annotation.__args__ if a is not type(None))
+        schema = annotation
+    return list(schema.model_fields)

@@ -1,0 +1,38 @@
+"""Units: SI inside, the file's units at the edges.
+
+A parameter's name ends in its unit (``width_deg``, ``value_um``); :func:`unit_of` reads it back, so that a unit is written in
+one place only.
+"""
+
+from __future__ import annotations
+
+import math
+
+#: Suffix of a parameter name -> (factor to SI, the symbol that is shown).
+UNITS: dict[str, tuple[float, str]] = {
+    "rad_per_s": (1.0, "rad/s"),
+    "Nm_per_urad": (1e6, "N·m/µrad"),
+    "N_per_um": (1e6, "N/µm"),
+    "urad": (1e-6, "µrad"),
+    "deg": (math.pi / 180.0, "°"),
+    "um": (1e-6, "µm"),
+    "mm": (1e-3, "mm"),
+    "ms": (1e-3, "ms"),
+    "Nm": (1.0, "N·m"),
+    "rad": (1.0, "rad"),
+    "Hz": (1.0, "Hz"),
+    "ppm": (1e-6, "ppm"),
+    "s": (1.0, "s"),
+}
+
+UM = 1e-6
+DEG = math.pi / 180.0
+MM = 1e-3
+
+
+def unit_of(name: str) -> tuple[float, str]:
+    """Factor to SI and the shown symbol for a parameter name; dimensionless names give ``(1.0, "")``."""
+    for suffix in sorted(UNITS, key=len, reverse=True):
+        if name == suffix or name.endswith("_" + suffix):
+            return UNITS[suffix]
+    return 1.0, ""
