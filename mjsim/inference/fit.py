@@ -68,9 +68,18 @@ class Fitter:
     def __init__(self, problem: Problem, machine: Machine, calibrate: bool = True) -> None:
         self.problem, self.machine = problem, machine
         self.calibrate = calibrate
-        zero = np.zeros(problem.layout.size)
-        self.sheet = problem.sheet_columns(machine, zero) if calibrate else None
-        self.sheet_white = problem.whiten(self.sheet) if calibrate else np.zeros((problem.count, len(SHEET)))
+        none = [np.zeros((len(s.centre), len(SHEET))) for s in problem.samples]
+        self._sheet = problem.sheet_columns(machine, np.zeros(problem.layout.size)) if calibrate else none
+        self._sheet_white = problem.whiten(self._sheet)
+
+    def sheet_at(self, fit: Fit) -> tuple[list[np.ndarray], np.ndarray]:
+        """Data-sheet columns per test and whitened, computed anew for the axes whose drives the effects change."""
+        axes = {f.effect.subject for f in fit.effects if not f.effect.quasi_static}
+        if not (axes and self.calibrate):
+            return self._sheet, self._sheet_white
+        fresh = self.problem.sheet_columns(fit.machine, fit.nuisance, axes)
+        mine = np.array([p.axis in axes for p in SHEET])
+        return [np.where(mine, a, b) for a, b in zip(fresh, self._sheet, strict=True)], np.where(mine, self.problem.whiten(fresh), self._sheet_white)
 
     def frozen_sheet(self, effects: list[FreeEffect]) -> np.ndarray:
         """Data-sheet entries that an effect fits freely, so that they leave the calibration, (len(SHEET),) bool."""
@@ -101,12 +110,15 @@ class Fitter:
         frozen = self.frozen_sheet(effects)
         now.tau[frozen] = 0.0
         anchor = now.tau.copy()
-        self._evaluate(now, anchor, exact)
-        for _ in range(iterations):
-            step = self._solve(now, frozen)
+        sheet, white = self.sheet_at(now)
+        self._evaluate(now, anchor, exact, sheet)
+        for iteration in range(iterations):
+            if exact and iteration:
+                sheet, white = self.sheet_at(now)
+            step = self._solve(now, frozen, white)
             for scale in (1.0, 0.5, 0.2, 0.05):
                 trial = self._moved(now, scale * step)
-                self._evaluate(trial, anchor, exact)
+                self._evaluate(trial, anchor, exact, sheet)
                 if trial.objective < now.objective:
                     break
             else:
@@ -115,7 +127,7 @@ class Fitter:
             now = trial
             if gain < 0.5:
                 break
-        self._solve(now, frozen)
+        self._solve(now, frozen, white)
         return now
 
     def _moved(self, fit: Fit, step: np.ndarray) -> Fit:
@@ -125,16 +137,16 @@ class Fitter:
             v = f.vector
             effects.append(FreeEffect(f.at(v + step[at : at + len(v)]), f.names))
             at += len(v)
-        return replace(fit, effects=effects, nuisance=fit.nuisance + step[:n], tau=np.clip(fit.tau + step[n : n + t], -8, 8))
+        return replace(fit, effects=effects, nuisance=fit.nuisance + step[:n], tau=fit.tau + step[n : n + t])
 
-    def _evaluate(self, fit: Fit, anchor: np.ndarray, exact: bool) -> None:
+    def _evaluate(self, fit: Fit, anchor: np.ndarray, exact: bool, sheet: list[np.ndarray]) -> None:
         p = self.problem
         machine = with_effects(self.machine, [f.effect for f in fit.effects])
         held = fit.tau if exact else anchor
         fit.readings = p.readings(build(calibrated(machine, held)))
         rest = p.residual(fit.readings, fit.nuisance)
         if not exact:
-            rest = [r - c @ (fit.tau - anchor) for r, c in zip(rest, self.sheet, strict=True)] if self.calibrate else rest
+            rest = [r - c @ (fit.tau - anchor) for r, c in zip(rest, sheet, strict=True)]
         fit.residual = p.whiten(rest)
         fit.sum_squares = float(fit.residual @ fit.residual)
         fit.objective = fit.sum_squares + float(fit.nuisance @ fit.nuisance + fit.tau @ fit.tau)
@@ -159,12 +171,12 @@ class Fitter:
                     columns[k].append(d / change)
         return [np.column_stack(c) if c else np.zeros((len(s.centre), 0)) for c, s in zip(columns, p.samples, strict=True)]
 
-    def _solve(self, fit: Fit, frozen: np.ndarray) -> np.ndarray:
+    def _solve(self, fit: Fit, frozen: np.ndarray, sheet_white: np.ndarray) -> np.ndarray:
         """Gauss-Newton step; leaves design and covariance in ``fit``."""
         p = self.problem
         nuisance = p.whiten(p.nuisance_columns(fit.readings, fit.nuisance))
         effects = p.whiten(self.effect_columns(fit)) if fit.effects else np.zeros((len(nuisance), 0))
-        sheet = np.where(frozen, 0.0, self.sheet_white)
+        sheet = np.where(frozen, 0.0, sheet_white)
         fit.design = np.hstack([nuisance, sheet, effects])
         n, t = len(fit.nuisance), len(fit.tau)
         prior = np.concatenate([np.ones(n + t), np.full(effects.shape[1], _WIDE**-2)])

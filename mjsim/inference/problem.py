@@ -5,7 +5,7 @@ All columns are in m per standard deviation of their prior, so every prior is a 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -124,26 +124,26 @@ class Problem:
         """``other - base`` as block means at the triggers of ``nuisance``, m."""
         return self.map(lambda k: self.samples[k].sample(other[k] - base[k], self.shift(k, nuisance)))
 
-    def sheet_columns(self, machine: Machine, nuisance: np.ndarray, done: Callable[[], None] | None = None) -> list[np.ndarray]:
-        """Derivative with respect to the data sheet, (m, len(SHEET)) per test, m per standard deviation.
+    def sheet_columns(self, machine: Machine, nuisance: np.ndarray, axes: Iterable[str] = AXES) -> list[np.ndarray]:
+        """Derivative with respect to the data sheet of some axes, (m, len(SHEET)) per test, m per standard deviation.
 
-        Only the changed axis is simulated; its motion enters through the reading's sensitivity.
+        Only the changed axis is simulated; its motion enters through the reading's sensitivity. Columns of other axes are zero.
         """
         base = build(machine)
-        moved = [build(calibrated(machine, row)) for row in np.eye(len(SHEET))]
+        wanted = [j for j, p in enumerate(SHEET) if p.axis in axes]
+        moved = {j: build(calibrated(machine, np.eye(len(SHEET))[j])) for j in wanted}
 
         def columns(k: int) -> np.ndarray:
             s, motion = self.samples[k], self.motions[k]
             shift = self.shift(k, nuisance)
             out = np.zeros((len(s.centre), len(SHEET)))
-            for j, p in enumerate(SHEET):
+            for j in wanted:
+                p = SHEET[j]
                 i = AXES.index(p.axis)
                 if not np.ptp(motion.commands[:, i]):
                     continue
                 change = (motion.motor(p.axis, moved[j].axes[p.axis]) - motion.motor(p.axis, base.axes[p.axis]))[::_EVERY]
                 out[:, j] = s.sample(self.sensitivity[k].axes[:, i] * change, shift)
-            if done:
-                done()
             return out
 
         return self.map(columns)

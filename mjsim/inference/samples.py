@@ -64,6 +64,13 @@ class Samples:
         return out
 
 
+    def sample_all(self, grid: np.ndarray, shift: float) -> np.ndarray:
+        """As :meth:`sample`, for every sample instead of block means."""
+        out = np.empty(len(self.time))
+        _interpolate_blocks(np.ascontiguousarray(grid), (self.time - shift) / GRID, np.arange(len(self.time) + 1), out)
+        return out
+
+
 @njit(cache=True, nogil=True)
 def _filter_rows(x, taps, kept, out):
     for i in range(len(kept)):

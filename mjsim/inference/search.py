@@ -183,15 +183,16 @@ class Searcher:
             without = self.fitter.fit(rest, start=fit, exact=False, iterations=3)
             gain = without.objective - fit.objective
             alternatives, better = [], None
-            rows = [r for r in self.ranked(without, bank) if r[2].id != mine.effect.id and self._plausible(r[1], r[2])]
-            rows = [r for r in rows if r[2].id not in {f.effect.id for f in rest}]
+            ranked = self.ranked(without, bank)
+            own = max((r[0] for r in ranked if r[2].id == mine.effect.id), default=gain)
+            rows = [r for r in ranked if r[2].id not in {f.effect.id for f in fit.effects} and self._plausible(r[1], r[2])]
             # far from its seed a linear gain is a rough guide: refit everything that comes near
-            close = [r for r in rows if r[0] > 0.9 * gain - 3 * THRESHOLD][:6]
+            close = [r for r in rows if r[0] > 0.8 * min(own, gain) - 3 * THRESHOLD][:6]
             for i, (_, x, c) in enumerate(close):
                 self.progress(f"{mine.effect.id} against {c.id}", i, len(close))
                 names = self._with(without, c, x)
                 trial = self.fitter.fit(names, start=without, exact=False)
-                if self.fitter.problem is not None and self._price(trial) < self._price(fit) + 3 * RIVAL:
+                if self._price(trial) < self._price(fit) + max(10 * RIVAL, 0.05 * gain):
                     trial = self.fitter.fit(trial.effects, start=trial, exact=True, iterations=3)
                 if any(not self._sensible(f) for f in trial.effects):
                     continue

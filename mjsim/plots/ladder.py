@@ -46,14 +46,18 @@ def ladder_figure(steps: Sequence[LadderStep], noise_um: float | None = None, ti
     if min(values) < 0.0:
         raise ValueError(f"an RMS cannot be negative: {min(values)} µm")
     width = min(max(4.2, 1.25 * len(steps) + 1.9), 11.0)
-    labels = [_wrapped(step.label, int((width - 1.75) / len(steps) * 72.0 / 5.0)) for step in steps]
+    slot = (width - 1.75) / len(steps)
+    labels = [_wrapped(step.label, int(slot * 72.0 / 5.0)) for step in steps]
+    size = style.fitted(max((line for label in labels for line in label.split("\n")), key=len), style.SMALL + 0.5, slot)
     bottom = 0.22 + 0.15 * max(label.count("\n") + 1 for label in labels)
     height = 2.35 + bottom + (0.3 if title else 0.0)
     figure = style.new_figure(width, height)
     top = 0.25 + (0.3 if title else 0.0)
     axes = figure.add_axes((0.7 / width, bottom / height, (width - 1.75) / width, (height - bottom - top) / height))
     places = list(range(len(steps)))
-    axes.step([-0.42, *places, places[-1] + 0.42], [values[0], *values, values[-1]], where="mid", color=style.NOMINAL, linewidth=1.0, zorder=2)
+    axes.step(
+        [-0.42, *places, places[-1] + 0.42], [values[0], *values, values[-1]], where="mid", color=style.NOMINAL, linewidth=1.0, zorder=2
+    )
     axes.plot(places, values, "o", color=style.SIMULATED, markersize=6.0, markeredgecolor="white", markeredgewidth=1.0, zorder=3)
     for place, value in zip(places, values, strict=True):
         axes.annotate(
@@ -77,7 +81,7 @@ def ladder_figure(steps: Sequence[LadderStep], noise_um: float | None = None, ti
     axes.set_xlim(-0.5, len(steps) - 0.5)
     axes.set_xticks(places, labels=labels)
     axes.set_ylabel("RMS residual, µm", fontsize=style.TEXT, color=style.INK)
-    axes.tick_params(axis="x", length=0, labelsize=style.SMALL + 0.5, labelcolor=style.INK, pad=6)
+    axes.tick_params(axis="x", length=0, labelsize=size, labelcolor=style.INK, pad=6)
     axes.tick_params(axis="y", which="both", labelsize=style.SMALL, color=style.NOMINAL, labelcolor=style.INK)
     axes.grid(axis="y", color=style.GRID, linewidth=0.5)
     axes.set_axisbelow(True)
@@ -89,7 +93,7 @@ def ladder_figure(steps: Sequence[LadderStep], noise_um: float | None = None, ti
 
 
 def _wrapped(label: str, characters: int) -> str:
-    lines = textwrap.wrap(label, max(characters, 8), break_long_words=False) or [""]
+    lines = textwrap.wrap(label.replace("+ ", "+\u00a0").replace("− ", "−\u00a0"), max(characters, 8), break_long_words=False) or [""]
     return "\n".join(lines[:3] if len(lines) <= 3 else [*lines[:2], lines[2] + " …"])
 
 

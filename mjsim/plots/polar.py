@@ -27,7 +27,7 @@ INNER, OUTER = 5, 4
 FILL = 3.2
 
 _LINES = {
-    "measured": {"color": style.MEASURED, "linewidth": 1.7, "zorder": 3},
+    "measured": {"color": style.MEASURED, "linewidth": 1.45, "zorder": 3},
     "simulated": {"color": style.SIMULATED, "linewidth": 0.9, "zorder": 4},
     "nominal": {"color": style.SOFT, "linewidth": 0.9, "linestyle": (0, (5, 2)), "zorder": 3.5},
 }
@@ -73,18 +73,20 @@ def polar_figure(
     height = side + top + bottom
     axes: PolarAxes = figure.add_axes((0.45 / size_in, bottom / height, side / size_in, side / height), projection="polar")
     step = draw_polar(axes, traces, um_per_div)
-    figure.text(
-        0.5, 1.0 - 0.22 / height, title, ha="center", va="center", color=style.INK, fontweight="bold",
-        fontsize=style.fitted(title, style.TITLE, size_in - 0.4))  # fmt: skip
+    middle = {"ha": "center", "va": "center"}
+    size = style.fitted(title, style.TITLE, size_in - 0.4)
+    figure.text(0.5, 1.0 - 0.22 / height, title, color=style.INK, fontweight="bold", fontsize=size, **middle)
     if subtitle:
-        figure.text(
-            0.5, 1.0 - 0.44 / height, subtitle, ha="center", va="center", color=style.SOFT,
-            fontsize=style.fitted(subtitle, style.TEXT, size_in - 0.3))  # fmt: skip
-    figure.text(1.0 - 0.25 / size_in, 0.2 / height, scale_text(step), ha="right", va="center", fontsize=style.TEXT, color=style.INK)
+        size = style.fitted(subtitle, style.TEXT, size_in - 0.3)
+        figure.text(0.5, 1.0 - 0.44 / height, subtitle, color=style.SOFT, fontsize=size, **middle)
+    figure.text(
+        1.0 - 0.25 / size_in, (bottom - 0.02) / height, scale_text(step), ha="right", va="center", fontsize=style.TEXT, color=style.INK
+    )
     handles, labels = axes.get_legend_handles_labels()
+    size = style.fitted("".join(labels) + 7 * "m" * len(labels), style.TEXT, size_in)
     figure.legend(
-        handles, labels, loc="center left", bbox_to_anchor=(0.2 / size_in, 0.2 / height), ncols=len(labels), frameon=False,
-        fontsize=style.TEXT, handlelength=1.8, columnspacing=1.4, borderpad=0.0, borderaxespad=0.0,
+        handles, labels, loc="center", bbox_to_anchor=(0.5, 0.2 / height), ncols=len(labels), frameon=False,
+        fontsize=size, handlelength=1.8, columnspacing=1.4, borderpad=0.0, borderaxespad=0.0,
     )  # fmt: skip
     return figure
 

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 #: Marks of one axis closer than this are one reversal, seen in several revolutions [deg].
 SAME_PLACE_DEG = 0.5
+#: Letters above the marks stand at least this far apart [points].
+LETTER_PT = 7.5
 
 
 @dataclass(frozen=True)
@@ -116,9 +118,13 @@ def _panel(axes: Axes, trace: ResidualTrace, limit: float) -> None:
     phi, residual = np.asarray(trace.phi_deg, dtype=float), np.asarray(trace.residual_um, dtype=float)
     if trace.noise_um is not None:
         axes.axhspan(-2.0 * trace.noise_um, 2.0 * trace.noise_um, color=style.BAND, linewidth=0, zorder=0, label="noise band, ±2σ")
+        for edge in (-2.0 * trace.noise_um, 2.0 * trace.noise_um):
+            axes.axhline(edge, color=style.BAND_EDGE, linewidth=0.6, zorder=3.5)
     axes.axhline(0.0, color=style.NOMINAL, linewidth=0.6, zorder=1)
     if (~good).any():
-        axes.plot(_shown(trace, phi[~good]), residual[~good], ".", color=style.OUTLIER, markersize=1.6, zorder=1.5, label="left out (outliers)")
+        axes.plot(
+            _shown(trace, phi[~good]), residual[~good], ".", color=style.OUTLIER, markersize=1.6, zorder=1.5, label="left out (outliers)"
+        )
     angle, value = series.thinned(*series.broken(phi, np.where(good, residual, np.nan)))
     shown = _shown(trace, angle)
     wrap = np.flatnonzero(np.abs(np.diff(shown)) > 180.0) + 1
@@ -132,9 +138,10 @@ def _panel(axes: Axes, trace: ResidualTrace, limit: float) -> None:
     else:
         shown = shown[np.isfinite(shown)]
         low, high = (float(shown.min()), float(shown.max())) if shown.size else (0.0, 360.0)
-        axes.set_xlim(low - 0.01 * (high - low), high + 0.01 * (high - low))
+        margin = 0.01 * (high - low)
         step = next((s for s in (1, 2, 5, 10, 15, 30, 45, 60, 90) if (high - low) / s <= 13.0), 180)
-        axes.set_xticks(np.arange(np.ceil(low / step), np.floor(high / step) + 1.0) * step)
+        axes.set_xticks(np.arange(np.ceil((low - margin) / step), np.floor((high + margin) / step) + 1.0) * step)
+        axes.set_xlim(low - margin, high + margin)
     axes.set_ylabel("residual, µm", fontsize=style.TEXT, color=style.INK)
     axes.tick_params(labelsize=style.SMALL, color=style.NOMINAL, labelcolor=style.INK, length=3)
     axes.yaxis.set_major_formatter(lambda v, _: style.number(round(v, 6) + 0.0))
@@ -147,20 +154,28 @@ def _panel(axes: Axes, trace: ResidualTrace, limit: float) -> None:
 
 def _marks(axes: Axes, trace: ResidualTrace, width_pt: float) -> None:
     low, high = axes.get_xlim()
-    ends = [-np.inf, -np.inf]
-    for axis, angle in reversal_angles(trace):
-        if not low <= angle <= high:
-            continue
+    marks = [(axis, angle) for axis, angle in reversal_angles(trace) if low <= angle <= high]
+    lines_pt = np.array([(angle - low) / (high - low) * width_pt for _, angle in marks])
+    for (axis, angle), line_pt, letter_pt in zip(marks, lines_pt, spread(lines_pt, LETTER_PT), strict=True):
         colour = style.AXIS_COLOURS.get(axis, style.SOFT)
         line = axes.axvline(angle, color=colour, linewidth=0.8, linestyle=(0, (4, 2)), alpha=0.8, zorder=2)
         line.set_gid(f"reversal-{axis}")
-        at = (angle - low) / (high - low) * width_pt
-        row = 0 if at - ends[0] > 8.0 else 1
-        ends[row] = at
-        axes.annotate(
-            axis, (angle, 1.0), xycoords=("data", "axes fraction"), xytext=(0.0, 1.5 + 7.5 * row), textcoords="offset points", ha="center",
-            va="bottom", fontsize=style.SMALL, fontweight="bold", color=colour,
+        text = axes.annotate(
+            axis, (angle, 1.0), xycoords=("data", "axes fraction"), xytext=(letter_pt - line_pt, 1.5), textcoords="offset points",
+            ha="center", va="bottom", fontsize=style.SMALL, fontweight="bold", color=colour,
         )  # fmt: skip
+        text.set_gid(f"reversal-letter-{axis}")
+
+
+def spread(places: NDArray[np.float64], apart: float) -> NDArray[np.float64]:
+    """Sorted places moved as little as needed to be ``apart``: each cluster is laid out round its own middle, the order stays."""
+    clusters: list[list[float]] = []  # [middle, members]
+    for place in places:
+        clusters.append([float(place), 1.0])
+        while len(clusters) > 1 and clusters[-1][0] - clusters[-2][0] < 0.5 * apart * (clusters[-1][1] + clusters[-2][1]):
+            (last, m), (before, n) = clusters.pop(), clusters.pop()
+            clusters.append([(last * m + before * n) / (m + n), m + n])
+    return np.array([middle + (k - 0.5 * (n - 1.0)) * apart for middle, n in clusters for k in range(int(n))])
 
 
 def _summary(trace: ResidualTrace) -> str:

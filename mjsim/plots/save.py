@@ -33,7 +33,7 @@ def encode(figure: Figure, kind: str) -> bytes:
     elif kind == "svg":
         import matplotlib
 
-        # Identifiers inside an SVG are random unless this one setting names a salt; it is put back at once, and the lock keeps threads apart.
+        # Identifiers inside an SVG are random unless this one setting names a salt; it is put back at once, under a lock.
         with _SVG:
             before = matplotlib.rcParams["svg.hashsalt"]
             matplotlib.rcParams["svg.hashsalt"] = "mjsim"

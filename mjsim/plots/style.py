@@ -11,7 +11,8 @@ INK = "#1a1a1a"
 SOFT = "#5c5c5c"
 GRID = "#dedede"
 NOMINAL = "#8a8a8a"
-BAND = "#e9eef3"
+BAND = "#e4ebf2"
+BAND_EDGE = "#8fb0d0"
 OUTLIER = "#b9b9b9"
 
 #: Near-black and vermilion differ in hue for every kind of colour vision and in lightness on a black-and-white print (Okabe and Ito 2008).
