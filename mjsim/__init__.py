@@ -1,0 +1,45 @@
+"""mjsim: find out what is wrong with a five-axis machine from its ball-bar measurements.
+
+The commands of the same names are functions here: :func:`simulate`, :func:`compare`, :func:`diagnose`, :func:`add`,
+:func:`remove`, :func:`history`, :func:`effects`. Names are loaded when they are first used.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+__version__ = "0.1.0"
+
+_WHERE = {
+    "read_campaign": "mjsim.campaign.files",
+    "read_machine": "mjsim.machine.files",
+    "write_machine": "mjsim.machine.files",
+    "simulate": "mjsim.engine.simulate",
+    "compare": "mjsim.compare",
+    "diagnose": "mjsim.diagnose",
+    "add": "mjsim.workflow",
+    "remove": "mjsim.workflow",
+    "history": "mjsim.ladder",
+    "effects": "mjsim.effects.registry",
+    "make_effect": "mjsim.effects.registry",
+    "Effect": "mjsim.effects.base",
+    "Parameter": "mjsim.effects.base",
+    "Motion": "mjsim.effects.base",
+    "register": "mjsim.effects.registry",
+    "InputError": "mjsim.errors",
+    "SimulationError": "mjsim.errors",
+}
+_RENAMED = {"history": "read_history", "effects": "kinds", "make_effect": "make"}
+
+__all__ = ["__version__", *_WHERE]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _WHERE:
+        raise AttributeError(f"module 'mjsim' has no attribute {name!r}")
+    return getattr(import_module(_WHERE[name]), _RENAMED.get(name, name))
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

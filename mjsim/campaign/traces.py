@@ -1,8 +1,10 @@
-"""Reading recorded traces: ``time_s,deviation_um``."""
+"""Reading recorded traces: ``time_s,deviation_um``, as CSV, plain or compressed (``.csv.gz``)."""
 
 from __future__ import annotations
 
 import csv
+import gzip
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +28,7 @@ def read_trace(path: Path, instrument: Instrument) -> Trace:
     if path.stat().st_size > _LARGEST:
         raise InputError(f"{path}: {path.stat().st_size / 1e6:.0f} MB; allowed: up to {_LARGEST / 1e6:.0f} MB, thin the trace to {instrument.rate:g} Hz")
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        text = _bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: byte {error.start} is not text; allowed: a CSV file with the header {','.join(_HEADER)}") from None
     first, _, body = text.partition("\n")
@@ -52,6 +54,20 @@ def read_trace(path: Path, instrument: Instrument) -> Trace:
     if valid.sum() < 50:
         raise InputError(f"{path}: only {int(valid.sum())} of {len(valid)} samples are inside the sensor's range of ±{instrument.range * 1e3:g} mm")
     return Trace(time, np.nan_to_num(deviation), valid)
+
+
+def _bytes(path: Path) -> bytes:
+    """The file's content; ``.gz`` is unpacked, up to the same size limit."""
+    if path.suffix != ".gz":
+        return path.read_bytes()
+    try:
+        with gzip.open(path) as file:
+            data = file.read(_LARGEST + 1)
+    except (OSError, EOFError, zlib.error):
+        raise InputError(f"{path}: not a readable gzip file; allowed: a CSV file, plain or as .csv.gz") from None
+    if len(data) > _LARGEST:
+        raise InputError(f"{path}: unpacks to more than {_LARGEST / 1e6:.0f} MB; thin the trace")
+    return data
 
 
 def _first_bad_line(body: str) -> str:

@@ -105,7 +105,7 @@ class Searcher:
         best: Fit | None = None
         for i, (_, x, c) in enumerate(shortlist):
             self.progress(f"model {len(fit.effects) + 1}: trying {c.id}", i, len(shortlist))
-            trial = self.fitter.fit(self._with(fit, c, x), start=fit, exact=False)
+            trial = self.fitter.fit(self.grown(fit, c, x), start=fit, exact=False)
             trail.append({"effects": [f.effect.id for f in trial.effects], "objective": trial.objective})
             if best is None or self._price(trial) < self._price(best):
                 best = trial
@@ -113,7 +113,7 @@ class Searcher:
             return None
         return self.fitter.fit(best.effects, start=best, exact=True)
 
-    def _with(self, fit: Fit, c: Candidate, x: np.ndarray) -> list[FreeEffect]:
+    def grown(self, fit: Fit, c: Candidate, x: np.ndarray) -> list[FreeEffect]:
         """Free effects of ``fit`` and the candidate at its linear estimate ``x``."""
         if c.effect.scanned:
             same = next((f for f in fit.effects if f.effect.id == c.id), None)
@@ -190,7 +190,7 @@ class Searcher:
             close = [r for r in rows if r[0] > 0.8 * min(own, gain) - 3 * THRESHOLD][:6]
             for i, (_, x, c) in enumerate(close):
                 self.progress(f"{mine.effect.id} against {c.id}", i, len(close))
-                names = self._with(without, c, x)
+                names = self.grown(without, c, x)
                 trial = self.fitter.fit(names, start=without, exact=False)
                 if self._price(trial) < self._price(fit) + max(10 * RIVAL, 0.05 * gain):
                     trial = self.fitter.fit(trial.effects, start=trial, exact=True, iterations=3)

@@ -1,6 +1,7 @@
 """ISO 230-4 figures of circular traces: G and F of one direction, G(b) and D of both.
 
-Definitions (ISO 230-4, terms and definitions; symbols as there):
+Definitions (ISO 230-4, terms and definitions, paraphrased; symbols as there). The wording follows the 2005 edition as commonly cited;
+it has not been checked against the text of the 2022 edition:
 
 * circular error **G**: minimum radial separation of two concentric circles that envelop the actual path. The standard lets it be
   evaluated as the radial range about the least-squares circle; this module does.

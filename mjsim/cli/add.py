@@ -1,0 +1,64 @@
+"""``mjsim add``."""
+
+from __future__ import annotations
+
+import click
+
+from mjsim.cli import common
+
+
+@click.command("add")
+@common.campaign_argument
+@click.argument("effect")
+@common.machine_option
+@common.threads_option
+@common.options
+def command(campaign, effect, machine, threads, as_json, quiet) -> None:
+    """Fit EFFECT (an id such as backlash.A, or the path of your own effect file) to CAMPAIGN and put it into the machine file.
+
+    Comments and order of the file stay; its former text is kept in the campaign's .mjsim folder.
+
+    \b
+    Example: mjsim add examples/hidden-backlash backlash.A
+    """
+    from mjsim.campaign.files import read_campaign
+    from mjsim.workflow import add
+
+    c = read_campaign(campaign)
+    with common.progress_bar(quiet) as progress:
+        change = add(c, effect, machine, common.cores(threads), progress)
+    data = change_json(change)
+    if as_json:
+        common.print_json(data)
+        return
+    show_change("added", data)
+    common.say(f"{change.machine.path} now has it; `mjsim remove {campaign} {change.effect.id}` takes it out again", quiet)
+
+
+def change_json(change) -> dict:
+    """JSON of ``add`` and ``remove``."""
+    before, after = change.before.to_json(), change.after.to_json()
+    return {
+        "effect": {"id": change.effect.id, "parameters": change.effect.values, "ci95": change.ci95},
+        "machine_file": str(change.machine.path),
+        "noise_um": after["noise_um"],
+        "rms_before_um": before["rms_um"],
+        "rms_after_um": after["rms_um"],
+        "tests": [
+            {"name": a["name"], "rms_before_um": b["rms_um"], "rms_after_um": a["rms_um"]}
+            for b, a in zip(before["tests"], after["tests"], strict=True)
+        ],
+    }
+
+
+def show_change(word: str, data: dict) -> None:
+    """Table of the error before and after."""
+    from mjsim.cli.diagnose import parameter_lines
+
+    e = data["effect"]
+    click.echo(f"{word} {e['id']}")
+    for line in parameter_lines(e["parameters"], e["ci95"]):
+        click.echo(f"  {line}")
+    rows = [[t["name"], f"{t['rms_before_um']:.3f}", f"{t['rms_after_um']:.3f}"] for t in data["tests"]]
+    common.table(["test", "RMS before µm", "after µm"], [*rows, ["all tests", f"{data['rms_before_um']:.3f}", f"{data['rms_after_um']:.3f}"]])
+    click.echo(f"noise {data['noise_um']:.3f} µm")

@@ -1,0 +1,36 @@
+"""``mjsim demo``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mjsim.cli import common
+
+
+@click.command("demo")
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), default=Path("mjsim-demo"), show_default=True, help="Folder for the working copy and the report.")
+@common.threads_option
+@common.options
+def command(out, threads, as_json, quiet) -> None:
+    """Walk through a campaign with a hidden effect: compare, diagnose, add it, watch the error fall, report.
+
+    \b
+    Example: mjsim demo --out my-demo
+    """
+    from mjsim.cli.diagnose import show as show_diagnosis
+    from mjsim.cli.history import show as show_ladder
+    from mjsim.demo import run
+
+    common.say("A five-axis machine was measured with a ball bar in 13 tests. Something is wrong with it; its model does not know what.", quiet)
+    with common.progress_bar(quiet) as progress:
+        demo = run(out, common.cores(threads), progress)
+    data = demo.diagnosis.to_json()
+    if as_json:
+        common.print_json({"report": str(demo.report), "diagnosis": data, "steps": [{**vars(s), "effects": list(s.effects)} for s in demo.steps]})
+        return
+    show_diagnosis(data)
+    click.echo("\nThe error ladder:")
+    show_ladder(demo.steps)
+    click.echo(f"\nreport: {demo.report.resolve()}")

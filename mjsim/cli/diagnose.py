@@ -1,0 +1,88 @@
+"""``mjsim diagnose``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mjsim.cli import common
+
+
+@click.command("diagnose")
+@common.campaign_argument
+@common.machine_option
+@click.option("--write", type=click.Path(path_type=Path, dir_okay=False), help="Save the machine with the effects found and the calibrated data sheet.")
+@click.option("--max-effects", type=click.IntRange(1, 20), default=5, show_default=True, help="Look for at most so many effects.")
+@click.option("--force", is_flag=True, help="Replace the file named by --write.")
+@common.threads_option
+@common.options
+def command(campaign, machine, write, max_effects, force, threads, as_json, quiet) -> None:
+    """Say which effects are missing from the machine of CAMPAIGN, or that none is, or that it is none of the catalogue.
+
+    \b
+    Example: mjsim diagnose examples/hidden-backlash --write fitted.toml
+    """
+    from mjsim.campaign.files import read_campaign
+    from mjsim.diagnose import diagnose
+    from mjsim.errors import InputError
+    from mjsim.machine.files import write_machine
+    from mjsim.workflow import machine_of
+
+    c = read_campaign(campaign)
+    m = machine_of(c, machine)
+    if write is not None and write.exists() and not force:
+        raise InputError(f"{write}: exists already; name another file or give --force to replace it")
+    with common.progress_bar(quiet) as progress:
+        result = diagnose(c, m, max_effects, common.cores(threads), progress)
+    if write is not None:
+        write_machine(result.machine, m.path, write, force=force)
+    data = result.to_json()
+    if as_json:
+        common.print_json(data)
+        return
+    show(data)
+    if write is not None:
+        common.say(f"fitted machine written to {write}", quiet)
+
+
+_SENTENCE = {
+    "identified": "Identified: the effects below are missing, and nothing else explains the data as well.",
+    "ambiguous": "Ambiguous: some effects below cannot be told from others by these tests.",
+    "unknown": "Unknown: something repeatable is left that no effect of the catalogue explains.",
+    "nothing_found": "Nothing found: the model explains the measurement down to the noise and the data sheet's tolerances.",
+}
+
+
+def show(data: dict) -> None:
+    """A diagnosis' JSON as text."""
+    click.echo(_SENTENCE[data["verdict"]])
+    click.echo(f"residual RMS {data['rms_before_um']:.3f} µm as given, {data['rms_after_um']:.3f} µm with what was found; noise {data['noise_um']:.3f} µm")
+    for e in data["effects"]:
+        click.echo(f"\n  {e['id']}   {e['rms_before_um']:.3f} → {e['rms_after_um']:.3f} µm")
+        for line in parameter_lines(e["parameters"], e["ci95"]):
+            click.echo(f"    {line}")
+        if e["alternatives"]:
+            click.echo(f"    cannot be told from: {', '.join(e['alternatives'])}")
+        if e["tests"]:
+            click.echo(f"    shows in: {', '.join(e['tests'])}")
+    if data["unexplained"]:
+        click.echo(f"\n  {data['unexplained']['summary']}")
+    if data["not_testable"]:
+        click.echo(f"\nnot testable with this campaign: {', '.join(data['not_testable'])}")
+
+
+def parameter_lines(parameters: dict, intervals: dict) -> list[str]:
+    """``name = value  [low, high]`` per parameter, components one by one."""
+    lines = []
+    for name, value in parameters.items():
+        ci = intervals.get(name)
+        if name == "components":
+            for i, (order, amplitude, phase) in enumerate(value):
+                band = f"  [{ci[0][i][1]:.3g}, {ci[1][i][1]:.3g}]" if ci else ""
+                lines.append(f"order {order:g}: amplitude {amplitude:.4g}{band}, phase {phase:.1f}°")
+        elif isinstance(value, str):
+            lines.append(f"{name} = {value}")
+        else:
+            lines.append(f"{name} = {value:.5g}" + (f"  [{ci[0]:.5g}, {ci[1]:.5g}] (95 %)" if ci else ""))
+    return lines

@@ -1,0 +1,64 @@
+"""``mjsim effects``."""
+
+from __future__ import annotations
+
+import click
+
+from mjsim.cli import common
+
+
+@click.command("effects")
+@click.argument("effect", required=False)
+@common.options
+def command(effect, as_json, quiet) -> None:
+    """The catalogue of effects, or one of them (an id such as backlash.A, or a kind such as backlash).
+
+    \b
+    Example: mjsim effects pitch_error.C
+    """
+    from mjsim.effects import registry
+    from mjsim.errors import InputError
+
+    known = registry.kinds()
+    if effect is None:
+        if as_json:
+            common.print_json({"effects": [describe(cls, None) for cls in known.values()]})
+            return
+        common.table(["effect", "what it is"], [[f"{k}.{{{','.join(c.subjects)}}}", c.title] for k, c in known.items()])
+        return
+    if "." in effect:
+        cls, subject = registry.effect_class(effect)
+    elif effect in known:
+        cls, subject = known[effect], None
+    else:
+        raise InputError(f"unknown effect {effect!r}; known kinds: {', '.join(known)}")
+    data = describe(cls, subject)
+    if as_json:
+        common.print_json(data)
+        return
+    click.echo(f"{data['id']}: {data['title']}\n  definition  {data['definition']}\n  source      {data['source']}\n  signature   {data['signature']}\n")
+    rows = [
+        [p["name"], p["unit"] or "–", "–" if p["neutral"] is None else f"{p['neutral']:g}", f"{p['lower']:g} to {p['upper']:g}" if p["kind"] == "number" else p["kind"], p["meaning"]]
+        for p in data["parameters"]
+    ]
+    common.table(["parameter", "unit", "neutral", "range", "meaning"], rows)
+
+
+def describe(cls, subject: str | None) -> dict:
+    """An effect class as plain data."""
+    return {
+        "id": f"{cls.kind}.{subject}" if subject else f"{cls.kind}.{{{','.join(cls.subjects)}}}",
+        "kind": cls.kind,
+        "subjects": list(cls.subjects),
+        "title": cls.title,
+        "definition": cls.definition,
+        "source": cls.source,
+        "signature": cls.signature,
+        "parameters": [
+            {
+                "name": p.name, "unit": p.unit, "meaning": p.meaning, "kind": p.kind, "neutral": p.neutral, "default": p.default,
+                "lower": p.lower, "upper": p.upper, "choices": list(p.choices),
+            }
+            for p in cls.parameters_of(subject or cls.subjects[0])
+        ],
+    }

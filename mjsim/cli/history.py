@@ -1,0 +1,45 @@
+"""``mjsim history``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mjsim.cli import common
+
+
+@click.command("history")
+@common.campaign_argument
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Plot file (default: .mjsim/ladder.png in the campaign).")
+@common.options
+def command(campaign, out, as_json, quiet) -> None:
+    """The ladder of CAMPAIGN: every model tried, its effects, its error per test.
+
+    \b
+    Example: mjsim history examples/hidden-backlash
+    """
+    from mjsim.campaign.files import read_campaign
+    from mjsim.errors import InputError
+    from mjsim.ladder import read_history
+    from mjsim.output import ladder_plot
+
+    c = read_campaign(campaign, traces=False)
+    steps = read_history(c)
+    if not steps:
+        raise InputError(f"{c.folder}: no model has been tried yet; `mjsim add {campaign} EFFECT` records the first steps")
+    plot = out or c.state_folder / "ladder.png"
+    ladder_plot(steps, plot)
+    if as_json:
+        common.print_json({"campaign": c.name, "steps": [{**vars(s), "effects": list(s.effects)} for s in steps], "plot": str(plot)})
+        return
+    show(steps)
+    common.say(f"plot in {plot}", quiet)
+
+
+def show(steps: list) -> None:
+    """The ladder as a table."""
+    common.table(
+        ["model", "effects", "RMS µm", "× noise", "worst test"],
+        [[s.label, str(len(s.effects)), f"{s.rms_um:.3f}", f"{s.rms_um / s.noise_um:.2f}", f"{max(s.tests.values()):.3f} {max(s.tests, key=s.tests.get)}"] for s in steps],
+    )

@@ -1,0 +1,41 @@
+"""The console command ``mjsim``; each subcommand is loaded when it is called."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+import click
+
+_COMMANDS = {
+    "demo": "The hidden-effect walk-through: watch the error fall.",
+    "simulate": "Run a campaign's tests in the multibody model.",
+    "compare": "Measured against simulated, test by test.",
+    "diagnose": "Which effects are missing.",
+    "add": "Fit an effect and put it into the machine file.",
+    "remove": "Take an effect out of the machine file.",
+    "history": "The ladder: every model tried and its error.",
+    "effects": "The catalogue of effects.",
+}
+
+
+class _Lazy(click.Group):
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        if name not in _COMMANDS:
+            return None
+        return getattr(import_module(f"mjsim.cli.{name}"), "command")
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(_COMMANDS.items()))
+
+
+@click.group(cls=_Lazy, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="mjsim", prog_name="mjsim")
+def main() -> None:
+    """Find out what is wrong with a five-axis machine from its ball-bar measurements.
+
+    Start with `mjsim demo`, then `mjsim compare FOLDER` and `mjsim diagnose FOLDER` on your own campaign.
+    """

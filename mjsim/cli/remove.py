@@ -1,0 +1,33 @@
+"""``mjsim remove``."""
+
+from __future__ import annotations
+
+import click
+
+from mjsim.cli import common
+
+
+@click.command("remove")
+@common.campaign_argument
+@click.argument("effect")
+@common.machine_option
+@common.threads_option
+@common.options
+def command(campaign, effect, machine, threads, as_json, quiet) -> None:
+    """Take EFFECT out of the machine file of CAMPAIGN again.
+
+    \b
+    Example: mjsim remove examples/hidden-backlash backlash.A
+    """
+    from mjsim.campaign.files import read_campaign
+    from mjsim.cli.add import change_json, show_change
+    from mjsim.workflow import remove
+
+    c = read_campaign(campaign)
+    with common.progress_bar(quiet) as progress:
+        change = remove(c, effect, machine, common.cores(threads), progress)
+    data = change_json(change)
+    if as_json:
+        common.print_json(data)
+        return
+    show_change("removed", data)

@@ -1,0 +1,69 @@
+"""``mjsim simulate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mjsim.cli import common
+
+
+@click.command("simulate")
+@common.campaign_argument
+@common.machine_option
+@click.option("--test", "names", multiple=True, help="Only this test (may be given more than once).")
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the traces and plots.")
+@click.option("--no-plots", is_flag=True, help="Only the CSV files.")
+@click.option("--force", is_flag=True, help="Replace files that exist.")
+@common.threads_option
+@common.options
+def command(campaign, machine, names, out, no_plots, force, threads, as_json, quiet) -> None:
+    """Run the tests of CAMPAIGN in the multibody model. Needs no traces.
+
+    Writes <test>.csv (time_s, phi_deg, deviation_um, commanded and actual axis positions) and a polar plot per test.
+
+    \b
+    Example: mjsim simulate examples/hidden-backlash --out simulated
+    """
+    from mjsim.campaign.files import read_campaign
+    from mjsim.engine.simulate import simulate
+    from mjsim.errors import InputError
+    from mjsim.output import polar_of_simulation, simulation_csv, simulation_summary
+    from mjsim.files import write_whole
+    from mjsim.workflow import machine_of
+
+    c = read_campaign(campaign, traces=False)
+    m = machine_of(c, machine)
+    known = [t.name for t in c.tests]
+    for name in names:
+        if name not in known:
+            raise InputError(f"{c.folder / 'campaign.toml'}: no test {name!r}; it has: {', '.join(known)}")
+    tests = [t for t in c.tests if not names or t.name in names]
+    targets = [out / f"{t.name}.csv" for t in tests] + ([] if no_plots else [out / f"{t.name}.png" for t in tests])
+    taken = [p for p in targets if p.exists()]
+    if taken and not force:
+        raise InputError(f"{taken[0]}: exists already; name another folder or give --force to replace it")
+    with common.progress_bar(quiet) as progress:
+        count = [0]
+
+        def done(_) -> None:
+            count[0] += 1
+            progress("simulating", count[0], len(tests))
+
+        progress("simulating", 0, len(tests))
+        results = simulate(m, tests, common.cores(threads), done)
+        for i, s in enumerate(results):
+            progress("writing", i, len(results))
+            write_whole(out / f"{s.test.name}.csv", simulation_csv(s), force=force)
+            if not no_plots:
+                polar_of_simulation(s, out / f"{s.test.name}.png")
+    summary = simulation_summary(results)
+    if as_json:
+        common.print_json({"campaign": c.name, "machine": m.name, "out": str(out), "tests": summary})
+        return
+    common.table(
+        ["test", "duration s", "G µm", "max µm", "min µm"],
+        [[r["name"], f"{r['duration_s']:.1f}", f"{r['circular_error_um']:.2f}" if "circular_error_um" in r else "–", f"{r['max_um']:.2f}", f"{r['min_um']:.2f}"] for r in summary],
+    )
+    common.say(f"written to {out}", quiet)

@@ -1,0 +1,64 @@
+"""The hidden-effect walk-through: compare, diagnose, add, watch the error fall, report."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from mjsim import ladder
+from mjsim.campaign.files import read_campaign
+from mjsim.compare import Comparison, Progress, silent
+from mjsim.diagnose import Diagnosis, diagnose
+from mjsim.errors import InputError
+from mjsim.files import write_whole
+from mjsim.machine.files import read_machine, write_machine
+from mjsim.resources import examples
+
+EXAMPLE = "hidden-backlash"
+
+
+@dataclass(frozen=True)
+class Demo:
+    """What the walk-through produced: the working copy, the diagnosis, the ladder and the report."""
+
+    folder: Path
+    diagnosis: Diagnosis
+    steps: list[ladder.Step]
+    report: Path
+
+
+def prepare(out: Path) -> Path:
+    """A working copy of the example in ``out``.
+
+    Raises:
+        InputError: ``out`` exists and is no folder that an earlier walk-through has made.
+    """
+    marker = out / ".mjsim-demo"
+    if out.exists():
+        if not marker.is_file() and any(out.iterdir() if out.is_dir() else [out]):
+            raise InputError(f"{out}: exists already and was not made by mjsim demo; name another folder with --out")
+        shutil.rmtree(out)
+    shutil.copytree(examples() / EXAMPLE, out, ignore=shutil.ignore_patterns("heldout"))
+    marker.write_text("made by mjsim demo; it may be replaced by the next one\n")
+    return out
+
+
+def run(out: Path, threads: int = 2, progress: Progress = silent) -> Demo:
+    """Run the walk-through in ``out``."""
+    from mjsim.report.build import build_report
+
+    folder = prepare(out)
+    campaign = read_campaign(folder)
+    machine = read_machine(campaign.machine_file)
+    result = diagnose(campaign, machine, threads=threads, progress=progress)
+    rungs: list[tuple[str, str, Comparison]] = [("start", "", result.before)]
+    rungs += [("add", e.effect.id, c) for e, c in zip(result.effects, result.rungs[1:], strict=True)]
+    original = campaign.machine_file
+    steps = [ladder.step_of(action, effect, original, c) for action, effect, c in rungs]
+    ladder.record(campaign, steps)
+    write_machine(result.machine, original, original, force=True)
+    progress("writing the report", 0, 1)
+    report = folder / "report.html"
+    write_whole(report, build_report(result, steps), force=True)
+    return Demo(folder, result, steps, report)

@@ -1,0 +1,166 @@
+"""Which physical effects are missing from a machine's model, with honest confidence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mjsim.campaign.model import Campaign, Test
+from mjsim.compare import Comparison, Progress, overlay, silent
+from mjsim.effects.base import Effect
+from mjsim.engine.plant import build
+from mjsim.engine.simulate import simulate
+from mjsim.errors import InputError
+from mjsim.inference.fit import Fitter, with_effects
+from mjsim.inference.problem import Problem
+from mjsim.inference.search import Search, Searcher
+from mjsim.inference.signatures import Projector
+from mjsim.inference.testability import not_testable
+from mjsim.inference.unknown import Unexplained, look_for_unknown
+from mjsim.machine.model import Machine
+from mjsim.units import UM
+
+
+@dataclass(frozen=True)
+class DiagnosedEffect:
+    """One missing effect.
+
+    Attributes:
+        effect: with fitted parameters. free: names of the fitted ones. ci95: [low, high] per fitted parameter, file units.
+        rms_before, rms_after: of all tests, m, along the ladder of the effects found. alternatives: ids that the data cannot tell
+        from this one. tests: where it shows.
+    """
+
+    effect: Effect
+    free: tuple[str, ...]
+    ci95: dict
+    rms_before: float
+    rms_after: float
+    alternatives: tuple[str, ...]
+    tests: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Result of :func:`diagnose`. ``machine`` has the effects and the calibrated data sheet in it; ``before``, ``after`` are the
+    full comparisons of the machine as given and of the fitted one, ``rungs`` those of the ladder between them (one effect more
+    each; the last has the calibrated data sheet as well)."""
+
+    campaign: Campaign
+    verdict: str
+    noise: float
+    effects: tuple[DiagnosedEffect, ...]
+    unexplained: Unexplained | None
+    not_testable: tuple[str, ...]
+    machine: Machine
+    before: Comparison
+    after: Comparison
+    rungs: tuple[Comparison, ...] = ()
+    next_test: dict | None = None
+    trail: list = field(default_factory=list)
+
+    def to_json(self) -> dict:
+        """The JSON of ``mjsim diagnose``: µm, degrees and the units of the parameters' names."""
+        return {
+            "verdict": self.verdict,
+            "noise_um": _r(self.noise / UM),
+            "rms_before_um": _r(self.before.rms / UM),
+            "rms_after_um": _r(self.after.rms / UM),
+            "effects": [
+                {
+                    "id": e.effect.id,
+                    "parameters": {k: _sig(v) for k, v in e.effect.values.items()},
+                    "ci95": {k: _sig(v) for k, v in e.ci95.items()},
+                    "rms_before_um": _r(e.rms_before / UM),
+                    "rms_after_um": _r(e.rms_after / UM),
+                    "alternatives": list(e.alternatives),
+                    "tests": list(e.tests),
+                }
+                for e in self.effects
+            ],
+            "unexplained": self.unexplained.to_json() if self.unexplained else None,
+            "not_testable": list(self.not_testable),
+            "next_test": self.next_test,
+        }
+
+
+def _r(x: float) -> float:
+    return round(float(x), 4)
+
+
+def _sig(v):
+    if isinstance(v, (list, tuple)):
+        return [_sig(x) for x in v]
+    return float(f"{v:.6g}") if isinstance(v, (int, float)) else v
+
+
+def diagnose(campaign: Campaign, machine: Machine, max_effects: int = 5, threads: int = 2, progress: Progress = silent) -> Diagnosis:
+    """Find what is missing.
+
+    The search runs on the drives' motions; every error that is reported comes from the full multibody simulation.
+
+    Args:
+        max_effects: at most so many different effects.
+
+    Raises:
+        InputError: no measured test.
+    """
+    if not campaign.measured:
+        raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; a diagnosis needs measured tests")
+    progress("preparing", 0, 1)
+    problem = Problem(campaign, machine, threads)
+    fitter = Fitter(problem, machine)
+    search = Searcher(fitter, progress).run(max_effects)
+    unexplained, search = look_for_unknown(problem, fitter, search, progress)
+
+    def simulated(m: Machine, stage: str) -> Comparison:
+        count = [0]
+
+        def done(_: Test) -> None:
+            count[0] += 1
+            progress(stage, count[0], len(problem.tests))
+
+        return overlay(problem, m, simulate(m, problem.tests, threads, done))
+
+    before = simulated(machine, "simulating the machine as given")
+    ladder = [before]
+    for i in range(1, len(search.found)):
+        part = with_effects(machine, [_effect(search, f.id) for f in search.found[:i]])
+        ladder.append(simulated(part, f"simulating with {i} effect{'s' if i > 1 else ''}"))
+    final = search.fit.machine
+    after = simulated(final, "simulating the fitted machine")
+    ladder.append(after)
+    effects = []
+    for i, f in enumerate(search.found):
+        at = next(j for j, g in enumerate(search.fit.effects) if g.effect.id == f.id)
+        free = search.fit.effects[at]
+        block = search.fit.block(at)
+        ci = free.interval(free.vector, search.fit.covariance[block, block])
+        effects.append(
+            DiagnosedEffect(free.effect, free.names, ci, ladder[i].rms, ladder[i + 1].rms, tuple(f.alternatives), _where(problem, search, at))
+        )
+    if effects:
+        verdict = "ambiguous" if any(e.alternatives for e in effects) else "identified"
+    else:
+        verdict = "unknown" if unexplained else "nothing_found"
+    hidden = not_testable(Projector(search.start), search.bank)
+    named = {e.effect.id for e in effects} | {a for e in effects for a in e.alternatives}
+    return Diagnosis(
+        campaign, verdict, problem.noise.rms, tuple(effects), unexplained, tuple(h for h in hidden if h not in named), final, before, after,
+        tuple(ladder), trail=search.trail,
+    )
+
+
+def _effect(search: Search, effect_id: str) -> Effect:
+    return next(f.effect for f in search.fit.effects if f.effect.id == effect_id)
+
+
+def _where(problem: Problem, search: Search, index: int) -> tuple[str, ...]:
+    """Tests in which an effect's part of the reading stands out of the noise (RMS above a quarter of it)."""
+    machine = search.fit.machine.without(search.fit.effects[index].effect.key)
+    original = search.fit.base.effect(search.fit.effects[index].effect.key)
+    if original is not None:
+        machine = machine.with_effect(original)
+    parts = problem.difference(problem.readings(build(machine)), search.fit.readings, search.fit.nuisance)
+    return tuple(t.name for t, d in zip(problem.tests, parts, strict=True) if np.std(d) > 0.25 * problem.noise.rms)

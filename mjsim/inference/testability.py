@@ -1,0 +1,29 @@
+"""Testability first: which effects this campaign could show at all."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mjsim.inference.signatures import Projector, SignatureBank
+
+#: An effect is testable when three standard deviations of its leading parameter stay below this many typical sizes.
+LIMIT = 10.0
+
+
+def detection_limits(projector: Projector, bank: SignatureBank) -> dict[str, float]:
+    """Three standard deviations of every effect's leading size, in typical sizes, with everything else free (best seed)."""
+    limits: dict[str, float] = {}
+    cross = projector.design.T @ bank.matrix
+    reduced = projector.covariance @ cross
+    for c, s, own in zip(bank.candidates, bank.slices, bank.own, strict=True):
+        left = np.diag(own - cross[:, s].T @ reduced[:, s])
+        # beyond a ten-millionth of the signature's power nothing but rounding is left
+        power = float(np.max(np.where(left > 1e-7 * np.diag(own), left, 0.0))) if len(left) else 0.0
+        limit = 3.0 / np.sqrt(power) if power > 0 else np.inf
+        limits[c.id] = min(limit, limits.get(c.id, np.inf))
+    return limits
+
+
+def not_testable(projector: Projector, bank: SignatureBank) -> list[str]:
+    """Ids that the set-up, the axes that move, or the other parameters hide in this campaign."""
+    return sorted(i for i, limit in detection_limits(projector, bank).items() if limit > LIMIT)

@@ -1,0 +1,80 @@
+"""The ladder: every model that was tried on a campaign, its effects and its error per test."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from mjsim import files
+from mjsim.campaign.model import Campaign
+from mjsim.compare import Comparison
+from mjsim.errors import InputError
+from mjsim.machine.files import machine_document
+from mjsim.machine.model import Machine
+from mjsim.units import UM
+
+
+@dataclass(frozen=True)
+class Step:
+    """One model: ``action`` (start, add, remove), the effect it was about, all effect keys, errors in µm (RMS, over all and per test)."""
+
+    action: str
+    effect: str
+    machine_file: str
+    effects: tuple[str, ...]
+    rms_um: float
+    noise_um: float
+    tests: dict[str, float]
+
+    @property
+    def label(self) -> str:
+        """``+ backlash.A``, ``- backlash.A`` or ``machine as given``."""
+        return {"add": f"+ {self.effect}", "remove": f"- {self.effect}"}.get(self.action, "machine as given")
+
+
+def history_file(campaign: Campaign) -> Path:
+    """Where the ladder is kept."""
+    return campaign.state_folder / "history.json"
+
+
+def read_history(campaign: Campaign) -> list[Step]:
+    """Steps recorded for a campaign, oldest first; empty when there are none.
+
+    Raises:
+        InputError: the file is damaged.
+    """
+    path = history_file(campaign)
+    if not path.is_file():
+        return []
+    try:
+        return [Step(**{**row, "effects": tuple(row["effects"])}) for row in json.loads(path.read_text())["steps"]]
+    except (ValueError, KeyError, TypeError, OSError):
+        raise InputError(f"{path}: not a history that mjsim has written; move it away to start a new one") from None
+
+
+def step_of(action: str, effect: str, machine_file: Path, comparison: Comparison) -> Step:
+    """A step from the comparison of the model that it led to."""
+    return Step(
+        action, effect, machine_file.name, tuple(e.key for e in comparison.machine.effects), round(comparison.rms / UM, 4),
+        round(comparison.noise / UM, 4), {t.test.name: round(t.rms / UM, 4) for t in comparison.tests},
+    )
+
+
+def record(campaign: Campaign, steps: list[Step]) -> None:
+    """Append steps; the first of them is dropped where the ladder already ends in the same model."""
+    have = read_history(campaign)
+    if have and steps and steps[0].action == "start" and have[-1].effects == steps[0].effects and have[-1].machine_file == steps[0].machine_file:
+        steps = steps[1:]
+    rows = [{**vars(s), "effects": list(s.effects)} for s in [*have, *steps]]
+    files.write_whole(history_file(campaign), json.dumps({"steps": rows}, indent=1), force=True)
+
+
+def save_machine(machine: Machine, path: Path, campaign: Campaign) -> None:
+    """Write the machine in place of ``path`` (comments and order kept); the former text is kept beside the history."""
+    text = machine_document(machine, path)
+    former = path.read_bytes()
+    folder = campaign.state_folder
+    number = 1 + sum(1 for _ in folder.glob(f"{path.stem}.*.toml")) if folder.is_dir() else 1
+    files.write_whole(folder / f"{path.stem}.{number:03d}.toml", former, force=True)
+    files.write_whole(path, text, force=True)

@@ -1,0 +1,130 @@
+"""What simulations and comparisons look like as files: CSV, plots, ladder."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from mjsim.compare import Comparison, Progress, TestComparison, silent
+from mjsim.engine.simulate import Simulation
+from mjsim.errors import InputError
+from mjsim.kinematics import AXES, LINEAR
+from mjsim.ladder import Step
+from mjsim.measure.iso230 import circular_figures, least_squares_circle
+from mjsim.nc.program import Program
+from mjsim.plots.ladder import LadderStep, ladder_figure
+from mjsim.plots.overview import overview_figure
+from mjsim.plots.polar import PolarTrace, polar_figure
+from mjsim.plots.residual import ResidualTrace, residual_figure
+from mjsim.plots.save import save
+from mjsim.units import DEG, MM, UM
+
+_SCALE = np.array([1 / MM if a in LINEAR else 1 / DEG for a in AXES])
+
+
+def simulation_csv(s: Simulation) -> str:
+    """One simulated test as CSV, every 5 ms: time_s, phi_deg, deviation_um, commanded and actual axis positions (mm, °)."""
+    units = ["mm" if a in LINEAR else "deg" for a in AXES]
+    header = ["time_s", "phi_deg", "deviation_um", *(f"{a}_command_{u}" for a, u in zip(AXES, units, strict=True)), *(f"{a}_actual_{u}" for a, u in zip(AXES, units, strict=True))]
+    data = np.column_stack([s.time, s.phi / DEG, s.deviation / UM, s.command * _SCALE, s.position * _SCALE])[::5]
+    text = io.StringIO()
+    np.savetxt(text, data, delimiter=",", header=",".join(header), comments="", fmt=["%.3f", "%.6f", "%.4f"] + ["%.7f"] * 10)
+    return text.getvalue()
+
+
+def _span(program: Program, time: np.ndarray) -> np.ndarray:
+    lo, hi = program.measured_span
+    return (time >= lo) & (time <= hi)
+
+
+def simulation_summary(results: list[Simulation]) -> list[dict]:
+    """Per test: duration, extremes and, for full circles, G (µm), over the part that would be measured."""
+    rows = []
+    for s in results:
+        program = Program(s.test)
+        keep = _span(program, s.time)
+        row = {"name": s.test.name, "duration_s": round(program.duration, 3)}
+        try:
+            if s.test.kind != "rotary":
+                row |= {k: round(v, 4) for k, v in asdict(circular_figures(s.phi[keep], s.deviation[keep])).items() if not isinstance(v, tuple)}
+        except InputError:
+            pass
+        rows.append(row | {"max_um": round(float(s.deviation[keep].max() / UM), 4), "min_um": round(float(s.deviation[keep].min() / UM), 4)})
+    return rows
+
+
+def conditions(test) -> str:
+    """One line that says how a test was run."""
+    x, y, z = (v / MM for v in test.table_ball)
+    where = f"table ball ({x:g}, {y:g}, {z:g}) mm, L = {test.length / MM:g} mm, F = {test.feed * 60 / MM:g} mm/min"
+    if test.kind == "cone_frustum":
+        return f"cone frustum θ = {test.half_apex / DEG:g}°, β = {test.inclination / DEG:g}°, {test.sensitive}, {test.direction}; {where}"
+    if test.kind == "circular":
+        return f"circle {test.plane}, {test.direction}; {where}"
+    return f"{test.axis} from {test.start / DEG:g}° to {test.stop / DEG:g}°, {test.sensitive}; {where}"
+
+
+def _centred(test, phi: np.ndarray, deviation: np.ndarray, valid: np.ndarray | None = None) -> np.ndarray:
+    """Deviation in µm without eccentricity (circles) or without its mean (partial arcs); invalid samples become gaps."""
+    good = np.ones(len(phi), bool) if valid is None else valid
+    try:
+        if test.kind == "rotary":
+            raise InputError("arc")
+        out = deviation - least_squares_circle(phi[good], deviation[good]).eccentricity_m(phi)
+    except InputError:
+        out = deviation - deviation[good].mean()
+    return np.where(good, out, np.nan) / UM
+
+
+def polar_of_simulation(s: Simulation, path: Path) -> None:
+    """Paper-style polar plot of one simulated test."""
+    keep = _span(Program(s.test), s.time)
+    phi = s.phi[keep][::5]
+    trace = PolarTrace("simulated", phi / DEG, _centred(s.test, phi, s.deviation[keep][::5]), "simulated", shift_deg=_shift(s.test))
+    save(polar_figure([trace], s.test.name, conditions(s.test)), path)
+
+
+def _shift(test) -> float:
+    return 0.0 if test.kind == "rotary" else 180.0
+
+
+def polar_traces(t: TestComparison) -> list[PolarTrace]:
+    """Measured and simulated trace of a compared test; both lose the eccentricity that the measured one has."""
+    out = []
+    for name in ("measured", "simulated"):
+        out.append(PolarTrace(name, t.phi / DEG, _centred(t.test, t.phi, getattr(t, name), t.valid), name, shift_deg=_shift(t.test)))
+    return out
+
+
+def residual_trace(t: TestComparison, noise: float) -> ResidualTrace:
+    """Residual of a compared test on angle, with axis reversals."""
+    return ResidualTrace(
+        t.test.name, t.phi / DEG, t.residual / UM, {a: list(p / DEG) for a, p in t.reversals.items()}, noise / UM, ~t.valid, _shift(t.test)
+    )
+
+
+def comparison_plots(result: Comparison, folder: Path, progress: Progress = silent) -> list[Path]:
+    """Polar plot per test, an overview, and the residuals; returns the files."""
+    files = []
+    total = len(result.tests) + 2
+    for i, t in enumerate(result.tests):
+        progress("plotting", i, total)
+        path = folder / f"{t.test.name}.png"
+        save(polar_figure(polar_traces(t), t.test.name, conditions(t.test)), path)
+        files.append(path)
+    progress("plotting", total - 2, total)
+    overview = folder / "overview.png"
+    save(overview_figure([(t.test.name, polar_traces(t)) for t in result.tests], title=f"{result.campaign.name}: measured and simulated"), overview)
+    progress("plotting", total - 1, total)
+    residual = folder / "residual.png"
+    title = f"{result.campaign.name}: residual {result.rms / UM:.3f} µm RMS, noise {result.noise / UM:.3f} µm"
+    save(residual_figure([residual_trace(t, result.noise) for t in result.tests], title=title), residual)
+    return [overview, residual, *files]
+
+
+def ladder_plot(steps: list[Step], path: Path) -> None:
+    """The error falling from model to model."""
+    save(ladder_figure([LadderStep(s.label, s.rms_um) for s in steps], steps[-1].noise_um, "Residual RMS of each model"), path)

@@ -1,0 +1,129 @@
+"""The commands as Python functions: ``add`` and ``remove`` an effect, with the ladder kept."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mjsim import ladder
+from mjsim.campaign.model import Campaign
+from mjsim.compare import Comparison, Progress, compare, silent
+from mjsim.effects import registry
+from mjsim.effects.base import Effect
+from mjsim.errors import InputError
+from mjsim.inference.fit import Fit, Fitter
+from mjsim.inference.free import FreeEffect
+from mjsim.inference.problem import Problem
+from mjsim.inference.search import Searcher
+from mjsim.inference.signatures import Candidate, Projector, SignatureBank
+from mjsim.inference.spectrum import pitch_candidates
+from mjsim.machine.files import read_machine
+from mjsim.machine.model import Machine
+
+
+@dataclass(frozen=True)
+class Change:
+    """What adding or removing an effect did: the effect, its 95 % intervals, and the comparisons before and after."""
+
+    effect: Effect
+    ci95: dict
+    before: Comparison
+    after: Comparison
+    machine: Machine
+
+
+def machine_of(campaign: Campaign, file: str | Path | None = None) -> Machine:
+    """The campaign's machine, or the one in ``file``."""
+    return read_machine(file if file is not None else campaign.machine_file)
+
+
+def resolve_effect(name: str, machine: Machine) -> tuple[type[Effect], list[str], str | None]:
+    """Class, possible subjects and source file of what the user names: a built-in id, or the path of an effect file."""
+    if name.endswith(".py"):
+        cls = registry.load_file(Path(name))
+        return cls, list(cls.subjects), name
+    cls, subject = registry.effect_class(name)
+    return cls, [subject], machine.effect_files.get(name)
+
+
+def add(campaign: Campaign, effect: str, machine_file: str | Path | None = None, threads: int = 2, progress: Progress = silent, record: bool = True) -> Change:
+    """Fit an effect to the campaign and put it into the machine file.
+
+    The drives' data sheet is calibrated inside its tolerances during the fit, but not written: the file gets the effect only.
+
+    Args:
+        effect: id of the catalogue, or path of a Python file with one effect. record: write machine file and history.
+
+    Raises:
+        InputError: unknown effect, or one that this campaign cannot show.
+    """
+    machine = machine_of(campaign, machine_file)
+    cls, subjects, source = resolve_effect(effect, machine)
+    problem = Problem(campaign, machine, threads)
+    fitter = Fitter(problem, machine)
+    progress("fitting", 0, 1)
+    best = min((_fitted(problem, fitter, cls, s) for s in subjects), key=lambda f: f.objective)
+    free = best.effects[-1]
+    if source is not None:
+        name = str(Path(source).resolve())
+        machine = replace(machine, effect_files={**machine.effect_files, free.effect.id: name})
+    before = compare(campaign, machine, threads, progress, problem)
+    fitted = machine.with_effect(free.effect)
+    after = compare(campaign, fitted, threads, progress, problem)
+    block = best.block(len(best.effects) - 1)
+    change = Change(free.effect, free.interval(free.vector, best.covariance[block, block]), before, after, fitted)
+    if record:
+        _record(campaign, "add", change, Path(machine.path))
+    return change
+
+
+def remove(campaign: Campaign, effect: str, machine_file: str | Path | None = None, threads: int = 2, progress: Progress = silent) -> Change:
+    """Take an effect out of the machine file again.
+
+    Raises:
+        InputError: the machine does not have it.
+    """
+    machine = machine_of(campaign, machine_file)
+    present = machine.effect(effect)
+    if present is None:
+        have = ", ".join(e.key for e in machine.effects) or "none"
+        raise InputError(f"{machine.path}: has no effect {effect!r}; it has: {have}")
+    problem = Problem(campaign, machine, threads)
+    before = compare(campaign, machine, threads, progress, problem)
+    without = machine.without(present.key)
+    after = compare(campaign, without, threads, progress, problem)
+    change = Change(present, {}, before, after, without)
+    _record(campaign, "remove", change, Path(machine.path))
+    return change
+
+
+def _record(campaign: Campaign, action: str, change: Change, path: Path) -> None:
+    ladder.read_history(campaign)  # a damaged history stops us before anything is written
+    ladder.save_machine(change.machine, path, campaign)
+    ladder.record(campaign, [ladder.step_of("start", "", path, change.before), ladder.step_of(action, change.effect.id, path, change.after)])
+
+
+def _fitted(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str) -> Fit:
+    """Best fit of one effect over its starting points."""
+    start = fitter.fit([], exact=False)
+    bank = SignatureBank(problem, start)
+    searcher = Searcher(fitter)
+    effect_id = f"{cls.kind}.{subject}"
+    if cls.scanned:
+        fit, base = None, start
+        for _ in range(12):
+            rows = [(*Projector(base).gain(columns), c) for c, columns in pitch_candidates(problem, base, bank, subject)]
+            gain, x, candidate = max(rows, key=lambda r: r[0])
+            if fit is not None and gain < 40.0:
+                break
+            base = fit = fitter.fit(searcher.grown(base, candidate, x), start=base, exact=False)
+        return fitter.fit(fit.effects, start=fit)
+    present = fitter.machine.effect(effect_id)
+    names = cls.free_of(subject)
+    seeds = [Candidate(present, names)] if present else [Candidate(cls(subject, **v), names) for v in cls.seeds(subject)]
+    bank.compute(seeds)
+    if not bank.matrix.any():
+        raise InputError(f"effect {effect_id} does not change any reading of this campaign; nothing to fit (which axes move in its tests?)")
+    gain, x, candidate = Projector(start).screen(bank)[0]
+    trial = fitter.fit(searcher.grown(start, candidate, x), start=start, exact=False)
+    return fitter.fit(trial.effects, start=trial)
