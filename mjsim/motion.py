@@ -43,13 +43,15 @@ class TestMotion:
     """Motor-side motions of one test, computed per axis on demand and kept for the drives used last.
 
     Attributes:
-        test: the test. time: (n,) s. commands: (n, 5) without delays, m and rad.
+        test: the test. keep: motions kept per axis. substeps: drive sub-steps per step (one is good to some nm, for searching).
+        time: (n,) s. commands: (n, 5) without delays, m and rad.
     """
 
     __test__ = False
 
     test: Test
     keep: int = 3
+    substeps: int = SUBSTEPS
 
     def __post_init__(self) -> None:
         self.program = Program(self.test)
@@ -69,26 +71,31 @@ class TestMotion:
             out = np.ascontiguousarray(r)  # an axis that never moves stays: the integrator holds gravity
         else:
             out = np.empty(len(self.time))
-            run(discretise(drive, STEP / SUBSTEPS), np.ascontiguousarray(r), STEP / SUBSTEPS, SUBSTEPS, out)
+            run(discretise(drive, STEP / self.substeps), np.ascontiguousarray(r), STEP / self.substeps, self.substeps, out)
         kept[key] = out
         while len(kept) > self.keep:
             kept.popitem(last=False)
         return out
 
-    def load(self, plant: Plant) -> np.ndarray:
-        """Load-side axis positions (n, 5 or 9), m and rad; columns 5 to 8 are the table's error motion."""
-        q = np.zeros((len(self.time), plant.width))
-        for i, a in enumerate(AXES):
-            q[:, i] = self.motor(a, plant.axes[a])
+    def load(self, plant: Plant, every: int = 1) -> np.ndarray:
+        """Load-side axis positions (n, 5 or 9), m and rad, at every ``every``-th instant.
+
+        Columns 5 to 8 are the table's error motion. Operations with a memory see every instant.
+        """
         ops = plant.op_table()
+        fine = 1 if plant.has_memory else every
+        time = self.time[::fine]
+        q = np.zeros((len(time), plant.width))
+        for i, a in enumerate(AXES):
+            q[:, i] = self.motor(a, plant.axes[a])[::fine]
+        clock = self.test.started + time
         if len(ops):
-            q = transmit(ops, q, self.test.started + self.time)
+            q = transmit(ops, q, clock)
         if plant.python_effects:
-            motion = Motion(self.time, self.test.started + self.time, q, np.gradient(q, STEP, axis=0))
+            motion = Motion(time, clock, q[:, :5], np.gradient(q[:, :5], time, axis=0))
             q[:, :5] += sum(e.position_error(motion) for e in plant.python_effects)
-        return q
+        return np.ascontiguousarray(q[:: every // fine])
 
     def reading(self, plant: Plant, every: int = 1) -> np.ndarray:
         """Ball-bar reading in m at every ``every``-th instant."""
-        q = self.load(plant)[::every]
-        return reading(q, np.asarray(self.test.table_ball), self.test.length, plant.geometry)
+        return reading(self.load(plant, every), np.asarray(self.test.table_ball), self.test.length, plant.geometry)

@@ -16,7 +16,7 @@ from mjsim.inference.free import FreeEffect
 from mjsim.inference.problem import Problem
 from mjsim.inference.search import Searcher
 from mjsim.inference.signatures import Candidate, Projector, SignatureBank
-from mjsim.inference.spectrum import pitch_candidates
+from mjsim.inference.spectrum import spectral_candidates
 from mjsim.machine.files import read_machine
 from mjsim.machine.model import Machine
 
@@ -112,7 +112,7 @@ def _fitted(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str) -
     if cls.scanned:
         fit, base = None, start
         for _ in range(12):
-            rows = [(*Projector(base).gain(columns), c) for c, columns in pitch_candidates(problem, base, bank, subject)]
+            rows = [(*Projector(base).gain(w), c) for c, w in spectral_candidates(problem, base, bank, subject) if c.effect.kind == cls.kind]
             gain, x, candidate = max(rows, key=lambda r: r[0])
             if fit is not None and gain < 40.0:
                 break
@@ -121,6 +121,8 @@ def _fitted(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str) -
     present = fitter.machine.effect(effect_id)
     names = cls.free_of(subject)
     seeds = [Candidate(present, names)] if present else [Candidate(cls(subject, **v), names) for v in cls.seeds(subject)]
+    if not seeds:
+        seeds = [c for c, _ in spectral_candidates(problem, start, bank, subject) if c.effect.kind == cls.kind]
     bank.compute(seeds)
     if not bank.matrix.any():
         raise InputError(f"effect {effect_id} does not change any reading of this campaign; nothing to fit (which axes move in its tests?)")

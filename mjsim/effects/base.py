@@ -6,6 +6,7 @@ A subclass names its parameters (unit in the name, bounds, the value that switch
 
 from __future__ import annotations
 
+import math
 from abc import ABC
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -83,6 +84,8 @@ class Effect(ABC):
     scanned: ClassVar[bool] = False
     #: Smallest departure of the leading parameter from neutral that makes sense as a cause of its own (assumed).
     least: ClassVar[float] = 0.0
+    #: Relative standard deviation that the data sheet allows the leading parameter: inside three of it there is no effect.
+    tolerance: ClassVar[float] = 0.0
 
     def __init__(self, subject: str, **values: Any) -> None:
         if subject not in self.subjects:
@@ -148,10 +151,10 @@ class Effect(ABC):
             number = isinstance(row, (list, tuple)) and len(row) == 3
             if not number or any(isinstance(x, bool) or not isinstance(x, (int, float)) for x in row):
                 raise InputError(f"effect {self.id}: component {row!r}; allowed: [order, amplitude, phase_deg], three numbers")
-            order, amplitude, _ = row
-            if not 0 < order <= 2000 or not abs(amplitude) <= p.upper:
+            order, amplitude, phase = row
+            if not 0 < order <= 2000 or not abs(amplitude) <= p.upper or not math.isfinite(phase):
                 raise InputError(
-                    f"effect {self.id}: component {list(row)!r} is out of bounds; allowed: order above 0 to 2000, amplitude up to {p.upper:g}"
+                    f"effect {self.id}: component {list(row)!r} is out of bounds; allowed: order above 0 to 2000, amplitude up to {p.upper:g}, finite phase"
                 )
             rows.append([float(x) for x in row])
         return rows

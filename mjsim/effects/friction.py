@@ -23,6 +23,7 @@ class Friction(Effect):
     source = "Canudas de Wit et al. 1995 (LuGre); paper section 2.2 (f in Fig. 2); σ1 assumed"
     signature = "A quadrant glitch at each reversal of the axis; its height grows with Tc, its length with the presliding angle."
     quasi_static = False
+    tolerance = 0.05
     free = ("coulomb_Nm",)
 
     def act(self, plant):

@@ -15,6 +15,7 @@ class ServoGain(Effect):
     source = "paper Fig. 2 (Kpp)"
     signature = "The axis lags differently from the others, by v/Kpp·(1 − 1/ratio): ellipses on circles, inward or outward bulges where it moves fast."
     quasi_static = False
+    tolerance = 0.0003
 
     def act(self, plant):
         plant.axes[self.subject].position_gain *= self.values["ratio"]

@@ -26,8 +26,8 @@ class TorqueRipple(Effect):
 
     @classmethod
     def seeds(cls, subject):
-        """Once per motor turn, and the usual pole and slot counts."""
-        return [{"amplitude_Nm": 0.05, "order": float(k)} for k in (1, 2, 3, 4, 5, 6, 8, 10, 12)]
+        """None: the order is found by the spectrum over the axis position."""
+        return []
 
     def act(self, plant):
         plant.axes[self.subject].ripple = (self.si("amplitude_Nm"), self.values["order"], math.radians(self.values["phase_deg"]))

@@ -15,6 +15,7 @@ class VelocityGain(Effect):
     source = "paper Fig. 2 (Kvp)"
     signature = "Quadrant glitches change by 1/ratio in height, much like a change of friction."
     quasi_static = False
+    tolerance = 0.02
 
     def act(self, plant):
         plant.axes[self.subject].velocity_gain *= self.values["ratio"]

@@ -15,6 +15,7 @@ class ViscousFriction(Effect):
     source = "paper Fig. 2 (C); ratio assumed"
     signature = "A following error that grows with the axis' speed and fades within Ti; barely visible while the integrator has time."
     quasi_static = False
+    tolerance = 0.1
 
     def act(self, plant):
         plant.axes[self.subject].viscous *= self.values["ratio"]

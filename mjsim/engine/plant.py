@@ -71,6 +71,11 @@ class Plant:
         """Columns of a motion: the five axes, and the table's error motion where an effect has one."""
         return 9 if any(op.out > 4 for op in self.ops) else 5
 
+    @property
+    def has_memory(self) -> bool:
+        """Whether an operation depends on the path so far (play, direction of motion), or an effect is the user's Python."""
+        return bool(self.python_effects) or any(op.code == PLAY or (op.code == SINE and op.parameters[3]) for op in self.ops)
+
     def add_op(self, stage: str, code: int, out: str, *parameters: float, source: str | None = None) -> None:
         """Append an operation; operations of one stage keep the order of the effects."""
         self.ops.append(Op(STAGES.index(stage), code, COLUMN[out], COLUMN[source or out], tuple(map(float, parameters))))

@@ -16,6 +16,7 @@ from mjsim.machine.model import Machine
 _STEP = 0.02  # of a parameter's typical size, for numerical derivatives
 #: Prior width of effect parameters in typical sizes: wide, it only keeps the equations regular.
 _WIDE = 1e3
+_TRIGGER_LIMIT = 5.0  # prior standard deviations
 
 
 @dataclass
@@ -137,7 +138,10 @@ class Fitter:
             v = f.vector
             effects.append(FreeEffect(f.at(v + step[at : at + len(v)]), f.names))
             at += len(v)
-        return replace(fit, effects=effects, nuisance=fit.nuisance + step[:n], tau=fit.tau + step[n : n + t])
+        nuisance = fit.nuisance + step[:n]
+        first = self.problem.layout.length + 1  # a model that fails badly must not drive the triggers out of their linear range
+        nuisance[first:] = np.clip(nuisance[first:], -_TRIGGER_LIMIT, _TRIGGER_LIMIT)
+        return replace(fit, effects=effects, nuisance=nuisance, tau=fit.tau + step[n : n + t])
 
     def _evaluate(self, fit: Fit, anchor: np.ndarray, exact: bool, sheet: list[np.ndarray]) -> None:
         p = self.problem
@@ -176,8 +180,9 @@ class Fitter:
         p = self.problem
         nuisance = p.whiten(p.nuisance_columns(fit.readings, fit.nuisance))
         effects = p.whiten(self.effect_columns(fit)) if fit.effects else np.zeros((len(nuisance), 0))
-        sheet = np.where(frozen, 0.0, sheet_white)
-        fit.design = np.hstack([nuisance, sheet, effects])
+        fit.design = np.hstack([nuisance, sheet_white, effects])
+        if frozen.any():
+            fit.design[:, len(fit.nuisance) + np.flatnonzero(frozen)] = 0.0
         n, t = len(fit.nuisance), len(fit.tau)
         prior = np.concatenate([np.ones(n + t), np.full(effects.shape[1], _WIDE**-2)])
         now = np.concatenate([fit.nuisance, fit.tau, np.zeros(effects.shape[1])])

@@ -59,18 +59,17 @@ class Problem:
     def __init__(self, campaign: Campaign, machine: Machine, threads: int = 2) -> None:
         self.campaign = campaign
         self.tests = campaign.measured
-        self.samples: list[Samples] = [make_samples(t, campaign.traces[t.name]) for t in self.tests]
+        self.samples: list[Samples] = make_samples(self.tests, campaign.traces)
         self.noise = estimate_noise(self.samples, campaign.instrument.resolution)
         self.layout = NuisanceLayout(tuple(dict.fromkeys(t.setup for t in self.tests)), tuple(t.name for t in self.tests))
-        self.threads = threads
-        self.motions = self.map(lambda k: TestMotion(self.tests[k]))
+        self._pool = ThreadPoolExecutor(threads)
+        self.motions = self.map(lambda k: TestMotion(self.tests[k], substeps=1))
         plant = build(machine)
-        self.sensitivity = self.map(lambda k: sensitivity(self.motions[k].load(plant)[::_EVERY, :5], np.asarray(self.tests[k].table_ball)))
+        self.sensitivity = self.map(lambda k: sensitivity(self.motions[k].load(plant, _EVERY)[:, :5], np.asarray(self.tests[k].table_ball)))
 
     def map(self, work: Callable[[int], object]) -> list:
         """``work(k)`` for every test on the problem's threads, in order."""
-        with ThreadPoolExecutor(self.threads) as pool:
-            return list(pool.map(work, range(len(self.tests))))
+        return list(self._pool.map(work, range(len(self.tests))))
 
     @property
     def count(self) -> int:

@@ -16,8 +16,9 @@ from mjsim.nc.paths import peripheral_radius
 
 #: Simulated readings are kept at this spacing, s (every fifth step; linear band far above the bar's).
 GRID = 5 * STEP
-#: Length of an averaging block, s.
-BLOCK = 0.010
+#: Length of an averaging block, s: at feeds up to SLOW, and above it.
+BLOCKS = (0.020, 0.010)
+SLOW = 1.5 / 60.0
 
 
 @dataclass
@@ -25,7 +26,7 @@ class Samples:
     """One test's trace in blocks.
 
     Attributes:
-        test: the test. time: (n,) s, all samples. value: (n,) m. valid: (n,) bool.
+        test: the test. block: length of a block, s. time: (n,) s, all samples. value: (n,) m. valid: (n,) bool.
         edges: (m + 1,) first sample of each block. centre: (m,) s. mean: (m,) m. good: (m,) bool.
     """
 
@@ -33,13 +34,14 @@ class Samples:
     time: np.ndarray
     value: np.ndarray
     valid: np.ndarray
+    block: float = BLOCKS[1]
     edges: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
         dt = float(np.median(np.diff(self.time)))
-        if dt < BLOCK:
-            block = np.floor((self.time - self.time[0]) / BLOCK + 0.5 * dt / BLOCK).astype(int)
-            self.edges = np.append(np.flatnonzero(np.diff(block, prepend=-1)), len(self.time))
+        if dt < self.block:
+            number = np.floor((self.time - self.time[0]) / self.block + 0.5 * dt / self.block).astype(int)
+            self.edges = np.append(np.flatnonzero(np.diff(number, prepend=-1)), len(self.time))
         else:
             self.edges = np.arange(len(self.time) + 1)
         self.centre, self.mean = self.average(self.time), self.average(self.value)
@@ -48,7 +50,7 @@ class Samples:
     def refresh(self) -> None:
         """Recompute which blocks are good after ``valid`` has changed."""
         self.good = np.logical_and.reduceat(self.valid, self.edges[:-1])
-        jump = np.diff(self.centre) > 1.6 * max(BLOCK, float(np.median(np.diff(self.centre))))
+        jump = np.diff(self.centre) > 1.6 * max(self.block, float(np.median(np.diff(self.centre))))
         self.segment = np.concatenate([[0], np.cumsum(jump)])
 
     def average(self, x: np.ndarray) -> np.ndarray:
@@ -96,9 +98,10 @@ def _interpolate_blocks(y, u, edges, out):
         out[b] = total / (edges[b + 1] - edges[b])
 
 
-def make_samples(test: Test, trace: Trace) -> Samples:
-    """Samples of one test."""
-    return Samples(test, trace.time, trace.deviation, trace.valid.copy())
+def make_samples(tests: tuple[Test, ...], traces: dict[str, Trace]) -> list[Samples]:
+    """Samples of all measured tests, in blocks of one length: short ones where a test runs fast."""
+    block = BLOCKS[0] if max(t.feed for t in tests) <= SLOW else BLOCKS[1]
+    return [Samples(t, traces[t.name].time, traces[t.name].deviation, traces[t.name].valid.copy(), block) for t in tests]
 
 
 @dataclass(frozen=True)
@@ -174,7 +177,7 @@ def half_differences(s: Samples) -> tuple[np.ndarray, np.ndarray]:
     return out[0], out[1]
 
 
-def estimate_noise(samples: list[Samples], resolution: float, order: int = 6) -> Noise:
+def estimate_noise(samples: list[Samples], resolution: float, order: int = 5) -> Noise:
     """Noise model of a campaign.
 
     Tests with two revolutions or more give half-differences; their median spectrum over the tests counts, so that one test with
@@ -182,7 +185,7 @@ def estimate_noise(samples: list[Samples], resolution: float, order: int = 6) ->
     """
     repeated = [s for s in samples if s.test.kind != "rotary" and s.test.revolutions >= 2]
     if not repeated:
-        ar = np.array([np.exp(-BLOCK / 0.05)])
+        ar = np.array([np.exp(-samples[0].block / 0.05)])
         rms = max(0.12e-6, resolution)
         return Noise(rms, 0.93 * rms, ar, 0.93 * rms * float(np.sqrt(1 - ar[0] ** 2)), "assumed: no test repeats its revolution")
     lags = np.arange(order + 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from mjsim.effects.base import Effect
 from mjsim.inference.fit import Fit, Fitter
 from mjsim.inference.free import FreeEffect
 from mjsim.inference.signatures import Candidate, Projector, SignatureBank, seeds
-from mjsim.inference.spectrum import pitch_candidates
+from mjsim.inference.spectrum import spectral_candidates
 from mjsim.kinematics import AXES
 
 #: Fall of the objective below which nothing is called an effect. Calibrated on simulated nulls (``scripts/calibrate_threshold``).
@@ -21,6 +21,8 @@ RIVAL = 12.0
 #: Price of one more free parameter when models are compared.
 PRICE = 8.0
 _SHORTLIST = 5
+#: Mean squared whitened residual below which a model counts as near; data-sheet moves (standard deviations) that an exact fit starts from.
+_NEAR, _FAR = 6.0, 2.0
 
 
 @dataclass
@@ -84,7 +86,7 @@ class Searcher:
         projector = Projector(fit)
         rows = projector.screen(bank)
         for axis in AXES:
-            for candidate, columns in pitch_candidates(self.problem, fit, bank, axis):
+            for candidate, columns in spectral_candidates(self.problem, fit, bank, axis):
                 rows.append((*projector.gain(columns), candidate))
         rows = [(g - PRICE * (len(FreeEffect(c.effect, c.names).vector) - 1), x, c) for g, x, c in rows]
         rows.sort(key=lambda r: -r[0])
@@ -103,15 +105,28 @@ class Searcher:
             return None
         shortlist = [r for r in rows if r[0] > 0.3 * rows[0][0]][:_SHORTLIST]
         best: Fit | None = None
-        for i, (_, x, c) in enumerate(shortlist):
+        for i, (gain, x, c) in enumerate(shortlist):
+            if best is not None and gain < 0.5 * (self._price(fit) - self._price(best)):
+                continue
             self.progress(f"model {len(fit.effects) + 1}: trying {c.id}", i, len(shortlist))
-            trial = self.fitter.fit(self.grown(fit, c, x), start=fit, exact=False)
+            trial = self.fitter.fit(self.grown(fit, c, x), start=fit, exact=False, iterations=4)
+            if not self._sensible(trial.effects[-1]):
+                continue
             trail.append({"effects": [f.effect.id for f in trial.effects], "objective": trial.objective})
             if best is None or self._price(trial) < self._price(best):
                 best = trial
         if best is None or self._price(fit) - self._price(best) < THRESHOLD - PRICE:
             return None
-        return self.fitter.fit(best.effects, start=best, exact=True)
+        return self._settled(best)
+
+    def _settled(self, fit: Fit, iterations: int = 6) -> Fit:
+        """Exact refit of a model that comes near the data; while effects are missing the data sheet would be driven far off."""
+        if fit.sum_squares > _NEAR * self.problem.count:
+            return fit
+        # a linearised data sheet that was moved far is a symptom of the linearisation: start exactly, and near the sheet
+        near = replace(fit, tau=np.clip(fit.tau, -_FAR, _FAR))
+        exact = self.fitter.fit(fit.effects, start=near, exact=True, iterations=iterations)
+        return exact if exact.objective < fit.objective + THRESHOLD else fit
 
     def grown(self, fit: Fit, c: Candidate, x: np.ndarray) -> list[FreeEffect]:
         """Free effects of ``fit`` and the candidate at its linear estimate ``x``."""
@@ -160,17 +175,38 @@ class Searcher:
 
     def _prune(self, fit: Fit) -> Fit:
         """Drop effects that the others have made unnecessary."""
-        while len(fit.effects) > 1:
+        while fit.effects:
             trials = []
             for i, f in enumerate(fit.effects):
+                if self._wald(fit, i) > 20 * THRESHOLD:
+                    continue
                 rest = [g for j, g in enumerate(fit.effects) if j != i]
-                trial = self.fitter.fit(rest, start=fit, exact=False)
+                trial = self._settled(self.fitter.fit(rest, start=fit, exact=False, iterations=4))
                 trials.append((self._price(trial) - self._price(fit), f, trial))
+            if not trials:
+                return fit
             loss, _, trial = min(trials, key=lambda t: t[0])
             if loss > THRESHOLD - PRICE:
                 return fit
-            fit = self.fitter.fit(trial.effects, start=trial, exact=True)
+            fit = self._settled(trial)
         return fit
+
+    def _wald(self, fit: Fit, index: int) -> float:
+        """Squared distance of an effect's linear entries from off, in standard deviations: a lower bound of what dropping it costs."""
+        f = fit.effects[index]
+        block = fit.block(index)
+        v = f.vector
+        present = self.fitter.machine.effect(f.effect.key)
+        if present is not None:
+            d = v - FreeEffect(present, f.names).vector if len(FreeEffect(present, f.names).vector) == len(v) else v
+            keep = list(range(len(v)))
+        elif f.polar or f.effect.scanned:
+            d, keep = v, list(range(len(v) if f.effect.scanned else 2))
+        else:
+            keep = [i for i, n in enumerate(f.names) if f.specs[n].neutral is not None]
+            d = v - np.array([(f.specs[n].neutral or 0.0) / f.specs[n].scale for n in f.names])
+        c = fit.covariance[block, block][np.ix_(keep, keep)]
+        return float(d[keep] @ np.linalg.solve(c, d[keep]))
 
     def _rivals(self, fit: Fit, bank: SignatureBank) -> tuple[Fit, list[Found]]:
         """For every effect: its contribution, and the catalogue entries that do as well in its place (a better one takes it)."""
@@ -193,7 +229,7 @@ class Searcher:
                 names = self.grown(without, c, x)
                 trial = self.fitter.fit(names, start=without, exact=False)
                 if self._price(trial) < self._price(fit) + max(10 * RIVAL, 0.05 * gain):
-                    trial = self.fitter.fit(trial.effects, start=trial, exact=True, iterations=3)
+                    trial = self._settled(trial)
                 if any(not self._sensible(f) for f in trial.effects):
                     continue
                 if self._price(trial) < self._price(fit) + RIVAL:
@@ -208,10 +244,13 @@ class Searcher:
             index += 1
         return fit, sorted(found.values(), key=lambda f: -f.gain)
 
-    @staticmethod
-    def _sensible(free: FreeEffect) -> bool:
+    def _sensible(self, free: FreeEffect) -> bool:
+        """Whether a fitted effect is large enough to be a cause of its own, and outside what the data sheet allows anyway."""
         effect: Effect = free.effect
-        if not effect.least:
+        p = next((p for p in effect.parameters_of(effect.subject) if p.neutral is not None), None)
+        if p is None:
             return True
-        p = next(p for p in effect.parameters_of(effect.subject) if p.neutral is not None)
-        return abs(effect.values[p.name] - p.neutral) >= effect.least
+        present = self.fitter.machine.effect(effect.key)
+        origin = present.values[p.name] if present else p.neutral
+        departure = abs(effect.values[p.name] - origin)
+        return departure >= effect.least and departure >= 3.0 * effect.tolerance * abs(origin)

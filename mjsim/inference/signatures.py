@@ -63,7 +63,7 @@ class SignatureBank:
     def __init__(self, problem: Problem, fit: Fit) -> None:
         self.problem, self.fit = problem, fit
         self.plant = build(fit.machine)
-        self.loads = problem.map(lambda k: np.ascontiguousarray(problem.motions[k].load(self.plant)[::_EVERY]))
+        self.loads = problem.map(lambda k: np.ascontiguousarray(problem.motions[k].load(self.plant, _EVERY)))
         self.base_readings = problem.readings(self.plant)
         self.candidates: list[Candidate] = []
         self.matrix = np.zeros((problem.count, 0))

@@ -55,23 +55,27 @@ def orders(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: in
     return [int(n) for n in number[np.argsort(-gains, kind="stable")[:count]]]
 
 
-def pitch_candidates(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: int = 4) -> list[tuple[Candidate, np.ndarray]]:
-    """One candidate per promising order of one axis with its whitened columns (count, 2): sine and cosine, per typical size.
+def spectral_candidates(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: int = 4) -> list[tuple[Candidate, np.ndarray]]:
+    """Candidates whose order is read off the spectrum of one axis, with whitened columns (count, 2): sine and cosine, per typical size.
 
-    Orders already in the model are left out.
+    Pitch errors at the ``count`` best orders, and a torque ripple at the best one: both make a wave of the axis position, but the
+    drive passes a torque on differently at different speeds.
     """
     cls, subject = registry.effect_class(f"pitch_error.{axis}")
-    present = next((e for e in fit.machine.effects if e.key == f"pitch_error.{axis}"), None)
-    have = {round(c[0]) for c in present.values["components"]} if present else set()
+    have = {round(c[0]) for e in fit.machine.effects if e.id == f"pitch_error.{axis}" for c in e.values["components"]}
+    scale = cls.parameters_of(subject)[0].scale
+    found = orders(problem, fit, bank, axis, count + len(have))
     out = []
-    for order in orders(problem, fit, bank, axis, count + len(have)):
-        if order in have:
-            continue
-        scale = cls.parameters_of(subject)[0].scale
+    for order in (n for n in found if n not in have):
         sides = []
         for phase in (0.0, 90.0):
             effect = cls(subject, components=[[float(order), 0.05 * scale, phase]])
             sides.append([d / 0.05 for d in bank.position_changes(effect)])
         columns = problem.whiten([np.column_stack(pair) for pair in zip(*sides, strict=True)])
         out.append((Candidate(cls(subject, components=[[float(order), scale, 0.0]]), ("components",)), columns))
+    ripple, _ = registry.effect_class(f"torque_ripple.{axis}")
+    if found and not fit.machine.effect(f"torque_ripple.{axis}"):
+        per_motor_turn = found[0] if axis not in ROTARY else found[0] / fit.base.drives[axis].gear
+        seed = Candidate(ripple(subject, amplitude_Nm=ripple.parameters[0].scale, order=float(per_motor_turn)), ripple.free)
+        out.append((seed, problem.whiten(bank.columns(seed))))
     return out

@@ -1,0 +1,117 @@
+"""Shared fixtures: the two example machines, the paper's tests, the numbers that the paper prints."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mjsim.campaign.model import Test
+from mjsim.kinematics import AXES
+from mjsim.machine.files import read_machine
+from mjsim.resources import examples
+
+DEG = np.pi / 180.0
+#: Machine name -> the example campaign that brings it.
+MACHINES = {"M1": "hidden-backlash", "M2": "two-candidates"}
+
+
+def _read(name):
+    machine = read_machine(examples() / MACHINES[name] / "machine.toml")
+    assert machine.name == name
+    return machine
+
+
+@pytest.fixture(scope="session")
+def m1():
+    """The machine of most examples: leads of 10 mm, worms of 60 and 72 teeth, Kpp 45/s, friction on every axis."""
+    return _read("M1")
+
+
+@pytest.fixture(scope="session")
+def m2():
+    """A stiffer machine with other gears: leads of 16 and 12 mm, worms of 90 and 120 teeth, Kpp 60/s."""
+    return _read("M2")
+
+
+@pytest.fixture(scope="session", params=tuple(MACHINES))
+def machine(request):
+    """Both machines in turn."""
+    return _read(request.param)
+
+
+@pytest.fixture(scope="session")
+def bare():
+    """A function that takes every effect out of a machine."""
+
+    def strip(machine):
+        for effect in machine.effects:
+            machine = machine.without(effect.key)
+        return machine
+
+    return strip
+
+
+@pytest.fixture(scope="session")
+def paper():
+    """The numbers that the paper prints, with their tolerances."""
+    return tomllib.loads((Path(__file__).parent / "paper-numbers.toml").read_text())
+
+
+@pytest.fixture(scope="session")
+def cone():
+    """``cone(theta_deg, beta_deg, ball_mm, feed=mm/min, **fields)``: a cone-frustum test with the paper's bar of 100 mm."""
+
+    def make(theta, beta, ball, feed=1000.0, **fields):
+        fields = {"name": f"cone{theta:g}", "revolutions": 1, **fields}
+        return Test(
+            kind="cone_frustum", table_ball=tuple(x / 1e3 for x in ball), length=0.1, feed=feed / 60e3, half_apex=theta * DEG,
+            inclination=beta * DEG, **fields,
+        )
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def circle():
+    """``circle(plane, ball_mm, feed=mm/min, **fields)``: a two-axis circular test."""
+
+    def make(plane, ball, feed=1000.0, **fields):
+        fields = {"name": f"circle-{plane}", "revolutions": 1, **fields}
+        return Test(kind="circular", table_ball=tuple(x / 1e3 for x in ball), length=0.1, feed=feed / 60e3, plane=plane, **fields)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def turn():
+    """``turn(axis, from_deg, to_deg, ball_mm, sensitive, feed=mm/min, **fields)``: one rotary axis turning."""
+
+    def make(axis, start, stop, ball, sensitive="tangential", feed=1000.0, **fields):
+        fields = {"name": f"rotary-{axis}", "revolutions": 1, **fields}
+        return Test(
+            kind="rotary", table_ball=tuple(x / 1e3 for x in ball), length=0.1, feed=feed / 60e3, axis=axis, sensitive=sensitive,
+            start=start * DEG, stop=stop * DEG, direction="CCW" if stop > start else "CW", **fields,
+        )
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def away_from_reversals():
+    """``away(time, command)``: which instants lie more than 50 ms from every reversal of an axis, (n,) bool.
+
+    Reversals are those of the commands (n, 5). The motors follow one lag (some 20 ms) later, so the exclusion reaches from 50 ms
+    before the command's reversal to 50 ms after the motor's.
+    """
+
+    def away(time, command, margin=0.05, lag=0.03):
+        clear = np.ones(len(time), bool)
+        for k in range(len(AXES)):
+            v = np.diff(command[:, k])
+            moving = np.flatnonzero(np.abs(v) > 1e-12)
+            for i in moving[1:][np.diff(np.sign(v[moving])) != 0]:
+                clear &= (time < time[i] - margin) | (time > time[i] + lag + margin)
+        return clear
+
+    return away

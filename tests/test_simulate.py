@@ -1,0 +1,285 @@
+"""The multibody simulation: equal to the independent axes, the same on every run, with inertias that add up."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjsim.campaign.files import read_campaign
+from mjsim.effects import registry
+from mjsim.effects.base import Effect, Parameter
+from mjsim.effects.registry import make
+from mjsim.engine import callback, mjmodel
+from mjsim.engine.drive import STEP, SUBSTEPS
+from mjsim.engine.plant import STAGES, VIBRATE, build
+from mjsim.engine.simulate import _prepare, simulate
+from mjsim.errors import SimulationError
+from mjsim.kinematics import AXES
+from mjsim.motion import TestMotion
+from mjsim.resources import examples
+
+FEED = 6000.0
+
+
+def loaded(machine):
+    """A machine with effects of every sort in it: drive, transmission with and without memory, geometry, table's error motion."""
+    for effect in (
+        make("servo_gain.C", ratio=1.03),
+        make("servo_delay.Y", delay_ms=0.7),
+        make("velocity_feedforward.X", ratio=0.2),
+        make("torque_ripple.A", amplitude_Nm=0.05, order=4),
+        make("backlash.A", width_deg=0.002),
+        make("backlash.X", width_um=3.0),
+        make("pitch_error.A", components=[[60, 1.5e-3, 20.0]], direction="CW"),
+        make("pitch_error.C", components=[[72, 2.5e-3, 20.0], [360, 5e-4, 0.0]]),
+        make("worm_wear.C", depth_deg=2e-3, centre_deg=140.0, width_deg=9.0),
+        make("gravity_windup.A", amplitude_deg=1e-3, phase_deg=10.0),
+        make("scale_error.Y", ppm=40.0),
+        make("straightness.EYX", quadratic_um=3.0, cubic_um=-2.0),
+        make("squareness.XY", angle_urad=40.0),
+        make("axis_location.EX0C", value_um=30.0),
+        make("axis_location.EB0A", value_urad=-50.0),
+        make("thermal_drift.Y", amplitude_um=8.0, time_constant_s=60.0),
+    ):
+        machine = machine.with_effect(effect)
+    return machine
+
+
+def wobbling(machine):
+    """With the rotary table's error motion as well, which has joints of its own."""
+    machine = machine.with_effect(make("radial_error_motion.C", amplitude_um=4.0, order=2, phase_deg=30.0))
+    return machine.with_effect(make("tilt_error_motion.C", amplitude_urad=40.0, order=-3, phase_deg=70.0))
+
+
+@pytest.fixture(scope="module")
+def tests(cone, circle, turn):
+    return [
+        cone(15, 10, (50, 20, 155), FEED, name="cone", started=10.0),
+        cone(45, 30, (0, -80, 155), FEED, name="cone45", sensitive="parallel", direction="CW", started=30.0),
+        circle("ZX", (0, 30, 155), FEED, name="circle", started=50.0),
+        turn("C", 0, 200, (80, 60, 155), "tangential", FEED, name="rotary-c", started=70.0),
+        turn("A", 10, -60, (20, 60, 120), "radial", FEED, name="rotary-a", started=80.0),
+    ]
+
+
+def test_multibody_equals_independent_axes(machine, bare, tests):
+    """The balanced machine's mass matrix is diagonal: below 0.1 nm in the reading, 0.01 nm where no effect couples the axes.
+
+    A wobbling table loads the C motor a little, with the square of the speed: 1 nm is allowed at six times the usual feed.
+    """
+    for build_up, limit in ((lambda m: m, 1e-11), (loaded, 1e-10), (lambda m: wobbling(loaded(m)), 1e-9)):
+        equipped = build_up(machine)
+        plant = build(equipped)
+        for s in simulate(equipped, tests):
+            alone = TestMotion(s.test)
+            np.testing.assert_array_equal(alone.time, s.time)
+            np.testing.assert_allclose(alone.commands, s.command, rtol=0, atol=1e-15)
+            assert np.abs(alone.reading(plant) - s.deviation).max() < limit, s.test.name
+            assert np.abs(alone.load(plant)[:, :5] - s.position).max() < limit, s.test.name
+            assert np.ptp(s.deviation) > 5e-6
+
+
+def test_the_campaigns_of_the_examples(m1):
+    """The same on a measured campaign's own tests (two of them, whole)."""
+    campaign = read_campaign(examples() / "hidden-backlash", traces=False)
+    chosen = [t for t in campaign.tests if t.name in ("cone15-x50-ccw", "rotary-a-tangential-cw")]
+    assert len(chosen) == 2
+    plant = build(loaded(m1))
+    for s in simulate(loaded(m1), chosen):
+        assert np.abs(TestMotion(s.test).reading(plant) - s.deviation).max() < 1e-10
+
+
+def identical(a, b):
+    return all(np.array_equal(getattr(a, k), getattr(b, k)) for k in ("time", "phi", "command", "position", "deviation"))
+
+
+def test_bit_identical_whatever_the_threads_and_the_order(m1, tests):
+    equipped = wobbling(loaded(m1))
+    first = simulate(equipped, tests, threads=1)
+    assert all(map(identical, first, simulate(equipped, tests, threads=1)))
+    assert all(map(identical, first, simulate(equipped, tests, threads=2)))
+    assert all(map(identical, first, reversed(simulate(equipped, tests[::-1], threads=2))))
+    assert identical(first[2], simulate(equipped, tests[2:3])[0])
+    other = simulate(equipped.without("backlash.A"), tests[:1])[0]
+    assert not np.array_equal(other.deviation, first[0].deviation)
+    assert identical(first[0], simulate(equipped, tests[:1])[0])  # nothing is left behind by another machine
+
+
+def test_progress_is_told(m1, tests):
+    seen = []
+    simulate(m1, tests[:3], done=seen.append)
+    assert sorted(t.name for t in seen) == sorted(t.name for t in tests[:3])
+
+
+def test_nothing_is_left_installed(m1, tests):
+    simulate(m1, tests[:1])
+    assert mujoco.get_mjcb_control() is None
+
+
+def test_no_warnings_from_mujoco(machine, tests):
+    heard = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(heard.append)
+    try:
+        simulate(wobbling(loaded(machine)), tests)
+    finally:
+        mujoco.set_mju_user_warning(before)
+    assert not heard
+
+
+def test_an_unstable_drive_is_refused(m1, tests):
+    """A position loop far beyond what the velocity loop carries ends in an error, not in numbers."""
+    with pytest.raises(SimulationError, match="cone"):
+        simulate(m1.with_drive("X", position_gain=1000.0, velocity_gain=1e-3), tests[:1])
+
+
+# --- inertias and forces ---
+
+
+@pytest.mark.parametrize("equip", [lambda m: m, loaded, lambda m: wobbling(loaded(m))], ids=["as shipped", "loaded", "wobbling"])
+def test_mass_matrix_is_the_data_sheet(machine, equip):
+    plant = build(equip(machine))
+    model = mjmodel.build_model(plant)
+    dofs = [model.joint(a).dofadr[0] for a in AXES]
+    assert np.all(model.dof_armature[dofs] > 0)
+    want = np.array([plant.axes[a].inertia * plant.axes[a].gear ** 2 for a in AXES])
+    data = mujoco.MjData(model)
+    full = np.zeros((model.nv, model.nv))
+    rng = np.random.default_rng(3)
+    for q in [np.zeros(5), *rng.uniform(-1, 1, (5, 5)) * [0.2, 0.2, 0.2, 1.2, 6.0]]:
+        data.qpos[[model.joint(a).qposadr[0] for a in AXES]] = q
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, full)
+        mass = full[np.ix_(dofs, dofs)]
+        np.testing.assert_allclose(np.diag(mass), want, rtol=1e-3)
+        scale = np.sqrt(np.outer(want, want))
+        assert np.abs((mass - np.diag(np.diag(mass))) / scale).max() < 1e-3  # balanced: nothing couples
+    data.qpos[:] = 0.0
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, full)
+    np.testing.assert_allclose(np.diag(full)[dofs], want, rtol=1e-12)
+
+
+def test_forces_are_what_the_motors_give(machine, bare, cone):
+    """Without transmission errors the joints' generalized force is gear · J dω/dt of the motors, from the motion of the drives."""
+    still = bare(machine)
+    for effect in machine.effects:
+        still = still.with_effect(effect)  # friction acts on the motor, not on the joint
+    plant = build(still)
+    model = mjmodel.build_model(plant)
+    _, time, sent, model, data = _prepare(model, plant, cone(15, 10, (50, 20, 155), FEED), STEP)
+    force, motor = np.empty((len(time), 5)), np.empty((len(time), 5))
+    dofs = [model.joint(a).dofadr[0] for a in AXES]
+    callback.install()
+    try:
+        for k in range(len(time)):
+            motor[k] = data.qpos[dofs]
+            data.ctrl[:] = sent[min(k + 1, len(sent) - 1)]
+            mujoco.mj_step(model, data)
+            force[k] = data.qfrc_applied[dofs]
+    finally:
+        callback.uninstall()
+    for i, a in enumerate(AXES):
+        axis = plant.axes[a]
+        acceleration = (motor[2:, i] - 2 * motor[1:-1, i] + motor[:-2, i]) / STEP**2
+        want = axis.gear * (axis.inertia * axis.gear * acceleration)
+        got = force[1:-1, i]
+        assert np.abs(want).max() > 0.1, a
+        assert np.abs(got - want).max() < 1e-3 * np.abs(want).max(), a
+
+
+def test_joints_stand_where_the_motors_are(m1, bare, cone):
+    """With no effect at all the multibody model follows the drives to rounding."""
+    s = simulate(bare(m1), [cone(15, 10, (50, 20, 155), FEED)])[0]
+    load = TestMotion(s.test).load(build(bare(m1)))
+    assert np.abs(load - s.position).max() < 1e-12
+
+
+# --- effects in plain Python ---
+
+
+class WaveOfX(Effect):
+    """5 µm wave of the X position, as a user would write it."""
+
+    kind = "wave_of_x"
+    subjects = ("X",)
+    parameters = (Parameter("amplitude_um", "height", 0.0, 100.0, neutral=0.0, scale=1.0), Parameter("lead_mm", "length", 1.0, 1000.0))
+    title = "Wave of the X position"
+    definition = "x + amplitude·sin(2π x/lead)"
+    source = "test"
+    signature = "as pitch_error.X"
+
+    def position_error(self, motion):
+        out = np.zeros_like(motion.position)
+        out[:, 0] = self.si("amplitude_um") * np.sin(2 * np.pi * motion.position[:, 0] / self.si("lead_mm"))
+        return out
+
+
+class ByClock(WaveOfX):
+    kind = "by_clock"
+    parameters = (Parameter("amplitude_um", "height", 0.0, 100.0, neutral=0.0, scale=1.0),)
+
+    def position_error(self, motion):
+        out = np.zeros_like(motion.position)
+        out[:, 1] = self.si("amplitude_um") * (1 - np.exp(-motion.clock / 60.0))
+        return out
+
+
+class Broken(ByClock):
+    kind = "broken"
+
+    def position_error(self, motion):
+        return np.full_like(motion.position, np.nan)
+
+
+@pytest.fixture
+def own_effects(monkeypatch):
+    """The three effects above, known for one test only."""
+    registry.kinds()
+    monkeypatch.setattr(registry, "_REGISTRY", dict(registry._REGISTRY))
+    for cls in (WaveOfX, ByClock, Broken):
+        registry.register(cls)
+
+
+def test_python_effect_equals_the_compiled_one(m1, own_effects, cone):
+    test = cone(15, 10, (50, 20, 155), 12000, name="short", started=20.0)
+    native = simulate(m1.with_effect(make("pitch_error.X", components=[[1, 5.0, 0.0]])), [test])[0]
+    own = m1.with_effect(make("wave_of_x.X", amplitude_um=5.0, lead_mm=10.0))
+    python = simulate(own, [test])[0]
+    assert np.ptp(native.deviation - simulate(m1, [test])[0].deviation) > 3e-6
+    assert np.abs(native.deviation[2:] - python.deviation[2:]).max() < 1e-10
+    assert np.abs(TestMotion(test).reading(build(own))[2:] - python.deviation[2:]).max() < 1e-10
+    again = simulate(own, [test])[0]
+    assert identical(python, again)
+
+
+def test_python_effect_sees_the_campaign_clock(m1, own_effects, cone):
+    test = cone(15, 10, (50, 20, 155), 12000, name="short", started=20.0)
+    native = simulate(m1.with_effect(make("thermal_drift.Y", amplitude_um=5.0, time_constant_s=60.0)), [test])[0]
+    python = simulate(m1.with_effect(make("by_clock.X", amplitude_um=5.0)), [test])[0]
+    assert np.abs(native.deviation[2:] - python.deviation[2:]).max() < 1e-10
+
+
+def test_neutral_python_effect_is_absent(m1, own_effects, cone):
+    test = cone(15, 10, (50, 20, 155), 12000)
+    assert identical(simulate(m1, [test])[0], simulate(m1.with_effect(make("by_clock.X", amplitude_um=0.0)), [test])[0])
+
+
+def test_broken_python_effect_is_named(m1, own_effects, cone):
+    with pytest.raises(SimulationError, match=r"broken\.X"):
+        simulate(m1.with_effect(make("broken.X", amplitude_um=1.0)), [cone(15, 10, (50, 20, 155), 12000)])
+    assert mujoco.get_mjcb_control() is None
+
+
+def test_vibration_operation(m1, bare, cone):
+    """The compiled vibration: amplitude·sin(ωt + phase) on the campaign clock, added to the axis."""
+    plant = build(bare(m1))
+    plant.add_op("vibration", VIBRATE, "Y", 3e-6, 2 * np.pi * 7.0, 0.4)
+    assert STAGES[-1] == "vibration"
+    test = cone(15, 10, (50, 20, 155), 12000, started=33.0)
+    motion = TestMotion(test)
+    added = motion.load(plant)[:, 1] - motion.load(build(bare(m1)))[:, 1]
+    np.testing.assert_allclose(added, 3e-6 * np.sin(2 * np.pi * 7.0 * (33.0 + motion.time) + 0.4), rtol=0, atol=1e-15)
+
+
+def test_shipped_discretisation():
+    assert (STEP, SUBSTEPS) == (1e-3, 2)
