@@ -15,6 +15,8 @@ STAGES = ("pitch_error", "worm_wear", "backlash", "scale_error", "gravity_windup
 
 SINE, PLAY, BUMP, POLYNOMIAL, SCALE, SETTLE, VIBRATE = range(7)
 OP_SIZE = 10
+#: Column of an operation's stage in its row.
+STAGE = OP_SIZE - 1
 
 
 @dataclass
@@ -85,12 +87,13 @@ class Plant:
         return sorted(self.ops, key=lambda op: op.stage)
 
     def op_table(self) -> np.ndarray:
-        """Operations as (n, OP_SIZE) numbers for the compiled code: code, out, source, parameters."""
+        """Operations as (n, OP_SIZE) numbers for the compiled code: code, out, source, parameters, stage."""
         ops = self.sorted_ops()
         table = np.zeros((len(ops), OP_SIZE))
         for row, op in zip(table, ops, strict=True):
             row[:3] = op.code, op.out, op.source
             row[3 : 3 + len(op.parameters)] = op.parameters
+            row[STAGE] = op.stage
         return table
 
 

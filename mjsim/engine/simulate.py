@@ -117,7 +117,20 @@ def _run_python(model: mujoco.MjModel, plant: Plant, test: Test, step: float, do
     """As :func:`_run`, with the user's plain-Python effects called at every step."""
     program, time, sent, model, data = _prepare(model, plant, test, step)
     block = model.numeric(callback.NUMERIC).data
-    last = np.array([data.qpos[int(block[callback.JOINTS + i])] for i in range(5)])
+    joints = block[callback.JOINTS : callback.JOINTS + 5].astype(int)
+    last = data.qpos[joints]
+
+    def added(now: float, q: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        at = np.array([now])
+        motion, total = Motion(at, test.started + at, q[None], velocity[None]), np.zeros(5)
+        for effect in plant.python_effects:
+            add = np.asarray(effect.position_error(motion), float)
+            if add.shape != (1, 5) or not np.isfinite(add).all():
+                raise SimulationError(f"effect {effect.id}: position_error gave {add!r} at {now:.3f} s; allowed: finite numbers, shape (n, 5)")
+            total += add[0]
+        return total
+
+    data.qpos[joints] += added(0.0, last, np.zeros(5))
 
     def control(m, d) -> None:
         nonlocal last
@@ -125,14 +138,8 @@ def _run_python(model: mujoco.MjModel, plant: Plant, test: Test, step: float, do
             return
         callback.advance_machine(block, d.userdata, d.ctrl, d.qfrc_bias, d.qfrc_passive, d.time)
         q = d.userdata[callback.TARGET : callback.TARGET + 5].copy()
-        now = np.array([d.time + step])
-        motion = Motion(now, test.started + now, q[None], ((q - last) / step)[None])
+        d.userdata[callback.TARGET : callback.TARGET + 5] += added(d.time + step, q, (q - last) / step)
         last = q
-        for effect in plant.python_effects:
-            add = np.asarray(effect.position_error(motion), float)
-            if add.shape != (1, 5) or not np.isfinite(add).all():
-                raise SimulationError(f"effect {effect.id}: position_error gave {add!r} at {now[0]:.3f} s; allowed: finite numbers, shape (n, 5)")
-            d.userdata[callback.TARGET : callback.TARGET + 5] += add[0]
         d.qfrc_applied[:] = 0.0
         callback.carry_joints(block, d.userdata, d.qpos, d.qvel, d.qfrc_bias, d.qfrc_passive, d.M, m.M_rownnz, m.M_rowadr, m.M_colind, d.qfrc_applied)
 

@@ -15,8 +15,9 @@ from mjsim.kinematics import AXES, ROTARY
 from mjsim.units import DEG, UM
 
 _EVERY = 5
-#: A rest is called unexplained when a generic term takes this share of it, or more, and stands well above chance.
+#: Knots of the free curve of each variable.
 _KNOTS = {"position": 36, "direction": 24, "velocity": 12, "acceleration": 12, "time_since_reversal": 10, "clock_time": 12}
+_PER_TURN = 24  # knots of a rotary axis' position counted over all turns
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ class _Term:
     variable: str
     knots: np.ndarray
     columns: list[np.ndarray]
+    period: float | None = None
     gain: float = 0.0
     coefficients: np.ndarray | None = None
 
@@ -88,37 +90,44 @@ def _terms(problem: Problem, fit: Fit) -> list[_Term]:
             continue
         velocity = [np.gradient(q[:, i], t) for q, t in zip(loads, time, strict=True)]
         for variable, count in _KNOTS.items():
-            values, period = [], None
-            for q, t, v, test in zip(loads, time, velocity, problem.tests, strict=True):
-                if variable in ("position", "direction"):
-                    values.append(q[:, i])
-                elif variable == "velocity":
-                    values.append(v)
-                elif variable == "acceleration":
-                    values.append(np.gradient(v, t))
-                elif variable == "clock_time":
-                    values.append(test.started + t)
-                else:
-                    values.append(_since_reversal(t, v))
+            values = [_values(variable, q[:, i], t, v, test.started) for q, t, v, test in zip(loads, time, velocity, problem.tests, strict=True)]
             used = np.concatenate([x[_inside(t, p)] for x, t, p in zip(values, time, problem.motions, strict=True)])
             lo, hi = float(used.min()), float(used.max())
             if hi - lo < 1e-9:
                 continue
             if variable in ("position", "direction") and axis in ROTARY and hi - lo > 1.9 * np.pi:
-                period, lo, hi = 2 * np.pi, 0.0, 2 * np.pi
-                knots = np.arange(count) * (period / count)
+                turns = (hi - lo) / (2 * np.pi)
+                out.append(_term(problem, fit, axis, variable, np.arange(count) * (2 * np.pi / count), 2 * np.pi, values, velocity))
+                if variable == "position" and turns > 1.1:  # a count that is not taken modulo one turn
+                    out.append(_term(problem, fit, axis, variable, np.linspace(lo, hi, int(_PER_TURN * turns)), None, values, velocity))
             else:
-                knots = np.linspace(lo, hi, count)
-            columns = []
-            for k, (x, v) in enumerate(zip(values, velocity, strict=True)):
-                basis = _hats(x, knots, period)
-                if variable in ("direction", "time_since_reversal"):
-                    basis = basis * np.sign(v)[:, None]
-                basis = basis * problem.sensitivity[k].axes[:, [i]] * (1e-6 if axis not in ROTARY else 1e-5)
-                s, shift = problem.samples[k], problem.shift(k, fit.nuisance)
-                columns.append(np.column_stack([s.sample(c, shift) for c in basis.T]))
-            out.append(_Term(axis, variable, knots, columns))
+                out.append(_term(problem, fit, axis, variable, np.linspace(lo, hi, count), None, values, velocity))
     return out
+
+
+def _values(variable: str, q: np.ndarray, t: np.ndarray, v: np.ndarray, started: float) -> np.ndarray:
+    """The variable along one test, (n,)."""
+    if variable in ("position", "direction"):
+        return q
+    if variable == "velocity":
+        return v
+    if variable == "acceleration":
+        return np.gradient(v, t)
+    return started + t if variable == "clock_time" else _since_reversal(t, v)
+
+
+def _term(problem: Problem, fit: Fit, axis: str, variable: str, knots: np.ndarray, period: float | None, values: list, velocity: list) -> _Term:
+    i = AXES.index(axis)
+
+    def columns(k: int) -> np.ndarray:
+        basis = _hats(values[k], knots, period)
+        if variable in ("direction", "time_since_reversal"):
+            basis = basis * np.sign(velocity[k])[:, None]
+        basis = basis * problem.sensitivity[k].axes[:, [i]] * (1e-5 if axis in ROTARY else 1e-6)
+        s, shift = problem.samples[k], problem.shift(k, fit.nuisance)
+        return np.column_stack([s.sample(c, shift) for c in basis.T])
+
+    return _Term(axis, variable, knots, problem.map(columns), period)
 
 
 def _inside(t: np.ndarray, motion) -> np.ndarray:
@@ -178,4 +187,4 @@ def _describe(problem: Problem, fit: Fit, term: _Term) -> Unexplained:
         f"Something that is not in the catalogue acts on the {term.axis} axis and depends on {words.get(term.variable, 'its ' + term.variable)}: "
         f"{rms / UM:.2f} µm RMS in the readings, most in {max(zip(map(np.std, parts), (t.name for t in problem.tests), strict=True))[1]}."
     )
-    return Unexplained((term.axis,), term.variable, None, rms, shows, summary, curve)
+    return Unexplained((term.axis,), term.variable, None if term.period is None else 360.0, rms, shows, summary, curve)
