@@ -10,6 +10,7 @@ import numpy as np
 from mjsim.campaign.model import Campaign, Test
 from mjsim.engine.simulate import Simulation, simulate
 from mjsim.errors import InputError
+from mjsim.inference.nuisance import fit_nuisance
 from mjsim.inference.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, Problem
 from mjsim.machine.model import Machine
 from mjsim.measure.events import event_at, reversals
@@ -47,6 +48,7 @@ class TestComparison:
     reversals: dict[str, np.ndarray]
     trigger: float
     iso: dict
+    outliers: int = 0
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,7 @@ class Comparison:
                     "max_um": _r(t.maximum / UM),
                     "samples": len(t.valid),
                     "samples_left_out": int((~t.valid).sum()),
+                    "outliers": t.outliers,
                     "worst_phi_deg": _r(t.worst_phi / DEG, 1),
                     "worst_plot_angle_deg": _r((t.worst_phi / DEG + 180) % 360, 1),
                     "worst_event": t.worst_event,
@@ -146,7 +149,7 @@ def overlay(problem: Problem, machine: Machine, simulations: list[Simulation]) -
                 s.test, phi, s.value, modelled, residual, good,
                 float(np.sqrt(np.mean(residual[good] ** 2))), float(np.abs(residual[good]).max()),
                 float(phi[worst]), event_at(float(phi[worst]), events), events, problem.shift(k, nuisance),
-                _iso(s.test, phi[good], s.value[good], modelled[good]),
+                _iso(s.test, phi[good], s.value[good], modelled[good]), problem.outliers[s.test.name],
             )
         )
         squares += float(residual[good] @ residual[good])
@@ -159,34 +162,6 @@ def overlay(problem: Problem, machine: Machine, simulations: list[Simulation]) -
         problem.campaign, machine, tuple(tests), problem.noise.rms, problem.noise.source, float(np.sqrt(squares / count)),
         max(t.maximum for t in tests), setups, float(nuisance[problem.layout.length] * LENGTH), _pairs(tests),
     )
-
-
-def fit_nuisance(problem: Problem, readings: list[np.ndarray], iterations: int = 5) -> np.ndarray:
-    """Least-squares nuisances (layout.size,) in prior standard deviations, for fixed simulated readings on the GRID.
-
-    Plain block means, not whitened ones: what is fitted here is what the eye would take out of the plots. Noise counts with its
-    correlation; what the model fails to explain counts as a few independent points per test only, so that a wrong model does not
-    drive the nuisances away from their priors.
-    """
-    x = np.zeros(problem.layout.size)
-    for _ in range(iterations):
-        columns, rest = problem.nuisance_columns(readings, x), problem.residual(readings, x)
-        A, b = np.zeros((len(x), len(x))), np.zeros(len(x))
-        for c, r, s in zip(columns, rest, problem.samples, strict=True):
-            c, r = c[s.good], r[s.good]
-            misfit = max(0.0, float(np.median(np.abs(r - np.median(r)))) / 0.6745 - problem.noise.block_rms)
-            weight = 1.0 / (_CORRELATED * problem.noise.block_rms**2 + max(1.0, len(r) / _MISFIT_POINTS) * misfit**2)
-            A += weight * c.T @ c
-            b += weight * c.T @ r
-        step = np.linalg.solve(A + np.eye(len(x)), b - x)
-        x = x + step
-        if np.abs(step).max() < 1e-3:
-            break
-    return x
-
-
-#: Successive blocks that make one independent value of the noise, and independent values of a model's failure in one test.
-_CORRELATED, _MISFIT_POINTS = 5.0, 50.0
 
 
 def _smooth(x: np.ndarray, n: int = 9) -> np.ndarray:

@@ -14,6 +14,8 @@ import numpy as np
 from mjsim.campaign.model import Campaign
 from mjsim.engine.plant import Plant, build
 from mjsim.inference.calibration import SHEET, calibrated
+from mjsim.inference.nuisance import fit_nuisance
+from mjsim.inference.outliers import mark_outliers
 from mjsim.inference.samples import GRID, Samples, estimate_noise, make_samples
 from mjsim.kinematics import AXES, sensitivity
 from mjsim.machine.model import Machine
@@ -65,7 +67,19 @@ class Problem:
         self._pool = ThreadPoolExecutor(threads)
         self.motions = self.map(lambda k: TestMotion(self.tests[k], substeps=1))
         plant = build(machine)
+        self.outliers = {t.name: 0 for t in self.tests}
         self.sensitivity = self.map(lambda k: sensitivity(self.motions[k].load(plant, _EVERY)[:, :5], np.asarray(self.tests[k].table_ball)))
+
+        self._leave_out_outliers(plant)
+
+    def _leave_out_outliers(self, plant: Plant) -> None:
+        readings = self.readings(plant)
+        nuisance = fit_nuisance(self, readings)
+        for k, s in enumerate(self.samples):
+            rest = s.value - s.sample_all(readings[k] + self.offsets(k, nuisance), self.shift(k, nuisance))
+            self.outliers[s.test.name] = mark_outliers(s, rest, self.noise.rms)
+        if any(self.outliers.values()):
+            self.noise = estimate_noise(self.samples, self.campaign.instrument.resolution)
 
     def map(self, work: Callable[[int], object]) -> list:
         """``work(k)`` for every test on the problem's threads, in order."""

@@ -38,6 +38,7 @@ class Samples:
     edges: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
+        self._fill_gaps()
         dt = float(np.median(np.diff(self.time)))
         if dt < self.block:
             number = np.floor((self.time - self.time[0]) / self.block + 0.5 * dt / self.block).astype(int)
@@ -46,6 +47,19 @@ class Samples:
             self.edges = np.arange(len(self.time) + 1)
         self.centre, self.mean = self.average(self.time), self.average(self.value)
         self.refresh()
+
+    def _fill_gaps(self) -> None:
+        """Put missing samples in as invalid ones, so that the clock runs evenly."""
+        dt = float(np.median(np.diff(self.time)))
+        place = np.round((self.time - self.time[0]) / dt).astype(int)
+        if place[-1] + 1 == len(place) or len(np.unique(place)) < len(place):
+            return
+        time = self.time[0] + dt * np.arange(place[-1] + 1)
+        valid = np.zeros(len(time), bool)
+        valid[place] = self.valid
+        value = np.interp(time, self.time, self.value)
+        time[place] = self.time
+        self.time, self.value, self.valid = time, value, valid
 
     def refresh(self) -> None:
         """Recompute which blocks are good after ``valid`` has changed."""

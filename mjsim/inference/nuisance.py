@@ -1,0 +1,37 @@
+"""Nuisances by plain least squares, for a model as it is."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from mjsim.inference.problem import Problem
+
+#: Successive blocks that make one independent value of the noise, and independent values of a model's failure in one test.
+_CORRELATED, _MISFIT_POINTS = 5.0, 50.0
+
+
+def fit_nuisance(problem: Problem, readings: list[np.ndarray], iterations: int = 5) -> np.ndarray:
+    """Least-squares nuisances (layout.size,) in prior standard deviations, for fixed simulated readings on the GRID.
+
+    Plain block means, not whitened ones: what is fitted here is what the eye would take out of the plots. Noise counts with its
+    correlation; what the model fails to explain counts as a few independent points per test only, so that a wrong model does not
+    drive the nuisances away from their priors.
+    """
+    x = np.zeros(problem.layout.size)
+    for _ in range(iterations):
+        columns, rest = problem.nuisance_columns(readings, x), problem.residual(readings, x)
+        A, b = np.zeros((len(x), len(x))), np.zeros(len(x))
+        for c, r, s in zip(columns, rest, problem.samples, strict=True):
+            c, r = c[s.good], r[s.good]
+            misfit = max(0.0, float(np.median(np.abs(r - np.median(r)))) / 0.6745 - problem.noise.block_rms)
+            weight = 1.0 / (_CORRELATED * problem.noise.block_rms**2 + max(1.0, len(r) / _MISFIT_POINTS) * misfit**2)
+            A += weight * c.T @ c
+            b += weight * c.T @ r
+        step = np.linalg.solve(A + np.eye(len(x)), b - x)
+        x = x + step
+        if np.abs(step).max() < 1e-3:
+            break
+    return x

@@ -1,0 +1,52 @@
+"""Outliers: short disturbances of a trace that do not repeat, such as a knocked bar."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import binary_dilation, label, median_filter
+
+from mjsim.inference.samples import Samples, revolution_time
+
+#: Window of the running median that follows the machine's errors, s; a disturbance lasts less than half of it.
+WINDOW = 2.0
+#: Height above the ordinary, in robust standard deviations, where a second revolution bears witness and where none does.
+HEIGHT, HEIGHT_ALONE = 10.0, 30.0
+#: Margin around an outlier that is left out as well, s.
+MARGIN = 0.1
+#: More events than this in one test are no accident: they are left in for the diagnosis.
+MOST_EVENTS = 6
+
+
+def mark_outliers(s: Samples, residual: np.ndarray, noise: float) -> int:
+    """Mark outlying samples of one test as invalid.
+
+    Args:
+        s: the samples; ``valid`` is changed in place. residual: (n,) m, per sample, of the model as given. noise: RMS, m.
+
+    Returns:
+        Number of disturbances found.
+    """
+    dt = float(np.median(np.diff(s.time)))
+    width = int(WINDOW / dt) | 1
+    every = max(1, width // 101)  # the median need not be finer than this
+    slow = np.interp(np.arange(len(residual)), np.arange(0, len(residual), every), median_filter(residual[::every], size=max(3, (width // every) | 1)))
+    rest = np.where(s.valid, residual - slow, 0.0)
+    scale = max(noise, 1.4826 * float(np.median(np.abs(rest[s.valid]))))
+    repeats = s.test.kind != "rotary" and s.test.revolutions >= 2
+    high = np.abs(rest) > (HEIGHT if repeats else HEIGHT_ALONE) * scale
+    if repeats:
+        lag = round(revolution_time(s.test) / dt)
+        wide = binary_dilation(np.abs(rest) > 0.4 * HEIGHT * scale, iterations=max(1, int(0.15 / dt)))
+        again = np.zeros(len(high), bool)
+        again[lag:] |= wide[:-lag]
+        again[:-lag] |= wide[lag:]
+        high &= ~again  # what comes back in the other revolution is the machine's
+    if not high.any():
+        return 0
+    groups, count = label(binary_dilation(high, iterations=max(1, int(MARGIN / dt))))
+    long = any((groups == g).sum() * dt > 0.5 * WINDOW + 2 * MARGIN for g in range(1, count + 1))
+    if count > MOST_EVENTS or long:
+        return 0
+    s.valid &= groups == 0
+    s.refresh()
+    return count
