@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
+from mjsim import files
 from mjsim.campaign.model import Campaign, Test
 from mjsim.compare import Comparison, Progress, overlay, silent
 from mjsim.effects.base import Effect
@@ -83,6 +85,16 @@ class Diagnosis:
             "not_testable": list(self.not_testable),
             "next_test": self.next_test,
         }
+
+
+def write_effect_file(result: Diagnosis, folder: Path) -> Diagnosis:
+    """Write the unexplained rest's effect file into ``folder``; the diagnosis that names it. Nothing happens where none is left."""
+    u = result.unexplained
+    if u is None:
+        return result
+    path = folder / f"unexplained_{'_'.join(u.axes)}.py"
+    files.write_whole(path, u.source, force=True)
+    return replace(result, unexplained=replace(u, effect_file=str(path)))
 
 
 def _r(x: float) -> float:

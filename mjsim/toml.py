@@ -34,7 +34,9 @@ def parse(path: Path) -> dict:
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML: {error}") from None
     except RecursionError:
-        raise InputError(f"{path}: tables are nested too deeply") from None
+        raise InputError(f"{path}: tables or lists are nested too deeply") from None
+    except ValueError:  # Python refuses integers of more than some thousand digits
+        raise InputError(f"{path}: not valid TOML: a whole number has too many digits; allowed: 64 bit") from None
 
 
 def check(path: Path, schema: type[T], data: dict) -> T:
@@ -42,7 +44,10 @@ def check(path: Path, schema: type[T], data: dict) -> T:
     try:
         return schema.model_validate(data)
     except ValidationError as error:
-        raise InputError(f"{path}: {_sentence(schema, data, error.errors()[0])}") from None
+        problems = error.errors()
+        # a misspelt key is also a missing one: the misspelling says more
+        first = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
+        raise InputError(f"{path}: {_sentence(schema, data, first)}") from None
 
 
 def _sentence(schema: type[BaseModel], data: dict, problem: dict) -> str:
@@ -52,11 +57,17 @@ def _sentence(schema: type[BaseModel], data: dict, problem: dict) -> str:
         allowed = _keys(schema, problem["loc"][:-1])
         key = str(problem["loc"][-1])
         near = difflib.get_close_matches(key, allowed, n=1)
-        return f"{owner}unknown key {key!r}" + (f" (did you mean {near[0]!r}?)" if near else "") + f"; allowed: {', '.join(allowed)}"
+        return f"{owner}unknown key {_shown(key)}" + (f" (did you mean {near[0]!r}?)" if near else "") + f"; allowed: {', '.join(allowed)}"
     if kind == "missing":
         return f"{owner}the key {str(problem['loc'][-1])!r} is missing"
     text = problem["msg"].replace("Input should be", "allowed:").replace("Input should have", "allowed: to have")
-    return f"{place} = {problem['input']!r}; {text[0].lower() + text[1:]}"
+    return f"{place} = {_shown(problem['input'])}; {text[0].lower() + text[1:]}"
+
+
+def _shown(value: object) -> str:
+    """A value as it was found, cut to what fits in a sentence."""
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:70]} … ({len(text)} characters)"
 
 
 def _place(data: dict, loc: tuple) -> tuple[str, str]:
@@ -70,7 +81,7 @@ def _place(data: dict, loc: tuple) -> tuple[str, str]:
             node = None
         if isinstance(step, int):
             name = node.get("name") if isinstance(node, dict) else None
-            words[-1] = f"[[{words[-1]}]] " + (f'"{name}"' if isinstance(name, str) else f"number {step + 1}")
+            words[-1] = f"[[{words[-1]}]] " + (f'"{name}"' if isinstance(name, str) and name.isprintable() and len(name) <= 60 else f"number {step + 1}")
         else:
             words.append(str(step))
     table = ".".join(words)

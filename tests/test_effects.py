@@ -42,7 +42,7 @@ def typical(effect_id, off=False, direction=None):
 @pytest.fixture(scope="module")
 def short(cone):
     """A fast cone test that moves all five axes, reverses four of them and sees Z."""
-    return cone(45, 30, (60, 30, 155), feed=20000, sensitive="parallel", name="short", started=40.0)
+    return cone(15, 10, (60, 30, 155), feed=20000, sensitive="parallel", name="short", started=40.0)
 
 
 @pytest.fixture(scope="module")

@@ -49,6 +49,8 @@ def read_campaign(path: str | Path, traces: bool = True) -> Campaign:
 
 
 def _inside(file: Path, folder: Path, name: str, key: str, outside: bool = False) -> Path:
+    if not name or not name.isprintable():
+        raise InputError(f"{file}: {key} = {name!r} is no file name; allowed: a path inside the campaign's folder")
     target = folder / name
     if Path(name).is_absolute() or (not outside and not target.resolve().is_relative_to(folder.resolve())):
         raise InputError(f"{file}: {key} = {name!r} leaves the campaign's folder; allowed: a path inside it")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import gzip
 import zlib
 from pathlib import Path
@@ -35,8 +34,10 @@ def read_trace(path: Path, instrument: Instrument) -> Trace:
     header = [h.strip() for h in first.split(",")]
     if header != _HEADER:
         raise InputError(f"{path}, line 1: header {first.strip()[:80]!r}; allowed: {','.join(_HEADER)}")
+    if not body.strip():
+        raise InputError(f"{path}: 0 samples; allowed: at least 50")
     try:
-        data = np.loadtxt(body.splitlines(), delimiter=",", ndmin=2)
+        data = np.loadtxt(body.splitlines(), delimiter=",", ndmin=2, comments=None)
         if data.shape[1] != 2:
             raise ValueError
     except ValueError:
@@ -71,14 +72,16 @@ def _bytes(path: Path) -> bytes:
 
 
 def _first_bad_line(body: str) -> str:
-    for number, row in enumerate(csv.reader(body.splitlines()), start=2):
-        if not row:
+    for number, line in enumerate(body.splitlines(), start=2):
+        if not line.strip():
             continue
+        row = line.split(",")
         if len(row) != 2:
-            return f"line {number}: {len(row)} columns in {','.join(row)[:60]!r}; allowed: two numbers, time_s and deviation_um (decimal point)"
+            columns = f"{len(row)} column{'s' if len(row) > 1 else ''}"
+            return f"line {number}: {columns} in {line[:60]!r}; allowed: two numbers, time_s and deviation_um (decimal point)"
         for name, value in zip(_HEADER, row, strict=True):
             try:
                 float(value)
             except ValueError:
-                return f"line {number}: {name} = {value.strip()[:40]!r} is not a number"
+                return f"line {number}: {name} = {value.strip()[:40]!r} is not a number; allowed: a number with a decimal point"
     return "the table cannot be read; allowed: two columns of numbers"

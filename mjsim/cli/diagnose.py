@@ -24,7 +24,7 @@ def command(campaign, machine, write, max_effects, force, threads, as_json, quie
     Example: mjsim diagnose examples/hidden-backlash --write fitted.toml
     """
     from mjsim.campaign.files import read_campaign
-    from mjsim.diagnose import diagnose
+    from mjsim.diagnose import diagnose, write_effect_file
     from mjsim.errors import InputError
     from mjsim.machine.files import write_machine
     from mjsim.workflow import machine_of
@@ -35,6 +35,10 @@ def command(campaign, machine, write, max_effects, force, threads, as_json, quie
         raise InputError(f"{write}: exists already; name another file or give --force to replace it")
     with common.progress_bar(quiet) as progress:
         result = diagnose(c, m, max_effects, common.cores(threads), progress)
+    try:
+        result = write_effect_file(result, c.state_folder)
+    except InputError as error:
+        common.say(f"the effect file was not written: {error}", quiet)
     if write is not None:
         write_machine(result.machine, m.path, write, force=force)
     data = result.to_json()
@@ -68,6 +72,8 @@ def show(data: dict) -> None:
             click.echo(f"    shows in: {', '.join(e['tests'])}")
     if data["unexplained"]:
         click.echo(f"\n  {data['unexplained']['summary']}")
+        if data["unexplained"]["effect_file"]:
+            click.echo(f"  an effect file in that form, ready to edit: {data['unexplained']['effect_file']}")
     if data["not_testable"]:
         click.echo(f"\nnot testable with this campaign: {', '.join(data['not_testable'])}")
 

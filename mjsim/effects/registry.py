@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import pkgutil
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from mjsim.effects.base import Effect
@@ -51,21 +51,35 @@ def all_ids() -> list[str]:
 
 
 def load_file(path: Path) -> type[Effect]:
-    """Load a user's own effect: a Python file that defines and registers exactly one effect class."""
+    """Load a user's own effect: a Python file that defines and registers exactly one effect class.
+
+    Raises:
+        InputError: the file cannot be read or run, or does not register exactly one effect.
+    """
     _load_installed()
+    if path.suffix != ".py" or not path.is_file():
+        raise InputError(f"effect file {path}: no such file; allowed: the path of a Python file (.py) that registers one effect")
     before = dict(_REGISTRY)
-    spec = importlib.util.spec_from_file_location(f"mjsim_user_{path.stem}", path)
-    module = importlib.util.module_from_spec(spec)
+    module = ModuleType(f"mjsim_user_{path.stem}")
+    module.__file__ = str(path)
     try:
-        spec.loader.exec_module(module)
-    except InputError:
-        raise
-    except Exception as error:  # the user's code can raise anything
+        exec(compile(path.read_bytes(), str(path), "exec"), module.__dict__)  # no __pycache__ beside the user's file
+    except InputError as error:
+        _restore(before)
+        raise InputError(f"effect file {path}: {error}") from None
+    except (Exception, SystemExit) as error:  # the user's code can raise anything
+        _restore(before)
         raise InputError(f"effect file {path}: {type(error).__name__}: {error}") from error
     new = [cls for cls in _REGISTRY.values() if cls.__module__ == module.__name__ and (before.get(cls.kind) is not cls)]
     if len(new) != 1:
+        _restore(before)
         raise InputError(f"effect file {path}: {len(new)} effect classes registered; allowed: exactly one class with @register")
     return new[0]
+
+
+def _restore(before: dict[str, type[Effect]]) -> None:
+    _REGISTRY.clear()
+    _REGISTRY.update(before)
 
 
 def effect_class(effect_id: str) -> tuple[type[Effect], str]:

@@ -12,7 +12,7 @@ import numpy as np
 from mujoco import rollout
 
 from mjsim.campaign.model import Test
-from mjsim.effects.base import Motion
+from mjsim.effects.base import Motion, MotionTracker
 from mjsim.engine import callback, mjmodel
 from mjsim.engine.drive import STEP, SUBSTEPS
 from mjsim.engine.plant import Plant, build
@@ -118,28 +118,15 @@ def _run_python(model: mujoco.MjModel, plant: Plant, test: Test, step: float, do
     program, time, sent, model, data = _prepare(model, plant, test, step)
     block = model.numeric(callback.NUMERIC).data
     joints = block[callback.JOINTS : callback.JOINTS + 5].astype(int)
-    last = data.qpos[joints]
-
-    def added(now: float, q: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        at = np.array([now])
-        motion, total = Motion(at, test.started + at, q[None], velocity[None]), np.zeros(5)
-        for effect in plant.python_effects:
-            add = np.asarray(effect.position_error(motion), float)
-            if add.shape != (1, 5) or not np.isfinite(add).all():
-                raise SimulationError(f"effect {effect.id}: position_error gave {add!r} at {now:.3f} s; allowed: finite numbers, shape (n, 5)")
-            total += add[0]
-        return total
-
-    data.qpos[joints] += added(0.0, last, np.zeros(5))
+    tracker = MotionTracker(step, test.started)
+    data.qpos[joints] += _python_part(plant, tracker.follow(np.zeros(1), data.qpos[joints][None]))
 
     def control(m, d) -> None:
-        nonlocal last
         if d.userdata[callback.REACHED] == d.time + step and d.time > 0:
             return
         callback.advance_machine(block, d.userdata, d.ctrl, d.qfrc_bias, d.qfrc_passive, d.time)
         q = d.userdata[callback.TARGET : callback.TARGET + 5].copy()
-        d.userdata[callback.TARGET : callback.TARGET + 5] += added(d.time + step, q, (q - last) / step)
-        last = q
+        d.userdata[callback.TARGET : callback.TARGET + 5] += _python_part(plant, tracker.follow(np.array([d.time + step]), q[None]))
         d.qfrc_applied[:] = 0.0
         callback.carry_joints(block, d.userdata, d.qpos, d.qvel, d.qfrc_bias, d.qfrc_passive, d.M, m.M_rownnz, m.M_rowadr, m.M_colind, d.qfrc_applied)
 
@@ -158,6 +145,21 @@ def _run_python(model: mujoco.MjModel, plant: Plant, test: Test, step: float, do
     if done:
         done(test)
     return _collect(program, time, model, data, q, None, bar)
+
+
+def _python_part(plant: Plant, motion: Motion) -> np.ndarray:
+    """What the plain-Python effects add at one instant, (5,) m and rad."""
+    total = np.zeros(5)
+    for effect in plant.python_effects:
+        try:
+            add = np.asarray(effect.position_error(motion), float)
+        except Exception as error:  # the user's code can raise anything
+            raise SimulationError(f"effect {effect.id}: position_error raised {type(error).__name__}: {error}") from error
+        if add.shape != (1, 5) or not np.isfinite(add).all():
+            where = f"at {motion.time[0]:.3f} s"
+            raise SimulationError(f"effect {effect.id}: position_error gave {add!r} {where}; allowed: finite numbers, shape (n, 5)")
+        total += add[0]
+    return total
 
 
 def _collect(program: Program, time: np.ndarray, model, data, q: np.ndarray, sensors, bar: np.ndarray | None = None) -> Simulation:

@@ -14,7 +14,8 @@ from mjsim.inference.signatures import Candidate, Projector, SignatureBank, seed
 from mjsim.inference.spectrum import spectral_candidates
 from mjsim.kinematics import AXES
 
-#: Fall of the objective below which nothing is called an effect. Calibrated on simulated nulls (``scripts/calibrate_threshold``).
+#: Fall of the objective below which nothing is called an effect. Some 4,000 cells with two entries each are tried:
+#: chance passes it once in a thousand campaigns; ``scripts/null_bank.py`` measures it on simulated nulls.
 THRESHOLD = 30.0
 #: A rival whose objective is within this of the winner's cannot be told from it (likelihood ratio e^6).
 RIVAL = 12.0
@@ -57,7 +58,7 @@ class Searcher:
 
     def run(self, max_effects: int = 5) -> Search:
         """Search with at most ``max_effects`` effects."""
-        start = self.fitter.fit([], exact=False)
+        start = self.start()
         bank = SignatureBank(self.problem, start)
         candidates = seeds(self.fitter.machine)
         count = [0]
@@ -79,6 +80,10 @@ class Searcher:
             fit, found = self._rivals(fit, bank)
         return Search(start, fit, found, bank, trail)
 
+    def start(self) -> Fit:
+        """The machine as given, its data sheet calibrated: exactly where the model comes near the data, linearised elsewhere."""
+        return self._settled(self.fitter.fit([], exact=False))
+
     # -- growing -------------------------------------------------------------------------------------------------------
 
     def ranked(self, fit: Fit, bank: SignatureBank) -> list[tuple[float, np.ndarray, Candidate]]:
@@ -98,7 +103,7 @@ class Searcher:
     def _extend(self, fit: Fit, bank: SignatureBank, trail: list[dict], new_allowed: bool) -> Fit | None:
         """The best model with one effect (or one pitch-error component) more, or ``None``."""
         have = {f.effect.id for f in fit.effects}
-        rows = [r for r in self.ranked(fit, bank) if r[0] > 0.5 * THRESHOLD and self._plausible(r[1], r[2])]
+        rows = [r for r in self.ranked(fit, bank) if r[0] > 0.5 * THRESHOLD and self.possible(r[1], r[2])]
         rows = [r for r in rows if r[2].effect.scanned or (r[2].id not in have and new_allowed)]
         rows = [r for r in rows if r[2].id in have or new_allowed]
         if not rows or rows[0][0] < THRESHOLD:
@@ -148,7 +153,7 @@ class Searcher:
                 v[i] = free.specs[free.names[i]].neutral / free.specs[free.names[i]].scale + value
         return [*fit.effects, FreeEffect(free.at(v), c.names)]
 
-    def _plausible(self, x: np.ndarray, c: Candidate) -> bool:
+    def possible(self, x: np.ndarray, c: Candidate) -> bool:
         """Whether the linear estimate lies within the parameter's bounds and above its least sensible size."""
         if c.effect.scanned:
             return True
@@ -221,7 +226,7 @@ class Searcher:
             alternatives, better = [], None
             ranked = self.ranked(without, bank)
             own = max((r[0] for r in ranked if r[2].id == mine.effect.id), default=gain)
-            rows = [r for r in ranked if r[2].id not in {f.effect.id for f in fit.effects} and self._plausible(r[1], r[2])]
+            rows = [r for r in ranked if r[2].id not in {f.effect.id for f in fit.effects} and self.possible(r[1], r[2])]
             # far from its seed a linear gain is a rough guide: refit everything that comes near
             close = [r for r in rows if r[0] > 0.8 * min(own, gain) - 3 * THRESHOLD][:6]
             for i, (_, x, c) in enumerate(close):

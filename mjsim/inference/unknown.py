@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mjsim.inference.effect_file import effect_source
 from mjsim.inference.fit import Fit, Fitter
 from mjsim.inference.problem import Problem
 from mjsim.inference.search import THRESHOLD, Search
@@ -27,6 +28,7 @@ class Unexplained:
     Attributes:
         axes, variable: on what it depends. period: in units of the variable, or ``None``. rms: m. tests: where it shows.
         summary: one sentence. curve: knots of the variable and the empirical term there (file units: mm or °, µm or °).
+        source: text of an effect file in that form. effect_file: where it was written, if it was.
     """
 
     axes: tuple[str, ...]
@@ -36,6 +38,7 @@ class Unexplained:
     tests: tuple[str, ...]
     summary: str
     curve: tuple[np.ndarray, np.ndarray]
+    source: str = ""
     effect_file: str | None = None
 
     def to_json(self) -> dict:
@@ -187,4 +190,5 @@ def _describe(problem: Problem, fit: Fit, term: _Term) -> Unexplained:
         f"Something that is not in the catalogue acts on the {term.axis} axis and depends on {words.get(term.variable, 'its ' + term.variable)}: "
         f"{rms / UM:.2f} µm RMS in the readings, most in {max(zip(map(np.std, parts), (t.name for t in problem.tests), strict=True))[1]}."
     )
-    return Unexplained((term.axis,), term.variable, None if term.period is None else 360.0, rms, shows, summary, curve)
+    source = effect_source(term.axis, term.variable, term.knots, size, term.period, summary, f"unexplained_{term.axis}.py")
+    return Unexplained((term.axis,), term.variable, None if term.period is None else 360.0, rms, shows, summary, curve, source)

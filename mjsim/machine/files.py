@@ -67,8 +67,17 @@ def _effect(path: Path, number: int, entry: dict[str, Any], files: dict[str, str
             kind, _, subject = effect_id.partition(".")
             if kind != cls.kind:
                 raise InputError(f"id {effect_id!r} does not belong to {source}, which defines {cls.kind!r}")
-            return cls(subject, **entry)
-        return registry.make(effect_id, **entry)
+            if subject not in cls.subjects:
+                raise InputError(f"unknown effect {effect_id!r}; {kind} exists for: {', '.join(cls.subjects)}")
+        else:
+            cls, subject = registry.effect_class(effect_id)
+        allowed = [p.name for p in cls.parameters_of(subject)]
+        for name, value in entry.items():
+            if name not in allowed:
+                raise InputError(f"effect {effect_id}: unknown parameter {name!r}; allowed: {', '.join(allowed) or 'none'}")
+            if isinstance(value, int) and abs(value) > 1e300:
+                raise InputError(f"effect {effect_id}: {name} is a whole number of {len(str(abs(value)))} digits, which is out of bounds")
+        return cls(subject, **entry)
     except InputError as error:
         raise InputError(f"{path}: [[effect]] number {number}: {error}") from None
 
