@@ -11,7 +11,7 @@ from mjsim.campaign.files import read_campaign
 from mjsim.compare import Comparison, Progress, silent
 from mjsim.diagnose import Diagnosis, diagnose
 from mjsim.errors import InputError
-from mjsim.files import write_whole
+from mjsim.files import check_writable, write_whole
 from mjsim.machine.files import read_machine, write_machine
 from mjsim.resources import examples
 
@@ -35,6 +35,7 @@ def prepare(out: Path) -> Path:
         InputError: ``out`` exists and is no folder that an earlier walk-through has made.
     """
     marker = out / ".mjsim-demo"
+    check_writable(marker, force=True)
     if out.exists():
         if not marker.is_file() and any(out.iterdir() if out.is_dir() else [out]):
             raise InputError(f"{out}: exists already and was not made by mjsim demo; name another folder with --out")
@@ -45,10 +46,18 @@ def prepare(out: Path) -> Path:
 
 
 def run(out: Path, threads: int = 2, progress: Progress = silent) -> Demo:
-    """Run the walk-through in ``out``."""
+    """Prepare ``out`` and run the walk-through in it.
+
+    Raises:
+        InputError: as :func:`prepare`.
+    """
+    return walk(prepare(out), threads, progress)
+
+
+def walk(folder: Path, threads: int = 2, progress: Progress = silent) -> Demo:
+    """Run the walk-through in a folder that :func:`prepare` has made."""
     from mjsim.report.build import build_report
 
-    folder = prepare(out)
     campaign = read_campaign(folder)
     machine = read_machine(campaign.machine_file)
     result = diagnose(campaign, machine, threads=threads, progress=progress)

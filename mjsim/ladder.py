@@ -6,6 +6,8 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
+from pydantic import TypeAdapter
+
 from mjsim import files
 from mjsim.campaign.model import Campaign
 from mjsim.compare import Comparison
@@ -48,8 +50,8 @@ def read_history(campaign: Campaign) -> list[Step]:
     if not path.is_file():
         return []
     try:
-        return [Step(**{**row, "effects": tuple(row["effects"])}) for row in json.loads(path.read_text())["steps"]]
-    except (ValueError, KeyError, TypeError, OSError):
+        return TypeAdapter(list[Step]).validate_python(json.loads(path.read_text(encoding="utf-8"))["steps"])
+    except (ValueError, KeyError, TypeError, OSError, RecursionError):
         raise InputError(f"{path}: not a history that mjsim has written; move it away to start a new one") from None
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
+from mjsim.campaign.model import Test
 from mjsim.compare import Comparison, Progress, TestComparison, silent
 from mjsim.engine.simulate import Simulation
 from mjsim.errors import InputError
@@ -92,7 +94,7 @@ def _shift(test) -> float:
 
 
 def polar_traces(t: TestComparison) -> list[PolarTrace]:
-    """Measured and simulated trace of a compared test; both lose the eccentricity that the measured one has."""
+    """Measured and simulated trace of a compared test, each about its own least-squares centre (ISO 230-4)."""
     out = []
     for name in ("measured", "simulated"):
         out.append(PolarTrace(name, t.phi / DEG, _centred(t.test, t.phi, getattr(t, name), t.valid), name, shift_deg=_shift(t.test)))
@@ -106,20 +108,21 @@ def residual_trace(t: TestComparison, noise: float) -> ResidualTrace:
     )
 
 
+def plot_files(tests: Iterable[Test], folder: Path) -> list[Path]:
+    """Files that :func:`comparison_plots` writes for these tests."""
+    return [folder / f"{name}.png" for name in ("overview", "residual", *(t.name for t in tests))]
+
+
 def comparison_plots(result: Comparison, folder: Path, progress: Progress = silent) -> list[Path]:
     """Polar plot per test, an overview, and the residuals; returns the files."""
-    files = []
+    overview, residual, *files = plot_files((t.test for t in result.tests), folder)
     total = len(result.tests) + 2
-    for i, t in enumerate(result.tests):
+    for i, (t, path) in enumerate(zip(result.tests, files, strict=True)):
         progress("plotting", i, total)
-        path = folder / f"{t.test.name}.png"
         save(polar_figure(polar_traces(t), t.test.name, conditions(t.test)), path)
-        files.append(path)
     progress("plotting", total - 2, total)
-    overview = folder / "overview.png"
     save(overview_figure([(t.test.name, polar_traces(t)) for t in result.tests], title=f"{result.campaign.name}: measured and simulated"), overview)
     progress("plotting", total - 1, total)
-    residual = folder / "residual.png"
     title = f"{result.campaign.name}: residual {result.rms / UM:.3f} µm RMS, noise {result.noise / UM:.3f} µm"
     save(residual_figure([residual_trace(t, result.noise) for t in result.tests], title=title), residual)
     return [overview, residual, *files]

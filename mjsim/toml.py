@@ -29,8 +29,9 @@ def read_text(path: Path) -> str:
 
 def parse(path: Path) -> dict:
     """The file's tables as plain Python."""
+    text = read_text(path)
     try:
-        return tomllib.loads(read_text(path))
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML: {error}") from None
     except RecursionError:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from mjsim import ladder
 from mjsim.campaign.model import Campaign
 from mjsim.compare import Comparison, Progress, compare, silent
@@ -17,6 +19,7 @@ from mjsim.inference.problem import Problem
 from mjsim.inference.search import Searcher
 from mjsim.inference.signatures import Candidate, Projector, SignatureBank
 from mjsim.inference.spectrum import spectral_candidates
+from mjsim.kinematics import AXES
 from mjsim.machine.files import read_machine
 from mjsim.machine.model import Machine
 
@@ -37,13 +40,23 @@ def machine_of(campaign: Campaign, file: str | Path | None = None) -> Machine:
     return read_machine(file if file is not None else campaign.machine_file)
 
 
-def resolve_effect(name: str, machine: Machine) -> tuple[type[Effect], list[str], str | None]:
-    """Class, possible subjects and source file of what the user names: a built-in id, or the path of an effect file."""
-    if name.endswith(".py"):
+def resolve_effect(name: str) -> tuple[type[Effect], list[str], Path | None]:
+    """Class, possible subjects and source file of what the user names: an id, or the path of an effect file.
+
+    Raises:
+        InputError: there is no such effect, or the file is no effect file.
+    """
+    if name.endswith(".py") or "/" in name:
         cls = registry.load_file(Path(name))
-        return cls, list(cls.subjects), name
+        return cls, list(cls.subjects), Path(name).resolve()
     cls, subject = registry.effect_class(name)
-    return cls, [subject], machine.effect_files.get(name)
+    return cls, [subject], None
+
+
+def file_reference(source: Path, machine_file: Path) -> str:
+    """An effect file as a machine file names it: relative where it lies beside or below the machine file, so that both can move."""
+    folder = machine_file.resolve().parent
+    return source.relative_to(folder).as_posix() if source.is_relative_to(folder) else str(source)
 
 
 def add(campaign: Campaign, effect: str, machine_file: str | Path | None = None, threads: int = 2, progress: Progress = silent, record: bool = True) -> Change:
@@ -58,15 +71,17 @@ def add(campaign: Campaign, effect: str, machine_file: str | Path | None = None,
         InputError: unknown effect, or one that this campaign cannot show.
     """
     machine = machine_of(campaign, machine_file)
-    cls, subjects, source = resolve_effect(effect, machine)
+    cls, subjects, source = resolve_effect(effect)
+    _need_traces(campaign)
+    if record:
+        ladder.read_history(campaign)  # a damaged history stops us before the work
     problem = Problem(campaign, machine, threads)
     fitter = Fitter(problem, machine)
     progress("fitting", 0, 1)
     best = min((_fitted(problem, fitter, cls, s) for s in subjects), key=lambda f: f.objective)
     free = best.effects[-1]
     if source is not None:
-        name = str(Path(source).resolve())
-        machine = replace(machine, effect_files={**machine.effect_files, free.effect.id: name})
+        machine = replace(machine, effect_files={**machine.effect_files, free.effect.id: file_reference(source, Path(machine.path))})
     before = compare(campaign, machine, threads, progress, problem)
     fitted = machine.with_effect(free.effect)
     after = compare(campaign, fitted, threads, progress, problem)
@@ -88,6 +103,8 @@ def remove(campaign: Campaign, effect: str, machine_file: str | Path | None = No
     if present is None:
         have = ", ".join(e.key for e in machine.effects) or "none"
         raise InputError(f"{machine.path}: has no effect {effect!r}; it has: {have}")
+    _need_traces(campaign)
+    ladder.read_history(campaign)  # a damaged history stops us before the work
     problem = Problem(campaign, machine, threads)
     before = compare(campaign, machine, threads, progress, problem)
     without = machine.without(present.key)
@@ -97,8 +114,12 @@ def remove(campaign: Campaign, effect: str, machine_file: str | Path | None = No
     return change
 
 
+def _need_traces(campaign: Campaign) -> None:
+    if not campaign.measured:
+        raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; the error before and after needs at least one measured test")
+
+
 def _record(campaign: Campaign, action: str, change: Change, path: Path) -> None:
-    ladder.read_history(campaign)  # a damaged history stops us before anything is written
     ladder.save_machine(change.machine, path, campaign)
     ladder.record(campaign, [ladder.step_of("start", "", path, change.before), ladder.step_of(action, change.effect.id, path, change.after)])
 
@@ -109,12 +130,20 @@ def _fitted(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str) -
     bank = SignatureBank(problem, start)
     searcher = Searcher(fitter)
     effect_id = f"{cls.kind}.{subject}"
+    silent_here = f"effect {effect_id} does not change any reading of this campaign; nothing to fit (which axes move in its tests?)"
     if cls.scanned:
+        if subject in AXES and not any(np.ptp(m.commands[:, AXES.index(subject)]) for m in problem.motions):
+            raise InputError(silent_here)
         fit, base = None, start
+        present = fitter.machine.effect(effect_id)
+        if present is not None and not present.is_neutral:  # its own components first, then what they leave
+            base = fit = fitter.fit([FreeEffect(present, cls.free_of(subject) or ("components",))], start=start, exact=False)
         for _ in range(12):
             rows = [(*Projector(base).gain(w), c) for c, w in spectral_candidates(problem, base, bank, subject) if c.effect.kind == cls.kind]
-            gain, x, candidate = max(rows, key=lambda r: r[0])
-            if fit is not None and gain < 40.0:
+            gain, x, candidate = max(rows, key=lambda r: r[0], default=(0.0, None, None))
+            if gain <= 0.0 and fit is None:
+                raise InputError(silent_here)
+            if candidate is None or (fit is not None and gain < 40.0):
                 break
             base = fit = fitter.fit(searcher.grown(base, candidate, x), start=base, exact=False)
         return fitter.fit(fit.effects, start=fit)
@@ -125,7 +154,7 @@ def _fitted(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str) -
         seeds = [c for c, _ in spectral_candidates(problem, start, bank, subject) if c.effect.kind == cls.kind]
     bank.compute(seeds)
     if not bank.matrix.any():
-        raise InputError(f"effect {effect_id} does not change any reading of this campaign; nothing to fit (which axes move in its tests?)")
+        raise InputError(silent_here)
     gain, x, candidate = Projector(start).screen(bank)[0]
     trial = fitter.fit(searcher.grown(start, candidate, x), start=start, exact=False)
     return fitter.fit(trial.effects, start=trial)

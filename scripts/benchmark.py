@@ -29,7 +29,14 @@ TARGET_S = 0.75
 DEG = math.pi / 180.0
 #: θ = 15°, β = 10°, two turns at 1000 mm/min: 74.9 s.
 TEST = Test(
-    "cone15", "cone_frustum", table_ball=(0.05, 0.02, 0.155), length=0.1, feed=1.0 / 60.0, half_apex=15 * DEG, inclination=10 * DEG, revolutions=2
+    "cone15",
+    "cone_frustum",
+    table_ball=(0.05, 0.02, 0.155),
+    length=0.1,
+    feed=1.0 / 60.0,
+    half_apex=15 * DEG,
+    inclination=10 * DEG,
+    revolutions=2,
 )
 
 
@@ -97,10 +104,13 @@ def main() -> None:
         ratio = statistics.median(d / b for _, d, b in times)
         duration = (n - 1) * STEP
         print(f"\n{title}: {len(plant.effects)} effects, {len(plant.ops)} transmission operations, a test of {duration:.1f} s")
-        print(f"  simulate          {total:7.3f} s   {total / n * 1e6:5.2f} µs per step, {duration / total:5.0f} times real time; "
-              f"target {TARGET_S} s {'met' if total < TARGET_S else 'MISSED'}")
-        print(f"  its MuJoCo steps  {with_callback:7.3f} s   {with_callback / n * 1e6:5.2f} µs per step")
-        print(f"  bare rollout      {without:7.3f} s   {without / n * 1e6:5.2f} µs per step; the callback's steps take {ratio:.2f} times as long")
+        verdict = f"target {TARGET_S} s {'met' if total < TARGET_S else 'MISSED'}"
+        for name, seconds, note in (
+            ("simulate", total, f", {duration / total:.0f} times real time; {verdict}"),
+            ("its MuJoCo steps", with_callback, f", {ratio:.2f} times the bare rollout"),
+            ("bare rollout", without, ""),
+        ):
+            print(f"  {name:16}  {seconds:6.3f} s  {seconds / n * 1e6:5.2f} µs per step{note}")
 
 
 if __name__ == "__main__":

@@ -67,7 +67,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     base = read_campaign(examples() / "healthy", traces=False)
-    machines = [read_machine(examples() / name / "machine.toml") for name in ("healthy", "pitch-error")]
+    machines = [read_machine(examples() / name / "machine.toml") for name in ("healthy", "two-candidates")]
     rows = []
     for number in range(options.count):
         rng = np.random.default_rng([options.seed, number])

@@ -65,8 +65,13 @@ def cone():
     def make(theta, beta, ball, feed=1000.0, **fields):
         fields = {"name": f"cone{theta:g}", "revolutions": 1, **fields}
         return Test(
-            kind="cone_frustum", table_ball=tuple(x / 1e3 for x in ball), length=0.1, feed=feed / 60e3, half_apex=theta * DEG,
-            inclination=beta * DEG, **fields,
+            kind="cone_frustum",
+            table_ball=tuple(x / 1e3 for x in ball),
+            length=0.1,
+            feed=feed / 60e3,
+            half_apex=theta * DEG,
+            inclination=beta * DEG,
+            **fields,
         )
 
     return make
@@ -90,8 +95,16 @@ def turn():
     def make(axis, start, stop, ball, sensitive="tangential", feed=1000.0, **fields):
         fields = {"name": f"rotary-{axis}", "revolutions": 1, **fields}
         return Test(
-            kind="rotary", table_ball=tuple(x / 1e3 for x in ball), length=0.1, feed=feed / 60e3, axis=axis, sensitive=sensitive,
-            start=start * DEG, stop=stop * DEG, direction="CCW" if stop > start else "CW", **fields,
+            kind="rotary",
+            table_ball=tuple(x / 1e3 for x in ball),
+            length=0.1,
+            feed=feed / 60e3,
+            axis=axis,
+            sensitive=sensitive,
+            start=start * DEG,
+            stop=stop * DEG,
+            direction="CCW" if stop > start else "CW",
+            **fields,
         )
 
     return make

@@ -303,7 +303,7 @@ def test_every_command_names_a_missing_machine(campaign, command):
 # -- a user's own effect -----------------------------------------------------------------------------------------------------------
 
 OWN = {
-    "not Python": ("this is not Python", "mine.py", "SyntaxError"),
+    "not Python": ("x = (1", "mine.py", "SyntaxError"),
     "raises": ("1 / 0", "mine.py", "ZeroDivisionError"),
     "leaves": ("import sys; sys.exit(3)", "mine.py", "SystemExit"),
     "defines nothing": ("x = 1", "mine.py", "exactly one"),

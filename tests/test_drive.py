@@ -7,7 +7,17 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from mjsim.engine.drive import (
-    BRISTLE, INTEGRAL, OMEGA, STATE_SIZE, STEP, SUBSTEPS, THETA, advance, discretise, run, start,
+    BRISTLE,
+    INTEGRAL,
+    OMEGA,
+    STATE_SIZE,
+    STEP,
+    SUBSTEPS,
+    THETA,
+    advance,
+    discretise,
+    run,
+    start,
 )  # fmt: skip
 from mjsim.engine.plant import build
 
@@ -176,7 +186,8 @@ def test_ripple_at_constant_speed(m1):
     v, order, amplitude = 0.02, 5.0, 0.01
     w = order * axis.gear * v
     s = 1j * w
-    compliance = s / (axis.inertia * s**3 + axis.viscous * s**2 + axis.velocity_gain * (s + 1 / axis.integral_time) * (axis.position_gain + s))
+    loop = axis.velocity_gain * (s + 1 / axis.integral_time)
+    compliance = s / (axis.inertia * s**3 + axis.viscous * s**2 + loop * (axis.position_gain + s))
     times = np.arange(4001) * STEP
     ripple = kernel(replace(axis, ripple=(amplitude, order, 0.0)), v * times) - kernel(axis, v * times)
     wave = ripple[times > 2.0] * axis.gear

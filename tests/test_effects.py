@@ -125,7 +125,8 @@ def test_file_round_trip(effect_id, m1, bare, tmp_path):
     """Added to a commented machine file: values come back, comments and order stay; taken out again: the text is as before."""
     source = tmp_path / "machine.toml"
     text = (examples() / "hidden-backlash" / "machine.toml").read_text()
-    text = "# bought in 2009\n" + text.replace("[drive.X]", "[drive.X]  # new motor").replace('id = "friction.Y"', 'id = "friction.Y" # measured')
+    text = text.replace("[drive.X]", "[drive.X]  # new motor").replace('id = "friction.Y"', 'id = "friction.Y" # measured')
+    text = "# bought in 2009\n" + text
     source.write_text(text)
     machine = read_machine(source)
     effect = make(effect_id, **typical(effect_id))
@@ -401,7 +402,9 @@ def test_thermal_drift(motion, motor, m1, axis):
     np.testing.assert_allclose(y, motor[:, COLUMN[axis]] - 9.0 * UM * (1 - np.exp(-clock / 300.0)), rtol=0, atol=1e-16)
 
 
-@pytest.mark.parametrize(("kind", "value", "columns"), [("radial", {"amplitude_um": 4.0}, (5, 6)), ("tilt", {"amplitude_urad": 4.0}, (7, 8))])
+@pytest.mark.parametrize(
+    ("kind", "value", "columns"), [("radial", {"amplitude_um": 4.0}, (5, 6)), ("tilt", {"amplitude_urad": 4.0}, (7, 8))]
+)
 def test_error_motion_of_the_table(motion, motor, m1, kind, value, columns):
     got = load(motion, m1, make(f"{kind}_error_motion.C", order=-3.0, phase_deg=50.0, **value))
     np.testing.assert_array_equal(got[:, :5], motor)

@@ -198,26 +198,19 @@ def test_tilted_c_axis_of_a_ball_on_the_axis():
     q = np.zeros((1, 5))
     h, t = 0.155, 1e-3
     p = np.array([0.0, 0.0, h])
-    np.testing.assert_allclose(table_ball(q, p, Geometry({"EB0C": t}))[0] - p, [h * np.sin(t), 0, -h * (1 - np.cos(t))], rtol=0, atol=1e-16)
-    np.testing.assert_allclose(table_ball(q, p, Geometry({"EA0C": t}))[0] - p, [0, -h * np.sin(t), -h * (1 - np.cos(t))], rtol=0, atol=1e-16)
+    for name, want in (("EB0C", [h * np.sin(t), 0, -h * (1 - np.cos(t))]), ("EA0C", [0, -h * np.sin(t), -h * (1 - np.cos(t))])):
+        np.testing.assert_allclose(table_ball(q, p, Geometry({name: t}))[0] - p, want, rtol=0, atol=1e-16)
 
 
-def test_squareness_on_a_circle():
-    """ΔX = −α Y about the ball: the reading is −α L sinφ cosφ to first order, an ellipse at 45°."""
+@pytest.mark.parametrize(("plane", "first", "second", "sign"), [("XY", 0, 1, -1), ("YZ", 1, 2, -1), ("ZX", 2, 0, 1)])
+def test_squareness_on_a_circle(plane, first, second, sign):
+    """ΔX = −α Y, ΔY = −α Z, ΔX = +α Z about the ball: ±α L sinφ cosφ to first order, an ellipse at 45° in that plane."""
     phi = np.linspace(0, 2 * np.pi, 361)
     alpha = 50e-6
     q = np.zeros((361, 5))
-    q[:, 0], q[:, 1] = LENGTH * np.cos(phi), LENGTH * np.sin(phi)
-    got = reading(q, np.zeros(3), LENGTH, Geometry({}, {"XY": alpha}))
-    np.testing.assert_allclose(got, -alpha * LENGTH * np.sin(phi) * np.cos(phi), rtol=0, atol=LENGTH * alpha**2)
-    q[:, [0, 1, 2]] = q[:, [2, 0, 1]]  # YZ plane
-    np.testing.assert_allclose(
-        reading(q, np.zeros(3), LENGTH, Geometry({}, {"YZ": alpha})), -alpha * LENGTH * np.sin(phi) * np.cos(phi), rtol=0, atol=LENGTH * alpha**2
-    )
-    q[:, [0, 1, 2]] = q[:, [2, 0, 1]]  # ZX plane: the first of the pair is Z
-    np.testing.assert_allclose(
-        reading(q, np.zeros(3), LENGTH, Geometry({}, {"ZX": alpha})), alpha * LENGTH * np.sin(phi) * np.cos(phi), rtol=0, atol=LENGTH * alpha**2
-    )
+    q[:, first], q[:, second] = LENGTH * np.cos(phi), LENGTH * np.sin(phi)
+    got = reading(q, np.zeros(3), LENGTH, Geometry({}, {plane: alpha}))
+    np.testing.assert_allclose(got, sign * alpha * LENGTH * np.sin(phi) * np.cos(phi), rtol=0, atol=LENGTH * alpha**2)
 
 
 # --- sensitivities ---

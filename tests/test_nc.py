@@ -108,12 +108,19 @@ def test_feed_speeds(paper, cone, name, axis, ball):
 
 def test_every_printed_nc_number_is_tested(paper):
     assert set(paper["axis_travel"]) == {
-        "A_range_deg_15_10", "A_range_deg_45_30", "C_range_deg_per_revolution", "measurement_circle_radius_mm_45",
+        "A_range_deg_15_10",
+        "A_range_deg_45_30",
+        "C_range_deg_per_revolution",
+        "measurement_circle_radius_mm_45",
     }
     assert set(paper["reversals_15_10_centre"]) == {"X_deg", "Y_deg", "A_deg"}
     assert set(paper["feed_15_10"]) == {
-        "C_max_deg_per_min", "X_max_mm_per_min_XT_200", "Y_max_mm_per_min_YT_200", "X_max_mm_per_min_XT_minus_50",
-        "X_max_mm_per_min_YT_50", "Y_max_mm_per_min_YT_50",
+        "C_max_deg_per_min",
+        "X_max_mm_per_min_XT_200",
+        "Y_max_mm_per_min_YT_200",
+        "X_max_mm_per_min_XT_minus_50",
+        "X_max_mm_per_min_YT_50",
+        "Y_max_mm_per_min_YT_50",
     }
 
 
@@ -216,7 +223,8 @@ def all_tests(cone, circle, turn):
         cone(15, 10, (0, 0, 155)), cone(45, 30, (50, -30, 155)), cone(15, 30, (0, 40, 155)),
         cone(15, 10, (50, 20, 155), sensitive="parallel"), cone(45, 30, (0, 200, 155), sensitive="parallel", direction="CW"),
         circle("XY", (10, 20, 155)), circle("YZ", (0, 0, 155)), circle("ZX", (-30, 0, 155), direction="CW"),
-        *(turn(axis, 0, to, ball, s) for s in ("tangential", "radial", "axial") for axis, to, ball in (("C", 360, (80, 60, 155)), ("A", -90, (10, 60, 155)))),
+        *(turn("C", 0, 360, (80, 60, 155), s) for s in ("tangential", "radial", "axial")),
+        *(turn("A", 0, -90, (10, 60, 155), s) for s in ("tangential", "radial", "axial")),
     ]  # fmt: skip
 
 
@@ -308,7 +316,8 @@ def test_acceleration_is_the_documented_one():
 def test_measured_span_of_whole_revolutions(cone, circle, direction, feed):
     """The program runs from 10° before φ = 0 to 10° past the last turn; the trace is the turns."""
     sign = 1 if direction == "CCW" else -1
-    for test in (cone(15, 10, (50, 0, 155), feed, direction=direction, revolutions=2), circle("XY", (0, 0, 155), feed, direction=direction, revolutions=2)):
+    fields = {"feed": feed, "direction": direction, "revolutions": 2}
+    for test in (cone(15, 10, (50, 0, 155), **fields), circle("XY", (0, 0, 155), **fields)):
         program = Program(test)
         first, last = program.measured_span
         phi = program.phi(np.array([0.0, first, last, program.duration]))

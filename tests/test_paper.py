@@ -105,7 +105,9 @@ def test_friction_shows_at_every_reversal(m1, caused, paper):
     assert all(nearest(expected, angle) <= 3.0 for angle in found)
 
 
-@pytest.mark.parametrize(("axis", "angles"), [("X", [131.15, 228.85]), ("Y", [0, 147.98, 180, 212.02]), ("A", [0, 180]), ("Z", []), ("C", [])])
+@pytest.mark.parametrize(
+    ("axis", "angles"), [("X", [131.15, 228.85]), ("Y", [0, 147.98, 180, 212.02]), ("A", [0, 180]), ("Z", []), ("C", [])]
+)
 def test_each_axis_shows_at_its_own_reversals(m1, caused, axis, angles):
     """C never turns back, and Z is not seen."""
     found = glitches(caused([m1.effect(f"friction.{axis}")], 15, [CENTRE])[0])
@@ -202,7 +204,10 @@ def test_backlash_of_a_at_45(caused):
 
 
 def test_backlash_of_a_at_45_with_x_offset(caused):
-    """Fig. 16b: the step at 0° hardly depends on the method, the one at 180° is lower in the perpendicular one. Fig. 13a: +200 and −200 differ."""
+    """Fig. 16b: the step at 0° hardly depends on the method, the one at 180° is lower in the perpendicular one.
+
+    Fig. 13a: the traces for +200 and −200 mm differ.
+    """
     square, level = (caused(BACKLASH, 45, [X200], s)[0] for s in ("perpendicular", "parallel"))
     assert step(square, 0) == pytest.approx(step(level, 0), rel=0.1)
     assert abs(step(square, 180)) < 0.7 * abs(step(level, 180))
@@ -265,9 +270,7 @@ def wave_of_c(caused):
     """
 
     def run(theta, ball, sensitive="perpendicular"):
-        sine, cosine = (
-            caused([make("pitch_error.C", components=[[72, AMPLITUDE, p]])], theta, [ball], sensitive)[0] for p in (0.0, 90.0)
-        )
+        sine, cosine = (caused([make("pitch_error.C", components=[[72, AMPLITUDE, p]])], theta, [ball], sensitive)[0] for p in (0.0, 90.0))
         return np.hypot(sine, cosine), np.unwrap(np.arctan2(sine, cosine))
 
     return run
@@ -311,7 +314,7 @@ def test_pitch_error_of_c_with_y_offset(wave_of_c):
         assert at(size, angle) < 0.3 * size.max()
     # cycles per degree where the wave is large (the phase jumps by half a turn where it changes its sign)
     rate = np.abs(np.diff(phase, append=phase[-1]))
-    period = {angle: 0.1 * 2 * np.pi / np.median(rate[(ANGLE > angle - 3) & (ANGLE < angle + 3)]) for angle in (5, 40, 140, 180, 220, 320, 355)}
+    period = {a: 0.2 * np.pi / np.median(rate[(ANGLE > a - 3) & (ANGLE < a + 3)]) for a in (5, 40, 140, 180, 220, 320, 355)}
     assert period[5] > period[40] > period[140] > period[180] < period[220] < period[320] < period[355]
     # C turns at 1750°/min where the circle goes at 593°/min, and 72 waves to the turn
     assert period[180] == pytest.approx(360 / 72 * (1000 / (100 * np.cos(np.radians(15))) * 180 / np.pi) / 1750, rel=0.05)

@@ -65,7 +65,7 @@ def _content(name="cone15-ccw", **changes):
         ],
         tests=[test],
         noise_um=0.12,
-        noise_source="Half-differences of revolutions.",
+        noise_source="half-differences of revolutions",
         setups=[SetUpRow("x50", (10.25, -3.4, 5.1), (1.1, -0.4, 0.2), [name])],
         length_offset_um=3.02,
         bidirectional=[BidirectionalRow((name, name + "-cw"), BidirectionalFigures(8.14, -0.44, (0.0, 0.0)))],

@@ -234,12 +234,26 @@ class Broken(ByClock):
         return np.full_like(motion.position, np.nan)
 
 
+class ByRates(ByClock):
+    """Uses everything else that a motion tells: velocity, acceleration, time since a reversal."""
+
+    kind = "by_rates"
+
+    def position_error(self, motion):
+        size = self.si("amplitude_um")
+        out = np.zeros_like(motion.position)
+        out[:, 0] = size * motion.velocity[:, 3]
+        out[:, 1] = 0.1 * size * motion.acceleration[:, 4]
+        out[:, 2] = size * np.exp(-motion.since_reversal[:, 0] / 0.05)
+        return out
+
+
 @pytest.fixture
 def own_effects(monkeypatch):
-    """The three effects above, known for one test only."""
+    """The effects above, known for one test only."""
     registry.kinds()
     monkeypatch.setattr(registry, "_REGISTRY", dict(registry._REGISTRY))
-    for cls in (WaveOfX, ByClock, Broken):
+    for cls in (WaveOfX, ByClock, ByRates, Broken):
         registry.register(cls)
 
 
@@ -260,6 +274,16 @@ def test_python_effect_sees_the_campaign_clock(m1, own_effects, cone):
     native = simulate(m1.with_effect(make("thermal_drift.Y", amplitude_um=5.0, time_constant_s=60.0)), [test])[0]
     python = simulate(m1.with_effect(make("by_clock.X", amplitude_um=5.0)), [test])[0]
     assert np.abs(native.deviation - python.deviation).max() < 1e-10
+
+
+def test_python_effect_sees_the_same_rates_either_way(m1, own_effects, cone):
+    """Called once per step in MuJoCo, or once with the whole motion: the same numbers."""
+    test = cone(15, 10, (50, 20, 155), 12000, name="short", sensitive="parallel")
+    own = m1.with_effect(make("by_rates.X", amplitude_um=5.0))
+    python = simulate(own, [test])[0]
+    alone = TestMotion(test)
+    assert np.abs(alone.load(build(own)) - alone.load(build(m1))).max(axis=0)[:3].min() > 0.5e-6
+    assert np.abs(alone.reading(build(own)) - python.deviation).max() < 1e-9
 
 
 def test_neutral_python_effect_is_absent(m1, own_effects, cone):

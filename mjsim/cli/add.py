@@ -31,6 +31,8 @@ def command(campaign, effect, machine, threads, as_json, quiet) -> None:
     if as_json:
         common.print_json(data)
         return
+    if quiet:
+        return
     show_change("added", data)
     common.say(f"{change.machine.path} now has it; `mjsim remove {campaign} {change.effect.id}` takes it out again", quiet)
 
@@ -58,7 +60,8 @@ def show_change(word: str, data: dict) -> None:
     e = data["effect"]
     click.echo(f"{word} {e['id']}")
     for line in parameter_lines(e["parameters"], e["ci95"]):
-        click.echo(f"  {line}")
+        common.paragraph(line, "  ")
     rows = [[t["name"], f"{t['rms_before_um']:.3f}", f"{t['rms_after_um']:.3f}"] for t in data["tests"]]
+    click.echo()
     common.table(["test", "RMS before µm", "after µm"], [*rows, ["all tests", f"{data['rms_before_um']:.3f}", f"{data['rms_after_um']:.3f}"]])
-    click.echo(f"noise {data['noise_um']:.3f} µm")
+    click.echo(f"\nnoise {data['noise_um']:.3f} µm")

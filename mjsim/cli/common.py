@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import json
+import math
+import shutil
 import sys
+import textwrap
 from collections.abc import Callable
 from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
+from typing import NoReturn
 
 import click
 
 from mjsim.errors import InputError, SimulationError
+
+
+#: Columns that output fits where stdout is no terminal.
+WIDTH = 80
 
 
 def options(command: Callable) -> Callable:
@@ -22,16 +30,23 @@ def options(command: Callable) -> Callable:
         try:
             return command(*args, **kwargs)
         except (InputError, SimulationError) as error:
-            click.echo(f"mjsim: {error}", err=True)
-            sys.exit(1)
+            fail(str(error))
         except BrokenPipeError:
             sys.exit(0)
+        except OSError as error:
+            fail(f"{error.filename or 'file'}: {error.strerror or error}")
         except KeyboardInterrupt:
             click.echo("mjsim: stopped; nothing half-written is left behind", err=True)
             sys.exit(130)
 
-    run = click.option("--quiet", is_flag=True, help="No progress and no messages.")(run)
+    run = click.option("--quiet", is_flag=True, help="Print nothing but errors (and the JSON, with --json).")(run)
     return click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout and nothing else there.")(run)
+
+
+def fail(sentence: str) -> NoReturn:
+    """One line on stderr and exit status 1."""
+    click.echo("mjsim: " + "".join(c if c.isprintable() else " " for c in " ".join(sentence.split())), err=True)
+    sys.exit(1)
 
 
 campaign_argument = click.argument("campaign", type=click.Path(path_type=Path))
@@ -48,7 +63,16 @@ def cores(threads: int | None) -> int:
 
 def print_json(data: dict) -> None:
     """One JSON object on stdout."""
-    click.echo(json.dumps(data, indent=1, ensure_ascii=False))
+    click.echo(json.dumps(_finite(data), indent=1, ensure_ascii=False, allow_nan=False))
+
+
+def _finite(value):
+    """The same data with ``null`` for numbers that JSON does not have."""
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 @contextmanager
@@ -82,15 +106,29 @@ def say(text: str, quiet: bool) -> None:
         click.echo(text, err=True)
 
 
-def table(columns: list[str], rows: list[list[str]], title: str | None = None) -> None:
-    """A table on stdout that fits 80 columns; the first column is text, the others are numbers."""
+def width() -> int:
+    """Columns of the terminal, 80 where stdout is none."""
+    return shutil.get_terminal_size((WIDTH, 24)).columns if sys.stdout.isatty() else WIDTH
+
+
+def paragraph(text: str, indent: str = "") -> None:
+    """A text on stdout, wrapped."""
+    click.echo(textwrap.fill(text, width(), initial_indent=indent, subsequent_indent=indent + "  ", break_on_hyphens=False, break_long_words=False))
+
+
+def table(columns: list[str], rows: list[list[str]], text: tuple[int, ...] = (0,)) -> None:
+    """A table on stdout that fits the terminal, or 80 columns; the columns ``text`` hold text, the others numbers."""
+    from rich import box
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
-    console = Console(width=None if sys.stdout.isatty() else 100, highlight=False)
-    t = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="bold")
+    console = Console(width=width(), highlight=False)
+    t = Table(box=box.SIMPLE_HEAD if console.is_terminal else None, show_edge=False, pad_edge=False, header_style="bold")
     for i, name in enumerate(columns):
-        t.add_column(name, justify="left" if i == 0 else "right", overflow="fold")
+        t.add_column(Text(name), justify="left" if i in text else "right", overflow="fold")
     for row in rows:
-        t.add_row(*row)
-    console.print(t)
+        t.add_row(*map(Text, row))
+    with console.capture() as captured:
+        console.print(t)
+    click.echo("\n".join(line.rstrip() for line in captured.get().splitlines()))

@@ -14,9 +14,10 @@ from mjsim.cli import common
 @common.machine_option
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder for plots (default: .mjsim/compare in the campaign).")
 @click.option("--no-plots", is_flag=True, help="Numbers only.")
+@click.option("--force", is_flag=True, help="Replace plots in the folder named by --out.")
 @common.threads_option
 @common.options
-def command(campaign, machine, out, no_plots, threads, as_json, quiet) -> None:
+def command(campaign, machine, out, no_plots, force, threads, as_json, quiet) -> None:
     """Lay the simulation over the measurement of CAMPAIGN, test by test.
 
     The ball offsets of every set-up, the bar's length and each trigger are fitted with their priors and shown; the machine is taken as it is.
@@ -26,17 +27,23 @@ def command(campaign, machine, out, no_plots, threads, as_json, quiet) -> None:
     """
     from mjsim.campaign.files import read_campaign
     from mjsim.compare import compare
-    from mjsim.output import comparison_plots
+    from mjsim.files import check_writable
+    from mjsim.output import comparison_plots, plot_files
     from mjsim.workflow import machine_of
 
     c = read_campaign(campaign)
     m = machine_of(c, machine)
+    if not no_plots:
+        for file in plot_files(c.measured, out or c.state_folder / "compare"):
+            check_writable(file, force or out is None)
     with common.progress_bar(quiet) as progress:
         result = compare(c, m, common.cores(threads), progress)
         plots = [] if no_plots else comparison_plots(result, out or c.state_folder / "compare", progress)
     data = result.to_json()
     if as_json:
         common.print_json({**data, "plots": [str(p) for p in plots]})
+        return
+    if quiet:
         return
     show(data)
     if plots:
@@ -49,16 +56,24 @@ def show(data: dict) -> None:
     for t in data["tests"]:
         iso = t["iso230_4"]
         g = [f"{iso[k]['circular_error_um']:.2f}" if iso else "–" for k in ("measured", "simulated")]
-        rows.append([t["name"], f"{t['rms_um']:.3f}", f"{t['max_um']:.2f}", *g, f"{t['worst_plot_angle_deg']:.0f}°", t["worst_event"]])
-    common.table(["test", "RMS µm", "max µm", "G meas.", "G sim.", "worst at", "event"], rows)
-    click.echo(f"\nresidual RMS {data['rms_um']:.3f} µm, noise {data['noise_um']:.3f} µm ({data['noise_source']}): ratio {data['rms_um'] / data['noise_um']:.2f}\n")
+        angle = t["worst_phi_deg"] if t["kind"] == "rotary" else t["worst_plot_angle_deg"]
+        reverses = t["worst_event"].removeprefix("reversal of ")
+        rows.append([t["name"], f"{t['rms_um']:.3f}", f"{t['max_um']:.2f}", *g, f"{angle:.0f}°", "–" if reverses == t["worst_event"] else reverses])
+    common.table(["test", "RMS µm", "max µm", "G meas.", "G sim.", "worst at", "reverses"], rows)
+    click.echo(f"\nresidual RMS {data['rms_um']:.3f} µm, noise {data['noise_um']:.3f} µm: ratio {data['rms_um'] / data['noise_um']:.2f}")
+    common.paragraph(
+        f"RMS and max: measured less simulated; G: circular error (ISO 230-4), µm. Worst: plot angle φ + 180° (rotary tests: axis "
+        f"angle), and the axis that reverses there. Noise: {data['noise_source']}."
+    )
+    click.echo()
     rows = [[k, *(f"{x:+.1f}" for x in v["table_ball_um"]), *(f"{x:+.1f}" for x in v["spindle_ball_um"])] for k, v in data["setups"].items()]
     common.table(["set-up (µm)", "table ball x", "y", "z", "spindle ball x", "y", "z"], rows)
     shifts = ", ".join(f"{t['name']} {t['trigger_ms']:+.1f}" for t in data["tests"])
-    click.echo(f"\nbar length {data['length_um']:+.2f} µm; trigger shifts (ms): {shifts}")
+    click.echo(f"\nbar length {data['length_um']:+.2f} µm")
+    common.paragraph(f"trigger shifts (ms): {shifts}")
     for b in data["iso230_4_bidirectional"]:
         m, s = b["measured"], b["simulated"]
-        click.echo(
+        common.paragraph(
             f"{b['ccw']} with {b['cw']}: G(b) {m['circular_error_um']:.2f} µm measured, {s['circular_error_um']:.2f} simulated; "
             f"D {m['mean_radial_error_um']:.2f} and {s['mean_radial_error_um']:.2f} µm"
         )

@@ -21,14 +21,17 @@ def command(out, threads, as_json, quiet) -> None:
     """
     from mjsim.cli.diagnose import show as show_diagnosis
     from mjsim.cli.history import show as show_ladder
-    from mjsim.demo import run
+    from mjsim.demo import prepare, walk
 
+    folder = prepare(out)
     common.say("A five-axis machine was measured with a ball bar in 13 tests. Something is wrong with it; its model does not know what.", quiet)
     with common.progress_bar(quiet) as progress:
-        demo = run(out, common.cores(threads), progress)
+        demo = walk(folder, common.cores(threads), progress)
     data = demo.diagnosis.to_json()
     if as_json:
         common.print_json({"report": str(demo.report), "diagnosis": data, "steps": [{**vars(s), "effects": list(s.effects)} for s in demo.steps]})
+        return
+    if quiet:
         return
     show_diagnosis(data)
     click.echo("\nThe error ladder:")

@@ -25,14 +25,14 @@ def command(campaign, machine, write, max_effects, force, threads, as_json, quie
     """
     from mjsim.campaign.files import read_campaign
     from mjsim.diagnose import diagnose, write_effect_file
-    from mjsim.errors import InputError
+    from mjsim.files import check_writable
     from mjsim.machine.files import write_machine
     from mjsim.workflow import machine_of
 
     c = read_campaign(campaign)
     m = machine_of(c, machine)
-    if write is not None and write.exists() and not force:
-        raise InputError(f"{write}: exists already; name another file or give --force to replace it")
+    if write is not None:
+        check_writable(write, force)
     with common.progress_bar(quiet) as progress:
         result = diagnose(c, m, max_effects, common.cores(threads), progress)
     try:
@@ -44,6 +44,8 @@ def command(campaign, machine, write, max_effects, force, threads, as_json, quie
     data = result.to_json()
     if as_json:
         common.print_json(data)
+        return
+    if quiet:
         return
     show(data)
     if write is not None:
@@ -60,22 +62,24 @@ _SENTENCE = {
 
 def show(data: dict) -> None:
     """A diagnosis' JSON as text."""
-    click.echo(_SENTENCE[data["verdict"]])
-    click.echo(f"residual RMS {data['rms_before_um']:.3f} µm as given, {data['rms_after_um']:.3f} µm with what was found; noise {data['noise_um']:.3f} µm")
+    common.paragraph(_SENTENCE[data["verdict"]])
+    common.paragraph(f"residual RMS {data['rms_before_um']:.3f} µm as given, {data['rms_after_um']:.3f} µm with what was found; noise {data['noise_um']:.3f} µm")
     for e in data["effects"]:
         click.echo(f"\n  {e['id']}   {e['rms_before_um']:.3f} → {e['rms_after_um']:.3f} µm")
         for line in parameter_lines(e["parameters"], e["ci95"]):
-            click.echo(f"    {line}")
+            common.paragraph(line, "    ")
         if e["alternatives"]:
-            click.echo(f"    cannot be told from: {', '.join(e['alternatives'])}")
+            common.paragraph(f"cannot be told from: {', '.join(e['alternatives'])}", "    ")
         if e["tests"]:
-            click.echo(f"    shows in: {', '.join(e['tests'])}")
+            common.paragraph(f"shows in: {', '.join(e['tests'])}", "    ")
     if data["unexplained"]:
-        click.echo(f"\n  {data['unexplained']['summary']}")
+        click.echo()
+        common.paragraph(data["unexplained"]["summary"])
         if data["unexplained"]["effect_file"]:
-            click.echo(f"  an effect file in that form, ready to edit: {data['unexplained']['effect_file']}")
+            common.paragraph(f"an effect file in that form, ready to edit: {data['unexplained']['effect_file']}")
     if data["not_testable"]:
-        click.echo(f"\nnot testable with this campaign: {', '.join(data['not_testable'])}")
+        click.echo()
+        common.paragraph(f"not testable with this campaign: {', '.join(data['not_testable'])}")
 
 
 def parameter_lines(parameters: dict, intervals: dict) -> list[str]:

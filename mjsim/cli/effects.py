@@ -24,7 +24,9 @@ def command(effect, as_json, quiet) -> None:
         if as_json:
             common.print_json({"effects": [describe(cls, None) for cls in known.values()]})
             return
-        common.table(["effect", "what it is"], [[f"{k}.{{{','.join(c.subjects)}}}", c.title] for k, c in known.items()])
+        if not quiet:
+            common.table(["kind", "of", "what it is"], [[k, " ".join(c.subjects), c.title] for k, c in known.items()], text=(0, 1, 2))
+            common.say("an effect's id is kind.SUBJECT; `mjsim effects KIND` or `mjsim effects ID` tells more", quiet)
         return
     if "." in effect:
         cls, subject = registry.effect_class(effect)
@@ -36,12 +38,26 @@ def command(effect, as_json, quiet) -> None:
     if as_json:
         common.print_json(data)
         return
-    click.echo(f"{data['id']}: {data['title']}\n  definition  {data['definition']}\n  source      {data['source']}\n  signature   {data['signature']}\n")
+    if quiet:
+        return
+    click.echo(f"{data['id']}: {data['title']}\n")
+    for word in ("definition", "source", "signature"):
+        common.paragraph(f"{word}: {data[word]}")
+    click.echo()
     rows = [
-        [p["name"], p["unit"] or "–", "–" if p["neutral"] is None else f"{p['neutral']:g}", f"{p['lower']:g} to {p['upper']:g}" if p["kind"] == "number" else p["kind"], p["meaning"]]
+        [p["name"], p["unit"] or "–", "–" if p["neutral"] is None else f"{p['neutral']:g}", _allowed(p), p["meaning"]]
         for p in data["parameters"]
     ]
-    common.table(["parameter", "unit", "neutral", "range", "meaning"], rows)
+    common.table(["parameter", "unit", "neutral", "allowed", "meaning"], rows, text=(0, 1, 3, 4))
+    if subject is None and any(cls.parameters_of(s) != cls.parameters_of(cls.subjects[0]) for s in cls.subjects):
+        click.echo()
+        common.paragraph(f"these are the parameters of {cls.kind}.{cls.subjects[0]}; other axes' can differ: mjsim effects {cls.kind}.{cls.subjects[-1]}")
+
+
+def _allowed(p: dict) -> str:
+    if p["kind"] == "choice":
+        return " or ".join(p["choices"])
+    return "list" if p["kind"] == "components" else f"{p['lower']:g} to {p['upper']:g}"
 
 
 def describe(cls, subject: str | None) -> dict:

@@ -12,8 +12,9 @@ from mjsim.cli import common
 @click.command("history")
 @common.campaign_argument
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Plot file (default: .mjsim/ladder.png in the campaign).")
+@click.option("--force", is_flag=True, help="Replace the file named by --out.")
 @common.options
-def command(campaign, out, as_json, quiet) -> None:
+def command(campaign, out, force, as_json, quiet) -> None:
     """The ladder of CAMPAIGN: every model tried, its effects, its error per test.
 
     \b
@@ -21,6 +22,7 @@ def command(campaign, out, as_json, quiet) -> None:
     """
     from mjsim.campaign.files import read_campaign
     from mjsim.errors import InputError
+    from mjsim.files import check_writable
     from mjsim.ladder import read_history
     from mjsim.output import ladder_plot
 
@@ -29,9 +31,12 @@ def command(campaign, out, as_json, quiet) -> None:
     if not steps:
         raise InputError(f"{c.folder}: no model has been tried yet; `mjsim add {campaign} EFFECT` records the first steps")
     plot = out or c.state_folder / "ladder.png"
+    check_writable(plot, force or out is None)
     ladder_plot(steps, plot)
     if as_json:
         common.print_json({"campaign": c.name, "steps": [{**vars(s), "effects": list(s.effects)} for s in steps], "plot": str(plot)})
+        return
+    if quiet:
         return
     show(steps)
     common.say(f"plot in {plot}", quiet)
@@ -41,5 +46,12 @@ def show(steps: list) -> None:
     """The ladder as a table."""
     common.table(
         ["model", "effects", "RMS µm", "× noise", "worst test"],
-        [[s.label, str(len(s.effects)), f"{s.rms_um:.3f}", f"{s.rms_um / s.noise_um:.2f}", f"{max(s.tests.values()):.3f} {max(s.tests, key=s.tests.get)}"] for s in steps],
+        [[s.label, str(len(s.effects)), f"{s.rms_um:.3f}", f"{s.rms_um / s.noise_um:.2f}", _worst(s)] for s in steps],
     )
+
+
+def _worst(step) -> str:
+    if not step.tests:
+        return "–"
+    name = max(step.tests, key=step.tests.get)
+    return f"{step.tests[name]:.3f} {name}"

@@ -30,4 +30,6 @@ def command(campaign, effect, machine, threads, as_json, quiet) -> None:
     if as_json:
         common.print_json(data)
         return
-    show_change("removed", data)
+    if not quiet:
+        show_change("removed", data)
+        common.say(f"{change.machine.path} no longer has it; its former text is in {c.state_folder}", quiet)

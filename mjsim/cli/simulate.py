@@ -30,7 +30,7 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
     from mjsim.engine.simulate import simulate
     from mjsim.errors import InputError
     from mjsim.output import polar_of_simulation, simulation_csv, simulation_summary
-    from mjsim.files import write_whole
+    from mjsim.files import check_writable, write_whole
     from mjsim.workflow import machine_of
 
     c = read_campaign(campaign, traces=False)
@@ -41,9 +41,8 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
             raise InputError(f"{c.folder / 'campaign.toml'}: no test {name!r}; it has: {', '.join(known)}")
     tests = [t for t in c.tests if not names or t.name in names]
     targets = [out / f"{t.name}.csv" for t in tests] + ([] if no_plots else [out / f"{t.name}.png" for t in tests])
-    taken = [p for p in targets if p.exists()]
-    if taken and not force:
-        raise InputError(f"{taken[0]}: exists already; name another folder or give --force to replace it")
+    for file in targets:
+        check_writable(file, force)
     with common.progress_bar(quiet) as progress:
         count = [0]
 
@@ -61,6 +60,8 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
     summary = simulation_summary(results)
     if as_json:
         common.print_json({"campaign": c.name, "machine": m.name, "out": str(out), "tests": summary})
+        return
+    if quiet:
         return
     common.table(
         ["test", "duration s", "G µm", "max µm", "min µm"],

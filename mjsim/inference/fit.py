@@ -10,13 +10,14 @@ from mjsim.effects.base import Effect
 from mjsim.engine.plant import build
 from mjsim.inference.calibration import SHEET, calibrated
 from mjsim.inference.free import FreeEffect
+from mjsim.inference.nuisance import fit_nuisance
 from mjsim.inference.problem import Problem
 from mjsim.machine.model import Machine
 
 _STEP = 0.02  # of a parameter's typical size, for numerical derivatives
 #: Prior width of effect parameters in typical sizes: wide, it only keeps the equations regular.
 _WIDE = 1e3
-_TRIGGER_LIMIT = 5.0  # prior standard deviations
+_TRIGGER_LIMIT = 4.0  # prior standard deviations
 
 
 @dataclass
@@ -103,20 +104,13 @@ class Fitter:
             derivative columns stand in for small changes (much faster, for ranking).
         """
         p = self.problem
-        now = Fit(
-            self.machine, list(effects),
-            start.nuisance.copy() if start else np.zeros(p.layout.size),
-            start.tau.copy() if start else np.zeros(len(SHEET)),
-        )
         frozen = self.frozen_sheet(effects)
-        now.tau[frozen] = 0.0
-        anchor = now.tau.copy()
-        sheet, white = self.sheet_at(now)
-        self._evaluate(now, anchor, exact, sheet)
+        now, sheet, white, anchor = self._begin(effects, start, frozen, exact)
         for iteration in range(iterations):
             if exact and iteration:
                 sheet, white = self.sheet_at(now)
-            step = self._solve(now, frozen, white)
+            # what the model fails to explain counts as noise: nuisances and data sheet stay near their priors until it is good
+            step = self._solve(now, frozen, white, max(1.0, now.sum_squares / p.count))
             for scale in (1.0, 0.5, 0.2, 0.05):
                 trial = self._moved(now, scale * step)
                 self._evaluate(trial, anchor, exact, sheet)
@@ -130,6 +124,26 @@ class Fitter:
                 break
         self._solve(now, frozen, white)
         return now
+
+    def _begin(self, effects: list[FreeEffect], start: Fit | None, frozen: np.ndarray, exact: bool):
+        """The better of two beginnings: where ``start`` ended, or fresh nuisances and the data sheet as printed.
+
+        A model that lacked an effect has bent nuisances and data sheet; with the effect in it, a fresh beginning is often nearer.
+        """
+        p = self.problem
+        beginnings = [(None, np.zeros(len(SHEET)))]
+        if start is not None:
+            beginnings.insert(0, (start.nuisance.copy(), np.where(frozen, 0.0, start.tau)))
+        best = None
+        for nuisance, tau in beginnings:
+            fit = Fit(self.machine, list(effects), np.zeros(p.layout.size) if nuisance is None else nuisance, tau)
+            if nuisance is None:
+                fit.nuisance = fit_nuisance(p, p.readings(build(fit.machine)))
+            sheet, white = self.sheet_at(fit)
+            self._evaluate(fit, fit.tau, exact, sheet)
+            if best is None or fit.objective < best[0].objective:
+                best = fit, sheet, white, fit.tau.copy()
+        return best
 
     def _moved(self, fit: Fit, step: np.ndarray) -> Fit:
         n, t = len(fit.nuisance), len(fit.tau)
@@ -175,8 +189,8 @@ class Fitter:
                     columns[k].append(d / change)
         return [np.column_stack(c) if c else np.zeros((len(s.centre), 0)) for c, s in zip(columns, p.samples, strict=True)]
 
-    def _solve(self, fit: Fit, frozen: np.ndarray, sheet_white: np.ndarray) -> np.ndarray:
-        """Gauss-Newton step; leaves design and covariance in ``fit``."""
+    def _solve(self, fit: Fit, frozen: np.ndarray, sheet_white: np.ndarray, weight: float = 1.0) -> np.ndarray:
+        """Gauss-Newton step, priors counted ``weight`` times; leaves design and covariance in ``fit``."""
         p = self.problem
         nuisance = p.whiten(p.nuisance_columns(fit.readings, fit.nuisance))
         effects = p.whiten(self.effect_columns(fit)) if fit.effects else np.zeros((len(nuisance), 0))
@@ -184,7 +198,7 @@ class Fitter:
         if frozen.any():
             fit.design[:, len(fit.nuisance) + np.flatnonzero(frozen)] = 0.0
         n, t = len(fit.nuisance), len(fit.tau)
-        prior = np.concatenate([np.ones(n + t), np.full(effects.shape[1], _WIDE**-2)])
+        prior = np.concatenate([np.full(n + t, weight), np.full(effects.shape[1], _WIDE**-2)])
         now = np.concatenate([fit.nuisance, fit.tau, np.zeros(effects.shape[1])])
         fit.covariance = np.linalg.inv(fit.design.T @ fit.design + np.diag(prior))
         fit.step = fit.covariance @ (fit.design.T @ fit.residual - prior * now)

@@ -114,12 +114,12 @@ def machine_document(machine: Machine, original: Path) -> str:
     have = {e.key for e in base.effects}
     for effect in machine.effects:
         if effect.key not in have:
-            tables.append(_new_table(effect, machine))
+            tables.append(_new_table(effect, machine, inline=not isinstance(tables, tomlkit.items.AoT)))
     return tomlkit.dumps(document)
 
 
-def _new_table(effect: Effect, machine: Machine) -> tomlkit.items.Table:
-    table = tomlkit.table()
+def _new_table(effect: Effect, machine: Machine, inline: bool) -> tomlkit.items.Table | tomlkit.items.InlineTable:
+    table = tomlkit.inline_table() if inline else tomlkit.table()
     table["id"] = effect.id
     if effect.id in machine.effect_files:
         table["file"] = machine.effect_files[effect.id]
@@ -129,5 +129,16 @@ def _new_table(effect: Effect, machine: Machine) -> tomlkit.items.Table:
 
 
 def write_machine(machine: Machine, original: Path, target: Path, force: bool = False) -> None:
-    """Write ``machine`` to ``target`` as an edit of ``original``; the file appears whole or not at all."""
-    write_whole(target, machine_document(machine, original), force=force)
+    """Write ``machine`` to ``target`` as an edit of ``original``; the file appears whole or not at all.
+
+    Effect files that ``original`` names relative to itself are named by their full path in another folder.
+    """
+    text = machine_document(machine, original)
+    here, there = Path(original).resolve().parent, Path(target).resolve().parent
+    if machine.effect_files and here != there:
+        document = tomlkit.parse(text)
+        for table in document["effect"]:
+            if "file" in table:
+                table["file"] = str(here / table["file"])
+        text = tomlkit.dumps(document)
+    write_whole(target, text, force=force)

@@ -88,9 +88,9 @@ def _finding(e: DiagnosedEffect) -> Finding:
                 rows.append(ParameterRow(f"order {order:g}, phase", phase, ci[0][i][2], ci[1][i][2], "°"))
         else:
             rows.append(ParameterRow(name, value, ci[0] if ci else None, ci[1] if ci else None, unit_of(name)[1]))
-    where = f"Shows in {len(e.tests)} tests." if e.tests else "Shows in no single test above a quarter of the noise."
+    where = "" if e.tests else "Shows in no single test above a quarter of the noise."
     return Finding(
-        e.effect.id, e.effect.title, rows, e.rms_before / UM, e.rms_after / UM, e.alternatives, f"{e.effect.signature} {where}", e.tests
+        e.effect.id, e.effect.title, rows, e.rms_before / UM, e.rms_after / UM, e.alternatives, f"{e.effect.signature} {where}".strip(), e.tests
     )
 
 

@@ -1,0 +1,117 @@
+"""The example campaigns, end to end: what hides in each is found, nothing is found where nothing hides."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from mjsim.cli.main import main
+from mjsim.resources import examples
+
+pytestmark = pytest.mark.slow
+KEYS = {"verdict", "noise_um", "rms_before_um", "rms_after_um", "effects", "unexplained", "not_testable", "next_test"}
+EFFECT_KEYS = {"id", "parameters", "ci95", "rms_before_um", "rms_after_um", "alternatives", "tests"}
+
+
+def run(*args):
+    result = CliRunner().invoke(main, [*map(str, args), "--json", "--quiet"])
+    assert result.exit_code == 0, result.output
+    assert result.stderr == ""
+    return json.loads(result.stdout)
+
+
+@pytest.fixture(scope="session")
+def diagnosed(tmp_path_factory):
+    """``diagnosed(name)``: JSON of `mjsim diagnose` and the fitted machine's file; each example is diagnosed once."""
+    folder, done = tmp_path_factory.mktemp("fitted"), {}
+
+    def diagnose(name):
+        if name not in done:
+            fitted = folder / f"{name}.toml"
+            done[name] = run("diagnose", examples() / name, "--write", fitted), fitted
+        return done[name]
+
+    return diagnose
+
+
+@pytest.mark.parametrize("name", ["healthy", "hidden-backlash", "pitch-error", "two-candidates"])
+def test_json_is_as_documented(diagnosed, name):
+    data, fitted = diagnosed(name)
+    assert set(data) == KEYS
+    for effect in data["effects"]:
+        assert set(effect) == EFFECT_KEYS
+        assert set(effect["tests"]) <= {p.name.removesuffix(".csv.gz") for p in (examples() / name / "traces").iterdir()}
+        for key, interval in effect["ci95"].items():
+            if key != "components":
+                assert interval[0] <= effect["parameters"][key] <= interval[1]
+    assert fitted.is_file()
+
+
+def test_healthy_has_nothing(diagnosed):
+    data, _ = diagnosed("healthy")
+    assert (data["verdict"], data["effects"], data["unexplained"]) == ("nothing_found", [], None)
+    assert data["rms_after_um"] <= 1.15 * data["noise_um"]
+
+
+def test_healthy_compares_down_to_the_noise():
+    data = run("compare", examples() / "healthy", "--no-plots")
+    assert data["rms_um"] <= 1.15 * data["noise_um"]
+
+
+def test_hidden_backlash_is_identified(diagnosed):
+    data, _ = diagnosed("hidden-backlash")
+    assert (data["verdict"], [e["id"] for e in data["effects"]]) == ("identified", ["backlash.A"])
+    assert data["effects"][0]["parameters"]["width_deg"] == pytest.approx(0.002, rel=0.03)
+    assert data["effects"][0]["alternatives"] == []
+    assert data["rms_after_um"] <= 1.15 * data["noise_um"]
+
+
+def test_adding_the_hidden_backlash_removes_the_error(tmp_path):
+    folder = shutil.copytree(examples() / "hidden-backlash", tmp_path / "campaign")
+    data = run("add", folder, "backlash.A")
+    assert data["rms_after_um"] <= 0.14
+    assert data["effect"]["parameters"]["width_deg"] == pytest.approx(0.002, rel=0.03)
+
+
+def without_eccentricity(phi, d):
+    m = np.column_stack([np.cos(phi), np.sin(phi), np.ones_like(phi)])
+    return d - m @ np.linalg.lstsq(m, d, rcond=None)[0]
+
+
+def test_the_fitted_machine_predicts_tests_outside_the_campaign(diagnosed, tmp_path):
+    _, fitted = diagnosed("hidden-backlash")
+    heldout = examples() / "hidden-backlash" / "heldout"
+    run("simulate", heldout, "--machine", fitted, "--out", tmp_path, "--no-plots")
+    before = after = 0.0
+    truths = sorted(heldout.glob("*.truth.csv.gz"))
+    assert len(truths) == 3
+    for truth in truths:
+        phi, deviation, nominal = np.loadtxt(truth, delimiter=",", skiprows=1).T
+        simulated = np.genfromtxt(tmp_path / truth.name.replace(".truth.csv.gz", ".csv"), delimiter=",", names=True)
+        order = np.argsort(simulated["phi_deg"], kind="stable")
+        s = np.interp(phi, simulated["phi_deg"][order], simulated["deviation_um"][order])
+        keep = (np.abs(phi) > 30) & (np.abs(phi) < 690)
+        p = np.radians(phi[keep])
+        true = without_eccentricity(p, deviation[keep])
+        after += np.mean((true - without_eccentricity(p, s[keep])) ** 2)
+        before += np.mean((true - without_eccentricity(p, nominal[keep])) ** 2)
+    assert 1 - after / before >= 0.95
+
+
+def test_pitch_error_has_its_order_and_amplitude(diagnosed):
+    data, _ = diagnosed("pitch-error")
+    (effect,) = data["effects"]
+    assert effect["id"] == "pitch_error.C"
+    amplitude = {round(order): a for order, a, _ in effect["parameters"]["components"]}
+    assert amplitude[72] == pytest.approx(0.0025, rel=0.03)
+    assert data["rms_after_um"] <= 1.15 * data["noise_um"]
+
+
+def test_two_candidates_are_both_named(diagnosed):
+    data, _ = diagnosed("two-candidates")
+    assert data["verdict"] == "ambiguous"
+    (effect,) = data["effects"]
+    assert effect["id"] == "servo_gain.C"
+    assert effect["alternatives"] == ["servo_delay.C"]
