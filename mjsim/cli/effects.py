@@ -40,7 +40,8 @@ def command(effect, as_json, quiet) -> None:
         return
     if quiet:
         return
-    click.echo(f"{data['id']}: {data['title']}\n")
+    common.paragraph(f"{data['id'] if subject else cls.kind}: {data['title']}" + ("" if subject else f" ({', '.join(cls.subjects)})"))
+    click.echo()
     for word in ("definition", "source", "signature"):
         common.paragraph(f"{word}: {data[word]}")
     click.echo()

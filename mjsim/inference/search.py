@@ -24,6 +24,8 @@ PRICE = 8.0
 _SHORTLIST = 5
 #: Mean squared whitened residual below which a model counts as near; data-sheet moves (standard deviations) that an exact fit starts from.
 _NEAR, _FAR = 6.0, 2.0
+#: A data sheet that is moved by so many standard deviations is hiding an effect.
+_BENT = 5.0
 
 
 @dataclass
@@ -81,8 +83,9 @@ class Searcher:
         return Search(start, fit, found, bank, trail)
 
     def start(self) -> Fit:
-        """The machine as given, its data sheet calibrated: exactly where the model comes near the data, linearised elsewhere."""
-        return self._settled(self.fitter.fit([], exact=False))
+        """The machine as given, its data sheet calibrated: exactly where it looks healthy, linearised where an effect bends it."""
+        linear = self.fitter.fit([], exact=False)
+        return self._settled(linear) if np.abs(linear.tau).max() < _BENT else linear
 
     # -- growing -------------------------------------------------------------------------------------------------------
 
@@ -114,7 +117,7 @@ class Searcher:
             if best is not None and gain < 0.5 * (self._price(fit) - self._price(best)):
                 continue
             self.progress(f"model {len(fit.effects) + 1}: trying {c.id}", i, len(shortlist))
-            trial = self.fitter.fit(self.grown(fit, c, x), start=fit, exact=False, iterations=4)
+            trial = self._refit(self.grown(fit, c, x), fit, c)
             if not self._sensible(trial.effects[-1]):
                 continue
             trail.append({"effects": [f.effect.id for f in trial.effects], "objective": trial.objective})
@@ -123,6 +126,11 @@ class Searcher:
         if best is None or self._price(fit) - self._price(best) < THRESHOLD - PRICE:
             return None
         return self._settled(best)
+
+    def _refit(self, effects: list[FreeEffect], start: Fit, c: Candidate) -> Fit:
+        """Joint fit with a candidate: exact where a drive changes, since drives bend the data sheet's linear columns."""
+        exact = not c.effect.quasi_static and start.sum_squares < _NEAR * self.problem.count
+        return self.fitter.fit(effects, start=start, exact=exact, iterations=5 if exact else 4)
 
     def _settled(self, fit: Fit, iterations: int = 6) -> Fit:
         """Exact refit of a model that comes near the data; while effects are missing the data sheet would be driven far off."""
@@ -231,9 +239,8 @@ class Searcher:
             close = [r for r in rows if r[0] > 0.8 * min(own, gain) - 3 * THRESHOLD][:6]
             for i, (_, x, c) in enumerate(close):
                 self.progress(f"{mine.effect.id} against {c.id}", i, len(close))
-                names = self.grown(without, c, x)
-                trial = self.fitter.fit(names, start=without, exact=False)
-                if self._price(trial) < self._price(fit) + max(10 * RIVAL, 0.05 * gain):
+                trial = self._refit(self.grown(without, c, x), without, c)
+                if c.effect.quasi_static and self._price(trial) < self._price(fit) + max(10 * RIVAL, 0.05 * gain):
                     trial = self._settled(trial)
                 if any(not self._sensible(f) for f in trial.effects):
                     continue

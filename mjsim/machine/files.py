@@ -92,7 +92,8 @@ def _rounded(value: Any) -> Any:
 
 def machine_document(machine: Machine, original: Path) -> str:
     """TOML text of ``machine`` made by editing the text of ``original``, so that comments and order stay."""
-    document = tomlkit.parse(read_text(original))
+    former = read_text(original)
+    document = tomlkit.parse(former)
     base = read_machine(original)
     for axis in AXES:
         for attribute, key in _DRIVE_KEYS.items():
@@ -114,8 +115,12 @@ def machine_document(machine: Machine, original: Path) -> str:
     have = {e.key for e in base.effects}
     for effect in machine.effects:
         if effect.key not in have:
-            tables.append(_new_table(effect, machine, inline=not isinstance(tables, tomlkit.items.AoT)))
-    return tomlkit.dumps(document)
+            inline = not isinstance(tables, tomlkit.items.AoT)
+            if not inline and len(tables) and not tables[-1].as_string().endswith("\n\n"):
+                tables[-1].add(tomlkit.nl())
+            tables.append(_new_table(effect, machine, inline))
+    text = tomlkit.dumps(document)
+    return text.replace("\r\n", "\n").replace("\n", "\r\n") if "\r\n" in former else text
 
 
 def _new_table(effect: Effect, machine: Machine, inline: bool) -> tomlkit.items.Table | tomlkit.items.InlineTable:
