@@ -100,7 +100,10 @@ class Comparison:
                 }
                 for t in self.tests
             ],
-            "setups": {k: {"table_ball_um": [_r(x / UM, 2) for x in v[:3]], "spindle_ball_um": [_r(x / UM, 2) for x in v[3:]]} for k, v in self.setups.items()},
+            "setups": {
+                k: {"table_ball_um": [_r(x / UM, 2) for x in v[:3]], "spindle_ball_um": [_r(x / UM, 2) for x in v[3:]]}
+                for k, v in self.setups.items()
+            },
             "length_um": _r(self.length / UM, 2),
             "iso230_4_bidirectional": self.bidirectional,
         }
@@ -110,7 +113,9 @@ def _r(x: float, digits: int = 4) -> float:
     return round(float(x), digits)
 
 
-def compare(campaign: Campaign, machine: Machine, threads: int = 2, progress: Progress = silent, problem: Problem | None = None) -> Comparison:
+def compare(
+    campaign: Campaign, machine: Machine, threads: int = 2, progress: Progress = silent, problem: Problem | None = None
+) -> Comparison:
     """Simulate every measured test in the multibody model and lay it over the measurement.
 
     The nuisances (ball offsets per set-up, bar length, trigger per test) are fitted by least squares with their priors; the machine
@@ -146,21 +151,41 @@ def overlay(problem: Problem, machine: Machine, simulations: list[Simulation]) -
         events = reversals(Program(s.test))
         tests.append(
             TestComparison(
-                s.test, phi, s.value, modelled, residual, good,
-                float(np.sqrt(np.mean(residual[good] ** 2))), float(np.abs(residual[good]).max()),
-                float(phi[worst]), event_at(float(phi[worst]), events), events, problem.shift(k, nuisance),
-                _iso(s.test, phi[good], s.value[good], modelled[good]), problem.outliers[s.test.name],
+                s.test,
+                phi,
+                s.value,
+                modelled,
+                residual,
+                good,
+                float(np.sqrt(np.mean(residual[good] ** 2))),
+                float(np.abs(residual[good]).max()),
+                float(phi[worst]),
+                event_at(float(phi[worst]), events),
+                events,
+                problem.shift(k, nuisance),
+                _iso(s.test, phi[good], s.value[good], modelled[good]),
+                problem.outliers[s.test.name],
             )
         )
         squares += float(residual[good] @ residual[good])
         count += int(good.sum())
     setups = {
-        name: np.concatenate([nuisance[problem.layout.setup(name) :][:3] * TABLE_BALL, nuisance[problem.layout.setup(name) + 3 :][:3] * SPINDLE_BALL])
+        name: np.concatenate(
+            [nuisance[problem.layout.setup(name) :][:3] * TABLE_BALL, nuisance[problem.layout.setup(name) + 3 :][:3] * SPINDLE_BALL]
+        )
         for name in problem.layout.setups
     }
     return Comparison(
-        problem.campaign, machine, tuple(tests), problem.noise.rms, problem.noise.source, float(np.sqrt(squares / count)),
-        max(t.maximum for t in tests), setups, float(nuisance[problem.layout.length] * LENGTH), _pairs(tests),
+        problem.campaign,
+        machine,
+        tuple(tests),
+        problem.noise.rms,
+        problem.noise.source,
+        float(np.sqrt(squares / count)),
+        max(t.maximum for t in tests),
+        setups,
+        float(nuisance[problem.layout.length] * LENGTH),
+        _pairs(tests),
     )
 
 
@@ -186,7 +211,10 @@ def _pairs(tests: list[TestComparison]) -> list[dict]:
     out = []
     for a in tests:
         for b in tests:
-            same = all(getattr(a.test, n) == getattr(b.test, n) for n in ("kind", "table_ball", "length", "feed", "half_apex", "inclination", "sensitive", "plane", "setup"))
+            same = all(
+                getattr(a.test, n) == getattr(b.test, n)
+                for n in ("kind", "table_ball", "length", "feed", "half_apex", "inclination", "sensitive", "plane", "setup")
+            )
             if a.test.kind != "rotary" and same and a.test.direction == "CCW" and b.test.direction == "CW":
                 row: dict = {"ccw": a.test.name, "cw": b.test.name}
                 try:

@@ -150,7 +150,9 @@ def diagnose(campaign: Campaign, machine: Machine, max_effects: int = 5, threads
         block = search.fit.block(at)
         ci = free.interval(free.vector, search.fit.covariance[block, block])
         effects.append(
-            DiagnosedEffect(free.effect, free.names, ci, ladder[i].rms, ladder[i + 1].rms, tuple(f.alternatives), _where(problem, search, at))
+            DiagnosedEffect(
+                free.effect, free.names, ci, ladder[i].rms, ladder[i + 1].rms, tuple(f.alternatives), _where(problem, search, at)
+            )
         )
     if effects:
         verdict = "ambiguous" if any(e.alternatives for e in effects) else "identified"
@@ -159,8 +161,17 @@ def diagnose(campaign: Campaign, machine: Machine, max_effects: int = 5, threads
     hidden = not_testable(Projector(search.start), search.bank)
     named = {e.effect.id for e in effects} | {a for e in effects for a in e.alternatives}
     return Diagnosis(
-        campaign, verdict, problem.noise.rms, tuple(effects), unexplained, tuple(h for h in hidden if h not in named), final, before, after,
-        tuple(ladder), trail=search.trail,
+        campaign,
+        verdict,
+        problem.noise.rms,
+        tuple(effects),
+        unexplained,
+        tuple(h for h in hidden if h not in named),
+        final,
+        before,
+        after,
+        tuple(ladder),
+        trail=search.trail,
     )
 
 

@@ -66,8 +66,9 @@ def step_of(action: str, effect: str, machine_file: Path, comparison: Comparison
 def record(campaign: Campaign, steps: list[Step]) -> None:
     """Append steps; the first of them is dropped where the ladder already ends in the same model."""
     have = read_history(campaign)
-    if have and steps and steps[0].action == "start" and have[-1].effects == steps[0].effects and have[-1].machine_file == steps[0].machine_file:
-        steps = steps[1:]
+    if have and steps and steps[0].action == "start":
+        if (have[-1].effects, have[-1].machine_file) == (steps[0].effects, steps[0].machine_file):
+            steps = steps[1:]
     rows = [{**vars(s), "effects": list(s.effects)} for s in [*have, *steps]]
     files.write_whole(history_file(campaign), json.dumps({"steps": rows}, indent=1), force=True)
 

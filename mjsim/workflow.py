@@ -59,7 +59,14 @@ def file_reference(source: Path, machine_file: Path) -> str:
     return source.relative_to(folder).as_posix() if source.is_relative_to(folder) else str(source)
 
 
-def add(campaign: Campaign, effect: str, machine_file: str | Path | None = None, threads: int = 2, progress: Progress = silent, record: bool = True) -> Change:
+def add(
+    campaign: Campaign,
+    effect: str,
+    machine_file: str | Path | None = None,
+    threads: int = 2,
+    progress: Progress = silent,
+    record: bool = True,
+) -> Change:
     """Fit an effect to the campaign and put it into the machine file.
 
     The drives' data sheet is calibrated inside its tolerances during the fit, but not written: the file gets the effect only.
@@ -92,7 +99,9 @@ def add(campaign: Campaign, effect: str, machine_file: str | Path | None = None,
     return change
 
 
-def remove(campaign: Campaign, effect: str, machine_file: str | Path | None = None, threads: int = 2, progress: Progress = silent) -> Change:
+def remove(
+    campaign: Campaign, effect: str, machine_file: str | Path | None = None, threads: int = 2, progress: Progress = silent
+) -> Change:
     """Take an effect out of the machine file again.
 
     Raises:
@@ -116,12 +125,16 @@ def remove(campaign: Campaign, effect: str, machine_file: str | Path | None = No
 
 def _need_traces(campaign: Campaign) -> None:
     if not campaign.measured:
-        raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; the error before and after needs at least one measured test")
+        raise InputError(
+            f"{campaign.folder / 'campaign.toml'}: no test has a trace; the error before and after needs at least one measured test"
+        )
 
 
 def _record(campaign: Campaign, action: str, change: Change, path: Path) -> None:
     ladder.save_machine(change.machine, path, campaign)
-    ladder.record(campaign, [ladder.step_of("start", "", path, change.before), ladder.step_of(action, change.effect.id, path, change.after)])
+    ladder.record(
+        campaign, [ladder.step_of("start", "", path, change.before), ladder.step_of(action, change.effect.id, path, change.after)]
+    )
 
 
 def _fitted(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str) -> Fit:
@@ -139,7 +152,9 @@ def _fitted(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str) -
         if present is not None and not present.is_neutral:  # its own components first, then what they leave
             base = fit = fitter.fit([FreeEffect(present, cls.free_of(subject) or ("components",))], start=start, exact=False)
         for _ in range(12):
-            rows = [(*Projector(base).gain(w), c) for c, w in spectral_candidates(problem, base, bank, subject) if c.effect.kind == cls.kind]
+            rows = [
+                (*Projector(base).gain(w), c) for c, w in spectral_candidates(problem, base, bank, subject) if c.effect.kind == cls.kind
+            ]
             gain, x, candidate = max(rows, key=lambda r: r[0], default=(0.0, None, None))
             if gain <= 0.0 and fit is None:
                 raise InputError(silent_here)

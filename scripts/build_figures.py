@@ -40,10 +40,15 @@ def main() -> None:
         test = next(t for t in campaign.tests if t.name == TEST)
         IMAGES.mkdir(parents=True, exist_ok=True)
         hero(change, machine_picture(test, "overview", 1400), machine_picture(test, "closeup", 700))
-        steps = [ladder.step_of("start", "", campaign.machine_file, change.before), ladder.step_of("add", EFFECT, campaign.machine_file, change.after)]
+        steps = [
+            ladder.step_of("start", "", campaign.machine_file, change.before),
+            ladder.step_of("add", EFFECT, campaign.machine_file, change.after),
+        ]
         ladder_plot(steps, IMAGES / "ladder.png")
         before = next(t for t in change.before.tests if t.test.name == TEST)
-        save(residual_figure([residual_trace(before, change.before.noise)], title="What the model does not explain"), IMAGES / "residual.png")
+        save(
+            residual_figure([residual_trace(before, change.before.noise)], title="What the model does not explain"), IMAGES / "residual.png"
+        )
     for file in sorted(IMAGES.glob("*.png")):
         print(f"{file.name}: {file.stat().st_size / 1e3:.0f} kB")
 
@@ -88,7 +93,15 @@ def hero(change: Change, machine: np.ndarray, closeup: np.ndarray) -> None:
         title = f"{name}: RMS {style.micrometres(test.rms * 1e6)}"
         figure.text(centre, 1 - 0.2 / height, title, ha="center", va="center", fontsize=10.5, fontweight="bold", color=style.INK)
     handles, labels = plot.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="center", bbox_to_anchor=((left + 0.5 * (apart + side)) / width, 0.18 / height), ncols=3, frameon=False, fontsize=9)
+    figure.legend(
+        handles,
+        labels,
+        loc="center",
+        bbox_to_anchor=((left + 0.5 * (apart + side)) / width, 0.18 / height),
+        ncols=3,
+        frameon=False,
+        fontsize=9,
+    )
     figure.text(1 - 0.15 / width, 0.18 / height, polar.scale_text(step), ha="right", va="center", fontsize=9, color=style.INK)
     save(figure, IMAGES / "hidden-backlash.png")
 

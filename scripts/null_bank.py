@@ -22,6 +22,7 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.model import Campaign, Trace
 from mjsim.engine.plant import build
 from mjsim.inference.calibration import SHEET, calibrated
+from mjsim.inference.criteria import possible
 from mjsim.inference.fit import Fitter
 from mjsim.inference.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, Problem
 from mjsim.inference.search import THRESHOLD, Searcher
@@ -78,7 +79,7 @@ def main() -> None:
         start = searcher.start()
         bank = SignatureBank(problem, start)
         bank.compute(seeds(machine))
-        best = [(round(r[0], 1), r[2].id) for r in searcher.ranked(start, bank) if searcher.possible(r[1], r[2])][:3]
+        best = [(round(r[0], 1), r[2].id) for r in searcher.ranked(start, bank) if possible(machine, r[1], r[2])][:3]
         square = start.sum_squares / problem.count
         rows.append({"number": number, "tests": [t.name for t in problem.tests], "best": best, "mean_square": square})
         print(json.dumps(rows[-1]), flush=True)

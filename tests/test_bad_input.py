@@ -3,6 +3,7 @@
 import gzip
 import json
 import shutil
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -95,10 +96,17 @@ def test_the_unspoiled_campaign_is_accepted(campaign):
 
 FILE = "campaign.toml"
 REPLACED = {
-    "wrong key": ("feed_mm_min = 2000.0\n[[", "feed_mm_mn = 2000.0\n[[", FILE, '[[test]] "turn"', "feed_mm_mn", "did you mean 'feed_mm_min'"),
+    "wrong key": (
+        "feed_mm_min = 2000.0\n[[",
+        "feed_mm_mn = 2000.0\n[[",
+        FILE,
+        '[[test]] "turn"',
+        "feed_mm_mn",
+        "did you mean 'feed_mm_min'",
+    ),
     "missing key": ("bar_length_mm = 100.0\nfeed_mm_min = 2000.0\n[[", "feed_mm_min = 2000.0\n[[", FILE, "bar_length_mm", "missing"),
     "missing key of the kind": ("inclination_deg = 10.0\n", "", FILE, '"cone"', "inclination_deg", "cone_frustum needs"),
-    "key of another kind": ("axis = \"A\"\n", 'axis = "A"\nplane = "XY"\n', FILE, '"turn"', "plane", "rotary"),
+    "key of another kind": ('axis = "A"\n', 'axis = "A"\nplane = "XY"\n', FILE, '"turn"', "plane", "rotary"),
     "angle in radians by name": ("half_apex_deg = 15.0", "half_apex_rad = 0.26", FILE, "half_apex_rad", "half_apex_deg"),
     "angle too large": ("half_apex_deg = 15.0", "half_apex_deg = 900.0", FILE, "half_apex_deg = 900.0", "less than 90"),
     "text for a number": ("feed_mm_min = 2000.0\n[[", 'feed_mm_min = "fast"\n[[', FILE, "feed_mm_min = 'fast'", "valid number"),
@@ -107,12 +115,30 @@ REPLACED = {
     "infinite feed": ("feed_mm_min = 2000.0\n[[", "feed_mm_min = inf\n[[", FILE, "feed_mm_min = inf"),
     "negative feed": ("feed_mm_min = 2000.0\n[[", "feed_mm_min = -1\n[[", FILE, "feed_mm_min = -1", "greater than 0"),
     "true for a number": ("to_deg = 30.0", "to_deg = true", FILE, "to_deg = True"),
-    "two coordinates": ("[0.0, 0.0, 155.0]\nbar_length_mm = 100.0\nfeed_mm_min = 2000.0\n[[", "[0.0, 155.0]\nbar_length_mm = 100.0\nfeed_mm_min = 2000.0\n[[", FILE, "table_ball_mm", "3 items"),
+    "two coordinates": (
+        "[0.0, 0.0, 155.0]\nbar_length_mm = 100.0\nfeed_mm_min = 2000.0\n[[",
+        "[0.0, 155.0]\nbar_length_mm = 100.0\nfeed_mm_min = 2000.0\n[[",
+        FILE,
+        "table_ball_mm",
+        "3 items",
+    ),
     "unknown kind": ('kind = "rotary"', 'kind = "spiral"', FILE, "kind = 'spiral'", "'rotary'"),
     "unknown axis": ('axis = "A"', 'axis = "B"', FILE, "axis = 'B'", "'A' or 'C'"),
-    "wrong direction of the bar": ('"tangential"', '"perpendicular"', FILE, "sensitive_direction = 'perpendicular'", "tangential, radial, axial"),
+    "wrong direction of the bar": (
+        '"tangential"',
+        '"perpendicular"',
+        FILE,
+        "sensitive_direction = 'perpendicular'",
+        "tangential, radial, axial",
+    ),
     "no way to go": ("to_deg = 30.0", "to_deg = 0.0", FILE, '"turn"', "would not turn"),
-    "ball on the axis": ("[0.0, 0.0, 155.0]\nbar_length_mm = 100.0\nfeed_mm_min = 2000.0\n[[", "[9.0, 0.0, 0.0]\nbar_length_mm = 100.0\nfeed_mm_min = 2000.0\n[[", FILE, "A axis", "1 mm"),
+    "ball on the axis": (
+        "[0.0, 0.0, 155.0]\nbar_length_mm = 100.0\nfeed_mm_min = 2000.0\n[[",
+        "[9.0, 0.0, 0.0]\nbar_length_mm = 100.0\nfeed_mm_min = 2000.0\n[[",
+        FILE,
+        "A axis",
+        "1 mm",
+    ),
     "duplicate test names": ('name = "cone"', 'name = "turn"', FILE, '"turn" appears 2 times'),
     "name that is a path": ('name = "cone"', 'name = "../cone"', FILE, "../cone"),
     "name with a line break": ('name = "cone"', 'name = "co\\nne"', FILE),
@@ -179,7 +205,12 @@ TRACES = {
     "no header": (lambda t: t.partition(b"\n")[2], "turn.csv", "line 1", "time_s,deviation_um"),
     "text in a number column": (lambda t: line(t, 7, b"0.5,high"), "turn.csv, line 7", "deviation_um = 'high'", "number"),
     "empty cell": (lambda t: line(t, 7, b"0.5,"), "turn.csv, line 7", "deviation_um = ''"),
-    "decimal commas": (lambda t: b"\n".join([t.split(b"\n")[0], *(r.replace(b".", b",") for r in t.split(b"\n")[1:])]), "turn.csv, line 2", "4 columns", "decimal point"),
+    "decimal commas": (
+        lambda t: b"\n".join([t.split(b"\n")[0], *(r.replace(b".", b",") for r in t.split(b"\n")[1:])]),
+        "turn.csv, line 2",
+        "4 columns",
+        "decimal point",
+    ),
     "semicolons": (lambda t: t.replace(b",", b";"), "turn.csv, line 1", "time_s;deviation_um"),
     "one more column": (lambda t: line(t, 9, b"0.5,1.0,2.0"), "turn.csv, line 9", "3 columns"),
     "time goes back": (lambda t: line(t, 60, b"0.001,0.0"), "turn.csv, line 60", "time_s = 0.001", "grow"),
@@ -190,8 +221,16 @@ TRACES = {
     "beyond the sensor's range": (lambda t: t.replace(b",0.0", b",5000.0"), "turn.csv", "0 of", "1 mm"),
     "half of it": (lambda t: t[: len(t) // 2].rpartition(b"\n")[0], "turn.csv", "the trace lasts", '"turn"'),
     "twenty lines": (lambda t: b"\n".join(t.split(b"\n")[:21]), "turn.csv", "20 samples", "50"),
-    "times of the day": (lambda t: b"\n".join([t.split(b"\n")[0], *(b"%.2f,0.0" % (36000 + 0.01 * i) for i in range(len(t.split(b"\n")) - 2))]), "turn.csv", "start of the NC program"),
-    "milliseconds": (lambda t: b"\n".join([t.split(b"\n")[0], *(b"%d,0.0" % (10 * i) for i in range(len(t.split(b"\n")) - 2))]), "turn.csv", "the trace lasts"),
+    "times of the day": (
+        lambda t: b"\n".join([t.split(b"\n")[0], *(b"%.2f,0.0" % (36000 + 0.01 * i) for i in range(len(t.split(b"\n")) - 2))]),
+        "turn.csv",
+        "start of the NC program",
+    ),
+    "milliseconds": (
+        lambda t: b"\n".join([t.split(b"\n")[0], *(b"%d,0.0" % (10 * i) for i in range(len(t.split(b"\n")) - 2))]),
+        "turn.csv",
+        "the trace lasts",
+    ),
     "binary": (lambda t: b"\x93NUMPY" + bytes(range(256)) * 40, "turn.csv", "not text"),
     "NUL bytes": (lambda t: b"\0" * 5000, "turn.csv", "line 1"),
     "binary after the header": (lambda t: t.split(b"\n")[0] + b"\n" + b"\x01\x02\x1f\n" * 200, "turn.csv, line 2"),
@@ -214,7 +253,13 @@ def test_trace(campaign, case):
     refused(campaign.parent, ["compare", campaign, "--json"], *words)
 
 
-GZIPS = {"truncated": lambda d: gzip.compress(d)[:-40], "cut to its head": lambda d: gzip.compress(d)[:5], "not gzip": lambda d: d, "empty": lambda d: b"", "flipped bytes": lambda d: flipped(gzip.compress(d))}
+GZIPS = {
+    "truncated": lambda d: gzip.compress(d)[:-40],
+    "cut to its head": lambda d: gzip.compress(d)[:5],
+    "not gzip": lambda d: d,
+    "empty": lambda d: b"",
+    "flipped bytes": lambda d: flipped(gzip.compress(d)),
+}
 
 
 def flipped(data):
@@ -257,7 +302,13 @@ MACHINES = {
     "unknown effect": (lambda t: t + EFFECT.format("backlsh.A", "width_deg = 0.1"), M, "[[effect]] number 6", "backlsh", "backlash"),
     "unknown subject": (lambda t: t + EFFECT.format("backlash.B", "width_deg = 0.1"), M, "number 6", "backlash.B", "X, Y, Z, A, C"),
     "no subject": (lambda t: t + EFFECT.format("backlash", "width_deg = 0.1"), M, "number 6", "backlash", "X, Y, Z, A, C"),
-    "parameter out of bounds": (lambda t: t + EFFECT.format("backlash.A", "width_deg = 400.0"), M, "backlash.A", "width_deg = 400", "0 to 1"),
+    "parameter out of bounds": (
+        lambda t: t + EFFECT.format("backlash.A", "width_deg = 400.0"),
+        M,
+        "backlash.A",
+        "width_deg = 400",
+        "0 to 1",
+    ),
     "parameter below bounds": (lambda t: t + EFFECT.format("backlash.A", "width_deg = -0.1"), M, "width_deg = -0.1", "0 to 1"),
     "parameter of another unit": (lambda t: t + EFFECT.format("backlash.A", "width_um = 2.0"), M, "width_um", "width_deg"),
     "missing parameter": (lambda t: t + EFFECT.format("backlash.A", ""), M, "backlash.A", "width_deg", "missing"),
@@ -269,12 +320,32 @@ MACHINES = {
     "no id": (lambda t: t + "\n[[effect]]\nwidth_deg = 0.1\n", M, "number 6", "'id'"),
     "id that is a number": (lambda t: t + "\n[[effect]]\nid = 3\n", M, "number 6", "'id'"),
     "parameter named subject": (lambda t: t + EFFECT.format("backlash.A", "width_deg = 0.1\nsubject = 1"), M, "backlash.A", "subject"),
-    "parameter named effect_id": (lambda t: t + EFFECT.format("backlash.A", "width_deg = 0.1\neffect_id = 1"), M, "backlash.A", "effect_id"),
+    "parameter named effect_id": (
+        lambda t: t + EFFECT.format("backlash.A", "width_deg = 0.1\neffect_id = 1"),
+        M,
+        "backlash.A",
+        "effect_id",
+    ),
     "components without list": (lambda t: t + EFFECT.format("pitch_error.C", "components = 5"), M, "pitch_error.C", "components = 5"),
-    "component of two numbers": (lambda t: t + EFFECT.format("pitch_error.C", "components = [[72, 0.1]]"), M, "pitch_error.C", "[72, 0.1]", "three numbers"),
+    "component of two numbers": (
+        lambda t: t + EFFECT.format("pitch_error.C", "components = [[72, 0.1]]"),
+        M,
+        "pitch_error.C",
+        "[72, 0.1]",
+        "three numbers",
+    ),
     "component of text": (lambda t: t + EFFECT.format("pitch_error.C", 'components = [[72, "a", 0]]'), M, "pitch_error.C"),
-    "component of huge numbers": (lambda t: t + EFFECT.format("pitch_error.C", f"components = [[72, 1{'0' * 400}, 0]]"), M, "pitch_error.C"),
-    "wrong direction": (lambda t: t + EFFECT.format("pitch_error.C", 'components = [[72, 0.001, 0]]\ndirection = "left"'), M, "direction = 'left'", "CW"),
+    "component of huge numbers": (
+        lambda t: t + EFFECT.format("pitch_error.C", f"components = [[72, 1{'0' * 400}, 0]]"),
+        M,
+        "pitch_error.C",
+    ),
+    "wrong direction": (
+        lambda t: t + EFFECT.format("pitch_error.C", 'components = [[72, 0.001, 0]]\ndirection = "left"'),
+        M,
+        "direction = 'left'",
+        "CW",
+    ),
     "effect file that is not there": (lambda t: t + EFFECT.format("mine.A", 'file = "mine.py"'), M, "number 6", "mine.py"),
     "effect file that is a number": (lambda t: t + EFFECT.format("mine.A", "file = 7"), M, "number 6"),
     "nothing at all": (lambda t: "", M, "missing"),
@@ -291,7 +362,9 @@ def test_machine_file(campaign, case):
     refused(campaign.parent, ["compare", campaign, "--json"], *words)
 
 
-@pytest.mark.parametrize("command", [["simulate", "--out", "out"], ["compare"], ["diagnose"], ["add", "backlash.A"], ["remove", "friction.X"]])
+@pytest.mark.parametrize(
+    "command", [["simulate", "--out", "out"], ["compare"], ["diagnose"], ["add", "backlash.A"], ["remove", "friction.X"]]
+)
 def test_every_command_names_a_missing_machine(campaign, command):
     name, *rest = command
     rest = [str(campaign / "out") if r == "out" else r for r in rest]
@@ -309,11 +382,14 @@ OWN = {
     "defines nothing": ("x = 1", "mine.py", "exactly one"),
     "lacks attributes": ("import mjsim\n@mjsim.register\nclass E(mjsim.Effect):\n    kind = 'mine'\n", "mine.py", "E", "missing"),
     "takes a built-in name": (
-        "import mjsim\n@mjsim.register\nclass E(mjsim.Effect):\n    kind = 'backlash'; subjects = ('A',); parameters = (); title = definition = source = signature = 'x'\n",
-        "mine.py", "backlash", "taken",
+        "import mjsim\n@mjsim.register\nclass E(mjsim.Effect):\n    kind = 'backlash'\n"
+        "    subjects = ('A',)\n    parameters = ()\n    title = definition = source = signature = 'x'\n",
+        "mine.py",
+        "backlash",
+        "taken",
     ),
     "binary": ("\0\0\0", "mine.py"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", OWN)
@@ -331,7 +407,9 @@ def test_own_effect_that_is_not_there(campaign):
 # -- commands ----------------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("command", [["simulate", "--out", "unused"], ["compare"], ["diagnose"], ["add", "backlash.A"], ["remove", "friction.X"], ["history"]])
+@pytest.mark.parametrize(
+    "command", [["simulate", "--out", "unused"], ["compare"], ["diagnose"], ["add", "backlash.A"], ["remove", "friction.X"], ["history"]]
+)
 def test_no_campaign(campaign, command):
     name, *rest = command
     for where in (campaign / "nowhere", campaign / "traces"):
@@ -359,9 +437,11 @@ def test_simulate(campaign):
 
 
 def test_diagnose_says_so_before_it_works(campaign, monkeypatch):
-    monkeypatch.setattr("mjsim.diagnose.diagnose", lambda *a, **k: pytest.fail("worked first"))
+    monkeypatch.setattr(import_module("mjsim.diagnose"), "diagnose", lambda *a, **k: pytest.fail("worked first"))
     refused(campaign.parent, ["diagnose", campaign, "--write", campaign / M, "--json"], M, "exists already", "--force")
-    refused(campaign.parent, ["diagnose", campaign, "--write", campaign / FILE / "fitted.toml", "--json"], "fitted.toml", "cannot be written")
+    refused(
+        campaign.parent, ["diagnose", campaign, "--write", campaign / FILE / "fitted.toml", "--json"], "fitted.toml", "cannot be written"
+    )
 
 
 def test_unknown_effects(campaign):
@@ -377,9 +457,16 @@ def test_effect_that_the_campaign_cannot_show(campaign):
     refused(campaign.parent, ["add", campaign, "backlash.C", "--json"], "backlash.C", "does not change any reading")
 
 
-HISTORIES = ["", "{", "[]", '{"steps": 3}', '{"steps": [{"action": "add"}]}', '{"steps": [{"action": "add", "effect": "", "machine_file": "m", "effects": 3, "rms_um": 1, "noise_um": 1, "tests": {}}]}',
-             '{"steps": [{"action": "add", "effect": "", "machine_file": "m", "effects": [], "rms_um": "a", "noise_um": 1, "tests": {"a": 1}}]}',
-             '{"steps": [{"action": "add", "effect": "", "machine_file": "m", "effects": [], "rms_um": 1, "noise_um": 1, "tests": []}]}']  # fmt: skip
+HISTORIES = [
+    "",
+    "{",
+    "[]",
+    '{"steps": 3}',
+    '{"steps": [{"action": "add"}]}',
+    '{"steps": [{"action": "add", "effect": "", "machine_file": "m", "effects": 3, "rms_um": 1, "noise_um": 1, "tests": {}}]}',
+    '{"steps": [{"action": "add", "effect": "", "machine_file": "m", "effects": [], "rms_um": "a", "noise_um": 1, "tests": {"a": 1}}]}',
+    '{"steps": [{"action": "add", "effect": "", "machine_file": "m", "effects": [], "rms_um": 1, "noise_um": 1, "tests": []}]}',
+]
 
 
 @pytest.mark.parametrize("text", HISTORIES)
@@ -396,7 +483,15 @@ def test_no_history_yet(campaign):
 
 def test_history_plot_of_another_kind(campaign):
     (campaign / ".mjsim").mkdir()
-    step = {"action": "start", "effect": "", "machine_file": "machine.toml", "effects": [], "rms_um": 1.0, "noise_um": 0.1, "tests": {"turn": 1.0}}
+    step = {
+        "action": "start",
+        "effect": "",
+        "machine_file": "machine.toml",
+        "effects": [],
+        "rms_um": 1.0,
+        "noise_um": 0.1,
+        "tests": {"turn": 1.0},
+    }
     (campaign / ".mjsim" / "history.json").write_text(json.dumps({"steps": [step]}))
     refused(campaign.parent, ["history", campaign, "--out", campaign / "ladder.docx", "--json"], "ladder.docx", ".png")
 
@@ -412,9 +507,17 @@ def test_demo_leaves_other_folders_alone(campaign):
 
 
 USAGE = [
-    ["frobnicate"], ["compare"], ["compare", "a", "b"], ["compare", ".", "--frob"], ["simulate", "."], ["add", "."], ["remove", "."],
-    ["diagnose", ".", "--max-effects", "0"], ["diagnose", ".", "--threads", "many"], ["history"],
-]  # fmt: skip
+    ["frobnicate"],
+    ["compare"],
+    ["compare", "a", "b"],
+    ["compare", ".", "--frob"],
+    ["simulate", "."],
+    ["add", "."],
+    ["remove", "."],
+    ["diagnose", ".", "--max-effects", "0"],
+    ["diagnose", ".", "--threads", "many"],
+    ["history"],
+]
 
 
 @pytest.mark.parametrize("args", USAGE, ids=" ".join)

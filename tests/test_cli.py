@@ -141,7 +141,20 @@ def test_simulate_needs_no_traces_and_takes_another_machine(campaign, tmp_path):
 
 # -- compare -----------------------------------------------------------------------------------------------------------------------
 
-COMPARE = {"campaign", "machine", "effects", "noise_um", "noise_source", "rms_um", "max_um", "tests", "setups", "length_um", "iso230_4_bidirectional", "plots"}
+COMPARE = {
+    "campaign",
+    "machine",
+    "effects",
+    "noise_um",
+    "noise_source",
+    "rms_um",
+    "max_um",
+    "tests",
+    "setups",
+    "length_um",
+    "iso230_4_bidirectional",
+    "plots",
+}
 
 
 def test_compare(campaign, tmp_path):
@@ -249,13 +262,14 @@ def test_a_users_own_effect_from_file_to_machine_and_back(tmp_path, monkeypatch)
 
 def test_the_commands_are_functions(campaign, tmp_path):
     import mjsim
+    from mjsim.compare import compare
 
     assert set(COMMANDS) - {"demo"} <= set(dir(mjsim))
     c = mjsim.read_campaign(campaign)
     machine = mjsim.read_machine(c.machine_file).with_effect(mjsim.make_effect("backlash.A", width_deg=0.002))
     (simulation,) = mjsim.simulate(machine, [t for t in c.tests if t.name == TESTS[1]])
     assert simulation.position.shape == (len(simulation.time), 5)
-    assert mjsim.compare(c, machine).rms < 0.14e-6
+    assert compare(c, machine).rms < 0.14e-6
     mjsim.write_machine(machine, c.machine_file, tmp_path / "machine.toml")
     assert read_machine(tmp_path / "machine.toml").effect("backlash.A").values == {"width_deg": 0.002}
     assert mjsim.history(read_campaign(campaign)) == []

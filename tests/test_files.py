@@ -99,8 +99,11 @@ def test_an_unchanged_machine_is_the_same_text(file):
 @pytest.mark.parametrize("effect_id", registry.all_ids())
 def test_every_effect_survives_the_file(file, effect_id):
     cls, subject = registry.effect_class(effect_id)
-    needed = {p.name: [[72.0, 0.001, 30.0], [180.0, 0.0005, -90.0]] if p.kind == "components" else p.lower + 0.3 * (min(p.upper, 10.0) - p.lower)
-              for p in cls.parameters_of(subject) if p.kind != "choice"}  # fmt: skip
+    needed = {
+        p.name: [[72.0, 0.001, 30.0], [180.0, 0.0005, -90.0]] if p.kind == "components" else p.lower + 0.3 * (min(p.upper, 10.0) - p.lower)
+        for p in cls.parameters_of(subject)
+        if p.kind != "choice"
+    }
     values = {**needed, **next(iter(cls.seeds(subject)), {})}
     machine = read_machine(file)
     effect = cls(subject, **values)
@@ -120,6 +123,7 @@ def test_taking_an_effect_out_restores_the_meaning(file):
     machine = read_machine(file)
     write_machine(machine.with_effect(registry.make("backlash.A", width_deg=0.002)), file, file, force=True)
     assert tomllib.loads(file.read_text())["effect"][-1] == {"id": "backlash.A", "width_deg": 0.002}
+    assert '\n\n[[effect]]\nid = "backlash.A"' in file.read_text()
     write_machine(read_machine(file).without("backlash.A"), file, file, force=True)
     assert tomllib.loads(file.read_text()) == tomllib.loads(COMMENTED)
 
@@ -140,15 +144,23 @@ HEAD = MACHINE[: MACHINE.index("[[effect]]")]
 
 @pytest.mark.parametrize(
     "text",
-    [HEAD, HEAD + "\n# no effects yet\n", "effect = []\n" + HEAD, 'effect = [{id = "friction.X", coulomb_Nm = 1.0, presliding_rad = 0.003}]\n' + HEAD, MACHINE.replace("\n", "\r\n")],
+    [
+        HEAD,
+        HEAD + "\n# no effects yet\n",
+        "effect = []\n" + HEAD,
+        'effect = [{id = "friction.X", coulomb_Nm = 1.0, presliding_rad = 0.003}]\n' + HEAD,
+        MACHINE.replace("\n", "\r\n"),
+    ],
     ids=["no effect", "comment at the end", "empty list", "inline table", "Windows line ends"],
-)  # fmt: skip
+)
 def test_first_effect_of_other_layouts(file, text):
     file.write_bytes(text.encode())
     machine = read_machine(file)
     changed = machine.with_effect(registry.make("backlash.A", width_deg=0.002))
     write_machine(changed, file, file, force=True)
     assert [e.key for e in read_machine(file).effects] == [e.key for e in changed.effects]
+    lines = file.read_bytes().split(b"\n")[:-1]
+    assert all(row.endswith(b"\r") == ("\r\n" in text) for row in lines)
     write_machine(read_machine(file).without("backlash.A"), file, file, force=True)
     assert [e.key for e in read_machine(file).effects] == [e.key for e in machine.effects]
 

@@ -139,7 +139,7 @@ def test_page_says_the_numbers():
     text = _plain(render(_content()))
     for said in (
         "1.08 µm", "0.13 µm", "0.12 µm", "backlash.A", "servo_delay.A", "0.001991", "0.001971 to 0.002012", "10.25", "−3.40", "−12.3",
-        "3.02 µm", "8.1", "−0.4", "2026-11-21", "0.1.0", "axis_location.EC0A", "Half-differences", "Identified",
+        "3.02 µm", "8.1", "−0.4", "2026-11-21", "0.1.0", "axis_location.EC0A", "half-differences", "Identified",
     ):  # fmt: skip
         assert said in text, said
     assert "cone15-ccw 1.11 0.14" in text

@@ -17,7 +17,6 @@ import click
 
 from mjsim.errors import InputError, SimulationError
 
-
 #: Columns that output fits where stdout is no terminal.
 WIDTH = 80
 

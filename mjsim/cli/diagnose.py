@@ -25,6 +25,7 @@ def command(campaign, machine, write, max_effects, force, threads, as_json, quie
     """
     from mjsim.campaign.files import read_campaign
     from mjsim.diagnose import diagnose, write_effect_file
+    from mjsim.errors import InputError
     from mjsim.files import check_writable
     from mjsim.machine.files import write_machine
     from mjsim.workflow import machine_of

@@ -29,8 +29,8 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
     from mjsim.campaign.files import read_campaign
     from mjsim.engine.simulate import simulate
     from mjsim.errors import InputError
-    from mjsim.output import polar_of_simulation, simulation_csv, simulation_summary
     from mjsim.files import check_writable, write_whole
+    from mjsim.output import polar_of_simulation, simulation_csv, simulation_summary
     from mjsim.workflow import machine_of
 
     c = read_campaign(campaign, traces=False)

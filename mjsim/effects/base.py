@@ -140,7 +140,9 @@ class Effect(ABC):
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise InputError(f"effect {self.id}: {p.name} = {value!r} is not a number")
         if not p.lower <= value <= p.upper:
-            raise InputError(f"effect {self.id}: {p.name} = {value:g} is out of bounds; allowed: {p.lower:g} to {p.upper:g} {p.unit}".rstrip())
+            raise InputError(
+                f"effect {self.id}: {p.name} = {value:g} is out of bounds; allowed: {p.lower:g} to {p.upper:g} {p.unit}".rstrip()
+            )
         return float(value)
 
     def _checked_components(self, p: Parameter, value: Any) -> list[list[float]]:

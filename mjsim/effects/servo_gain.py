@@ -13,7 +13,10 @@ class ServoGain(Effect):
     parameters = (Parameter("ratio", "factor on Kpp", 0.5, 2.0, neutral=1.0, scale=0.01),)
     definition = "Kpp is multiplied by ratio"
     source = "paper Fig. 2 (Kpp)"
-    signature = "The axis lags differently from the others, by v/Kpp·(1 − 1/ratio): ellipses on circles, inward or outward bulges where it moves fast."
+    signature = (
+        "The axis lags differently from the others, by v/Kpp·(1 − 1/ratio): ellipses on circles, "
+        "inward or outward bulges where it moves fast."
+    )
     quasi_static = False
     tolerance = 0.0003
 

@@ -30,4 +30,6 @@ class Straightness(Effect):
 
     def act(self, plant):
         _, direction, axis = self.subject
-        plant.add_op("straightness", POLYNOMIAL, direction, self.values["quadratic_um"] * UM, self.values["cubic_um"] * UM, _REFERENCE, source=axis)
+        plant.add_op(
+            "straightness", POLYNOMIAL, direction, self.values["quadratic_um"] * UM, self.values["cubic_um"] * UM, _REFERENCE, source=axis
+        )

@@ -64,7 +64,11 @@ def advance_machine(block, user, ctrl, bias, passive, time):
     if time == 0.0:
         q[:] = 0.0
         for i in range(5):
-            start(block[HEADER + i * AXIS_SIZE : HEADER + (i + 1) * AXIS_SIZE], drives[i * STATE_SIZE : (i + 1) * STATE_SIZE], block[START + i])
+            start(
+                block[HEADER + i * AXIS_SIZE : HEADER + (i + 1) * AXIS_SIZE],
+                drives[i * STATE_SIZE : (i + 1) * STATE_SIZE],
+                block[START + i],
+            )
             q[i] = block[START + i]
         apply_ops(ops, memory, q, clock, True)
     q[5:] = 0.0
@@ -142,7 +146,16 @@ def control(model, data):
     nnz, adr = carray(_ints(m[_NNZ]), (n,)), carray(_ints(m[_ADR]), (n,))
     size = adr[n - 1] + nnz[n - 1]
     carry_joints(
-        block, user, qpos, qvel, bias, passive, carray(_doubles(d[_MASS]), (size,)), nnz, adr, carray(_ints(m[_COL]), (size,)),
+        block,
+        user,
+        qpos,
+        qvel,
+        bias,
+        passive,
+        carray(_doubles(d[_MASS]), (size,)),
+        nnz,
+        adr,
+        carray(_ints(m[_COL]), (size,)),
         carray(_doubles(d[_FRC]), (n,)),
     )
 

@@ -45,8 +45,14 @@ class Simulation:
     deviation: np.ndarray
 
 
-def simulate(machine: Machine, tests: Iterable[Test], threads: int = 2, done: Callable[[Test], None] | None = None,
-             step: float = STEP, substeps: int = SUBSTEPS) -> list[Simulation]:
+def simulate(
+    machine: Machine,
+    tests: Iterable[Test],
+    threads: int = 2,
+    done: Callable[[Test], None] | None = None,
+    step: float = STEP,
+    substeps: int = SUBSTEPS,
+) -> list[Simulation]:
     """Run tests of a machine in MuJoCo.
 
     Args:
@@ -128,7 +134,9 @@ def _run_python(model: mujoco.MjModel, plant: Plant, test: Test, step: float, do
         q = d.userdata[callback.TARGET : callback.TARGET + 5].copy()
         d.userdata[callback.TARGET : callback.TARGET + 5] += _python_part(plant, tracker.follow(np.array([d.time + step]), q[None]))
         d.qfrc_applied[:] = 0.0
-        callback.carry_joints(block, d.userdata, d.qpos, d.qvel, d.qfrc_bias, d.qfrc_passive, d.M, m.M_rownnz, m.M_rowadr, m.M_colind, d.qfrc_applied)
+        callback.carry_joints(
+            block, d.userdata, d.qpos, d.qvel, d.qfrc_bias, d.qfrc_passive, d.M, m.M_rownnz, m.M_rowadr, m.M_colind, d.qfrc_applied
+        )
 
     ball, tool = model.site("table_ball").id, model.site("spindle_ball").id
     q = np.empty((len(time), model.nq))
@@ -165,7 +173,9 @@ def _python_part(plant: Plant, motion: Motion) -> np.ndarray:
 def _collect(program: Program, time: np.ndarray, model, data, q: np.ndarray, sensors, bar: np.ndarray | None = None) -> Simulation:
     for kind, warning in zip(mujoco.mjtWarning.__members__, data.warning, strict=False):
         if warning.number:
-            raise SimulationError(f"test {program.test.name}: MuJoCo warned {warning.number} times ({kind}); check the machine's drive data")
+            raise SimulationError(
+                f"test {program.test.name}: MuJoCo warned {warning.number} times ({kind}); check the machine's drive data"
+            )
     if bar is None:
         bar = np.hstack([sensors[:, _sensor(model, n)] for n in ("spindle_ball_pos", "table_ball_pos")])
     deviation = np.linalg.norm(bar[:, :3] - bar[:, 3:], axis=1) - program.test.length

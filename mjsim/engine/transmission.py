@@ -94,4 +94,3 @@ def transmit(ops, motor, clock):
     for i in range(len(motor)):
         apply_ops(ops, memory, load[i], clock[i], i == 0)
     return load
-

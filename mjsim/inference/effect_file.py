@@ -56,7 +56,9 @@ class {class_name}(mjsim.Effect):
 '''
 
 
-def effect_source(axis: str, variable: str, knots: np.ndarray, values: np.ndarray, period: float | None, summary: str, file_name: str) -> str:
+def effect_source(
+    axis: str, variable: str, knots: np.ndarray, values: np.ndarray, period: float | None, summary: str, file_name: str
+) -> str:
     """Python text of an effect that adds an empirical curve to one axis.
 
     Args:

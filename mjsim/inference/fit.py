@@ -81,7 +81,9 @@ class Fitter:
             return self._sheet, self._sheet_white
         fresh = self.problem.sheet_columns(fit.machine, fit.nuisance, axes)
         mine = np.array([p.axis in axes for p in SHEET])
-        return [np.where(mine, a, b) for a, b in zip(fresh, self._sheet, strict=True)], np.where(mine, self.problem.whiten(fresh), self._sheet_white)
+        return [np.where(mine, a, b) for a, b in zip(fresh, self._sheet, strict=True)], np.where(
+            mine, self.problem.whiten(fresh), self._sheet_white
+        )
 
     def frozen_sheet(self, effects: list[FreeEffect]) -> np.ndarray:
         """Data-sheet entries that an effect fits freely, so that they leave the calibration, (len(SHEET),) bool."""

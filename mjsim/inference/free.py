@@ -90,4 +90,9 @@ def _polar(v: np.ndarray, c: np.ndarray) -> tuple[float, float, float, float]:
     """Amplitude and phase (deg) with standard deviations from a Cartesian pair and its covariance."""
     a = max(float(np.hypot(*v)), 1e-12)
     along, across = v / a, np.array([-v[1], v[0]]) / a
-    return a, math.sqrt(max(along @ c @ along, 0.0)), math.degrees(math.atan2(v[1], v[0])), math.degrees(math.sqrt(max(across @ c @ across, 0.0)) / a)
+    return (
+        a,
+        math.sqrt(max(along @ c @ along, 0.0)),
+        math.degrees(math.atan2(v[1], v[0])),
+        math.degrees(math.sqrt(max(across @ c @ across, 0.0)) / a),
+    )

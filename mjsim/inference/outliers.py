@@ -29,7 +29,9 @@ def mark_outliers(s: Samples, residual: np.ndarray, noise: float) -> int:
     dt = float(np.median(np.diff(s.time)))
     width = int(WINDOW / dt) | 1
     every = max(1, width // 101)  # the median need not be finer than this
-    slow = np.interp(np.arange(len(residual)), np.arange(0, len(residual), every), median_filter(residual[::every], size=max(3, (width // every) | 1)))
+    slow = np.interp(
+        np.arange(len(residual)), np.arange(0, len(residual), every), median_filter(residual[::every], size=max(3, (width // every) | 1))
+    )
     rest = np.where(s.valid, residual - slow, 0.0)
     scale = max(noise, 1.4826 * float(np.median(np.abs(rest[s.valid]))))
     repeats = s.test.kind != "rotary" and s.test.revolutions >= 2

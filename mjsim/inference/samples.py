@@ -79,7 +79,6 @@ class Samples:
         _interpolate_blocks(np.ascontiguousarray(grid), (self.time - shift) / GRID, self.edges, out)
         return out
 
-
     def sample_all(self, grid: np.ndarray, shift: float) -> np.ndarray:
         """As :meth:`sample`, for every sample instead of block means."""
         out = np.empty(len(self.time))
@@ -160,7 +159,10 @@ def revolution_time(test: Test) -> float:
 
 
 def _delayed(x: np.ndarray, delay: float, taps: int = 32) -> np.ndarray:
-    """``x`` a (fractional) number of samples later, by a windowed sinc: it keeps the white part of the noise, as linear interpolation would not."""
+    """``x`` a (fractional) number of samples later, by a windowed sinc.
+
+    It keeps the white part of the noise, as linear interpolation would not.
+    """
     whole = int(np.floor(delay))
     before = taps // 2 - 1
     k = np.arange(taps) - before

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mjsim.effects.base import Effect
+from mjsim.inference.criteria import PRICE, possible, price, sensible, wald
 from mjsim.inference.fit import Fit, Fitter
 from mjsim.inference.free import FreeEffect
 from mjsim.inference.signatures import Candidate, Projector, SignatureBank, seeds
@@ -19,8 +19,6 @@ from mjsim.kinematics import AXES
 THRESHOLD = 30.0
 #: A rival whose objective is within this of the winner's cannot be told from it (likelihood ratio e^6).
 RIVAL = 12.0
-#: Price of one more free parameter when models are compared.
-PRICE = 8.0
 _SHORTLIST = 5
 #: Mean squared whitened residual below which a model counts as near; data-sheet moves (standard deviations) that an exact fit starts from.
 _NEAR, _FAR = 6.0, 2.0
@@ -106,7 +104,7 @@ class Searcher:
     def _extend(self, fit: Fit, bank: SignatureBank, trail: list[dict], new_allowed: bool) -> Fit | None:
         """The best model with one effect (or one pitch-error component) more, or ``None``."""
         have = {f.effect.id for f in fit.effects}
-        rows = [r for r in self.ranked(fit, bank) if r[0] > 0.5 * THRESHOLD and self.possible(r[1], r[2])]
+        rows = [r for r in self.ranked(fit, bank) if r[0] > 0.5 * THRESHOLD and possible(self.fitter.machine, r[1], r[2])]
         rows = [r for r in rows if r[2].effect.scanned or (r[2].id not in have and new_allowed)]
         rows = [r for r in rows if r[2].id in have or new_allowed]
         if not rows or rows[0][0] < THRESHOLD:
@@ -114,16 +112,16 @@ class Searcher:
         shortlist = [r for r in rows if r[0] > 0.3 * rows[0][0]][:_SHORTLIST]
         best: Fit | None = None
         for i, (gain, x, c) in enumerate(shortlist):
-            if best is not None and gain < 0.5 * (self._price(fit) - self._price(best)):
+            if best is not None and gain < 0.5 * (price(fit) - price(best)):
                 continue
             self.progress(f"model {len(fit.effects) + 1}: trying {c.id}", i, len(shortlist))
             trial = self._refit(self.grown(fit, c, x), fit, c)
-            if not self._sensible(trial.effects[-1]):
+            if not sensible(self.fitter.machine, trial.effects[-1]):
                 continue
             trail.append({"effects": [f.effect.id for f in trial.effects], "objective": trial.objective})
-            if best is None or self._price(trial) < self._price(best):
+            if best is None or price(trial) < price(best):
                 best = trial
-        if best is None or self._price(fit) - self._price(best) < THRESHOLD - PRICE:
+        if best is None or price(fit) - price(best) < THRESHOLD - PRICE:
             return None
         return self._settled(best)
 
@@ -161,29 +159,6 @@ class Searcher:
                 v[i] = free.specs[free.names[i]].neutral / free.specs[free.names[i]].scale + value
         return [*fit.effects, FreeEffect(free.at(v), c.names)]
 
-    def possible(self, x: np.ndarray, c: Candidate) -> bool:
-        """Whether the linear estimate lies within the parameter's bounds and above its least sensible size."""
-        if c.effect.scanned:
-            return True
-        free = FreeEffect(c.effect, c.names)
-        if free.polar:
-            p = free.specs[free.amplitude]
-            return bool(np.hypot(x[0], x[1]) * p.scale <= p.upper)
-        present = any(e.key == c.effect.key for e in self.fitter.machine.effects)
-        for value, name in zip(x, (n for n in free.names if present or free.specs[n].neutral is not None), strict=False):
-            p = free.specs[name]
-            size = value * p.scale + (c.effect.values[name] if present else p.neutral)
-            slack = 0.02 * p.scale
-            if not p.lower - slack <= size <= p.upper + slack:
-                return False
-            if c.effect.least and abs(size - (p.neutral or 0.0)) < c.effect.least:
-                return False
-        return True
-
-    @staticmethod
-    def _price(fit: Fit) -> float:
-        return fit.objective + PRICE * sum(len(f.vector) for f in fit.effects)
-
     # -- pruning and rivals --------------------------------------------------------------------------------------------
 
     def _prune(self, fit: Fit) -> Fit:
@@ -191,11 +166,11 @@ class Searcher:
         while fit.effects:
             trials = []
             for i, f in enumerate(fit.effects):
-                if self._wald(fit, i) > 20 * THRESHOLD:
+                if wald(self.fitter.machine, fit, i) > 20 * THRESHOLD:
                     continue
                 rest = [g for j, g in enumerate(fit.effects) if j != i]
                 trial = self._settled(self.fitter.fit(rest, start=fit, exact=False, iterations=4))
-                trials.append((self._price(trial) - self._price(fit), f, trial))
+                trials.append((price(trial) - price(fit), f, trial))
             if not trials:
                 return fit
             loss, _, trial = min(trials, key=lambda t: t[0])
@@ -203,23 +178,6 @@ class Searcher:
                 return fit
             fit = self._settled(trial)
         return fit
-
-    def _wald(self, fit: Fit, index: int) -> float:
-        """Squared distance of an effect's linear entries from off, in standard deviations: a lower bound of what dropping it costs."""
-        f = fit.effects[index]
-        block = fit.block(index)
-        v = f.vector
-        present = self.fitter.machine.effect(f.effect.key)
-        if present is not None:
-            d = v - FreeEffect(present, f.names).vector if len(FreeEffect(present, f.names).vector) == len(v) else v
-            keep = list(range(len(v)))
-        elif f.polar or f.effect.scanned:
-            d, keep = v, list(range(len(v) if f.effect.scanned else 2))
-        else:
-            keep = [i for i, n in enumerate(f.names) if f.specs[n].neutral is not None]
-            d = v - np.array([(f.specs[n].neutral or 0.0) / f.specs[n].scale for n in f.names])
-        c = fit.covariance[block, block][np.ix_(keep, keep)]
-        return float(d[keep] @ np.linalg.solve(c, d[keep]))
 
     def _rivals(self, fit: Fit, bank: SignatureBank) -> tuple[Fit, list[Found]]:
         """For every effect: its contribution, and the catalogue entries that do as well in its place (a better one takes it)."""
@@ -234,19 +192,19 @@ class Searcher:
             alternatives, better = [], None
             ranked = self.ranked(without, bank)
             own = max((r[0] for r in ranked if r[2].id == mine.effect.id), default=gain)
-            rows = [r for r in ranked if r[2].id not in {f.effect.id for f in fit.effects} and self.possible(r[1], r[2])]
+            rows = [r for r in ranked if r[2].id not in {f.effect.id for f in fit.effects} and possible(self.fitter.machine, r[1], r[2])]
             # far from its seed a linear gain is a rough guide: refit everything that comes near
             close = [r for r in rows if r[0] > 0.8 * min(own, gain) - 3 * THRESHOLD][:6]
             for i, (_, x, c) in enumerate(close):
                 self.progress(f"{mine.effect.id} against {c.id}", i, len(close))
                 trial = self._refit(self.grown(without, c, x), without, c)
-                if c.effect.quasi_static and self._price(trial) < self._price(fit) + max(10 * RIVAL, 0.05 * gain):
+                if c.effect.quasi_static and price(trial) < price(fit) + max(10 * RIVAL, 0.05 * gain):
                     trial = self._settled(trial)
-                if any(not self._sensible(f) for f in trial.effects):
+                if any(not sensible(self.fitter.machine, f) for f in trial.effects):
                     continue
-                if self._price(trial) < self._price(fit) + RIVAL:
+                if price(trial) < price(fit) + RIVAL:
                     alternatives.append(c.id)
-                    if self._price(trial) < self._price(fit) - 2.0 and (better is None or self._price(trial) < self._price(better)):
+                    if price(trial) < price(fit) - 2.0 and (better is None or price(trial) < price(better)):
                         better = trial
             if better is not None and swaps < 3:
                 swaps += 1
@@ -255,14 +213,3 @@ class Searcher:
             found[mine.effect.id] = Found(mine.effect.id, gain, alternatives)
             index += 1
         return fit, sorted(found.values(), key=lambda f: -f.gain)
-
-    def _sensible(self, free: FreeEffect) -> bool:
-        """Whether a fitted effect is large enough to be a cause of its own, and outside what the data sheet allows anyway."""
-        effect: Effect = free.effect
-        p = next((p for p in effect.parameters_of(effect.subject) if p.neutral is not None), None)
-        if p is None:
-            return True
-        present = self.fitter.machine.effect(effect.key)
-        origin = present.values[p.name] if present else p.neutral
-        departure = abs(effect.values[p.name] - origin)
-        return departure >= effect.least and departure >= 3.0 * effect.tolerance * abs(origin)

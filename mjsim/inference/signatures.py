@@ -125,7 +125,11 @@ class SignatureBank:
             return False
         empty = build(self.fit.base.__class__(self.fit.base.name, self.fit.base.drives, (effect,)))
         geometric = bool(empty.geometry.location or empty.geometry.squareness)
-        return bool(empty.ops) and not geometric and all(o.code != PLAY and (o.code != SINE or o.parameters[3] == 0.0) and o.out < 5 for o in empty.ops)
+        return (
+            bool(empty.ops)
+            and not geometric
+            and all(o.code != PLAY and (o.code != SINE or o.parameters[3] == 0.0) and o.out < 5 for o in empty.ops)
+        )
 
     def position_changes(self, effect: Effect) -> list[np.ndarray]:
         p = self.problem

@@ -44,8 +44,13 @@ class Unexplained:
     def to_json(self) -> dict:
         """As in the JSON of ``mjsim diagnose``."""
         return {
-            "axes": list(self.axes), "variable": self.variable, "period": self.period, "rms_um": round(self.rms / UM, 4),
-            "tests": list(self.tests), "summary": self.summary, "effect_file": self.effect_file,
+            "axes": list(self.axes),
+            "variable": self.variable,
+            "period": self.period,
+            "rms_um": round(self.rms / UM, 4),
+            "tests": list(self.tests),
+            "summary": self.summary,
+            "effect_file": self.effect_file,
         }
 
 
@@ -93,7 +98,9 @@ def _terms(problem: Problem, fit: Fit) -> list[_Term]:
             continue
         velocity = [np.gradient(q[:, i], t) for q, t in zip(loads, time, strict=True)]
         for variable, count in _KNOTS.items():
-            values = [_values(variable, q[:, i], t, v, test.started) for q, t, v, test in zip(loads, time, velocity, problem.tests, strict=True)]
+            values = [
+                _values(variable, q[:, i], t, v, test.started) for q, t, v, test in zip(loads, time, velocity, problem.tests, strict=True)
+            ]
             used = np.concatenate([x[_inside(t, p)] for x, t, p in zip(values, time, problem.motions, strict=True)])
             lo, hi = float(used.min()), float(used.max())
             if hi - lo < 1e-9:
@@ -119,7 +126,9 @@ def _values(variable: str, q: np.ndarray, t: np.ndarray, v: np.ndarray, started:
     return started + t if variable == "clock_time" else _since_reversal(t, v)
 
 
-def _term(problem: Problem, fit: Fit, axis: str, variable: str, knots: np.ndarray, period: float | None, values: list, velocity: list) -> _Term:
+def _term(
+    problem: Problem, fit: Fit, axis: str, variable: str, knots: np.ndarray, period: float | None, values: list, velocity: list
+) -> _Term:
     i = AXES.index(axis)
 
     def columns(k: int) -> np.ndarray:
@@ -146,7 +155,9 @@ def _since_reversal(t: np.ndarray, v: np.ndarray) -> np.ndarray:
     return np.log10(np.maximum(t - t[last], 0.02))
 
 
-def look_for_unknown(problem: Problem, fitter: Fitter, search: Search, progress: Callable[[str, int, int], None]) -> tuple[Unexplained | None, Search]:
+def look_for_unknown(
+    problem: Problem, fitter: Fitter, search: Search, progress: Callable[[str, int, int], None]
+) -> tuple[Unexplained | None, Search]:
     """What is left after the search, described by the generic term that explains most of it.
 
     Where a single generic term does much better than all the named effects together, these were a makeshift: they are withdrawn.
@@ -185,9 +196,14 @@ def _describe(problem: Problem, fit: Fit, term: _Term) -> Unexplained:
     rotary = term.axis in ROTARY
     size = term.coefficients * (1e-5 if rotary else 1e-6)
     curve = (term.knots / DEG if rotary and term.variable in ("position", "direction") else term.knots, size / DEG if rotary else size / UM)
-    words = {"time_since_reversal": "the time since its last reversal", "clock_time": "the clock", "direction": "its direction of motion and position"}
+    words = {
+        "time_since_reversal": "the time since its last reversal",
+        "clock_time": "the clock",
+        "direction": "its direction of motion and position",
+    }
     summary = (
-        f"Something that is not in the catalogue acts on the {term.axis} axis and depends on {words.get(term.variable, 'its ' + term.variable)}: "
+        f"Something that is not in the catalogue acts on the {term.axis} axis "
+        f"and depends on {words.get(term.variable, 'its ' + term.variable)}: "
         f"{rms / UM:.2f} µm RMS in the readings, most in {max(zip(map(np.std, parts), (t.name for t in problem.tests), strict=True))[1]}."
     )
     source = effect_source(term.axis, term.variable, term.knots, size, term.period, summary, f"unexplained_{term.axis}.py")

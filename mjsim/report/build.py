@@ -7,7 +7,7 @@ import platform
 from importlib.metadata import version
 
 from mjsim.compare import TestComparison
-from mjsim.diagnose import Diagnosis, DiagnosedEffect
+from mjsim.diagnose import DiagnosedEffect, Diagnosis
 from mjsim.effects import registry
 from mjsim.ladder import Step
 from mjsim.machine.files import machine_document
