@@ -93,7 +93,7 @@ class Comparison:
                     "samples_left_out": int((~t.valid).sum()),
                     "outliers": t.outliers,
                     "worst_phi_deg": _r(t.worst_phi / DEG, 1),
-                    "worst_plot_angle_deg": _r((t.worst_phi / DEG + 180) % 360, 1),
+                    "worst_plot_angle_deg": _r((t.worst_phi / DEG + (0 if t.test.kind == "rotary" else 180)) % 360, 1),
                     "worst_event": t.worst_event,
                     "trigger_ms": _r(t.trigger * 1e3, 2),
                     "iso230_4": t.iso,

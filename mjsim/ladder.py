@@ -58,8 +58,13 @@ def read_history(campaign: Campaign) -> list[Step]:
 def step_of(action: str, effect: str, machine_file: Path, comparison: Comparison) -> Step:
     """A step from the comparison of the model that it led to."""
     return Step(
-        action, effect, machine_file.name, tuple(e.key for e in comparison.machine.effects), round(comparison.rms / UM, 4),
-        round(comparison.noise / UM, 4), {t.test.name: round(t.rms / UM, 4) for t in comparison.tests},
+        action,
+        effect,
+        machine_file.name,
+        tuple(e.key for e in comparison.machine.effects),
+        round(comparison.rms / UM, 4),
+        round(comparison.noise / UM, 4),
+        {t.test.name: round(t.rms / UM, 4) for t in comparison.tests},
     )
 
 

@@ -30,7 +30,13 @@ _SCALE = np.array([1 / MM if a in LINEAR else 1 / DEG for a in AXES])
 def simulation_csv(s: Simulation) -> str:
     """One simulated test as CSV, every 5 ms: time_s, phi_deg, deviation_um, commanded and actual axis positions (mm, °)."""
     units = ["mm" if a in LINEAR else "deg" for a in AXES]
-    header = ["time_s", "phi_deg", "deviation_um", *(f"{a}_command_{u}" for a, u in zip(AXES, units, strict=True)), *(f"{a}_actual_{u}" for a, u in zip(AXES, units, strict=True))]
+    header = [
+        "time_s",
+        "phi_deg",
+        "deviation_um",
+        *(f"{a}_command_{u}" for a, u in zip(AXES, units, strict=True)),
+        *(f"{a}_actual_{u}" for a, u in zip(AXES, units, strict=True)),
+    ]
     data = np.column_stack([s.time, s.phi / DEG, s.deviation / UM, s.command * _SCALE, s.position * _SCALE])[::5]
     text = io.StringIO()
     np.savetxt(text, data, delimiter=",", header=",".join(header), comments="", fmt=["%.3f", "%.6f", "%.4f"] + ["%.7f"] * 10)
@@ -51,10 +57,14 @@ def simulation_summary(results: list[Simulation]) -> list[dict]:
         row = {"name": s.test.name, "duration_s": round(program.duration, 3)}
         try:
             if s.test.kind != "rotary":
-                row |= {k: round(v, 4) for k, v in asdict(circular_figures(s.phi[keep], s.deviation[keep])).items() if not isinstance(v, tuple)}
+                row |= {
+                    k: round(v, 4) for k, v in asdict(circular_figures(s.phi[keep], s.deviation[keep])).items() if not isinstance(v, tuple)
+                }
         except InputError:
             pass
-        rows.append(row | {"max_um": round(float(s.deviation[keep].max() / UM), 4), "min_um": round(float(s.deviation[keep].min() / UM), 4)})
+        rows.append(
+            row | {"max_um": round(float(s.deviation[keep].max() / UM), 4), "min_um": round(float(s.deviation[keep].min() / UM), 4)}
+        )
     return rows
 
 
@@ -121,7 +131,10 @@ def comparison_plots(result: Comparison, folder: Path, progress: Progress = sile
         progress("plotting", i, total)
         save(polar_figure(polar_traces(t), t.test.name, conditions(t.test)), path)
     progress("plotting", total - 2, total)
-    save(overview_figure([(t.test.name, polar_traces(t)) for t in result.tests], title=f"{result.campaign.name}: measured and simulated"), overview)
+    save(
+        overview_figure([(t.test.name, polar_traces(t)) for t in result.tests], title=f"{result.campaign.name}: measured and simulated"),
+        overview,
+    )
     progress("plotting", total - 1, total)
     title = f"{result.campaign.name}: residual {result.rms / UM:.3f} µm RMS, noise {result.noise / UM:.3f} µm"
     save(residual_figure([residual_trace(t, result.noise) for t in result.tests], title=title), residual)

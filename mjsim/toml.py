@@ -82,7 +82,9 @@ def _place(data: dict, loc: tuple) -> tuple[str, str]:
             node = None
         if isinstance(step, int):
             name = node.get("name") if isinstance(node, dict) else None
-            words[-1] = f"[[{words[-1]}]] " + (f'"{name}"' if isinstance(name, str) and name.isprintable() and len(name) <= 60 else f"number {step + 1}")
+            words[-1] = f"[[{words[-1]}]] " + (
+                f'"{name}"' if isinstance(name, str) and name.isprintable() and len(name) <= 60 else f"number {step + 1}"
+            )
         else:
             words.append(str(step))
     table = ".".join(words)

@@ -63,7 +63,7 @@ def _recorded(file: Path, test: Test, instrument: Instrument) -> Trace:
     want, have = last - first, float(trace.time[-1] - trace.time[0])
     if abs(have - want) > 0.02 * want + 0.1:
         raise InputError(
-            f"{file.parent / test.trace}: the trace lasts {have:.2f} s, the program of test \"{test.name}\" {want:.2f} s "
+            f'{file.parent / test.trace}: the trace lasts {have:.2f} s, the program of test "{test.name}" {want:.2f} s '
             f"(feed {test.feed * 60e3:g} mm/min); check feed_mm_min, revolutions and that the trace belongs to this test"
         )
     if trace.time[0] < first - 0.5 or trace.time[-1] > last + 0.5:

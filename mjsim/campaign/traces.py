@@ -25,7 +25,9 @@ def read_trace(path: Path, instrument: Instrument) -> Trace:
     if not path.is_file():
         raise InputError(f"{path}: the trace is missing (named in campaign.toml)")
     if path.stat().st_size > _LARGEST:
-        raise InputError(f"{path}: {path.stat().st_size / 1e6:.0f} MB; allowed: up to {_LARGEST / 1e6:.0f} MB, thin the trace to {instrument.rate:g} Hz")
+        raise InputError(
+            f"{path}: {path.stat().st_size / 1e6:.0f} MB; allowed: up to {_LARGEST / 1e6:.0f} MB, thin the trace to {instrument.rate:g} Hz"
+        )
     try:
         text = _bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -53,7 +55,9 @@ def read_trace(path: Path, instrument: Instrument) -> Trace:
         raise InputError(f"{path}, line {i + 3}: time_s = {time[i + 1]:g} after {time[i]:g}; allowed: times that grow from line to line")
     valid = np.isfinite(deviation) & (np.abs(np.nan_to_num(deviation)) < instrument.range * (1 - 1e-9))
     if valid.sum() < 50:
-        raise InputError(f"{path}: only {int(valid.sum())} of {len(valid)} samples are inside the sensor's range of ±{instrument.range * 1e3:g} mm")
+        raise InputError(
+            f"{path}: only {int(valid.sum())} of {len(valid)} samples are inside the sensor's range of ±{instrument.range * 1e3:g} mm"
+        )
     return Trace(time, np.nan_to_num(deviation), valid)
 
 

@@ -63,5 +63,7 @@ def show_change(word: str, data: dict) -> None:
         common.paragraph(line, "  ")
     rows = [[t["name"], f"{t['rms_before_um']:.3f}", f"{t['rms_after_um']:.3f}"] for t in data["tests"]]
     click.echo()
-    common.table(["test", "RMS before µm", "after µm"], [*rows, ["all tests", f"{data['rms_before_um']:.3f}", f"{data['rms_after_um']:.3f}"]])
+    common.table(
+        ["test", "RMS before µm", "after µm"], [*rows, ["all tests", f"{data['rms_before_um']:.3f}", f"{data['rms_after_um']:.3f}"]]
+    )
     click.echo(f"\nnoise {data['noise_um']:.3f} µm")

@@ -50,7 +50,9 @@ def fail(sentence: str) -> NoReturn:
 
 campaign_argument = click.argument("campaign", type=click.Path(path_type=Path))
 machine_option = click.option("--machine", type=click.Path(path_type=Path), help="Machine file to use instead of the campaign's.")
-threads_option = click.option("--threads", type=click.IntRange(1, 256), default=None, help="Tests worked on side by side (default: all cores).")
+threads_option = click.option(
+    "--threads", type=click.IntRange(1, 256), default=None, help="Tests worked on side by side (default: all cores)."
+)
 
 
 def cores(threads: int | None) -> int:
@@ -84,8 +86,12 @@ def progress_bar(quiet: bool):
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     with Progress(
-        TextColumn("{task.description}"), BarColumn(bar_width=24), TextColumn("{task.completed}/{task.total}"), TimeElapsedColumn(),
-        console=Console(stderr=True), transient=True,
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=24),
+        TextColumn("{task.completed}/{task.total}"),
+        TimeElapsedColumn(),
+        console=Console(stderr=True),
+        transient=True,
     ) as bars:
         task = bars.add_task("starting", total=1)
         now = [""]
@@ -112,7 +118,9 @@ def width() -> int:
 
 def paragraph(text: str, indent: str = "") -> None:
     """A text on stdout, wrapped."""
-    click.echo(textwrap.fill(text, width(), initial_indent=indent, subsequent_indent=indent + "  ", break_on_hyphens=False, break_long_words=False))
+    click.echo(
+        textwrap.fill(text, width(), initial_indent=indent, subsequent_indent=indent + "  ", break_on_hyphens=False, break_long_words=False)
+    )
 
 
 def table(columns: list[str], rows: list[list[str]], text: tuple[int, ...] = (0,)) -> None:

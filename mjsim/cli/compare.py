@@ -20,7 +20,8 @@ from mjsim.cli import common
 def command(campaign, machine, out, no_plots, force, threads, as_json, quiet) -> None:
     """Lay the simulation over the measurement of CAMPAIGN, test by test.
 
-    The ball offsets of every set-up, the bar's length and each trigger are fitted with their priors and shown; the machine is taken as it is.
+    The ball offsets of every set-up, the bar's length and each trigger are fitted with their priors and shown;
+    the machine is taken as it is.
 
     \b
     Example: mjsim compare examples/hidden-backlash
@@ -58,7 +59,9 @@ def show(data: dict) -> None:
         g = [f"{iso[k]['circular_error_um']:.2f}" if iso else "–" for k in ("measured", "simulated")]
         angle = t["worst_phi_deg"] if t["kind"] == "rotary" else t["worst_plot_angle_deg"]
         reverses = t["worst_event"].removeprefix("reversal of ")
-        rows.append([t["name"], f"{t['rms_um']:.3f}", f"{t['max_um']:.2f}", *g, f"{angle:.0f}°", "–" if reverses == t["worst_event"] else reverses])
+        rows.append(
+            [t["name"], f"{t['rms_um']:.3f}", f"{t['max_um']:.2f}", *g, f"{angle:.0f}°", "–" if reverses == t["worst_event"] else reverses]
+        )
     common.table(["test", "RMS µm", "max µm", "G meas.", "G sim.", "worst at", "reverses"], rows)
     click.echo(f"\nresidual RMS {data['rms_um']:.3f} µm, noise {data['noise_um']:.3f} µm: ratio {data['rms_um'] / data['noise_um']:.2f}")
     common.paragraph(
@@ -66,7 +69,9 @@ def show(data: dict) -> None:
         f"angle), and the axis that reverses there. Noise: {data['noise_source']}."
     )
     click.echo()
-    rows = [[k, *(f"{x:+.1f}" for x in v["table_ball_um"]), *(f"{x:+.1f}" for x in v["spindle_ball_um"])] for k, v in data["setups"].items()]
+    rows = [
+        [k, *(f"{x:+.1f}" for x in v["table_ball_um"]), *(f"{x:+.1f}" for x in v["spindle_ball_um"])] for k, v in data["setups"].items()
+    ]
     common.table(["set-up (µm)", "table ball x", "y", "z", "spindle ball x", "y", "z"], rows)
     shifts = ", ".join(f"{t['name']} {t['trigger_ms']:+.1f}" for t in data["tests"])
     click.echo(f"\nbar length {data['length_um']:+.2f} µm")

@@ -10,7 +10,13 @@ from mjsim.cli import common
 
 
 @click.command("demo")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), default=Path("mjsim-demo"), show_default=True, help="Folder for the working copy and the report.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("mjsim-demo"),
+    show_default=True,
+    help="Folder for the working copy and the report.",
+)
 @common.threads_option
 @common.options
 def command(out, threads, as_json, quiet) -> None:
@@ -24,12 +30,16 @@ def command(out, threads, as_json, quiet) -> None:
     from mjsim.demo import prepare, walk
 
     folder = prepare(out)
-    common.say("A five-axis machine was measured with a ball bar in 13 tests. Something is wrong with it; its model does not know what.", quiet)
+    common.say(
+        "A five-axis machine was measured with a ball bar in 13 tests. Something is wrong with it; its model does not know what.", quiet
+    )
     with common.progress_bar(quiet) as progress:
         demo = walk(folder, common.cores(threads), progress)
     data = demo.diagnosis.to_json()
     if as_json:
-        common.print_json({"report": str(demo.report), "diagnosis": data, "steps": [{**vars(s), "effects": list(s.effects)} for s in demo.steps]})
+        common.print_json(
+            {"report": str(demo.report), "diagnosis": data, "steps": [{**vars(s), "effects": list(s.effects)} for s in demo.steps]}
+        )
         return
     if quiet:
         return

@@ -12,7 +12,11 @@ from mjsim.cli import common
 @click.command("diagnose")
 @common.campaign_argument
 @common.machine_option
-@click.option("--write", type=click.Path(path_type=Path, dir_okay=False), help="Save the machine with the effects found and the calibrated data sheet.")
+@click.option(
+    "--write",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Save the machine with the effects found and the calibrated data sheet.",
+)
 @click.option("--max-effects", type=click.IntRange(1, 20), default=5, show_default=True, help="Look for at most so many effects.")
 @click.option("--force", is_flag=True, help="Replace the file named by --write.")
 @common.threads_option
@@ -64,7 +68,10 @@ _SENTENCE = {
 def show(data: dict) -> None:
     """A diagnosis' JSON as text."""
     common.paragraph(_SENTENCE[data["verdict"]])
-    common.paragraph(f"residual RMS {data['rms_before_um']:.3f} µm as given, {data['rms_after_um']:.3f} µm with what was found; noise {data['noise_um']:.3f} µm")
+    common.paragraph(
+        f"residual RMS {data['rms_before_um']:.3f} µm as given, "
+        f"{data['rms_after_um']:.3f} µm with what was found; noise {data['noise_um']:.3f} µm"
+    )
     for e in data["effects"]:
         click.echo(f"\n  {e['id']}   {e['rms_before_um']:.3f} → {e['rms_after_um']:.3f} µm")
         for line in parameter_lines(e["parameters"], e["ci95"]):

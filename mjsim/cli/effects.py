@@ -52,7 +52,9 @@ def command(effect, as_json, quiet) -> None:
     common.table(["parameter", "unit", "neutral", "allowed", "meaning"], rows, text=(0, 1, 3, 4))
     if subject is None and any(cls.parameters_of(s) != cls.parameters_of(cls.subjects[0]) for s in cls.subjects):
         click.echo()
-        common.paragraph(f"these are the parameters of {cls.kind}.{cls.subjects[0]}; other axes' can differ: mjsim effects {cls.kind}.{cls.subjects[-1]}")
+        common.paragraph(
+            f"these are the parameters of {cls.kind}.{cls.subjects[0]}; other axes' can differ: mjsim effects {cls.kind}.{cls.subjects[-1]}"
+        )
 
 
 def _allowed(p: dict) -> str:
@@ -73,8 +75,15 @@ def describe(cls, subject: str | None) -> dict:
         "signature": cls.signature,
         "parameters": [
             {
-                "name": p.name, "unit": p.unit, "meaning": p.meaning, "kind": p.kind, "neutral": p.neutral, "default": p.default,
-                "lower": p.lower, "upper": p.upper, "choices": list(p.choices),
+                "name": p.name,
+                "unit": p.unit,
+                "meaning": p.meaning,
+                "kind": p.kind,
+                "neutral": p.neutral,
+                "default": p.default,
+                "lower": p.lower,
+                "upper": p.upper,
+                "choices": list(p.choices),
             }
             for p in cls.parameters_of(subject or cls.subjects[0])
         ],

@@ -65,6 +65,15 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
         return
     common.table(
         ["test", "duration s", "G µm", "max µm", "min µm"],
-        [[r["name"], f"{r['duration_s']:.1f}", f"{r['circular_error_um']:.2f}" if "circular_error_um" in r else "–", f"{r['max_um']:.2f}", f"{r['min_um']:.2f}"] for r in summary],
+        [
+            [
+                r["name"],
+                f"{r['duration_s']:.1f}",
+                f"{r['circular_error_um']:.2f}" if "circular_error_um" in r else "–",
+                f"{r['max_um']:.2f}",
+                f"{r['min_um']:.2f}",
+            ]
+            for r in summary
+        ],
     )
     common.say(f"written to {out}", quiet)

@@ -156,7 +156,8 @@ class Effect(ABC):
             order, amplitude, phase = row
             if not 0 < order <= 2000 or not abs(amplitude) <= p.upper or not math.isfinite(phase):
                 raise InputError(
-                    f"effect {self.id}: component {list(row)!r} is out of bounds; allowed: order above 0 to 2000, amplitude up to {p.upper:g}, finite phase"
+                    f"effect {self.id}: component {list(row)!r} is out of bounds; "
+                    f"allowed: order above 0 to 2000, amplitude up to {p.upper:g}, finite phase"
                 )
             rows.append([float(x) for x in row])
         return rows

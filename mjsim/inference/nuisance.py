@@ -13,20 +13,24 @@ if TYPE_CHECKING:
 _CORRELATED, _MISFIT_POINTS = 5.0, 50.0
 
 
-def fit_nuisance(problem: Problem, readings: list[np.ndarray], iterations: int = 5) -> np.ndarray:
+def fit_nuisance(problem: Problem, readings: list[np.ndarray], iterations: int = 12) -> np.ndarray:
     """Least-squares nuisances (layout.size,) in prior standard deviations, for fixed simulated readings on the GRID.
 
     Plain block means, not whitened ones: what is fitted here is what the eye would take out of the plots. Noise counts with its
     correlation; what the model fails to explain counts as a few independent points per test only, so that a wrong model does not
-    drive the nuisances away from their priors.
+    drive the nuisances away from their priors. That failure is taken over all tests together (each test's own would let one test
+    win and leave its twin to pay), and a constant rest of a test says nothing about its trigger.
     """
     x = np.zeros(problem.layout.size)
     for _ in range(iterations):
         columns, rest = problem.nuisance_columns(readings, x), problem.residual(readings, x)
+        spread = [float(np.median(np.abs(r[s.good] - np.median(r[s.good])))) / 0.6745 for r, s in zip(rest, problem.samples, strict=True)]
+        misfit = max(0.0, float(np.sqrt(np.mean(np.square(spread)))) - problem.noise.block_rms)
         A, b = np.zeros((len(x), len(x))), np.zeros(len(x))
         for c, r, s in zip(columns, rest, problem.samples, strict=True):
             c, r = c[s.good], r[s.good]
-            misfit = max(0.0, float(np.median(np.abs(r - np.median(r)))) / 0.6745 - problem.noise.block_rms)
+            trigger = problem.layout.trigger(s.test.name)
+            c[:, trigger] -= c[:, trigger].mean()
             weight = 1.0 / (_CORRELATED * problem.noise.block_rms**2 + max(1.0, len(r) / _MISFIT_POINTS) * misfit**2)
             A += weight * c.T @ c
             b += weight * c.T @ r

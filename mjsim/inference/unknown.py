@@ -189,8 +189,15 @@ def _best(problem: Problem, fit: Fit) -> _Term | None:
     return best
 
 
+def _visible(problem: Problem, fit: Fit, parts: list[np.ndarray]) -> list[np.ndarray]:
+    """What of a term's readings the nuisances cannot take up: block means per test, m."""
+    n = len(fit.nuisance)
+    taken = (fit.covariance @ (fit.design.T @ problem.whiten(parts)))[:n]
+    return [d - c @ taken for d, c in zip(parts, problem.nuisance_columns(fit.readings, fit.nuisance), strict=True)]
+
+
 def _describe(problem: Problem, fit: Fit, term: _Term) -> Unexplained:
-    parts = [c @ term.coefficients for c in term.columns]
+    parts = _visible(problem, fit, [c @ term.coefficients for c in term.columns])
     rms = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
     shows = tuple(t.name for t, p in zip(problem.tests, parts, strict=True) if np.std(p) > 0.25 * problem.noise.rms)
     rotary = term.axis in ROTARY

@@ -41,7 +41,9 @@ def read_machine(path: str | Path) -> Machine:
         d = getattr(table.drive, axis)
         want, other = ("lead_mm", "worm_teeth") if axis in LINEAR else ("worm_teeth", "lead_mm")
         if getattr(d, other) is not None:
-            raise InputError(f"{path}: [drive.{axis}] unknown key {other!r}; a {'linear' if axis in LINEAR else 'rotary'} axis has {want!r}")
+            raise InputError(
+                f"{path}: [drive.{axis}] unknown key {other!r}; a {'linear' if axis in LINEAR else 'rotary'} axis has {want!r}"
+            )
         if getattr(d, want) is None:
             raise InputError(f"{path}: [drive.{axis}]: the key {want!r} is missing")
         gear = 2 * np.pi / (d.lead_mm * MM) if axis in LINEAR else d.worm_teeth

@@ -10,11 +10,14 @@ from mjsim.nc.program import Program
 #: Extent within which a point counts as being at a reversal, rad of the test's angle.
 NEAR = np.radians(6.0)
 
+#: Reversals so close to an end of the measured part still show in it, s.
+_EDGE = 0.2
+
 
 def reversals(program: Program) -> dict[str, np.ndarray]:
-    """Signed test angles φ (rad) at which each axis reverses in the measured part; axes that never do are left out."""
+    """Signed test angles φ (rad) at which each axis reverses in the measured part, its ends included; other axes are left out."""
     lo, hi = program.measured_span
-    time = np.linspace(lo, hi, 20001)
+    time = np.linspace(max(0.0, lo - _EDGE), min(program.duration, hi + _EDGE), 20001)
     q, phi = program.commands(time), program.phi(time)
     out = {}
     for i, axis in enumerate(AXES):

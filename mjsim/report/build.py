@@ -34,7 +34,12 @@ def content(result: Diagnosis, steps: list[Step], date: str = "") -> ReportConte
     """Everything the page says."""
     c, m = result.campaign, result.before.machine
     setups = [
-        SetUpRow(name, [float(x / UM) for x in v[:3]], [float(x / UM) for x in v[3:]], [t.test.name for t in result.after.tests if t.test.setup == name])
+        SetUpRow(
+            name,
+            [float(x / UM) for x in v[:3]],
+            [float(x / UM) for x in v[3:]],
+            [t.test.name for t in result.after.tests if t.test.setup == name],
+        )
         for name, v in result.after.setups.items()
     ]
     text = machine_document(result.machine, m.path) if m.path else repr(result.machine)
@@ -43,7 +48,11 @@ def content(result: Diagnosis, steps: list[Step], date: str = "") -> ReportConte
         summary=[
             ("Machine", f"{m.name}, configuration {m.configuration}"),
             ("Campaign", f"{len(result.before.tests)} measured tests in {len(setups)} set-ups"),
-            ("Instrument", f"ball bar, resolution {c.instrument.resolution / UM:g} µm, range ±{c.instrument.range * 1e3:g} mm, {c.instrument.rate:g} Hz"),
+            (
+                "Instrument",
+                f"ball bar, resolution {c.instrument.resolution / UM:g} µm, range ±{c.instrument.range * 1e3:g} mm, "
+                f"{c.instrument.rate:g} Hz",
+            ),
             ("Effects in the model as given", ", ".join(e.id for e in m.effects) or "none"),
         ],
         verdict=result.verdict,
@@ -62,8 +71,12 @@ def content(result: Diagnosis, steps: list[Step], date: str = "") -> ReportConte
         unexplained=result.unexplained.summary if result.unexplained else "",
         not_testable=[NotTestable(i, registry.effect_class(i)[0].title) for i in result.not_testable],
         provenance=[
-            ("mjsim", version("mjsim")), ("MuJoCo", version("mujoco")), ("numpy", version("numpy")), ("Python", platform.python_version()),
-            ("random numbers", "none are drawn"), ("fitted machine, SHA-256", hashlib.sha256(text.encode()).hexdigest()),
+            ("mjsim", version("mjsim")),
+            ("MuJoCo", version("mujoco")),
+            ("numpy", version("numpy")),
+            ("Python", platform.python_version()),
+            ("random numbers", "none are drawn"),
+            ("fitted machine, SHA-256", hashlib.sha256(text.encode()).hexdigest()),
         ],
         date=date,
     )
@@ -90,7 +103,14 @@ def _finding(e: DiagnosedEffect) -> Finding:
             rows.append(ParameterRow(name, value, ci[0] if ci else None, ci[1] if ci else None, unit_of(name)[1]))
     where = "" if e.tests else "Shows in no single test above a quarter of the noise."
     return Finding(
-        e.effect.id, e.effect.title, rows, e.rms_before / UM, e.rms_after / UM, e.alternatives, f"{e.effect.signature} {where}".strip(), e.tests
+        e.effect.id,
+        e.effect.title,
+        rows,
+        e.rms_before / UM,
+        e.rms_after / UM,
+        e.alternatives,
+        f"{e.effect.signature} {where}".strip(),
+        e.tests,
     )
 
 
