@@ -43,7 +43,7 @@ class TestMotion:
     """Motor-side motions of one test, computed per axis on demand and kept for the drives used last.
 
     Attributes:
-        test: the test. keep: motions kept per axis. substeps: drive sub-steps per step (one is good to some nm, for searching).
+        test: the test. keep: motions kept per axis.
         time: (n,) s. commands: (n, 5) without delays, m and rad.
     """
 
@@ -51,7 +51,6 @@ class TestMotion:
 
     test: Test
     keep: int = 3
-    substeps: int = SUBSTEPS
 
     def __post_init__(self) -> None:
         self.program = Program(self.test)
@@ -71,7 +70,7 @@ class TestMotion:
             out = np.ascontiguousarray(r)  # an axis that never moves stays: the integrator holds gravity
         else:
             out = np.empty(len(self.time))
-            run(discretise(drive, STEP / self.substeps), np.ascontiguousarray(r), STEP / self.substeps, self.substeps, out)
+            run(discretise(drive, STEP / SUBSTEPS), np.ascontiguousarray(r), STEP / SUBSTEPS, SUBSTEPS, out)
         kept[key] = out
         while len(kept) > self.keep:
             kept.popitem(last=False)

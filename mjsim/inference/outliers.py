@@ -43,6 +43,8 @@ def mark_outliers(s: Samples, residual: np.ndarray, noise: float) -> int:
         again[lag:] |= wide[:-lag]
         again[:-lag] |= wide[lag:]
         high &= ~again  # what comes back in the other revolution is the machine's
+    edge = int(0.5 * WINDOW / dt)
+    high[:edge] = high[-edge:] = False  # there the running median hangs in the air
     if not high.any():
         return 0
     groups, count = label(binary_dilation(high, iterations=max(1, int(MARGIN / dt))))

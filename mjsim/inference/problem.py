@@ -65,7 +65,7 @@ class Problem:
         self.noise = estimate_noise(self.samples, campaign.instrument.resolution)
         self.layout = NuisanceLayout(tuple(dict.fromkeys(t.setup for t in self.tests)), tuple(t.name for t in self.tests))
         self._pool = ThreadPoolExecutor(threads)
-        self.motions = self.map(lambda k: TestMotion(self.tests[k], substeps=1))
+        self.motions = self.map(lambda k: TestMotion(self.tests[k]))
         plant = build(machine)
         self.outliers = {t.name: 0 for t in self.tests}
         self.sensitivity = self.map(lambda k: sensitivity(self.motions[k].load(plant, _EVERY)[:, :5], np.asarray(self.tests[k].table_ball)))

@@ -128,7 +128,8 @@ class Searcher:
     def _refit(self, effects: list[FreeEffect], start: Fit, c: Candidate) -> Fit:
         """Joint fit with a candidate: exact where a drive changes, since drives bend the data sheet's linear columns."""
         exact = not c.effect.quasi_static and start.sum_squares < _NEAR * self.problem.count
-        return self.fitter.fit(effects, start=start, exact=exact, iterations=5 if exact else 4)
+        fit = self.fitter.fit(effects, start=start, exact=exact, iterations=5 if exact else 4)
+        return fit if exact or c.effect.quasi_static else self._settled(fit)
 
     def _settled(self, fit: Fit, iterations: int = 6) -> Fit:
         """Exact refit of a model that comes near the data; while effects are missing the data sheet would be driven far off."""
