@@ -70,20 +70,19 @@ class Fitter:
     def __init__(self, problem: Problem, machine: Machine, calibrate: bool = True) -> None:
         self.problem, self.machine = problem, machine
         self.calibrate = calibrate
-        none = [np.zeros((len(s.centre), len(SHEET))) for s in problem.samples]
-        self._sheet = problem.sheet_columns(machine, np.zeros(problem.layout.size)) if calibrate else none
-        self._sheet_white = problem.whiten(self._sheet)
+        none = [np.zeros((len(SHEET), len(m.time[::5]))) for m in problem.motions]
+        self._grids = problem.sheet_grids(machine) if calibrate else none
 
     def sheet_at(self, fit: Fit) -> tuple[list[np.ndarray], np.ndarray]:
-        """Data-sheet columns per test and whitened, computed anew for the axes whose drives the effects change."""
+        """Data-sheet columns per test and whitened, at the fit's triggers; simulated anew for axes whose drives the effects change."""
+        grids = self._grids
         axes = {f.effect.subject for f in fit.effects if not f.effect.quasi_static}
-        if not (axes and self.calibrate):
-            return self._sheet, self._sheet_white
-        fresh = self.problem.sheet_columns(fit.machine, fit.nuisance, axes)
-        mine = np.array([p.axis in axes for p in SHEET])
-        return [np.where(mine, a, b) for a, b in zip(fresh, self._sheet, strict=True)], np.where(
-            mine, self.problem.whiten(fresh), self._sheet_white
-        )
+        if axes and self.calibrate:
+            mine = np.array([p.axis in axes for p in SHEET])[:, None]
+            fresh = self.problem.sheet_grids(fit.machine, axes)
+            grids = [np.where(mine, a, b) for a, b in zip(fresh, grids, strict=True)]
+        sheet = self.problem.sample_grids(grids, fit.nuisance)
+        return sheet, self.problem.whiten(sheet)
 
     def frozen_sheet(self, effects: list[FreeEffect]) -> np.ndarray:
         """Data-sheet entries that an effect fits freely, so that they leave the calibration, (len(SHEET),) bool."""

@@ -137,27 +137,35 @@ class Problem:
         """``other - base`` as block means at the triggers of ``nuisance``, m."""
         return self.map(lambda k: self.samples[k].sample(other[k] - base[k], self.shift(k, nuisance)))
 
-    def sheet_columns(self, machine: Machine, nuisance: np.ndarray, axes: Iterable[str] = AXES) -> list[np.ndarray]:
-        """Derivative with respect to the data sheet of some axes, (m, len(SHEET)) per test, m per standard deviation.
+    def sheet_grids(self, machine: Machine, axes: Iterable[str] = AXES) -> list[np.ndarray]:
+        """Derivative of the readings with respect to the data sheet of some axes, (n, len(SHEET)) per test on the GRID.
 
-        Only the changed axis is simulated; its motion enters through the reading's sensitivity. Columns of other axes are zero.
+        In m per standard deviation. Only the changed axis is simulated; its motion enters through the reading's sensitivity.
+        Columns of other axes are zero.
         """
         base = build(machine)
         wanted = [j for j, p in enumerate(SHEET) if p.axis in axes]
         moved = {j: build(calibrated(machine, np.eye(len(SHEET))[j])) for j in wanted}
 
-        def columns(k: int) -> np.ndarray:
-            s, motion = self.samples[k], self.motions[k]
-            shift = self.shift(k, nuisance)
-            out = np.zeros((len(s.centre), len(SHEET)))
+        def grids(k: int) -> np.ndarray:
+            motion = self.motions[k]
+            out = np.zeros((len(SHEET), len(motion.time[::_EVERY])))
             for j in wanted:
                 p = SHEET[j]
                 i = AXES.index(p.axis)
-                if not np.ptp(motion.commands[:, i]):
-                    continue
-                change = (motion.motor(p.axis, moved[j].axes[p.axis]) - motion.motor(p.axis, base.axes[p.axis]))[::_EVERY]
-                out[:, j] = s.sample(self.sensitivity[k].axes[:, i] * change, shift)
+                if np.ptp(motion.commands[:, i]):
+                    change = motion.motor(p.axis, moved[j].axes[p.axis]) - motion.motor(p.axis, base.axes[p.axis])
+                    out[j] = self.sensitivity[k].axes[:, i] * change[::_EVERY]
             return out
+
+        return self.map(grids)
+
+    def sample_grids(self, grids: list[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
+        """Block means (m, columns) per test of readings' derivatives (columns, n) on the GRID, at the triggers of ``nuisance``."""
+
+        def columns(k: int) -> np.ndarray:
+            s, shift = self.samples[k], self.shift(k, nuisance)
+            return np.column_stack([s.sample(g, shift) if g.any() else np.zeros(len(s.centre)) for g in grids[k]])
 
         return self.map(columns)
 
