@@ -193,11 +193,6 @@ class Projector:
             out.append((gain, x, c))
         return sorted(out, key=lambda row: -row[0])
 
-    def visible(self, columns: np.ndarray) -> np.ndarray:
-        """Share of each column's whitened power that the projection leaves, (k,)."""
-        matrix, _ = self.normal(columns)
-        return np.clip(np.diag(matrix), 0, None) / np.maximum(np.einsum("nk,nk->k", columns, columns), 1e-300)
-
 
 def _solve(matrix: np.ndarray, score: np.ndarray) -> tuple[float, np.ndarray]:
     matrix = matrix + np.eye(len(matrix)) * (1e-9 * np.trace(matrix) / len(matrix) + 1e-6)

@@ -5,10 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-
 from mjsim.effects.base import Effect
-from mjsim.kinematics import AXES
 
 #: One standard deviation of the data sheet (relative). Controller settings are exact numbers in the control; what hangs on
 #: the motor and the mechanics is not. Source: campaign format, "data sheet".
@@ -71,11 +68,3 @@ class Machine:
     def with_drive(self, axis: str, **changes: float) -> Machine:
         """A machine with some numbers of one drive changed."""
         return replace(self, drives={**self.drives, axis: replace(self.drives[axis], **changes)})
-
-
-def lead(drive: Drive) -> float:
-    """Ball-screw lead of a linear drive, m."""
-    return 2 * np.pi / drive.gear
-
-
-assert set(AXES) == set("XYZAC")
