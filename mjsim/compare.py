@@ -8,10 +8,13 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from mjsim.campaign.model import Campaign, Test
+from mjsim.engine.drive import STEP
 from mjsim.engine.simulate import Simulation, simulate
 from mjsim.errors import InputError
 from mjsim.inference.nuisance import fit_nuisance
 from mjsim.inference.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, Problem
+from mjsim.inference.samples import GRID_STEPS
+from mjsim.inference.vibration import phased
 from mjsim.machine.model import Machine
 from mjsim.measure.events import event_at, reversals
 from mjsim.measure.iso230 import BidirectionalFigures, CircularFigures, bidirectional_figures, circular_figures
@@ -133,17 +136,19 @@ def compare(
         count[0] += 1
         progress("simulating", count[0], len(problem.tests))
 
-    simulations = simulate(machine, problem.tests, threads, done)
-    return overlay(problem, machine, simulations)
+    machine = phased(problem, machine)
+    return overlay(problem, machine, simulate(machine, problem.tests, threads, done))
 
 
 def overlay(problem: Problem, machine: Machine, simulations: list[Simulation]) -> Comparison:
     """Comparison of given simulations (one per measured test, in order)."""
-    readings = [s.deviation[::5] for s in simulations]
+    readings = [s.deviation[::GRID_STEPS] for s in simulations]
     nuisance = fit_nuisance(problem, readings)
     tests, squares, count = [], 0.0, 0
-    for k, (s, r) in enumerate(zip(problem.samples, readings, strict=True)):
-        modelled = s.sample_all(r + problem.offsets(k, nuisance), problem.shift(k, nuisance))
+    for k, s in enumerate(problem.samples):
+        shift = problem.shift(k, nuisance)
+        # the reading on its own fine grid: a vibration does not survive the coarse one
+        modelled = s.sample_all(simulations[k].deviation, shift, STEP) + s.sample_all(problem.offsets(k, nuisance), shift)
         residual = s.value - modelled
         good = s.valid
         phi = Program(s.test).phi(s.time - problem.shift(k, nuisance))

@@ -20,6 +20,8 @@ from mjsim.inference.search import Search, Searcher
 from mjsim.inference.signatures import Projector
 from mjsim.inference.testability import not_testable
 from mjsim.inference.unknown import Unexplained, look_for_unknown
+from mjsim.inference.vibration import Line, find, is_news, phased, residuals, separate, take_out
+from mjsim.kinematics import AXES
 from mjsim.machine.model import Machine
 from mjsim.units import UM
 
@@ -122,9 +124,12 @@ def diagnose(campaign: Campaign, machine: Machine, max_effects: int = 5, threads
         raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; a diagnosis needs measured tests")
     progress("preparing", 0, 1)
     problem = Problem(campaign, machine, threads)
-    fitter = Fitter(problem, machine)
-    search = Searcher(fitter, progress).run(max_effects)
-    unexplained, search = look_for_unknown(problem, fitter, search, progress)
+    search, unexplained, lines = _explain(problem, machine, max_effects, progress)
+    hidden = not_testable(problem, Projector(search.start), search.bank)
+    found = sorted(
+        [*_found(problem, search), *(_vibration(problem, line) for line in lines if is_news(line, machine))], key=lambda f: -f[0]
+    )
+    take_out(problem, [], search.fit.nuisance)
 
     def simulated(m: Machine, stage: str) -> Comparison:
         count = [0]
@@ -135,36 +140,25 @@ def diagnose(campaign: Campaign, machine: Machine, max_effects: int = 5, threads
 
         return overlay(problem, m, simulate(m, problem.tests, threads, done))
 
-    before = simulated(machine, "simulating the machine as given")
+    before = simulated(phased(problem, machine), "simulating the machine as given")
     ladder = [before]
-    for i in range(1, len(search.found)):
-        part = with_effects(machine, [_effect(search, f.id) for f in search.found[:i]])
+    for i in range(1, len(found)):
+        part = phased(problem, with_effects(machine, [e.effect for _, e in found[:i]]))
         ladder.append(simulated(part, f"simulating with {i} effect{'s' if i > 1 else ''}"))
-    final = search.fit.machine
+    final = with_effects(search.fit.machine, [line.effect for line in lines])
     after = simulated(final, "simulating the fitted machine")
     ladder.append(after)
-    effects = []
-    for i, f in enumerate(search.found):
-        at = next(j for j, g in enumerate(search.fit.effects) if g.effect.id == f.id)
-        free = search.fit.effects[at]
-        block = search.fit.block(at)
-        ci = free.interval(free.vector, search.fit.covariance[block, block])
-        effects.append(
-            DiagnosedEffect(
-                free.effect, free.names, ci, ladder[i].rms, ladder[i + 1].rms, tuple(f.alternatives), _where(problem, search, at)
-            )
-        )
+    effects = tuple(replace(e, rms_before=a.rms, rms_after=b.rms) for (_, e), a, b in zip(found, ladder, ladder[1:], strict=False))
     if effects:
         verdict = "ambiguous" if any(e.alternatives for e in effects) else "identified"
     else:
         verdict = "unknown" if unexplained else "nothing_found"
-    hidden = not_testable(Projector(search.start), search.bank)
     named = {e.effect.id for e in effects} | {a for e in effects for a in e.alternatives}
     return Diagnosis(
         campaign,
         verdict,
         problem.noise.rms,
-        tuple(effects),
+        effects,
         unexplained,
         tuple(h for h in hidden if h not in named),
         final,
@@ -175,8 +169,38 @@ def diagnose(campaign: Campaign, machine: Machine, max_effects: int = 5, threads
     )
 
 
-def _effect(search: Search, effect_id: str) -> Effect:
-    return next(f.effect for f in search.fit.effects if f.effect.id == effect_id)
+def _explain(problem: Problem, machine: Machine, max_effects: int, progress: Progress) -> tuple[Search, Unexplained | None, list[Line]]:
+    """The search, with vibrations left out of the data; one that shows only when all else is explained makes the search start again."""
+    rigid, lines = separate(problem, machine)
+    fitter = Fitter(problem, rigid)
+    for attempt in range(2):
+        search = Searcher(fitter, progress).run(max_effects)
+        nuisance = search.fit.nuisance
+        late = find(problem, residuals(problem, search.fit.readings, nuisance), nuisance, repeats=False) if attempt == 0 else None
+        if late is None:
+            break
+        lines.append(late)
+        take_out(problem, lines, nuisance)
+    unexplained, search = look_for_unknown(problem, fitter, search, progress)
+    return search, unexplained, lines
+
+
+def _found(problem: Problem, search: Search) -> list[tuple[float, DiagnosedEffect]]:
+    """Gain and entry of every effect of the search; errors are filled in by the full simulation."""
+    out = []
+    for f in search.found:
+        at = next(j for j, g in enumerate(search.fit.effects) if g.effect.key == f.key)
+        free, block = search.fit.effects[at], search.fit.block(at)
+        ci = free.interval(free.vector, search.fit.covariance[block, block])
+        out.append((f.gain, DiagnosedEffect(free.effect, free.names, ci, 0.0, 0.0, tuple(f.alternatives), _where(problem, search, at))))
+    return out
+
+
+def _vibration(problem: Problem, line: Line) -> tuple[float, DiagnosedEffect]:
+    i, size = AXES.index(line.effect.subject), line.effect.si("amplitude_um")
+    spread = [size * np.sqrt(np.mean(s.axes[:, i] ** 2) / 2) for s in problem.sensitivity]
+    tests = tuple(t.name for t, x in zip(problem.tests, spread, strict=True) if x > 0.25 * problem.noise.rms)
+    return line.gain, DiagnosedEffect(line.effect, line.effect.free, line.ci95, 0.0, 0.0, line.alternatives, tests)
 
 
 def _where(problem: Problem, search: Search, index: int) -> tuple[str, ...]:

@@ -81,7 +81,7 @@ class TestMotion:
 
         Columns 5 to 8 are the table's error motion. Operations with a memory see every instant.
         """
-        ops = plant.op_table()
+        ops = plant.op_table(self.test)
         fine = 1 if plant.has_memory else every
         time = self.time[::fine]
         q = np.zeros((len(time), plant.width))

@@ -54,7 +54,7 @@ def integrate(axis, command, rate, times):
     a, order, phase = p.ripple
 
     def equations(t, y):
-        th, om, it, z = y
+        th, om, it, z, lth, lom = y
         error = p.position_gain * (p.gear * command(t) - th) + p.feedforward * p.gear * rate(t) - om
         torque = p.velocity_gain * (error + it / p.integral_time)
         friction = dz = 0.0
@@ -65,9 +65,13 @@ def integrate(axis, command, rate, times):
             dz = om - abs(om) * s0 * z / level
             friction = s0 * z + s1 * dz
         net = torque - p.viscous * om - friction - p.gravity - a * np.sin(order * th + phase)
-        return [om, net / p.inertia, error, dz]
+        spring = p.stiffness * (th - lth) + p.damping * (om - lom)
+        if not p.load_inertia:
+            return [om, net / p.inertia, error, dz, om, 0.0]
+        return [om, (net - spring) / (p.inertia - p.load_inertia), error, dz, lom, spring / p.load_inertia]
 
-    rest = [p.gear * command(0.0), 0.0, p.gravity * p.integral_time / p.velocity_gain, 0.0]
+    first = p.gear * command(0.0)
+    rest = [first, 0.0, p.gravity * p.integral_time / p.velocity_gain, 0.0, first, 0.0]
     got = solve_ivp(equations, (0.0, times[-1]), rest, method="DOP853", t_eval=times, rtol=1e-10, atol=1e-13, max_step=2e-3)
     assert got.success
     return got.y
@@ -86,6 +90,8 @@ VARIANTS = {
     "Stribeck": {"static_ratio": 1.5, "stribeck_velocity": 2.0},
     "ripple": {"ripple": (0.2, 4.0, 0.7)},
     "no friction": {"coulomb": 0.0, "viscous": 0.05},
+    "soft": {"load_inertia": 0.0012, "stiffness": 25.0, "damping": 0.02},
+    "soft and rippling": {"load_inertia": 0.0012, "stiffness": 60.0, "damping": 0.05, "ripple": (0.2, 4.0, 0.7), "coulomb": 0.0},
 }
 
 
@@ -97,7 +103,7 @@ def test_kernel_against_the_equations(machine, letter, variant):
     size, w = (0.01 if letter == "X" else np.radians(2.0)), np.pi
     times = np.arange(3001) * STEP
     state = integrate(axis, lambda t: size * (1 - np.cos(w * t)), lambda t: size * w * np.sin(w * t), times)
-    error = np.abs(kernel(axis, size * (1 - np.cos(w * times))) - state[0] / axis.gear)
+    error = np.abs(kernel(axis, size * (1 - np.cos(w * times))) - state[4] / axis.gear)
     error *= 1.0 if letter == "X" else LEVER
     reversals = times[1:][state[1][1:] * state[1][:-1] < 0]
     assert len(reversals) >= 2

@@ -33,7 +33,7 @@ def typical(effect_id, off=False, direction=None):
         elif p.kind == "components":
             values[p.name] = [] if off else [[7.0, p.scale, 30.0], [20.5, -0.5 * p.scale, -170.0]]
         elif p.neutral is not None:
-            values[p.name] = p.neutral if off else min(p.upper, p.neutral + p.scale)
+            values[p.name] = p.neutral if off else p.decode(p.encode(p.neutral) + 1.0)
         elif p.default is None:
             values[p.name] = min(p.upper, max(p.lower, 3.0 * p.scale))
     return values
@@ -164,8 +164,9 @@ def bad_values(p):
     if p.kind == "number":
         yield [1.0]
         yield p.lower - max(1.0, abs(p.lower))
-        yield p.upper + max(1.0, abs(p.upper))
-        yield float("inf")
+        if p.upper < math.inf:  # a stiffness may be infinite
+            yield p.upper + max(1.0, abs(p.upper))
+            yield float("inf")
     elif p.kind == "choice":
         yield 1.0
     else:

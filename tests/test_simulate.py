@@ -12,7 +12,7 @@ from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import make
 from mjsim.engine import callback, mjmodel
 from mjsim.engine.drive import STEP, SUBSTEPS
-from mjsim.engine.plant import STAGES, VIBRATE, build
+from mjsim.engine.plant import STAGES, build
 from mjsim.engine.simulate import _prepare, simulate
 from mjsim.errors import SimulationError
 from mjsim.kinematics import AXES
@@ -297,15 +297,19 @@ def test_broken_python_effect_is_named(m1, own_effects, cone):
     assert mujoco.get_mjcb_control() is None
 
 
-def test_vibration_operation(m1, bare, cone):
-    """The compiled vibration: amplitude·sin(ωt + phase) on the campaign clock, added to the axis."""
-    plant = build(bare(m1))
-    plant.add_op("vibration", VIBRATE, "Y", 3e-6, 2 * np.pi * 7.0, 0.4)
+def test_vibration_has_its_phase_in_every_test(m1, bare, cone):
+    """amplitude·sin(ωt + φ), t from the program's start, φ the test's own, added to the axis last of all."""
     assert STAGES[-1] == "vibration"
     test = cone(15, 10, (50, 20, 155), 12000, started=33.0)
+    wave = make("vibration.Y", amplitude_um=3.0, frequency_Hz=7.0)
     motion = TestMotion(test)
-    added = motion.load(plant)[:, 1] - motion.load(build(bare(m1)))[:, 1]
-    np.testing.assert_allclose(added, 3e-6 * np.sin(2 * np.pi * 7.0 * (33.0 + motion.time) + 0.4), rtol=0, atol=1e-15)
+    rigid = motion.load(build(bare(m1)))[:, 1]
+    for phases, phase in (({}, 0.0), ({test.name: 0.4}, 0.4)):
+        plant = build(bare(m1).with_effect(wave.with_phases(phases)))
+        added = motion.load(plant)[:, 1] - rigid
+        np.testing.assert_allclose(added, 3e-6 * np.sin(2 * np.pi * 7.0 * motion.time + phase), rtol=0, atol=1e-14)
+        whole = simulate(bare(m1).with_effect(wave.with_phases(phases)), [test])[0]
+        np.testing.assert_allclose(whole.position[:, 1] - rigid, added, rtol=0, atol=1e-10)
 
 
 def test_shipped_discretisation():

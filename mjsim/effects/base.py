@@ -34,6 +34,7 @@ class Parameter:
         kind: ``number``, ``components`` (a list of [order, amplitude, phase_deg]) or ``choice``.
         choices: allowed texts of a ``choice``.
         scale: a typical size, in the same unit: the step of numerical derivatives and of searches.
+        inverse: fitted as its reciprocal (a stiffness is off at infinity; its compliance is off at zero).
     """
 
     name: str
@@ -45,6 +46,17 @@ class Parameter:
     kind: str = "number"
     choices: tuple[str, ...] = ()
     scale: float = 1.0
+    inverse: bool = False
+
+    def encode(self, value: float) -> float:
+        """A value as fits see it, in typical sizes."""
+        return self.scale / value if self.inverse else value / self.scale
+
+    def decode(self, x: float) -> float:
+        """The value, inside its bounds, that fits see as ``x``."""
+        if self.inverse:
+            return max(self.scale / x, self.lower) if x > self.scale / self.upper else self.upper
+        return min(max(x * self.scale, self.lower), self.upper)
 
     @property
     def factor(self) -> float:
@@ -84,8 +96,8 @@ class Effect(ABC):
     scanned: ClassVar[bool] = False
     #: Smallest departure of the leading parameter from neutral that makes sense as a cause of its own (assumed).
     least: ClassVar[float] = 0.0
-    #: Relative standard deviation that the data sheet allows the leading parameter: inside three of it there is no effect.
-    tolerance: ClassVar[float] = 0.0
+    #: Relative standard deviation that the data sheet allows a parameter: inside three of it there is no effect.
+    tolerances: ClassVar[dict[str, float]] = {}
 
     def __init__(self, subject: str, **values: Any) -> None:
         if subject not in self.subjects:
@@ -118,6 +130,13 @@ class Effect(ABC):
     def seeds(cls, subject: str) -> list[dict[str, Any]]:
         """Starting values from which a diagnosis searches: leading parameters at a typical size off neutral."""
         return [{p.name: p.neutral + p.scale for p in cls.parameters_of(subject) if p.neutral is not None}]
+
+    def shapes(self, present: Effect | None) -> list[tuple[Effect, tuple[str, ...]]]:
+        """Other shapes that a diagnosis tries once this effect is found, before it believes a second effect: where to start, what is free.
+
+        ``present`` is the effect as the user's machine has it, if it has.
+        """
+        return []
 
     @property
     def id(self) -> str:

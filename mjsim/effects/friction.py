@@ -1,5 +1,7 @@
 """Friction torque on the motor (LuGre)."""
 
+from typing import ClassVar
+
 from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
 from mjsim.kinematics import AXES
@@ -23,8 +25,14 @@ class Friction(Effect):
     source = "Canudas de Wit et al. 1995 (LuGre); paper section 2.2 (f in Fig. 2); σ1 assumed"
     signature = "A quadrant glitch at each reversal of the axis; its height grows with Tc, its length with the presliding angle."
     quasi_static = False
-    tolerance = 0.05
+    tolerances: ClassVar = {"coulomb_Nm": 0.05, "presliding_rad": 0.10}
     free = ("coulomb_Nm",)
+
+    def shapes(self, present):
+        sheet = present or self
+        slow_fast = [sheet.replaced(static_ratio=1.5, stribeck_velocity_rad_per_s=w) for w in (0.3, 2.0, 10.0)]
+        stribeck = ("coulomb_Nm", "static_ratio", "stribeck_velocity_rad_per_s")
+        return [(self, ("coulomb_Nm", "presliding_rad")), *((e, stribeck) for e in slow_fast)]
 
     def act(self, plant):
         axis = plant.axes[self.subject]

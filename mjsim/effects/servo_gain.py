@@ -1,5 +1,7 @@
 """Position-loop gain of a drive, as a ratio to the setting."""
 
+from typing import ClassVar
+
 from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
 from mjsim.kinematics import AXES
@@ -18,7 +20,7 @@ class ServoGain(Effect):
         "inward or outward bulges where it moves fast."
     )
     quasi_static = False
-    tolerance = 0.0003
+    tolerances: ClassVar = {"ratio": 0.0003}
 
     def act(self, plant):
         plant.axes[self.subject].position_gain *= self.values["ratio"]

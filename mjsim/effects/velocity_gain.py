@@ -1,5 +1,7 @@
 """Velocity-loop gain of a drive, as a ratio to the setting."""
 
+from typing import ClassVar
+
 from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
 from mjsim.kinematics import AXES
@@ -15,7 +17,7 @@ class VelocityGain(Effect):
     source = "paper Fig. 2 (Kvp)"
     signature = "Quadrant glitches change by 1/ratio in height, much like a change of friction."
     quasi_static = False
-    tolerance = 0.02
+    tolerances: ClassVar = {"ratio": 0.02}
 
     def act(self, plant):
         plant.axes[self.subject].velocity_gain *= self.values["ratio"]

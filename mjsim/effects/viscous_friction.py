@@ -1,5 +1,7 @@
 """Viscous friction of a drive, as a ratio to the data sheet."""
 
+from typing import ClassVar
+
 from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
 from mjsim.kinematics import AXES
@@ -15,7 +17,7 @@ class ViscousFriction(Effect):
     source = "paper Fig. 2 (C); ratio assumed"
     signature = "A following error that grows with the axis' speed and fades within Ti; barely visible while the integrator has time."
     quasi_static = False
-    tolerance = 0.1
+    tolerances: ClassVar = {"ratio": 0.1}
 
     def act(self, plant):
         plant.axes[self.subject].viscous *= self.values["ratio"]

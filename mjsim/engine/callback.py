@@ -20,7 +20,7 @@ import numpy as np
 from numba import carray, cfunc, njit, types
 from numba.extending import intrinsic
 
-from mjsim.engine.drive import AXIS_SIZE, GEAR, STATE_SIZE, THETA, advance, start
+from mjsim.engine.drive import AXIS_SIZE, GEAR, LOAD, STATE_SIZE, advance, start
 from mjsim.engine.layout import find_offsets
 from mjsim.engine.plant import OP_SIZE
 from mjsim.engine.transmission import MEMORY, apply_ops
@@ -77,7 +77,7 @@ def advance_machine(block, user, ctrl, bias, passive, time):
         s = drives[i * STATE_SIZE : (i + 1) * STATE_SIZE]
         joint = int(block[JOINTS + i])
         advance(p, s, ctrl[i], (bias[joint] - passive[joint]) / p[GEAR], step / substeps, substeps)
-        q[i] = s[THETA] / p[GEAR]
+        q[i] = s[LOAD] / p[GEAR]
     apply_ops(ops, memory, q, clock + step, False)
     user[REACHED] = time + step
 

@@ -7,6 +7,10 @@
 The linear part over one sub-step is a matrix exponential (no time-step error for a command that is linear in the sub-step);
 the bristle state has its own exact exponential at the sub-step's mid velocity. Both together are of second order in the
 sub-step where the velocity keeps its sign; ``tests/test_convergence.py`` holds the measured errors.
+
+With an elastic transmission the load is a second mass on a spring, and two more states:
+
+    Jm dω/dt = τ − C ω − … − T,   Jl dω_l/dt = T,   T = k (θ − θ_l) + 2 ζ √(k Jl) (ω − ω_l)     (all on the motor's side)
 """
 
 from __future__ import annotations
@@ -24,38 +28,57 @@ STEP = 1.0e-3
 SUBSTEPS = 2
 
 # state of one axis
-THETA, OMEGA, INTEGRAL, BRISTLE, R_BEFORE, R_NOW = range(6)
+THETA, OMEGA, INTEGRAL, BRISTLE, R_BEFORE, R_NOW, LOAD, LOAD_RATE = range(8)
 STATE_SIZE = 8
 # parameters of one axis
 _A, _B0, _B1, _BF = 0, 9, 12, 15
 _RATE, _SIGMA0, _SIGMA1, _COULOMB, _STATIC, _STRIBECK = 18, 24, 25, 26, 27, 28
-_RIPPLE, _GRAVITY, GEAR, _TI_TORQUE = 29, 32, 33, 34
-AXIS_SIZE = 40
+_RIPPLE, _GRAVITY, GEAR, _TI_TORQUE, _ELASTIC = 29, 32, 33, 34, 35
+_RATE_LOAD, _TWO_MASS = 36, 38
+AXIS_SIZE = _TWO_MASS + 5 * 8
 
 
 def discretise(axis: AxisPlant, substep: float) -> np.ndarray:
     """Parameters of one axis, (AXIS_SIZE,), for sub-steps of ``substep`` s."""
     p = axis
-    J, Kv, Kp, Ti, ff = p.inertia, p.velocity_gain, p.position_gain, p.integral_time, p.feedforward
-    # states θ, ω, I; inputs r, dr/dt, torque against the motor
-    F = np.array([[0.0, 1.0, 0.0], [-Kv * Kp / J, -(Kv + p.viscous) / J, Kv / (Ti * J)], [-Kp, -1.0, 0.0]])
-    G = np.array([[0.0, 0.0, 0.0], [Kv * Kp / J, Kv * ff / J, -1.0 / J], [Kp, ff, 0.0]])
-    big = np.zeros((6, 6))
-    big[:3, :3], big[:3, 3:], big[3, 4] = F, G, 1.0
-    E = expm(big * substep)
+    J, Kv, Kp, Ti, ff = p.inertia - p.load_inertia, p.velocity_gain, p.position_gain, p.integral_time, p.feedforward
+    # states θ, ω, I (and θ, ω of an elastic load); inputs r, dr/dt, torque against the motor
+    n = 5 if p.load_inertia else 3
+    F, G = np.zeros((n, n)), np.zeros((n, 3))
+    F[:3, :3] = [[0.0, 1.0, 0.0], [-Kv * Kp / J, -(Kv + p.viscous) / J, Kv / (Ti * J)], [-Kp, -1.0, 0.0]]
+    G[:3] = [[0.0, 0.0, 0.0], [Kv * Kp / J, Kv * ff / J, -1.0 / J], [Kp, ff, 0.0]]
+    if p.load_inertia:
+        spring = np.array([p.stiffness, p.damping, 0.0, -p.stiffness, -p.damping])
+        F[1] -= spring / J
+        F[3, 4] = 1.0
+        F[4] += spring / p.load_inertia
+    E = _exponential(F, G, substep)
     out = np.zeros(AXIS_SIZE)
-    out[_A : _A + 9] = E[:3, :3].ravel()
-    out[_B0 : _B0 + 3] = E[:3, 3]
-    out[_B1 : _B1 + 3] = E[:3, 4] / substep  # per change of r over the sub-step
-    out[_BF : _BF + 3] = E[:3, 5]
-    out[_RATE : _RATE + 6] = [*F[1], *G[1]]
+    if p.load_inertia:
+        out[_ELASTIC] = 1.0
+        out[_TWO_MASS:] = E.ravel()
+        out[_RATE_LOAD : _RATE_LOAD + 2] = F[1, 3:]
+    else:
+        out[_A : _A + 9] = E[:, :3].ravel()
+        out[_B0 : _B0 + 9] = E[:, 3:].T.ravel()
+    out[_RATE : _RATE + 6] = [*F[1, :3], *G[1]]
     if p.coulomb > 0:
         s0 = p.coulomb / p.presliding
-        out[_SIGMA0], out[_SIGMA1], out[_COULOMB] = s0, 0.3 * math.sqrt(s0 * J), p.coulomb
+        out[_SIGMA0], out[_SIGMA1], out[_COULOMB] = s0, 0.3 * math.sqrt(s0 * p.inertia), p.coulomb
     out[_STATIC], out[_STRIBECK] = p.static_ratio, p.stribeck_velocity
     out[_RIPPLE : _RIPPLE + 3] = p.ripple
     out[_GRAVITY], out[GEAR], out[_TI_TORQUE] = p.gravity, p.gear, Kv / Ti
     return out
+
+
+def _exponential(F: np.ndarray, G: np.ndarray, substep: float) -> np.ndarray:
+    """Exact sub-step of x' = F x + G u, (n, n + 3): of the state, of r, of r's change over the sub-step, of the torque."""
+    n = len(F)
+    big = np.zeros((n + 3, n + 3))
+    big[:n, :n], big[:n, n:], big[n, n + 1] = F, G, 1.0
+    E = expm(big * substep)[:n]
+    E[:, n + 1] /= substep
+    return E
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -66,6 +89,14 @@ def start(p, s, r):
     s[INTEGRAL] = p[_GRAVITY] / p[_TI_TORQUE]
     s[R_BEFORE] = s[THETA]
     s[R_NOW] = s[THETA]
+    s[LOAD] = s[THETA]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _row(e, i, th, om, it, lth, lom, ra, dr, f):
+    k = 8 * i
+    a = e[k] * th + e[k + 1] * om + e[k + 2] * it + e[k + 3] * lth + e[k + 4] * lom
+    return a + e[k + 5] * ra + e[k + 6] * dr + e[k + 7] * f
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -74,6 +105,7 @@ def advance(p, s, r_next, load_torque, substep, substeps):
     rb, r0, r1 = s[R_BEFORE], s[R_NOW], r_next * p[GEAR]
     slope, curve = 0.5 * (r1 - rb), 0.5 * (r1 - 2.0 * r0 + rb)
     th, om, it, z = s[THETA], s[OMEGA], s[INTEGRAL], s[BRISTLE]
+    elastic, lth, lom = p[_ELASTIC] > 0.0, s[LOAD], s[LOAD_RATE]
     s0, s1, tc = p[_SIGMA0], p[_SIGMA1], p[_COULOMB]
     ripple = p[_RIPPLE]
     constant = p[_GRAVITY] + load_torque
@@ -97,6 +129,8 @@ def advance(p, s, r_next, load_torque, substep, substeps):
                 now += ripple * math.sin(p[_RIPPLE + 1] * th + p[_RIPPLE + 2])
             rate = p[_RATE] * th + p[_RATE + 1] * om + p[_RATE + 2] * it
             rate += p[_RATE + 3] * ra + p[_RATE + 4] * dr / substep + p[_RATE + 5] * now
+            if elastic:
+                rate += p[_RATE_LOAD] * lth + p[_RATE_LOAD + 1] * lom
             mid = om + 0.5 * substep * rate
             if tc > 0.0:
                 if p[_STRIBECK] > 0.0:
@@ -115,21 +149,31 @@ def advance(p, s, r_next, load_torque, substep, substeps):
                 z = zn
             if ripple != 0.0:
                 f += ripple * math.sin(p[_RIPPLE + 1] * (th + 0.5 * substep * om) + p[_RIPPLE + 2])
-        t2 = p[0] * th + p[1] * om + p[2] * it + p[9] * ra + p[12] * dr + p[15] * f
-        o2 = p[3] * th + p[4] * om + p[5] * it + p[10] * ra + p[13] * dr + p[16] * f
-        i2 = p[6] * th + p[7] * om + p[8] * it + p[11] * ra + p[14] * dr + p[17] * f
+        if elastic:
+            e = p[_TWO_MASS:]
+            t2 = _row(e, 0, th, om, it, lth, lom, ra, dr, f)
+            o2 = _row(e, 1, th, om, it, lth, lom, ra, dr, f)
+            i2 = _row(e, 2, th, om, it, lth, lom, ra, dr, f)
+            l2 = _row(e, 3, th, om, it, lth, lom, ra, dr, f)
+            lom = _row(e, 4, th, om, it, lth, lom, ra, dr, f)
+            lth = l2
+        else:
+            t2 = p[0] * th + p[1] * om + p[2] * it + p[9] * ra + p[12] * dr + p[15] * f
+            o2 = p[3] * th + p[4] * om + p[5] * it + p[10] * ra + p[13] * dr + p[16] * f
+            i2 = p[6] * th + p[7] * om + p[8] * it + p[11] * ra + p[14] * dr + p[17] * f
         th, om, it = t2, o2, i2
         ra = rc
     s[THETA], s[OMEGA], s[INTEGRAL], s[BRISTLE] = th, om, it, z
     s[R_BEFORE], s[R_NOW] = r0, r1
+    s[LOAD], s[LOAD_RATE] = (lth, lom) if elastic else (th, om)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def run(p, commands, substep, substeps, out):
-    """Motor position in axis units, ``out`` (n,), for ``commands`` (n,) one step apart; the axis without the multibody model."""
+    """Load position in axis units, ``out`` (n,), for ``commands`` (n,) one step apart; the axis without the multibody model."""
     s = np.zeros(STATE_SIZE)
     start(p, s, commands[0])
     out[0] = commands[0]
     for k in range(1, len(commands)):
         advance(p, s, commands[k], 0.0, substep, substeps)
-        out[k] = s[THETA] / p[GEAR]
+        out[k] = s[LOAD] / p[GEAR]

@@ -9,6 +9,7 @@ import numpy as np
 
 from mjsim.campaign.model import Test
 from mjsim.engine import callback
+from mjsim.engine.bodies import bodies_scale, own_inertia
 from mjsim.engine.drive import AXIS_SIZE, STEP, SUBSTEPS, discretise
 from mjsim.engine.plant import OP_SIZE, Plant
 from mjsim.kinematics import AXES
@@ -78,27 +79,21 @@ def _add_table_joints(spec: mujoco.MjSpec) -> None:
 def _set_inertia(model: mujoco.MjModel, plant: Plant) -> None:
     """Bodies' own inertia plus armature add up to J·gear² (armature is never negative: solids are scaled down instead)."""
     dofs = [model.joint(a).dofadr[0] for a in AXES]
-    model.dof_armature[dofs] = 0.0
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    mass = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, mass)
-    own = np.diag(mass)[dofs]
-    want = np.array([plant.axes[a].inertia * plant.axes[a].gear ** 2 for a in AXES])
-    # 5 % of every axis stays on the motor side, so that a solid never outweighs its drive
-    scale = min(1.0, float(np.min(0.95 * want / own)))
+    own, want = own_inertia(model), plant.whole_inertia()
+    scale = bodies_scale(own, want)
     if scale < 1.0:
         model.body_mass *= scale
         model.body_inertia *= scale
-        mujoco.mj_setConst(model, data)
+        mujoco.mj_setConst(model, mujoco.MjData(model))
     model.dof_armature[dofs] = want - scale * own
 
 
-def for_test(model: mujoco.MjModel, test: Test, start: np.ndarray) -> mujoco.MjModel:
-    """A copy of ``model`` for one test: ball on the table, campaign clock, first command (5,)."""
+def for_test(model: mujoco.MjModel, test: Test, start: np.ndarray, ops: np.ndarray) -> mujoco.MjModel:
+    """A copy of ``model`` for one test: ball on the table, campaign clock, first command (5,), its operations (n, OP_SIZE)."""
     model = copy.copy(model)
     model.body("table_fixture").pos[:] = test.table_ball
     block = model.numeric(callback.NUMERIC).data
     block[callback.CLOCK] = test.started
     block[callback.START : callback.START + 5] = start
+    block[callback.HEADER + 5 * AXIS_SIZE :] = ops.ravel()
     return model

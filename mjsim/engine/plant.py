@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mjsim.campaign.model import Test
 from mjsim.effects.base import Effect
+from mjsim.engine.bodies import bodies_scale, moving_bodies
 from mjsim.kinematics import AXES, COLUMN, Geometry
 from mjsim.machine.model import Machine
 
@@ -24,7 +26,8 @@ class AxisPlant:
     """One drive with every effect that changes it. SI, motor side; names as in :class:`mjsim.machine.model.Drive`.
 
     ``coulomb`` = 0 is no friction; ``delay`` s; ``feedforward`` is the velocity feedforward's ratio; ``ripple`` is (amplitude
-    N·m, order per motor revolution, phase rad).
+    N·m, order per motor revolution, phase rad). ``load_inertia`` kg·m² (0: rigid), ``stiffness`` N·m/rad and ``damping`` N·m·s/rad
+    of an elastic transmission, all seen by the motor; ``inertia`` stays that of motor and load together.
     """
 
     gear: float
@@ -41,6 +44,9 @@ class AxisPlant:
     static_ratio: float = 1.0
     stribeck_velocity: float = 0.0
     ripple: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    load_inertia: float = 0.0
+    stiffness: float = 0.0
+    damping: float = 0.0
 
     def key(self) -> tuple:
         """Hashable identity of the drive's behaviour (for caching motions)."""
@@ -49,13 +55,17 @@ class AxisPlant:
 
 @dataclass(frozen=True)
 class Op:
-    """One elementary operation on an axis position: ``out`` is changed as a function of ``source`` (axis indices)."""
+    """One elementary operation on an axis position: ``out`` is changed as a function of ``source`` (axis indices).
+
+    ``phases`` are those of a vibration, rad at the program's start, by test name.
+    """
 
     stage: int
     code: int
     out: int
     source: int
     parameters: tuple[float, ...]
+    phases: dict[str, float] = field(default_factory=dict, compare=False)
 
 
 @dataclass
@@ -78,22 +88,42 @@ class Plant:
         """Whether an operation depends on the path so far (play, direction of motion), or an effect is the user's Python."""
         return bool(self.python_effects) or any(op.code == PLAY or (op.code == SINE and op.parameters[3]) for op in self.ops)
 
-    def add_op(self, stage: str, code: int, out: str, *parameters: float, source: str | None = None) -> None:
+    def whole_inertia(self) -> np.ndarray:
+        """J·gear² of every axis, (5,) kg and kg·m²: motor and moving bodies together."""
+        return np.array([self.axes[a].inertia * self.axes[a].gear ** 2 for a in AXES])
+
+    def add_spring(self, axis: str, stiffness: float, damping_ratio: float) -> None:
+        """Put the moving bodies of one axis behind a spring, ``stiffness`` N/m or N·m/rad at the load.
+
+        ``damping_ratio`` is that of the bodies on the spring with the motor held.
+        """
+        drive = self.axes[axis]
+        load = moving_bodies()[AXES.index(axis)] * bodies_scale(moving_bodies(), self.whole_inertia())
+        drive.load_inertia = load / drive.gear**2
+        drive.stiffness = stiffness / drive.gear**2
+        drive.damping = 2.0 * damping_ratio * float(np.sqrt(drive.stiffness * drive.load_inertia))
+
+    def add_op(self, stage: str, code: int, out: str, *parameters: float, source: str | None = None, phases: dict | None = None) -> None:
         """Append an operation; operations of one stage keep the order of the effects."""
-        self.ops.append(Op(STAGES.index(stage), code, COLUMN[out], COLUMN[source or out], tuple(map(float, parameters))))
+        self.ops.append(Op(STAGES.index(stage), code, COLUMN[out], COLUMN[source or out], tuple(map(float, parameters)), phases or {}))
 
     def sorted_ops(self) -> list[Op]:
         """Operations in the order in which they act."""
         return sorted(self.ops, key=lambda op: op.stage)
 
-    def op_table(self) -> np.ndarray:
-        """Operations as (n, OP_SIZE) numbers for the compiled code: code, out, source, parameters, stage."""
+    def op_table(self, test: Test | None = None) -> np.ndarray:
+        """Operations as (n, OP_SIZE) numbers for the compiled code: code, out, source, parameters, stage.
+
+        With a ``test``, vibrations have its phases.
+        """
         ops = self.sorted_ops()
         table = np.zeros((len(ops), OP_SIZE))
         for row, op in zip(table, ops, strict=True):
             row[:3] = op.code, op.out, op.source
             row[3 : 3 + len(op.parameters)] = op.parameters
             row[STAGE] = op.stage
+            if op.code == VIBRATE and test is not None:
+                row[5] = op.phases.get(test.name, 0.0) - op.parameters[1] * test.started
         return table
 
 

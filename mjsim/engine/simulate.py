@@ -88,11 +88,11 @@ def _prepare(model: mujoco.MjModel, plant: Plant, test: Test, step: float):
     program = Program(test)
     time = time_grid(program) if step == STEP else np.arange(int(np.ceil((program.duration + 0.1) / step)) + 1) * step
     sent = delayed_commands(program, time, plant)
-    model = mjmodel.for_test(model, test, sent[0])
+    ops = plant.op_table(test)
+    model = mjmodel.for_test(model, test, sent[0], ops)
     data = mujoco.MjData(model)
     first = np.zeros(callback.MAX_JOINTS)
     first[:5] = sent[0]
-    ops = plant.op_table()
     apply_ops(ops, np.zeros((len(ops), MEMORY)), first, test.started, True)
     block = model.numeric(callback.NUMERIC).data
     for i in range(int(block[callback.N_JOINTS])):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mjsim.effects.base import Effect
+from mjsim.effects.base import Effect, Parameter
 from mjsim.inference.fit import Fit
 from mjsim.inference.free import FreeEffect
 from mjsim.inference.signatures import Candidate
@@ -12,6 +12,8 @@ from mjsim.machine.model import Machine
 
 #: Price of one more free parameter when models are compared.
 PRICE = 8.0
+#: How far beyond its bounds, in typical sizes, a linear estimate may lie.
+_SLACK = 0.02
 
 
 def price(fit: Fit) -> float:
@@ -30,11 +32,11 @@ def possible(machine: Machine, x: np.ndarray, c: Candidate) -> bool:
     present = any(e.key == c.effect.key for e in machine.effects)
     for value, name in zip(x, (n for n in free.names if present or free.specs[n].neutral is not None), strict=False):
         p = free.specs[name]
-        size = value * p.scale + (c.effect.values[name] if present else p.neutral)
-        slack = 0.02 * p.scale
-        if not p.lower - slack <= size <= p.upper + slack:
+        size = value + p.encode(c.effect.values[name] if present else p.neutral)
+        low, high = sorted((p.encode(p.lower), p.encode(p.upper)))
+        if not low - _SLACK <= size <= high + _SLACK:
             return False
-        if c.effect.least and abs(size - (p.neutral or 0.0)) < c.effect.least:
+        if c.effect.least and abs(p.decode(size) - (p.neutral or 0.0)) < c.effect.least:
             return False
     return True
 
@@ -42,13 +44,17 @@ def possible(machine: Machine, x: np.ndarray, c: Candidate) -> bool:
 def sensible(machine: Machine, free: FreeEffect) -> bool:
     """Whether a fitted effect is large enough to be a cause of its own, and outside what the data sheet allows anyway."""
     effect: Effect = free.effect
-    p = next((p for p in effect.parameters_of(effect.subject) if p.neutral is not None), None)
-    if p is None:
-        return True
     present = machine.effect(effect.key)
-    origin = present.values[p.name] if present else p.neutral
-    departure = abs(effect.values[p.name] - origin)
-    return departure >= effect.least and departure >= 3.0 * effect.tolerance * abs(origin)
+    counted = [n for n in free.names if n in effect.tolerances or free.specs[n].neutral is not None]
+    return not counted or any(_departs(effect, free.specs[n], effect.values[n], present.values[n] if present else None) for n in counted)
+
+
+def _departs(effect: Effect, p: Parameter, value: float, present: float | None) -> bool:
+    origin = present if present is not None else p.neutral if p.neutral is not None else p.default
+    if p.inverse:
+        return value != origin
+    departure = abs(value - origin)
+    return departure > 0.0 and departure >= effect.least and departure >= 3.0 * effect.tolerances.get(p.name, 0.0) * abs(origin)
 
 
 def wald(machine: Machine, fit: Fit, index: int) -> float:
@@ -63,7 +69,8 @@ def wald(machine: Machine, fit: Fit, index: int) -> float:
     elif f.polar or f.effect.scanned:
         d, keep = v, list(range(len(v) if f.effect.scanned else 2))
     else:
-        keep = [i for i, n in enumerate(f.names) if f.specs[n].neutral is not None]
-        d = v - np.array([(f.specs[n].neutral or 0.0) / f.specs[n].scale for n in f.names])
+        keep = f.linear
+        d = v.copy()
+        d[keep] -= f.neutral
     c = fit.covariance[block, block][np.ix_(keep, keep)]
     return float(d[keep] @ np.linalg.solve(c, d[keep]))

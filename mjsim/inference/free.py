@@ -23,6 +23,20 @@ class FreeEffect:
         self.polar = self.amplitude is not None and "phase_deg" in names
 
     @property
+    def neutral(self) -> np.ndarray:
+        """The vector's linear entries when the effect is off: leading parameters, or the two of an amplitude with its phase."""
+        if self.polar:
+            return np.zeros(2)
+        return np.array([p.encode(p.neutral) for p in (self.specs[n] for n in self.names) if p.neutral is not None])
+
+    @property
+    def linear(self) -> list[int]:
+        """Which entries of the vector the reading is linear in, for a single-phase effect or leading parameters."""
+        if self.polar:
+            return [0, 1]
+        return [i for i, n in enumerate(self.names) if self.specs[n].neutral is not None]
+
+    @property
     def vector(self) -> np.ndarray:
         """Present values, scaled."""
         out: list[float] = []
@@ -36,7 +50,7 @@ class FreeEffect:
                 phase = math.radians(v["phase_deg"])
                 out += [v[n] * math.cos(phase) / scale, v[n] * math.sin(phase) / scale]
             elif not (self.polar and n == "phase_deg"):
-                out.append(v[n] / scale)
+                out.append(self.specs[n].encode(v[n]))
         return np.array(out)
 
     def at(self, vector: np.ndarray) -> Effect:
@@ -57,7 +71,7 @@ class FreeEffect:
                 values["phase_deg"] = math.degrees(math.atan2(s, c))
                 i += 2
             elif not (self.polar and n == "phase_deg"):
-                values[n] = float(np.clip(vector[i] * p.scale, p.lower, p.upper))
+                values[n] = float(p.decode(vector[i]))
                 i += 1
         return self.effect.replaced(**values)
 
@@ -81,7 +95,8 @@ class FreeEffect:
                 i += 2
             elif not (self.polar and n == "phase_deg"):
                 sd = math.sqrt(max(covariance[i, i], 0.0))
-                out[n] = [(vector[i] - z * sd) * p.scale, (vector[i] + z * sd) * p.scale]
+                ends = vector[i] - z * sd, vector[i] + z * sd
+                out[n] = sorted(p.decode(x) for x in ends) if p.inverse else [x * p.scale for x in ends]
                 i += 1
         return out
 

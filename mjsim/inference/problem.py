@@ -16,14 +16,13 @@ from mjsim.engine.plant import Plant, build
 from mjsim.inference.calibration import SHEET, calibrated
 from mjsim.inference.nuisance import fit_nuisance
 from mjsim.inference.outliers import mark_outliers
-from mjsim.inference.samples import GRID, Samples, estimate_noise, make_samples
+from mjsim.inference.samples import GRID, GRID_STEPS, Samples, estimate_noise, make_samples
 from mjsim.kinematics import AXES, sensitivity
 from mjsim.machine.model import Machine
 from mjsim.motion import TestMotion
 
 #: Priors of the nuisances (measurement chain: "typically"), one standard deviation.
 TABLE_BALL, SPINDLE_BALL, LENGTH, TRIGGER = 10e-6, 2e-6, 3e-6, 20e-3
-_EVERY = round(GRID / 1e-3)
 
 
 @dataclass(frozen=True)
@@ -62,15 +61,21 @@ class Problem:
         self.campaign = campaign
         self.tests = campaign.measured
         self.samples: list[Samples] = make_samples(self.tests, campaign.traces)
-        self.noise = estimate_noise(self.samples, campaign.instrument.resolution)
+        self.estimate_noise()
         self.layout = NuisanceLayout(tuple(dict.fromkeys(t.setup for t in self.tests)), tuple(t.name for t in self.tests))
         self._pool = ThreadPoolExecutor(threads)
         self.motions = self.map(lambda k: TestMotion(self.tests[k]))
         plant = build(machine)
         self.outliers = {t.name: 0 for t in self.tests}
-        self.sensitivity = self.map(lambda k: sensitivity(self.motions[k].load(plant, _EVERY)[:, :5], np.asarray(self.tests[k].table_ball)))
+        self.sensitivity = self.map(
+            lambda k: sensitivity(self.motions[k].load(plant, GRID_STEPS)[:, :5], np.asarray(self.tests[k].table_ball))
+        )
 
         self._leave_out_outliers(plant)
+
+    def estimate_noise(self) -> None:
+        """Noise from the samples as they stand now."""
+        self.noise = estimate_noise(self.samples, self.campaign.instrument.resolution)
 
     def _leave_out_outliers(self, plant: Plant) -> None:
         readings = self.readings(plant)
@@ -79,7 +84,7 @@ class Problem:
             rest = s.value - s.sample_all(readings[k] + self.offsets(k, nuisance), self.shift(k, nuisance))
             self.outliers[s.test.name] = mark_outliers(s, rest, self.noise.rms)
         if any(self.outliers.values()):
-            self.noise = estimate_noise(self.samples, self.campaign.instrument.resolution)
+            self.estimate_noise()
 
     def map(self, work: Callable[[int], object]) -> list:
         """``work(k)`` for every test on the problem's threads, in order."""
@@ -92,7 +97,7 @@ class Problem:
 
     def readings(self, plant: Plant) -> list[np.ndarray]:
         """Simulated readings of all tests on the GRID, m."""
-        return self.map(lambda k: self.motions[k].reading(plant, _EVERY))
+        return self.map(lambda k: self.motions[k].reading(plant, GRID_STEPS))
 
     def shift(self, k: int, nuisance: np.ndarray) -> float:
         """Trigger shift of test ``k``, s."""
@@ -149,13 +154,13 @@ class Problem:
 
         def grids(k: int) -> np.ndarray:
             motion = self.motions[k]
-            out = np.zeros((len(SHEET), len(motion.time[::_EVERY])))
+            out = np.zeros((len(SHEET), len(motion.time[::GRID_STEPS])))
             for j in wanted:
                 p = SHEET[j]
                 i = AXES.index(p.axis)
                 if np.ptp(motion.commands[:, i]):
                     change = motion.motor(p.axis, moved[j].axes[p.axis]) - motion.motor(p.axis, base.axes[p.axis])
-                    out[j] = self.sensitivity[k].axes[:, i] * change[::_EVERY]
+                    out[j] = self.sensitivity[k].axes[:, i] * change[::GRID_STEPS]
             return out
 
         return self.map(grids)

@@ -15,7 +15,8 @@ from mjsim.engine.drive import STEP
 from mjsim.nc.paths import peripheral_radius
 
 #: Simulated readings are kept at this spacing, s (every fifth step; linear band far above the bar's).
-GRID = 5 * STEP
+GRID_STEPS = 5
+GRID = GRID_STEPS * STEP
 #: Length of an averaging block, s: at feeds up to SLOW, and above it.
 BLOCKS = (0.020, 0.010)
 SLOW = 1.5 / 60.0
@@ -27,7 +28,8 @@ class Samples:
 
     Attributes:
         test: the test. block: length of a block, s. time: (n,) s, all samples. value: (n,) m. valid: (n,) bool.
-        edges: (m + 1,) first sample of each block. centre: (m,) s. mean: (m,) m. good: (m,) bool.
+        edges: (m + 1,) first sample of each block. centre: (m,) s. mean: (m,) m. good: (m,) bool. known: (n,) m, what
+        :meth:`take_out` has taken out of ``value`` in ``mean``.
     """
 
     test: Test
@@ -36,9 +38,11 @@ class Samples:
     valid: np.ndarray
     block: float = BLOCKS[1]
     edges: np.ndarray = field(init=False)
+    known: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
         self._fill_gaps()
+        self.known = np.zeros(len(self.time))
         dt = float(np.median(np.diff(self.time)))
         if dt < self.block:
             number = np.floor((self.time - self.time[0]) / self.block + 0.5 * dt / self.block).astype(int)
@@ -61,6 +65,11 @@ class Samples:
         time[place] = self.time
         self.time, self.value, self.valid = time, value, valid
 
+    def take_out(self, known: np.ndarray) -> None:
+        """Leave ``known`` (n,) m, a part of the reading that is understood, out of the block means (zeros: put everything back)."""
+        self.known = known
+        self.mean = self.average(self.value - known)
+
     def refresh(self) -> None:
         """Recompute which blocks are good after ``valid`` has changed."""
         self.good = np.logical_and.reduceat(self.valid, self.edges[:-1])
@@ -79,10 +88,10 @@ class Samples:
         _interpolate_blocks(np.ascontiguousarray(grid), (self.time - shift) / GRID, self.edges, out)
         return out
 
-    def sample_all(self, grid: np.ndarray, shift: float) -> np.ndarray:
-        """As :meth:`sample`, for every sample instead of block means."""
+    def sample_all(self, grid: np.ndarray, shift: float, spacing: float = GRID) -> np.ndarray:
+        """As :meth:`sample`, for every sample instead of block means; ``spacing`` is the grid's, s."""
         out = np.empty(len(self.time))
-        _interpolate_blocks(np.ascontiguousarray(grid), (self.time - shift) / GRID, np.arange(len(self.time) + 1), out)
+        _interpolate_blocks(np.ascontiguousarray(grid), (self.time - shift) / spacing, np.arange(len(self.time) + 1), out)
         return out
 
 
@@ -177,7 +186,7 @@ def half_differences(s: Samples) -> tuple[np.ndarray, np.ndarray]:
     """
     turn = revolution_time(s.test)
     out = []
-    for time, value, valid in ((s.time, s.value, s.valid), (s.centre, s.mean, s.good)):
+    for time, value, valid in ((s.time, s.value - s.known, s.valid), (s.centre, s.mean, s.good)):
         later = _delayed(np.where(valid, value, np.median(value[valid])), turn / float(np.median(np.diff(time))))
         bad = np.convolve(~valid, np.ones(33), mode="same") > 0
         n = min(len(later), int(np.searchsorted(time, time[-1] - turn)) - 16)

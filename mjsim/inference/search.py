@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from mjsim.engine.plant import build
 from mjsim.inference.criteria import PRICE, possible, price, sensible, wald
 from mjsim.inference.fit import Fit, Fitter
 from mjsim.inference.free import FreeEffect
@@ -19,18 +20,24 @@ from mjsim.kinematics import AXES
 THRESHOLD = 30.0
 #: A rival whose objective is within this of the winner's cannot be told from it (likelihood ratio e^6).
 RIVAL = 12.0
+#: Least size of an effect: its part of the reading in its clearest test, as a share of one sample's noise.
+VISIBLE = 0.25
 _SHORTLIST = 5
 #: Mean squared whitened residual below which a model counts as near; data-sheet moves (standard deviations) that an exact fit starts from.
 _NEAR, _FAR = 6.0, 2.0
 #: A data sheet that is moved by so many standard deviations is hiding an effect.
 _BENT = 5.0
+#: Fall of the price by which a free shape must pay.
+_SHAPE = 4.0
+#: What an effect that acts in one direction of motion only pays more than one that acts in both.
+_ONE_WAY = 4.0
 
 
 @dataclass
 class Found:
-    """One missing effect of the final model: its position in ``fit.effects`` and the ids the data cannot tell from it."""
+    """One missing effect of the final model: its key, and the ids the data cannot tell from it."""
 
-    id: str
+    key: str
     gain: float
     alternatives: list[str] = field(default_factory=list)
 
@@ -73,7 +80,8 @@ class Searcher:
             better = self._extend(fit, bank, trail, len(fit.effects) < max_effects)
             if better is None:
                 break
-            fit = better
+            shaped = self._shaped(fit)
+            fit = better if shaped is fit else shaped
         fit = self._prune(fit)
         found = []
         if fit.effects:
@@ -94,19 +102,21 @@ class Searcher:
         for axis in AXES:
             for candidate, columns in spectral_candidates(self.problem, fit, bank, axis):
                 rows.append((*projector.gain(columns), candidate))
-        rows = [(g - PRICE * (len(FreeEffect(c.effect, c.names).vector) - 1), x, c) for g, x, c in rows]
+        rows = [
+            (g - PRICE * (len(FreeEffect(c.effect, c.names).vector) - 1) - _ONE_WAY * ("direction" in c.effect.values), x, c)
+            for g, x, c in rows
+        ]
         rows.sort(key=lambda r: -r[0])
         best: dict[str, tuple] = {}
         for row in rows:
-            best.setdefault(row[2].id, row)
+            best.setdefault(row[2].effect.key, row)
         return list(best.values())
 
     def _extend(self, fit: Fit, bank: SignatureBank, trail: list[dict], new_allowed: bool) -> Fit | None:
         """The best model with one effect (or one pitch-error component) more, or ``None``."""
-        have = {f.effect.id for f in fit.effects}
+        have = {f.effect.key for f in fit.effects}
         rows = [r for r in self.ranked(fit, bank) if r[0] > 0.5 * THRESHOLD and possible(self.fitter.machine, r[1], r[2])]
-        rows = [r for r in rows if r[2].effect.scanned or (r[2].id not in have and new_allowed)]
-        rows = [r for r in rows if r[2].id in have or new_allowed]
+        rows = [r for r in rows if (r[2].effect.scanned if r[2].effect.key in have else new_allowed)]
         if not rows or rows[0][0] < THRESHOLD:
             return None
         shortlist = [r for r in rows if r[0] > 0.3 * rows[0][0]][:_SHORTLIST]
@@ -116,7 +126,7 @@ class Searcher:
                 continue
             self.progress(f"model {len(fit.effects) + 1}: trying {c.id}", i, len(shortlist))
             trial = self._refit(self.grown(fit, c, x), fit, c)
-            if not sensible(self.fitter.machine, trial.effects[-1]):
+            if not sensible(self.fitter.machine, trial.effects[-1]) or not self.visible(trial, c.effect.key):
                 continue
             trail.append({"effects": [f.effect.id for f in trial.effects], "objective": trial.objective})
             if best is None or price(trial) < price(best):
@@ -124,6 +134,20 @@ class Searcher:
         if best is None or price(fit) - price(best) < THRESHOLD - PRICE:
             return None
         return self._settled(best)
+
+    def _shaped(self, fit: Fit) -> Fit:
+        """``fit`` with the shapes of its effects free as well, where that pays: a wrong shape is easily taken for a second effect."""
+        machine, near = self.fitter.machine, fit.sum_squares < _NEAR * self.problem.count
+        for i, f in enumerate(fit.effects):
+            for j, (start, names) in enumerate(f.effect.shapes(machine.effect(f.effect.key))):
+                if set(names) == set(fit.effects[i].names):
+                    continue
+                self.progress(f"shape of {f.effect.id}", j, 4)
+                effects = [FreeEffect(start, names) if k == i else g for k, g in enumerate(fit.effects)]
+                trial = self._settled(self.fitter.fit(effects, start=fit, exact=near))
+                if price(trial) < price(fit) - _SHAPE and sensible(machine, trial.effects[i]):
+                    fit = trial
+        return fit
 
     def _refit(self, effects: list[FreeEffect], start: Fit, c: Candidate) -> Fit:
         """Joint fit with a candidate: exact where a drive changes, since drives bend the data sheet's linear columns."""
@@ -143,7 +167,7 @@ class Searcher:
     def grown(self, fit: Fit, c: Candidate, x: np.ndarray) -> list[FreeEffect]:
         """Free effects of ``fit`` and the candidate at its linear estimate ``x``."""
         if c.effect.scanned:
-            same = next((f for f in fit.effects if f.effect.id == c.id), None)
+            same = next((f for f in fit.effects if f.effect.key == c.effect.key), None)
             scaled = FreeEffect(c.effect, c.names).at(x).values["components"]
             if same is not None:
                 grown = same.effect.replaced(components=[*same.effect.values["components"], *scaled])
@@ -152,13 +176,18 @@ class Searcher:
         v = free.vector
         if any(e.key == c.effect.key for e in self.fitter.machine.effects):
             v = v + x
-        elif free.polar or c.effect.scanned:
+        elif c.effect.scanned:
             v[: len(x)] = x
         else:
-            linear = [i for i, n in enumerate(free.names) if free.specs[n].neutral is not None]
-            for i, value in zip(linear, x, strict=True):
-                v[i] = free.specs[free.names[i]].neutral / free.specs[free.names[i]].scale + value
+            v[free.linear] = free.neutral + x
         return [*fit.effects, FreeEffect(free.at(v), c.names)]
+
+    def visible(self, fit: Fit, key: str) -> bool:
+        """Whether an effect of ``fit`` stands out of some test: significance alone would name what nobody needs to know."""
+        machine = self.fitter.machine.effect(key)
+        without = fit.machine.without(key) if machine is None else fit.machine.with_effect(machine)
+        parts = self.problem.difference(self.problem.readings(build(without)), fit.readings, fit.nuisance)
+        return any(np.std(p[s.good]) > VISIBLE * self.problem.noise.rms for p, s in zip(parts, self.problem.samples, strict=True))
 
     # -- pruning and rivals --------------------------------------------------------------------------------------------
 
@@ -192,8 +221,12 @@ class Searcher:
             gain = without.objective - fit.objective
             alternatives, better = [], None
             ranked = self.ranked(without, bank)
-            own = max((r[0] for r in ranked if r[2].id == mine.effect.id), default=gain)
-            rows = [r for r in ranked if r[2].id not in {f.effect.id for f in fit.effects} and possible(self.fitter.machine, r[1], r[2])]
+            own = max((r[0] for r in ranked if r[2].effect.key == mine.effect.key), default=gain)
+            rows = [
+                r
+                for r in ranked
+                if r[2].effect.key not in {f.effect.key for f in fit.effects} and possible(self.fitter.machine, r[1], r[2])
+            ]
             # far from its seed a linear gain is a rough guide: refit everything that comes near
             close = [r for r in rows if r[0] > 0.8 * min(own, gain) - 3 * THRESHOLD][:6]
             for i, (_, x, c) in enumerate(close):
@@ -204,13 +237,14 @@ class Searcher:
                 if any(not sensible(self.fitter.machine, f) for f in trial.effects):
                     continue
                 if price(trial) < price(fit) + RIVAL:
-                    alternatives.append(c.id)
+                    if c.id not in (mine.effect.id, *alternatives):
+                        alternatives.append(c.id)
                     if price(trial) < price(fit) - 2.0 and (better is None or price(trial) < price(better)):
                         better = trial
             if better is not None and swaps < 3:
                 swaps += 1
                 fit, found, index = better, {}, 0
                 continue
-            found[mine.effect.id] = Found(mine.effect.id, gain, alternatives)
+            found[mine.effect.key] = Found(mine.effect.key, gain, alternatives)
             index += 1
         return fit, sorted(found.values(), key=lambda f: -f.gain)

@@ -15,10 +15,10 @@ from mjsim.inference.calibration import calibrated
 from mjsim.inference.fit import Fit, with_effects
 from mjsim.inference.free import FreeEffect
 from mjsim.inference.problem import Problem
+from mjsim.inference.samples import GRID_STEPS
 from mjsim.kinematics import AXES
 from mjsim.machine.model import Machine
 
-_EVERY = 5
 _SMALL = 0.05  # of a typical size
 
 
@@ -63,7 +63,7 @@ class SignatureBank:
     def __init__(self, problem: Problem, fit: Fit) -> None:
         self.problem, self.fit = problem, fit
         self.plant = build(fit.machine)
-        self.loads = problem.map(lambda k: np.ascontiguousarray(problem.motions[k].load(self.plant, _EVERY)))
+        self.loads = problem.map(lambda k: np.ascontiguousarray(problem.motions[k].load(self.plant, GRID_STEPS)))
         self.base_readings = problem.readings(self.plant)
         self.candidates: list[Candidate] = []
         self.matrix = np.zeros((problem.count, 0))
@@ -92,8 +92,7 @@ class SignatureBank:
         else:
             origin = None
             # only entries that the reading is linear in: the leading size (and its quadrature); shapes come with the refit
-            linear = 2 if free.polar else sum(1 for n in c.names if free.specs[n].neutral is not None)
-            moves = np.eye(len(v))[:linear] * _SMALL
+            moves = np.eye(len(v))[free.linear] * _SMALL
         stateless = origin is None and self._stateless(c.effect)
         changes_of = self.position_changes if stateless else self._reading_changes if c.effect.quasi_static else self._motor_changes
         out: list[list[np.ndarray]] = [[] for _ in self.problem.tests]
@@ -109,14 +108,7 @@ class SignatureBank:
     def _alone(free: FreeEffect, v: np.ndarray, move: np.ndarray) -> np.ndarray:
         """Seed vector with its linear entries replaced by the small ``move``: neutral plus one small step."""
         out = v.copy()
-        neutral = {n: free.specs[n].neutral for n in free.names}
-        linear = 2 if free.polar else None
-        if linear:
-            out[:2] = move[:2]
-            return out
-        for i, n in enumerate(free.names):
-            if neutral[n] is not None:
-                out[i] = neutral[n] / free.specs[n].scale + move[i]
+        out[free.linear] = free.neutral + move[free.linear]
         return out
 
     def _stateless(self, effect: Effect) -> bool:
@@ -138,7 +130,7 @@ class SignatureBank:
         def one(k: int) -> np.ndarray:
             s, motion = p.samples[k], p.motions[k]
             q = self.loads[k]
-            change = transmit(ops, q, motion.test.started + motion.time[::_EVERY])[:, :5] - q[:, :5]
+            change = transmit(ops, q, motion.test.started + motion.time[::GRID_STEPS])[:, :5] - q[:, :5]
             grid = np.einsum("ni,ni->n", p.sensitivity[k].axes, change)
             return s.sample(grid, p.shift(k, self.fit.nuisance))
 
@@ -154,7 +146,7 @@ class SignatureBank:
             s, motion = p.samples[k], p.motions[k]
             if not np.ptp(motion.commands[:, i]):
                 return np.zeros(len(s.centre))
-            change = (motion.motor(axis, drive) - motion.motor(axis, self.plant.axes[axis]))[::_EVERY]
+            change = (motion.motor(axis, drive) - motion.motor(axis, self.plant.axes[axis]))[::GRID_STEPS]
             return s.sample(p.sensitivity[k].axes[:, i] * change, p.shift(k, self.fit.nuisance))
 
         return p.map(one)

@@ -11,12 +11,13 @@ from mjsim.inference.signatures import Candidate, SignatureBank
 from mjsim.kinematics import AXES, ROTARY
 
 #: Highest order that is looked for, per table turn or per screw turn.
-HIGHEST = {"A": 800, "C": 800, "X": 12, "Y": 12, "Z": 12}
+HIGHEST = {"A": 800, "C": 800, "X": 24, "Y": 24, "Z": 24}
 _BINS = 8192
 
 
-def orders(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: int = 6) -> list[int]:
-    """The ``count`` orders whose sine and cosine explain most of the residual.
+def orders(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: int = 6) -> dict[str, list[int]]:
+    """The ``count`` orders whose sine and cosine explain most of the residual: in both directions of motion (key ``""``), and for
+    rotary axes that turn both ways also in each alone (``"CCW"``, ``"CW"``).
 
     Residual times sensitivity is gathered over the axis position (one turn) and transformed: this is the score of every order at
     once. Its variance follows from the noise spectrum at the frequency at which the order passes. Nuisances are projected out
@@ -25,57 +26,80 @@ def orders(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: in
     i = AXES.index(axis)
     turn = 2 * np.pi if axis in ROTARY else 2 * np.pi / fit.base.drives[axis].gear
     highest = HIGHEST[axis]
-    number = np.arange(1, highest + 1)
     rest = problem.residual(fit.readings, fit.nuisance)
-    gathered = np.zeros(_BINS)
-    variance = np.zeros(highest)
-    spectrum = problem.noise
+    gathered, variance = np.zeros((2, _BINS)), np.zeros((2, highest))
     for k, s in enumerate(problem.samples):
         q = bank.loads[k][:, i]
         if np.ptp(q) < turn / highest:
             continue
         shift = problem.shift(k, fit.nuisance)
         x, weight = s.sample(q, shift), s.sample(problem.sensitivity[k].axes[:, i], shift)
-        # generalised least squares weights the residual with the inverse noise covariance: filter forwards and backwards
-        taps = np.concatenate([[1.0], -spectrum.ar]) / spectrum.innovation
-        whitened = np.convolve(np.where(s.good, rest[k], 0.0), taps)[: len(x)]
-        score = np.convolve(whitened[::-1], taps)[: len(x)][::-1]
-        gathered += np.bincount((np.floor(x / turn * _BINS) % _BINS).astype(int), weight * score, _BINS)
-        speed = np.abs(np.gradient(x)) / turn
-        bins = np.minimum((speed * highest * 1.001 * 2).astype(int), 400)
-        power = np.bincount(bins, weight**2, 401)
-        centre = (np.arange(401) + 0.5) / (2 * highest * 1.001)
-        used = power > 0
-        f = number[:, None] * centre[used][None]
-        gain = np.abs(sum(taps[j] * np.exp(-2j * np.pi * f * j) for j in range(len(taps)))) ** 2
-        gain[f > 0.45] = 0.0  # beyond the blocks' band
-        variance += 0.5 * gain @ power[used]
-    spectrum_of_score = np.fft.rfft(gathered)[1 : highest + 1]
-    gains = np.abs(spectrum_of_score) ** 2 / np.maximum(variance, 1e-30 + 1e-6 * variance.max())
-    return [int(n) for n in number[np.argsort(-gains, kind="stable")[:count]]]
+        speed = np.gradient(x) / turn
+        score = _backward(problem, np.where(s.good, rest[k], 0.0))
+        place = (np.floor(x / turn * _BINS) % _BINS).astype(int)
+        for way, there in enumerate((speed > 0.0, speed <= 0.0)):
+            gathered[way] += np.bincount(place[there], (weight * score)[there], _BINS)
+            variance[way] += _variance(problem, highest, np.abs(speed[there]), weight[there])
+    ways = {"": (gathered.sum(axis=0), variance.sum(axis=0))}
+    if axis in ROTARY and all(v.any() for v in variance):
+        ways |= {"CCW": (gathered[0], variance[0]), "CW": (gathered[1], variance[1])}
+    out = {}
+    for name, (g, v) in ways.items():
+        gains = np.abs(np.fft.rfft(g)[1 : highest + 1]) ** 2 / np.maximum(v, 1e-30 + 1e-6 * v.max())
+        out[name] = [int(n) + 1 for n in np.argsort(-gains, kind="stable")[:count]]
+    return out
+
+
+def _backward(problem: Problem, rest: np.ndarray) -> np.ndarray:
+    """The residual weighted with the inverse noise covariance (generalised least squares): filtered forwards and backwards."""
+    taps = np.concatenate([[1.0], -problem.noise.ar]) / problem.noise.innovation
+    whitened = np.convolve(rest, taps)[: len(rest)]
+    return np.convolve(whitened[::-1], taps)[: len(rest)][::-1]
+
+
+def _variance(problem: Problem, highest: int, speed: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Information about every order's amplitude, (highest,): by the noise at the frequency at which the order passes.
+
+    ``speed`` is in turns per block.
+    """
+    taps = np.concatenate([[1.0], -problem.noise.ar]) / problem.noise.innovation
+    bins = np.minimum((speed * highest * 1.001 * 2).astype(int), 400)
+    power = np.bincount(bins, weight**2, 401)
+    centre = (np.arange(401) + 0.5) / (2 * highest * 1.001)
+    used = power > 0
+    f = np.arange(1, highest + 1)[:, None] * centre[used][None]
+    gain = np.abs(sum(taps[j] * np.exp(-2j * np.pi * f * j) for j in range(len(taps)))) ** 2
+    gain[f > 0.45] = 0.0  # beyond the blocks' band
+    return 0.5 * gain @ power[used]
 
 
 def spectral_candidates(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: int = 4) -> list[tuple[Candidate, np.ndarray]]:
     """Candidates whose order is read off the spectrum of one axis, with whitened columns (count, 2): sine and cosine, per typical size.
 
-    Pitch errors at the ``count`` best orders, and a torque ripple at the best one: both make a wave of the axis position, but the
-    drive passes a torque on differently at different speeds.
+    Pitch errors at the ``count`` best orders (at half as many where they act in one direction only), and a torque ripple at the best
+    one: all make a wave of the axis position, but the drive passes a torque on differently at different speeds.
     """
     cls, subject = registry.effect_class(f"pitch_error.{axis}")
-    have = {round(c[0]) for e in fit.machine.effects if e.id == f"pitch_error.{axis}" for c in e.values["components"]}
     scale = cls.parameters_of(subject)[0].scale
-    found = orders(problem, fit, bank, axis, count + len(have))
+    present = {e.key: e for e in fit.machine.effects if e.id == f"pitch_error.{axis}"}
+    most = max((len(e.values["components"]) for e in present.values()), default=0)
+    found = orders(problem, fit, bank, axis, count + most)
     out = []
-    for order in (n for n in found if n not in have):
-        sides = []
-        for phase in (0.0, 90.0):
-            effect = cls(subject, components=[[float(order), 0.05 * scale, phase]])
-            sides.append([d / 0.05 for d in bank.position_changes(effect)])
-        columns = problem.whiten([np.column_stack(pair) for pair in zip(*sides, strict=True)])
-        out.append((Candidate(cls(subject, components=[[float(order), scale, 0.0]]), ("components",)), columns))
+    for direction, numbers in found.items():
+        way = {"direction": direction} if direction else {}
+        own = present.get(cls(subject, components=[], **way).key)
+        have = {round(c[0]) for c in own.values["components"]} if own else set()
+        for order in [n for n in numbers if n not in have][: count // 2 if direction else count]:
+            sides = []
+            for phase in (0.0, 90.0):
+                effect = cls(subject, components=[[float(order), 0.05 * scale, phase]], **way)
+                sides.append([d / 0.05 for d in bank.position_changes(effect)])
+            columns = problem.whiten([np.column_stack(pair) for pair in zip(*sides, strict=True)])
+            out.append((Candidate(cls(subject, components=[[float(order), scale, 0.0]], **way), ("components",)), columns))
     ripple, _ = registry.effect_class(f"torque_ripple.{axis}")
-    if found and not fit.machine.effect(f"torque_ripple.{axis}"):
-        per_motor_turn = found[0] if axis not in ROTARY else found[0] / fit.base.drives[axis].gear
+    if found[""] and not fit.machine.effect(f"torque_ripple.{axis}"):
+        best = found[""][0]
+        per_motor_turn = best if axis not in ROTARY else best / fit.base.drives[axis].gear
         seed = Candidate(ripple(subject, amplitude_Nm=ripple.parameters[0].scale, order=float(per_motor_turn)), ripple.free)
         out.append((seed, problem.whiten(bank.columns(seed))))
     return out

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from mjsim.effects import registry
+from mjsim.inference.problem import Problem
 from mjsim.inference.signatures import Projector, SignatureBank
+from mjsim.kinematics import AXES, ROTARY
 
 #: An effect is testable when three standard deviations of its leading parameter stay below this many typical sizes.
 LIMIT = 10.0
+#: Sensitivity below which an axis is not seen: linear, and rotary (m/rad).
+_SEEN = (0.02, 1e-3)
 
 
 def detection_limits(projector: Projector, bank: SignatureBank) -> dict[str, float]:
@@ -24,6 +29,18 @@ def detection_limits(projector: Projector, bank: SignatureBank) -> dict[str, flo
     return limits
 
 
-def not_testable(projector: Projector, bank: SignatureBank) -> list[str]:
+def not_testable(problem: Problem, projector: Projector, bank: SignatureBank) -> list[str]:
     """Ids that the set-up, the axes that move, or the other parameters hide in this campaign."""
-    return sorted(i for i, limit in detection_limits(projector, bank).items() if limit > LIMIT)
+    limits = detection_limits(projector, bank)
+    waves = [i for i in registry.all_ids() if i not in limits]
+    return sorted([i for i, limit in limits.items() if limit > LIMIT] + [i for i in waves if not _shows(problem, i)])
+
+
+def _shows(problem: Problem, effect_id: str) -> bool:
+    """Whether a wave on the effect's axis reaches any reading: the axis is seen, and moves where the wave is one of its position."""
+    cls, subject = registry.effect_class(effect_id)
+    i = AXES.index(subject)
+    return any(
+        np.abs(s.axes[:, i]).max() > _SEEN[subject in ROTARY] and (cls.kind == "vibration" or np.ptp(m.commands[:, i]) > 0.0)
+        for s, m in zip(problem.sensitivity, problem.motions, strict=True)
+    )

@@ -10,12 +10,12 @@ import numpy as np
 from mjsim.inference.effect_file import effect_source
 from mjsim.inference.fit import Fit, Fitter
 from mjsim.inference.problem import Problem
+from mjsim.inference.samples import GRID_STEPS
 from mjsim.inference.search import THRESHOLD, Search
 from mjsim.inference.signatures import Projector
 from mjsim.kinematics import AXES, ROTARY
 from mjsim.units import DEG, UM
 
-_EVERY = 5
 #: Knots of the free curve of each variable.
 _KNOTS = {"position": 36, "direction": 24, "velocity": 12, "acceleration": 12, "time_since_reversal": 10, "clock_time": 12}
 _PER_TURN = 24  # knots of a rotary axis' position counted over all turns
@@ -90,8 +90,8 @@ def _hats(x: np.ndarray, knots: np.ndarray, period: float | None) -> np.ndarray:
 
 def _terms(problem: Problem, fit: Fit) -> list[_Term]:
     """Generic terms: a free curve of each variable of each axis, acting in that axis' direction."""
-    loads = [m.commands[::_EVERY] for m in problem.motions]
-    time = [m.time[::_EVERY] for m in problem.motions]
+    loads = [m.commands[::GRID_STEPS] for m in problem.motions]
+    time = [m.time[::GRID_STEPS] for m in problem.motions]
     out = []
     for i, axis in enumerate(AXES):
         if not any(np.ptp(q[:, i]) for q in loads):

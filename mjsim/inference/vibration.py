@@ -1,0 +1,280 @@
+"""Vibration: lines of constant frequency in what does not repeat from one revolution to the next.
+
+A vibration's phase is free in every test, so it is a nuisance with a size: it is looked for before everything else, in single
+samples (blocks would average it away), and left out of the data while the other effects are searched. A periodogram weighted with
+the reading's sensitivity to one axis (matched filter) gives frequency and axis; phases follow by least squares.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.ndimage import median_filter
+from scipy.optimize import minimize_scalar
+from scipy.stats import gamma
+
+from mjsim.effects import registry
+from mjsim.effects.base import Effect
+from mjsim.engine.plant import build
+from mjsim.inference.nuisance import fit_nuisance
+from mjsim.inference.problem import Problem
+from mjsim.inference.samples import revolution_time
+from mjsim.kinematics import LINEAR
+from mjsim.machine.model import Machine
+from mjsim.units import UM
+
+#: Band that is searched: from here, Hz, to this share of the sample rate.
+LOWEST, HIGHEST = 1.0, 0.46
+#: Chance of one line by accident in a whole campaign.
+ACCIDENT = 1e-6
+#: Share of what free amplitudes would explain that one common amplitude must explain.
+_COMMON = 0.7
+#: Another axis whose gain is within this of the winner's cannot be told from it.
+RIVAL = 12.0
+_MOST = 4
+
+
+@dataclass(frozen=True)
+class Line:
+    """One vibration found.
+
+    Attributes:
+        effect: ``vibration.*`` with its phases. ci95: per parameter, file units. alternatives: ids that do as well.
+        gain: fall of the squared residuals in units of the noise at that frequency.
+    """
+
+    effect: Effect = field(repr=False)
+    ci95: dict
+    alternatives: tuple[str, ...]
+    gain: float
+
+
+@dataclass(frozen=True)
+class _Record:
+    """One test's residual in single samples: ``x`` (n,) m with bad samples at 0, ``weight`` (n, 3) sensitivities to X, Y, Z (0 at bad
+    samples), ``time`` (n,) s from the program's start, ``noise`` a function of the frequency: power per sample, m²."""
+
+    name: str
+    time: np.ndarray
+    x: np.ndarray
+    weight: np.ndarray
+    noise: np.ndarray
+    rate: float
+
+    def noise_at(self, frequency: float) -> float:
+        """Noise power per sample at one frequency, m²."""
+        f = np.fft.rfftfreq(2 * (len(self.noise) - 1), 1.0 / self.rate)
+        return float(np.interp(frequency, f, self.noise))
+
+
+def residuals(problem: Problem, readings: list[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
+    """Measured less modelled, every sample, m; ``known`` parts are left out."""
+
+    def one(k: int) -> np.ndarray:
+        s = problem.samples[k]
+        return s.value - s.known - s.sample_all(readings[k] + problem.offsets(k, nuisance), problem.shift(k, nuisance))
+
+    return problem.map(one)
+
+
+def separate(problem: Problem, machine: Machine) -> tuple[Machine, list[Line]]:
+    """Take vibrations out of the problem's data: those in ``machine``, with the phases of the tests, and what else is found.
+
+    Returns:
+        The machine without vibrations, and all that were taken out.
+    """
+    rigid = without_vibrations(machine)
+    readings = problem.readings(build(rigid))
+    nuisance = fit_nuisance(problem, readings)
+    lines: list[Line] = []
+    while len(lines) < _MOST:
+        line = find(problem, residuals(problem, readings, nuisance), nuisance)
+        if line is None or any(_same(line.effect, other.effect) for other in lines):
+            break
+        lines.append(line)
+        take_out(problem, lines, nuisance)
+    left = [e for e in machine.effects if e.kind == "vibration" and not any(_same(e, line.effect) for line in lines)]
+    if left:
+        weak = phased(problem, replace(rigid, effects=(*rigid.effects, *left)), readings, nuisance)
+        lines += [Line(e, {}, (), 0.0) for e in weak.effects if e.kind == "vibration"]
+        take_out(problem, lines, nuisance)
+    return rigid, lines
+
+
+def without_vibrations(machine: Machine) -> Machine:
+    """The machine without its vibrations."""
+    return replace(machine, effects=tuple(e for e in machine.effects if e.kind != "vibration"))
+
+
+def is_news(line: Line, machine: Machine) -> bool:
+    """Whether ``machine`` lacks this vibration, or has it at another size (outside the interval and by more than a tenth)."""
+    for e in machine.effects:
+        if e.kind == "vibration" and _same(e, line.effect):
+            a, b = e.values["amplitude_um"], line.effect.values["amplitude_um"]
+            return bool(line.ci95) and abs(a - b) > 0.1 * b and not line.ci95["amplitude_um"][0] <= a <= line.ci95["amplitude_um"][1]
+    return True
+
+
+def _same(a: Effect, b: Effect) -> bool:
+    return a.subject == b.subject and abs(a.values["frequency_Hz"] - b.values["frequency_Hz"]) < 0.1
+
+
+def find(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray, repeats: bool = True) -> Line | None:
+    """The strongest vibration in the residuals ``rest``, or ``None``.
+
+    Args:
+        repeats: look in half-differences of revolutions, where nothing that belongs to the axes' positions is left; otherwise in the
+        residuals themselves.
+    """
+    whole = _records(problem, rest, nuisance, False)
+    records = _records(problem, rest, nuisance, True) if repeats else whole
+    if not records:
+        return None
+    frequency, chance = _strongest(records)
+    return _line(whole, frequency) if chance < ACCIDENT else None
+
+
+def take_out(problem: Problem, lines: list[Line], nuisance: np.ndarray) -> None:
+    """Leave vibrations out of the problem's data; the noise is estimated again. An empty list puts everything back."""
+    for k, s in enumerate(problem.samples):
+        shift = problem.shift(k, nuisance)
+        s.take_out(sum((_wave(problem, k, line.effect, shift) for line in lines), np.zeros(len(s.time))))
+    if lines:
+        problem.estimate_noise()
+
+
+def phased(problem: Problem, machine: Machine, readings: list[np.ndarray] | None = None, nuisance: np.ndarray | None = None) -> Machine:
+    """``machine`` with the phases that its vibrations have in the measured tests.
+
+    ``readings`` are simulated ones of the machine without vibrations, ``nuisance`` is fitted to them; both are made where missing.
+    """
+    waves = [e for e in machine.effects if e.kind == "vibration" and not e.is_neutral]
+    if not waves:
+        return machine
+    if readings is None:
+        readings = problem.readings(build(without_vibrations(machine)))
+        nuisance = fit_nuisance(problem, readings)
+    rest = residuals(problem, readings, nuisance)
+    for effect in waves:
+        records = _records(problem, rest, nuisance, False)
+        i, f = LINEAR.index(effect.subject), effect.values["frequency_Hz"]
+        effect = effect.with_phases({r.name: float(np.angle(_amplitudes(r, f, i)[0])) for r in records})
+        machine = machine.with_effect(effect)
+        rest = [r - _wave(problem, k, effect, problem.shift(k, nuisance)) for k, r in enumerate(rest)]
+    return machine
+
+
+def _wave(problem: Problem, k: int, effect, shift: float) -> np.ndarray:
+    """What a vibration adds to every sample of test ``k``, m."""
+    s = problem.samples[k]
+    w = 2.0 * np.pi * effect.values["frequency_Hz"]
+    weight = s.sample_all(problem.sensitivity[k].axes[:, LINEAR.index(effect.subject)], shift)
+    return weight * effect.si("amplitude_um") * np.sin(w * (s.time - shift) + effect.phases.get(s.test.name, 0.0))
+
+
+def _records(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray, repeats: bool) -> list[_Record]:
+    out = []
+    for k, s in enumerate(problem.samples):
+        shift, dt = problem.shift(k, nuisance), float(np.median(np.diff(s.time)))
+        time, valid = s.time - shift, s.valid
+        weight = np.column_stack([s.sample_all(problem.sensitivity[k].axes[:, i], shift) for i in range(3)])
+        x = np.where(valid, rest[k], 0.0)
+        if repeats:
+            if s.test.kind == "rotary" or s.test.revolutions < 2:
+                continue
+            lag = round(revolution_time(s.test) / dt)
+            n = len(x) - lag
+            valid = valid[:n] & valid[lag:]
+            x, time, weight = np.where(valid, 0.5 * (x[lag:] - x[:n]), 0.0), time[:n], weight[:n]
+        if valid.sum() < 400:
+            continue
+        x = np.where(valid, x - _slow(x, dt), 0.0)
+        power = np.abs(np.fft.rfft(x)) ** 2 / valid.sum()
+        width = max(5, round(1.5 * len(x) * dt)) | 1
+        floor = median_filter(power, size=width, mode="nearest") / np.log(2.0)  # the median of an exponential is ln 2 of its mean
+        out.append(_Record(s.test.name, time, x, np.where(valid[:, None], weight, 0.0), np.maximum(floor, 1e-18), 1.0 / dt))
+    return out
+
+
+def _slow(x: np.ndarray, dt: float) -> np.ndarray:
+    n = max(3, round(1.0 / LOWEST / dt)) | 1
+    return np.convolve(x, np.ones(n) / n, mode="same")
+
+
+def _strongest(records: list[_Record]) -> tuple[float, float]:
+    """Frequency and chance of the strongest line over all tests and axes.
+
+    Each test's power over its noise is an exponential deviate, their sum a gamma one.
+    """
+    size = 2 ** int(np.ceil(np.log2(2 * max(len(r.x) for r in records))))
+    best = (0.0, 1.0)
+    for i in range(len(LINEAR)):
+        total, tests, band = 0.0, 0, None
+        for r in records:
+            f = np.fft.rfftfreq(size, 1.0 / r.rate)
+            own = float(r.weight[:, i] @ r.weight[:, i])
+            if own < 0.02 * len(r.x):
+                continue
+            band = (f > LOWEST) & (f < HIGHEST * r.rate) if band is None else band
+            noise = np.interp(f, np.fft.rfftfreq(2 * (len(r.noise) - 1), 1.0 / r.rate), r.noise)
+            total = total + np.abs(np.fft.rfft(r.x * r.weight[:, i], size)) ** 2 / (noise * own)
+            tests += 1
+        if not tests:
+            continue
+        total = np.where(band, total, 0.0)
+        at = int(np.argmax(total))
+        chance = float(gamma.sf(total[at], tests) * band.sum() * len(LINEAR))
+        if chance < best[1]:
+            best = (float(f[at]), chance)
+    return best
+
+
+def _amplitudes(r: _Record, frequency: float, i: int) -> tuple[complex, float]:
+    """Complex amplitude c (a vibration |c| sin(ωt + arg c)) of one test by least squares, and its information, 1/m²."""
+    w = r.weight[:, i]
+    turn = 2.0 * np.pi * frequency * r.time
+    columns = np.column_stack([w * np.sin(turn), w * np.cos(turn)])
+    normal = columns.T @ columns
+    scale = np.trace(normal)
+    if scale < 1e-9:
+        return 0j, 0.0
+    c = np.linalg.solve(normal + np.eye(2) * 1e-9 * scale, columns.T @ r.x)
+    return complex(c[0], c[1]), 0.5 * scale / r.noise_at(frequency)
+
+
+def _common(records: list[_Record], frequency: float, i: int) -> tuple[float, float, float]:
+    """Gain with one amplitude for all tests, that amplitude (m), and the gain with an amplitude for each."""
+    pairs = [_amplitudes(r, frequency, i) for r in records]
+    info = sum(v for _, v in pairs)
+    if info == 0.0:
+        return 0.0, 0.0, 0.0
+    a = sum(v * abs(c) for c, v in pairs) / info
+    return a * a * info, a, sum(v * abs(c) ** 2 for c, v in pairs)
+
+
+def _line(records: list[_Record], frequency: float) -> Line | None:
+    """The line near ``frequency`` at its best axis; ``None`` where the tests do not agree on one amplitude."""
+    fits = {i: _refined(records, frequency, i) for i in range(len(LINEAR))}
+    best = max(fits, key=lambda i: fits[i][1])
+    f, gain, amplitude, free = fits[best]
+    if gain < _COMMON * free or amplitude == 0.0:
+        return None
+    info = np.array([_amplitudes(r, f, best)[1] for r in records])
+    spread = float(info @ [np.var(r.time) for r in records])
+    effect = registry.kinds()["vibration"](LINEAR[best], amplitude_um=amplitude / UM, frequency_Hz=f)
+    effect = effect.with_phases({r.name: float(np.angle(_amplitudes(r, f, best)[0])) for r in records})
+    size, sd_a, sd_f = amplitude / UM, 1.0 / UM / np.sqrt(info.sum()), 1.0 / (2.0 * np.pi * amplitude * np.sqrt(spread))
+    ci = {"amplitude_um": [max(0.0, size - 1.96 * sd_a), size + 1.96 * sd_a], "frequency_Hz": [f - 1.96 * sd_f, f + 1.96 * sd_f]}
+    others = tuple(f"vibration.{LINEAR[i]}" for i in fits if i != best and fits[i][1] > gain - RIVAL)
+    return Line(effect, ci, others, gain)
+
+
+def _refined(records: list[_Record], frequency: float, i: int) -> tuple[float, float, float, float]:
+    """Best frequency nearby for one axis, with :func:`_common` there."""
+    width = 1.0 / max(r.time[-1] - r.time[0] for r in records)
+    near = frequency + np.arange(-2.5, 2.51, 0.125) * width
+    coarse = float(near[int(np.argmax([_common(records, f, i)[0] for f in near]))])
+    span = 0.2 * width
+    found = minimize_scalar(lambda f: -_common(records, f, i)[0], bounds=(coarse - span, coarse + span), method="bounded")
+    return (float(found.x), *_common(records, float(found.x), i))
