@@ -1,6 +1,6 @@
 """mjsim: find out what is wrong with a five-axis machine from its ball-bar measurements.
 
-The commands of the same names are functions here: :func:`simulate`, :func:`compare`, :func:`diagnose`, :func:`add`,
+The commands of the same names are functions here: :func:`simulate`, :func:`compare`, :func:`diagnose`, :func:`plan`, :func:`add`,
 :func:`remove`, :func:`history`, :func:`effects`. Names are loaded when they are first used.
 """
 
@@ -20,6 +20,7 @@ _WHERE = {
     "simulate": "mjsim.engine.simulate",
     "compare": "mjsim.compare",
     "diagnose": "mjsim.diagnose",
+    "plan": "mjsim.plan",
     "add": "mjsim.workflow",
     "remove": "mjsim.workflow",
     "history": "mjsim.ladder",
@@ -27,7 +28,7 @@ _WHERE = {
     "make_effect": "mjsim.effects.registry",
     "Effect": "mjsim.effects.base",
     "Parameter": "mjsim.effects.base",
-    "Motion": "mjsim.effects.base",
+    "Motion": "mjsim.effects.motion",
     "register": "mjsim.effects.registry",
     "InputError": "mjsim.errors",
     "SimulationError": "mjsim.errors",

@@ -19,6 +19,7 @@ from mjsim.machine.model import Machine
 from mjsim.measure.events import event_at, reversals
 from mjsim.measure.iso230 import BidirectionalFigures, CircularFigures, bidirectional_figures, circular_figures
 from mjsim.nc.program import Program
+from mjsim.threads import one_blas_thread
 from mjsim.units import DEG, UM
 
 Progress = Callable[[str, int, int], None]
@@ -116,6 +117,7 @@ def _r(x: float, digits: int = 4) -> float:
     return round(float(x), digits)
 
 
+@one_blas_thread
 def compare(
     campaign: Campaign, machine: Machine, threads: int = 2, progress: Progress = silent, problem: Problem | None = None
 ) -> Comparison:

@@ -20,9 +20,11 @@ from mjsim.inference.search import Search, Searcher
 from mjsim.inference.signatures import Projector
 from mjsim.inference.testability import not_testable
 from mjsim.inference.unknown import Unexplained, look_for_unknown
-from mjsim.inference.vibration import Line, find, is_news, phased, residuals, separate, take_out
+from mjsim.inference.vibration import Line, find, is_news, phased, put_back, residuals, separate, take_out
 from mjsim.kinematics import AXES
 from mjsim.machine.model import Machine
+from mjsim.planning.following import plan_for
+from mjsim.threads import one_blas_thread
 from mjsim.units import UM
 
 
@@ -109,6 +111,7 @@ def _sig(v):
     return float(f"{v:.6g}") if isinstance(v, (int, float)) else v
 
 
+@one_blas_thread
 def diagnose(campaign: Campaign, machine: Machine, max_effects: int = 5, threads: int = 2, progress: Progress = silent) -> Diagnosis:
     """Find what is missing.
 
@@ -129,7 +132,7 @@ def diagnose(campaign: Campaign, machine: Machine, max_effects: int = 5, threads
     found = sorted(
         [*_found(problem, search), *(_vibration(problem, line) for line in lines if is_news(line, machine))], key=lambda f: -f[0]
     )
-    take_out(problem, [], search.fit.nuisance)
+    put_back(problem)
 
     def simulated(m: Machine, stage: str) -> Comparison:
         count = [0]
@@ -153,6 +156,7 @@ def diagnose(campaign: Campaign, machine: Machine, max_effects: int = 5, threads
         verdict = "ambiguous" if any(e.alternatives for e in effects) else "identified"
     else:
         verdict = "unknown" if unexplained else "nothing_found"
+    following = plan_for(problem, search, threads, progress, hidden=False)
     named = {e.effect.id for e in effects} | {a for e in effects for a in e.alternatives}
     return Diagnosis(
         campaign,
@@ -165,6 +169,7 @@ def diagnose(campaign: Campaign, machine: Machine, max_effects: int = 5, threads
         before,
         after,
         tuple(ladder),
+        next_test=following.to_json() if following else None,
         trail=search.trail,
     )
 
@@ -181,7 +186,7 @@ def _explain(problem: Problem, machine: Machine, max_effects: int, progress: Pro
             break
         lines.append(late)
         take_out(problem, lines, nuisance)
-    unexplained, search = look_for_unknown(problem, fitter, search, progress)
+    unexplained, search = look_for_unknown(problem, search, progress)
     return search, unexplained, lines
 
 
@@ -192,7 +197,7 @@ def _found(problem: Problem, search: Search) -> list[tuple[float, DiagnosedEffec
         at = next(j for j, g in enumerate(search.fit.effects) if g.effect.key == f.key)
         free, block = search.fit.effects[at], search.fit.block(at)
         ci = free.interval(free.vector, search.fit.covariance[block, block])
-        out.append((f.gain, DiagnosedEffect(free.effect, free.names, ci, 0.0, 0.0, tuple(f.alternatives), _where(problem, search, at))))
+        out.append((f.gain, DiagnosedEffect(free.effect, free.names, ci, 0.0, 0.0, f.alternatives, _where(problem, search, at))))
     return out
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjsim.campaign.model import Test
-from mjsim.effects.base import MotionTracker
+from mjsim.effects.motion import MotionTracker
 from mjsim.engine.drive import STEP, SUBSTEPS, discretise, run
 from mjsim.engine.plant import AxisPlant, Plant
 from mjsim.engine.transmission import transmit
@@ -91,7 +91,7 @@ class TestMotion:
         if len(ops):
             q = transmit(ops, q, clock)
         if plant.python_effects:
-            motion = MotionTracker(STEP, self.test.started).follow(time, q[:, :5].copy())
+            motion = MotionTracker(STEP, self.test.started, plant).follow(time, q[:, :5].copy())
             q[:, :5] += sum(e.position_error(motion) for e in plant.python_effects)
         return np.ascontiguousarray(q[:: every // fine])
 

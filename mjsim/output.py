@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,12 +18,16 @@ from mjsim.kinematics import AXES, LINEAR
 from mjsim.ladder import Step
 from mjsim.measure.iso230 import circular_figures, least_squares_circle
 from mjsim.nc.program import Program
+from mjsim.plots.curve import curve_figure
 from mjsim.plots.ladder import LadderStep, ladder_figure
 from mjsim.plots.overview import overview_figure
 from mjsim.plots.polar import PolarTrace, polar_figure
 from mjsim.plots.residual import ResidualTrace, residual_figure
 from mjsim.plots.save import save
 from mjsim.units import DEG, MM, UM
+
+if TYPE_CHECKING:
+    from mjsim.diagnose import Diagnosis
 
 _SCALE = np.array([1 / MM if a in LINEAR else 1 / DEG for a in AXES])
 
@@ -139,6 +144,17 @@ def comparison_plots(result: Comparison, folder: Path, progress: Progress = sile
     title = f"{result.campaign.name}: residual {result.rms / UM:.3f} µm RMS, noise {result.noise / UM:.3f} µm"
     save(residual_figure([residual_trace(t, result.noise) for t in result.tests], title=title), residual)
     return [overview, residual, *files]
+
+
+def unexplained_plot(result: Diagnosis, folder: Path) -> Diagnosis:
+    """The empirical term of an unexplained rest as ``unexplained_<axes>.png``; the diagnosis that names the file."""
+    u = result.unexplained
+    if u is None:
+        return result
+    path = folder / f"unexplained_{'_'.join(u.axes)}.png"
+    title = f"{result.campaign.name}: {u.summary}"
+    save(curve_figure(*u.curve, u.labels, title, u.period), path)
+    return replace(result, unexplained=replace(u, plot=str(path)))
 
 
 def ladder_plot(steps: list[Step], path: Path) -> None:

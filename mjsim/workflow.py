@@ -19,9 +19,11 @@ from mjsim.inference.problem import Problem
 from mjsim.inference.search import Searcher
 from mjsim.inference.signatures import Candidate, Projector, SignatureBank
 from mjsim.inference.spectrum import spectral_candidates
+from mjsim.inference.vibration import put_back, separate
 from mjsim.kinematics import AXES
 from mjsim.machine.files import read_machine
 from mjsim.machine.model import Machine
+from mjsim.threads import one_blas_thread
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,7 @@ def file_reference(source: Path, machine_file: Path) -> str:
     return source.relative_to(folder).as_posix() if source.is_relative_to(folder) else str(source)
 
 
+@one_blas_thread
 def add(
     campaign: Campaign,
     effect: str,
@@ -83,17 +86,14 @@ def add(
     if record:
         ladder.read_history(campaign)  # a damaged history stops us before the work
     problem = Problem(campaign, machine, threads)
-    fitter = Fitter(problem, machine)
     progress("fitting", 0, 1)
-    best = min((_fitted(problem, fitter, cls, s) for s in subjects), key=lambda f: f.objective)
-    free = best.effects[-1]
+    fitted_effect, ci95 = _fitted(problem, machine, cls, subjects)
     if source is not None:
-        machine = replace(machine, effect_files={**machine.effect_files, free.effect.id: file_reference(source, Path(machine.path))})
+        machine = replace(machine, effect_files={**machine.effect_files, fitted_effect.id: file_reference(source, Path(machine.path))})
     before = compare(campaign, machine, threads, progress, problem)
-    fitted = machine.with_effect(free.effect)
+    fitted = machine.with_effect(fitted_effect)
     after = compare(campaign, fitted, threads, progress, problem)
-    block = best.block(len(best.effects) - 1)
-    change = Change(free.effect, free.interval(free.vector, best.covariance[block, block]), before, after, fitted)
+    change = Change(fitted_effect, ci95, before, after, fitted)
     if record:
         _record(campaign, "add", change, Path(machine.path))
     return change
@@ -137,8 +137,31 @@ def _record(campaign: Campaign, action: str, change: Change, path: Path) -> None
     )
 
 
-def _fitted(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str) -> Fit:
-    """Best fit of one effect over its starting points."""
+def _fitted(problem: Problem, machine: Machine, cls: type[Effect], subjects: list[str]) -> tuple[Effect, dict]:
+    """The effect at its best values on its best subject, with their 95 % intervals; vibrations are left out of the data meanwhile."""
+    rigid, lines = separate(problem, machine)
+    try:
+        if cls.kind == "vibration":
+            mine = [line for line in lines if line.effect.subject in subjects and line.ci95]
+            if not mine:
+                raise InputError(
+                    f"effect vibration.{'/'.join(subjects)}: no line of constant frequency along this axis stands out of the noise"
+                )
+            return mine[0].effect, mine[0].ci95
+        fitter = Fitter(problem, rigid)
+        best = min((fit_effect(problem, fitter, cls, s) for s in subjects), key=lambda f: f.objective)
+        free, block = best.effects[-1], best.block(len(best.effects) - 1)
+        return free.effect, free.interval(free.vector, best.covariance[block, block])
+    finally:
+        put_back(problem)
+
+
+def fit_effect(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str) -> Fit:
+    """Best fit of one effect over its starting points.
+
+    Raises:
+        InputError: the campaign cannot show it.
+    """
     start = fitter.fit([], exact=False)
     bank = SignatureBank(problem, start)
     searcher = Searcher(fitter)
@@ -153,7 +176,7 @@ def _fitted(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str) -
             base = fit = fitter.fit([FreeEffect(present, cls.free_of(subject) or ("components",))], start=start, exact=False)
         for _ in range(12):
             rows = [
-                (*Projector(base).gain(w), c) for c, w in spectral_candidates(problem, base, bank, subject) if c.effect.kind == cls.kind
+                (*Projector(base).gain(w), c) for c, w in spectral_candidates(problem, base, bank, subject) if c.effect.key == effect_id
             ]
             gain, x, candidate = max(rows, key=lambda r: r[0], default=(0.0, None, None))
             if gain <= 0.0 and fit is None:

@@ -106,3 +106,28 @@ def _test(file: Path, t: TestTable) -> Test:
         started=t.started_s,
         trace=t.trace,
     )
+
+
+def test_table(test: Test) -> dict:
+    """A test as a ``[[test]]`` table of campaign.toml has it; what is not measured yet has no trace and no time."""
+    out: dict = {"name": test.name, "kind": test.kind}
+    if test.kind == "cone_frustum":
+        out |= {"half_apex_deg": _plain(test.half_apex / DEG), "inclination_deg": _plain(test.inclination / DEG)}
+    if test.kind in DIRECTIONS:
+        out["sensitive_direction"] = test.sensitive
+    if test.kind == "circular":
+        out["plane"] = test.plane
+    if test.kind == "rotary":
+        out |= {"axis": test.axis, "from_deg": _plain(test.start / DEG), "to_deg": _plain(test.stop / DEG)}
+    else:
+        out |= {"direction": test.direction, "revolutions": test.revolutions}
+    out |= {
+        "table_ball_mm": [_plain(x / MM) for x in test.table_ball],
+        "bar_length_mm": _plain(test.length / MM),
+        "feed_mm_min": _plain(test.feed / MM * 60.0),
+    }
+    return out | ({"setup": test.setup} if test.setup else {})
+
+
+def _plain(x: float) -> float:
+    return float(f"{x:.9g}")

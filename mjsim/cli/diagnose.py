@@ -32,6 +32,7 @@ def command(campaign, machine, write, max_effects, force, threads, as_json, quie
     from mjsim.errors import InputError
     from mjsim.files import check_writable
     from mjsim.machine.files import write_machine
+    from mjsim.output import unexplained_plot
     from mjsim.workflow import machine_of
 
     c = read_campaign(campaign)
@@ -41,7 +42,7 @@ def command(campaign, machine, write, max_effects, force, threads, as_json, quie
     with common.progress_bar(quiet) as progress:
         result = diagnose(c, m, max_effects, common.cores(threads), progress)
     try:
-        result = write_effect_file(result, c.state_folder)
+        result = unexplained_plot(write_effect_file(result, c.state_folder), c.state_folder)
     except InputError as error:
         common.say(f"the effect file was not written: {error}", quiet)
     if write is not None:
@@ -85,6 +86,17 @@ def show(data: dict) -> None:
         common.paragraph(data["unexplained"]["summary"])
         if data["unexplained"]["effect_file"]:
             common.paragraph(f"an effect file in that form, ready to edit: {data['unexplained']['effect_file']}")
+        if data["unexplained"]["plot"]:
+            common.paragraph(f"its curve: {data['unexplained']['plot']}")
+    if data["next_test"]:
+        following = data["next_test"]
+        a, b = following["between"]
+        click.echo()
+        common.paragraph(
+            f"next test to tell {a} from {b}: {following['test']['name']}, expected difference {following['difference_um']:.2f} µm RMS"
+            + ("" if following["decides"] else " (not enough to decide)")
+            + "; `mjsim plan` prints it as a table for campaign.toml"
+        )
     if data["not_testable"]:
         click.echo()
         common.paragraph(f"not testable with this campaign: {', '.join(data['not_testable'])}")

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import mujoco
     import numpy as np
 
+    from mjsim.effects.motion import Motion
     from mjsim.engine.plant import Plant
 
 
@@ -131,6 +132,10 @@ class Effect(ABC):
         """Starting values from which a diagnosis searches: leading parameters at a typical size off neutral."""
         return [{p.name: p.neutral + p.scale for p in cls.parameters_of(subject) if p.neutral is not None}]
 
+    def variants(self) -> list[tuple[Effect, tuple[str, ...]]]:
+        """Other ways in which this effect of the user's machine may be wrong: its values, and what is free then, beside ``free``."""
+        return []
+
     def shapes(self, present: Effect | None) -> list[tuple[Effect, tuple[str, ...]]]:
         """Other shapes that a diagnosis tries once this effect is found, before it believes a second effect: where to start, what is free.
 
@@ -215,58 +220,3 @@ class Effect(ABC):
 
     def __repr__(self) -> str:
         return f"{self.id}({', '.join(f'{k}={v}' for k, v in self.values.items())})"
-
-
-@dataclass(frozen=True)
-class Motion:
-    """What a plain-Python effect may depend on; arrays over n instants.
-
-    Attributes:
-        time: s from the program's start, (n,).
-        clock: s on the campaign clock, (n,).
-        position: load-side axis positions so far, (n, 5) m and rad, order X, Y, Z, A, C.
-        velocity, acceleration: their rates, (n, 5).
-        since_reversal: s since each axis last reversed or started to move, (n, 5).
-    """
-
-    time: np.ndarray
-    clock: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    acceleration: np.ndarray
-    since_reversal: np.ndarray
-
-
-class MotionTracker:
-    """Makes :class:`Motion` from positions that arrive in time order, in pieces of any length.
-
-    Rates are backward differences, so that pieces of one instant and whole motions give the same numbers.
-    """
-
-    def __init__(self, step: float, started: float) -> None:
-        self.step, self.started = step, started
-        self._last: np.ndarray | None = None
-        self._velocity = self._sign = self._turned = None
-
-    def follow(self, time: np.ndarray, position: np.ndarray) -> Motion:
-        """The motion at the instants ``time`` (n,), one step apart and following the earlier ones; ``position`` (n, 5)."""
-        import numpy as np
-
-        if self._last is None:
-            self._last, self._velocity = position[0], np.zeros(5)
-            self._sign, self._turned = np.zeros(5), np.full(5, time[0])
-        velocity = np.diff(position, axis=0, prepend=self._last[None]) / self.step
-        acceleration = np.diff(velocity, axis=0, prepend=self._velocity[None]) / self.step
-        sign = np.sign(np.where(np.abs(velocity) < 1e-9, 0.0, velocity))
-        since = np.empty_like(position)
-        for i in range(position.shape[1]):
-            moving = np.where(sign[:, i] != 0.0, np.arange(len(time)), -1)
-            last = np.maximum.accumulate(moving)
-            held = np.where(last >= 0, sign[np.maximum(last, 0), i], self._sign[i])
-            changed = np.concatenate([[held[0] != self._sign[i]], held[1:] != held[:-1]])
-            start = np.maximum.accumulate(np.where(changed, time, -np.inf))
-            turned = np.maximum(start, self._turned[i])
-            since[:, i] = time - turned
-            self._sign[i], self._turned[i] = held[-1], turned[-1]
-        self._last, self._velocity = position[-1].copy(), velocity[-1].copy()
-        return Motion(time, self.started + time, position, velocity, acceleration, since)

@@ -25,8 +25,11 @@ class Friction(Effect):
     source = "Canudas de Wit et al. 1995 (LuGre); paper section 2.2 (f in Fig. 2); σ1 assumed"
     signature = "A quadrant glitch at each reversal of the axis; its height grows with Tc, its length with the presliding angle."
     quasi_static = False
-    tolerances: ClassVar = {"coulomb_Nm": 0.05, "presliding_rad": 0.10}
+    tolerances: ClassVar = {"coulomb_Nm": 0.05, "presliding_rad": 0.10, "static_ratio": 0.05}
     free = ("coulomb_Nm",)
+
+    def variants(self):
+        return [(self.replaced(stribeck_velocity_rad_per_s=w), ("coulomb_Nm", "static_ratio")) for w in (0.3, 2.0, 10.0)]
 
     def shapes(self, present):
         sheet = present or self

@@ -14,7 +14,7 @@ from mjsim.effects.base import Effect
 from mjsim.errors import InputError
 
 _REGISTRY: dict[str, type[Effect]] = {}
-_NOT_EFFECTS = {"base", "registry"}
+_NOT_EFFECTS = {"base", "motion", "registry"}
 
 
 def register(cls: type[Effect]) -> type[Effect]:

@@ -12,7 +12,7 @@ import numpy as np
 from mujoco import rollout
 
 from mjsim.campaign.model import Test
-from mjsim.effects.base import Motion, MotionTracker
+from mjsim.effects.motion import Motion, MotionTracker
 from mjsim.engine import callback, mjmodel
 from mjsim.engine.drive import STEP, SUBSTEPS
 from mjsim.engine.plant import Plant, build
@@ -124,7 +124,7 @@ def _run_python(model: mujoco.MjModel, plant: Plant, test: Test, step: float, do
     program, time, sent, model, data = _prepare(model, plant, test, step)
     block = model.numeric(callback.NUMERIC).data
     joints = block[callback.JOINTS : callback.JOINTS + 5].astype(int)
-    tracker = MotionTracker(step, test.started)
+    tracker = MotionTracker(step, test.started, plant)
     data.qpos[joints] += _python_part(plant, tracker.follow(np.zeros(1), data.qpos[joints][None]))
 
     def control(m, d) -> None:

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from mjsim.kinematics import AXES, LINEAR
+from mjsim.inference.generic import TABLE, Term
+from mjsim.kinematics import AXES, LINEAR, ROTARY
 
 _ARGUMENT = {
     "position": "motion.position[:, AXIS]",
     "direction": "motion.position[:, AXIS]",
     "velocity": "motion.velocity[:, AXIS]",
     "acceleration": "motion.acceleration[:, AXIS]",
+    "torque": "motion.torque[:, AXIS]",
     "time_since_reversal": "np.log10(np.maximum(motion.since_reversal[:, AXIS], 0.02))",
     "clock_time": "motion.clock",
 }
 _UNIT = {
     "velocity": ("m/s", "rad/s"),
     "acceleration": ("m/s²", "rad/s²"),
+    "torque": ("N·m", "N·m"),
     "time_since_reversal": ("log10 of s", "log10 of s"),
     "clock_time": ("s", "s"),
 }
@@ -31,58 +34,74 @@ import numpy as np
 
 import mjsim
 
-AXIS = {index}  # column of the {axis} axis in X, Y, Z, A, C
+{columns}
 #: {variable} at which the curve is given, {unit}
 KNOTS = np.array([{knots}])
-#: what is added to the axis position there, {size}
+#: what is added to {target} there, {size}
 VALUES = np.array([{values}])
 
 
 @mjsim.register
 class {class_name}(mjsim.Effect):
     kind = "{kind}"
-    subjects = ("{axis}",)
-    title = "Unexplained error of the {axis} axis"
+    subjects = ("{subject}",)
+    title = "{title}"
     parameters = (mjsim.Parameter("gain", "factor on the curve", -10.0, 10.0, neutral=0.0, scale=1.0),)
-    definition = "axis position + gain · curve({variable})"
+    definition = "{target} + gain · curve({variable})"
     source = "empirical, from this campaign"
     signature = "{signature}"
 
     def position_error(self, motion):
         x = {argument}
+        size = self.values["gain"] * {sign}np.interp(x, KNOTS, VALUES{period})
         out = np.zeros_like(motion.position)
-        out[:, AXIS] = self.values["gain"] * {sign}np.interp(x, KNOTS, VALUES{period})
+        {act}
         return out
 '''
 
+_ON_AXIS = "out[:, MOVED] = size"
+#: The work moves one way in the table's frame: seen from the machine, the spindle moves the other way.
+_ON_TABLE = """a, c = motion.position[:, 3], motion.position[:, 4]
+        x0, y0, z0 = np.eye(3)[MOVED]
+        x1, y1 = x0 * np.cos(c) - y0 * np.sin(c), x0 * np.sin(c) + y0 * np.cos(c)
+        out[:, :3] = -size[:, None] * np.column_stack([x1, y1 * np.cos(a) - z0 * np.sin(a), y1 * np.sin(a) + z0 * np.cos(a)])"""
 
-def effect_source(
-    axis: str, variable: str, knots: np.ndarray, values: np.ndarray, period: float | None, summary: str, file_name: str
-) -> str:
-    """Python text of an effect that adds an empirical curve to one axis.
+
+def effect_source(term: Term, values: np.ndarray, summary: str, file_name: str) -> str:
+    """Python text of an effect that adds an empirical curve.
 
     Args:
-        knots: (n,) in SI (rad, m, s ...). values: (n,) m or rad. period: of the variable, SI, or ``None``.
+        term: on what it depends and what it moves. values: (n,) at the term's knots, m or rad. file_name: for its own doc string.
     """
-    linear = axis in LINEAR
-    kind = f"unexplained_{variable}"
-    unit = _UNIT.get(variable, ("m", "rad"))[0 if linear else 1]
+    on_table = term.moves in TABLE
+    kind = f"unexplained_{term.variable}" + ("" if term.axis == term.moves else f"_moves_{term.moves.replace(' ', '_').lower()}")
+    unit = _UNIT.get(term.variable, ("m", "rad"))[0 if term.axis in LINEAR else 1]
+    target = "the work on the table, along " + term.moves[-1] if on_table else f"the {term.moves} axis"
+    columns = f"AXIS = {AXES.index(term.axis)}  # column of the {term.axis} axis in X, Y, Z, A, C\n" if term.axis else ""
+    moved = TABLE.index(term.moves) if on_table else AXES.index(term.moves)
+    columns += f"MOVED = {moved}  # {'direction x, y, z of the work frame' if on_table else f'column of the {term.moves} axis'}"
+    knots, period = term.knots, ""
+    if term.period:
+        period = f", period={term.period:.12g}"
     return _TEMPLATE.format(
         summary=summary,
         file_name=file_name,
-        index=AXES.index(axis),
-        axis=axis,
-        variable=variable.replace("_", " "),
+        columns=columns,
+        variable=term.variable.replace("_", " ") + (f" of {term.axis}" if term.axis else ""),
         unit=unit,
-        size="m" if linear else "rad",
+        target=target,
+        size="rad" if term.moves in ROTARY else "m",
         knots=_numbers(knots),
         values=_numbers(values),
         class_name="".join(w.capitalize() for w in kind.split("_")),
         kind=kind,
+        subject=term.axis or term.moves,
+        title=f"Unexplained error of {target}",
         signature=summary.replace('"', "'"),
-        argument=_ARGUMENT[variable],
-        sign="np.sign(motion.velocity[:, AXIS]) * " if variable in ("direction", "time_since_reversal") else "",
-        period=f", period={period:.12g}" if period else "",
+        argument=_ARGUMENT[term.variable],
+        sign="np.sign(motion.velocity[:, AXIS]) * " if term.signed else "",
+        period=period,
+        act=_ON_TABLE if on_table else _ON_AXIS,
     )
 
 

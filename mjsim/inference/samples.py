@@ -202,6 +202,13 @@ def half_differences(s: Samples) -> tuple[np.ndarray, np.ndarray]:
     return out[0], out[1]
 
 
+def usual_noise(block: float = BLOCKS[0], resolution: float = 0.1e-6) -> Noise:
+    """The noise of an ordinary ball bar, where none can be measured (assumed: 0.12 µm, correlated over 0.05 s)."""
+    ar = np.array([np.exp(-block / 0.05)])
+    rms = max(0.12e-6, resolution)
+    return Noise(rms, 0.93 * rms, ar, 0.93 * rms * float(np.sqrt(1 - ar[0] ** 2)), "assumed: no test repeats its revolution")
+
+
 def estimate_noise(samples: list[Samples], resolution: float, order: int = 5) -> Noise:
     """Noise model of a campaign.
 
@@ -210,9 +217,7 @@ def estimate_noise(samples: list[Samples], resolution: float, order: int = 5) ->
     """
     repeated = [s for s in samples if s.test.kind != "rotary" and s.test.revolutions >= 2]
     if not repeated:
-        ar = np.array([np.exp(-samples[0].block / 0.05)])
-        rms = max(0.12e-6, resolution)
-        return Noise(rms, 0.93 * rms, ar, 0.93 * rms * float(np.sqrt(1 - ar[0] ** 2)), "assumed: no test repeats its revolution")
+        return usual_noise(samples[0].block, resolution)
     lags = np.arange(order + 1)
     covariances, levels = [], []
     for s in repeated:

@@ -35,11 +35,16 @@ _ONE_WAY = 4.0
 
 @dataclass
 class Found:
-    """One missing effect of the final model: its key, and the ids the data cannot tell from it."""
+    """One missing effect of the final model: its key, and the models with another effect in its place that the data cannot tell from it,
+    by that effect's id."""
 
     key: str
     gain: float
-    alternatives: list[str] = field(default_factory=list)
+    rivals: dict[str, Fit] = field(default_factory=dict)
+
+    @property
+    def alternatives(self) -> tuple[str, ...]:
+        return tuple(self.rivals)
 
 
 @dataclass
@@ -76,12 +81,15 @@ class Searcher:
 
         bank.compute(candidates, tick)
         fit, trail = start, []
-        while len(fit.effects) < max_effects or any(f.effect.scanned for f in fit.effects):
+        while True:
             better = self._extend(fit, bank, trail, len(fit.effects) < max_effects)
-            if better is None:
-                break
             shaped = self._shaped(fit)
-            fit = better if shaped is fit else shaped
+            if shaped is not fit:
+                fit = shaped
+            elif better is None:
+                break
+            else:
+                fit = better
         fit = self._prune(fit)
         found = []
         if fit.effects:
@@ -219,7 +227,7 @@ class Searcher:
             rest = [f for j, f in enumerate(fit.effects) if j != index]
             without = self.fitter.fit(rest, start=fit, exact=False, iterations=3)
             gain = without.objective - fit.objective
-            alternatives, better = [], None
+            rivals, better = {}, None
             ranked = self.ranked(without, bank)
             own = max((r[0] for r in ranked if r[2].effect.key == mine.effect.key), default=gain)
             rows = [
@@ -237,14 +245,14 @@ class Searcher:
                 if any(not sensible(self.fitter.machine, f) for f in trial.effects):
                     continue
                 if price(trial) < price(fit) + RIVAL:
-                    if c.id not in (mine.effect.id, *alternatives):
-                        alternatives.append(c.id)
+                    if c.id != mine.effect.id:
+                        rivals.setdefault(c.id, trial)
                     if price(trial) < price(fit) - 2.0 and (better is None or price(trial) < price(better)):
                         better = trial
             if better is not None and swaps < 3:
                 swaps += 1
                 fit, found, index = better, {}, 0
                 continue
-            found[mine.effect.key] = Found(mine.effect.key, gain, alternatives)
+            found[mine.effect.key] = Found(mine.effect.key, gain, rivals)
             index += 1
         return fit, sorted(found.values(), key=lambda f: -f.gain)

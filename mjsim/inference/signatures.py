@@ -48,7 +48,7 @@ def seeds(machine: Machine) -> list[Candidate]:
             present = machine.effect(f"{kind}.{subject}")
             names = cls.free_of(subject)
             if present is not None:
-                out.append(Candidate(present, names))
+                out += [Candidate(present, names), *(Candidate(e, n) for e, n in present.variants())]
                 continue
             out += [Candidate(cls(subject, **values), names) for values in cls.seeds(subject)]
     return out

@@ -13,6 +13,8 @@ from mjsim.kinematics import AXES, ROTARY
 #: Highest order that is looked for, per table turn or per screw turn.
 HIGHEST = {"A": 800, "C": 800, "X": 24, "Y": 24, "Z": 24}
 _BINS = 8192
+#: A motor's torque ripples at least about once per turn.
+_SLOWEST_RIPPLE = 0.95
 
 
 def orders(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: int = 6) -> dict[str, list[int]]:
@@ -97,9 +99,9 @@ def spectral_candidates(problem: Problem, fit: Fit, bank: SignatureBank, axis: s
             columns = problem.whiten([np.column_stack(pair) for pair in zip(*sides, strict=True)])
             out.append((Candidate(cls(subject, components=[[float(order), scale, 0.0]], **way), ("components",)), columns))
     ripple, _ = registry.effect_class(f"torque_ripple.{axis}")
-    if found[""] and not fit.machine.effect(f"torque_ripple.{axis}"):
-        best = found[""][0]
-        per_motor_turn = best if axis not in ROTARY else best / fit.base.drives[axis].gear
-        seed = Candidate(ripple(subject, amplitude_Nm=ripple.parameters[0].scale, order=float(per_motor_turn)), ripple.free)
+    per_motor_turn = [n if axis not in ROTARY else n / fit.base.drives[axis].gear for n in found[""]]
+    fast = [n for n in per_motor_turn if n > _SLOWEST_RIPPLE]
+    if fast and not fit.machine.effect(f"torque_ripple.{axis}"):
+        seed = Candidate(ripple(subject, amplitude_Nm=ripple.parameters[0].scale, order=float(fast[0])), ripple.free)
         out.append((seed, problem.whiten(bank.columns(seed))))
     return out

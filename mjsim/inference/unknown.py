@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mjsim.inference.effect_file import effect_source
-from mjsim.inference.fit import Fit, Fitter
+from mjsim.inference.fit import Fit
+from mjsim.inference.generic import TABLE, Generic, Term
 from mjsim.inference.problem import Problem
-from mjsim.inference.samples import GRID_STEPS
-from mjsim.inference.search import THRESHOLD, Search
+from mjsim.inference.search import THRESHOLD, VISIBLE, Search
 from mjsim.inference.signatures import Projector
-from mjsim.kinematics import AXES, ROTARY
+from mjsim.kinematics import ROTARY
 from mjsim.units import DEG, UM
 
-#: Knots of the free curve of each variable.
-_KNOTS = {"position": 36, "direction": 24, "velocity": 12, "acceleration": 12, "time_since_reversal": 10, "clock_time": 12}
-_PER_TURN = 24  # knots of a rotary axis' position counted over all turns
+#: Mean squared whitened residual above which something is left for sure, so that unusual terms are tried as well.
+_EXCESS = 1.08
+#: By how much a term that moves another axis must be better than one of the axis itself.
+_ACROSS = 20.0
+#: Finer knots that are tried for the best term.
+_FINER = (2, 4)
+#: Share of a curve's power in one harmonic that makes this its period.
+_HARMONIC = 0.6
+#: Shapes of a curve with so many times the usual variance are hidden by the set-up.
+_HIDDEN = 30.0
 
 
 @dataclass(frozen=True)
@@ -26,9 +33,11 @@ class Unexplained:
     """Something repeatable that no catalogue effect explains.
 
     Attributes:
-        axes, variable: on what it depends. period: in units of the variable, or ``None``. rms: m. tests: where it shows.
-        summary: one sentence. curve: knots of the variable and the empirical term there (file units: mm or °, µm or °).
-        source: text of an effect file in that form. effect_file: where it was written, if it was.
+        axes, variable: on what it depends. period: in units of the variable (°, mm, s), or ``None``. rms: m. tests: where it shows.
+        angles: per test of ``tests``, φ (deg) where it is largest. summary: one sentence.
+        curve: knots of the variable, the empirical term there and its standard deviation (file units: mm, °, m/s ... and µm or °).
+        labels: of the curve's two axes. left: RMS of what remains beyond the empirical term, m.
+        source: text of an effect file in that form. effect_file, plot: where they were written, if they were.
     """
 
     axes: tuple[str, ...]
@@ -36,10 +45,14 @@ class Unexplained:
     period: float | None
     rms: float
     tests: tuple[str, ...]
+    angles: tuple[float, ...]
     summary: str
-    curve: tuple[np.ndarray, np.ndarray]
+    curve: tuple[np.ndarray, np.ndarray, np.ndarray]
+    labels: tuple[str, str]
+    left: float = 0.0
     source: str = ""
     effect_file: str | None = None
+    plot: str | None = None
 
     def to_json(self) -> dict:
         """As in the JSON of ``mjsim diagnose``."""
@@ -48,170 +61,143 @@ class Unexplained:
             "variable": self.variable,
             "period": self.period,
             "rms_um": round(self.rms / UM, 4),
+            "left_um": round(self.left / UM, 4),
             "tests": list(self.tests),
+            "largest_at_phi_deg": [round(a, 1) for a in self.angles],
             "summary": self.summary,
             "effect_file": self.effect_file,
+            "plot": self.plot,
         }
 
 
-@dataclass
-class _Term:
-    axis: str
-    variable: str
-    knots: np.ndarray
-    columns: list[np.ndarray]
-    period: float | None = None
-    gain: float = 0.0
-    coefficients: np.ndarray | None = None
-
-    @property
-    def price(self) -> float:
-        n = self.columns[0].shape[1]
-        return n + 5.0 * np.sqrt(2.0 * n)
-
-
-def _hats(x: np.ndarray, knots: np.ndarray, period: float | None) -> np.ndarray:
-    """Piecewise-linear basis (n, len(knots)) on equally spaced ``knots``; wrapped when there is a period."""
-    step = knots[1] - knots[0]
-    u = (x - knots[0]) / step
-    n = len(knots)
-    if period:
-        u = np.mod(u, n)
-    else:
-        u = np.clip(u, 0, n - 1)
-    i = np.floor(u).astype(int)
-    f = u - i
-    out = np.zeros((len(x), n))
-    rows = np.arange(len(x))
-    out[rows, i % n] += 1 - f
-    out[rows, (i + 1) % n if period else np.minimum(i + 1, n - 1)] += f
-    return out
-
-
-def _terms(problem: Problem, fit: Fit) -> list[_Term]:
-    """Generic terms: a free curve of each variable of each axis, acting in that axis' direction."""
-    loads = [m.commands[::GRID_STEPS] for m in problem.motions]
-    time = [m.time[::GRID_STEPS] for m in problem.motions]
-    out = []
-    for i, axis in enumerate(AXES):
-        if not any(np.ptp(q[:, i]) for q in loads):
-            continue
-        velocity = [np.gradient(q[:, i], t) for q, t in zip(loads, time, strict=True)]
-        for variable, count in _KNOTS.items():
-            values = [
-                _values(variable, q[:, i], t, v, test.started) for q, t, v, test in zip(loads, time, velocity, problem.tests, strict=True)
-            ]
-            used = np.concatenate([x[_inside(t, p)] for x, t, p in zip(values, time, problem.motions, strict=True)])
-            lo, hi = float(used.min()), float(used.max())
-            if hi - lo < 1e-9:
-                continue
-            if variable in ("position", "direction") and axis in ROTARY and hi - lo > 1.9 * np.pi:
-                turns = (hi - lo) / (2 * np.pi)
-                out.append(_term(problem, fit, axis, variable, np.arange(count) * (2 * np.pi / count), 2 * np.pi, values, velocity))
-                if variable == "position" and turns > 1.1:  # a count that is not taken modulo one turn
-                    out.append(_term(problem, fit, axis, variable, np.linspace(lo, hi, int(_PER_TURN * turns)), None, values, velocity))
-            else:
-                out.append(_term(problem, fit, axis, variable, np.linspace(lo, hi, count), None, values, velocity))
-    return out
-
-
-def _values(variable: str, q: np.ndarray, t: np.ndarray, v: np.ndarray, started: float) -> np.ndarray:
-    """The variable along one test, (n,)."""
-    if variable in ("position", "direction"):
-        return q
-    if variable == "velocity":
-        return v
-    if variable == "acceleration":
-        return np.gradient(v, t)
-    return started + t if variable == "clock_time" else _since_reversal(t, v)
-
-
-def _term(
-    problem: Problem, fit: Fit, axis: str, variable: str, knots: np.ndarray, period: float | None, values: list, velocity: list
-) -> _Term:
-    i = AXES.index(axis)
-
-    def columns(k: int) -> np.ndarray:
-        basis = _hats(values[k], knots, period)
-        if variable in ("direction", "time_since_reversal"):
-            basis = basis * np.sign(velocity[k])[:, None]
-        basis = basis * problem.sensitivity[k].axes[:, [i]] * (1e-5 if axis in ROTARY else 1e-6)
-        s, shift = problem.samples[k], problem.shift(k, fit.nuisance)
-        return np.column_stack([s.sample(c, shift) for c in basis.T])
-
-    return _Term(axis, variable, knots, problem.map(columns), period)
-
-
-def _inside(t: np.ndarray, motion) -> np.ndarray:
-    lo, hi = motion.program.measured_span
-    return (t >= lo) & (t <= hi)
-
-
-def _since_reversal(t: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """log10 of the time since the last reversal, s (from 0.02 s on)."""
-    sign = np.sign(np.where(np.abs(v) < 1e-9, 0.0, v))
-    turn = np.concatenate([[0], np.flatnonzero(np.diff(sign) != 0) + 1])
-    last = turn[np.searchsorted(turn, np.arange(len(t)), side="right") - 1]
-    return np.log10(np.maximum(t - t[last], 0.02))
-
-
-def look_for_unknown(
-    problem: Problem, fitter: Fitter, search: Search, progress: Callable[[str, int, int], None]
-) -> tuple[Unexplained | None, Search]:
+def look_for_unknown(problem: Problem, search: Search, progress: Callable[[str, int, int], None]) -> tuple[Unexplained | None, Search]:
     """What is left after the search, described by the generic term that explains most of it.
 
     Where a single generic term does much better than all the named effects together, these were a makeshift: they are withdrawn.
     """
     progress("looking at the rest", 0, 1)
-    rest = _best(problem, search.fit)
+    rest = best_term(problem, search.fit)
     if rest is None:
         return None, search
     if search.found:
         named = search.start.objective - search.fit.objective
-        alone = _best(problem, search.start)
+        alone = best_term(problem, search.start)
         if alone is not None and alone.gain - alone.price > named + THRESHOLD and rest.gain > 0.02 * named:
             search = replace(search, fit=search.start, found=[])
             rest = alone
-    return _describe(problem, search.fit, rest), search
+    return describe(problem, search.fit, rest), search
 
 
-def _best(problem: Problem, fit: Fit) -> _Term | None:
-    projector = Projector(fit)
-    best: _Term | None = None
-    for term in _terms(problem, fit):
-        white = problem.whiten(term.columns)
-        matrix, score = projector.normal(white)
+def best_term(problem: Problem, fit: Fit) -> Term | None:
+    """The generic term that explains most of a fit's residual, net of its coefficients' price; ``None`` where none is worth it."""
+    projector, generic = Projector(fit), Generic(problem, fit)
+    best = _best(problem, projector, [*generic.own(), *generic.clock()])
+    net = best.gain - best.price if best else 0.0
+    if net > 0.0 or fit.sum_squares > _EXCESS * problem.count:
+        other = _best(problem, projector, generic.across())
+        if other is not None and other.gain - other.price > net + (_ACROSS if net > THRESHOLD else 0.0):
+            best = other
+    if best is None or best.gain - best.price < THRESHOLD:
+        return None
+    best = _best(problem, projector, [best, *(t for n in _FINER for t in generic.finer(best, n))])
+    return best if any(np.std(p) > VISIBLE * problem.noise.rms for p in _visible(problem, fit, best)) else None
+
+
+def _best(problem: Problem, projector: Projector, terms: Iterable[Term]) -> Term | None:
+    best: Term | None = None
+    for term in terms:
+        matrix, score = projector.normal(problem.whiten(term.columns))
         matrix = matrix + np.eye(len(matrix)) * (1e-6 * np.trace(matrix) / len(matrix) + 1e-9)
-        term.coefficients = np.linalg.solve(matrix, score)
+        inverse = np.linalg.inv(matrix)
+        term.coefficients = inverse @ score
         term.gain = float(score @ term.coefficients)
-        if term.gain - term.price > THRESHOLD and (best is None or term.gain - term.price > best.gain - best.price):
+        term.covariance = inverse
+        if best is None or term.gain - term.price > best.gain - best.price:
             best = term
     return best
 
 
-def _visible(problem: Problem, fit: Fit, parts: list[np.ndarray]) -> list[np.ndarray]:
+def _visible(problem: Problem, fit: Fit, term: Term) -> list[np.ndarray]:
     """What of a term's readings the nuisances cannot take up: block means per test, m."""
+    parts = [c @ term.coefficients for c in term.columns]
     n = len(fit.nuisance)
     taken = (fit.covariance @ (fit.design.T @ problem.whiten(parts)))[:n]
     return [d - c @ taken for d, c in zip(parts, problem.nuisance_columns(fit.readings, fit.nuisance), strict=True)]
 
 
-def _describe(problem: Problem, fit: Fit, term: _Term) -> Unexplained:
-    parts = _visible(problem, fit, [c @ term.coefficients for c in term.columns])
+_WORDS = {
+    "position": "position",
+    "direction": "direction of motion and position",
+    "velocity": "velocity",
+    "acceleration": "acceleration",
+    "torque": "motor's torque",
+    "time_since_reversal": "time since its last reversal",
+}
+
+
+def describe(problem: Problem, fit: Fit, term: Term) -> Unexplained:
+    """A fitted term in words, with its curve and its effect file."""
+    parts = _visible(problem, fit, term)
     rms = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
-    shows = tuple(t.name for t, p in zip(problem.tests, parts, strict=True) if np.std(p) > 0.25 * problem.noise.rms)
-    rotary = term.axis in ROTARY
-    size = term.coefficients * (1e-5 if rotary else 1e-6)
-    curve = (term.knots / DEG if rotary and term.variable in ("position", "direction") else term.knots, size / DEG if rotary else size / UM)
-    words = {
-        "time_since_reversal": "the time since its last reversal",
-        "clock_time": "the clock",
-        "direction": "its direction of motion and position",
-    }
-    summary = (
-        f"Something that is not in the catalogue acts on the {term.axis} axis "
-        f"and depends on {words.get(term.variable, 'its ' + term.variable)}: "
-        f"{rms / UM:.2f} µm RMS in the readings, most in {max(zip(map(np.std, parts), (t.name for t in problem.tests), strict=True))[1]}."
+    rest = problem.residual(fit.readings, fit.nuisance)
+    left = float(np.sqrt(np.mean(np.concatenate([(r - p)[s.good] for r, p, s in zip(rest, parts, problem.samples, strict=True)]) ** 2)))
+    spread = [float(np.std(p)) for p in parts]
+    order = sorted((k for k in range(len(parts)) if spread[k] > VISIBLE * problem.noise.rms), key=lambda k: -spread[k])
+    where = tuple(float(np.degrees(problem.motions[k].program.phi(_worst_time(problem, fit, k, parts[k])))[0]) for k in order)
+    shows = tuple(problem.tests[k].name for k in order)
+    x, x_label, period = _file_units(term, fit)
+    factor, y_unit = (1.0 / DEG, "°") if term.moves in ROTARY else (1.0 / UM, "µm")
+    shown, spread_of = _seen(term)
+    size = shown * term.unit
+    power = sum((c**2).sum(axis=0) for c in term.columns)
+    curve = (x, np.where(power > 1e-4 * power.max(), size * factor, np.nan), spread_of * term.unit * factor)  # nan: no test goes there
+    source_of = f"depends on the {term.axis} axis' {_WORDS[term.variable]}" if term.axis else "follows the campaign's clock"
+    what = "the table" if term.moves in TABLE else f"the {term.moves} axis"
+    acts = (
+        f"acts on {what} and {source_of}"
+        if term.axis != term.moves
+        else f"acts on the {term.axis} axis and depends on its {_WORDS[term.variable]}"
     )
-    source = effect_source(term.axis, term.variable, term.knots, size, term.period, summary, f"unexplained_{term.axis}.py")
-    return Unexplained((term.axis,), term.variable, None if term.period is None else 360.0, rms, shows, summary, curve, source)
+    repeats = f", repeating every {period:.4g} {x_label.rsplit('[', 1)[-1].rstrip(']')}" if period else ""
+    most = f" most in {shows[0]} near φ = {where[0]:.0f}°" if shows else ""
+    summary = (
+        f"Something that is not in the catalogue {acts}{repeats}: {rms / UM:.2f} µm RMS in the readings,{most}; "
+        f"{left / UM:.2f} µm stay after an empirical curve of that form."
+    )
+    name = f"unexplained_{'_'.join(term.axes) or 'clock'}.py"
+    source = effect_source(term, size, summary, name)
+    axes = term.axes or (term.moves,)
+    labels = (x_label, f"displacement of {what} [{y_unit}]")
+    return Unexplained(axes, term.variable, period, rms, shows, where, summary, curve, labels, left, source)
+
+
+def _seen(term: Term) -> tuple[np.ndarray, np.ndarray]:
+    """The curve (k,) and its standard deviation without the shapes that set-up errors could take up as well (its level, above all)."""
+    variance, modes = np.linalg.eigh(term.covariance)
+    along = modes.T @ term.coefficients
+    kept = (variance < _HIDDEN * np.median(variance)) | (np.abs(along) > 3.0 * np.sqrt(np.abs(variance)))
+    return modes[:, kept] @ along[kept], np.sqrt(np.clip((modes[:, kept] ** 2) @ variance[kept], 0.0, None))
+
+
+def _worst_time(problem: Problem, fit: Fit, k: int, part: np.ndarray) -> np.ndarray:
+    s = problem.samples[k]
+    return s.centre[[int(np.argmax(np.abs(part - part.mean())))]] - problem.shift(k, fit.nuisance)
+
+
+def _file_units(term: Term, fit: Fit) -> tuple[np.ndarray, str, float | None]:
+    """Knots in the units that users read, the label of that axis of the plot, and the period in the same unit."""
+    rotary = term.axis in ROTARY
+    scale, unit = {
+        "velocity": (1 / DEG, "°/s") if rotary else (60e3, "mm/min"),
+        "acceleration": (1 / DEG, "°/s²") if rotary else (1e3, "mm/s²"),
+        "torque": (1.0, "N·m"),
+        "time_since_reversal": (1.0, "log₁₀ s"),
+        "clock_time": (1.0, "s"),
+    }.get(term.variable, (1 / DEG, "°") if rotary else (1e3, "mm"))
+    label = f"{term.axis} axis: {_WORDS[term.variable]} [{unit}]" if term.axis else f"campaign clock [{unit}]"
+    period = None if term.period is None else term.period * scale
+    if period and term.variable in ("position", "direction"):
+        power = np.abs(np.fft.rfft(term.coefficients)[1 : len(term.knots) // 3]) ** 2
+        if len(power) and power.max() > _HARMONIC * power.sum():
+            period /= int(np.argmax(power)) + 1
+    return term.knots * scale, label, period

@@ -24,10 +24,11 @@ from mjsim.kinematics import LINEAR
 from mjsim.machine.model import Machine
 from mjsim.units import UM
 
-#: Band that is searched: from here, Hz, to this share of the sample rate.
-LOWEST, HIGHEST = 1.0, 0.46
-#: Chance of one line by accident in a whole campaign.
-ACCIDENT = 1e-6
+#: Band that is searched: from here, Hz, to this share of the sample rate; what is slower than SLOW s is taken out before.
+LOWEST, HIGHEST = 2.0, 0.46
+SLOW = 1.0
+#: Chance of one line by accident in a whole campaign; least amplitude, in units of one sample's noise.
+ACCIDENT, LEAST = 1e-6, 0.3
 #: Share of what free amplitudes would explain that one common amplitude must explain.
 _COMMON = 0.7
 #: Another axis whose gain is within this of the winner's cannot be told from it.
@@ -132,16 +133,22 @@ def find(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray, repeats
     if not records:
         return None
     frequency, chance = _strongest(records)
-    return _line(whole, frequency) if chance < ACCIDENT else None
+    line = _line(whole, frequency) if chance < ACCIDENT else None
+    return line if line and line.effect.si("amplitude_um") > LEAST * problem.noise.rms else None
 
 
 def take_out(problem: Problem, lines: list[Line], nuisance: np.ndarray) -> None:
-    """Leave vibrations out of the problem's data; the noise is estimated again. An empty list puts everything back."""
+    """Leave vibrations out of the problem's data; the noise is estimated again."""
     for k, s in enumerate(problem.samples):
         shift = problem.shift(k, nuisance)
         s.take_out(sum((_wave(problem, k, line.effect, shift) for line in lines), np.zeros(len(s.time))))
-    if lines:
-        problem.estimate_noise()
+    problem.estimate_noise()
+
+
+def put_back(problem: Problem) -> None:
+    """Undo :func:`take_out`, but for the noise, which is the better one without vibrations."""
+    for s in problem.samples:
+        s.take_out(np.zeros(len(s.time)))
 
 
 def phased(problem: Problem, machine: Machine, readings: list[np.ndarray] | None = None, nuisance: np.ndarray | None = None) -> Machine:
@@ -198,7 +205,7 @@ def _records(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray, rep
 
 
 def _slow(x: np.ndarray, dt: float) -> np.ndarray:
-    n = max(3, round(1.0 / LOWEST / dt)) | 1
+    n = max(3, round(SLOW / dt)) | 1
     return np.convolve(x, np.ones(n) / n, mode="same")
 
 

@@ -1,0 +1,62 @@
+"""``mjsim plan``."""
+
+from __future__ import annotations
+
+import click
+
+from mjsim.cli import common
+
+
+@click.command("plan")
+@common.campaign_argument
+@common.machine_option
+@click.option("--between", nargs=2, metavar="A B", default=None, help="Two effects to separate; or one effect and the word nothing.")
+@common.threads_option
+@common.options
+def command(campaign, machine, between, threads, as_json, quiet) -> None:
+    """Say which test to measure next: the one that best separates the effects that the data of CAMPAIGN cannot tell apart.
+
+    Without --between the campaign is diagnosed first. Where nothing is ambiguous, the test is one that makes an effect show that
+    this campaign hides. Tests are judged by what they would add to the campaign's knowledge per minute of machine time.
+
+    \b
+    Example: mjsim plan examples/two-candidates --between servo_gain.C servo_delay.C
+    """
+    from mjsim.campaign.files import read_campaign
+    from mjsim.plan import plan
+    from mjsim.workflow import machine_of
+
+    c = read_campaign(campaign)
+    m = machine_of(c, machine)
+    with common.progress_bar(quiet) as progress:
+        result = plan(c, m, between, common.cores(threads), progress)
+    if as_json:
+        common.print_json(result.to_json() if result else {"between": None, "test": None, "difference_um": None})
+        return
+    if quiet:
+        return
+    if result is None:
+        common.paragraph("Nothing to separate: no effect is ambiguous, and every effect of the catalogue is testable with this campaign.")
+        return
+    show(result)
+
+
+def show(result) -> None:
+    """A plan as text: the reason, the test as a table for campaign.toml, the runners-up."""
+    import tomlkit
+
+    from mjsim.campaign.files import test_table
+
+    data = result.to_json()
+    common.paragraph(data["reason"])
+    a, b = data["between"]
+    common.paragraph(
+        f"Expected difference between {a} and {b}: {data['difference_um']:.2f} µm RMS, {data['separation']:.0f} times the noise's "
+        f"standard deviation in all; {data['minutes']:.1f} min with handling. For campaign.toml:"
+    )
+    click.echo("\n[[test]]\n" + tomlkit.dumps(test_table(result.best.test)).rstrip() + "\n")
+    rows = [data, *data["runners_up"]]
+    common.table(
+        ["test", "difference µm", "separation σ", "time min"],
+        [[r["test"]["name"], f"{r['difference_um']:.2f}", f"{r['separation']:.0f}", f"{r['minutes']:.1f}"] for r in rows],
+    )

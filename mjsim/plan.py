@@ -1,0 +1,73 @@
+"""The next test to run: the one that best separates what the data cannot tell apart, or makes a hidden effect show."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from mjsim.campaign.model import Campaign
+from mjsim.compare import Progress, silent
+from mjsim.effects import registry
+from mjsim.errors import InputError
+from mjsim.inference.fit import Fitter
+from mjsim.inference.problem import Problem
+from mjsim.inference.samples import BLOCKS, usual_noise
+from mjsim.inference.search import Searcher
+from mjsim.inference.vibration import separate
+from mjsim.machine.model import Machine
+from mjsim.planning.following import NOTHING, Plan, best_of, plan_for, typical
+from mjsim.planning.separation import Explanation
+from mjsim.threads import one_blas_thread
+from mjsim.workflow import fit_effect
+
+
+@one_blas_thread
+def plan(
+    campaign: Campaign,
+    machine: Machine,
+    between: tuple[str, str] | None = None,
+    threads: int = 2,
+    progress: Progress = silent,
+) -> Plan | None:
+    """The next test to run.
+
+    Without ``between`` the campaign is diagnosed first: the first effect that has alternatives is separated from its first one; where
+    nothing is ambiguous, the first effect that is not testable is made to show. ``None`` where there is neither.
+
+    Args:
+        between: two effect ids, or one and ``"nothing"``.
+
+    Raises:
+        InputError: unknown effect; no traces and no ``between``.
+    """
+    ids = tuple(i for i in between or () if i != NOTHING)
+    for i in ids:
+        registry.effect_class(i)
+    if between is not None and (len(between) != 2 or not ids or len(set(between)) != 2):
+        raise InputError(f"plan between {' and '.join(between)}: allowed are two different effects, or one effect and {NOTHING!r}")
+    if not campaign.measured:
+        if between is None:
+            raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; say which effects to separate (--between A B)")
+        explanations = [_by_default(i, machine) for i in between]
+        return best_of(between, explanations, campaign, usual_noise(), BLOCKS[0], threads, progress)
+    progress("preparing", 0, 1)
+    problem = Problem(campaign, machine, threads)
+    rigid, _ = separate(problem, machine)
+    fitter = Fitter(problem, rigid)
+    if between is None:
+        search = Searcher(fitter, progress).run()
+        return plan_for(problem, search, threads, progress)
+    length = problem.layout.length
+    if NOTHING in between:
+        between = (ids[0], NOTHING)
+        here = Explanation.of_fit(NOTHING, fitter.fit([], exact=False), length)
+        explanations = [replace(here, name=ids[0], effects=(typical(ids[0]),)), here]
+    else:
+        explanations = [Explanation.of_fit(i, fit_effect(problem, fitter, *registry.effect_class(i)), length) for i in ids]
+    return best_of(between, explanations, campaign, problem.noise, problem.samples[0].block, threads, progress)
+
+
+def _by_default(effect_id: str, machine: Machine) -> Explanation:
+    """An effect at its typical size on an unmeasured machine; nothing at all for :data:`NOTHING`."""
+    if effect_id == NOTHING:
+        return Explanation.of_priors(NOTHING, machine, [])
+    return Explanation.of_priors(effect_id, machine, [typical(effect_id)])

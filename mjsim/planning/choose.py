@@ -1,0 +1,48 @@
+"""The best next test for two explanations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+
+from mjsim.campaign.model import Test
+from mjsim.planning.candidates import first_round, minutes, neighbours, reachable
+from mjsim.planning.separation import Separation, Separator
+
+#: Deviance at which a test decides; more is not worth a longer test.
+ENOUGH = 40.0
+_BEST, _ROUNDS = 2, 2
+
+
+def worth(s: Separation) -> tuple[float, float]:
+    """Sort key: tests that decide by deviance per minute of machine time, before tests that do not by deviance."""
+    decides = s.deviance >= ENOUGH
+    return (1.0, s.deviance / minutes(s.test)) if decides else (0.0, s.deviance)
+
+
+def choose(
+    separator: Separator, tests: tuple[Test, ...], threads: int = 2, progress: Callable[[str, int, int], None] | None = None
+) -> list[Separation]:
+    """Candidate tests, best first: a coarse round over everything, then conditions varied around the best ones.
+
+    Args:
+        tests: the campaign's tests (bar, height of the table ball, what the axes are known to reach).
+    """
+    seen: dict[tuple, Separation] = {}
+
+    def evaluate(candidates: Iterable[Test], stage: str) -> None:
+        fresh = {key(t): t for t in candidates if key(t) not in seen and reachable(t, tests)}
+        for n, s in enumerate(pool.map(separator.of, fresh.values())):
+            seen[key(s.test)] = s
+            if progress:
+                progress(stage, n + 1, len(fresh))
+
+    def key(t: Test) -> tuple:
+        return (t.kind, t.table_ball, t.feed, t.half_apex, t.inclination, t.sensitive, t.plane, t.axis, t.start, t.stop, t.direction)
+
+    with ThreadPoolExecutor(threads) as pool:
+        evaluate(first_round(tests), "planning: all kinds of tests")
+        for _ in range(_ROUNDS):
+            best = sorted(seen.values(), key=worth, reverse=True)[:_BEST]
+            evaluate([n for s in best for n in neighbours(s.test)], "planning: around the best")
+    return sorted(seen.values(), key=worth, reverse=True)

@@ -1,0 +1,153 @@
+"""How well a test that was not measured yet would separate two explanations of the tests that were.
+
+Hunter and Reiner's T-optimality in its Bayesian form: the difference of the two predictions, in units of its noise, that is left when
+the second explanation has adapted everything it may still adapt: its effects and data sheet within what the campaign has left open,
+the new set-up within its priors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjsim.campaign.model import Test
+from mjsim.engine.plant import build
+from mjsim.inference.calibration import SHEET, calibrated
+from mjsim.inference.fit import Fit, with_effects
+from mjsim.inference.free import FreeEffect
+from mjsim.inference.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER
+from mjsim.inference.samples import BLOCKS, Noise
+from mjsim.kinematics import AXES, sensitivity
+from mjsim.motion import TestMotion
+
+_STEP = 0.02
+_EVERY = 5
+#: Prior width of an effect's parameters where nothing was measured, typical sizes.
+_OPEN = 100.0
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A fitted model: ``fit``'s machine, and what in it is free with which covariance.
+
+    Attributes:
+        name: id of the effect that it stands for. machine: with calibrated data sheet, less the free effects' freedom.
+        effects: free effects. covariance: of (bar length, data sheet, effects' vectors), prior standard deviations and typical sizes.
+    """
+
+    name: str
+    base: object
+    tau: np.ndarray
+    effects: tuple[FreeEffect, ...]
+    covariance: np.ndarray
+
+    @classmethod
+    def of_fit(cls, name: str, fit: Fit, length: int) -> Explanation:
+        """From a fit; ``length`` is the bar length's place among the nuisances."""
+        n = len(fit.nuisance)
+        keep = [length, *range(n, fit.covariance.shape[0])]
+        return cls(name, fit.base, fit.tau, tuple(fit.effects), fit.covariance[np.ix_(keep, keep)])
+
+    @classmethod
+    def of_priors(cls, name: str, machine, effects: list[FreeEffect]) -> Explanation:
+        """From priors alone, where nothing was measured."""
+        free = sum(len(f.vector) for f in effects)
+        spread = np.concatenate([np.ones(1 + len(SHEET)), np.full(free, _OPEN**2)])
+        return cls(name, machine, np.zeros(len(SHEET)), tuple(effects), np.diag(spread))
+
+    @property
+    def machine(self):
+        """The whole machine at the best estimate."""
+        return calibrated(with_effects(self.base, [f.effect for f in self.effects]), self.tau)
+
+
+@dataclass(frozen=True)
+class Separation:
+    """What a test would do: ``deviance`` (squared distance in noise units; 30 decides), ``difference`` RMS in m after adaptation."""
+
+    test: Test
+    deviance: float
+    difference: float
+
+
+class Separator:
+    """Separations of two explanations by tests, under one noise model."""
+
+    def __init__(self, truth: Explanation, other: Explanation, noise: Noise, block: float = BLOCKS[0]) -> None:
+        self.truth, self.other, self.noise, self.block = truth, other, noise, block
+        self._plants = build(truth.machine), build(other.machine)
+        self._axes = {s for f in (*truth.effects, *other.effects) for s in [f.effect.subject] if s in AXES}
+
+    def of(self, test: Test) -> Separation:
+        """Deviance and difference of one test."""
+        motion = TestMotion(test, keep=12)
+        lo, hi = motion.program.measured_span
+        time = motion.time[::_EVERY]
+        inside = np.flatnonzero((time >= lo) & (time <= hi))
+        per_block = max(1, round(self.block / (time[1] - time[0])))
+        inside = inside[: len(inside) // per_block * per_block]
+
+        def blocks(grid: np.ndarray) -> np.ndarray:
+            return grid[inside].reshape(-1, per_block).mean(axis=1)
+
+        a, b = (motion.reading(p, _EVERY) for p in self._plants)
+        d = blocks(a - b)
+        if np.std(d) < 0.02 * self.noise.rms:
+            return Separation(test, 0.0, 0.0)
+        columns = [blocks(c) for c in self._columns(motion, b)]
+        J = np.column_stack(columns)
+        W = self._whitened(np.column_stack([d, J]))
+        dw, Jw = W[:, 0], W[:, 1:]
+        P = self._prior(len(columns))
+        back = np.linalg.solve(np.linalg.inv(P) + Jw.T @ Jw, Jw.T @ dw)
+        rest = dw - Jw @ back
+        return Separation(test, float(max(dw @ rest, 0.0)), float(np.sqrt(np.mean((d - J @ back) ** 2))))
+
+    def _prior(self, size: int) -> np.ndarray:
+        """Covariance of (7 nuisances of the new set-up, length, data sheet of the axes concerned, effects)."""
+        c = self.other.covariance
+        kept = [0, *(1 + j for j in self._sheet()), *range(1 + len(SHEET), len(c))]
+        P = np.eye(size)
+        P[7:, 7:] = c[np.ix_(kept, kept)] + 1e-12 * np.eye(size - 7)
+        return P
+
+    def _sheet(self) -> list[int]:
+        return [j for j, p in enumerate(SHEET) if p.axis in self._axes]
+
+    def _columns(self, motion: TestMotion, base: np.ndarray):
+        """Derivatives of the other explanation's reading: set-up, trigger, length, data sheet, effects; m per prior unit."""
+        plant, other = self._plants[1], self.other
+        sens = sensitivity(motion.load(plant, _EVERY)[:, :5], np.asarray(motion.test.table_ball))
+        yield from (sens.table * TABLE_BALL).T
+        yield from (sens.spindle * SPINDLE_BALL).T
+        yield -np.gradient(base, motion.time[_EVERY]) * TRIGGER
+        yield np.full(len(base), LENGTH)
+        for j in self._sheet():
+            axis = SHEET[j].axis
+            i = AXES.index(axis)
+            if not np.ptp(motion.commands[:, i]):
+                yield np.zeros(len(base))
+                continue
+            moved = build(calibrated(other.machine, np.eye(len(SHEET))[j]))
+            change = motion.motor(axis, moved.axes[axis]) - motion.motor(axis, plant.axes[axis])
+            yield sens.axes[:, i] * change[::_EVERY]
+        for k, f in enumerate(other.effects):
+            v = f.vector
+            for j in range(len(v)):
+                moved = v.copy()
+                moved[j] += _STEP
+                effect = f.at(moved)
+                change = FreeEffect(effect, f.names).vector[j] - v[j]
+                if abs(change) < 1e-9:
+                    moved[j] -= 2 * _STEP
+                    effect = f.at(moved)
+                    change = FreeEffect(effect, f.names).vector[j] - v[j]
+                effects = [g.effect if m != k else effect for m, g in enumerate(other.effects)]
+                there = motion.reading(build(calibrated(with_effects(other.base, effects), other.tau)), _EVERY)
+                yield (there - base) / change if abs(change) > 1e-9 else np.zeros(len(base))
+
+    def _whitened(self, columns: np.ndarray) -> np.ndarray:
+        taps = np.concatenate([[1.0], -self.noise.ar]) / self.noise.innovation
+        p = len(taps) - 1
+        return sum(t * columns[p - k : len(columns) - k] for k, t in enumerate(taps))

@@ -1,0 +1,137 @@
+#!/usr/bin/env python3
+"""How far can the diagnosis be trusted? Campaigns of the independent generator (tests/independent), whose answers are known.
+
+    scripts/benchmark_diagnosis run [--half tune|publish] [--category C ...] [--only TEXT] [--jobs N] [--out FILE]
+    scripts/benchmark_diagnosis report [--out FILE] [--page docs/diagnosis-benchmark.md] [--half publish]
+
+`run` writes one line per campaign into FILE (default benchmark-diagnosis.jsonl) and goes on where it stopped; a campaign that is in the
+file already is not run again. The whole bank takes some two hours on two cores. One half of the bank is for tuning, the other is
+published.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import sys
+import tempfile
+import time
+import traceback
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from itertools import groupby
+from pathlib import Path
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # one campaign per core; before numpy is imported, here and in the workers
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "scripts")]
+_GROUP = 8
+
+
+def run_group(cases: list, out: Path) -> int:
+    """Generate and diagnose cases that share tests and machine (their signatures are computed once); each goes into the file at once."""
+    for case in cases:
+        row = run_case(case)
+        with out.open("a") as file:  # one short write each: lines of several processes do not mix
+            file.write(json.dumps(row) + "\n")
+        print(summary(row), flush=True)
+    return len(cases)
+
+
+def run_case(case) -> dict:
+    """One campaign: written as files, read and diagnosed as a user's, on one thread."""
+    from independent import campaign as generator
+
+    from mjsim.campaign.files import read_campaign
+    from mjsim.diagnose import diagnose
+    from mjsim.machine.files import read_machine
+
+    row = {"name": case.name, "category": case.category, "half": case.half, "machine": case.machine, "tests": len(case.tests)}
+    row["noise_um"] = case.noise_um
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            row["answer"] = generator.write(case, Path(folder))
+            began = time.perf_counter()
+            campaign = read_campaign(folder)
+            row["result"] = _finite(diagnose(campaign, read_machine(campaign.machine_file), threads=1).to_json())
+            row["seconds"] = round(time.perf_counter() - began, 1)
+        except Exception:  # a crash is a failure to report, not the end of the bank
+            row["error"] = traceback.format_exc(limit=-3)
+    return row
+
+
+def _finite(value):
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(v) for v in value]
+    if isinstance(value, float) and value in (float("inf"), float("-inf")):
+        return None
+    return value
+
+
+def run(options: argparse.Namespace) -> None:
+    from independent import bank
+
+    done = {json.loads(line)["name"] for line in options.out.read_text().splitlines()} if options.out.exists() else set()
+    todo = [c for c in bank.cases() if c.name not in done and (not options.half or c.half == options.half)]
+    if options.category:
+        todo = [c for c in todo if c.category in options.category]
+    if options.only:
+        todo = [c for c in todo if options.only in c.name]
+    todo = todo[: options.most]
+
+    def place(c) -> tuple:
+        return (c.category == "null", c.machine, json.dumps(c.tests))
+
+    groups = []
+    for _, members in groupby(sorted(todo, key=place), key=place):
+        members = list(members)
+        groups += [members[i : i + _GROUP] for i in range(0, len(members), _GROUP)]
+    print(f"{len(todo)} campaigns to run, {len(done)} done before", flush=True)
+    began, count = time.time(), 0
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(options.jobs, mp_context=context) as pool:
+        for future in as_completed([pool.submit(run_group, g, options.out) for g in groups]):
+            count += future.result()
+            left = (time.time() - began) / count * (len(todo) - count) / 60.0
+            print(f"{count} of {len(todo)} done, about {left:.0f} min left", flush=True)
+
+
+def summary(row: dict) -> str:
+    """One line about a campaign: mark, name, what was said."""
+    from diagnosis_report import mark
+
+    if "error" in row:
+        return f"CRASH {row['name']}: {row['error'].strip().splitlines()[-1]}"
+    r = row["result"]
+    said = [e["id"] + (f" ({', '.join(e['alternatives'])})" if e["alternatives"] else "") for e in r["effects"]]
+    rest = f" + unknown {r['unexplained']['axes'][0]} {r['unexplained']['variable']}" if r["unexplained"] else ""
+    return f"{mark(row):9s} {row['name']}: {r['verdict']} {'; '.join(said)}{rest}  {row['seconds']:.0f} s"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("action", choices=("run", "report"))
+    parser.add_argument("--half", choices=("tune", "publish"))
+    parser.add_argument("--category", nargs="*")
+    parser.add_argument("--only", help="campaigns whose name contains this")
+    parser.add_argument("--most", type=int, help="at most so many campaigns")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count())
+    parser.add_argument("--out", type=Path, default=ROOT / "benchmark-diagnosis.jsonl")
+    parser.add_argument("--page", type=Path, default=ROOT / "docs" / "diagnosis-benchmark.md")
+    options = parser.parse_args()
+    if options.action == "run":
+        run(options)
+        return
+    from diagnosis_report import page
+
+    rows = [json.loads(line) for line in options.out.read_text().splitlines()]
+    rows = [r for r in rows if r["half"] == (options.half or "publish")]
+    options.page.write_text(page(rows))
+    print(f"{len(rows)} campaigns; page written to {options.page}")
+
+
+if __name__ == "__main__":
+    main()
