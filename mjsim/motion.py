@@ -16,6 +16,7 @@ from mjsim.effects.motion import MotionTracker
 from mjsim.engine.drive import STEP, SUBSTEPS, discretise, run
 from mjsim.engine.plant import AxisPlant, Plant
 from mjsim.engine.transmission import transmit
+from mjsim.errors import SimulationError
 from mjsim.kinematics import AXES, reading
 from mjsim.nc.program import Program
 
@@ -36,6 +37,43 @@ def delayed_commands(program: Program, time: np.ndarray, plant: Plant) -> np.nda
         if delay:
             commands[:, i] = program.commands(time - delay)[:, i]
     return commands
+
+
+def own_effects(plant: Plant, test: Test, time: np.ndarray) -> np.ndarray:
+    """What the user's plain-Python effects add to the axes, (n, 5) m and rad, at ``time`` (n,) s, evenly spaced.
+
+    They follow from the motion alone (the loop is closed on the motor, before them), so one call per test is enough.
+
+    Raises:
+        SimulationError: an effect raises, or gives something else than finite numbers of that shape.
+    """
+    step = float(time[1] - time[0])
+    commands = delayed_commands(Program(test), time, plant)
+    q = np.empty((len(time), plant.width))
+    q[:, 5:] = 0.0
+    for i, a in enumerate(AXES):
+        out = np.empty(len(time))
+        run(discretise(plant.axes[a], step / SUBSTEPS), np.ascontiguousarray(commands[:, i]), step / SUBSTEPS, SUBSTEPS, out)
+        q[:, i] = out
+    ops = plant.op_table(test)
+    if len(ops):
+        q = transmit(ops, q, test.started + time)
+    return _added(plant, test, time, q[:, :5], step)
+
+
+def _added(plant: Plant, test: Test, time: np.ndarray, q: np.ndarray, step: float) -> np.ndarray:
+    motion = MotionTracker(step, test.started, plant).follow(time, q.copy())
+    total = np.zeros((len(time), 5))
+    for effect in plant.python_effects:
+        try:
+            add = np.asarray(effect.position_error(motion), float)
+        except Exception as error:  # the user's code can raise anything
+            raise SimulationError(f"effect {effect.id}: position_error raised {type(error).__name__}: {error}") from error
+        if add.shape != total.shape or not np.isfinite(add).all():
+            what = f"shape {add.shape}" if add.shape != total.shape else "numbers that are not finite"
+            raise SimulationError(f"effect {effect.id}: position_error gave {what}; allowed: finite numbers, shape {total.shape}")
+        total += add
+    return total
 
 
 @dataclass
@@ -91,8 +129,7 @@ class TestMotion:
         if len(ops):
             q = transmit(ops, q, clock)
         if plant.python_effects:
-            motion = MotionTracker(STEP, self.test.started, plant).follow(time, q[:, :5].copy())
-            q[:, :5] += sum(e.position_error(motion) for e in plant.python_effects)
+            q[:, :5] += _added(plant, self.test, time, q[:, :5], STEP)
         return np.ascontiguousarray(q[:: every // fine])
 
     def reading(self, plant: Plant, every: int = 1) -> np.ndarray:

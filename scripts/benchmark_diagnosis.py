@@ -26,7 +26,7 @@ from pathlib import Path
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # one campaign per core; before numpy is imported, here and in the workers
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "scripts")]
-_GROUP = 8
+_GROUP = 4
 
 
 def run_group(cases: list, out: Path) -> int:

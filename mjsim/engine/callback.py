@@ -1,11 +1,12 @@
 """The compiled control callback: drives and transmissions advance, generalized forces carry the joints to the load side.
 
-At each instant MuJoCo calls :func:`control` (as ``mjcb_control``). It reads the axis commands of the next instant from
-``ctrl``, advances the five motors by one step (:mod:`mjsim.engine.drive`), passes them through the transmission
-(:mod:`mjsim.engine.transmission`), and applies the generalized forces ``M a + bias − passive`` that bring every joint to its
-load-side position one step later. MuJoCo's semi-implicit step is a leapfrog scheme when its velocities are read as half-step
-velocities, so the positions are those of the drives exactly and the velocities are of second order. What the multibody model adds
-beyond the data sheet (Coriolis, uncompensated gravity) acts back on the motors as load torque.
+At each instant MuJoCo calls :func:`control` (as ``mjcb_control``). It reads the axis commands of the next instant from ``ctrl``
+(and behind them what a user's own effects add to the axes there), advances the five motors by one step
+(:mod:`mjsim.engine.drive`), passes them through the transmission (:mod:`mjsim.engine.transmission`), and applies the generalized
+forces ``M a + bias − passive`` that bring every joint to its load-side position one step later. MuJoCo's semi-implicit step is a
+leapfrog scheme when its velocities are read as half-step velocities, so the positions are those of the drives exactly and the
+velocities are of second order. What the multibody model adds beyond the data sheet (Coriolis, uncompensated gravity) acts back on
+the motors as load torque.
 
 Parameters stand in the model's numeric ``mjsim``, the drives' memory in ``userdata``, which is set up at time 0: nothing
 survives from an earlier run.
@@ -28,7 +29,7 @@ from mjsim.engine.transmission import MEMORY, apply_ops
 #: Name of the numeric block in the model.
 NUMERIC = "mjsim"
 # header of the block
-STEP_, SUBSTEPS_, N_OPS, CLOCK, N_JOINTS = range(5)
+STEP_, SUBSTEPS_, N_OPS, CLOCK, N_JOINTS, N_CONTROLS = range(6)
 JOINTS, START, HEADER = 8, 17, 24
 MAX_JOINTS = 9
 # userdata: time reached, load-side targets, motor positions, then the drives' and operations' memory
@@ -79,6 +80,9 @@ def advance_machine(block, user, ctrl, bias, passive, time):
         advance(p, s, ctrl[i], (bias[joint] - passive[joint]) / p[GEAR], step / substeps, substeps)
         q[i] = s[LOAD] / p[GEAR]
     apply_ops(ops, memory, q, clock + step, False)
+    if len(ctrl) > 5:  # what the user's own effects add
+        for i in range(5):
+            q[i] += ctrl[5 + i]
     user[REACHED] = time + step
 
 
@@ -142,7 +146,7 @@ def control(model, data):
     qpos, qvel = carray(_doubles(d[_QPOS]), (n,)), carray(_doubles(d[_QVEL]), (n,))
     bias, passive = carray(_doubles(d[_BIAS]), (n,)), carray(_doubles(d[_PASSIVE]), (n,))
     time = _double_at(data, _TIME)
-    advance_machine(block, user, carray(_doubles(d[_CTRL]), (5,)), bias, passive, time)
+    advance_machine(block, user, carray(_doubles(d[_CTRL]), (int(block[N_CONTROLS]),)), bias, passive, time)
     nnz, adr = carray(_ints(m[_NNZ]), (n,)), carray(_ints(m[_ADR]), (n,))
     size = adr[n - 1] + nnz[n - 1]
     carry_joints(

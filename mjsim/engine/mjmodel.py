@@ -37,6 +37,9 @@ def build_model(plant: Plant, step: float = STEP, substeps: int = SUBSTEPS) -> m
     spec.add_numeric(name=callback.NUMERIC, data=_block(plant, ops, step, substeps))
     if plant.width > len(AXES):
         _add_table_joints(spec)
+    if plant.python_effects:
+        for a in AXES:  # five more controls, which move nothing by themselves
+            spec.add_actuator(name=f"{a} own effects", target=a, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     for effect in plant.effects:
         effect.edit_spec(spec)
     model = spec.compile()
@@ -47,7 +50,7 @@ def build_model(plant: Plant, step: float = STEP, substeps: int = SUBSTEPS) -> m
     _set_inertia(model, plant)
     block = model.numeric(callback.NUMERIC).data
     joints = AXES if plant.width == len(AXES) else (*AXES, *TABLE_JOINTS)
-    block[callback.N_JOINTS] = len(joints)
+    block[callback.N_JOINTS], block[callback.N_CONTROLS] = len(joints), model.nu
     for i, name in enumerate(joints):
         block[callback.JOINTS + i] = model.joint(name).dofadr[0]
     return model

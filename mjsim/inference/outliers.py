@@ -1,4 +1,4 @@
-"""Outliers: short disturbances of a trace that do not repeat, such as a knocked bar."""
+"""Outliers: disturbances of a trace that do not repeat, such as a knocked bar: short ones, and a ball that stays in another seat."""
 
 from __future__ import annotations
 
@@ -15,6 +15,10 @@ HEIGHT, HEIGHT_ALONE = 10.0, 30.0
 MARGIN = 0.1
 #: More events than this in one test are no accident: they are left in for the diagnosis.
 MOST_EVENTS = 6
+#: A lasting jump of the reading: means over this long on both sides, s; least height in their standard deviations, and in m.
+SIDE, JUMP, LEAST_JUMP = 1.0, 10.0, 0.4e-6
+#: Successive seconds of the noise that are one independent value.
+_CORRELATION = 0.1
 
 
 def mark_outliers(s: Samples, residual: np.ndarray, noise: float) -> int:
@@ -54,3 +58,42 @@ def mark_outliers(s: Samples, residual: np.ndarray, noise: float) -> int:
     s.valid &= groups == 0
     s.refresh()
     return count
+
+
+def mark_jump(s: Samples, residual: np.ndarray, noise: float) -> int:
+    """Leave out the shorter side of a lasting jump, such as a ball that a knock has put into another seat.
+
+    The jump shows in the difference of two revolutions, where the machine's own errors are gone; the residual says in which of the two.
+
+    Args:
+        as for :func:`mark_outliers`, after it.
+
+    Returns:
+        1 where there was one, else 0. Tests that do not repeat their revolution cannot show one.
+    """
+    dt = float(np.median(np.diff(s.time)))
+    if s.test.kind == "rotary" or s.test.revolutions < 2:
+        return 0
+    lag, n = round(revolution_time(s.test) / dt), max(3, round(SIDE / dt))
+    whole = np.interp(s.time, s.time[s.valid], residual[s.valid])
+    twice = _jumps(whole[lag:] - whole[:-lag], n)
+    at = int(np.argmax(np.abs(twice)))
+    deviation = noise * np.sqrt(2.0 * 2.0 * _CORRELATION / SIDE)  # of the difference of two means, of two revolutions
+    if abs(twice[at]) < max(JUMP * deviation, LEAST_JUMP):
+        return 0
+    single = _jumps(whole, n)
+    here = max((at, at + lag), key=lambda k: abs(single[min(k, len(single) - 1)]))
+    later = np.arange(len(s.time)) >= here
+    s.valid &= later if 2 * here < len(s.time) else ~later
+    s.valid &= np.abs(np.arange(len(s.time)) - here) > MARGIN / dt
+    s.refresh()
+    return 1
+
+
+def _jumps(x: np.ndarray, n: int) -> np.ndarray:
+    """Mean of the ``n`` values from each place on less that of the ``n`` before it, (len(x),); 0 near the ends."""
+    total = np.concatenate([[0.0], np.cumsum(x)])
+    out = np.zeros(len(x))
+    k = np.arange(n, len(x) - n)
+    out[k] = (total[k + n] - 2.0 * total[k] + total[k - n]) / n
+    return out

@@ -15,7 +15,7 @@ from mjsim.campaign.model import Campaign
 from mjsim.engine.plant import Plant, build
 from mjsim.inference.calibration import SHEET, calibrated
 from mjsim.inference.nuisance import fit_nuisance
-from mjsim.inference.outliers import mark_outliers
+from mjsim.inference.outliers import mark_jump, mark_outliers
 from mjsim.inference.samples import GRID, GRID_STEPS, Samples, estimate_noise, make_samples
 from mjsim.kinematics import AXES, sensitivity
 from mjsim.machine.model import Machine
@@ -82,7 +82,7 @@ class Problem:
         nuisance = fit_nuisance(self, readings)
         for k, s in enumerate(self.samples):
             rest = s.value - s.sample_all(readings[k] + self.offsets(k, nuisance), self.shift(k, nuisance))
-            self.outliers[s.test.name] = mark_outliers(s, rest, self.noise.rms)
+            self.outliers[s.test.name] = mark_outliers(s, rest, self.noise.rms) + mark_jump(s, rest, self.noise.rms)
         if any(self.outliers.values()):
             self.estimate_noise()
 

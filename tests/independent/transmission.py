@@ -1,0 +1,98 @@
+"""From the motor's position to the load side's, in the catalogue's order of effects.
+
+pitch error, worm wear, backlash, scale error, gravity wind-up (each of its own axis), then straightness, squareness, thermal drift and
+vibration, which displace the spindle ball against the table. Units: m, rad, s; amplitudes in the unit that the parameter's name ends with.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from .drives import gear
+from .kinematics import AXES, DEG, MICRO
+
+#: Travel over which a direction-dependent pitch error comes in after a reversal, rad.
+BLEND = 0.05 * DEG
+#: Displaced axis, sign and the axis whose position causes it, for each squareness error.
+SQUARENESS = {"XY": (0, -1.0, 1), "YZ": (1, -1.0, 2), "ZX": (0, 1.0, 2)}
+
+
+@njit(cache=True, nogil=True)
+def _play(x, width):
+    y = np.empty_like(x)
+    last = x[0]
+    for i in range(len(x)):
+        last = min(max(last, x[i] - width / 2.0), x[i] + width / 2.0)
+        y[i] = last
+    return y
+
+
+@njit(cache=True, nogil=True)
+def _growing(x, travel):
+    """1 where x has been growing for more than ``travel``, 0 where it has been falling for as long, a ramp between."""
+    w = np.empty_like(x)
+    last = 0.5
+    for i in range(len(x)):
+        if i > 0:
+            last = min(max(last + (x[i] - x[i - 1]) / travel, 0.0), 1.0)
+        w[i] = last
+    return w
+
+
+def _pitch(x: np.ndarray, axis: str, drive: dict, e: dict) -> np.ndarray:
+    rotary = axis in "AC"
+    size, wave = (DEG, 1.0) if rotary else (MICRO, gear(drive))
+    error = np.zeros_like(x)
+    for order, amplitude, phase in e["components"]:
+        error += size * amplitude * np.sin(order * wave * x + phase * DEG)
+    if way := e.get("direction"):
+        weight = _growing(x, BLEND)
+        error *= weight if way == "CCW" else 1.0 - weight
+    return error
+
+
+def _axis(x: np.ndarray, axis: str, drive: dict, effects: dict) -> np.ndarray:
+    waves = [effects[k] for k in (f"pitch_error.{axis}", f"pitch_error.{axis}@CW", f"pitch_error.{axis}@CCW") if k in effects]
+    if waves:
+        x = x + sum(_pitch(x, axis, drive, e) for e in waves)
+    if e := effects.get(f"worm_wear.{axis}"):
+        away = (x / DEG - e["centre_deg"] + 180.0) % 360.0 - 180.0
+        x = x - e["depth_deg"] * DEG * np.exp(-0.5 * (away / e["width_deg"]) ** 2)
+    if e := effects.get(f"backlash.{axis}"):
+        x = _play(x, e["width_deg"] * DEG if axis in "AC" else e["width_um"] * MICRO)
+    if e := effects.get(f"scale_error.{axis}"):
+        x = x * (1.0 + e["ppm"] * 1e-6)
+    if e := effects.get(f"gravity_windup.{axis}"):
+        x = x + e["amplitude_deg"] * DEG * np.sin(x + e.get("phase_deg", 0.0) * DEG)
+    return x
+
+
+def vibration(time: np.ndarray, effects: dict, phases: dict[str, float]) -> np.ndarray:
+    """Structural vibration (n, 5), m; ``phases`` are this test's, rad by axis."""
+    out = np.zeros((len(time), 5))
+    for i, axis in enumerate("XYZ"):
+        if e := effects.get(f"vibration.{axis}"):
+            out[:, i] = e["amplitude_um"] * MICRO * np.sin(2.0 * np.pi * e["frequency_Hz"] * time + phases[axis])
+    return out
+
+
+def load_side(motor: np.ndarray, clock: np.ndarray, drives: dict, effects: dict) -> np.ndarray:
+    """Load-side positions (n, 5) from the motor side's, without the vibration.
+
+    Args:
+        motor: (n, 5), in time order and fine enough for backlash. clock: campaign clock, s.
+    """
+    q = np.column_stack([_axis(motor[:, i], a, drives[a], effects) for i, a in enumerate(AXES)])
+    out = q.copy()
+    for name, e in effects.items():
+        kind, subject = name.split(".")
+        if kind == "straightness":
+            moved, along = AXES.index(subject[1]), q[:, AXES.index(subject[2])] / 0.1
+            out[:, moved] += MICRO * (e.get("quadratic_um", 0.0) * along**2 + e.get("cubic_um", 0.0) * along**3)
+        elif kind == "squareness":
+            moved, sign, cause = SQUARENESS[subject]
+            out[:, moved] += sign * MICRO * e["angle_urad"] * q[:, cause]
+        elif kind == "thermal_drift":
+            out[:, AXES.index(subject)] += e["amplitude_um"] * MICRO * (1.0 - np.exp(-clock / e["time_constant_s"]))
+    return out
