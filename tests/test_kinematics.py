@@ -247,3 +247,15 @@ def test_perpendicular_method_does_not_see_z(cone):
         s = sensitivity(q, np.array(test.table_ball))
         assert np.abs(s.axes[:, 2]).max() < 1e-12
         assert np.all(np.abs(s.axes[:, :2]).max(axis=0) > 0.3)
+
+
+def test_the_compiled_reading_is_the_reference():
+    """Axis positions, table motion and every geometric error at once: the fast path that the search uses."""
+    from mjsim.engine.bar import reading as compiled
+
+    rng = np.random.default_rng(5)
+    q = rng.uniform(-1.0, 1.0, (400, 9)) * np.array([0.3, 0.3, 0.3, 2.0, 7.0, 1e-3, 1e-3, 1e-3, 1e-3])
+    for columns in (5, 9):
+        for geometry in (Geometry(), Geometry(LOCATION, SQUARENESS)):
+            want = reading(q[:, :columns], BALL, LENGTH, geometry)
+            np.testing.assert_allclose(compiled(q[:, :columns], BALL, LENGTH, geometry), want, rtol=0, atol=1e-14)

@@ -83,11 +83,6 @@ class Plant:
         """Columns of a motion: the five axes, and the table's error motion where an effect has one."""
         return 9 if any(op.out > 4 for op in self.ops) else 5
 
-    @property
-    def has_memory(self) -> bool:
-        """Whether an operation depends on the path so far (play, direction of motion), or an effect is the user's Python."""
-        return bool(self.python_effects) or any(op.code == PLAY or (op.code == SINE and op.parameters[3]) for op in self.ops)
-
     def whole_inertia(self) -> np.ndarray:
         """J·gear² of every axis, (5,) kg and kg·m²: motor and moving bodies together."""
         return np.array([self.axes[a].inertia * self.axes[a].gear ** 2 for a in AXES])

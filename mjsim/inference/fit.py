@@ -17,6 +17,8 @@ from mjsim.machine.model import Machine
 _STEP = 0.02  # of a parameter's typical size, for numerical derivatives
 #: Prior width of effect parameters in typical sizes: wide, it only keeps the equations regular.
 _WIDE = 1e3
+#: Share of the hoped-for gain that a step must bring for its derivatives to be used again.
+_GOOD = 0.7
 _TRIGGER_LIMIT = 4.0  # prior standard deviations
 
 
@@ -29,7 +31,8 @@ class Fit:
         effects: the free effects at their fitted values. nuisance: (layout.size,). tau: (len(SHEET),) data-sheet moves;
         all three in prior standard deviations (effects: typical sizes).
         objective: squared whitened residuals plus prior penalties. sum_squares: without the penalties.
-        readings: simulated readings on the GRID, with the fitted effects and data sheet.
+        readings: simulated readings on the GRID, with the fitted effects and the data sheet moved by ``held`` (the rest of ``tau``
+        counts linearly where the fit is not exact).
         residual: (count,) whitened. design: (count, p) whitened columns, order nuisance, sheet, effects.
         covariance: (p, p) of those parameters. step: (p,) Gauss-Newton step from here (near zero after convergence).
     """
@@ -40,6 +43,7 @@ class Fit:
     tau: np.ndarray
     objective: float = np.inf
     sum_squares: float = np.inf
+    held: np.ndarray = field(default_factory=lambda: np.zeros(0))
     readings: list[np.ndarray] = field(default_factory=list)
     residual: np.ndarray = field(default_factory=lambda: np.zeros(0))
     design: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
@@ -107,22 +111,28 @@ class Fitter:
         p = self.problem
         frozen = self.frozen_sheet(effects)
         now, sheet, white, anchor = self._begin(effects, start, frozen, exact)
+        fresh = True
         for iteration in range(iterations):
-            if exact and iteration:
-                sheet, white = self.sheet_at(now)
             # what the model fails to explain counts as noise: nuisances and data sheet stay near their priors until it is good
-            step = self._solve(now, frozen, white, max(1.0, now.sum_squares / p.count))
+            weight = max(1.0, now.sum_squares / p.count)
+            if fresh and exact and iteration:
+                sheet, white = self.sheet_at(now)
+            step = self._solve(now, frozen, white, weight) if fresh else self._step(now, weight)
             for scale in (1.0, 0.5, 0.2, 0.05):
                 trial = self._moved(now, scale * step)
                 self._evaluate(trial, anchor, exact, sheet)
                 if trial.objective < now.objective:
                     break
             else:
-                break
-            gain = now.objective - trial.objective
+                if fresh:
+                    break
+                fresh = True
+                continue
+            gain, hoped = now.objective - trial.objective, float(step @ np.linalg.solve(now.covariance, step))
             now = trial
             if gain < 0.5:
                 break
+            fresh = scale < 1.0 or gain < _GOOD * hoped  # derivatives that keep their promise serve once more
         self._solve(now, frozen, white)
         return now
 
@@ -161,8 +171,8 @@ class Fitter:
     def _evaluate(self, fit: Fit, anchor: np.ndarray, exact: bool, sheet: list[np.ndarray]) -> None:
         p = self.problem
         machine = with_effects(self.machine, [f.effect for f in fit.effects])
-        held = fit.tau if exact else anchor
-        fit.readings = p.readings(build(calibrated(machine, held)))
+        fit.held = fit.tau if exact else anchor
+        fit.readings = p.readings(build(calibrated(machine, fit.held)))
         rest = p.residual(fit.readings, fit.nuisance)
         if not exact:
             rest = [r - c @ (fit.tau - anchor) for r, c in zip(rest, sheet, strict=True)]
@@ -185,7 +195,7 @@ class Fitter:
                     if abs(change) > 1e-9:
                         break
                 others = [g.effect if k != i else effect for k, g in enumerate(fit.effects)]
-                plant = build(calibrated(with_effects(self.machine, others), fit.tau))
+                plant = build(calibrated(with_effects(self.machine, others), fit.held))
                 for k, d in enumerate(p.difference(fit.readings, p.readings(plant), fit.nuisance)):
                     columns[k].append(d / change)
         return [np.column_stack(c) if c else np.zeros((len(s.centre), 0)) for c, s in zip(columns, p.samples, strict=True)]
@@ -198,9 +208,15 @@ class Fitter:
         fit.design = np.hstack([nuisance, sheet_white, effects])
         if frozen.any():
             fit.design[:, len(fit.nuisance) + np.flatnonzero(frozen)] = 0.0
-        n, t = len(fit.nuisance), len(fit.tau)
-        prior = np.concatenate([np.full(n + t, weight), np.full(effects.shape[1], _WIDE**-2)])
-        now = np.concatenate([fit.nuisance, fit.tau, np.zeros(effects.shape[1])])
-        fit.covariance = np.linalg.inv(fit.design.T @ fit.design + np.diag(prior))
-        fit.step = fit.covariance @ (fit.design.T @ fit.residual - prior * now)
+        fit.covariance = np.linalg.inv(fit.design.T @ fit.design + np.diag(self._prior(fit, weight)))
+        return self._step(fit, weight)
+
+    def _prior(self, fit: Fit, weight: float) -> np.ndarray:
+        n = len(fit.nuisance) + len(fit.tau)
+        return np.concatenate([np.full(n, weight), np.full(fit.design.shape[1] - n, _WIDE**-2)])
+
+    def _step(self, fit: Fit, weight: float) -> np.ndarray:
+        """Gauss-Newton step with the design that ``fit`` has, be it from an earlier point."""
+        now = np.concatenate([fit.nuisance, fit.tau, np.zeros(fit.design.shape[1] - len(fit.nuisance) - len(fit.tau))])
+        fit.step = fit.covariance @ (fit.design.T @ fit.residual - self._prior(fit, weight) * now)
         return fit.step

@@ -104,7 +104,7 @@ class Searcher:
     # -- growing -------------------------------------------------------------------------------------------------------
 
     def ranked(self, fit: Fit, bank: SignatureBank) -> list[tuple[float, np.ndarray, Candidate]]:
-        """Best starting point of every effect at the residual of ``fit``, best first; gains are net of the parameters' price."""
+        """Best possible starting point of every effect at the residual of ``fit``, best first; gains are net of the parameters' price."""
         projector = Projector(fit)
         rows = projector.screen(bank)
         for axis in AXES:
@@ -113,6 +113,7 @@ class Searcher:
         rows = [
             (g - PRICE * (len(FreeEffect(c.effect, c.names).vector) - 1) - _ONE_WAY * ("direction" in c.effect.values), x, c)
             for g, x, c in rows
+            if possible(self.fitter.machine, x, c)
         ]
         rows.sort(key=lambda r: -r[0])
         best: dict[str, tuple] = {}
@@ -123,7 +124,7 @@ class Searcher:
     def _extend(self, fit: Fit, bank: SignatureBank, trail: list[dict], new_allowed: bool) -> Fit | None:
         """The best model with one effect (or one pitch-error component) more, or ``None``."""
         have = {f.effect.key for f in fit.effects}
-        rows = [r for r in self.ranked(fit, bank) if r[0] > 0.5 * THRESHOLD and possible(self.fitter.machine, r[1], r[2])]
+        rows = [r for r in self.ranked(fit, bank) if r[0] > 0.5 * THRESHOLD]
         rows = [r for r in rows if (r[2].effect.scanned if r[2].effect.key in have else new_allowed)]
         if not rows or rows[0][0] < THRESHOLD:
             return None
@@ -230,11 +231,7 @@ class Searcher:
             rivals, better = {}, None
             ranked = self.ranked(without, bank)
             own = max((r[0] for r in ranked if r[2].effect.key == mine.effect.key), default=gain)
-            rows = [
-                r
-                for r in ranked
-                if r[2].effect.key not in {f.effect.key for f in fit.effects} and possible(self.fitter.machine, r[1], r[2])
-            ]
+            rows = [r for r in ranked if r[2].effect.key not in {f.effect.key for f in fit.effects}]
             # far from its seed a linear gain is a rough guide: refit everything that comes near
             close = [r for r in rows if r[0] > 0.8 * min(own, gain) - 3 * THRESHOLD][:6]
             for i, (_, x, c) in enumerate(close):

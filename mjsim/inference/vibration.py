@@ -34,6 +34,9 @@ _COMMON = 0.7
 #: Another axis whose gain is within this of the winner's cannot be told from it.
 RIVAL = 12.0
 _MOST = 4
+#: Around a peak the true line is looked for, in units of the spectral resolution: a wave whose sensitivity turns with the bar has side
+#: lines one or two turns off, and whole periods per turn leave no difference between turns.
+_AROUND = 7.0
 
 
 @dataclass(frozen=True)
@@ -280,7 +283,7 @@ def _line(records: list[_Record], frequency: float) -> Line | None:
 def _refined(records: list[_Record], frequency: float, i: int) -> tuple[float, float, float, float]:
     """Best frequency nearby for one axis, with :func:`_common` there."""
     width = 1.0 / max(r.time[-1] - r.time[0] for r in records)
-    near = frequency + np.arange(-2.5, 2.51, 0.125) * width
+    near = frequency + np.arange(-_AROUND, _AROUND + 0.01, 0.125) * width
     coarse = float(near[int(np.argmax([_common(records, f, i)[0] for f in near]))])
     span = 0.2 * width
     found = minimize_scalar(lambda f: -_common(records, f, i)[0], bounds=(coarse - span, coarse + span), method="bounded")
