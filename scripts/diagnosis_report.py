@@ -112,10 +112,10 @@ def page(rows: list[dict]) -> str:
         "# How far the diagnosis can be trusted",
         "",
         "Figures of `scripts/benchmark_diagnosis` on the published half of its bank: campaigns of the generator in `tests/independent`, "
-        "which shares no code with mjsim (own kinematics, drives, measurement chain). The other half was used for tuning and is not "
-        "counted here. A signature's size is its RMS over the campaign after set-up and trigger errors are taken out; the noise of the mean "
-        "is that of the mean of two revolutions (sample noise over √2). *Separable*: no other effect's signature has a cosine above 0.97 "
-        "with the hidden one's. Intervals are 95 % (Clopper-Pearson).",
+        "which shares no code with mjsim (own kinematics, drives, measurement chain). The other half was used for tuning and does not "
+        "count here. A signature's size is its RMS over the campaign after set-up and trigger errors are taken out; the noise of the "
+        "mean is that of the mean of two revolutions (sample noise over √2). *Separable*: no other effect's signature has a cosine "
+        "above 0.97 with the hidden one's. Intervals are 95 % (Clopper-Pearson).",
         "",
         f"{len(rows)} campaigns: " + ", ".join(f"{len(v)} {k}" for k, v in sorted(by.items())) + f"; {len(rows) - len(ok)} crashed. "
         f"A diagnosis took {np.median(seconds):.0f} s (median) and at most {max(seconds):.0f} s on one core.",

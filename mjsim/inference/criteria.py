@@ -10,6 +10,11 @@ from mjsim.inference.free import FreeEffect
 from mjsim.inference.signatures import Candidate
 from mjsim.machine.model import Machine
 
+#: Fall of the objective below which nothing is called an effect. Some 4,000 cells with two entries each are tried:
+#: chance passes it once in a thousand campaigns; ``scripts/null_bank.py`` measures it on simulated nulls.
+THRESHOLD = 30.0
+#: Least size of an effect: its part of the reading in its clearest test, as a share of one sample's noise.
+VISIBLE = 0.25
 #: Price of one more free parameter when models are compared.
 PRICE = 8.0
 #: How far beyond its bounds, in typical sizes, a linear estimate may lie.

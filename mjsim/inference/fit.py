@@ -19,6 +19,8 @@ _STEP = 0.02  # of a parameter's typical size, for numerical derivatives
 _WIDE = 1e3
 #: Share of the hoped-for gain that a step must bring for its derivatives to be used again.
 _GOOD = 0.7
+#: A start that fits about so well (mean square), with its data sheet within so many standard deviations, is a beginning by itself.
+_SOUND, _UPRIGHT = 1.5, 3.0
 _TRIGGER_LIMIT = 4.0  # prior standard deviations
 
 
@@ -142,9 +144,11 @@ class Fitter:
         A model that lacked an effect has bent nuisances and data sheet; with the effect in it, a fresh beginning is often nearer.
         """
         p = self.problem
-        beginnings = [(None, np.zeros(len(SHEET)))]
+        beginnings = []
         if start is not None:
-            beginnings.insert(0, (start.nuisance.copy(), np.where(frozen, 0.0, start.tau)))
+            beginnings.append((start.nuisance.copy(), np.where(frozen, 0.0, start.tau)))
+        if start is None or start.sum_squares > _SOUND * p.count or np.abs(start.tau).max() > _UPRIGHT:
+            beginnings.append((None, np.zeros(len(SHEET))))
         best = None
         for nuisance, tau in beginnings:
             fit = Fit(self.machine, list(effects), np.zeros(p.layout.size) if nuisance is None else nuisance, tau)

@@ -24,7 +24,7 @@ KNOTS = {"position": 36, "direction": 24, "velocity": 12, "acceleration": 12, "t
 _PER_TURN = 24  # of a rotary axis' position counted over all turns
 _IN_LEAD = 12  # of a linear axis' position within one turn of its screw
 #: Periods of the clock that are tried, s.
-_CLOCK_PERIODS = np.geomspace(15.0, 900.0, 90)
+_CLOCK_PERIODS = np.geomspace(15.0, 900.0, 60)
 #: The variable along a motion; ``i`` is the axis' column.
 VALUE = {
     "position": lambda m, i: m.position[:, i],
@@ -126,13 +126,13 @@ class Generic:
                 for direction in TABLE:
                     yield from self.of(axis, direction)
 
-    def clock(self) -> Iterator[Term]:
-        """Terms of the campaign clock: a free curve, and waves of one period, per linear axis."""
+    def clock(self, waves: bool) -> Iterator[Term]:
+        """Terms of the campaign clock: a free curve, and with ``waves`` those of one period, per linear axis."""
         times = [m.clock for m in self.motions]
         lo, hi = min(t.min() for t in times), max(t.max() for t in times)
         for moves in LINEAR:
             yield from self._term("", moves, "clock_time", np.linspace(lo, hi, KNOTS["clock_time"]), None, times)
-            for period in _CLOCK_PERIODS:
+            for period in _CLOCK_PERIODS if waves else ():
                 yield from self._term("", moves, "clock_time", np.arange(4) * (period / 4), float(period), times)
 
     def of(self, axis: str, moves: str) -> Iterator[Term]:

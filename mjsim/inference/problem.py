@@ -63,7 +63,7 @@ class Problem:
         self.samples: list[Samples] = make_samples(self.tests, campaign.traces)
         self.estimate_noise()
         self.layout = NuisanceLayout(tuple(dict.fromkeys(t.setup for t in self.tests)), tuple(t.name for t in self.tests))
-        self._pool = ThreadPoolExecutor(threads)
+        self._threads, self._pool = threads, ThreadPoolExecutor(threads)
         self.motions = self.map(lambda k: TestMotion(self.tests[k]))
         plant = build(machine)
         self.outliers = {t.name: 0 for t in self.tests}
@@ -88,6 +88,8 @@ class Problem:
 
     def map(self, work: Callable[[int], object]) -> list:
         """``work(k)`` for every test on the problem's threads, in order."""
+        if self._threads == 1:
+            return [work(k) for k in range(len(self.tests))]
         return list(self._pool.map(work, range(len(self.tests))))
 
     @property

@@ -8,21 +8,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mjsim.engine.plant import build
-from mjsim.inference.criteria import PRICE, possible, price, sensible, wald
+from mjsim.inference.criteria import PRICE, THRESHOLD, VISIBLE, possible, price, sensible, wald
+from mjsim.inference.empirical import best_term
 from mjsim.inference.fit import Fit, Fitter
 from mjsim.inference.free import FreeEffect
 from mjsim.inference.signatures import Candidate, Projector, SignatureBank, seeds
 from mjsim.inference.spectrum import spectral_candidates
 from mjsim.kinematics import AXES
 
-#: Fall of the objective below which nothing is called an effect. Some 4,000 cells with two entries each are tried:
-#: chance passes it once in a thousand campaigns; ``scripts/null_bank.py`` measures it on simulated nulls.
-THRESHOLD = 30.0
 #: A rival whose objective is within this of the winner's cannot be told from it (likelihood ratio e^6).
 RIVAL = 12.0
-#: Least size of an effect: its part of the reading in its clearest test, as a share of one sample's noise.
-VISIBLE = 0.25
 _SHORTLIST = 5
+#: Parameters from which a model is suspected to be a makeshift, and at which the search ends; mean square that needs no more effects.
+_PILE, _MOST, _DONE = 5, 24, 1.1
 #: Mean squared whitened residual below which a model counts as near; data-sheet moves (standard deviations) that an exact fit starts from.
 _NEAR, _FAR = 6.0, 2.0
 #: A data sheet that is moved by so many standard deviations is hiding an effect.
@@ -67,6 +65,7 @@ class Searcher:
 
     def __init__(self, fitter: Fitter, progress: Callable[[str, int, int], None] = report_nothing) -> None:
         self.fitter, self.problem, self.progress = fitter, fitter.problem, progress
+        self._alone = None
 
     def run(self, max_effects: int = 5) -> Search:
         """Search with at most ``max_effects`` effects."""
@@ -86,7 +85,8 @@ class Searcher:
             shaped = self._shaped(fit)
             if shaped is not fit:
                 fit = shaped
-            elif better is None:
+            elif better is None or self._makeshift(start, better):
+                fit = better or fit
                 break
             else:
                 fit = better
@@ -143,6 +143,16 @@ class Searcher:
         if best is None or price(fit) - price(best) < THRESHOLD - PRICE:
             return None
         return self._settled(best)
+
+    def _makeshift(self, start: Fit, fit: Fit) -> bool:
+        """Whether a growing pile of effects does worse than one generic term: then more of them are no explanation either."""
+        pile = sum(len(f.vector) for f in fit.effects)
+        if pile < _PILE or fit.sum_squares < _DONE * self.problem.count:
+            return False
+        if self._alone is None:
+            self._alone = best_term(self.problem, start)
+        enough = self._alone is not None and self._alone.gain - self._alone.price > price(start) - price(fit) + THRESHOLD
+        return enough or pile >= _MOST
 
     def _shaped(self, fit: Fit) -> Fit:
         """``fit`` with the shapes of its effects free as well, where that pays: a wrong shape is easily taken for a second effect."""

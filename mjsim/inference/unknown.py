@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mjsim.inference.criteria import THRESHOLD, VISIBLE, price
 from mjsim.inference.effect_file import effect_source
+from mjsim.inference.empirical import best_term, visible
 from mjsim.inference.fit import Fit
-from mjsim.inference.generic import TABLE, Generic, Term
+from mjsim.inference.generic import TABLE, Term
 from mjsim.inference.problem import Problem
-from mjsim.inference.search import THRESHOLD, VISIBLE, Search
-from mjsim.inference.signatures import Projector
+from mjsim.inference.search import Search
 from mjsim.kinematics import ROTARY
 from mjsim.units import DEG, UM
 
-#: Mean squared whitened residual above which something is left for sure, so that unusual terms are tried as well.
-_EXCESS = 1.08
-#: By how much a term that moves another axis must be better than one of the axis itself.
-_ACROSS = 20.0
-#: Finer knots that are tried for the best term.
-_FINER = (2, 4)
+#: So many parameters of named effects are suspected to be a makeshift even where they leave nothing.
+_MANY = 10
+#: Share of what is named that the rest must be, for the named effects to be doubted.
+_NOTABLE = 0.02
 #: Share of a curve's power in one harmonic that makes this its period.
 _HARMONIC = 0.6
 #: Shapes of a curve with so many times the usual variance are hidden by the set-up.
@@ -77,52 +76,15 @@ def look_for_unknown(problem: Problem, search: Search, progress: Callable[[str, 
     """
     progress("looking at the rest", 0, 1)
     rest = best_term(problem, search.fit)
-    if rest is None:
-        return None, search
     if search.found:
-        named = search.start.objective - search.fit.objective
-        alone = best_term(problem, search.start)
-        if alone is not None and alone.gain - alone.price > named + THRESHOLD and rest.gain > 0.02 * named:
-            search = replace(search, fit=search.start, found=[])
-            rest = alone
-    return describe(problem, search.fit, rest), search
-
-
-def best_term(problem: Problem, fit: Fit) -> Term | None:
-    """The generic term that explains most of a fit's residual, net of its coefficients' price; ``None`` where none is worth it."""
-    projector, generic = Projector(fit), Generic(problem, fit)
-    best = _best(problem, projector, [*generic.own(), *generic.clock()])
-    net = best.gain - best.price if best else 0.0
-    if net > 0.0 or fit.sum_squares > _EXCESS * problem.count:
-        other = _best(problem, projector, generic.across())
-        if other is not None and other.gain - other.price > net + (_ACROSS if net > THRESHOLD else 0.0):
-            best = other
-    if best is None or best.gain - best.price < THRESHOLD:
-        return None
-    best = _best(problem, projector, [best, *(t for n in _FINER for t in generic.finer(best, n))])
-    return best if any(np.std(p) > VISIBLE * problem.noise.rms for p in _visible(problem, fit, best)) else None
-
-
-def _best(problem: Problem, projector: Projector, terms: Iterable[Term]) -> Term | None:
-    best: Term | None = None
-    for term in terms:
-        matrix, score = projector.normal(problem.whiten(term.columns))
-        matrix = matrix + np.eye(len(matrix)) * (1e-6 * np.trace(matrix) / len(matrix) + 1e-9)
-        inverse = np.linalg.inv(matrix)
-        term.coefficients = inverse @ score
-        term.gain = float(score @ term.coefficients)
-        term.covariance = inverse
-        if best is None or term.gain - term.price > best.gain - best.price:
-            best = term
-    return best
-
-
-def _visible(problem: Problem, fit: Fit, term: Term) -> list[np.ndarray]:
-    """What of a term's readings the nuisances cannot take up: block means per test, m."""
-    parts = [c @ term.coefficients for c in term.columns]
-    n = len(fit.nuisance)
-    taken = (fit.covariance @ (fit.design.T @ problem.whiten(parts)))[:n]
-    return [d - c @ taken for d, c in zip(parts, problem.nuisance_columns(fit.readings, fit.nuisance), strict=True)]
+        named = price(search.start) - price(search.fit)
+        many = sum(len(f.vector) for f in search.fit.effects) >= _MANY
+        if many or (rest is not None and rest.gain > _NOTABLE * named):
+            alone = best_term(problem, search.start)
+            if alone is not None and alone.gain - alone.price > named + THRESHOLD:
+                search = replace(search, fit=search.start, found=[])
+                rest = alone
+    return (describe(problem, search.fit, rest) if rest else None), search
 
 
 _WORDS = {
@@ -137,7 +99,7 @@ _WORDS = {
 
 def describe(problem: Problem, fit: Fit, term: Term) -> Unexplained:
     """A fitted term in words, with its curve and its effect file."""
-    parts = _visible(problem, fit, term)
+    parts = visible(problem, fit, term)
     rms = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
     rest = problem.residual(fit.readings, fit.nuisance)
     left = float(np.sqrt(np.mean(np.concatenate([(r - p)[s.good] for r, p, s in zip(rest, parts, problem.samples, strict=True)]) ** 2)))

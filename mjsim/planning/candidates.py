@@ -16,8 +16,9 @@ from mjsim.units import DEG, MM
 #: whatever the campaign's own tests reach is allowed as well.
 TRAVEL = np.array([[-0.3, 0.3], [-0.3, 0.3], [-0.1, 0.5], [-30 * DEG, 110 * DEG], [-50.0, 50.0]])
 SPEED = np.array([0.33, 0.33, 0.33, 1.0, 2.0])
-#: Half apex and inclination of the cones, rad. The last passes close to the table's axis: C turns fast there.
-CONES = tuple((a * DEG, b * DEG) for a, b in ((15, 10), (45, 30), (20, 17)))
+#: Half apex and inclination of the cones, rad: the paper's two, one that passes close to the table's axis (C turns fast there), and one
+#: on which C swings to and fro.
+CONES = tuple((a * DEG, b * DEG) for a, b in ((15, 10), (45, 30), (20, 17), (10, 25)))
 FEEDS = tuple(f * MM / 60.0 for f in (500, 1000, 2000, 4000, 6000))
 OFFSETS = tuple(o * MM for o in (-200, -100, -50, 50, 100, 200))
 #: Time for mounting the balls and starting, s (assumed).

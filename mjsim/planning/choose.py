@@ -9,15 +9,15 @@ from mjsim.campaign.model import Test
 from mjsim.planning.candidates import first_round, minutes, neighbours, reachable
 from mjsim.planning.separation import Separation, Separator
 
-#: Deviance at which a test decides; more is not worth a longer test.
-ENOUGH = 40.0
+#: Deviance at which a test decides, and beyond which more is not worth a longer test.
+ENOUGH, PLENTY = 40.0, 400.0
 _BEST, _ROUNDS = 2, 2
 
 
 def worth(s: Separation) -> tuple[float, float]:
     """Sort key: tests that decide by deviance per minute of machine time, before tests that do not by deviance."""
     decides = s.deviance >= ENOUGH
-    return (1.0, s.deviance / minutes(s.test)) if decides else (0.0, s.deviance)
+    return (1.0, min(s.deviance, PLENTY) / minutes(s.test)) if decides else (0.0, s.deviance)
 
 
 def choose(

@@ -91,7 +91,7 @@ def measure(case: Case) -> list[tuple[np.ndarray, np.ndarray]]:
     """The recorded traces, in the order of the tests: time in s and deviation in µm."""
     case = case.resolved()
     drive, effects = _true(case)
-    setup = measurement.draw_setup(list(case.tests), case.rng(1))
+    setup = measurement.draw_setup(list(case.tests), case.seed)
     odd = case.rng(2)
     knocked = np.bincount(odd.integers(0, len(case.tests), case.outliers), minlength=len(case.tests))
     missing = np.bincount(odd.integers(0, len(case.tests), case.gaps), minlength=len(case.tests))
@@ -130,6 +130,12 @@ def answer(case: Case) -> dict:
 
 def write(case: Case, folder: Path | str) -> dict:
     """Writes campaign.toml, machine.toml and the traces into ``folder`` and returns the answer."""
+    write_files(case, folder)
+    return answer(case)
+
+
+def write_files(case: Case, folder: Path | str) -> None:
+    """Writes campaign.toml, machine.toml and the traces into ``folder``."""
     case, folder = case.resolved(), Path(folder)
     (folder / "traces").mkdir(parents=True, exist_ok=True)
     instrument = {"kind": "ball_bar", "resolution_um": 0.1, "range_mm": 1.0, "sample_rate_Hz": measurement.SAMPLE_RATE}
@@ -140,4 +146,3 @@ def write(case: Case, folder: Path | str) -> dict:
     for test, (time, deviation) in zip(case.tests, measure(case), strict=True):
         rows = "\n".join(f"{t:.3f},{d:.1f}" for t, d in zip(time, deviation, strict=True))
         (folder / test["trace"]).write_text("time_s,deviation_um\n" + rows + "\n")
-    return answer(case)

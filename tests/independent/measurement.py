@@ -6,6 +6,7 @@ of measured traces (first-order, 50 ms, on a white floor; 0.12 µm RMS in all, q
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,14 +34,22 @@ class SetupErrors:
     phases: tuple[dict[str, float], ...]
 
 
-def draw_setup(tests: list[dict], rng: np.random.Generator) -> SetupErrors:
-    """Errors of the set-ups, shared by tests of one set-up; trigger and vibration phase belong to each test."""
+def draw_setup(tests: list[dict], seed: int) -> SetupErrors:
+    """Errors of the set-ups, shared by tests of one set-up; trigger and vibration phase belong to each test.
+
+    Each name has random numbers of its own: a test that is added to a campaign leaves the others as they were.
+    """
+
+    def rng(name: str) -> np.random.Generator:
+        return np.random.default_rng([seed, 1, zlib.crc32(name.encode())])
+
     names = list(dict.fromkeys(t["setup"] for t in tests))
-    table = {n: TABLE_BALL * 1e-6 * rng.standard_normal(3) for n in names}
-    spindle = {n: SPINDLE_BALL * 1e-6 * rng.standard_normal(3) for n in names}
-    length = LENGTH * 1e-6 * rng.standard_normal()
-    trigger = tuple(float(x) for x in TRIGGER * rng.standard_normal(len(tests)))
-    phases = tuple(dict(zip("XYZ", map(float, rng.uniform(0.0, 2.0 * np.pi, 3)), strict=True)) for _ in tests)
+    table = {n: TABLE_BALL * 1e-6 * rng("table " + n).standard_normal(3) for n in names}
+    spindle = {n: SPINDLE_BALL * 1e-6 * rng("spindle " + n).standard_normal(3) for n in names}
+    length = LENGTH * 1e-6 * rng("length").standard_normal()
+    trigger = tuple(float(TRIGGER * rng("trigger " + t["name"]).standard_normal()) for t in tests)
+    draws = (rng("phases " + t["name"]).uniform(0.0, 2.0 * np.pi, 3) for t in tests)
+    phases = tuple(dict(zip("XYZ", map(float, three), strict=True)) for three in draws)
     return SetupErrors(table, spindle, float(length), trigger, phases)
 
 
