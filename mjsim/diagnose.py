@@ -20,7 +20,7 @@ from mjsim.inference.search import Search, Searcher
 from mjsim.inference.signatures import Projector
 from mjsim.inference.testability import not_testable
 from mjsim.inference.unknown import Unexplained, look_for_unknown
-from mjsim.inference.vibration import Line, find, is_news, phased, put_back, residuals, separate, take_out
+from mjsim.inference.vibration import Line, is_news, phased, put_back, separate
 from mjsim.kinematics import AXES
 from mjsim.machine.model import Machine
 from mjsim.planning.following import plan_for
@@ -175,17 +175,9 @@ def diagnose(campaign: Campaign, machine: Machine, max_effects: int = 5, threads
 
 
 def _explain(problem: Problem, machine: Machine, max_effects: int, progress: Progress) -> tuple[Search, Unexplained | None, list[Line]]:
-    """The search, with vibrations left out of the data; one that shows only when all else is explained makes the search start again."""
+    """The search, with vibrations left out of the data, and what it leaves."""
     rigid, lines = separate(problem, machine)
-    fitter = Fitter(problem, rigid)
-    for attempt in range(2):
-        search = Searcher(fitter, progress).run(max_effects)
-        nuisance = search.fit.nuisance
-        late = find(problem, residuals(problem, search.fit.readings, nuisance), nuisance, repeats=False) if attempt == 0 else None
-        if late is None:
-            break
-        lines.append(late)
-        take_out(problem, lines, nuisance)
+    search = Searcher(Fitter(problem, rigid), progress).run(max_effects)
     unexplained, search = look_for_unknown(problem, search, progress)
     return search, unexplained, lines
 

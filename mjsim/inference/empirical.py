@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from mjsim.inference.criteria import THRESHOLD, VISIBLE
+from mjsim.inference.criteria import THRESHOLD, VISIBLE, price
 from mjsim.inference.fit import Fit
 from mjsim.inference.generic import Generic, Term
 from mjsim.inference.problem import Problem
@@ -19,10 +19,19 @@ _EXCESS = 1.08
 _ACROSS = 20.0
 #: Finer knots that are tried for the best term.
 _FINER = (2, 4)
+_LONG = 300
+#: So many parameters of named effects are suspected to be a makeshift; mean square at which a model explains everything.
+MANY, DONE = 10, 1.1
+#: Share of what a pile of effects explains, and multiple of what the first of them explained, at which one generic term is the better
+#: explanation although it leaves more.
+_MOST_OF_IT, _BEYOND_FIRST = 0.7, 1.15
 
 
-def best_term(problem: Problem, fit: Fit) -> Term | None:
-    """The generic term that explains most of a fit's residual, net of its coefficients' price; ``None`` where none is worth it."""
+def best_term(problem: Problem, fit: Fit, teeth: Iterable[str] = ()) -> Term | None:
+    """The generic term that explains most of a fit's residual, net of its coefficients' price; ``None`` where none is worth it.
+
+    ``teeth`` names rotary axes whose position is also looked at tooth by tooth.
+    """
     projector, generic = Projector(fit), Generic(problem, fit)
     excess = fit.sum_squares > _EXCESS * problem.count
     best = _best(problem, projector, itertools.chain(generic.own(), generic.clock(excess)))
@@ -31,9 +40,11 @@ def best_term(problem: Problem, fit: Fit) -> Term | None:
         other = _best(problem, projector, generic.across())
         if other is not None and other.gain - other.price > net + (_ACROSS if net > THRESHOLD else 0.0):
             best = other
+    for axis in teeth:
+        best = max((t for t in (best, _best(problem, projector, generic.fine(axis))) if t), key=lambda t: t.gain - t.price)
     if best is None or best.gain - best.price < THRESHOLD:
         return None
-    best = _best(problem, projector, [best, *(t for n in _FINER for t in generic.finer(best, n))])
+    best = best if len(best.knots) > _LONG else _best(problem, projector, [best, *(t for n in _FINER for t in generic.finer(best, n))])
     return best if any(np.std(p) > VISIBLE * problem.noise.rms for p in visible(problem, fit, best)) else None
 
 
@@ -57,3 +68,23 @@ def visible(problem: Problem, fit: Fit, term: Term) -> list[np.ndarray]:
     n = len(fit.nuisance)
     taken = (fit.covariance @ (fit.design.T @ problem.whiten(parts)))[:n]
     return [d - c @ taken for d, c in zip(parts, problem.nuisance_columns(fit.readings, fit.nuisance), strict=True)]
+
+
+def parameters(fit: Fit) -> int:
+    """Number of free parameters of a model's effects."""
+    return sum(len(f.vector) for f in fit.effects)
+
+
+def makeshift(problem: Problem, start: Fit, fit: Fit, alone: Term | None, first: float) -> bool:
+    """Whether the named effects of ``fit`` only imitate one cause that is not in the catalogue.
+
+    Either one generic term explains more than all of them, or they are many, leave something, and the term explains most of it and
+    clearly more than the first of them did (an effect that is real explains as much as the generic term that it looks like).
+    """
+    if alone is None:
+        return False
+    named, net = price(start) - price(fit), alone.gain - alone.price
+    if net > named + THRESHOLD:
+        return True
+    left = fit.sum_squares > DONE * problem.count
+    return left and parameters(fit) >= MANY and net > _MOST_OF_IT * named and net > _BEYOND_FIRST * first

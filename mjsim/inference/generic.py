@@ -22,6 +22,7 @@ from mjsim.units import UM
 #: Knots of the free curve of each variable.
 KNOTS = {"position": 36, "direction": 24, "velocity": 12, "acceleration": 12, "torque": 10, "time_since_reversal": 10, "clock_time": 24}
 _PER_TURN = 24  # of a rotary axis' position counted over all turns
+_FINE = 720  # of one turn, where single teeth are to be seen
 _IN_LEAD = 12  # of a linear axis' position within one turn of its screw
 #: Periods of the clock that are tried, s.
 _CLOCK_PERIODS = np.geomspace(15.0, 900.0, 60)
@@ -156,6 +157,16 @@ class Generic:
                 lead = 2 * np.pi / self.fit.base.drives[axis].gear
                 if hi - lo > 1.5 * lead:
                     yield from self._term(axis, moves, variable, np.arange(_IN_LEAD) * (lead / _IN_LEAD), lead, x)
+
+    def fine(self, axis: str) -> Iterator[Term]:
+        """The position of a rotary axis in steps of half a degree: waves of single teeth, on a part of the wheel if need be."""
+        i = AXES.index(axis)
+        x = [m.position[:, i] for m in self.motions]
+        if max(np.ptp(v) for v in x) > 1.9 * np.pi:
+            yield from self._term(axis, axis, "position", np.arange(_FINE) * (2 * np.pi / _FINE), 2 * np.pi, x)
+        else:
+            lo, hi = min(v.min() for v in x), max(v.max() for v in x)
+            yield from self._term(axis, axis, "position", np.linspace(lo, hi, int(_FINE * (hi - lo) / (2 * np.pi)) + 2), None, x)
 
     def finer(self, term: Term, factor: int) -> Iterator[Term]:
         """The same term with ``factor`` times as many knots."""

@@ -9,9 +9,10 @@ import numpy as np
 
 from mjsim.engine.plant import build
 from mjsim.inference.criteria import PRICE, THRESHOLD, VISIBLE, possible, price, sensible, wald
-from mjsim.inference.empirical import best_term
+from mjsim.inference.empirical import DONE, best_term, makeshift, parameters
 from mjsim.inference.fit import Fit, Fitter
 from mjsim.inference.free import FreeEffect
+from mjsim.inference.generic import Term
 from mjsim.inference.signatures import Candidate, Projector, SignatureBank, seeds
 from mjsim.inference.spectrum import spectral_candidates
 from mjsim.kinematics import AXES
@@ -19,8 +20,8 @@ from mjsim.kinematics import AXES
 #: A rival whose objective is within this of the winner's cannot be told from it (likelihood ratio e^6).
 RIVAL = 12.0
 _SHORTLIST = 5
-#: Parameters from which a model is suspected to be a makeshift, and at which the search ends; mean square that needs no more effects.
-_PILE, _MOST, _DONE = 5, 24, 1.1
+#: Parameters from which a model is suspected to be a makeshift, and at which the search ends.
+_PILE, _MOST = 5, 24
 #: Mean squared whitened residual below which a model counts as near; data-sheet moves (standard deviations) that an exact fit starts from.
 _NEAR, _FAR = 6.0, 2.0
 #: A data sheet that is moved by so many standard deviations is hiding an effect.
@@ -47,13 +48,15 @@ class Found:
 
 @dataclass
 class Search:
-    """Outcome: the model without missing effects, the final one, and what was found in the order of contribution."""
+    """Outcome: the model without missing effects, the final one, and what was found in the order of contribution; ``first`` is what
+    the first effect alone explained."""
 
     start: Fit
     fit: Fit
     found: list[Found]
     bank: SignatureBank
     trail: list[dict] = field(default_factory=list)
+    first: float = 0.0
 
 
 def report_nothing(stage: str, done: int, total: int) -> None:
@@ -65,7 +68,8 @@ class Searcher:
 
     def __init__(self, fitter: Fitter, progress: Callable[[str, int, int], None] = report_nothing) -> None:
         self.fitter, self.problem, self.progress = fitter, fitter.problem, progress
-        self._alone = None
+        self._alone: Term | None = None
+        self._first = 0.0
 
     def run(self, max_effects: int = 5) -> Search:
         """Search with at most ``max_effects`` effects."""
@@ -89,12 +93,13 @@ class Searcher:
                 fit = better or fit
                 break
             else:
+                self._first = self._first or price(fit) - price(better)
                 fit = better
         fit = self._prune(fit)
         found = []
         if fit.effects:
             fit, found = self._rivals(fit, bank)
-        return Search(start, fit, found, bank, trail)
+        return Search(start, fit, found, bank, trail, self._first)
 
     def start(self) -> Fit:
         """The machine as given, its data sheet calibrated: exactly where it looks healthy, linearised where an effect bends it."""
@@ -146,13 +151,12 @@ class Searcher:
 
     def _makeshift(self, start: Fit, fit: Fit) -> bool:
         """Whether a growing pile of effects does worse than one generic term: then more of them are no explanation either."""
-        pile = sum(len(f.vector) for f in fit.effects)
-        if pile < _PILE or fit.sum_squares < _DONE * self.problem.count:
+        pile = parameters(fit)
+        if pile < _PILE or fit.sum_squares < DONE * self.problem.count:
             return False
         if self._alone is None:
             self._alone = best_term(self.problem, start)
-        enough = self._alone is not None and self._alone.gain - self._alone.price > price(start) - price(fit) + THRESHOLD
-        return enough or pile >= _MOST
+        return pile >= _MOST or makeshift(self.problem, start, fit, self._alone, self._first)
 
     def _shaped(self, fit: Fit) -> Fit:
         """``fit`` with the shapes of its effects free as well, where that pays: a wrong shape is easily taken for a second effect."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjsim.inference.criteria import THRESHOLD, VISIBLE, price
+from mjsim.inference.criteria import VISIBLE, price
 from mjsim.inference.effect_file import effect_source
-from mjsim.inference.empirical import best_term, visible
+from mjsim.inference.empirical import MANY, best_term, makeshift, parameters, visible
 from mjsim.inference.fit import Fit
 from mjsim.inference.generic import TABLE, Term
 from mjsim.inference.problem import Problem
@@ -17,8 +17,6 @@ from mjsim.inference.search import Search
 from mjsim.kinematics import ROTARY
 from mjsim.units import DEG, UM
 
-#: So many parameters of named effects are suspected to be a makeshift even where they leave nothing.
-_MANY = 10
 #: Share of what is named that the rest must be, for the named effects to be doubted.
 _NOTABLE = 0.02
 #: Share of a curve's power in one harmonic that makes this its period.
@@ -77,11 +75,11 @@ def look_for_unknown(problem: Problem, search: Search, progress: Callable[[str, 
     progress("looking at the rest", 0, 1)
     rest = best_term(problem, search.fit)
     if search.found:
-        named = price(search.start) - price(search.fit)
-        many = sum(len(f.vector) for f in search.fit.effects) >= _MANY
-        if many or (rest is not None and rest.gain > _NOTABLE * named):
-            alone = best_term(problem, search.start)
-            if alone is not None and alone.gain - alone.price > named + THRESHOLD:
+        many = parameters(search.fit) >= MANY
+        if many or (rest is not None and rest.gain > _NOTABLE * (price(search.start) - price(search.fit))):
+            worms = {f.effect.subject for f in search.fit.effects if f.effect.scanned and f.effect.subject in ROTARY}
+            alone = best_term(problem, search.start, worms if many else ())
+            if makeshift(problem, search.start, search.fit, alone, search.first):
                 search = replace(search, fit=search.start, found=[])
                 rest = alone
     return (describe(problem, search.fit, rest) if rest else None), search

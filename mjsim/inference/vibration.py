@@ -124,19 +124,17 @@ def _same(a: Effect, b: Effect) -> bool:
     return a.subject == b.subject and abs(a.values["frequency_Hz"] - b.values["frequency_Hz"]) < 0.1
 
 
-def find(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray, repeats: bool = True) -> Line | None:
+def find(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray) -> Line | None:
     """The strongest vibration in the residuals ``rest``, or ``None``.
 
-    Args:
-        repeats: look in half-differences of revolutions, where nothing that belongs to the axes' positions is left; otherwise in the
-        residuals themselves.
+    It is looked for in half-differences of revolutions, where nothing that belongs to the axes' positions is left, and measured in the
+    residuals themselves.
     """
-    whole = _records(problem, rest, nuisance, False)
-    records = _records(problem, rest, nuisance, True) if repeats else whole
+    records = _records(problem, rest, nuisance, True)
     if not records:
         return None
     frequency, chance = _strongest(records)
-    line = _line(whole, frequency) if chance < ACCIDENT else None
+    line = _line(_records(problem, rest, nuisance, False), frequency) if chance < ACCIDENT else None
     return line if line and line.effect.si("amplitude_um") > LEAST * problem.noise.rms else None
 
 
