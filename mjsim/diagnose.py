@@ -14,7 +14,8 @@ from mjsim.effects.base import Effect
 from mjsim.engine.plant import build
 from mjsim.engine.simulate import simulate
 from mjsim.errors import InputError
-from mjsim.inference.fit import Fitter, with_effects
+from mjsim.inference.criteria import VISIBLE
+from mjsim.inference.fit import Fitter, unabsorbed, with_effects
 from mjsim.inference.problem import Problem
 from mjsim.inference.search import Search, Searcher
 from mjsim.inference.signatures import Projector
@@ -207,4 +208,5 @@ def _where(problem: Problem, search: Search, index: int) -> tuple[str, ...]:
     if original is not None:
         machine = machine.with_effect(original)
     parts = problem.difference(problem.readings(build(machine)), search.fit.readings, search.fit.nuisance)
-    return tuple(t.name for t, d in zip(problem.tests, parts, strict=True) if np.std(d) > 0.25 * problem.noise.rms)
+    parts = unabsorbed(problem, search.fit, parts)
+    return tuple(t.name for t, d in zip(problem.tests, parts, strict=True) if np.std(d) > VISIBLE * problem.noise.rms)

@@ -106,7 +106,7 @@ def both(tmp_path_factory):
         theirs = motion.reading(build(model))[inside]
         nominal = machines.nominal(machine)
         own = machines.with_hidden(machines.by_id(nominal["effect"]), effects)
-        ours = simulate.reading(test, nominal["drive"], own, motion.time[inside])
+        ours = simulate.reading(test, nominal["drive"], own, motion.time[inside], phases=dict.fromkeys("XYZ", 0.0))
         return theirs * 1e6, ours * 1e6
 
     return run
@@ -135,6 +135,31 @@ def test_every_effect_agrees(both, number):
     theirs, ours = planted[0] - bare[0], planted[1] - bare[1]
     assert rms(ours) > 0.0
     assert rms(theirs - ours) < max(0.01, 0.02 * rms(theirs))
+
+
+@pytest.mark.parametrize(
+    ("axis", "test", "stiffness"), [("X", "cone", 20.0), ("Z", "circle-zx", 20.0), ("C", "cone", 0.5), ("A", "cone", 0.5)]
+)
+def test_elastic_transmissions_agree(both, monkeypatch, axis, test, stiffness):
+    """With the same load inertia on both sides: mjsim takes that of its solids, the generator a share of the drive's."""
+    drives_of = machines.nominal("M1")["drive"]
+    load = [drives.LOAD_SHARE * drives_of[a]["inertia_kgm2"] * drives.gear(drives_of[a]) ** 2 for a in "XYZAC"]
+    monkeypatch.setattr("mjsim.engine.plant.moving_bodies", lambda: np.array(load))
+    unit = "stiffness_Nm_per_urad" if axis in "AC" else "stiffness_N_per_um"
+    bare = both("M1", test)
+    soft = both("M1", test, [{"id": f"drive_compliance.{axis}", unit: stiffness, "damping_ratio": 0.08}])
+    theirs, ours = soft[0] - bare[0], soft[1] - bare[1]
+    assert rms(ours) > 0.02
+    assert rms(theirs - ours) < max(0.01, 0.02 * rms(theirs))
+
+
+@pytest.mark.parametrize(("axis", "test"), [("X", "cone"), ("Y", "circle-xy"), ("Z", "circle-zx")])
+def test_vibrations_agree(both, axis, test):
+    bare = both("M1", test)
+    shaken = both("M1", test, [{"id": f"vibration.{axis}", "amplitude_um": 1.5, "frequency_Hz": 23.0}])
+    theirs, ours = shaken[0] - bare[0], shaken[1] - bare[1]
+    assert rms(ours) > 0.3
+    assert rms(theirs - ours) < 0.01
 
 
 def test_multibody_simulation_agrees(both, tmp_path):

@@ -111,3 +111,84 @@ def test_nuisances_are_recovered_by_a_problem_of_known_offsets():
     total = problem.offsets(0, x)
     assert np.abs(total - (problem.sensitivity[0].table @ offset + 2e-6)).max() < 0.05e-6
     assert TABLE_BALL * abs(x[0]) < 30e-6 and LENGTH * abs(x[problem.layout.length]) < 9e-6
+
+
+def test_a_ball_in_another_seat_is_left_out_and_a_step_that_repeats_is_not():
+    """A lasting jump: the shorter side goes. The machine's own steps come back in the other revolution and stay."""
+    from mjsim.inference.outliers import cut_at, largest_jump
+
+    rng = np.random.default_rng(6)
+    s = samples(rng, signal=3e-6)
+    own = s.value.copy()
+    seat = np.where(s.time > s.time[6000], 1.5e-6, 0.0)
+    s.value = own + seat
+    at = largest_jump(s, s.value, 0.1e-6)
+    assert abs(at - 6000) < 20
+    cut_at(s, at)
+    longer = s.valid[: 6000 - 100], s.valid[6000 + 100 :]
+    assert longer[0].mean() + longer[1].mean() == pytest.approx(1.0, abs=0.02)
+    assert s.valid.mean() > 0.5
+    t = samples(rng, signal=3e-6)
+    assert largest_jump(t, t.value, 0.1e-6) is None
+
+
+def test_a_stiffness_is_fitted_as_its_compliance():
+    """Off is infinite for the file and zero for the fit; intervals come back in the file's unit, low to high."""
+    soft = registry.make("drive_compliance.X", stiffness_N_per_um=50.0, damping_ratio=0.1)
+    free = FreeEffect(soft, soft.free_of("X"))
+    assert free.vector == pytest.approx([2.0, 2.0])
+    assert free.neutral == pytest.approx([0.0]) and free.linear == [0]
+    assert free.at(np.array([4.0, 2.0])).values["stiffness_N_per_um"] == pytest.approx(25.0)
+    assert free.at(np.array([-0.1, 2.0])).is_neutral
+    low, high = free.interval(free.vector, np.diag([0.25, 1e-6]))["stiffness_N_per_um"]
+    assert low < 50.0 < high and low == pytest.approx(100.0 / 2.98, rel=1e-3)
+
+
+def test_a_generic_curve_finds_the_axis_and_the_variable():
+    """A float of X with Y's speed, laid over a healthy campaign: the term says so, and so does the effect file it writes."""
+    from mjsim.inference.empirical import best_term
+    from mjsim.inference.fit import Fitter
+    from mjsim.inference.search import Searcher
+    from mjsim.inference.unknown import describe
+
+    campaign = read_campaign(examples() / "healthy")
+    machine = read_machine(campaign.machine_file)
+    tests = tuple(t for t in campaign.tests if t.name in ("circle-xy-ccw", "cone15-x50-ccw", "cone15-parallel-ccw"))
+    problem = Problem(dataclasses.replace(campaign, tests=tests, traces={t.name: campaign.traces[t.name] for t in tests}), machine)
+    clean = Searcher(Fitter(problem, machine)).start()
+    assert best_term(problem, clean) is None
+    for s, m, sens in zip(problem.samples, problem.motions, problem.sensitivity, strict=True):
+        speed = np.abs(np.gradient(m.commands[::5, 1], m.time[5]))
+        s.take_out(-s.sample_all(sens.axes[:, 0] * 2e-6 * np.sqrt(speed / 0.0167), 0.0))
+    fit = Searcher(Fitter(problem, machine)).start()
+    term = best_term(problem, fit)
+    assert (term.axis, term.moves, term.variable) == ("Y", "X", "velocity")
+    told = describe(problem, fit, term)
+    assert told.axes == ("Y", "X") and told.variable == "velocity" and "X axis" in told.summary
+    assert told.rms == pytest.approx(np.sqrt(np.mean(np.concatenate([s.known for s in problem.samples]) ** 2)), rel=0.6)
+
+
+@pytest.mark.parametrize("moves", ["X", "C", "table y"])
+def test_the_written_effect_does_what_its_term_did(moves, tmp_path):
+    """The effect file of a term, simulated, changes the reading by what the term says."""
+    from mjsim.effects.registry import load_file
+    from mjsim.engine.plant import build
+    from mjsim.inference.effect_file import effect_source
+    from mjsim.inference.fit import Fitter
+    from mjsim.inference.generic import Generic
+    from mjsim.inference.search import Searcher
+
+    campaign = read_campaign(examples() / "healthy")
+    machine = read_machine(campaign.machine_file)
+    tests = tuple(t for t in campaign.tests if t.name == "cone15-x50-ccw")
+    problem = Problem(dataclasses.replace(campaign, tests=tests, traces={t.name: campaign.traces[t.name] for t in tests}), machine)
+    fit = Searcher(Fitter(problem, machine)).start()
+    term = next(t for t in Generic(problem, fit).of("C", moves) if t.variable == "position" and t.period)
+    values = 3.0 * np.cos(term.knots) * term.unit
+    path = tmp_path / "own.py"
+    path.write_text(effect_source(term, values, "A test.", "own.py"))
+    own = load_file(path)("C", gain=1.0)
+    got = problem.difference(problem.readings(build(machine)), problem.readings(build(machine.with_effect(own))), fit.nuisance)[0]
+    want = term.columns[0] @ (values / term.unit)
+    assert np.std(want) > 0.2e-6
+    assert np.abs(got - want).max() < 0.03 * np.abs(want).max() + 0.01e-6

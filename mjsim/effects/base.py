@@ -97,7 +97,7 @@ class Effect(ABC):
     scanned: ClassVar[bool] = False
     #: Smallest departure of the leading parameter from neutral that makes sense as a cause of its own (assumed).
     least: ClassVar[float] = 0.0
-    #: Relative standard deviation that the data sheet allows a parameter: inside three of it there is no effect.
+    #: Relative standard deviation that the data sheet allows a parameter: inside four of it there is no effect.
     tolerances: ClassVar[dict[str, float]] = {}
 
     def __init__(self, subject: str, **values: Any) -> None:

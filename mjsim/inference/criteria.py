@@ -15,6 +15,9 @@ from mjsim.machine.model import Machine
 THRESHOLD = 30.0
 #: Least size of an effect: its part of the reading in its clearest test, as a share of one sample's noise.
 VISIBLE = 0.25
+#: Standard deviations of the data sheet beyond which one of its numbers is wrong. It has 35 numbers: the largest of a healthy machine is
+#: beyond 3 in one campaign of eleven, beyond 4 in one of 450.
+BEYOND_SHEET = 4.0
 #: Price of one more free parameter when models are compared.
 PRICE = 8.0
 #: How far beyond its bounds, in typical sizes, a linear estimate may lie.
@@ -59,7 +62,7 @@ def _departs(effect: Effect, p: Parameter, value: float, present: float | None) 
     if p.inverse:
         return value != origin
     departure = abs(value - origin)
-    return departure > 0.0 and departure >= effect.least and departure >= 3.0 * effect.tolerances.get(p.name, 0.0) * abs(origin)
+    return departure > 0.0 and departure >= effect.least and departure >= BEYOND_SHEET * effect.tolerances.get(p.name, 0.0) * abs(origin)
 
 
 def wald(machine: Machine, fit: Fit, index: int) -> float:

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from mjsim.inference.criteria import THRESHOLD, VISIBLE, price
-from mjsim.inference.fit import Fit
+from mjsim.inference.fit import Fit, unabsorbed
 from mjsim.inference.generic import Generic, Term
 from mjsim.inference.problem import Problem
 from mjsim.inference.signatures import Projector
@@ -64,10 +64,7 @@ def _best(problem: Problem, projector: Projector, terms: Iterable[Term]) -> Term
 
 def visible(problem: Problem, fit: Fit, term: Term) -> list[np.ndarray]:
     """What of a term's readings the nuisances cannot take up: block means per test, m."""
-    parts = [c @ term.coefficients for c in term.columns]
-    n = len(fit.nuisance)
-    taken = (fit.covariance @ (fit.design.T @ problem.whiten(parts)))[:n]
-    return [d - c @ taken for d, c in zip(parts, problem.nuisance_columns(fit.readings, fit.nuisance), strict=True)]
+    return unabsorbed(problem, fit, [c @ term.coefficients for c in term.columns])
 
 
 def parameters(fit: Fit) -> int:

@@ -224,3 +224,11 @@ class Fitter:
         now = np.concatenate([fit.nuisance, fit.tau, np.zeros(fit.design.shape[1] - len(fit.nuisance) - len(fit.tau))])
         fit.step = fit.covariance @ (fit.design.T @ fit.residual - self._prior(fit, weight) * now)
         return fit.step
+
+
+def unabsorbed(problem: Problem, fit: Fit, parts: list[np.ndarray]) -> list[np.ndarray]:
+    """What of a reading's parts (block means per test, m) the nuisances of the set-up cannot take up."""
+    n = len(fit.nuisance)
+    design = fit.design[:, :n]
+    taken = np.linalg.solve(design.T @ design + np.eye(n), design.T @ problem.whiten(parts))
+    return [d - c @ taken for d, c in zip(parts, problem.nuisance_columns(fit.readings, fit.nuisance), strict=True)]

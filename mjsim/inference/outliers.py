@@ -17,6 +17,10 @@ MARGIN = 0.1
 MOST_EVENTS = 6
 #: A lasting jump of the reading: means over this long on both sides, s; least height in their standard deviations, and in m.
 SIDE, JUMP, LEAST_JUMP = 1.0, 10.0, 0.4e-6
+#: Height of a jump over the test's own 90 % quantile where nothing repeats.
+ALONE = 4.0
+#: Jumps of several tests within this of one position of a rotary axis, rad, are the machine's.
+SAME_PLACE = 1.0 * np.pi / 180.0
 #: Successive seconds of the noise that are one independent value.
 _CORRELATION = 0.1
 
@@ -60,40 +64,49 @@ def mark_outliers(s: Samples, residual: np.ndarray, noise: float) -> int:
     return count
 
 
-def mark_jump(s: Samples, residual: np.ndarray, noise: float) -> int:
-    """Leave out the shorter side of a lasting jump, such as a ball that a knock has put into another seat.
+def largest_jump(s: Samples, residual: np.ndarray, noise: float) -> int | None:
+    """First sample after the largest lasting jump of one test, such as a ball that a knock has put into another seat; or ``None``.
 
-    The jump shows in the difference of two revolutions, where the machine's own errors are gone; the residual says in which of the two.
+    A jump shows in the difference of two revolutions, where what belongs to the machine's cycle is gone; the residual says in which of
+    the two. A test that does not repeat must show it far above everything else that it does.
 
     Args:
         as for :func:`mark_outliers`, after it.
-
-    Returns:
-        1 where there was one, else 0. Tests that do not repeat their revolution cannot show one.
     """
     dt = float(np.median(np.diff(s.time)))
+    n = max(3, round(SIDE / dt))
+    single = _jumps(residual, s.valid, n)
     if s.test.kind == "rotary" or s.test.revolutions < 2:
-        return 0
-    lag, n = round(revolution_time(s.test) / dt), max(3, round(SIDE / dt))
-    whole = np.interp(s.time, s.time[s.valid], residual[s.valid])
-    twice = _jumps(whole[lag:] - whole[:-lag], n)
+        short = _jumps(residual, s.valid, max(3, n // 4))
+        at = int(np.argmax(np.abs(short)))
+        usual = float(np.quantile(np.abs(short), 0.9))
+        return at if abs(short[at]) > max(ALONE * usual, 2.0 * LEAST_JUMP) else None
+    lag = round(revolution_time(s.test) / dt)
+    twice = _jumps(residual[lag:] - residual[:-lag], s.valid[lag:] & s.valid[:-lag], n)
     at = int(np.argmax(np.abs(twice)))
     deviation = noise * np.sqrt(2.0 * 2.0 * _CORRELATION / SIDE)  # of the difference of two means, of two revolutions
     if abs(twice[at]) < max(JUMP * deviation, LEAST_JUMP):
-        return 0
-    single = _jumps(whole, n)
-    here = max((at, at + lag), key=lambda k: abs(single[min(k, len(single) - 1)]))
+        return None
+    return max((at, at + lag), key=lambda k: abs(single[min(k, len(single) - 1)]))
+
+
+def cut_at(s: Samples, here: int) -> None:
+    """Leave out the shorter side of a jump before sample ``here``."""
+    dt = float(np.median(np.diff(s.time)))
     later = np.arange(len(s.time)) >= here
-    s.valid &= later if 2 * here < len(s.time) else ~later
-    s.valid &= np.abs(np.arange(len(s.time)) - here) > MARGIN / dt
+    before, after = int((s.valid & ~later).sum()), int((s.valid & later).sum())
+    s.valid &= (later if after >= before else ~later) & (np.abs(np.arange(len(s.time)) - here) > MARGIN / dt)
     s.refresh()
-    return 1
 
 
-def _jumps(x: np.ndarray, n: int) -> np.ndarray:
-    """Mean of the ``n`` values from each place on less that of the ``n`` before it, (len(x),); 0 near the ends."""
-    total = np.concatenate([[0.0], np.cumsum(x)])
+def _jumps(x: np.ndarray, valid: np.ndarray, n: int) -> np.ndarray:
+    """Mean of the ``n`` values from each place on less that of the ``n`` before it, (len(x),); 0 where too few are valid."""
+    total = np.concatenate([[0.0], np.cumsum(np.where(valid, x, 0.0))])
+    number = np.concatenate([[0], np.cumsum(valid)])
     out = np.zeros(len(x))
     k = np.arange(n, len(x) - n)
-    out[k] = (total[k + n] - 2.0 * total[k] + total[k - n]) / n
+    after, before = number[k + n] - number[k], number[k] - number[k - n]
+    enough = np.minimum(after, before) > 0.6 * n
+    k, after, before = k[enough], after[enough], before[enough]
+    out[k] = (total[k + n] - total[k]) / after - (total[k] - total[k - n]) / before
     return out

@@ -15,7 +15,7 @@ from mjsim.campaign.model import Campaign
 from mjsim.engine.plant import Plant, build
 from mjsim.inference.calibration import SHEET, calibrated
 from mjsim.inference.nuisance import fit_nuisance
-from mjsim.inference.outliers import mark_jump, mark_outliers
+from mjsim.inference.outliers import MOST_EVENTS, SAME_PLACE, cut_at, largest_jump, mark_outliers
 from mjsim.inference.samples import GRID, GRID_STEPS, Samples, estimate_noise, make_samples
 from mjsim.kinematics import AXES, sensitivity
 from mjsim.machine.model import Machine
@@ -80,11 +80,30 @@ class Problem:
     def _leave_out_outliers(self, plant: Plant) -> None:
         readings = self.readings(plant)
         nuisance = fit_nuisance(self, readings)
-        for k, s in enumerate(self.samples):
-            rest = s.value - s.sample_all(readings[k] + self.offsets(k, nuisance), self.shift(k, nuisance))
-            self.outliers[s.test.name] = mark_outliers(s, rest, self.noise.rms) + mark_jump(s, rest, self.noise.rms)
+        rest = [
+            s.value - s.sample_all(readings[k] + self.offsets(k, nuisance), self.shift(k, nuisance)) for k, s in enumerate(self.samples)
+        ]
+        for s, r in zip(self.samples, rest, strict=True):
+            self.outliers[s.test.name] = mark_outliers(s, r, self.noise.rms)
+        for _ in range(MOST_EVENTS):
+            jumps = {k: at for k, s in enumerate(self.samples) if (at := largest_jump(s, rest[k], self.noise.rms)) is not None}
+            accidents = [k for k in jumps if not self._elsewhere(jumps, k)]
+            for k in accidents:
+                cut_at(self.samples[k], jumps[k])
+                self.outliers[self.tests[k].name] += 1
+            if not accidents:
+                break
         if any(self.outliers.values()):
             self.estimate_noise()
+
+    def _elsewhere(self, jumps: dict[int, int], k: int) -> bool:
+        """Whether another test jumps at the same position of a rotary axis that moves there: then it is no accident."""
+
+        def place(j: int) -> np.ndarray:
+            return self.motions[j].program.commands(self.samples[j].time[[jumps[j]]])[0, 3:]
+
+        moving = np.ptp(self.motions[k].commands[:, 3:], axis=0) > 0.0
+        return any(j != k and (moving & (np.abs(place(j) - place(k)) < SAME_PLACE)).any() for j in jumps)
 
     def map(self, work: Callable[[int], object]) -> list:
         """``work(k)`` for every test on the problem's threads, in order."""

@@ -10,7 +10,7 @@ import numpy as np
 from mjsim.engine.plant import build
 from mjsim.inference.criteria import PRICE, THRESHOLD, VISIBLE, possible, price, sensible, wald
 from mjsim.inference.empirical import DONE, best_term, makeshift, parameters
-from mjsim.inference.fit import Fit, Fitter
+from mjsim.inference.fit import Fit, Fitter, unabsorbed
 from mjsim.inference.free import FreeEffect
 from mjsim.inference.generic import Term
 from mjsim.inference.signatures import Candidate, Projector, SignatureBank, seeds
@@ -195,6 +195,10 @@ class Searcher:
             if same is not None:
                 grown = same.effect.replaced(components=[*same.effect.values["components"], *scaled])
                 return [FreeEffect(grown, f.names) if f is same else f for f in fit.effects]
+            present = next((e for e in self.fitter.machine.effects if e.key == c.effect.key), None)
+            if present is not None:
+                grown = present.replaced(components=[*present.values["components"], *scaled])
+                return [*fit.effects, FreeEffect(grown, c.names)]
         free = FreeEffect(c.effect, c.names)
         v = free.vector
         if any(e.key == c.effect.key for e in self.fitter.machine.effects):
@@ -210,6 +214,7 @@ class Searcher:
         machine = self.fitter.machine.effect(key)
         without = fit.machine.without(key) if machine is None else fit.machine.with_effect(machine)
         parts = self.problem.difference(self.problem.readings(build(without)), fit.readings, fit.nuisance)
+        parts = unabsorbed(self.problem, fit, parts)
         return any(np.std(p[s.good]) > VISIBLE * self.problem.noise.rms for p, s in zip(parts, self.problem.samples, strict=True))
 
     # -- pruning and rivals --------------------------------------------------------------------------------------------

@@ -1,0 +1,63 @@
+"""A few campaigns of the independent generator through the whole diagnosis; ``scripts/benchmark_diagnosis`` runs them all."""
+
+import sys
+from pathlib import Path
+
+import pytest
+from independent import bank, campaign
+
+from mjsim.campaign.files import read_campaign
+from mjsim.diagnose import diagnose
+from mjsim.machine.files import read_machine
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
+CASES = {c.name: c for c in bank.cases()}
+#: One of each category, with few tests each.
+CHOSEN = ("null-020", "sparse-backlash.A-00", "sparse-pitch_error.C-04", "sparse-servo_delay.Y-10", "sparse-torque_ripple.A-08")
+
+
+@pytest.mark.parametrize("name", CHOSEN)
+def test_a_hidden_cause_is_named(name, tmp_path):
+    from diagnosis_report import mark
+
+    case = CASES[name]
+    assert case.half == "tune"  # the published half is not looked at here
+    answer = campaign.write(case, tmp_path)
+    c = read_campaign(tmp_path)
+    result = diagnose(c, read_machine(c.machine_file))
+    row = {"name": name, "category": case.category, "answer": answer, "result": result.to_json()}
+    assert mark(row) == "right", row["result"]
+
+
+def test_the_bank_is_large_enough_and_halved():
+    cases = list(CASES.values())
+    kinds = {c.category for c in cases}
+    assert sum(c.category == "null" for c in cases) >= 300
+    assert sum(c.category != "null" for c in cases) >= 200
+    for kind in kinds:
+        half = sum(c.half == "tune" for c in cases if c.category == kind)
+        assert abs(2 * half - sum(c.category == kind for c in cases)) <= 4
+    assert bank.cases() == cases
+
+
+def test_marks():
+    """How an answer is judged: names, sets of equivalents, wrong confident names."""
+    from diagnosis_report import mark
+
+    def row(said, truth, verdict="effect", unknown=None):
+        effects = [{"id": s[0], "alternatives": list(s[1:])} for s in said]
+        result = {"verdict": "nothing_found" if not said else "x", "effects": effects, "unexplained": unknown}
+        return {"answer": {"verdict": verdict, "effect": truth}, "result": result}
+
+    gain = {"id": "servo_gain.C", "equivalent": ["servo_delay.C"]}
+    assert mark(row([("servo_delay.C", "servo_gain.C")], [gain])) == "right"
+    assert mark(row([("servo_gain.C",)], [gain])) == "right"
+    assert mark(row([("servo_delay.C",)], [gain])) == "wrong"
+    assert mark(row([("servo_gain.C", "backlash.A")], [gain])) == "partly"
+    assert mark(row([("backlash.A",)], [gain])) == "wrong"
+    assert mark(row([], [gain])) == "missed"
+    assert mark(row([], [], "none")) == "right"
+    assert mark(row([("backlash.A",)], [], "none")) == "wrong"
+    assert mark(row([], [], "unknown", {"axes": ["C"]})) == "right"
+    assert mark(row([("backlash.A",)], [], "unknown", {"axes": ["C"]})) == "partly"
+    assert mark(row([("backlash.A",)], [], "unknown")) == "wrong"

@@ -1,0 +1,118 @@
+"""The next test: what can be reached, what a test would separate, and that a planned test decides."""
+
+import json
+from dataclasses import replace
+
+import pytest
+from click.testing import CliRunner
+
+from mjsim.campaign.files import read_campaign, test_table
+from mjsim.cli.main import main
+from mjsim.effects.registry import make
+from mjsim.inference.free import FreeEffect
+from mjsim.inference.samples import usual_noise
+from mjsim.planning.candidates import first_round, neighbours, reachable
+from mjsim.planning.choose import ENOUGH, worth
+from mjsim.planning.separation import Explanation, Separation, Separator
+from mjsim.resources import examples
+
+test_table.__test__ = False
+
+
+def explained(machine, effect_id, **values):
+    effect = make(effect_id, **values)
+    return Explanation.of_priors(effect_id, machine, [FreeEffect(effect, effect.free_of(effect.subject))])
+
+
+def test_a_test_as_a_table_reads_back(tmp_path):
+    """Every kind of test: written as a table of campaign.toml and read again it is the same test."""
+    import tomlkit
+
+    for name in ("healthy", "two-candidates"):
+        campaign = read_campaign(examples() / name, traces=False)
+        tables = [{**test_table(t), "started_s": t.started} for t in campaign.tests]
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / "campaign.toml").write_text(tomlkit.dumps({"name": "x", "test": tables}))
+        back = read_campaign(folder, traces=False).tests
+        for a, b in zip(campaign.tests, back, strict=True):
+            for field in ("table_ball", "length", "feed", "half_apex", "inclination", "start", "stop"):
+                assert getattr(a, field) == pytest.approx(getattr(b, field), rel=1e-8, abs=1e-12)
+            for field in ("name", "kind", "sensitive", "plane", "axis", "direction", "revolutions", "setup", "started"):
+                assert getattr(a, field) == getattr(b, field)
+
+
+def test_out_of_reach_is_not_offered(cone, circle):
+    assert reachable(cone(15, 10, (50, 0, 155), revolutions=2))
+    assert not reachable(circle("XY", (900, 0, 155)))
+    assert reachable(circle("XY", (900, 0, 155)), [circle("XY", (950, 0, 155))])  # the campaign has been there
+    assert not reachable(cone(15, 10, (50, 0, 155), feed=60000.0))
+
+
+def test_candidates_are_different_tests(cone):
+    campaign = read_campaign(examples() / "healthy", traces=False)
+    offered = [*first_round(campaign.tests), *neighbours(campaign.tests[0])]
+    for some in (list(first_round(campaign.tests)), list(neighbours(campaign.tests[0]))):
+        assert len({t.name for t in some}) == len(some)
+    kinds = {(t.kind, t.axis if t.kind == "rotary" else t.plane if t.kind == "circular" else t.sensitive) for t in offered}
+    assert kinds >= {("rotary", "A"), ("rotary", "C"), ("circular", "XY"), ("circular", "YZ"), ("circular", "ZX")}
+    assert kinds >= {("cone_frustum", "perpendicular"), ("cone_frustum", "parallel")}
+
+
+def test_the_same_explanation_is_not_separated(m1, circle):
+    one = explained(m1, "squareness.XY", angle_urad=20.0)
+    assert Separator(one, one, usual_noise()).of(circle("XY", (0, 0, 155), feed=3000.0)).deviance == 0.0
+
+
+def test_two_scales_need_a_plane_that_tells_them_apart(m1, circle):
+    """A scale of X looks like one of Y with the other sign in the XY plane, but for the bar's length; the ZX plane sees X alone."""
+    x, y = explained(m1, "scale_error.X", ppm=40.0), explained(m1, "scale_error.Y", ppm=-40.0)
+    separator = Separator(x, y, usual_noise())
+    same, other = (separator.of(circle(plane, (0, 0, 155), feed=3000.0, revolutions=2)) for plane in ("XY", "ZX"))
+    assert same.deviance < ENOUGH < 0.1 * other.deviance
+    assert other.difference > 0.5e-6
+
+
+def test_deviance_is_the_squared_distance_of_fixed_explanations(m1, circle):
+    """With nothing left to adapt, the deviance is that of the difference in the noise's own metric."""
+    test = circle("XY", (0, 0, 155), feed=3000.0)
+    a, b = explained(m1, "squareness.XY", angle_urad=20.0), explained(m1, "squareness.XY", angle_urad=10.0)
+    fixed = replace(b, covariance=b.covariance * 1e-12)
+    separator = Separator(a, fixed, usual_noise())
+    full = separator.of(test).deviance
+    assert full > 0.0
+    half = Separator(explained(m1, "squareness.XY", angle_urad=15.0), fixed, usual_noise()).of(test).deviance
+    assert full == pytest.approx(4.0 * half, rel=0.02)
+    assert Separator(a, b, usual_noise()).of(test).deviance < 0.01 * full  # free, it adapts
+
+
+def test_short_decisive_tests_come_first(cone):
+    short, long = cone(15, 10, (0, 0, 155), feed=4000.0), cone(15, 10, (0, 0, 155), feed=500.0, revolutions=2)
+    rows = [Separation(long, 5000.0, 1e-6), Separation(short, 500.0, 1e-6), Separation(short, 0.5 * ENOUGH, 1e-6)]
+    assert sorted(rows, key=worth, reverse=True) == [rows[1], rows[0], rows[2]]
+
+
+def test_unknown_or_equal_effects_are_refused():
+    cases = ((("servo_gain.C", "servo_gain.Q"), "servo_gain exists for"), (("backlash.A", "backlash.A"), "two different effects"))
+    for pair, said in cases:
+        result = CliRunner().invoke(main, ["plan", str(examples() / "healthy"), "--between", *pair])
+        assert result.exit_code == 1 and said in result.stderr and not result.stdout
+
+
+def test_the_planned_test_decides(tmp_path):
+    """C's backlash is a lag's twin where the table turns one way per test. The planned test, measured by the generator, names it."""
+    import sys
+    from pathlib import Path
+
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
+    from plan_proof import prove
+
+    first, second = prove("backlash.C", tmp_path, lambda text: None)
+    assert first.verdict == "ambiguous"
+    assert {"backlash.C", "servo_delay.C"} <= {first.effects[0].effect.id, *first.effects[0].alternatives}
+    assert first.next_test["decides"] and first.next_test["difference_um"] > 0.3
+    assert json.dumps(first.next_test)
+    assert second.verdict == "identified"
+    assert [e.effect.id for e in second.effects] == ["backlash.C"]
+    width = second.effects[0].effect.values["width_deg"]
+    assert width == pytest.approx(0.002, rel=0.03)

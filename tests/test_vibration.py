@@ -1,0 +1,90 @@
+"""Vibrations: found between revolutions, with frequency, axis and phase; not found where there is none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mjsim.campaign.files import read_campaign
+from mjsim.effects.registry import make
+from mjsim.engine.plant import build
+from mjsim.inference.problem import Problem
+from mjsim.inference.vibration import is_news, phased, put_back, separate
+from mjsim.machine.files import read_machine
+from mjsim.resources import examples
+
+TESTS = ("circle-xy-ccw", "circle-xy-cw", "cone15-parallel-ccw")
+
+
+@pytest.fixture(scope="module")
+def healthy():
+    campaign = read_campaign(examples() / "healthy")
+    tests = tuple(t for t in campaign.tests if t.name in TESTS)
+    return replace(campaign, tests=tests, traces={t.name: campaign.traces[t.name] for t in tests})
+
+
+def shaken(campaign, machine, axis, amplitude, frequency):
+    """The campaign with a vibration of one axis laid over its traces; phases 1, 2, 3 rad."""
+    traces = {}
+    for k, t in enumerate(campaign.tests):
+        trace = campaign.traces[t.name]
+        problem = Problem(replace(campaign, tests=(t,), traces={t.name: trace}), machine, threads=1)
+        grid = problem.sensitivity[0].axes[:, "XYZ".index(axis)]
+        weight = np.interp(trace.time, 0.005 * np.arange(len(grid)), grid)
+        wave = amplitude * weight * np.sin(2 * np.pi * frequency * trace.time + k + 1.0)
+        traces[t.name] = replace(trace, deviation=trace.deviation + wave)
+    return replace(campaign, traces=traces)
+
+
+@pytest.mark.parametrize(("axis", "amplitude", "frequency"), [("X", 0.3e-6, 43.7), ("Y", 0.6e-6, 6.1), ("Z", 0.8e-6, 71.0)])
+def test_a_planted_vibration_is_found(healthy, axis, amplitude, frequency):
+    machine = read_machine(healthy.machine_file)
+    problem = Problem(shaken(healthy, machine, axis, amplitude, frequency), machine)
+    rigid, lines = separate(problem, machine)
+    assert rigid == machine and len(lines) == 1
+    line = lines[0]
+    assert line.effect.id == f"vibration.{axis}" and not line.alternatives
+    assert line.effect.values["frequency_Hz"] == pytest.approx(frequency, abs=0.002)
+    assert line.effect.values["amplitude_um"] == pytest.approx(amplitude * 1e6, rel=0.05)
+    low, high = line.ci95["amplitude_um"]
+    assert 0.0 < high - low < 0.1
+    if axis != "Z":  # the phase, at the program's start, but for the trigger's few ms
+        expected = [k + 1.0 for k in range(len(TESTS))]
+        got = [line.effect.phases[t.name] for t in healthy.tests]
+        shift = np.angle(np.exp(1j * (np.array(got) - expected)))
+        assert np.abs(shift).max() < 2 * np.pi * frequency * 0.05 + 0.2
+
+
+def test_a_healthy_machine_does_not_vibrate(healthy):
+    machine = read_machine(healthy.machine_file)
+    assert separate(Problem(healthy, machine), machine)[1] == []
+
+
+def test_what_is_taken_out_can_be_put_back(healthy):
+    machine = read_machine(healthy.machine_file)
+    problem = Problem(shaken(healthy, machine, "X", 0.5e-6, 30.71), machine)
+    before, noise = [s.mean.copy() for s in problem.samples], problem.noise.rms
+    separate(problem, machine)
+    assert problem.noise.rms < 0.8 * noise  # a vibration does not count as noise
+    assert max(np.abs(s.mean - b).max() for s, b in zip(problem.samples, before, strict=True)) > 0.05e-6
+    put_back(problem)
+    for s, b in zip(problem.samples, before, strict=True):
+        np.testing.assert_array_equal(s.mean, b)
+
+
+def test_a_vibration_that_the_machine_has_gets_its_phases(healthy):
+    """The machine file has size and frequency; every test has its own phase, found anew."""
+    machine = read_machine(healthy.machine_file)
+    known = machine.with_effect(make("vibration.X", amplitude_um=0.5, frequency_Hz=30.71))
+    problem = Problem(shaken(healthy, machine, "X", 0.5e-6, 30.71), known)
+    with_phases = phased(problem, known)
+    assert set(with_phases.effect("vibration.X").phases) == set(TESTS)
+    with_it, without = ([r for r in problem.readings(build(m))] for m in (with_phases, machine))
+    from mjsim.inference.nuisance import fit_nuisance
+
+    nuisance = fit_nuisance(problem, without)
+    spread = [np.sqrt(np.mean(np.concatenate(problem.residual(r, nuisance)) ** 2)) for r in (with_it, without)]
+    assert spread[0] < 0.9 * spread[1]
+    rigid, lines = separate(problem, known)
+    assert not any(e.kind == "vibration" for e in rigid.effects)
+    assert len(lines) == 1 and not is_news(lines[0], known) and is_news(lines[0], machine)
