@@ -88,6 +88,11 @@ class Diagnosis:
             ],
             "unexplained": self.unexplained.to_json() if self.unexplained else None,
             "not_testable": list(self.not_testable),
+            "left_out": [
+                {"test": t.test.name, "disturbances": t.outliers, "samples": int((~t.valid).sum())}
+                for t in self.before.tests
+                if (~t.valid).any()
+            ],
             "next_test": self.next_test,
         }
 

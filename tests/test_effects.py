@@ -253,6 +253,7 @@ def test_the_catalogue_holds_what_is_required():
         "torque_ripple": every, "velocity_feedforward": every, "backlash": every, "pitch_error": every, "worm_wear": rotary,
         "gravity_windup": {"A"}, "scale_error": linear, "thermal_drift": linear, "squareness": {"XY", "YZ", "ZX"},
         "straightness": {"EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ"}, "radial_error_motion": {"C"}, "tilt_error_motion": {"C"},
+        "vibration": linear, "drive_compliance": every,
         "axis_location": {"EX0C", "EY0C", "EA0C", "EB0C", "EY0A", "EZ0A", "EB0A", "EC0A"},
     }  # fmt: skip
     for kind, subjects in required.items():

@@ -11,7 +11,7 @@ from mjsim.cli.main import main
 from mjsim.resources import examples
 
 pytestmark = pytest.mark.slow
-KEYS = {"verdict", "noise_um", "rms_before_um", "rms_after_um", "effects", "unexplained", "not_testable", "next_test"}
+KEYS = {"verdict", "noise_um", "rms_before_um", "rms_after_um", "effects", "unexplained", "not_testable", "left_out", "next_test"}
 EFFECT_KEYS = {"id", "parameters", "ci95", "rms_before_um", "rms_after_um", "alternatives", "tests"}
 
 
@@ -115,3 +115,19 @@ def test_two_candidates_are_both_named(diagnosed):
     (effect,) = data["effects"]
     assert effect["id"] == "servo_gain.C"
     assert effect["alternatives"] == ["servo_delay.C"]
+
+
+def test_an_unknown_cause_is_described_and_an_own_effect_explains_it(tmp_path):
+    """docs/unknown-cause.md: unknown, described, own effect, noise floor."""
+    folder = shutil.copytree(examples() / "unlisted", tmp_path / "campaign", ignore=shutil.ignore_patterns(".mjsim"))
+    data = run("diagnose", folder)
+    unknown = data["unexplained"]
+    assert (data["verdict"], data["effects"]) == ("unknown", [])
+    assert (unknown["axes"], unknown["variable"]) == (["C"], "position")
+    assert unknown["left_um"] < 1.2 * data["noise_um"] < unknown["rms_um"]
+    for written in (unknown["effect_file"], unknown["plot"]):
+        assert (folder / ".mjsim").joinpath(written.rpartition("/")[2]).stat().st_size > 1000
+    added = run("add", folder, folder / "encoder_step.py")
+    assert added["effect"]["parameters"]["step_deg"] == pytest.approx(0.0045, rel=0.01)
+    assert added["effect"]["parameters"]["at_deg"] == pytest.approx(-300.0, abs=0.1)
+    assert added["rms_after_um"] < 0.14

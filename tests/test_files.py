@@ -223,3 +223,22 @@ def test_a_file_that_fails_leaves_the_catalogue_alone(tmp_path):
     with pytest.raises(InputError, match=r"mine\.py: ZeroDivisionError"):
         registry.load_file(path)
     assert registry.kinds() == before
+
+
+def test_a_stretch_may_be_missing_at_the_end_of_a_trace(tmp_path):
+    """Up to a few seconds of a trace that lies inside its program: a gap, not another feed."""
+    import gzip
+    import shutil
+
+    from mjsim.campaign.files import LARGEST_GAP, read_campaign
+
+    folder = shutil.copytree(examples() / "hidden-backlash", tmp_path / "campaign")
+    path = folder / "traces" / "circle-xy-ccw.csv.gz"
+    rows = gzip.decompress(path.read_bytes()).splitlines(keepends=True)
+    for seconds, accepted in ((LARGEST_GAP - 0.5, True), (LARGEST_GAP + 3.0, False)):
+        path.write_bytes(gzip.compress(b"".join(rows[: -round(200 * seconds)])))
+        if accepted:
+            assert len(read_campaign(folder).traces["circle-xy-ccw"].time) == len(rows) - 1 - round(200 * seconds)
+        else:
+            with pytest.raises(InputError, match="the trace lasts"):
+                read_campaign(folder)

@@ -97,6 +97,10 @@ def show(data: dict) -> None:
             + ("" if following["decides"] else " (not enough to decide)")
             + "; `mjsim plan` prints it as a table for campaign.toml"
         )
+    if data["left_out"]:
+        click.echo()
+        parts = [f"{r['test']} ({r['disturbances'] or 'no'} knocks, {r['samples']} samples)" for r in data["left_out"]]
+        common.paragraph(f"left out as disturbed or missing: {', '.join(parts)}")
     if data["not_testable"]:
         click.echo()
         common.paragraph(f"not testable with this campaign: {', '.join(data['not_testable'])}")

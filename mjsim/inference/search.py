@@ -70,6 +70,7 @@ class Searcher:
         self.fitter, self.problem, self.progress = fitter, fitter.problem, progress
         self._alone: Term | None = None
         self._first = 0.0
+        self._tried: set[tuple] = set()
 
     def run(self, max_effects: int = 5) -> Search:
         """Search with at most ``max_effects`` effects."""
@@ -140,7 +141,8 @@ class Searcher:
                 continue
             self.progress(f"model {len(fit.effects) + 1}: trying {c.id}", i, len(shortlist))
             trial = self._refit(self.grown(fit, c, x), fit, c)
-            if not sensible(self.fitter.machine, trial.effects[-1]) or not self.visible(trial, c.effect.key):
+            mine = next(f for f in trial.effects if f.effect.key == c.effect.key)
+            if not sensible(self.fitter.machine, mine) or not self.visible(trial, c.effect.key):
                 continue
             trail.append({"effects": [f.effect.id for f in trial.effects], "objective": trial.objective})
             if best is None or price(trial) < price(best):
@@ -163,8 +165,10 @@ class Searcher:
         machine, near = self.fitter.machine, fit.sum_squares < _NEAR * self.problem.count
         for i, f in enumerate(fit.effects):
             for j, (start, names) in enumerate(f.effect.shapes(machine.effect(f.effect.key))):
-                if set(names) == set(fit.effects[i].names):
+                attempt = (f.effect.key, j, len(fit.effects))
+                if set(names) == set(fit.effects[i].names) or attempt in self._tried:
                     continue
+                self._tried.add(attempt)
                 self.progress(f"shape of {f.effect.id}", j, 4)
                 effects = [FreeEffect(start, names) if k == i else g for k, g in enumerate(fit.effects)]
                 trial = self._settled(self.fitter.fit(effects, start=fit, exact=near))
@@ -211,8 +215,8 @@ class Searcher:
 
     def visible(self, fit: Fit, key: str) -> bool:
         """Whether an effect of ``fit`` stands out of some test: significance alone would name what nobody needs to know."""
-        machine = self.fitter.machine.effect(key)
-        without = fit.machine.without(key) if machine is None else fit.machine.with_effect(machine)
+        present = self.fitter.machine.effect(key)
+        without = fit.machine.without(key) if present is None else fit.machine.with_effect(present)
         parts = self.problem.difference(self.problem.readings(build(without)), fit.readings, fit.nuisance)
         parts = unabsorbed(self.problem, fit, parts)
         return any(np.std(p[s.good]) > VISIBLE * self.problem.noise.rms for p, s in zip(parts, self.problem.samples, strict=True))
