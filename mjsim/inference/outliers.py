@@ -6,13 +6,18 @@ import numpy as np
 from scipy.ndimage import binary_dilation, label, median_filter
 
 from mjsim.inference.samples import Samples, revolution_time
+from mjsim.nc.program import Program
 
 #: Window of the running median that follows the machine's errors, s; a disturbance lasts less than half of it.
 WINDOW = 2.0
+#: The same where no second revolution bears witness: a local fault of a wheel lasts longer than a knock.
+WINDOW_ALONE = 0.6
 #: Height above the ordinary, in robust standard deviations, where a second revolution bears witness and where none does.
 HEIGHT, HEIGHT_ALONE = 10.0, 30.0
-#: Margin around an outlier that is left out as well, s.
-MARGIN = 0.1
+#: Left out as well: before a disturbance, and after it while it rings out, s.
+MARGIN, RINGING = 0.1, 0.4
+#: Around a reversal an axis may do anything for so long, s.
+ABRUPT = 0.5
 #: More events than this in one test are no accident: they are left in for the diagnosis.
 MOST_EVENTS = 6
 #: A lasting jump of the reading: means over this long on both sides, s; least height in their standard deviations, and in m.
@@ -35,15 +40,13 @@ def mark_outliers(s: Samples, residual: np.ndarray, noise: float) -> int:
         Number of disturbances found.
     """
     dt = float(np.median(np.diff(s.time)))
-    width = int(WINDOW / dt) | 1
-    every = max(1, width // 101)  # the median need not be finer than this
-    slow = np.interp(
-        np.arange(len(residual)), np.arange(0, len(residual), every), median_filter(residual[::every], size=max(3, (width // every) | 1))
-    )
-    rest = np.where(s.valid, residual - slow, 0.0)
-    scale = max(noise, 1.4826 * float(np.median(np.abs(rest[s.valid]))))
     repeats = s.test.kind != "rotary" and s.test.revolutions >= 2
+    rest = np.where(s.valid, residual - _followed(residual, WINDOW, dt), 0.0)
+    scale = max(noise, 1.4826 * float(np.median(np.abs(rest[s.valid]))))
     high = np.abs(rest) > (HEIGHT if repeats else HEIGHT_ALONE) * scale
+    if not repeats:  # something short, where the axes are smooth
+        quick = np.where(s.valid, residual - _followed(residual, WINDOW_ALONE, dt), 0.0)
+        high |= (np.abs(quick) > HEIGHT * scale) & ~_near_reversals(s)
     if repeats:
         lag = round(revolution_time(s.test) / dt)
         wide = binary_dilation(np.abs(rest) > 0.4 * HEIGHT * scale, iterations=max(1, int(0.15 / dt)))
@@ -51,17 +54,39 @@ def mark_outliers(s: Samples, residual: np.ndarray, noise: float) -> int:
         again[lag:] |= wide[:-lag]
         again[:-lag] |= wide[lag:]
         high &= ~again  # what comes back in the other revolution is the machine's
-    edge = int(0.5 * WINDOW / dt)
+    edge = int(0.25 * WINDOW / dt)
     high[:edge] = high[-edge:] = False  # there the running median hangs in the air
     if not high.any():
         return 0
-    groups, count = label(binary_dilation(high, iterations=max(1, int(MARGIN / dt))))
-    long = any((groups == g).sum() * dt > 0.5 * WINDOW + 2 * MARGIN for g in range(1, count + 1))
+    before, after = (max(1, round(m / dt)) for m in (MARGIN, RINGING))
+    wide = np.convolve(high, np.ones(before + after + 1))[before : before + len(high)] > 0.5  # from ``before`` ahead to ``after`` behind
+    groups, count = label(wide)
+    long = any((groups == g).sum() * dt > 0.5 * WINDOW + MARGIN + RINGING for g in range(1, count + 1))
     if count > MOST_EVENTS or long:
         return 0
     s.valid &= groups == 0
     s.refresh()
     return count
+
+
+def _followed(x: np.ndarray, window: float, dt: float) -> np.ndarray:
+    """Running median over ``window`` s, (n,)."""
+    width = int(window / dt) | 1
+    every = max(1, width // 101)  # the median need not be finer than this
+    coarse = median_filter(x[::every], size=max(3, (width // every) | 1))
+    return np.interp(np.arange(len(x)), np.arange(0, len(x), every), coarse)
+
+
+def _near_reversals(s: Samples) -> np.ndarray:
+    """Samples near a turning point of some axis, where the machine itself is abrupt, (n,) bool."""
+    program = Program(s.test)
+    commands = program.commands(s.time)
+    step = np.sign(np.round(np.diff(commands, axis=0, prepend=commands[:1]), 12))
+    turns = np.flatnonzero((step[1:] * step[:-1] < 0.0).any(axis=1))
+    near = np.zeros(len(s.time), bool)
+    for at in turns:
+        near |= np.abs(s.time - s.time[at]) < ABRUPT
+    return near
 
 
 def largest_jump(s: Samples, residual: np.ndarray, noise: float) -> int | None:
