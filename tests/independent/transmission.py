@@ -30,9 +30,9 @@ def _play(x, width):
 
 @njit(cache=True, nogil=True)
 def _growing(x, travel):
-    """1 where x has been growing for more than ``travel``, 0 where it has been falling for as long, a ramp between."""
+    """1 where x has been growing for more than ``travel``, 0 where it has been falling for as long or never moved, a ramp between."""
     w = np.empty_like(x)
-    last = 0.5
+    last = 0.0
     for i in range(len(x)):
         if i > 0:
             last = min(max(last + (x[i] - x[i - 1]) / travel, 0.0), 1.0)
@@ -47,8 +47,7 @@ def _pitch(x: np.ndarray, axis: str, drive: dict, e: dict) -> np.ndarray:
     for order, amplitude, phase in e["components"]:
         error += size * amplitude * np.sin(order * wave * x + phase * DEG)
     if way := e.get("direction"):
-        weight = _growing(x, BLEND)
-        error *= weight if way == "CCW" else 1.0 - weight
+        error *= _growing(x if way == "CCW" else -x, BLEND)
     return error
 
 
