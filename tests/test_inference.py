@@ -124,7 +124,7 @@ def test_a_ball_in_another_seat_is_left_out_and_a_step_that_repeats_is_not():
     s.value = own + seat
     at = largest_jump(s, s.value, 0.1e-6)
     assert abs(at - 6000) < 20
-    cut_at(s, at)
+    cut_at(s, at, s.value.copy())
     longer = s.valid[: 6000 - 100], s.valid[6000 + 100 :]
     assert longer[0].mean() + longer[1].mean() == pytest.approx(1.0, abs=0.02)
     assert s.valid.mean() > 0.5

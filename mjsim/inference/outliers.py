@@ -115,13 +115,24 @@ def largest_jump(s: Samples, residual: np.ndarray, noise: float) -> int | None:
     return max((at, at + lag), key=lambda k: abs(single[min(k, len(single) - 1)]))
 
 
-def cut_at(s: Samples, here: int) -> None:
-    """Leave out the shorter side of a jump before sample ``here``."""
+def cut_at(s: Samples, here: int, residual: np.ndarray) -> bool:
+    """Leave out the shorter side of a jump before sample ``here``.
+
+    Returns:
+        Whether the later side is kept: there the ball sits anew, and the jump's height is taken off the reading and the residual.
+    """
     dt = float(np.median(np.diff(s.time)))
     later = np.arange(len(s.time)) >= here
     before, after = int((s.valid & ~later).sum()), int((s.valid & later).sum())
-    s.valid &= (later if after >= before else ~later) & (np.abs(np.arange(len(s.time)) - here) > MARGIN / dt)
+    kept_later = after >= before
+    if kept_later:
+        height = float(_jumps(residual, s.valid, max(3, round(0.5 * SIDE / dt)))[min(here, len(residual) - 1)])
+        s.value = np.where(later, s.value - height, s.value)
+        residual[later] -= height
+        s.take_out(s.known)
+    s.valid &= (later if kept_later else ~later) & (np.abs(np.arange(len(s.time)) - here) > MARGIN / dt)
     s.refresh()
+    return kept_later
 
 
 def _jumps(x: np.ndarray, valid: np.ndarray, n: int) -> np.ndarray:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -89,12 +89,20 @@ class Problem:
             jumps = {k: at for k, s in enumerate(self.samples) if (at := largest_jump(s, rest[k], self.noise.rms)) is not None}
             accidents = [k for k in jumps if not self._elsewhere(jumps, k)]
             for k in accidents:
-                cut_at(self.samples[k], jumps[k])
+                if cut_at(self.samples[k], jumps[k], rest[k]):
+                    self._seated_anew(k)
                 self.outliers[self.tests[k].name] += 1
             if not accidents:
                 break
         if any(self.outliers.values()):
             self.estimate_noise()
+
+    def _seated_anew(self, k: int) -> None:
+        """Give the test, of which the part after a knock is kept, ball offsets of its own."""
+        t = self.tests[k]
+        tests = [*self.tests[:k], replace(t, setup=f"{t.name} after a knock"), *self.tests[k + 1 :]]
+        self.tests = tuple(tests)
+        self.layout = NuisanceLayout(tuple(dict.fromkeys(t.setup for t in tests)), tuple(t.name for t in tests))
 
     def _elsewhere(self, jumps: dict[int, int], k: int) -> bool:
         """Whether another test jumps at the same position of a rotary axis that moves there: then it is no accident."""
