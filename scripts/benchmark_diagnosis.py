@@ -123,6 +123,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--out", type=Path, default=ROOT / "benchmark-diagnosis.jsonl")
     parser.add_argument("--page", type=Path, default=ROOT / "docs" / "diagnosis-benchmark.md")
+    parser.add_argument("--remark", default="", help="a paragraph for the page")
     options = parser.parse_args()
     if options.action == "run":
         run(options)
@@ -131,7 +132,7 @@ def main() -> None:
 
     rows = [json.loads(line) for line in options.out.read_text().splitlines()]
     rows = [r for r in rows if r["half"] == (options.half or "publish")]
-    options.page.write_text(page(rows))
+    options.page.write_text(page(rows, options.remark))
     print(f"{len(rows)} campaigns; page written to {options.page}")
 
 

@@ -80,7 +80,7 @@ def _covered(row: dict) -> list[bool]:
     return out
 
 
-def page(rows: list[dict]) -> str:
+def page(rows: list[dict], remark: str = "") -> str:
     """The page as Markdown."""
     by = defaultdict(list)
     for r in rows:
@@ -120,6 +120,7 @@ def page(rows: list[dict]) -> str:
         f"{len(rows)} campaigns: " + ", ".join(f"{len(v)} {k}" for k, v in sorted(by.items())) + f"; {len(rows) - len(ok)} crashed. "
         f"A diagnosis took {np.median(seconds):.0f} s (median) and at most {max(seconds):.0f} s on one core.",
         "",
+        *([remark, ""] if remark else []),
         "| | measured | target |",
         "|---|---|---|",
         _line("false alarms on healthy machines", nulls, lambda r: r["result"]["verdict"] != "nothing_found", "at most 1 %"),

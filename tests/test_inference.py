@@ -165,7 +165,8 @@ def test_a_generic_curve_finds_the_axis_and_the_variable():
     assert (term.axis, term.moves, term.variable) == ("Y", "X", "velocity")
     told = describe(problem, fit, term)
     assert told.axes == ("Y", "X") and told.variable == "velocity" and "X axis" in told.summary
-    assert told.rms == pytest.approx(np.sqrt(np.mean(np.concatenate([s.known for s in problem.samples]) ** 2)), rel=0.6)
+    planted = np.sqrt(np.mean(np.concatenate([s.known for s in problem.samples]) ** 2))
+    assert 0.1 * planted < told.rms < planted  # the set-up takes its share
 
 
 @pytest.mark.parametrize("moves", ["X", "C", "table y"])
