@@ -102,7 +102,7 @@ def write_effect_file(result: Diagnosis, folder: Path) -> Diagnosis:
     u = result.unexplained
     if u is None:
         return result
-    path = folder / f"unexplained_{'_'.join(u.axes)}.py"
+    path = folder / f"{u.stem}.py"
     files.write_whole(path, u.source, force=True)
     return replace(result, unexplained=replace(u, effect_file=str(path)))
 
@@ -202,7 +202,7 @@ def _found(problem: Problem, search: Search) -> list[tuple[float, DiagnosedEffec
 def _vibration(problem: Problem, line: Line) -> tuple[float, DiagnosedEffect]:
     i, size = AXES.index(line.effect.subject), line.effect.si("amplitude_um")
     spread = [size * np.sqrt(np.mean(s.axes[:, i] ** 2) / 2) for s in problem.sensitivity]
-    tests = tuple(t.name for t, x in zip(problem.tests, spread, strict=True) if x > 0.25 * problem.noise.rms)
+    tests = tuple(t.name for t, x in zip(problem.tests, spread, strict=True) if x > VISIBLE * problem.noise.rms)
     return line.gain, DiagnosedEffect(line.effect, line.effect.free, line.ci95, 0.0, 0.0, line.alternatives, tests)
 
 

@@ -40,6 +40,13 @@ def delayed_commands(program: Program, time: np.ndarray, plant: Plant) -> np.nda
     return commands
 
 
+def _driven(drive: AxisPlant, commands: np.ndarray, step: float) -> np.ndarray:
+    """Position of one axis (n,) behind its drive, in axis units, for ``commands`` (n,) ``step`` s apart."""
+    out = np.empty(len(commands))
+    run(discretise(drive, step / SUBSTEPS), np.ascontiguousarray(commands), step / SUBSTEPS, SUBSTEPS, out)
+    return out
+
+
 def own_effects(plant: Plant, test: Test, time: np.ndarray) -> np.ndarray:
     """What the user's plain-Python effects add to the axes, (n, 5) m and rad, at ``time`` (n,) s, evenly spaced.
 
@@ -53,9 +60,7 @@ def own_effects(plant: Plant, test: Test, time: np.ndarray) -> np.ndarray:
     q = np.empty((len(time), plant.width))
     q[:, 5:] = 0.0
     for i, a in enumerate(AXES):
-        out = np.empty(len(time))
-        run(discretise(plant.axes[a], step / SUBSTEPS), np.ascontiguousarray(commands[:, i]), step / SUBSTEPS, SUBSTEPS, out)
-        q[:, i] = out
+        q[:, i] = _driven(plant.axes[a], commands[:, i], step)
     ops = plant.op_table(test)
     if len(ops):
         q = transmit(ops, q, test.started + time)
@@ -108,8 +113,7 @@ class TestMotion:
         if np.ptp(self.commands[:, i]) == 0.0:
             out = np.ascontiguousarray(r)  # an axis that never moves stays: the integrator holds gravity
         else:
-            out = np.empty(len(self.time))
-            run(discretise(drive, STEP / SUBSTEPS), np.ascontiguousarray(r), STEP / SUBSTEPS, SUBSTEPS, out)
+            out = _driven(drive, r, STEP)
         kept[key] = out
         while len(kept) > self.keep:
             kept.popitem(last=False)

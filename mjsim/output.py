@@ -147,11 +147,11 @@ def comparison_plots(result: Comparison, folder: Path, progress: Progress = sile
 
 
 def unexplained_plot(result: Diagnosis, folder: Path) -> Diagnosis:
-    """The empirical term of an unexplained rest as ``unexplained_<axes>.png``; the diagnosis that names the file."""
+    """The empirical term of an unexplained rest as a picture beside its effect file; the diagnosis that names the file."""
     u = result.unexplained
     if u is None:
         return result
-    path = folder / f"unexplained_{'_'.join(u.axes)}.png"
+    path = folder / f"{u.stem}.png"
     title = f"{result.campaign.name}: {u.summary}"
     save(curve_figure(*u.curve, u.labels, title, u.period), path)
     return replace(result, unexplained=replace(u, plot=str(path)))

@@ -45,6 +45,7 @@ def run_case(case) -> dict:
     from independent import campaign as generator
 
     from mjsim.campaign.files import read_campaign
+    from mjsim.cli.common import finite
     from mjsim.diagnose import diagnose
     from mjsim.machine.files import read_machine
 
@@ -55,21 +56,11 @@ def run_case(case) -> dict:
             row["answer"] = generator.write(case, Path(folder))
             began = time.perf_counter()
             campaign = read_campaign(folder)
-            row["result"] = _finite(diagnose(campaign, read_machine(campaign.machine_file), threads=1).to_json())
+            row["result"] = finite(diagnose(campaign, read_machine(campaign.machine_file), threads=1).to_json())
             row["seconds"] = round(time.perf_counter() - began, 1)
         except Exception:  # a crash is a failure to report, not the end of the bank
             row["error"] = traceback.format_exc(limit=-3)
     return row
-
-
-def _finite(value):
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(v) for v in value]
-    if isinstance(value, float) and value in (float("inf"), float("-inf")):
-        return None
-    return value
 
 
 def run(options: argparse.Namespace) -> None:

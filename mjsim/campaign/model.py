@@ -37,6 +37,11 @@ class Test:
     started: float = 0.0
     trace: str | None = None
 
+    @property
+    def repeats(self) -> bool:
+        """Whether the trace goes over the same path at least twice, so that its noise can be told from the machine."""
+        return self.kind != "rotary" and self.revolutions >= 2
+
 
 @dataclass(frozen=True)
 class Trace:

@@ -64,15 +64,15 @@ def cores(threads: int | None) -> int:
 
 def print_json(data: dict) -> None:
     """One JSON object on stdout."""
-    click.echo(json.dumps(_finite(data), indent=1, ensure_ascii=False, allow_nan=False))
+    click.echo(json.dumps(finite(data), indent=1, ensure_ascii=False, allow_nan=False))
 
 
-def _finite(value):
+def finite(value):
     """The same data with ``null`` for numbers that JSON does not have."""
     if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
+        return {k: finite(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_finite(v) for v in value]
+        return [finite(v) for v in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

@@ -6,6 +6,9 @@ from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
 from mjsim.kinematics import AXES
 
+#: Stribeck velocities from which a diagnosis starts, rad/s on the motor: sticking that fades at once, and up to ordinary feeds.
+_STRIBECK = (0.3, 2.0, 10.0)
+
 
 @register
 class Friction(Effect):
@@ -29,11 +32,11 @@ class Friction(Effect):
     free = ("coulomb_Nm",)
 
     def variants(self):
-        return [(self.replaced(stribeck_velocity_rad_per_s=w), ("coulomb_Nm", "static_ratio")) for w in (0.3, 2.0, 10.0)]
+        return [(self.replaced(stribeck_velocity_rad_per_s=w), ("coulomb_Nm", "static_ratio")) for w in _STRIBECK]
 
     def shapes(self, present):
         sheet = present or self
-        slow_fast = [sheet.replaced(static_ratio=1.5, stribeck_velocity_rad_per_s=w) for w in (0.3, 2.0, 10.0)]
+        slow_fast = [sheet.replaced(static_ratio=1.5, stribeck_velocity_rad_per_s=w) for w in _STRIBECK]
         stribeck = ("coulomb_Nm", "static_ratio", "stribeck_velocity_rad_per_s")
         return [(self, ("coulomb_Nm", "presliding_rad")), *((e, stribeck) for e in slow_fast)]
 

@@ -24,9 +24,14 @@ PRICE = 8.0
 _SLACK = 0.02
 
 
+def parameters(fit: Fit) -> int:
+    """Number of free parameters of a model's effects."""
+    return sum(len(f.vector) for f in fit.effects)
+
+
 def price(fit: Fit) -> float:
     """Objective of a model with its free parameters paid for: the lower the better."""
-    return fit.objective + PRICE * sum(len(f.vector) for f in fit.effects)
+    return fit.objective + PRICE * parameters(fit)
 
 
 def possible(machine: Machine, x: np.ndarray, c: Candidate) -> bool:

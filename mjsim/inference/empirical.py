@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from mjsim.inference.criteria import THRESHOLD, VISIBLE, price
+from mjsim.inference.criteria import THRESHOLD, VISIBLE, parameters, price
 from mjsim.inference.fit import Fit, unabsorbed
 from mjsim.inference.generic import Generic, Term
 from mjsim.inference.problem import Problem
@@ -65,11 +65,6 @@ def _best(problem: Problem, projector: Projector, terms: Iterable[Term]) -> Term
 def visible(problem: Problem, fit: Fit, term: Term) -> list[np.ndarray]:
     """What of a term's readings the nuisances cannot take up: block means per test, m."""
     return unabsorbed(problem, fit, [c @ term.coefficients for c in term.columns])
-
-
-def parameters(fit: Fit) -> int:
-    """Number of free parameters of a model's effects."""
-    return sum(len(f.vector) for f in fit.effects)
 
 
 def makeshift(problem: Problem, start: Fit, fit: Fit, alone: Term | None, first: float) -> bool:

@@ -189,15 +189,8 @@ class Fitter:
         p = self.problem
         columns: list[list[np.ndarray]] = [[] for _ in p.tests]
         for i, f in enumerate(fit.effects):
-            v = f.vector
-            for j in range(len(v)):
-                for sign in (1.0, -1.0):
-                    moved = v.copy()
-                    moved[j] += sign * _STEP
-                    effect = f.at(moved)
-                    change = FreeEffect(effect, f.names).vector[j] - v[j]
-                    if abs(change) > 1e-9:
-                        break
+            for j in range(len(f.vector)):
+                effect, change = f.nudged(j, _STEP)
                 others = [g.effect if k != i else effect for k, g in enumerate(fit.effects)]
                 plant = build(calibrated(with_effects(self.machine, others), fit.held))
                 for k, d in enumerate(p.difference(fit.readings, p.readings(plant), fit.nuisance)):

@@ -75,6 +75,18 @@ class FreeEffect:
                 i += 1
         return self.effect.replaced(**values)
 
+    def nudged(self, j: int, step: float) -> tuple[Effect, float]:
+        """The effect with the ``j``-th entry of its vector moved by about ``step``, the other way at a bound; and by how much it moved."""
+        v = self.vector
+        for sign in (1.0, -1.0):
+            moved = v.copy()
+            moved[j] += sign * step
+            effect = self.at(moved)
+            change = float(FreeEffect(effect, self.names).vector[j] - v[j])
+            if abs(change) > 1e-9:
+                break
+        return effect, change
+
     def interval(self, vector: np.ndarray, covariance: np.ndarray, z: float = 1.96) -> dict:
         """95 % intervals in the file's units, per parameter; for components two tables, lower and upper."""
         out, i = {}, 0

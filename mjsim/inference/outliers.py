@@ -40,7 +40,7 @@ def mark_outliers(s: Samples, residual: np.ndarray, noise: float) -> int:
         Number of disturbances found.
     """
     dt = float(np.median(np.diff(s.time)))
-    repeats = s.test.kind != "rotary" and s.test.revolutions >= 2
+    repeats = s.test.repeats
     rest = np.where(s.valid, residual - _followed(residual, WINDOW, dt), 0.0)
     scale = max(noise, 1.4826 * float(np.median(np.abs(rest[s.valid]))))
     high = np.abs(rest) > (HEIGHT if repeats else HEIGHT_ALONE) * scale
@@ -100,8 +100,7 @@ def largest_jump(s: Samples, residual: np.ndarray, noise: float) -> int | None:
     """
     dt = float(np.median(np.diff(s.time)))
     n = max(3, round(SIDE / dt))
-    single = _jumps(residual, s.valid, n)
-    if s.test.kind == "rotary" or s.test.revolutions < 2:
+    if not s.test.repeats:
         short = _jumps(residual, s.valid, max(3, n // 4))
         at = int(np.argmax(np.abs(short)))
         usual = float(np.quantile(np.abs(short), 0.9))
@@ -112,6 +111,7 @@ def largest_jump(s: Samples, residual: np.ndarray, noise: float) -> int | None:
     deviation = noise * np.sqrt(2.0 * 2.0 * _CORRELATION / SIDE)  # of the difference of two means, of two revolutions
     if abs(twice[at]) < max(JUMP * deviation, LEAST_JUMP):
         return None
+    single = _jumps(residual, s.valid, n)
     return max((at, at + lag), key=lambda k: abs(single[min(k, len(single) - 1)]))
 
 

@@ -17,7 +17,7 @@ from mjsim.inference.calibration import SHEET, calibrated
 from mjsim.inference.nuisance import fit_nuisance
 from mjsim.inference.outliers import MOST_EVENTS, SAME_PLACE, cut_at, largest_jump, mark_outliers
 from mjsim.inference.samples import GRID, GRID_STEPS, Samples, estimate_noise, make_samples
-from mjsim.kinematics import AXES, sensitivity
+from mjsim.kinematics import AXES, BarSensitivity, sensitivity
 from mjsim.machine.model import Machine
 from mjsim.motion import TestMotion
 
@@ -46,6 +46,23 @@ class NuisanceLayout:
 
     def trigger(self, test: str) -> int:
         return self.length + 1 + self.tests.index(test)
+
+
+def sheet_plants(machine: Machine, axes: Iterable[str]) -> dict[int, Plant]:
+    """Plants with one number of some axes' data sheet moved by its standard deviation, by its place in SHEET."""
+    return {j: build(calibrated(machine, np.eye(len(SHEET))[j])) for j, p in enumerate(SHEET) if p.axis in axes}
+
+
+def sheet_grid(motion: TestMotion, sens: BarSensitivity, base: Plant, moved: dict[int, Plant]) -> np.ndarray:
+    """Changes of one test's reading from ``base`` to each of ``moved``, (len(SHEET), n) m on the GRID; zero for the others."""
+    out = np.zeros((len(SHEET), len(motion.time[::GRID_STEPS])))
+    for j, plant in moved.items():
+        axis = SHEET[j].axis
+        i = AXES.index(axis)
+        if np.ptp(motion.commands[:, i]):
+            change = motion.motor(axis, plant.axes[axis]) - motion.motor(axis, base.axes[axis])
+            out[j] = sens.axes[:, i] * change[::GRID_STEPS]
+    return out
 
 
 class Problem:
@@ -178,21 +195,9 @@ class Problem:
         Columns of other axes are zero.
         """
         base = build(machine)
-        wanted = [j for j, p in enumerate(SHEET) if p.axis in axes]
-        moved = {j: build(calibrated(machine, np.eye(len(SHEET))[j])) for j in wanted}
+        moved = sheet_plants(machine, axes)
 
-        def grids(k: int) -> np.ndarray:
-            motion = self.motions[k]
-            out = np.zeros((len(SHEET), len(motion.time[::GRID_STEPS])))
-            for j in wanted:
-                p = SHEET[j]
-                i = AXES.index(p.axis)
-                if np.ptp(motion.commands[:, i]):
-                    change = motion.motor(p.axis, moved[j].axes[p.axis]) - motion.motor(p.axis, base.axes[p.axis])
-                    out[j] = self.sensitivity[k].axes[:, i] * change[::GRID_STEPS]
-            return out
-
-        return self.map(grids)
+        return self.map(lambda k: sheet_grid(self.motions[k], self.sensitivity[k], base, moved))
 
     def sample_grids(self, grids: list[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
         """Block means (m, columns) per test of readings' derivatives (columns, n) on the GRID, at the triggers of ``nuisance``."""

@@ -143,12 +143,16 @@ class Noise:
     innovation: float
     source: str
 
+    @property
+    def taps(self) -> np.ndarray:
+        """(p + 1,) filter from block means to innovations in units of their standard deviation."""
+        return np.concatenate([[1.0], -self.ar]) / self.innovation
+
     def whiten(self, s: Samples, columns: np.ndarray) -> np.ndarray:
         """Innovations of block columns (m,) or (m, k) in units of their standard deviation; rows that touch a bad block are dropped."""
-        taps = np.concatenate([[1.0], -self.ar]) / self.innovation
         kept = np.flatnonzero(self.rows(s))
         out = np.empty((len(kept), 1 if columns.ndim == 1 else columns.shape[1]))
-        _filter_rows(np.ascontiguousarray(columns.reshape(len(columns), -1)), taps, kept, out)
+        _filter_rows(np.ascontiguousarray(columns.reshape(len(columns), -1)), self.taps, kept, out)
         return out[:, 0] if columns.ndim == 1 else out
 
     def rows(self, s: Samples) -> np.ndarray:
@@ -215,7 +219,7 @@ def estimate_noise(samples: list[Samples], resolution: float, order: int = 5) ->
     Tests with two revolutions or more give half-differences; their median spectrum over the tests counts, so that one test with
     something that does not repeat does not raise the floor. Without any, 0.1 µm with the usual colour is assumed.
     """
-    repeated = [s for s in samples if s.test.kind != "rotary" and s.test.revolutions >= 2]
+    repeated = [s for s in samples if s.test.repeats]
     if not repeated:
         return usual_noise(samples[0].block, resolution)
     lags = np.arange(order + 1)

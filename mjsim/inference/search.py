@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mjsim.engine.plant import build
-from mjsim.inference.criteria import PRICE, THRESHOLD, VISIBLE, possible, price, sensible, wald
-from mjsim.inference.empirical import DONE, best_term, makeshift, parameters
+from mjsim.inference.criteria import PRICE, THRESHOLD, VISIBLE, parameters, possible, price, sensible, wald
+from mjsim.inference.empirical import DONE, best_term, makeshift
 from mjsim.inference.fit import Fit, Fitter, unabsorbed
 from mjsim.inference.free import FreeEffect
 from mjsim.inference.generic import Term
@@ -49,7 +49,7 @@ class Found:
 @dataclass
 class Search:
     """Outcome: the model without missing effects, the final one, and what was found in the order of contribution; ``first`` is what
-    the first effect alone explained."""
+    the first effect alone explained, ``alone`` the generic term that explains most at ``start``, where it was looked for."""
 
     start: Fit
     fit: Fit
@@ -57,6 +57,7 @@ class Search:
     bank: SignatureBank
     trail: list[dict] = field(default_factory=list)
     first: float = 0.0
+    alone: Term | None = None
 
 
 def report_nothing(stage: str, done: int, total: int) -> None:
@@ -100,7 +101,7 @@ class Searcher:
         found = []
         if fit.effects:
             fit, found = self._rivals(fit, bank)
-        return Search(start, fit, found, bank, trail, self._first)
+        return Search(start, fit, found, bank, trail, self._first, self._alone)
 
     def start(self) -> Fit:
         """The machine as given, its data sheet calibrated: exactly where it looks healthy, linearised where an effect bends it."""

@@ -54,7 +54,7 @@ def orders(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: in
 
 def _backward(problem: Problem, rest: np.ndarray) -> np.ndarray:
     """The residual weighted with the inverse noise covariance (generalised least squares): filtered forwards and backwards."""
-    taps = np.concatenate([[1.0], -problem.noise.ar]) / problem.noise.innovation
+    taps = problem.noise.taps
     whitened = np.convolve(rest, taps)[: len(rest)]
     return np.convolve(whitened[::-1], taps)[: len(rest)][::-1]
 
@@ -64,7 +64,7 @@ def _variance(problem: Problem, highest: int, speed: np.ndarray, weight: np.ndar
 
     ``speed`` is in turns per block.
     """
-    taps = np.concatenate([[1.0], -problem.noise.ar]) / problem.noise.innovation
+    taps = problem.noise.taps
     bins = np.minimum((speed * highest * 1.001 * 2).astype(int), 400)
     power = np.bincount(bins, weight**2, 401)
     centre = (np.arange(401) + 0.5) / (2 * highest * 1.001)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjsim.inference.criteria import VISIBLE, price
+from mjsim.inference.criteria import VISIBLE, parameters, price
 from mjsim.inference.effect_file import effect_source
-from mjsim.inference.empirical import MANY, best_term, makeshift, parameters, visible
+from mjsim.inference.empirical import MANY, best_term, makeshift, visible
 from mjsim.inference.fit import Fit
 from mjsim.inference.generic import TABLE, Term
 from mjsim.inference.problem import Problem
@@ -51,6 +51,11 @@ class Unexplained:
     effect_file: str | None = None
     plot: str | None = None
 
+    @property
+    def stem(self) -> str:
+        """Name of its files, without the ending."""
+        return _stem(self.axes)
+
     def to_json(self) -> dict:
         """As in the JSON of ``mjsim diagnose``."""
         return {
@@ -77,8 +82,8 @@ def look_for_unknown(problem: Problem, search: Search, progress: Callable[[str, 
     if search.found:
         many = parameters(search.fit) >= MANY
         if many or (rest is not None and rest.gain > _NOTABLE * (price(search.start) - price(search.fit))):
-            worms = {f.effect.subject for f in search.fit.effects if f.effect.scanned and f.effect.subject in ROTARY}
-            alone = best_term(problem, search.start, worms if many else ())
+            worms = {f.effect.subject for f in search.fit.effects if f.effect.scanned and f.effect.subject in ROTARY} if many else set()
+            alone = search.alone if search.alone and not worms else best_term(problem, search.start, worms)
             if makeshift(problem, search.start, search.fit, alone, search.first):
                 search = replace(search, fit=search.start, found=[])
                 rest = alone
@@ -124,11 +129,14 @@ def describe(problem: Problem, fit: Fit, term: Term) -> Unexplained:
         f"Something that is not in the catalogue {acts}{repeats}: {rms / UM:.2f} µm RMS in the readings,{most}; "
         f"{left / UM:.2f} µm stay after an empirical curve of that form."
     )
-    name = f"unexplained_{'_'.join(term.axes) or 'clock'}.py"
-    source = effect_source(term, size, summary, name)
     axes = term.axes or (term.moves,)
+    source = effect_source(term, size, summary, f"{_stem(axes)}.py")
     labels = (x_label, f"displacement of {what} [{y_unit}]")
     return Unexplained(axes, term.variable, period, rms, shows, where, summary, curve, labels, left, source)
+
+
+def _stem(axes: tuple[str, ...]) -> str:
+    return f"unexplained_{'_'.join(axes)}"
 
 
 def _seen(term: Term) -> tuple[np.ndarray, np.ndarray]:

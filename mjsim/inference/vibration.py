@@ -57,7 +57,7 @@ class Line:
 @dataclass(frozen=True)
 class _Record:
     """One test's residual in single samples: ``x`` (n,) m with bad samples at 0, ``weight`` (n, 3) sensitivities to X, Y, Z (0 at bad
-    samples), ``time`` (n,) s from the program's start, ``noise`` a function of the frequency: power per sample, m²."""
+    samples), ``time`` (n,) s from the program's start, ``noise`` power per sample, m², over the frequencies of ``x``'s spectrum."""
 
     name: str
     time: np.ndarray
@@ -66,10 +66,9 @@ class _Record:
     noise: np.ndarray
     rate: float
 
-    def noise_at(self, frequency: float) -> float:
-        """Noise power per sample at one frequency, m²."""
-        f = np.fft.rfftfreq(2 * (len(self.noise) - 1), 1.0 / self.rate)
-        return float(np.interp(frequency, f, self.noise))
+    def noise_at(self, frequency: np.ndarray | float) -> np.ndarray:
+        """Noise power per sample at frequencies in Hz, m²."""
+        return np.interp(frequency, np.fft.rfftfreq(2 * (len(self.noise) - 1), 1.0 / self.rate), self.noise)
 
 
 def residuals(problem: Problem, readings: list[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
@@ -189,7 +188,7 @@ def _records(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray, rep
         weight = np.column_stack([s.sample_all(problem.sensitivity[k].axes[:, i], shift) for i in range(3)])
         x = np.where(valid, rest[k], 0.0)
         if repeats:
-            if s.test.kind == "rotary" or s.test.revolutions < 2:
+            if not s.test.repeats:
                 continue
             lag = round(revolution_time(s.test) / dt)
             n = len(x) - lag
@@ -225,8 +224,7 @@ def _strongest(records: list[_Record]) -> tuple[float, float]:
             if own < 0.02 * len(r.x):
                 continue
             band = (f > LOWEST) & (f < HIGHEST * r.rate) if band is None else band
-            noise = np.interp(f, np.fft.rfftfreq(2 * (len(r.noise) - 1), 1.0 / r.rate), r.noise)
-            total = total + np.abs(np.fft.rfft(r.x * r.weight[:, i], size)) ** 2 / (noise * own)
+            total = total + np.abs(np.fft.rfft(r.x * r.weight[:, i], size)) ** 2 / (r.noise_at(f) * own)
             tests += 1
         if not tests:
             continue
@@ -248,7 +246,7 @@ def _amplitudes(r: _Record, frequency: float, i: int) -> tuple[complex, float]:
     if scale < 1e-9:
         return 0j, 0.0
     c = np.linalg.solve(normal + np.eye(2) * 1e-9 * scale, columns.T @ r.x)
-    return complex(c[0], c[1]), 0.5 * scale / r.noise_at(frequency)
+    return complex(c[0], c[1]), 0.5 * scale / float(r.noise_at(frequency))
 
 
 def _common(records: list[_Record], frequency: float, i: int) -> tuple[float, float, float]:
@@ -268,10 +266,11 @@ def _line(records: list[_Record], frequency: float) -> Line | None:
     f, gain, amplitude, free = fits[best]
     if gain < _COMMON * free or amplitude == 0.0:
         return None
-    info = np.array([_amplitudes(r, f, best)[1] for r in records])
+    waves, info = zip(*(_amplitudes(r, f, best) for r in records), strict=True)
+    info = np.array(info)
     spread = float(info @ [np.var(r.time) for r in records])
     effect = registry.kinds()["vibration"](LINEAR[best], amplitude_um=amplitude / UM, frequency_Hz=f)
-    effect = effect.with_phases({r.name: float(np.angle(_amplitudes(r, f, best)[0])) for r in records})
+    effect = effect.with_phases({r.name: float(np.angle(c)) for r, c in zip(records, waves, strict=True)})
     size, sd_a, sd_f = amplitude / UM, 1.0 / UM / np.sqrt(info.sum()), 1.0 / (2.0 * np.pi * amplitude * np.sqrt(spread))
     ci = {"amplitude_um": [max(0.0, size - 1.96 * sd_a), size + 1.96 * sd_a], "frequency_Hz": [f - 1.96 * sd_f, f + 1.96 * sd_f]}
     others = tuple(f"vibration.{LINEAR[i]}" for i in fits if i != best and fits[i][1] > gain - RIVAL)

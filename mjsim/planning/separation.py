@@ -16,13 +16,12 @@ from mjsim.engine.plant import build
 from mjsim.inference.calibration import SHEET, calibrated
 from mjsim.inference.fit import Fit, with_effects
 from mjsim.inference.free import FreeEffect
-from mjsim.inference.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER
-from mjsim.inference.samples import BLOCKS, Noise
-from mjsim.kinematics import AXES, sensitivity
+from mjsim.inference.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, sheet_grid, sheet_plants
+from mjsim.inference.samples import BLOCKS, GRID_STEPS, Noise
+from mjsim.kinematics import sensitivity
 from mjsim.motion import TestMotion
 
 _STEP = 0.02
-_EVERY = 5
 #: Prior width of an effect's parameters where nothing was measured, typical sizes.
 _OPEN = 100.0
 
@@ -64,7 +63,7 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Separation:
-    """What a test would do: ``deviance`` (squared distance in noise units; 30 decides), ``difference`` RMS in m after adaptation."""
+    """What a test would do: ``deviance`` (squared distance in noise units), ``difference`` RMS in m after adaptation."""
 
     test: Test
     deviance: float
@@ -77,13 +76,14 @@ class Separator:
     def __init__(self, truth: Explanation, other: Explanation, noise: Noise, block: float = BLOCKS[0]) -> None:
         self.truth, self.other, self.noise, self.block = truth, other, noise, block
         self._plants = build(truth.machine), build(other.machine)
-        self._axes = {s for f in (*truth.effects, *other.effects) for s in [f.effect.subject] if s in AXES}
+        axes = {f.effect.subject for f in (*truth.effects, *other.effects)}
+        self._moved = sheet_plants(other.machine, axes)
 
     def of(self, test: Test) -> Separation:
         """Deviance and difference of one test."""
         motion = TestMotion(test, keep=12)
         lo, hi = motion.program.measured_span
-        time = motion.time[::_EVERY]
+        time = motion.time[::GRID_STEPS]
         inside = np.flatnonzero((time >= lo) & (time <= hi))
         per_block = max(1, round(self.block / (time[1] - time[0])))
         inside = inside[: len(inside) // per_block * per_block]
@@ -91,7 +91,7 @@ class Separator:
         def blocks(grid: np.ndarray) -> np.ndarray:
             return grid[inside].reshape(-1, per_block).mean(axis=1)
 
-        a, b = (motion.reading(p, _EVERY) for p in self._plants)
+        a, b = (motion.reading(p, GRID_STEPS) for p in self._plants)
         d = blocks(a - b)
         if np.std(d) < 0.02 * self.noise.rms:
             return Separation(test, 0.0, 0.0)
@@ -107,47 +107,28 @@ class Separator:
     def _prior(self, size: int) -> np.ndarray:
         """Covariance of (7 nuisances of the new set-up, length, data sheet of the axes concerned, effects)."""
         c = self.other.covariance
-        kept = [0, *(1 + j for j in self._sheet()), *range(1 + len(SHEET), len(c))]
+        kept = [0, *(1 + j for j in self._moved), *range(1 + len(SHEET), len(c))]
         P = np.eye(size)
         P[7:, 7:] = c[np.ix_(kept, kept)] + 1e-12 * np.eye(size - 7)
         return P
 
-    def _sheet(self) -> list[int]:
-        return [j for j, p in enumerate(SHEET) if p.axis in self._axes]
-
     def _columns(self, motion: TestMotion, base: np.ndarray):
         """Derivatives of the other explanation's reading: set-up, trigger, length, data sheet, effects; m per prior unit."""
         plant, other = self._plants[1], self.other
-        sens = sensitivity(motion.load(plant, _EVERY)[:, :5], np.asarray(motion.test.table_ball))
+        sens = sensitivity(motion.load(plant, GRID_STEPS)[:, :5], np.asarray(motion.test.table_ball))
         yield from (sens.table * TABLE_BALL).T
         yield from (sens.spindle * SPINDLE_BALL).T
-        yield -np.gradient(base, motion.time[_EVERY]) * TRIGGER
+        yield -np.gradient(base, motion.time[GRID_STEPS]) * TRIGGER
         yield np.full(len(base), LENGTH)
-        for j in self._sheet():
-            axis = SHEET[j].axis
-            i = AXES.index(axis)
-            if not np.ptp(motion.commands[:, i]):
-                yield np.zeros(len(base))
-                continue
-            moved = build(calibrated(other.machine, np.eye(len(SHEET))[j]))
-            change = motion.motor(axis, moved.axes[axis]) - motion.motor(axis, plant.axes[axis])
-            yield sens.axes[:, i] * change[::_EVERY]
+        yield from sheet_grid(motion, sens, plant, self._moved)[list(self._moved)]
         for k, f in enumerate(other.effects):
-            v = f.vector
-            for j in range(len(v)):
-                moved = v.copy()
-                moved[j] += _STEP
-                effect = f.at(moved)
-                change = FreeEffect(effect, f.names).vector[j] - v[j]
-                if abs(change) < 1e-9:
-                    moved[j] -= 2 * _STEP
-                    effect = f.at(moved)
-                    change = FreeEffect(effect, f.names).vector[j] - v[j]
+            for j in range(len(f.vector)):
+                effect, change = f.nudged(j, _STEP)
                 effects = [g.effect if m != k else effect for m, g in enumerate(other.effects)]
-                there = motion.reading(build(calibrated(with_effects(other.base, effects), other.tau)), _EVERY)
+                there = motion.reading(build(calibrated(with_effects(other.base, effects), other.tau)), GRID_STEPS)
                 yield (there - base) / change if abs(change) > 1e-9 else np.zeros(len(base))
 
     def _whitened(self, columns: np.ndarray) -> np.ndarray:
-        taps = np.concatenate([[1.0], -self.noise.ar]) / self.noise.innovation
+        taps = self.noise.taps
         p = len(taps) - 1
         return sum(t * columns[p - k : len(columns) - k] for k, t in enumerate(taps))
