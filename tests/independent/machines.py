@@ -55,6 +55,13 @@ _ROWS = {
         (72, 80.0, 0.9, 0.008, 0.0015, 0.002, 0.0, 0.18, 0.0090),
         (90, 80.0, 0.8, 0.008, 0.0013, 0.002, 0.0, 0.15, 0.0090),
     ),
+    "K": (  # the paper's machine as far as it is known: 60 and 72 teeth; a C axis 0.7 % faster makes its Fig. 8b
+        (10.0, 45.0, 4.0, 0.012, 0.0100, 0.010, 0.0, 1.00, 0.0030),
+        (10.0, 45.0, 5.0, 0.012, 0.0130, 0.012, 0.0, 1.20, 0.0030),
+        (10.0, 45.0, 4.0, 0.012, 0.0105, 0.010, 3.0, 0.90, 0.0030),
+        (60, 45.0, 1.6, 0.012, 0.0042, 0.004, 0.0, 0.40, 0.0060),
+        (72, 45.3, 1.4, 0.012, 0.0036, 0.004, 0.0, 0.35, 0.0060),
+    ),
     "M5": (  # gains that differ between the axes, a gravity torque on A, sticking slides
         (10.0, 50.0, 5.0, 0.014, 0.0130, 0.012, 0.0, 1.50, 0.0028),
         (12.0, 48.0, 6.0, 0.014, 0.0150, 0.014, 0.0, 1.70, 0.0028),
@@ -66,6 +73,7 @@ _ROWS = {
 _KEYS = (*TOLERANCE, "gravity_Nm")
 _EXTRA = {
     "M4": [{"id": f"velocity_feedforward.{a}", "ratio": 0.6} for a in AXES],
+    "K": [{"id": "backlash.A", "width_deg": 0.003}],
     "M5": [{"id": "pitch_error.C", "components": [[60.0, 0.0006, 25.0]]}],
 }
 _STICKING = {"M5": {"X": (1.25, 0.35), "Y": (1.2, 0.4)}}
@@ -85,7 +93,8 @@ def nominal(name: str) -> dict:
     return {"name": name, "configuration": "w-C'A'Y'bXZ-t", "drive": drive, "effect": effects}
 
 
-MACHINES = tuple(_ROWS)
+#: The machines of the bank.
+MACHINES = ("M1", "M2", "M3", "M4", "M5")
 
 
 def by_id(effects: Iterable[dict]) -> dict[str, dict]:

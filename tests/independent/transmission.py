@@ -51,13 +51,19 @@ def _pitch(x: np.ndarray, axis: str, drive: dict, e: dict) -> np.ndarray:
     return error
 
 
+def _wear(x: np.ndarray, e: dict) -> np.ndarray:
+    away = (x / DEG - e["centre_deg"] + 180.0) % 360.0 - 180.0
+    depth = e["depth_deg"] * DEG * np.exp(-0.5 * (away / e["width_deg"]) ** 2)
+    return depth * _growing(x if e["direction"] == "CCW" else -x, BLEND) if "direction" in e else depth
+
+
 def _axis(x: np.ndarray, axis: str, drive: dict, effects: dict) -> np.ndarray:
     waves = [effects[k] for k in (f"pitch_error.{axis}", f"pitch_error.{axis}@CW", f"pitch_error.{axis}@CCW") if k in effects]
     if waves:
         x = x + sum(_pitch(x, axis, drive, e) for e in waves)
-    if e := effects.get(f"worm_wear.{axis}"):
-        away = (x / DEG - e["centre_deg"] + 180.0) % 360.0 - 180.0
-        x = x - e["depth_deg"] * DEG * np.exp(-0.5 * (away / e["width_deg"]) ** 2)
+    worn = [effects[k] for k in (f"worm_wear.{axis}", f"worm_wear.{axis}@CW", f"worm_wear.{axis}@CCW") if k in effects]
+    if worn:
+        x = x - sum(_wear(x, e) for e in worn)
     if e := effects.get(f"backlash.{axis}"):
         x = _play(x, e["width_deg"] * DEG if axis in "AC" else e["width_um"] * MICRO)
     if e := effects.get(f"scale_error.{axis}"):
