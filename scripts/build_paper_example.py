@@ -14,12 +14,12 @@ from pathlib import Path
 
 import tomlkit
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 
 from independent import kato2013, machines
 from independent.campaign import write_files
 
+ROOT = Path(__file__).resolve().parent.parent
 HEAD = """\
 The machine of N. Kato, M. Tsutsumi, R. Sato, IJMTM 64 (2013) 1-11, as far as the paper prints it:
 from the paper: configuration, worm teeth of A (60) and C (72), the kinds of effects.
@@ -62,7 +62,7 @@ def main() -> None:
     for trace in sorted((folder / "traces").glob("*.csv")):
         trace.with_suffix(".csv.gz").write_bytes(gzip.compress(trace.read_bytes(), 9, mtime=0))
         trace.unlink()
-        text = text.replace(f"{trace.name}\"", f"{trace.name}.gz\"")
+        text = text.replace(f'{trace.name}"', f'{trace.name}.gz"')
     (folder / "campaign.toml").write_text(text)
 
 
