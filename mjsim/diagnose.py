@@ -207,11 +207,15 @@ def _vibration(problem: Problem, line: Line) -> tuple[float, DiagnosedEffect]:
 
 
 def _where(problem: Problem, search: Search, index: int) -> tuple[str, ...]:
-    """Tests in which an effect's part of the reading stands out of the noise (RMS above a quarter of it)."""
+    """Tests in which an effect's part of the reading stands out of the noise (RMS above a quarter of it).
+
+    A set-up error that takes some of it up in one test moves the others of that set-up as well; these show nothing of the effect.
+    """
     machine = search.fit.machine.without(search.fit.effects[index].effect.key)
     original = search.fit.base.effect(search.fit.effects[index].effect.key)
     if original is not None:
         machine = machine.with_effect(original)
     parts = problem.difference(problem.readings(build(machine)), search.fit.readings, search.fit.nuisance)
-    parts = unabsorbed(problem, search.fit, parts)
-    return tuple(t.name for t, d in zip(problem.tests, parts, strict=True) if np.std(d) > VISIBLE * problem.noise.rms)
+    left = unabsorbed(problem, search.fit, parts)
+    least = VISIBLE * problem.noise.rms
+    return tuple(t.name for t, *both in zip(problem.tests, parts, left, strict=True) if min(map(np.std, both)) > least)

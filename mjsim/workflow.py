@@ -13,8 +13,10 @@ from mjsim.compare import Comparison, Progress, compare, silent
 from mjsim.effects import registry
 from mjsim.effects.base import Effect
 from mjsim.errors import InputError
+from mjsim.inference.criteria import price
 from mjsim.inference.fit import Fit, Fitter
 from mjsim.inference.free import FreeEffect
+from mjsim.inference.one_way import one_way_rows
 from mjsim.inference.problem import Problem
 from mjsim.inference.search import Searcher
 from mjsim.inference.signatures import Candidate, Projector, SignatureBank
@@ -193,6 +195,8 @@ def fit_effect(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str
     bank.compute(seeds)
     if not bank.matrix.any():
         raise InputError(silent_here)
-    gain, x, candidate = Projector(start).screen(bank)[0]
-    trial = fitter.fit(searcher.grown(start, candidate, x), start=start, exact=False)
+    rows = Projector(start).screen(bank)
+    best = {c.effect.key: (x, c) for _, x, c in sorted([*rows, *one_way_rows(start, bank, rows)], key=lambda r: r[0])}
+    trials = [fitter.fit(searcher.grown(start, c, x), start=start, exact=False) for x, c in best.values()]
+    trial = min(trials, key=price)
     return fitter.fit(trial.effects, start=trial)

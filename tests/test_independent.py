@@ -50,6 +50,9 @@ def catalogue(machine="M1"):
         yield f"pitch_error.{axis}", {"components": [[60.0, 0.002, 30.0]], "direction": way}, "cone"
     for axis in "AC":
         yield f"worm_wear.{axis}", {"depth_deg": 0.004, "centre_deg": 14.0, "width_deg": 4.0}, "cone"
+    for way in ("CW", "CCW"):  # one worn flank
+        yield "worm_wear.A", {"depth_deg": 0.004, "centre_deg": 14.0, "width_deg": 4.0, "direction": way}, "cone"
+    yield "worm_wear.C", {"depth_deg": 0.004, "centre_deg": 200.0, "width_deg": 6.0, "direction": "CW"}, "cone"
     yield "gravity_windup.A", {"amplitude_deg": 0.003, "phase_deg": 25.0}, "rotary-a"
     for axis in "XYZ":
         yield f"scale_error.{axis}", {"ppm": 40.0}, on[axis]

@@ -144,6 +144,16 @@ class Effect(ABC):
         return []
 
     @property
+    def way(self) -> float:
+        """+1 where the effect acts only while its axis turns CCW (its coordinate grows), −1 for CW, 0 for both."""
+        return {"CCW": 1.0, "CW": -1.0}.get(self.values.get("direction"), 0.0)
+
+    def one_way(self) -> list[Effect]:
+        """The same effect acting in one direction of motion only, once per direction; empty where it has one already or knows none."""
+        ways = next((p.choices for p in self.parameters_of(self.subject) if p.name == "direction"), ())
+        return [] if "direction" in self.values else [self.replaced(direction=way) for way in ways]
+
+    @property
     def id(self) -> str:
         """``kind.SUBJECT``."""
         return f"{self.kind}.{self.subject}"

@@ -33,8 +33,7 @@ class PitchError(Effect):
 
     def act(self, plant):
         rotary = self.subject in ROTARY
-        direction = {"CW": -1.0, "CCW": 1.0}.get(self.values.get("direction"), 0.0)
         for order, amplitude, phase in self.values["components"]:
             if amplitude:
                 wave = order if rotary else order * plant.axes[self.subject].gear
-                plant.add_op("pitch_error", SINE, self.subject, amplitude * (DEG if rotary else UM), wave, math.radians(phase), direction)
+                plant.add_op("pitch_error", SINE, self.subject, amplitude * (DEG if rotary else UM), wave, math.radians(phase), self.way)

@@ -1,4 +1,4 @@
-"""A worn stretch of a worm wheel."""
+"""A worn stretch of a worm wheel, on both flanks of its teeth or on one."""
 
 from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
@@ -15,10 +15,17 @@ class WormWear(Effect):
         Parameter("depth_deg", "depth of the worn stretch", -0.1, 0.1, neutral=0.0, scale=0.001),
         Parameter("centre_deg", "axis position of its middle", -360.0, 360.0, scale=1.0),
         Parameter("width_deg", "standard deviation of its shape", 0.2, 90.0, scale=1.0),
+        Parameter("direction", "one worn flank: it carries only while the axis turns this way", kind="choice", choices=("CW", "CCW")),
     )
-    definition = "x − depth·exp(−½((x − centre)/width)²), repeating every 360°"
-    source = "paper section 3.1 (deflection blamed on the worm gear); Gaussian shape assumed"
-    signature = "A local dent wherever the axis passes the worn stretch, in both directions of motion."
+    definition = (
+        "x − depth·exp(−½((x − centre)/width)²), repeating every 360°; with a direction only while the axis turns that way "
+        "(CCW: its coordinate grows), blended over 0.05° of travel after a reversal"
+    )
+    source = "paper section 3.1 (deflection blamed on the worm gear); Gaussian shape and blending assumed"
+    signature = (
+        "A local dent wherever the axis passes the worn stretch: in both directions of motion where both flanks are worn, "
+        "in one where one flank is."
+    )
 
     free = ("depth_deg", "centre_deg", "width_deg")
 
@@ -29,4 +36,5 @@ class WormWear(Effect):
         return [{"depth_deg": 0.001, "centre_deg": float(c), "width_deg": w} for w in (2.0, 5.0, 12.0) for c in centres]
 
     def act(self, plant):
-        plant.add_op("worm_wear", BUMP, self.subject, self.si("depth_deg"), self.si("centre_deg"), self.si("width_deg"))
+        shape = self.si("depth_deg"), self.si("centre_deg"), self.si("width_deg")
+        plant.add_op("worm_wear", BUMP, self.subject, *shape, self.way)

@@ -44,10 +44,10 @@ def _increment(op, m, x, clock, first):
         y = min(max(y, x - op[3]), x + op[3])
         m[0] = y
         return y - x
-    if code == BUMP:  # depth, centre, width; once per turn
+    if code == BUMP:  # depth, centre, width, direction; once per turn
         d = x - op[4]
         d -= 2.0 * math.pi * math.floor(d / (2.0 * math.pi) + 0.5)
-        return -op[3] * math.exp(-0.5 * (d / op[5]) ** 2)
+        return -op[3] * math.exp(-0.5 * (d / op[5]) ** 2) * _share(x, op[6], m, first)
     if code == POLYNOMIAL:  # quadratic, cubic, reference length
         u = x / op[5]
         return (op[3] + op[4] * u) * u * u

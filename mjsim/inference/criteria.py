@@ -20,6 +20,8 @@ VISIBLE = 0.25
 BEYOND_SHEET = 4.0
 #: Price of one more free parameter when models are compared.
 PRICE = 8.0
+#: What an effect that acts in one direction of motion only pays more than one that acts in both.
+ONE_WAY = 4.0
 #: How far beyond its bounds, in typical sizes, a linear estimate may lie.
 _SLACK = 0.02
 
@@ -30,8 +32,8 @@ def parameters(fit: Fit) -> int:
 
 
 def price(fit: Fit) -> float:
-    """Objective of a model with its free parameters paid for: the lower the better."""
-    return fit.objective + PRICE * parameters(fit)
+    """Objective of a model with its free parameters, and the directions that its effects pick, paid for: the lower the better."""
+    return fit.objective + PRICE * parameters(fit) + ONE_WAY * sum(f.effect.way != 0.0 for f in fit.effects)
 
 
 def possible(machine: Machine, x: np.ndarray, c: Candidate) -> bool:

@@ -8,11 +8,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mjsim.engine.plant import build
-from mjsim.inference.criteria import PRICE, THRESHOLD, VISIBLE, parameters, possible, price, sensible, wald
+from mjsim.inference.criteria import ONE_WAY, PRICE, THRESHOLD, VISIBLE, parameters, possible, price, sensible, wald
 from mjsim.inference.empirical import DONE, best_term, makeshift
 from mjsim.inference.fit import Fit, Fitter, unabsorbed
 from mjsim.inference.free import FreeEffect
 from mjsim.inference.generic import Term
+from mjsim.inference.one_way import one_way_rows
 from mjsim.inference.signatures import Candidate, Projector, SignatureBank, seeds
 from mjsim.inference.spectrum import spectral_candidates
 from mjsim.kinematics import AXES
@@ -28,8 +29,6 @@ _NEAR, _FAR = 6.0, 2.0
 _BENT = 5.0
 #: Fall of the price by which a free shape must pay.
 _SHAPE = 4.0
-#: What an effect that acts in one direction of motion only pays more than one that acts in both.
-_ONE_WAY = 4.0
 
 
 @dataclass
@@ -114,11 +113,12 @@ class Searcher:
         """Best possible starting point of every effect at the residual of ``fit``, best first; gains are net of the parameters' price."""
         projector = Projector(fit)
         rows = projector.screen(bank)
+        rows += one_way_rows(fit, bank, rows)
         for axis in AXES:
             for candidate, columns in spectral_candidates(self.problem, fit, bank, axis):
                 rows.append((*projector.gain(columns), candidate))
         rows = [
-            (g - PRICE * (len(FreeEffect(c.effect, c.names).vector) - 1) - _ONE_WAY * ("direction" in c.effect.values), x, c)
+            (g - PRICE * (len(FreeEffect(c.effect, c.names).vector) - 1) - ONE_WAY * ("direction" in c.effect.values), x, c)
             for g, x, c in rows
             if possible(self.fitter.machine, x, c)
         ]

@@ -9,7 +9,7 @@ import numpy as np
 
 from mjsim.effects import registry
 from mjsim.effects.base import Effect
-from mjsim.engine.plant import PLAY, SINE, build
+from mjsim.engine.plant import PLAY, build
 from mjsim.engine.transmission import transmit
 from mjsim.inference.calibration import calibrated
 from mjsim.inference.fit import Fit, with_effects
@@ -45,12 +45,12 @@ def seeds(machine: Machine) -> list[Candidate]:
         if cls.scanned:
             continue
         for subject in cls.subjects:
-            present = machine.effect(f"{kind}.{subject}")
-            names = cls.free_of(subject)
-            if present is not None:
+            effect_id, names = f"{kind}.{subject}", cls.free_of(subject)
+            mine = [e for e in machine.effects if e.id == effect_id]
+            for present in mine:
                 out += [Candidate(present, names), *(Candidate(e, n) for e, n in present.variants())]
-                continue
-            out += [Candidate(cls(subject, **values), names) for values in cls.seeds(subject)]
+            if all(e.key != effect_id for e in mine):  # one that acts in one direction leaves room for the other
+                out += [Candidate(cls(subject, **values), names) for values in cls.seeds(subject)]
     return out
 
 
@@ -112,16 +112,12 @@ class SignatureBank:
         return out
 
     def _stateless(self, effect: Effect) -> bool:
-        """Whether the effect is nothing but operations on positions without memory."""
+        """Whether the effect is nothing but operations on positions without memory, but for the direction in which they last moved."""
         if not effect.quasi_static or type(effect).position_error is not Effect.position_error:
             return False
         empty = build(self.fit.base.__class__(self.fit.base.name, self.fit.base.drives, (effect,)))
         geometric = bool(empty.geometry.location or empty.geometry.squareness)
-        return (
-            bool(empty.ops)
-            and not geometric
-            and all(o.code != PLAY and (o.code != SINE or o.parameters[3] == 0.0) and o.out < 5 for o in empty.ops)
-        )
+        return bool(empty.ops) and not geometric and all(o.code != PLAY and o.out < 5 for o in empty.ops)
 
     def position_changes(self, effect: Effect) -> list[np.ndarray]:
         p = self.problem
