@@ -74,10 +74,10 @@ class Problem:
         positions that ``machine`` reaches.
     """
 
-    def __init__(self, campaign: Campaign, machine: Machine, threads: int = 2) -> None:
+    def __init__(self, campaign: Campaign, machine: Machine, threads: int = 2, block: float | None = None) -> None:
         self.campaign = campaign
         self.tests = campaign.measured
-        self.samples: list[Samples] = make_samples(self.tests, campaign.traces)
+        self.samples: list[Samples] = make_samples(self.tests, campaign.traces, block)
         self.estimate_noise()
         self.layout = NuisanceLayout(tuple(dict.fromkeys(t.setup for t in self.tests)), tuple(t.name for t in self.tests))
         self._threads, self._pool = threads, ThreadPoolExecutor(threads)

@@ -120,9 +120,9 @@ def _interpolate_blocks(y, u, edges, out):
         out[b] = total / (edges[b + 1] - edges[b])
 
 
-def make_samples(tests: tuple[Test, ...], traces: dict[str, Trace]) -> list[Samples]:
-    """Samples of all measured tests, in blocks of one length: short ones where a test runs fast."""
-    block = BLOCKS[0] if max(t.feed for t in tests) <= SLOW else BLOCKS[1]
+def make_samples(tests: tuple[Test, ...], traces: dict[str, Trace], block: float | None = None) -> list[Samples]:
+    """Samples of all measured tests, in blocks of one length: short ones where a test runs fast, unless ``block`` s says which."""
+    block = block or (BLOCKS[0] if max(t.feed for t in tests) <= SLOW else BLOCKS[1])
     return [Samples(t, traces[t.name].time, traces[t.name].deviation, traces[t.name].valid.copy(), block) for t in tests]
 
 

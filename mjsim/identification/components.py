@@ -1,0 +1,244 @@
+"""Choice of the components against the noise floor: the best explanation first, everything refitted, until only noise is left.
+
+A dictionary holds waves of all orders and local faults. All set-up nuisances, the data sheet and the terms that are already in the
+model are projected out of it first, so that side lobes of a partial arc, an eccentricity or a friction glitch that the data sheet's
+tolerance explains count for nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from mjsim.identification.model import PitchModel, State
+from mjsim.identification.terms import Fault, Term, Wave
+from mjsim.inference.problem import Problem
+
+#: Highest number of peaks per turn that is looked for (paper, Fig. 3).
+HIGHEST = 800
+#: Chance that noise alone names one component or more in one direction of one axis.
+FALSE_ALARM = 1e-3
+#: Share of a term that must be its own, not another's: below it the two cannot be told apart.
+_OWN = 0.03
+#: Terms that explain less than this share of a round's best wait until the better ones are fitted.
+_SHARE = 0.02
+#: Most terms of one round.
+_MOST = 12
+#: Widths of local faults, of one tooth's pitch.
+_WIDTHS = (0.08, 0.16, 0.32, 0.64)
+#: Orders on both sides over which the floor of the residual's own spectrum is taken.
+_NEIGHBOURS = 60
+#: Median of a chi-square of two degrees of freedom.
+_MEDIAN = 2.0 * np.log(2.0)
+
+
+@dataclass(frozen=True)
+class Way:
+    """One axis turning one way: its tests, and what their arc allows.
+
+    Attributes:
+        axis: A or C. way: CW or CCW. tests: indices of its tangential tests, the longest arc first. teeth: of the worm wheel.
+        arc: longest arc measured, rad. speed: of the fastest, turns per s.
+    """
+
+    axis: str
+    way: str
+    tests: tuple[int, ...]
+    teeth: float
+    arc: float
+    speed: float
+
+    @property
+    def resolution(self) -> float:
+        """Difference of two orders that make one peak more over the arc, per turn."""
+        return 2 * np.pi / self.arc
+
+    @property
+    def lowest(self) -> float:
+        """Order from which on a wave counts as a component; what is slower lies below the tooth order."""
+        return self.teeth - self.resolution
+
+    def highest(self, block: float) -> float:
+        """Highest order that blocks of ``block`` s still show."""
+        return min(float(HIGHEST), 0.45 / (block * self.speed))
+
+
+def threshold(candidates: int, false_alarm: float = FALSE_ALARM) -> float:
+    """Fall of the squared residual that noise alone reaches with probability ``false_alarm`` somewhere among ``candidates`` waves."""
+    return 2.0 * float(np.log(candidates / false_alarm))
+
+
+class Dictionary:
+    """Candidate terms of one way with their whitened columns, everything known projected out.
+
+    Attributes:
+        terms: candidates. floor: (n,) by which the residual's own spectrum exceeds the noise model around each, at least 1.
+        gain: (n,) fall of the squared residual by each.
+    """
+
+    def __init__(self, model: PitchModel, state: State, way: Way) -> None:
+        self.model, self.state, self.way = model, state, way
+        self._at = {k: self._middles(k) for k in way.tests}
+        design = np.vstack([model.whitened(k, model.columns(k, state)) for k in way.tests])
+        rest = np.concatenate([model.whitened(k, model.residual(k, state)) for k in way.tests])
+        prior = np.sqrt(model.prior(state))
+        n = len(state.nuisance) + len(state.tau)
+        now = np.concatenate([state.nuisance, state.tau, np.zeros(len(prior) - n)])
+        self._q = np.linalg.qr(np.vstack([design, np.diag(prior)]))[0]
+        self._rest = np.concatenate([rest, -prior * now])
+        self._rest = self._rest - self._q @ (self._q.T @ self._rest)
+        self._added = np.zeros((len(self._rest), 0))
+        self.terms: list[Term] = self._candidates()
+        raw = self.columns(self.terms)
+        self._start = np.cumsum([0, *(1 if isinstance(t, Fault) else 2 for t in self.terms)])
+        self.limit = threshold(len(self.terms))
+        self._size = np.einsum("ij,ij->j", raw, raw)
+        self._d = raw - self._q @ (self._q.T @ raw)
+        self.update()
+
+    def _middles(self, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """Position of the axis and reading per rad at the middle of every block of a test."""
+        m, w = self.model, self.way
+        s, shift = m.problem.samples[k], m.problem.shift(k, self.state.nuisance)
+        return s.sample(m.position[k][w.axis], shift), s.sample(m.factor(k, Wave(w.axis, w.way, 1.0)), shift)
+
+    def _candidates(self) -> list[Term]:
+        w, p = self.way, self.model.problem
+        step = min(1.0, 0.5 * w.resolution)
+        self.orders = np.arange(np.ceil(w.lowest / step) * step, w.highest(p.samples[0].block) + 1e-9, step)
+        out: list[Term] = [Wave(w.axis, w.way, float(n)) for n in self.orders]
+        low = np.arange(0.5 * w.resolution, w.lowest, 0.5 * w.resolution)
+        out += [Wave(w.axis, w.way, float(n), test=p.tests[k].name) for k in w.tests for n in low]
+        span = [self.model.position[k][w.axis] for k in w.tests]
+        first, last = min(x.min() for x in span), max(x.max() for x in span)
+        for width in (r * 2 * np.pi / w.teeth for r in _WIDTHS):
+            out += [Fault(w.axis, w.way, float(c), width) for c in np.arange(first + width, min(last, first + 2 * np.pi) - width, width)]
+        return out
+
+    def columns(self, terms: list[Term]) -> np.ndarray:
+        """Whitened columns of terms of this way (waves two, faults one), rows as the residual's.
+
+        A block's mean stands for its middle: good enough to choose by, the fit that follows takes the mean.
+        """
+        m, w = self.model, self.way
+        blocks = []
+        for k in w.tests:
+            name, x, factor = m.problem.tests[k].name, *self._at[k]
+            cols = []
+            for t in terms:
+                own = t.columns(x)[: 1 if isinstance(t, Fault) else 2]
+                cols += [c if t.test is None or t.test == name else np.zeros(len(x)) for c in own]
+            blocks.append(m.whitened(k, factor[:, None] * np.column_stack(cols)))
+        count = blocks[0].shape[1]
+        return np.vstack([*blocks, np.zeros((len(self._rest) - sum(len(b) for b in blocks), count))])
+
+    def update(self) -> None:
+        """Gains of all candidates with the present residual."""
+        b = self._d.T @ self._rest
+        own = np.einsum("ij,ij->j", self._d, self._d)
+        at, waves = self._start[:-1], np.diff(self._start) == 2
+        self.gain = np.zeros(len(self.terms))
+        i = at[waves]
+        cross = np.einsum("ij,ij->j", self._d[:, i], self._d[:, i + 1])
+        self.gain[waves] = _pair_gain(b[i], b[i + 1], own[i], own[i + 1], cross, _OWN * self._size[i])
+        j = at[~waves]
+        self.gain[~waves] = np.where(own[j] > _OWN * self._size[j], b[j] ** 2 / np.maximum(own[j], 1e-30), 0.0)
+        n = len(self.orders)
+        floor = _running_median(self.gain[:n], round(_NEIGHBOURS / (self.orders[1] - self.orders[0]))) / _MEDIAN
+        self.floor = np.ones(len(self.terms))
+        self.floor[:n] = np.maximum(1.0, floor)
+        self.floor[n:] = max(1.0, float(np.median(floor)))
+
+    def best(self) -> tuple[int, float, bool]:
+        """The candidate with the largest gain, the gain, and whether it stands above what noise alone reaches."""
+        i = int(np.argmax(self.gain))
+        return i, float(self.gain[i]), bool(self.gain[i] > self.limit * self.floor[i])
+
+    def take(self, i: int) -> Term:
+        """Put a candidate into the model: refined, and projected out of residual and dictionary; with its estimated size."""
+        term = self._refined(self.terms[i])
+        own = self._own([term])
+        q, r = np.linalg.qr(own)
+        size = np.linalg.solve(r, q.T @ self._rest)
+        self._added = np.hstack([self._added, q])
+        self._rest = self._rest - q @ (q.T @ self._rest)
+        self._d -= q @ (q.T @ self._d)
+        self.update()
+        return term.moved(np.concatenate([size, np.zeros(term.size - len(size))]))
+
+    def _refined(self, term: Term) -> Term:
+        """The term at the order, or the place and width, around the candidate's that explains most."""
+        if isinstance(term, Fault):
+            for fine in (1.0, 0.5, 0.25):
+                shifts, stretches = 0.5 * fine * np.arange(-2, 3), 1.35 ** (fine * np.arange(-2, 3))
+                near = [replace(term, centre=term.centre + d * term.width, width=term.width * f) for f in stretches for d in shifts]
+                d = self._own(near)
+                gain = (d.T @ self._rest) ** 2 / np.maximum(np.einsum("ij,ij->j", d, d), 1e-30)
+                term = near[int(np.argmax(gain))]
+            return term
+        step = self.orders[1] - self.orders[0]
+        near = [replace(term, order=term.order + float(d)) for d in np.linspace(-0.5, 0.5, 9) * step]
+        d = self._own(near)
+        b, own = d.T @ self._rest, np.einsum("ij,ij->j", d, d)
+        cross = np.einsum("ij,ij->j", d[:, ::2], d[:, 1::2])
+        return near[int(np.argmax(_pair_gain(b[::2], b[1::2], own[::2], own[1::2], cross, np.zeros(len(near)))))]
+
+    def _own(self, terms: list[Term]) -> np.ndarray:
+        """Columns of terms with everything known and taken projected out."""
+        d = self.columns(terms)
+        d = d - self._q @ (self._q.T @ d)
+        return d - self._added @ (self._added.T @ d)
+
+
+def _running_median(x: np.ndarray, side: int) -> np.ndarray:
+    """Median over ``side`` values on both sides; near the ends over as many, all of them inside."""
+    side = max(1, min(side, (len(x) - 1) // 2))
+    inner = median_filter(x, size=2 * side + 1)[side : len(x) - side]
+    return np.concatenate([np.full(side, inner[0]), inner, np.full(side, inner[-1])])
+
+
+def _pair_gain(b1, b2, g1, g2, g12, least) -> np.ndarray:
+    """Fall of the squared residual by pairs of columns with inner products ``g`` among them and ``b`` with the residual."""
+    det = g1 * g2 - g12**2
+    ok = (np.minimum(g1, g2) > least) & (det > 1e-9 * g1 * g2)
+    return np.where(ok, (g2 * b1**2 - 2 * g12 * b1 * b2 + g1 * b2**2) / np.where(ok, det, 1.0), 0.0)
+
+
+def chosen(model: PitchModel, state: State, way: Way) -> list[Term]:
+    """Terms that the residual of ``state`` still asks for, the best first: none where only noise is left."""
+    d = Dictionary(model, state, way)
+    out: list[Term] = []
+    first = 0.0
+    while len(out) < _MOST:
+        i, gain, stands_out = d.best()
+        first = max(first, gain)
+        if not stands_out or gain < _SHARE * first:
+            break
+        out.append(d.take(i))
+    return out
+
+
+def ways_of(problem: Problem, axis: str, teeth: float) -> list[Way]:
+    """The directions in which tangential tests of an axis turned it, CW before CCW."""
+    out = []
+    for way in ("CW", "CCW"):
+        mine = [k for k, t in enumerate(problem.tests) if _tangential(t, axis) and (t.stop > t.start) == (way == "CCW")]
+        if not mine:
+            continue
+        arcs = {k: _arc(problem, k, axis) for k in mine}
+        mine.sort(key=lambda k: (-round(arcs[k], 2), problem.tests[k].feed))
+        speed = max(arcs[k] / (2 * np.pi * np.ptp(problem.samples[k].centre)) for k in mine)
+        out.append(Way(axis, way, tuple(mine), teeth, arcs[mine[0]], speed))
+    return out
+
+
+def _tangential(test, axis: str) -> bool:
+    return test.kind == "rotary" and test.axis == axis and test.sensitive == "tangential"
+
+
+def _arc(problem: Problem, k: int, axis: str) -> float:
+    s = problem.samples[k]
+    q = problem.motions[k].program.commands(s.centre[s.good])
+    return float(np.ptp(q[:, 3 if axis == "A" else 4]))

@@ -1,0 +1,219 @@
+"""Pitch errors of the rotary axes from tangential three-axis tests (paper, section 2.3)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mjsim.campaign.model import Campaign
+from mjsim.compare import Progress, silent
+from mjsim.effects import registry
+from mjsim.effects.base import Effect
+from mjsim.errors import InputError
+from mjsim.identification import joint
+from mjsim.identification.alternating import alternate
+from mjsim.identification.components import Way, ways_of
+from mjsim.identification.curve import components_of, curve, terms_of
+from mjsim.identification.model import PitchModel, State
+from mjsim.identification.result import Component, DirectionIdentification, LocalFault, PitchIdentification
+from mjsim.identification.spectrum import spectrum
+from mjsim.identification.terms import UNIT, Fault, Wave
+from mjsim.inference.nuisance import fit_nuisance
+from mjsim.inference.problem import TRIGGER, Problem
+from mjsim.machine.model import Machine
+from mjsim.nc.program import ROTARY_MARGIN
+from mjsim.threads import one_blas_thread
+from mjsim.units import DEG, MM, UM
+
+#: Block length, s: order 800 of an axis at 13.6°/s passes at 30 Hz.
+_BLOCK = 0.010
+#: Teeth that the arc must cover, so that the tooth order stands apart from what lies below it.
+TEETH = 4
+
+
+def identify_pitch_error(
+    campaign: Campaign, machine: Machine, axis: str, progress: Progress = silent, threads: int = 2
+) -> PitchIdentification:
+    """Pitch errors of one rotary axis; :func:`identify_pitch_errors` does both in one go.
+
+    Raises:
+        InputError: the campaign has no measured tangential test of the axis, or its arc is too short.
+    """
+    return identify_pitch_errors(campaign, machine, (axis,), threads=threads, progress=progress)[axis]
+
+
+@one_blas_thread
+def identify_pitch_errors(
+    campaign: Campaign,
+    machine: Machine,
+    axes: tuple[str, ...] = ("A", "C"),
+    per_direction: bool = False,
+    threads: int = 2,
+    progress: Progress = silent,
+) -> dict[str, PitchIdentification]:
+    """Pitch errors of rotary axes: components per direction, against the noise floor, with 95 % intervals.
+
+    All tests of the campaign help to tie set-up, triggers and data sheet; the components are chosen on the tangential tests. The
+    machine's own pitch errors of these axes are left out and found anew.
+
+    Args:
+        axes: of A and C. per_direction: keep CW and CCW apart even where they agree.
+
+    Raises:
+        InputError: the campaign has no measured tangential test of an axis, or its arc is too short.
+    """
+    for axis in axes:
+        _check(campaign, machine, axis)
+    tested = tuple(a for a in ("A", "C") if a in axes or _testable(campaign, machine, a))
+    bare = machine
+    for axis in tested:
+        bare = bare.without(f"pitch_error.{axis}")
+    progress("reading the tests", 0, 5)
+    problem = Problem(campaign, bare, threads, block=_BLOCK)
+    model = PitchModel(problem, bare)
+    ways = [w for a in tested for w in ways_of(problem, a, machine.drives[a].gear)]
+    model.use = sorted(k for w in ways for k in w.tests)
+    progress("choosing components", 1, 5)
+    state = model.start(fit_nuisance(problem, model.readings))
+    state = joint.searched(model, state, ways)
+    if not any(s.test.repeats for s in problem.samples):
+        joint.refined_noise(model, state)
+        state = joint.searched(model, model.fit(state, 4), ways)
+    progress("fitting all tests", 2, 5)
+    state = joint.joined(model, state, ways)
+    progress("comparing the directions", 3, 5)
+    common = dict.fromkeys(tested, False)
+    for axis in tested:
+        if not per_direction and len([w for w in ways if w.axis == axis]) == 2:
+            one = joint.shared(model, state, axis)
+            if one is not None:
+                state, common[axis] = one, True
+    progress("drawing up the result", 4, 5)
+    return {a: _result(model, state, [w for w in ways if w.axis == a], a, common[a]) for a in axes}
+
+
+def tangential_tests(campaign: Campaign, axis: str) -> list:
+    """The measured tangential tests of one rotary axis."""
+    return [t for t in campaign.measured if t.kind == "rotary" and t.axis == axis and t.sensitive == "tangential"]
+
+
+def _arc(test) -> float:
+    return abs(test.stop - test.start) - 2 * ROTARY_MARGIN
+
+
+def _needed(machine: Machine, axis: str) -> float:
+    return TEETH * 2 * np.pi / machine.drives[axis].gear
+
+
+def _testable(campaign: Campaign, machine: Machine, axis: str) -> bool:
+    tests = tangential_tests(campaign, axis)
+    return bool(tests) and min(_arc(t) for t in tests) >= _needed(machine, axis)
+
+
+def _check(campaign: Campaign, machine: Machine, axis: str) -> None:
+    tests = tangential_tests(campaign, axis)
+    file = campaign.folder / "campaign.toml"
+    if not tests:
+        raise InputError(
+            f'{file}: no measured tangential test of axis {axis}; needed: a [[test]] with kind = "rotary", axis = "{axis}", '
+            f'sensitive_direction = "tangential" and a trace, best in both directions'
+        )
+    needed, teeth = _needed(machine, axis), machine.drives[axis].gear
+    for t in tests:
+        if _arc(t) < needed:
+            raise InputError(
+                f"{file}: test {t.name!r} measures {_arc(t) / DEG:.1f}° of {axis}; to tell the tooth order {teeth:g} from what lies below "
+                f"it, from_deg and to_deg must be {(needed + 2 * ROTARY_MARGIN) / DEG:.1f}° apart or more"
+            )
+
+
+def _result(model: PitchModel, state: State, ways: list[Way], axis: str, common: bool) -> PitchIdentification:
+    directions = {w.way: _direction(model, state, w) for w in ways}
+    effects = _effects(axis, state, ways, common)
+    notes = []
+    if len(ways) == 1:
+        notes.append(f"only {ways[0].way} was measured; nothing is known about the other direction")
+    noise = model.problem.noise
+    return PitchIdentification(axis, directions, common, effects, noise.rms / UM, noise.source, tuple(notes))
+
+
+def _effects(axis: str, state: State, ways: list[Way], common: bool) -> tuple[Effect, ...]:
+    cls, subject = registry.effect_class(f"pitch_error.{axis}")
+    out = []
+    for w in ways[:1] if common else ways:
+        rows = [[t.order, t.amplitude_deg, t.phase_deg] for t in components_of(state, w)]
+        if rows:
+            out.append(cls(subject, components=rows, **({} if common else {"direction": w.way})))
+    return tuple(out)
+
+
+def _direction(model: PitchModel, state: State, way: Way) -> DirectionIdentification:
+    p = model.problem
+    line = curve(model, state, way, way.tests[0])
+    found = _components(model, state, way)
+    lines = spectrum(model, state, way, line)
+    sd = TRIGGER * np.sqrt(np.diag(state.covariance)[: p.layout.size])
+    faults = tuple(LocalFault(t.centre / DEG, t.width / DEG, t.height * UNIT / DEG) for t in terms_of(state, way) if isinstance(t, Fault))
+    return DirectionIdentification(
+        way.axis,
+        way.way,
+        tuple(p.tests[k].name for k in way.tests),
+        way.arc / DEG,
+        way.resolution,
+        round(way.teeth),
+        line.position / DEG,
+        line.raw / DEG,
+        line.modified / DEG,
+        line.identified / DEG,
+        line.at_reversal,
+        lines.orders,
+        lines.amplitude,
+        lines.floor,
+        lines.limit,
+        found,
+        tuple(alternate(line, [c.order for c in found])),
+        faults,
+        {p.tests[k].name: float(1.96e3 * sd[p.layout.trigger(p.tests[k].name)]) for k in way.tests},
+        p.tests[way.tests[0]].feed * 60 / MM,
+    )
+
+
+def _components(model: PitchModel, state: State, way: Way) -> tuple[Component, ...]:
+    """The waves with their intervals; waves closer than the resolution are one component that cannot be taken apart."""
+    waves = components_of(state, way)
+    groups: list[list[Wave]] = []
+    for t in waves:
+        if groups and t.order - groups[-1][-1].order < 1.2 * way.resolution:
+            groups[-1].append(t)
+        else:
+            groups.append([t])
+    places = dict(zip(map(id, state.terms), state.blocks, strict=True))
+    triggers = joint.trigger_places(model)
+    out = []
+    for group in groups:
+        main = max(group, key=lambda t: t.amplitude_deg)
+        b = places[id(main)]
+        full = state.covariance[b, b]
+        across = state.covariance[b, triggers]
+        fixed = full - across @ np.linalg.solve(state.covariance[np.ix_(triggers, triggers)], across.T)
+        size, phase = 1.96 * _spread(main, full)
+        _, known = 1.96 * _spread(main, fixed)
+        ci = {
+            "amplitude_deg": (max(0.0, main.amplitude_deg - size), main.amplitude_deg + size),
+            "phase_deg": (main.phase_deg - phase, main.phase_deg + phase),
+        }
+        if main.free_order:
+            half = 1.96 * float(np.sqrt(full[2, 2]))
+            ci["order"] = (main.order - half, main.order + half)
+        multiple = abs(main.order / way.teeth - round(main.order / way.teeth)) * way.teeth < 0.5 * min(1.0, way.resolution)
+        rest = tuple(t.order for t in group if t is not main)
+        out.append(Component(main.order, main.amplitude_deg, main.phase_deg, ci, not main.free_order, float(known), bool(multiple), rest))
+    return tuple(out)
+
+
+def _spread(t: Wave, covariance: np.ndarray) -> np.ndarray:
+    """Standard deviations of amplitude and phase, both in degrees."""
+    v = np.array([t.c, t.s])
+    a = float(np.hypot(*v))
+    along, across = v / a, np.array([-v[1], v[0]]) / a
+    c = covariance[:2, :2]
+    return np.array([np.sqrt(max(along @ c @ along, 0.0)) * UNIT / DEG, np.degrees(np.sqrt(max(across @ c @ across, 0.0)) / a)])

@@ -1,0 +1,230 @@
+"""What an identification of pitch errors says: per direction the curves, the spectrum, the components, and how sure they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mjsim.effects.base import Effect
+
+
+@dataclass(frozen=True)
+class Component:
+    """One component ``amplitude sin(order x + phase)``, x the actual axis position; amplitudes and phases in degrees.
+
+    Attributes:
+        order: peaks per turn; a whole number where the data allow only one (``order_known``).
+        ci95: name -> (low, high) of ``amplitude_deg`` and ``phase_deg``, and of ``order`` where it is not known; they contain
+        trigger, set-up and data sheet. phase_fixed_trigger_deg: half width of the phase's interval were the trigger known.
+        multiple_of_teeth: whether the order is a multiple of the tooth number.
+        merged: orders of further waves that this one cannot be separated from on the arc measured; then its numbers are those of the
+        fit with all of them and no statement about one cause.
+    """
+
+    order: float
+    amplitude_deg: float
+    phase_deg: float
+    ci95: dict[str, tuple[float, float]]
+    order_known: bool
+    phase_fixed_trigger_deg: float
+    multiple_of_teeth: bool
+    merged: tuple[float, ...] = ()
+
+    @property
+    def separable(self) -> bool:
+        return not self.merged
+
+    @property
+    def phase_half_width_deg(self) -> float:
+        low, high = self.ci95["phase_deg"]
+        return 0.5 * (high - low)
+
+    def to_json(self) -> dict:
+        out = {
+            "order": round(self.order, 4),
+            "amplitude_deg": float(f"{self.amplitude_deg:.5g}"),
+            "phase_deg": round(self.phase_deg, 2),
+            "ci95": {k: [float(f"{x:.5g}") for x in v] for k, v in self.ci95.items()},
+            "order_known": self.order_known,
+            "phase_half_width_with_known_trigger_deg": round(self.phase_fixed_trigger_deg, 2),
+            "multiple_of_teeth": self.multiple_of_teeth,
+            "separable": self.separable,
+        }
+        if self.merged:
+            out["not_separable_from"] = [round(n, 2) for n in self.merged]
+        return out
+
+
+@dataclass(frozen=True)
+class Alternation:
+    """One component by the paper's alternating scheme: see :mod:`mjsim.identification.alternating`."""
+
+    order: float
+    amplitude_deg: float
+    phase_deg: float
+    rounds: int
+
+    def to_json(self) -> dict:
+        return {
+            "order": round(self.order, 4),
+            "amplitude_deg": float(f"{self.amplitude_deg:.5g}"),
+            "phase_deg": round(self.phase_deg, 2),
+            "rounds": self.rounds,
+        }
+
+
+@dataclass(frozen=True)
+class LocalFault:
+    """A fault of one place that was taken out: ``height exp(-((x - centre)/width)²/2)``, degrees."""
+
+    centre_deg: float
+    width_deg: float
+    height_deg: float
+
+
+@dataclass(frozen=True)
+class DirectionIdentification:
+    """One axis turning one way.
+
+    Attributes:
+        tests: names; the curves are those of the first. arc_deg, resolution (peaks per turn), tooth_order.
+        position_deg, raw_deg, modified_deg, identified_deg: (n,) actual axis position and the curves over it, degrees:
+        reading over radius; without decentering, backlash offset, local faults and all below the tooth order; sum of the components.
+        at_reversal: (n,) bool, where a linear axis turns back and its friction makes a glitch.
+        orders, amplitude_deg, floor_deg, limit_deg: (m,) spectrum of the modified curve, the amplitude that noise alone gives (RMS),
+        and the one that a component must exceed.
+        trigger_ci95_ms: half width of each test's trigger shift.
+    """
+
+    axis: str
+    way: str
+    tests: tuple[str, ...]
+    arc_deg: float
+    resolution: float
+    tooth_order: int
+    position_deg: np.ndarray
+    raw_deg: np.ndarray
+    modified_deg: np.ndarray
+    identified_deg: np.ndarray
+    at_reversal: np.ndarray
+    orders: np.ndarray
+    amplitude_deg: np.ndarray
+    floor_deg: np.ndarray
+    limit_deg: np.ndarray
+    components: tuple[Component, ...]
+    alternating: tuple[Alternation, ...]
+    faults: tuple[LocalFault, ...]
+    trigger_ci95_ms: dict[str, float]
+    feed_mm_min: float
+
+    @property
+    def noise_floor_deg(self) -> float:
+        """Amplitude that noise alone gives (RMS), median over the orders from the tooth order on."""
+        return float(np.median(self.floor_deg[self.orders >= self.tooth_order]))
+
+    @property
+    def detection_limit_deg(self) -> float:
+        """Amplitude that a component must exceed, median over the orders from the tooth order on."""
+        return float(np.median(self.limit_deg[self.orders >= self.tooth_order]))
+
+    @property
+    def phase_limited_by_trigger(self) -> bool:
+        """Whether some phase is known to no better than 3°, and would be to half its uncertainty were the trigger known."""
+        return any(_limited(c) for c in self.components)
+
+    @property
+    def advice(self) -> str | None:
+        """What to measure where the trigger limits the phases: one sentence."""
+        limited = [c for c in self.components if _limited(c)]
+        if not limited:
+            return None
+        worst = max(c.phase_half_width_deg for c in limited)
+        trigger = max(self.trigger_ci95_ms.values())
+        return (
+            f"the unknown start of the recording (±{trigger:.1f} ms) limits the phase of order "
+            f"{', '.join(f'{c.order:g}' for c in limited)} to ±{worst:.0f}° at most; a cone-frustum test in the same campaign that "
+            f"turns {self.axis} ties the start down, and the same test at {_slower(self.feed_mm_min, worst):g} mm/min makes it matter less"
+        )
+
+    @property
+    def differences(self) -> list[tuple[float, float]]:
+        """Joint least squares against the alternating scheme: relative amplitude and phase (deg) difference per component."""
+        out = []
+        for c, a in zip(self.components, self.alternating, strict=True):
+            turn = (a.phase_deg - c.phase_deg + 180.0) % 360.0 - 180.0
+            out.append((a.amplitude_deg / c.amplitude_deg - 1.0, turn))
+        return out
+
+    def rms_deg(self) -> dict[str, float]:
+        """RMS of the raw curve about its mean, of the modified one, and of what the components leave of it."""
+        rest = self.modified_deg - self.identified_deg
+        return {
+            "raw": float(np.std(self.raw_deg)),
+            "modified": float(np.sqrt(np.mean(self.modified_deg**2))),
+            "residual": float(np.sqrt(np.mean(rest**2))),
+            "residual_away_from_reversals": float(np.sqrt(np.mean(rest[~self.at_reversal] ** 2))),
+        }
+
+    def to_json(self) -> dict:
+        gaps = self.differences
+        return {
+            "tests": list(self.tests),
+            "arc_deg": round(self.arc_deg, 2),
+            "resolution_per_rev": round(self.resolution, 3),
+            "tooth_order": self.tooth_order,
+            "noise_floor_deg": float(f"{self.noise_floor_deg:.4g}"),
+            "detection_limit_deg": float(f"{self.detection_limit_deg:.4g}"),
+            "components": [c.to_json() for c in self.components],
+            "alternating": [a.to_json() for a in self.alternating],
+            "largest_difference": {
+                "amplitude_percent": round(100 * max((abs(a) for a, _ in gaps), default=0.0), 2),
+                "phase_deg": round(max((abs(p) for _, p in gaps), default=0.0), 2),
+            },
+            "rms_deg": {k: float(f"{v:.4g}") for k, v in self.rms_deg().items()},
+            "local_faults": [{k: float(f"{getattr(f, k):.5g}") for k in ("centre_deg", "width_deg", "height_deg")} for f in self.faults],
+            "trigger_ci95_ms": {k: round(v, 2) for k, v in self.trigger_ci95_ms.items()},
+            "phase_limited_by_trigger": self.phase_limited_by_trigger,
+            "advice": self.advice,
+        }
+
+
+def _limited(c: Component) -> bool:
+    return c.phase_half_width_deg > 3.0 and c.phase_fixed_trigger_deg < 0.5 * c.phase_half_width_deg
+
+
+def _slower(feed_mm_min: float, half_width_deg: float) -> float:
+    """A feed at which the same shift in time is 3° or less of phase, or a fifth of the present one."""
+    return max(feed_mm_min * 3.0 / half_width_deg, 0.2 * feed_mm_min) // 10 * 10
+
+
+@dataclass(frozen=True)
+class PitchIdentification:
+    """Pitch errors of one axis.
+
+    Attributes:
+        directions: "CW", "CCW" -> what was found; a direction without a tangential test is absent.
+        common: the components of both directions agree within their uncertainty, so that one effect describes both.
+        effects: ``pitch_error`` effects for machine.toml.
+        noise_um: RMS of one sample's noise, and where the estimate comes from.
+    """
+
+    axis: str
+    directions: dict[str, DirectionIdentification]
+    common: bool
+    effects: tuple[Effect, ...]
+    noise_um: float
+    noise_source: str
+    notes: tuple[str, ...] = field(default=())
+
+    def to_json(self) -> dict:
+        """As ``mjsim identify pitch-error --json`` prints it."""
+        return {
+            "axis": self.axis,
+            "noise_um": round(self.noise_um, 4),
+            "noise_source": self.noise_source,
+            "directions_agree": self.common,
+            "notes": list(self.notes),
+            "directions": {k: d.to_json() for k, d in self.directions.items()},
+            "effects": [{"id": e.id, **e.values} for e in self.effects],
+        }

@@ -1,0 +1,43 @@
+"""Amplitude over peaks per turn (paper, Fig. 3), with the amplitude that noise alone gives at every order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjsim.identification.components import HIGHEST, Dictionary, Way
+from mjsim.identification.curve import Curve
+from mjsim.identification.model import PitchModel, State
+from mjsim.identification.terms import UNIT, Wave
+from mjsim.units import DEG
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """(m,) each: order per turn, and in degrees the modified curve's amplitude, noise alone (RMS), and what a component must exceed."""
+
+    orders: np.ndarray
+    amplitude: np.ndarray
+    floor: np.ndarray
+    limit: np.ndarray
+
+
+def amplitude(position: np.ndarray, value: np.ndarray, orders: np.ndarray) -> np.ndarray:
+    """Amplitude of ``value`` (n,) at positions ``position`` (n,) rad, evenly weighted over the position, at ``orders`` (m,)."""
+    weight = np.abs(np.gradient(position))
+    kernel = np.exp(-1j * orders[:, None] * position)
+    return 2.0 * np.abs(kernel @ (weight * value)) / weight.sum()
+
+
+def spectrum(model: PitchModel, state: State, way: Way, curve: Curve) -> Spectrum:
+    """Spectrum of one direction's modified curve at whole orders from 1 to the highest."""
+    orders = np.arange(1.0, HIGHEST + 1.0)
+    d = Dictionary(model, state, way)
+    columns = d.columns([Wave(way.axis, way.way, float(n)) for n in orders])
+    own = 0.5 * np.einsum("ij,ij->j", columns, columns).reshape(-1, 2).sum(axis=1)
+    own = np.maximum(own, 1e-9 * own.max())
+    raised = np.interp(orders, d.orders, d.floor[: len(d.orders)])
+    floor = np.sqrt(2.0 * raised / own) * UNIT / DEG
+    limit = np.sqrt(d.limit * raised / own) * UNIT / DEG
+    return Spectrum(orders, amplitude(curve.position, curve.modified, orders) / DEG, floor, limit)
