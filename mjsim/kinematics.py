@@ -55,6 +55,14 @@ def work_to_machine(A: np.ndarray, C: np.ndarray, points: np.ndarray) -> np.ndar
     return np.stack([u + 0 * ca, ca * v - sa * z, sa * v + ca * z], axis=-1)
 
 
+def machine_to_work(A: np.ndarray, C: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Inverse of :func:`work_to_machine`: work coordinates (n, 3) of machine ``points`` (n, 3) at A, C (n,) in rad."""
+    x, y, z = np.moveaxis(np.asarray(points, float), -1, 0)
+    ca, sa, cc, sc = np.cos(A), np.sin(A), np.cos(C), np.sin(C)
+    v = ca * y + sa * z
+    return np.stack([cc * x + sc * v, cc * v - sc * x, ca * z - sa * y], axis=-1)
+
+
 def table_ball(q: np.ndarray, point: np.ndarray, geometry: Geometry | None = None) -> np.ndarray:
     """Table-ball centre relative to the Y slide's frame, (n, 3) m, with all location errors and table motions.
 

@@ -10,7 +10,9 @@ from mjsim.campaign.model import Campaign, Instrument, Test, Trace
 from mjsim.campaign.schema import DIRECTIONS, NEEDED, OPTIONAL, CampaignTable, TestTable
 from mjsim.campaign.traces import read_trace
 from mjsim.errors import InputError
-from mjsim.nc.program import Program
+from mjsim.nc.limits import check_travel, model_limits
+from mjsim.nc.program import Program, driven_by
+from mjsim.nc.read import read_nc
 from mjsim.toml import check, parse
 from mjsim.units import DEG, MM, UM
 
@@ -101,8 +103,11 @@ def _test(file: Path, t: TestTable) -> Test:
             raise InputError(f"{place}: from_deg and to_deg are both {t.from_deg:g}; the axis would not turn")
         if np.hypot(*(ball[:2] if t.axis == "C" else ball[1:])) < 1e-3:
             raise InputError(f"{place}: table_ball_mm = {t.table_ball_mm} lies on the {t.axis} axis; allowed: at least 1 mm away from it")
+    for key in ("program_dialect", "program_reversed", "program_rollover"):
+        if t.program is None and getattr(t, key) is not None:
+            raise InputError(f"{place}: the key {key!r} needs program, the NC file that it describes")
     common = dict(name=t.name, kind=t.kind, table_ball=ball, length=t.bar_length_mm * MM, feed=t.feed_mm_min * MM / 60.0)
-    return Test(
+    test = Test(
         **common,
         half_apex=(t.half_apex_deg or 0.0) * DEG,
         inclination=(t.inclination_deg or 0.0) * DEG,
@@ -117,10 +122,19 @@ def _test(file: Path, t: TestTable) -> Test:
         started=t.started_s,
         trace=t.trace,
     )
+    return test if t.program is None else _driven(file, place, test, t)
+
+
+def _driven(file: Path, place: str, test: Test, t: TestTable) -> Test:
+    """The test with the motion that its NC file commands."""
+    path = _inside(file, file.parent, t.program or "", f"{place} program")
+    nc = read_nc(path, t.program_dialect or "fanuc", tuple(t.program_reversed or ()), bool(t.program_rollover))
+    check_travel(nc.motion, model_limits(), nc.place)
+    return driven_by(test, nc.motion, str(path))
 
 
 def test_table(test: Test) -> dict:
-    """A test as a ``[[test]]`` table of campaign.toml has it; what is not measured yet has no trace and no time."""
+    """A test as a ``[[test]]`` table of campaign.toml has it; what is not measured yet has no trace, no time and no program."""
     out: dict = {"name": test.name, "kind": test.kind}
     if test.kind == "cone_frustum":
         out |= {"half_apex_deg": _plain(test.half_apex / DEG), "inclination_deg": _plain(test.inclination / DEG)}

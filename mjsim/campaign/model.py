@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from mjsim.nc.commanded import Commanded
 
 
 @dataclass(frozen=True)
@@ -14,7 +18,8 @@ class Test:
 
     ``kind`` is cone_frustum, circular or rotary. ``sensitive`` is perpendicular or parallel (cone_frustum), tangential,
     radial or axial (rotary). ``start``/``stop`` are the rotary axis' ends, ``setup`` names the tests that share both balls'
-    offsets, ``started`` is the clock time of the NC program's start in s.
+    offsets, ``started`` is the clock time of the NC program's start in s. ``commanded`` is the motion of an NC file where one takes
+    the place of the test's own program.
     """
 
     __test__ = False  # not a pytest class
@@ -36,6 +41,7 @@ class Test:
     setup: str = ""
     started: float = 0.0
     trace: str | None = None
+    commanded: Commanded | None = None
 
     @property
     def repeats(self) -> bool:

@@ -28,6 +28,10 @@ class TestTable(Table):
     bar_length_mm: Annotated[float, Field(ge=20, le=1000)]
     feed_mm_min: Annotated[float, Field(gt=0, le=100000)]
     trace: str | None = None
+    program: str | None = None
+    program_dialect: Literal["fanuc", "siemens", "linuxcnc"] | None = None
+    program_reversed: list[Literal["A", "C"]] | None = None
+    program_rollover: bool | None = None
     setup: str | None = None
     started_s: Number = 0.0
     half_apex_deg: Annotated[float, Field(gt=0, lt=90)] | None = None

@@ -14,6 +14,7 @@ _COMMANDS = {
     "plan": "The next test that separates what cannot be told apart.",
     "add": "Fit an effect and put it into the machine file.",
     "remove": "Take an effect out of the machine file.",
+    "nc": "Write and read five-axis NC programs; the feed they really give.",
     "history": "The ladder: every model tried and its error.",
     "effects": "The catalogue of effects.",
 }
