@@ -7,7 +7,8 @@ import numpy as np
 from mjsim.campaign.model import Test
 from mjsim.kinematics import work_to_machine
 
-_PLANES = {"XY": (0, 1), "YZ": (1, 2), "ZX": (2, 0)}
+#: The two axes of a circular test, φ counting from the first to the second.
+PLANES = {"XY": (0, 1), "YZ": (1, 2), "ZX": (2, 0)}
 
 
 def tool_axis(i: np.ndarray, j: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -47,7 +48,7 @@ def circular(test: Test, phi: np.ndarray) -> np.ndarray:
     """Axis commands (n, 5) of the two-axis circular test of ISO 230-4 at φ (n,) rad."""
     q = np.zeros((len(phi), 5))
     q[:, :3] = test.table_ball
-    first, second = _PLANES[test.plane]
+    first, second = PLANES[test.plane]
     q[:, first] += test.length * np.cos(phi)
     q[:, second] += test.length * np.sin(phi)
     return q

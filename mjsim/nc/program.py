@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from mjsim.campaign.model import Test
+from mjsim.nc.commanded import Commanded
 from mjsim.nc.feed import ACCELERATION, trapezoid
+from mjsim.nc.follow import Followed, follow
 from mjsim.nc.paths import PATHS, peripheral_radius
 from mjsim.units import DEG
 
@@ -20,7 +22,7 @@ ROTARY_MARGIN = 2.0 * DEG
 
 @dataclass(frozen=True)
 class Program:
-    """Commanded motion of one test.
+    """Commanded motion of one test: its own, or the one of the NC file that drives it.
 
     Attributes:
         test: the test.
@@ -31,7 +33,12 @@ class Program:
     acceleration: float = ACCELERATION
 
     @cached_property
-    def _ends(self) -> tuple[float, float]:
+    def _followed(self) -> Followed | None:
+        return None if self.test.commanded is None else Followed(self.test, self.acceleration)
+
+    @cached_property
+    def ends(self) -> tuple[float, float]:
+        """φ (rad) at which the test's own program begins and ends, at rest."""
         t = self.test
         if t.kind == "rotary":
             return t.start, t.stop
@@ -40,7 +47,7 @@ class Program:
 
     @cached_property
     def _profile(self):
-        first, last = self._ends
+        first, last = self.ends
         radius = peripheral_radius(self.test)
         duration, travel = trapezoid(abs(last - first) * radius, self.test.feed, self.acceleration)
         sign = np.sign(last - first)
@@ -49,20 +56,40 @@ class Program:
     @property
     def duration(self) -> float:
         """Time from rest to rest, s."""
+        if self._followed:
+            return self._followed.duration
         return self._profile[0]
 
     def phi(self, time: np.ndarray) -> np.ndarray:
         """Signed angle φ (rad) at ``time`` (n,) s; for rotary tests the rotary axis' command."""
+        if self._followed:
+            return self._followed.phi(time)
         return self._profile[1](time)
 
     def commands(self, time: np.ndarray) -> np.ndarray:
         """Axis commands (n, 5): X, Y, Z (m), A, C (rad) at ``time`` (n,) s, held at both ends."""
-        return PATHS[self.test.kind](self.test, self.phi(time))
+        if self._followed:
+            return self._followed.commands(time)
+        return self.path(self.phi(time))
+
+    def path(self, phi: np.ndarray) -> np.ndarray:
+        """Axis positions (n, 5), m and rad, of the test's own path at φ (n,) rad."""
+        return PATHS[self.test.kind](self.test, np.asarray(phi, float))
+
+    @property
+    def measured_ends(self) -> tuple[float, float]:
+        """φ (rad) between which the trace is recorded."""
+        first, last = self.ends
+        margin = np.sign(last - first) * (ROTARY_MARGIN if self.test.kind == "rotary" else OVERLAP)
+        return first + margin, last - margin
 
     @cached_property
     def measured_span(self) -> tuple[float, float]:
         """Program times (s) between which the trace is recorded: whole revolutions, or all but 2° at both ends."""
-        first, last = self._ends
+        if self._followed:
+            begin, end = map(self._followed.time_of, self.measured_ends)
+            return begin, end
+        first, last = self.ends
         margin = (ROTARY_MARGIN if self.test.kind == "rotary" else OVERLAP) * peripheral_radius(self.test)
         length = abs(last - first) * peripheral_radius(self.test)
         feed = min(self.test.feed, float(np.sqrt(self.acceleration * length)))
@@ -72,7 +99,7 @@ class Program:
 
     def feed_words(self, phi: np.ndarray) -> np.ndarray:
         """F of eq. A.11 for the blocks between successive φ (n,) rad: mm/min with dA, dC in degrees, (n - 1,)."""
-        q = PATHS[self.test.kind](self.test, np.asarray(phi, float))
+        q = self.path(phi)
         d = np.diff(q * np.array([1e3, 1e3, 1e3, 1 / DEG, 1 / DEG]), axis=0)
         length = abs(np.diff(phi)) * peripheral_radius(self.test)
         return np.linalg.norm(d, axis=1) / (length / self.test.feed / 60.0)
@@ -84,5 +111,17 @@ class Program:
         lo, hi = path(t, np.asarray(phi) - h), path(t, np.asarray(phi) + h)
         step = hi - lo
         step[:, 4] = (step[:, 4] + np.pi) % (2 * np.pi) - np.pi
-        sign = np.sign(self._ends[1] - self._ends[0])
+        sign = np.sign(self.ends[1] - self.ends[0])
         return sign * step / (2 * h) * t.feed / peripheral_radius(t)
+
+
+def driven_by(test: Test, motion: Commanded, name: str = "NC program") -> Test:
+    """``test`` with the motion of an NC program in place of its own; every simulation of it uses that.
+
+    Args:
+        motion: as :func:`mjsim.nc.read.read_nc` gives it (its ``motion``). name: of the program, for messages.
+
+    Raises:
+        InputError: the program is none of this test, or has another feed.
+    """
+    return follow(test, motion, Program(replace(test, commanded=None)).measured_ends, name)

@@ -1,0 +1,197 @@
+"""``mjsim nc``: write an NC program, read one, the feed that it really gives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mjsim.cli import common, nc_feed
+from mjsim.cli import nc_options as options
+
+
+class _NC(click.Group):
+    """``mjsim nc CAMPAIGN …`` writes; ``read`` and ``feed`` are named (a campaign folder of such a name is given as ./read)."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        if args and args[0] not in self.commands:
+            args = ["--help"] if set(args) & {"-h", "--help"} else ["write", *args]
+        return super().parse_args(ctx, args)
+
+    def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        formatter.write_usage("mjsim nc", "CAMPAIGN --test NAME -o FILE.nc [OPTIONS]", "Usage: ")
+        formatter.write_usage("mjsim nc read", "FILE.nc [OPTIONS]", "       ")
+        formatter.write_usage("mjsim nc feed", "CAMPAIGN --test NAME [OPTIONS]", "       ")
+        self.format_help_text(ctx, formatter)
+        write.format_options(ctx, formatter)
+        with formatter.section("Other commands (each has --help)"):
+            formatter.write_dl([(f"mjsim nc {n}", self.commands[n].get_short_help_str(60)) for n in ("read", "feed")])
+
+
+@click.group("nc", cls=_NC)
+def command() -> None:
+    """Write a test of CAMPAIGN as the five-axis NC program that a shop would run; read one as the commanded motion.
+
+    Positions are X Y Z A C in mm and degrees; the zero point is where the A and C centrelines meet. Nothing is written where an axis
+    would leave its travel. docs/nc.md tells what each dialect means.
+
+    \b
+    Example: mjsim nc examples/healthy --test cone15-x50-ccw -o cone.nc
+    Example: mjsim nc read cone.nc
+    Example: mjsim nc feed examples/healthy --test cone15-x50-ccw --cycle-ms 2
+    """
+
+
+@command.command("write", hidden=True)
+@common.campaign_argument
+@click.option("--test", "name", required=True, help="Test to write.")
+@click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The NC file.")
+@options.writing
+@options.signs
+@options.limits
+@click.option("--number", type=int, default=1, show_default=True, help="Program number (fanuc).")
+@options.force
+@common.machine_option
+@common.options
+def write(campaign, name, out, limit, max_speed, force, machine, as_json, quiet, **how) -> None:
+    """Write a test of CAMPAIGN as an NC program."""
+    from mjsim.files import check_writable
+    from mjsim.nc.dialects import FEEDS
+    from mjsim.nc.write import write_nc
+    from mjsim.workflow import machine_of
+
+    c, test = options.find_test(campaign, name)
+    m = machine_of(c, machine)
+    check_writable(out, force)
+    written = write_nc(test, out, options.write_options(**how), options.allowed(limit, max_speed), m.name, force)
+    data = {
+        "file": str(out),
+        "test": test.name,
+        "dialect": how["dialect"],
+        "feed": written.feed,
+        "blocks": len(written.motion.seconds),
+        "duration_s": written.motion.duration,
+        "axes": axes_json(written.motion),
+        "warnings": written.warnings,
+    }
+    _show(data, f"{len(written.motion.seconds)} blocks, {written.motion.duration:.3f} s, F: {FEEDS[written.feed]}", as_json, quiet)
+    if not as_json:
+        common.say(f"written to {out}", quiet)
+
+
+@command.command("read", short_help="Read one as the motion that it commands.")
+@click.argument("file", type=click.Path(path_type=Path))
+@options.dialect
+@options.signs
+@options.limits
+@click.option("--campaign", type=click.Path(path_type=Path), help="Compare with a test of this campaign.")
+@click.option("--test", "name", help="That test.")
+@click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), help="CSV: time_s and the five axes at every block's end.")
+@options.force
+@common.options
+def read(file, dialect, turned, rollover, limit, max_speed, campaign, name, out, force, as_json, quiet) -> None:
+    """Read an NC program as the motion that it commands: blocks, time, travel and speed of the axes.
+
+    With --campaign and --test also how far it is from that test's own program, at the same angle. `program = "FILE"` in the test's table
+    of campaign.toml makes every command use it.
+
+    \b
+    Example: mjsim nc read cone.nc --campaign examples/healthy \\
+                 --test cone15-x50-ccw
+    """
+    from mjsim.files import check_writable, write_whole
+    from mjsim.nc.follow import deviation
+    from mjsim.nc.limits import check_travel, speed_warnings
+    from mjsim.nc.program import Program, driven_by
+    from mjsim.nc.read import motion_csv, read_nc
+
+    if (campaign is None) != (name is None):
+        raise click.UsageError("--campaign and --test belong together")
+    limits = options.allowed(limit, max_speed)
+    nc = read_nc(file, dialect, turned, rollover)
+    check_travel(nc.motion, limits, nc.place)
+    compared = None
+    if campaign:
+        from dataclasses import replace
+
+        test = replace(options.find_test(campaign, name)[1], commanded=None)
+        compared = {"test": test.name, **deviation(driven_by(test, nc.motion, str(file)), Program(test))}
+    if out:
+        check_writable(out, force)
+        write_whole(out, motion_csv(nc.motion), force)
+    data = {
+        "file": str(file),
+        "dialect": dialect,
+        "feed": nc.feed,
+        "tool_centre_point": nc.motion.tip,
+        "blocks": len(nc.motion.seconds),
+        "duration_s": nc.motion.duration,
+        "block_ms": {"min": nc.motion.seconds.min() * 1e3, "max": nc.motion.seconds.max() * 1e3},
+        "axes": axes_json(nc.motion),
+        "unnamed_axes": list(nc.unnamed),
+        "deviation": compared,
+        "csv": str(out) if out else None,
+        "warnings": speed_warnings(nc.motion, limits, nc.place),
+    }
+    said = f"{len(nc.motion.seconds)} blocks, {nc.motion.duration:.3f} s, F: {nc.feed}" + (", tool centre point" if nc.motion.tip else "")
+    _show(data, said, as_json, quiet)
+    if as_json or quiet:
+        return
+    if nc.unnamed:
+        common.paragraph(f"no word names {', '.join(nc.unnamed)}: taken as 0 throughout")
+    if compared:
+        click.echo()
+        common.paragraph(
+            f"against the program of test {compared['test']}, largest at the same angle: "
+            + ", ".join(f"{a} {v:.3f} µm" for a, v in compared["position_um"].items())
+            + ", "
+            + ", ".join(f"{a} {v:.2f} µrad" for a, v in compared["angle_urad"].items())
+            + f", time {compared['time_ms']:.3f} ms; mean feed {compared['feed_mm_min']:.3f} mm/min; reading of an ideal machine "
+            f"{compared['reading_um'][0]:.3f} to {compared['reading_um'][1]:.3f} µm"
+        )
+    if out:
+        common.say(f"written to {out}", quiet)
+
+
+def axes_json(motion) -> dict:
+    """Travel and speed of each axis: from, to, min, max in mm or °; slowest, mean and fastest block in mm/min or °/min."""
+    import numpy as np
+
+    from mjsim.kinematics import AXES
+    from mjsim.nc.limits import scale
+
+    rows = {}
+    speeds = np.abs(motion.speeds())
+    for i, a in enumerate(AXES):
+        q, v = motion.axes[:, i] / scale(a), speeds[:, i] / scale(a) * 60.0
+        mean = float(v @ motion.seconds / motion.duration)
+        rows[a] = {
+            "from": float(q[0]),
+            "to": float(q[-1]),
+            "min": float(q.min()),
+            "max": float(q.max()),
+            "min_speed_per_min": float(v.min()),
+            "mean_speed_per_min": mean,
+            "max_speed_per_min": float(v.max()),
+        }
+    return rows
+
+
+def _show(data: dict, said: str, as_json: bool, quiet: bool) -> None:
+    if as_json:
+        common.print_json(data)
+    elif not quiet:
+        common.paragraph(said)
+        common.table(
+            ["axis", "from", "to", "lowest", "highest", "mean /min", "max /min"],
+            [
+                [f"{a} {'°' if a in 'AC' else 'mm'}", *(f"{r[k]:.3f}" for k in ("from", "to", "min", "max")),
+                 *(f"{r[k]:.1f}" for k in ("mean_speed_per_min", "max_speed_per_min"))]
+                for a, r in data["axes"].items()
+            ],
+        )  # fmt: skip
+    for warning in data["warnings"]:
+        common.say(f"warning: {warning}", quiet)
+
+
+command.add_command(nc_feed.command)

@@ -1,0 +1,83 @@
+"""``mjsim nc feed``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mjsim.cli import common
+from mjsim.cli import nc_options as options
+
+
+@click.command("feed", short_help="The feed that its blocks really give.")
+@common.campaign_argument
+@click.option("--test", "name", required=True, help="Test that the program is for.")
+@click.option("--program", type=click.Path(path_type=Path), help="NC file (default: what `mjsim nc` would write).")
+@options.writing
+@options.signs
+@click.option("--cycle-ms", type=float, default=0.0, show_default=True, help="Interpolation cycle; 0: continuous.")
+@click.option("--block-ms", type=float, default=0.0, show_default=True, help="Shortest time that the control needs for a block.")
+@click.option("--whole-cycles", is_flag=True, help="Every block lasts whole cycles, rounded up.")
+@click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), help="CSV: time_s, phi_deg, feed_mm_min, reading_um.")
+@click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), help="Picture of feed and reading over φ (.png or .svg).")
+@options.force
+@common.options
+def command(campaign, name, program, cycle_ms, block_ms, whole_cycles, out, plot, force, as_json, quiet, **how) -> None:
+    """The peripheral feed that block-wise interpolation of a test's program really gives, and what its straight blocks do to the reading.
+
+    The control modelled moves the axes linearly within each block, without look-ahead and smoothing.
+
+    \b
+    Example: mjsim nc feed examples/healthy --test cone15-x50-ccw \\
+                 --cycle-ms 2 --whole-cycles --plot feed.png
+    """
+    from dataclasses import replace
+
+    from mjsim.files import check_writable, write_whole
+    from mjsim.nc.control import Control, feed_report
+    from mjsim.nc.read import parse_nc, read_nc
+    from mjsim.nc.write import nc_program
+
+    test = replace(options.find_test(campaign, name)[1], commanded=None)
+    for file in (out, plot):
+        if file:
+            check_writable(file, force)
+    spelling = (how["dialect"], how["turned"], how["rollover"])
+    if program:
+        nc = read_nc(program, *spelling)
+    else:
+        nc = parse_nc(nc_program(test, options.write_options(**how)).text, Path(f"{test.name}.nc"), *spelling)
+    report = feed_report(test, nc.motion, Control(cycle_ms * 1e-3, block_ms * 1e-3, whole_cycles), str(nc.path))
+    data = {"test": test.name, "program": str(program) if program else None, "dialect": nc.dialect, "blocks": len(nc.motion.seconds)}
+    data |= {"cycle_ms": cycle_ms, "block_ms": block_ms, "whole_cycles": whole_cycles, **report.to_json()}
+    if plot:
+        from mjsim.plots.feed import feed_figure
+        from mjsim.plots.save import save
+
+        title = (
+            f"{test.name}: {len(nc.motion.seconds)} blocks, {data['mean_block_ms']:.3g} ms each; mean feed {data['mean_mm_min']:.1f} mm/min"
+        )
+        save(feed_figure(report.phi_deg, report.feed_mm_min, report.reading_um, data["nominal_mm_min"], title), plot, force)
+    if out:
+        write_whole(out, report.to_csv(), force)
+    if as_json:
+        common.print_json(data | {"csv": str(out) if out else None, "plot": str(plot) if plot else None})
+        return
+    if quiet:
+        return
+    r, bar = report.to_json(), data["reading_um"]
+    rows = [
+        ["feed, mm/min", f"nominal {r['nominal_mm_min']:.2f}, mean {r['mean_mm_min']:.2f}, {r['min_mm_min']:.2f} to {r['max_mm_min']:.2f}"],
+        ["ripple", f"{r['ripple_percent']:.3f} % of the mean, lowest to highest"],
+        ["duration", f"{r['duration_s']:.3f} s, ideal {r['ideal_duration_s']:.3f} s"],
+        ["blocks", f"{data['blocks']}, shortest {r['shortest_block_ms']:.3f} ms, mean {r['mean_block_ms']:.3f} ms"],
+        ["reading, µm", f"{bar['min']:.3f} to {bar['max']:.3f}, mean {bar['mean']:.3f} (chords and rounding, ideal machine)"],
+        ["position, µm", ", ".join(f"{a} {v:.3f}" for a, v in r["position_um"].items()) + " off the path at most"],
+        ["angle, µrad", ", ".join(f"{a} {v:.2f}" for a, v in r["angle_urad"].items()) + " off the path at most"],
+        ["speed jumps", ", ".join(f"{a} {v:.2f}" for a, v in r["speed_jump_per_min"].items()) + " mm/min or °/min"],
+    ]
+    common.table(["", ""], rows, text=(0, 1))
+    for file in (out, plot):
+        if file:
+            common.say(f"written to {file}", quiet)

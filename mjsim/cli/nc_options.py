@@ -1,0 +1,72 @@
+"""Options that the subcommands of ``mjsim nc`` share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+AXES = click.Choice(["X", "Y", "Z", "A", "C"])
+ROTARY = click.Choice(["A", "C"])
+
+
+dialect = click.option(
+    "--dialect", type=click.Choice(["fanuc", "siemens", "linuxcnc"]), default="fanuc", show_default=True, help="Control."
+)
+
+
+def kept(*decorators):
+    """Several decorators as one, in the order in which ``--help`` shows them."""
+
+    def add(function):
+        for d in reversed(decorators):
+            function = d(function)
+        return function
+
+    return add
+
+
+writing = kept(
+    dialect,
+    click.option("--feed-mode", type=click.Choice(["a11", "inverse", "tcp"]), help="Meaning of F (default: a11; linuxcnc: inverse)."),
+    click.option("--step-deg", type=float, default=0.1, show_default=True, help="Angle φ from block to block."),
+    click.option("--decimals", type=int, help="Decimals of the positions (default: the dialect's)."),
+    click.option("--feed-decimals", type=int, help="Decimals of F (default: the dialect's)."),
+)
+signs = kept(
+    click.option("--reversed", "turned", type=ROTARY, multiple=True, help="Axis whose command has the other sign (repeatable)."),
+    click.option("--rollover", is_flag=True, help="C within 0 to 360°, the short way round."),
+)
+limits = kept(
+    click.option(
+        "--limit", type=(AXES, float, float), multiple=True, metavar="AXIS LOW HIGH", help="Travel in mm or ° (default: the model's)."
+    ),
+    click.option("--max-speed", type=(AXES, float), multiple=True, metavar="AXIS V", help="Warn above V mm/min or °/min (repeatable)."),
+)
+force = click.option("--force", is_flag=True, help="Replace files that exist.")
+
+
+def write_options(dialect, feed_mode, step_deg, decimals, feed_decimals, turned=(), rollover=False, number=1):
+    """The options ``writing`` and ``signs`` as the writer takes them."""
+    from mjsim.nc.write import Options
+
+    return Options(dialect, feed_mode or "", step_deg, decimals, feed_decimals, tuple(turned), rollover, number)
+
+
+def allowed(limit, max_speed):
+    """The model's limits with the changes of ``limits``."""
+    from mjsim.nc.limits import model_limits
+
+    return model_limits().changed({a: (low, high) for a, low, high in limit}, dict(max_speed))
+
+
+def find_test(campaign: Path, name: str):
+    """The campaign and its test of that name."""
+    from mjsim.campaign.files import read_campaign
+    from mjsim.errors import InputError
+
+    c = read_campaign(campaign, traces=False)
+    for t in c.tests:
+        if t.name == name:
+            return c, t
+    raise InputError(f"{c.folder / 'campaign.toml'}: no test {name!r}; it has: {', '.join(t.name for t in c.tests)}")

@@ -1,0 +1,229 @@
+"""Writing a test as the five-axis NC program that a shop would run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mjsim.campaign.model import Test
+from mjsim.errors import InputError
+from mjsim.files import write_whole
+from mjsim.kinematics import AXES, ROTARY, machine_to_work
+from mjsim.nc.commanded import Commanded
+from mjsim.nc.dialects import FEEDS, Dialect, dialect
+from mjsim.nc.limits import Limits, check_travel, model_limits, scale, speed_warnings
+from mjsim.nc.paths import peripheral_radius
+from mjsim.nc.program import Program
+from mjsim.units import DEG, MM
+
+#: Angle from block to block, degrees (the paper's programs have "minute line segments"; assumed).
+STEP_DEG = 0.1
+#: Most blocks of one program; five digits number them.
+MOST_BLOCKS = 99_998
+
+_UNITS = np.array([scale(a) for a in AXES])
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a program is written.
+
+    Attributes:
+        dialect: ``fanuc``, ``siemens`` or ``linuxcnc``. feed: ``a11``, ``inverse`` or ``tcp``; empty: the dialect's usual one.
+        step_deg: angle φ from block to block, degrees. decimals, feed_decimals: of positions and of F; ``None``: the dialect's.
+        reversed: rotary axes whose command on the machine has the other sign. rollover: C written within 0 to 360°, short way round.
+        number: program number (fanuc).
+    """
+
+    dialect: str = "fanuc"
+    feed: str = ""
+    step_deg: float = STEP_DEG
+    decimals: int | None = None
+    feed_decimals: int | None = None
+    reversed: tuple[str, ...] = ()
+    rollover: bool = False
+    number: int = 1
+
+
+@dataclass(frozen=True)
+class Written:
+    """An NC program as text.
+
+    Attributes:
+        text: the file. motion: what its printed numbers command, block times as meant (not yet rounded by F).
+        feed: F convention. warnings: sentences on axis speeds.
+    """
+
+    text: str
+    motion: Commanded
+    feed: str
+    warnings: list[str]
+
+
+def nc_program(test: Test, options: Options | None = None, limits: Limits | None = None, machine: str = "") -> Written:
+    """The NC program of a test. The same test and options give the same text.
+
+    Args:
+        test: what to run. options: how to write it. limits: of the axes; ``None``: the machine model's joint ranges.
+        machine: name of the machine, for the comments.
+
+    Raises:
+        InputError: a limit is passed, or the options do not fit each other or the test.
+    """
+    o = options or Options()
+    d = dialect(o.dialect)
+    feed = _feed(o, d, test)
+    decimals = d.decimals if o.decimals is None else o.decimals
+    phi, motion, printed = _blocks(test, o, feed, decimals)
+
+    def place(i: int) -> str:
+        return f'test "{test.name}", block N{max(i, 1)} (φ = {phi[i] / DEG:.2f}°)'
+
+    limits = limits or model_limits()
+    check_travel(motion, limits, place)
+    words = _feed_words(printed, motion.seconds, o, d, feed, test)
+    rows = _positions(printed, o, d, decimals)
+    head = _comment_lines(test, o, d, feed, decimals, phi, motion, machine)
+    body = [f"N{i} G1 {rows[i]}{words[i - 1]}" if i == 1 else f"N{i} {rows[i]}{words[i - 1]}" for i in range(1, len(rows))]
+    text = "\n".join([*head, *_start(rows[0], d, feed), *body, *_end(d, feed), ""])
+    return Written(text, motion, feed, speed_warnings(motion, limits, place))
+
+
+def write_nc(
+    test: Test, path: Path | str, options: Options | None = None, limits: Limits | None = None, machine: str = "", force: bool = False
+) -> Written:
+    """Write the NC program of a test into a file, whole or not at all.
+
+    Args:
+        path: the file. force: replace one that is there. The others as for :func:`nc_program`.
+
+    Raises:
+        InputError: as :func:`nc_program`; or the file is there already or cannot be written.
+    """
+    written = nc_program(test, options, limits, machine)
+    write_whole(Path(path), written.text, force)
+    return written
+
+
+def _feed(o: Options, d: Dialect, test: Test) -> str:
+    feed = o.feed or d.feeds[0]
+    if feed not in FEEDS:
+        raise InputError(f"unknown F convention {feed!r}; allowed: {', '.join(FEEDS)}")
+    if feed not in d.feeds:
+        why = " (its G94 counts X, Y and Z only)" if feed == "a11" else ""
+        raise InputError(f"F convention {feed!r} does not exist in the dialect {d.name}{why}; allowed: {', '.join(d.feeds)}")
+    if feed == "tcp" and test.kind == "rotary":
+        raise InputError(
+            f'test "{test.name}": in a rotary test the spindle ball rests relative to the table, so that F has no meaning with tool centre '
+            "point control; allowed: a11, inverse"
+        )
+    if o.rollover and d.name == "linuxcnc":
+        raise InputError("C within 0 to 360° is not written for linuxcnc, whose wrapped axes take the sign for the direction; leave it out")
+    if not 1e-3 <= o.step_deg <= 10.0:
+        raise InputError(f"angle step {o.step_deg:g}°; allowed: 0.001 to 10")
+    if not 1 <= o.number <= 9999:
+        raise InputError(f"program number {o.number}; allowed: 1 to 9999")
+    for name, value, low in (("decimals", o.decimals, 1), ("decimals of F", o.feed_decimals, 0)):
+        if value is not None and not low <= value <= 9:
+            raise InputError(f"{value} {name}; allowed: {low} to 9")
+    return feed
+
+
+def _blocks(test: Test, o: Options, feed: str, decimals: int) -> tuple[np.ndarray, Commanded, np.ndarray]:
+    """φ of the points, the motion of the printed numbers, and these numbers (n + 1, 5) in mm and degrees."""
+    program = Program(test)
+    first, last = program.ends
+    count = max(1, int(np.ceil(abs(last - first) / (o.step_deg * DEG) - 1e-9)))
+    if count > MOST_BLOCKS:
+        raise InputError(f'test "{test.name}": {count} blocks of {o.step_deg:g}°; allowed: up to {MOST_BLOCKS}, by a larger step')
+    phi = np.linspace(first, last, count + 1)
+    q = program.path(phi)
+    if feed == "tcp":
+        q[:, :3] = machine_to_work(q[:, 3], q[:, 4], q[:, :3])
+    printed = np.round(q / _UNITS, decimals)
+    if (np.diff(printed, axis=0) == 0).all(axis=1).any():
+        raise InputError(f'test "{test.name}": blocks of {o.step_deg:g}° are no motion with {decimals} decimals; allowed: a larger step')
+    seconds = np.full(count, abs(last - first) / count * peripheral_radius(test) / test.feed)
+    return phi, Commanded(seconds, printed * _UNITS, feed == "tcp"), printed
+
+
+def _feed_words(printed: np.ndarray, seconds: np.ndarray, o: Options, d: Dialect, feed: str, test: Test) -> list[str]:
+    digits = d.feed_decimals if o.feed_decimals is None else o.feed_decimals
+    if feed == "tcp":  # modal: one F for the whole path
+        return [f" F{test.feed / MM * 60:.{digits}f}", *[""] * (len(seconds) - 1)]
+    if feed == "inverse":
+        values = 60.0 / seconds
+        if values.max() > d.largest_inverse:
+            raise InputError(
+                f'test "{test.name}": blocks of {seconds.min() * 1e3:.3g} ms need F{values.max():.0f} with G93; allowed for {d.name}: '
+                f"up to {d.largest_inverse:g} 1/min, by a step of at least {o.step_deg * values.max() / d.largest_inverse:.2g}°"
+            )
+    else:  # A.11 on the printed positions, so that rounding them does not change the time of a block
+        values = np.linalg.norm(np.diff(printed, axis=0), axis=1) / (seconds / 60.0)
+    if (np.round(values, digits) <= 0).any():
+        raise InputError(f'test "{test.name}": F of {values.min():.3g} is nothing with {digits} decimals; allowed: more decimals of F')
+    return [f" F{v:.{digits}f}" for v in values]
+
+
+def _positions(printed: np.ndarray, o: Options, d: Dialect, decimals: int) -> list[str]:
+    values = printed.copy()
+    for axis in o.reversed:
+        values[:, AXES.index(axis)] *= -1.0
+    if o.rollover:
+        values[:, 4] = np.round(values[:, 4] % 360.0, decimals) % 360.0
+    number = f"{{:.{decimals}f}}"
+    c = f"C=DC({number})" if o.rollover and d.name == "siemens" else f"C{number}"
+    form = " ".join([*(a + number for a in AXES[:4]), c])
+    return [form.format(*(row + 0.0)) for row in np.where(values == 0.0, 0.0, values)]  # no minus before a zero
+
+
+def _comment_lines(test, o: Options, d: Dialect, feed: str, decimals: int, phi, motion: Commanded, machine: str) -> list[str]:
+    x, y, z = (f"{v / MM:g}" for v in test.table_ball)
+    kind = {
+        "cone_frustum": f"cone frustum, half apex {test.half_apex / DEG:g} deg, inclination {test.inclination / DEG:g} deg, "
+        f"bar {test.sensitive}, {test.direction}, {test.revolutions} rev",
+        "circular": f"circle {test.plane}, {test.direction}, {test.revolutions} rev",
+        "rotary": f"axis {test.axis} turns, bar {test.sensitive}",
+    }[test.kind]
+    signs = ", ".join(f"{a}{'-' if a in o.reversed else '+'}" for a in ROTARY)
+    said = {
+        "a11": "path of X Y Z A C, mm and deg alike, per min",
+        "inverse": "1/min of each block",
+        "tcp": f"tool tip on workpiece, {test.feed / MM * 60:g} mm/min",
+    }[feed]
+    where = "tool tip in table coordinates" if feed == "tcp" else "axis positions"
+    lines = [
+        f"mjsim ball-bar test {test.name}",
+        *([f"machine {machine}"] if machine else []),
+        kind,
+        f"table ball X{x} Y{y} Z{z} mm, bar {test.length / MM:g} mm, feed {test.feed / MM * 60:g} mm/min",
+        f"phi {phi[0] / DEG:g} to {phi[-1] / DEG:g} deg, {len(phi) - 1} blocks, step {abs(phi[1] - phi[0]) / DEG:.6g} deg, "
+        f"{decimals} decimals, {motion.duration:.3f} s",
+        f"zero point: where the A and C centrelines meet. X Y Z: spindle ball centre, {where}",
+        f"F: {said}. rotary signs {signs}, C {'0 to 360' if o.rollover else 'unwrapped'}",
+        "not tried on a real control: run it clear of everything first",
+    ]
+    begin, end = d.comment
+    plain = [t.encode("ascii", "replace").decode().replace("(", "[").replace(")", "]") for t in lines]
+    out = [f"{begin}{t.upper() if d.upper else t}{end}" for t in plain]
+    return ["%", f"O{o.number:04d}", *out] if d.name == "fanuc" else out
+
+
+def _start(first: str, d: Dialect, feed: str) -> list[str]:
+    """Modal words, start point, a stop to put the ball bar in."""
+    mode = "G93" if feed == "inverse" else "G94"
+    if d.name == "siemens":
+        lines = [f"G90 G17 G{d.units[0]} G40 G54", *d.path, mode]
+        if feed == "a11":
+            lines += ["FGROUP(X,Y,Z,A,C)", f"FGREF[A]={180 / np.pi:.6f} FGREF[C]={180 / np.pi:.6f}"]
+    else:
+        lines = [f"G90 G17 G{d.units[0]} G40 G49 G80 G54", *d.path, mode]
+    tip = ["G0 A0. C0.", d.tip_on] if feed == "tcp" else []
+    return [*lines, "M5", *tip, f"G0 {first}", "M0"]
+
+
+def _end(d: Dialect, feed: str) -> list[str]:
+    after = ["M0", *([d.tip_off] if feed == "tcp" else []), *(["G94"] if feed == "inverse" else []), "M30"]
+    return [*after, "%"] if d.name == "fanuc" else after
