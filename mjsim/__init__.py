@@ -25,6 +25,7 @@ _WHERE = {
     "remove": "mjsim.workflow",
     "history": "mjsim.ladder",
     "effects": "mjsim.effects.registry",
+    "figures": "mjsim.paper.figures",
     "make_effect": "mjsim.effects.registry",
     "Effect": "mjsim.effects.base",
     "Parameter": "mjsim.effects.base",

@@ -1,12 +1,14 @@
 """Shared fixtures: the two example machines, the paper's tests, the numbers that the paper prints."""
 
 import tomllib
-from pathlib import Path
+from importlib.resources import files
 
 import numpy as np
 import pytest
+from paper_traces import ANGLE, UM
 
 from mjsim.campaign.model import Test
+from mjsim.engine.simulate import simulate
 from mjsim.kinematics import AXES
 from mjsim.machine.files import read_machine
 from mjsim.resources import examples
@@ -55,7 +57,7 @@ def bare():
 @pytest.fixture(scope="session")
 def paper():
     """The numbers that the paper prints, with their tolerances."""
-    return tomllib.loads((Path(__file__).parent / "paper-numbers.toml").read_text())
+    return tomllib.loads(files("mjsim.paper").joinpath("numbers.toml").read_text())
 
 
 @pytest.fixture(scope="session")
@@ -128,3 +130,41 @@ def away_from_reversals():
         return clear
 
     return away
+
+
+@pytest.fixture(scope="session")
+def quiet(m1, bare):
+    """M1 without any effect."""
+    return bare(m1)
+
+
+@pytest.fixture(scope="session")
+def traces(cone):
+    """``traces(machine, theta, balls, sensitive)``: readings in µm over the plot angle, (len(balls), 3600)."""
+
+    phi = np.radians(ANGLE - 180.0) % (2 * np.pi)
+    known = {}
+
+    def run(machine, theta, balls, sensitive="perpendicular"):
+        key = lambda ball: (repr(machine.drives), repr(machine.effects), theta, ball, sensitive)  # noqa: E731
+        beta = {15: 10, 45: 30}[theta]
+        new = [ball for ball in balls if key(ball) not in known]
+        tests = [cone(theta, beta, ball, name=f"t{i}", sensitive=sensitive) for i, ball in enumerate(new)]
+        for ball, s in zip(new, simulate(machine, tests) if tests else (), strict=True):
+            known[key(ball)] = np.interp(phi, s.phi, s.deviation / UM)
+        return np.array([known[key(ball)] for ball in balls])
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def caused(quiet, traces):
+    """``caused(effects, theta, balls, sensitive)``: what the effects change in the reading of a machine that has nothing else."""
+
+    def run(effects, theta, balls, sensitive="perpendicular"):
+        machine = quiet
+        for effect in effects:
+            machine = machine.with_effect(effect)
+        return traces(machine, theta, balls, sensitive) - traces(quiet, theta, balls, sensitive)
+
+    return run

@@ -1,90 +1,15 @@
 """What Kato, Tsutsumi and Sato (IJMTM 64, 2013) state in sections 4 and 5, on simulated traces. θ = 15°, β = 10° unless said otherwise.
 
-Angles are the paper's plot angles (φ + 180°). Machine: M1, whose axes have equal Kpp. Where the paper speaks of one cause alone, the
-trace is the difference between the simulations with and without it; as measured traces, deflections are taken about the
-least-squares circle. Offsets of 200 mm are the paper's own.
+Machine: M1, whose axes have equal Kpp. How traces are taken: ``paper_traces``. Sections 3, 4.1 and the conclusions on the paper's own
+machine: ``test_paper_machine``.
 """
 
 import numpy as np
 import pytest
+from paper_traces import ANGLE, CENTRE, OFFSETS, UM, X200, X_200, Y200, Y_200, at, centred, glitches, nearest, step, within
 from scipy.signal import find_peaks
 
 from mjsim.effects.registry import make
-from mjsim.engine.simulate import simulate
-
-UM = 1e-6
-CENTRE, X200, X_200, Y200, Y_200 = ((0, 0, 155), (200, 0, 155), (-200, 0, 155), (0, 200, 155), (0, -200, 155))
-OFFSETS = (X200, X_200, Y200, Y_200)
-ANGLE = np.arange(3600) / 10.0  # plot angle, degrees
-
-
-@pytest.fixture(scope="module")
-def quiet(m1, bare):
-    return bare(m1)
-
-
-@pytest.fixture(scope="module")
-def traces(cone):
-    """``traces(machine, theta, balls, sensitive)``: readings in µm over the plot angle, (len(balls), 3600)."""
-
-    phi = np.radians(ANGLE - 180.0) % (2 * np.pi)
-    known = {}
-
-    def run(machine, theta, balls, sensitive="perpendicular"):
-        key = lambda ball: (repr(machine.drives), repr(machine.effects), theta, ball, sensitive)  # noqa: E731
-        beta = {15: 10, 45: 30}[theta]
-        new = [ball for ball in balls if key(ball) not in known]
-        tests = [cone(theta, beta, ball, name=f"t{i}", sensitive=sensitive) for i, ball in enumerate(new)]
-        for ball, s in zip(new, simulate(machine, tests) if tests else (), strict=True):
-            known[key(ball)] = np.interp(phi, s.phi, s.deviation / UM)
-        return np.array([known[key(ball)] for ball in balls])
-
-    return run
-
-
-@pytest.fixture(scope="module")
-def caused(quiet, traces):
-    """``caused(effects, theta, balls, sensitive)``: what the effects change in the reading of a machine that has nothing else."""
-
-    def run(effects, theta, balls, sensitive="perpendicular"):
-        machine = quiet
-        for effect in effects:
-            machine = machine.with_effect(effect)
-        return traces(machine, theta, balls, sensitive) - traces(quiet, theta, balls, sensitive)
-
-    return run
-
-
-def centred(trace):
-    """About the least-squares circle."""
-    a = np.radians(ANGLE)
-    basis = np.column_stack([np.ones(len(a)), np.cos(a), np.sin(a)])
-    return trace - basis @ np.linalg.lstsq(basis, trace, rcond=None)[0]
-
-
-def at(trace, angle):
-    return trace[round(angle * 10) % 3600]
-
-
-def step(trace, angle):
-    """Height of the step at an angle: from 5° before to 5° past it."""
-    return at(trace, angle + 5) - at(trace, angle - 5)
-
-
-def within(low, high):
-    """Mask of plot angles from ``low`` to ``high`` (through 360° where low > high)."""
-    return (ANGLE >= low) & (ANGLE <= high) if low < high else (ANGLE >= low) | (ANGLE <= high)
-
-
-def glitches(trace):
-    """Angles at which a projection of more than 0.3 µm peaks."""
-    peaks, _ = find_peaks(np.tile(np.abs(trace), 3), height=0.3, distance=50, prominence=0.3)
-    return ANGLE[sorted({p % 3600 for p in peaks if 3600 <= p < 7200})]
-
-
-def nearest(found, angle):
-    return np.abs((found - angle + 180) % 360 - 180).min()
-
 
 # --- 1: friction and servo only (section 4.1, Fig. 7, 8, 12) ---
 

@@ -17,6 +17,7 @@ _COMMANDS = {
     "nc": "Write and read five-axis NC programs; the feed they really give.",
     "history": "The ladder: every model tried and its error.",
     "effects": "The catalogue of effects.",
+    "figures": "The paper's figures 3 to 17, and its numbers beside simulated ones.",
 }
 
 

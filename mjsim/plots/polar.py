@@ -43,6 +43,8 @@ class PolarTrace:
         deviation_um: (n,) deviation with eccentricity already removed, outward positive; NaN breaks the line [µm].
         style: "measured" (near-black), "simulated" (vermilion, thinner, on top) or "nominal" (dashed grey).
         shift_deg: plot angle minus ``phi_deg`` [deg]: 180 for circles, 0 for rotary tests.
+        colour: another colour than the style's, for several traces of one kind.
+        dashed: broken line, so that two colours differ in black and white as well.
     """
 
     label: str
@@ -50,6 +52,13 @@ class PolarTrace:
     deviation_um: ArrayLike
     style: Literal["measured", "simulated", "nominal"] = "measured"
     shift_deg: float = 180.0
+    colour: str | None = None
+    dashed: bool = False
+
+    def look(self) -> dict:
+        """How matplotlib draws the line."""
+        own = ({"color": self.colour} if self.colour else {}) | ({"linestyle": (0, (4, 1.5))} if self.dashed else {})
+        return _LINES[self.style] | own
 
 
 def polar_figure(
@@ -114,7 +123,7 @@ def draw_polar(axes: PolarAxes, traces: Sequence[PolarTrace], um_per_div: float 
         if trace.style not in _LINES:
             raise ValueError(f"style of trace '{trace.label}' must be one of {', '.join(_LINES)}, not '{trace.style}'")
         angle, value = series.thinned(*series.broken(trace.phi_deg, trace.deviation_um))
-        look = dict(_LINES[trace.style])
+        look = trace.look()
         look["linewidth"] *= (0.65 if small else 1.0) * (0.8 if _turns(angle) > 1.5 else 1.0)
         axes.plot(np.radians(angle + trace.shift_deg), value, label=trace.label, solid_joinstyle="round", **look)
     return step

@@ -1,9 +1,9 @@
 """The paper's measurements, made again: its tests on a machine that is as the paper describes it, with a worn worm.
 
 From the paper: the tests, feed, bar and ball height, worm teeth, the orders of the pitch errors per direction (Fig. 3), the amplitude
-of C's order 72 turning CW, and an inward deflection between 135° and 180° at half apex 15° that went with the old rotary table (section 3.1).
-Assumed: everything else, above all the drives, the other amplitudes and all phases. The table ball of the C tests stands 70 mm off the
-centreline: then X and Y turn back at 35°, 125°, 215° and 305°, as the projections of Fig. 4c do.
+of C's order 72 turning CW, and an inward deflection between 135° and 180° at half apex 15° that went with the old rotary table
+(section 3.1). Assumed: everything else, above all the drives, the other amplitudes and all phases. The table ball of the C tests stands
+70 mm off the centreline: then X and Y turn back at 35°, 125°, 215° and 305°, as the projections of Fig. 4c do.
 """
 
 from __future__ import annotations

@@ -1,0 +1,49 @@
+"""``mjsim figures``."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from mjsim.cli import common
+
+
+@click.command("figures")
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the figures.")
+@click.option("--only", type=int, multiple=True, help="Only this figure, 3 to 17 (may be given more than once).")
+@click.option("--force", is_flag=True, help="Replace files that exist.")
+@common.threads_option
+@common.options
+def command(out, only, force, threads, as_json, quiet) -> None:
+    """Regenerate figures 3 to 17 of the paper (Kato, Tsutsumi, Sato 2013) and print its numbers beside the simulated ones.
+
+    Writes fig03.png, fig03.svg … fig17.svg and numbers.csv. Where a figure needs a measurement, an independent simulation
+    stands in for it and says so; drive values that the paper does not print are assumed.
+
+    \b
+    Example: mjsim figures --out paper
+    """
+    from mjsim.paper.figures import NUMBERS, figures, plain
+
+    with common.progress_bar(quiet) as progress:
+        made = figures(out, only or NUMBERS, force, common.cores(threads), progress)
+    if as_json:
+        rows = [{**asdict(n), "agrees": n.agrees} for n in made.numbers]
+        common.print_json({"files": [str(f) for f in made.files], "numbers": rows})
+        return
+    if quiet:
+        return
+    common.table(
+        ["number of the paper", "printed", "simulated", "±", "agrees"],
+        [
+            [f"{n.group} {n.name}", plain(n.printed), plain(n.simulated), f"{n.tolerance:g}", "yes" if n.agrees else "no"]
+            for n in made.numbers
+        ],
+    )
+    notes = [n for n in made.numbers if n.note]
+    click.echo()
+    for n in notes:
+        common.paragraph(f"{n.name}: {n.note}")
+    common.say(f"\n{len(made.files)} files written to {out}", quiet)
