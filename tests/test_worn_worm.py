@@ -109,7 +109,7 @@ def test_machine_files_hold_one_wear_per_flank(m1, tmp_path):
     worn = [e for e in read_machine(path).effects if e.kind == "worm_wear"]
     assert [e.values for e in worn] == [e.values for e in flanks]
     path.write_text(path.read_text().replace('direction = "CCW"', 'direction = "CW"'))
-    with pytest.raises(InputError, match="worm_wear.A.*twice"):
+    with pytest.raises(InputError, match=r"worm_wear.A.*twice"):
         read_machine(path)
     with pytest.raises(InputError, match=r"direction = 'up'; allowed: .*CW"):
         make("worm_wear.A", **SHAPE, direction="up")
