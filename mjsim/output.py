@@ -21,6 +21,7 @@ from mjsim.nc.program import Program
 from mjsim.plots.curve import curve_figure
 from mjsim.plots.ladder import LadderStep, ladder_figure
 from mjsim.plots.overview import overview_figure
+from mjsim.plots.pitch import PitchCurves, PitchSpectrum, curves_figure, spectrum_figure
 from mjsim.plots.polar import PolarTrace, polar_figure
 from mjsim.plots.residual import ResidualTrace, residual_figure
 from mjsim.plots.save import save
@@ -28,6 +29,7 @@ from mjsim.units import DEG, MM, UM
 
 if TYPE_CHECKING:
     from mjsim.diagnose import Diagnosis
+    from mjsim.identification.result import DirectionIdentification, PitchIdentification
 
 _SCALE = np.array([1 / MM if a in LINEAR else 1 / DEG for a in AXES])
 
@@ -160,3 +162,29 @@ def unexplained_plot(result: Diagnosis, folder: Path) -> Diagnosis:
 def ladder_plot(steps: list[Step], path: Path) -> None:
     """The error falling from model to model."""
     save(ladder_figure([LadderStep(s.label, s.rms_um) for s in steps], steps[-1].noise_um, "Residual RMS of each model"), path)
+
+
+def pitch_plot_files(axes: Iterable[str], folder: Path) -> list[Path]:
+    """Files that :func:`pitch_plots` writes for these axes."""
+    return [folder / f"{what}-{a.lower()}.png" for a in axes for what in ("spectrum", "curves")]
+
+
+def pitch_plots(name: str, results: dict[str, PitchIdentification], folder: Path) -> list[Path]:
+    """Spectra (paper, Fig. 3) and curves (Fig. 4) of identified pitch errors, per axis; returns the files."""
+    files = pitch_plot_files(results, folder)
+    for (axis, r), spectra, curves in zip(results.items(), files[::2], files[1::2], strict=True):
+        ways = r.directions.values()
+        save(spectrum_figure([pitch_spectrum(d) for d in ways], f"{name}: pitch errors of {axis}"), spectra)
+        save(curves_figure([pitch_curves(d) for d in ways], f"{name}: pitch-error curves of {axis}"), curves)
+    return files
+
+
+def pitch_spectrum(d: DirectionIdentification) -> PitchSpectrum:
+    """One direction's spectrum as it is drawn."""
+    named = [(c.order, c.amplitude_deg) for c in d.components]
+    return PitchSpectrum(f"{d.axis} {d.way}", d.orders, d.amplitude_deg, d.floor_deg, d.limit_deg, named, d.tooth_order)
+
+
+def pitch_curves(d: DirectionIdentification) -> PitchCurves:
+    """One direction's curves as they are drawn."""
+    return PitchCurves(f"{d.axis} {d.way}", d.position_deg, d.raw_deg, d.modified_deg, d.identified_deg)

@@ -11,6 +11,7 @@ _COMMANDS = {
     "simulate": "Run a campaign's tests in the multibody model.",
     "compare": "Measured against simulated, test by test.",
     "diagnose": "Which effects are missing.",
+    "identify": "Orders, amplitudes and phases of pitch errors, per direction.",
     "plan": "The next test that separates what cannot be told apart.",
     "add": "Fit an effect and put it into the machine file.",
     "remove": "Take an effect out of the machine file.",

@@ -18,6 +18,8 @@ from mjsim.inference.problem import Problem
 
 #: Highest number of peaks per turn that is looked for (paper, Fig. 3).
 HIGHEST = 800
+#: Waves that pass faster than this, per block, are not looked for.
+BAND = 0.45
 #: Chance that noise alone names one component or more in one direction of one axis.
 FALSE_ALARM = 1e-3
 #: Share of a term that must be its own, not another's: below it the two cannot be told apart.
@@ -27,7 +29,7 @@ _SHARE = 0.02
 #: Most terms of one round.
 _MOST = 12
 #: Widths of local faults, of one tooth's pitch.
-_WIDTHS = (0.08, 0.16, 0.32, 0.64)
+_WIDTHS = (0.1, 0.25, 0.6)
 #: Orders on both sides over which the floor of the residual's own spectrum is taken.
 _NEIGHBOURS = 60
 #: Median of a chi-square of two degrees of freedom.
@@ -62,7 +64,7 @@ class Way:
 
     def highest(self, block: float) -> float:
         """Highest order that blocks of ``block`` s still show."""
-        return min(float(HIGHEST), 0.45 / (block * self.speed))
+        return min(float(HIGHEST), BAND / (block * self.speed))
 
 
 def threshold(candidates: int, false_alarm: float = FALSE_ALARM) -> float:
@@ -86,17 +88,29 @@ class Dictionary:
         prior = np.sqrt(model.prior(state))
         n = len(state.nuisance) + len(state.tau)
         now = np.concatenate([state.nuisance, state.tau, np.zeros(len(prior) - n)])
-        self._q = np.linalg.qr(np.vstack([design, np.diag(prior)]))[0]
-        self._rest = np.concatenate([rest, -prior * now])
-        self._rest = self._rest - self._q @ (self._q.T @ self._rest)
-        self._added = np.zeros((len(self._rest), 0))
-        self.terms: list[Term] = self._candidates()
-        raw = self.columns(self.terms)
-        self._start = np.cumsum([0, *(1 if isinstance(t, Fault) else 2 for t in self.terms)])
+        active = design.any(axis=0)
+        q = np.linalg.qr(np.vstack([design[:, active], np.diag(prior[active])]))[0]
+        rest = np.concatenate([rest, -(prior * now)[active]])
+        rest = rest - q @ (q.T @ rest)
+        # rows of the priors are zero in every candidate: all inner products are with the rows of the data
+        self._q, self._rest = q[: len(design)], rest[: len(design)]
+        self._rest_prior, self._q_prior = rest[len(design) :], q[len(design) :]
+        self.orders, self.terms, self._raw = self._candidates()
         self.limit = threshold(len(self.terms))
-        self._size = np.einsum("ij,ij->j", raw, raw)
-        self._d = raw - self._q @ (self._q.T @ raw)
+        self._start = np.cumsum([0, *(1 if isinstance(t, Fault) else 2 for t in self.terms)])
+        self._project(self._q, first=True)
         self.update()
+
+    def _project(self, q: np.ndarray, first: bool = False) -> None:
+        """Take directions ``q`` (rows, j) out of the candidates' inner products."""
+        onto = q.T @ self._raw
+        i = self._start[:-1][np.diff(self._start) == 2]
+        if first:
+            self._size = np.einsum("ij,ij->j", self._raw, self._raw)
+            self._length = self._size.copy()
+            self._cross = np.einsum("ij,ij->j", self._raw[:, i], self._raw[:, i + 1])
+        self._length = self._length - np.einsum("ij,ij->j", onto, onto)
+        self._cross = self._cross - np.einsum("ij,ij->j", onto[:, i], onto[:, i + 1])
 
     def _middles(self, k: int) -> tuple[np.ndarray, np.ndarray]:
         """Position of the axis and reading per rad at the middle of every block of a test."""
@@ -104,18 +118,26 @@ class Dictionary:
         s, shift = m.problem.samples[k], m.problem.shift(k, self.state.nuisance)
         return s.sample(m.position[k][w.axis], shift), s.sample(m.factor(k, Wave(w.axis, w.way, 1.0)), shift)
 
-    def _candidates(self) -> list[Term]:
-        w, p = self.way, self.model.problem
-        step = min(1.0, 0.5 * w.resolution)
-        self.orders = np.arange(np.ceil(w.lowest / step) * step, w.highest(p.samples[0].block) + 1e-9, step)
-        out: list[Term] = [Wave(w.axis, w.way, float(n)) for n in self.orders]
-        low = np.arange(0.5 * w.resolution, w.lowest, 0.5 * w.resolution)
-        out += [Wave(w.axis, w.way, float(n), test=p.tests[k].name) for k in w.tests for n in low]
-        span = [self.model.position[k][w.axis] for k in w.tests]
-        first, last = min(x.min() for x in span), max(x.max() for x in span)
-        for width in (r * 2 * np.pi / w.teeth for r in _WIDTHS):
-            out += [Fault(w.axis, w.way, float(c), width) for c in np.arange(first + width, min(last, first + 2 * np.pi) - width, width)]
-        return out
+    def _candidates(self) -> tuple[np.ndarray, list[Term], np.ndarray]:
+        """Orders of the waves, all candidates (those waves first) and their columns; kept for the next dictionary of this way.
+
+        A trigger that has moved meanwhile turns sine and cosine of a wave into each other, which leaves what they explain together.
+        """
+        w, p, kept = self.way, self.model.problem, self.model.kept
+        key = (w.axis, w.way, id(p.noise), tuple(self.model.weight[list(w.tests)]))
+        if key not in kept:
+            step = min(1.0, 0.75 * w.resolution)
+            orders = np.arange(np.ceil(w.lowest / step) * step, w.highest(p.samples[0].block) + 1e-9, step)
+            terms: list[Term] = [Wave(w.axis, w.way, float(n)) for n in orders]
+            low = np.arange(0.5 * w.resolution, w.lowest, 0.5 * w.resolution)
+            terms += [Wave(w.axis, w.way, float(n), test=p.tests[k].name) for k in w.tests for n in low]
+            span = [self.model.position[k][w.axis] for k in w.tests]
+            first, last = min(x.min() for x in span), max(x.max() for x in span)
+            for width in (r * 2 * np.pi / w.teeth for r in _WIDTHS):
+                centres = np.arange(first + width, min(last, first + 2 * np.pi) - width, width)
+                terms += [Fault(w.axis, w.way, float(c), width) for c in centres]
+            kept[key] = orders, terms, self.columns(terms)
+        return kept[key]
 
     def columns(self, terms: list[Term]) -> np.ndarray:
         """Whitened columns of terms of this way (waves two, faults one), rows as the residual's.
@@ -131,25 +153,20 @@ class Dictionary:
                 own = t.columns(x)[: 1 if isinstance(t, Fault) else 2]
                 cols += [c if t.test is None or t.test == name else np.zeros(len(x)) for c in own]
             blocks.append(m.whitened(k, factor[:, None] * np.column_stack(cols)))
-        count = blocks[0].shape[1]
-        return np.vstack([*blocks, np.zeros((len(self._rest) - sum(len(b) for b in blocks), count))])
+        return np.vstack(blocks)
 
     def update(self) -> None:
         """Gains of all candidates with the present residual."""
-        b = self._d.T @ self._rest
-        own = np.einsum("ij,ij->j", self._d, self._d)
+        b = self._rest @ self._raw
         at, waves = self._start[:-1], np.diff(self._start) == 2
+        i, j, own, least = at[waves], at[~waves], self._length, _OWN * self._size
         self.gain = np.zeros(len(self.terms))
-        i = at[waves]
-        cross = np.einsum("ij,ij->j", self._d[:, i], self._d[:, i + 1])
-        self.gain[waves] = _pair_gain(b[i], b[i + 1], own[i], own[i + 1], cross, _OWN * self._size[i])
-        j = at[~waves]
-        self.gain[~waves] = np.where(own[j] > _OWN * self._size[j], b[j] ** 2 / np.maximum(own[j], 1e-30), 0.0)
+        self.gain[waves] = _pair_gain(b[i], b[i + 1], own[i], own[i + 1], self._cross, least[i])
+        self.gain[~waves] = np.where(own[j] > least[j], b[j] ** 2 / np.maximum(own[j], 1e-30), 0.0)
         n = len(self.orders)
-        floor = _running_median(self.gain[:n], round(_NEIGHBOURS / (self.orders[1] - self.orders[0]))) / _MEDIAN
-        self.floor = np.ones(len(self.terms))
-        self.floor[:n] = np.maximum(1.0, floor)
-        self.floor[n:] = max(1.0, float(np.median(floor)))
+        floor = noise_excess(self.gain[:n], self.orders)
+        self.floor = np.full(len(self.terms), max(1.0, float(np.median(floor))))
+        self.floor[:n] = floor
 
     def best(self) -> tuple[int, float, bool]:
         """The candidate with the largest gain, the gain, and whether it stands above what noise alone reaches."""
@@ -161,35 +178,45 @@ class Dictionary:
         term = self._refined(self.terms[i])
         own = self._own([term])
         q, r = np.linalg.qr(own)
-        size = np.linalg.solve(r, q.T @ self._rest)
-        self._added = np.hstack([self._added, q])
-        self._rest = self._rest - q @ (q.T @ self._rest)
-        self._d -= q @ (q.T @ self._d)
+        size = np.linalg.solve(r, q.T @ np.concatenate([self._rest, self._rest_prior]))
+        rows = len(self._rest)
+        taken, taken_prior = q[:rows], q[rows:]
+        along = r @ size
+        self._rest, self._rest_prior = self._rest - taken @ along, self._rest_prior - taken_prior @ along
+        self._q, self._q_prior = np.hstack([self._q, taken]), np.hstack([self._q_prior, taken_prior])
+        self._project(taken)
         self.update()
         return term.moved(np.concatenate([size, np.zeros(term.size - len(size))]))
 
     def _refined(self, term: Term) -> Term:
         """The term at the order, or the place and width, around the candidate's that explains most."""
+        rest = np.concatenate([self._rest, self._rest_prior])
         if isinstance(term, Fault):
             for fine in (1.0, 0.5, 0.25):
                 shifts, stretches = 0.5 * fine * np.arange(-2, 3), 1.35 ** (fine * np.arange(-2, 3))
                 near = [replace(term, centre=term.centre + d * term.width, width=term.width * f) for f in stretches for d in shifts]
                 d = self._own(near)
-                gain = (d.T @ self._rest) ** 2 / np.maximum(np.einsum("ij,ij->j", d, d), 1e-30)
+                gain = (d.T @ rest) ** 2 / np.maximum(np.einsum("ij,ij->j", d, d), 1e-30)
                 term = near[int(np.argmax(gain))]
             return term
         step = self.orders[1] - self.orders[0]
         near = [replace(term, order=term.order + float(d)) for d in np.linspace(-0.5, 0.5, 9) * step]
         d = self._own(near)
-        b, own = d.T @ self._rest, np.einsum("ij,ij->j", d, d)
+        b, own = d.T @ rest, np.einsum("ij,ij->j", d, d)
         cross = np.einsum("ij,ij->j", d[:, ::2], d[:, 1::2])
         return near[int(np.argmax(_pair_gain(b[::2], b[1::2], own[::2], own[1::2], cross, np.zeros(len(near)))))]
 
     def _own(self, terms: list[Term]) -> np.ndarray:
-        """Columns of terms with everything known and taken projected out."""
+        """Columns of terms with everything known and taken projected out, rows of data and priors."""
         d = self.columns(terms)
-        d = d - self._q @ (self._q.T @ d)
-        return d - self._added @ (self._added.T @ d)
+        onto = self._q.T @ d
+        return np.vstack([d - self._q @ onto, -self._q_prior @ onto])
+
+
+def noise_excess(gain: np.ndarray, orders: np.ndarray) -> np.ndarray:
+    """By how much the residual's own spectrum lies above the noise model around each of the evenly spaced ``orders``, at least 1."""
+    side = round(_NEIGHBOURS / float(orders[1] - orders[0]))
+    return np.maximum(1.0, _running_median(gain, side) / _MEDIAN)
 
 
 def _running_median(x: np.ndarray, side: int) -> np.ndarray:

@@ -11,7 +11,7 @@ from mjsim.effects.base import Effect
 from mjsim.errors import InputError
 from mjsim.identification import joint
 from mjsim.identification.alternating import alternate
-from mjsim.identification.components import Way, ways_of
+from mjsim.identification.components import BAND, HIGHEST, Way, ways_of
 from mjsim.identification.curve import components_of, curve, terms_of
 from mjsim.identification.model import PitchModel, State
 from mjsim.identification.result import Component, DirectionIdentification, LocalFault, PitchIdentification
@@ -20,12 +20,13 @@ from mjsim.identification.terms import UNIT, Fault, Wave
 from mjsim.inference.nuisance import fit_nuisance
 from mjsim.inference.problem import TRIGGER, Problem
 from mjsim.machine.model import Machine
+from mjsim.nc.paths import peripheral_radius
 from mjsim.nc.program import ROTARY_MARGIN
 from mjsim.threads import one_blas_thread
 from mjsim.units import DEG, MM, UM
 
-#: Block length, s: order 800 of an axis at 13.6°/s passes at 30 Hz.
-_BLOCK = 0.010
+#: Lengths of averaging blocks, s: short where the highest order passes fast.
+_BLOCKS = (0.010, 0.020, 0.040)
 #: Teeth that the arc must cover, so that the tooth order stands apart from what lies below it.
 TEETH = 4
 
@@ -68,7 +69,7 @@ def identify_pitch_errors(
     for axis in tested:
         bare = bare.without(f"pitch_error.{axis}")
     progress("reading the tests", 0, 5)
-    problem = Problem(campaign, bare, threads, block=_BLOCK)
+    problem = Problem(campaign, bare, threads, block=_block(campaign, tested))
     model = PitchModel(problem, bare)
     ways = [w for a in tested for w in ways_of(problem, a, machine.drives[a].gear)]
     model.use = sorted(k for w in ways for k in w.tests)
@@ -89,6 +90,39 @@ def identify_pitch_errors(
                 state, common[axis] = one, True
     progress("drawing up the result", 4, 5)
     return {a: _result(model, state, [w for w in ways if w.axis == a], a, common[a]) for a in axes}
+
+
+def identified_machine(machine: Machine, results: dict[str, PitchIdentification]) -> Machine:
+    """``machine`` with the pitch errors that were found in place of those it had."""
+    for axis, result in results.items():
+        keys = {e.key for e in result.effects}
+        for e in machine.effects:
+            if e.id == f"pitch_error.{axis}" and e.key not in keys:
+                machine = machine.without(e.key)
+        for e in result.effects:
+            machine = machine.with_effect(e)
+    return machine
+
+
+def testable_axes(campaign: Campaign) -> tuple[str, ...]:
+    """The rotary axes that have a measured tangential test.
+
+    Raises:
+        InputError: none has.
+    """
+    axes = tuple(a for a in ("A", "C") if tangential_tests(campaign, a))
+    if not axes:
+        raise InputError(
+            f'{campaign.folder / "campaign.toml"}: no measured tangential test of A or C; needed: a [[test]] with kind = "rotary", '
+            f'axis = "C" (or "A"), sensitive_direction = "tangential" and a trace, best in both directions'
+        )
+    return axes
+
+
+def _block(campaign: Campaign, axes: tuple[str, ...]) -> float:
+    """The longest block that still shows the highest order in the fastest tangential test, s."""
+    fastest = max(t.feed / peripheral_radius(t) / (2 * np.pi) for a in axes for t in tangential_tests(campaign, a))
+    return max((b for b in _BLOCKS if b * fastest * HIGHEST < BAND), default=_BLOCKS[0])
 
 
 def tangential_tests(campaign: Campaign, axis: str) -> list:

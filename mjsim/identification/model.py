@@ -65,7 +65,7 @@ class PitchModel:
 
     Attributes:
         problem: the campaign. machine: its machine. use: the tests (indices) that count. weight: (tests,) of each test's
-        residuals, 1 where the model explains a test down to the noise, less where it does not.
+        residuals, 1 where the model explains a test down to the noise, less where it does not. kept: dictionaries' columns.
     """
 
     def __init__(self, problem: Problem, machine: Machine) -> None:
@@ -73,6 +73,7 @@ class PitchModel:
         self.use = list(range(len(problem.tests)))
         self.weight = np.ones(len(problem.tests))
         self.held = np.zeros(len(SHEET))
+        self.kept: dict = {}
         self._sheet = problem.sheet_grids(machine)
         self._linearise()
 
@@ -149,7 +150,8 @@ class PitchModel:
 
     def whitened(self, k: int, columns: np.ndarray) -> np.ndarray:
         """Block columns of one test in standard deviations of the noise, weighted."""
-        return np.sqrt(self.weight[k]) * self.problem.noise.whiten(self.problem.samples[k], columns)
+        out = self.problem.noise.whiten(self.problem.samples[k], columns)
+        return out if self.weight[k] == 1.0 else np.sqrt(self.weight[k]) * out
 
     def cost(self, state: State) -> float:
         """Squared whitened residuals and prior penalties."""

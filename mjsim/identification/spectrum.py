@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.identification.components import HIGHEST, Dictionary, Way
+from mjsim.identification.components import HIGHEST, Way, noise_excess, threshold
 from mjsim.identification.curve import Curve
 from mjsim.identification.model import PitchModel, State
 from mjsim.identification.terms import UNIT, Wave
@@ -33,11 +33,20 @@ def amplitude(position: np.ndarray, value: np.ndarray, orders: np.ndarray) -> np
 def spectrum(model: PitchModel, state: State, way: Way, curve: Curve) -> Spectrum:
     """Spectrum of one direction's modified curve at whole orders from 1 to the highest."""
     orders = np.arange(1.0, HIGHEST + 1.0)
-    d = Dictionary(model, state, way)
-    columns = d.columns([Wave(way.axis, way.way, float(n)) for n in orders])
+    columns = np.vstack([_whitened(model, state, way, k, orders) for k in way.tests])
+    rest = np.concatenate([model.whitened(k, model.residual(k, state)) for k in way.tests])
     own = 0.5 * np.einsum("ij,ij->j", columns, columns).reshape(-1, 2).sum(axis=1)
     own = np.maximum(own, 1e-9 * own.max())
-    raised = np.interp(orders, d.orders, d.floor[: len(d.orders)])
+    gain = ((rest @ columns) ** 2).reshape(-1, 2).sum(axis=1) / own
+    raised = noise_excess(gain, orders)
     floor = np.sqrt(2.0 * raised / own) * UNIT / DEG
-    limit = np.sqrt(d.limit * raised / own) * UNIT / DEG
+    limit = np.sqrt(threshold(2 * HIGHEST) * raised / own) * UNIT / DEG
     return Spectrum(orders, amplitude(curve.position, curve.modified, orders) / DEG, floor, limit)
+
+
+def _whitened(model: PitchModel, state: State, way: Way, k: int, orders: np.ndarray) -> np.ndarray:
+    """Sine and cosine of all orders, whitened, (rows, 2 m)."""
+    s, shift = model.problem.samples[k], model.problem.shift(k, state.nuisance)
+    x, factor = s.sample(model.position[k][way.axis], shift), s.sample(model.factor(k, Wave(way.axis, way.way, 1.0)), shift)
+    wave = UNIT * factor[:, None] * np.exp(1j * orders * x[:, None])
+    return model.whitened(k, np.stack([wave.imag, wave.real], axis=2).reshape(len(x), -1))

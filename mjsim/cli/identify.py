@@ -1,0 +1,135 @@
+"""``mjsim identify``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mjsim.cli import common
+
+
+@click.group("identify")
+def command() -> None:
+    """Numbers of one effect, from the tests that were made for it."""
+
+
+@command.command("pitch-error")
+@common.campaign_argument
+@click.option("--axis", type=click.Choice(["A", "C"]), help="Rotary axis (default: every one that has tangential tests).")
+@common.machine_option
+@click.option("--per-direction", is_flag=True, help="Keep CW and CCW apart even where they agree.")
+@click.option("--write", type=click.Path(path_type=Path, dir_okay=False), help="Save the machine with the pitch errors put in.")
+@click.option(
+    "--out", type=click.Path(path_type=Path, file_okay=False), help="Folder for plots (default: .mjsim/identify in the campaign)."
+)
+@click.option("--no-plots", is_flag=True, help="Numbers only.")
+@click.option("--force", is_flag=True, help="Replace the file named by --write and plots in the folder named by --out.")
+@common.threads_option
+@common.options
+def pitch_error(campaign, axis, machine, per_direction, write, out, no_plots, force, threads, as_json, quiet) -> None:
+    """Pitch errors of the rotary axes of CAMPAIGN: orders, amplitudes and phases per direction, from tangential tests.
+
+    \b
+    Example: mjsim identify pitch-error examples/kato2013 --axis C
+    """
+    from mjsim.campaign.files import read_campaign
+    from mjsim.files import check_writable
+    from mjsim.identification.identify import identified_machine, identify_pitch_errors, testable_axes
+    from mjsim.machine.files import write_machine
+    from mjsim.output import pitch_plot_files, pitch_plots
+    from mjsim.workflow import machine_of
+
+    c = read_campaign(campaign)
+    m = machine_of(c, machine)
+    axes = (axis,) if axis else testable_axes(c)
+    folder = out or c.state_folder / "identify"
+    if write is not None:
+        check_writable(write, force)
+    if not no_plots:
+        for file in pitch_plot_files(axes, folder):
+            check_writable(file, force or out is None)
+    with common.progress_bar(quiet) as progress:
+        results = identify_pitch_errors(c, m, axes, per_direction, common.cores(threads), progress)
+        plots = [] if no_plots else pitch_plots(c.name, results, folder)
+    if write is not None:
+        write_machine(identified_machine(m, results), m.path, write, force=force)
+    data = {
+        "campaign": c.name,
+        "axes": {a: r.to_json() for a, r in results.items()},
+        "effects": [{"id": e.id, **e.values} for r in results.values() for e in r.effects],
+        "plots": [str(p) for p in plots],
+    }
+    if as_json:
+        common.print_json(data)
+        return
+    if quiet:
+        return
+    for i, (a, result) in enumerate(data["axes"].items()):
+        if i:
+            click.echo()
+        show(a, result)
+    if plots:
+        common.say(f"plots in {folder}", quiet)
+    if write is not None:
+        common.say(f"machine with the pitch errors written to {write}", quiet)
+
+
+def show(axis: str, data: dict) -> None:
+    """One axis' JSON as text."""
+    for way, d in data["directions"].items():
+        click.echo(f"{axis} {way}: {', '.join(d['tests'])}")
+        common.paragraph(
+            f"arc {d['arc_deg']:.0f}°: orders closer than {d['resolution_per_rev']:.2g} per revolution cannot be told apart; noise makes "
+            f"{1e3 * d['noise_floor_deg']:.2g}, a component needs {1e3 * d['detection_limit_deg']:.2g} (10⁻³ °)",
+            "  ",
+        )
+        for f in d["local_faults"]:
+            common.paragraph(
+                f"local fault left out: {1e3 * f['height_deg']:+.2f}·10⁻³ ° at {f['centre_deg']:.1f}°, width {f['width_deg']:.2g}°", "  "
+            )
+        if d["components"]:
+            _table(d)
+            rms = d["rms_deg"]
+            common.paragraph(
+                f"RMS (10⁻³ °): raw {1e3 * rms['raw']:.3f}, modified {1e3 * rms['modified']:.3f}, left {1e3 * rms['residual']:.3f}, "
+                f"{1e3 * rms['residual_away_from_reversals']:.3f} where no linear axis turns back",
+                "  ",
+            )
+        else:
+            click.echo("  no component stands out of the noise")
+        if d["advice"]:
+            common.paragraph(f"phase limited by the trigger: {d['advice']}", "  ")
+        click.echo()
+    if data["directions_agree"]:
+        common.paragraph("CW and CCW agree within their uncertainty: one effect for both directions")
+    for note in data["notes"]:
+        common.paragraph(note)
+    common.paragraph(f"noise {data['noise_um']:.3f} µm ({data['noise_source']})")
+
+
+def _table(d: dict) -> None:
+    rows = []
+    for c, a in zip(d["components"], d["alternating"], strict=True):
+        amplitude, phase = c["ci95"]["amplitude_deg"], c["ci95"]["phase_deg"]
+        order = f"{c['order']:g}" if c["order_known"] else f"{c['order']:.2f}"
+        mark = (
+            "with " + ", ".join(f"{n:g}" for n in c["not_separable_from"])
+            if not c["separable"]
+            else "teeth"
+            if c["multiple_of_teeth"]
+            else ""
+        )
+        rows.append(
+            [
+                order,
+                f"{1e3 * c['amplitude_deg']:.3f}",
+                f"±{500 * (amplitude[1] - amplitude[0]):.3f}",
+                f"{c['phase_deg']:.1f}",
+                f"±{0.5 * (phase[1] - phase[0]):.1f}",
+                f"{1e3 * a['amplitude_deg']:.3f}",
+                f"{a['phase_deg']:.1f}",
+                mark,
+            ]
+        )
+    common.table(["order", "10⁻³ °", "95 %", "phase °", "95 %", "altern. 10⁻³ °", "phase °", ""], rows, text=(7,))
