@@ -42,28 +42,29 @@ class Line:
     radius: dict[str, float] = field(default_factory=dict)
 
 
-def parse_line(text: str, brackets_are_comments: bool = True) -> Line:
+def parse_line(text: str, siemens: bool = False) -> Line:
     """Words of one line of G-code.
 
     Args:
-        text: the line. brackets_are_comments: whether ``( )`` encloses a comment; FGROUP, DC and TRAORI keep theirs.
+        text: the line. siemens: whether ``( )`` belongs to FGROUP, DC and TRAORI; otherwise it encloses a comment.
 
     Raises:
         GCodeError: something in it is not understood.
     """
     line = Line()
     rest = text.strip()
-    if not rest or rest.startswith("%"):
+    if rest.startswith("%"):
         return line
-    rest = rest.partition(";")[0]
-    rest = _take(_FGROUP, rest, lambda m: setattr(line, "group", _axes(m[1])))
-    rest = _take(_FGREF, rest, lambda m: line.radius.__setitem__(m[1].upper(), float(m[2])))
-    rest = _take(_KEYWORD, rest, lambda m: setattr(line, "tip", m[1].upper() == "TRAORI"))
-    rest = _take(_SHORTEST, rest, lambda m: _add(line, m[1], m[2], shortest=True))
-    if brackets_are_comments:
+    if not siemens:
         rest = re.sub(r"\([^()]*\)", " ", rest)
+    rest = rest.partition(";")[0]
+    if siemens:
+        rest = _take(_FGROUP, rest, lambda m: setattr(line, "group", _axes(m[1])))
+        rest = _take(_FGREF, rest, lambda m: _radius(line, m[1].upper(), float(m[2])))
+        rest = _take(_KEYWORD, rest, lambda m: setattr(line, "tip", m[1].upper() == "TRAORI"))
+        rest = _take(_SHORTEST, rest, lambda m: _add(line, m[1], m[2], shortest=True))
     if "(" in rest or ")" in rest:
-        raise GCodeError(f"{_shown(rest)!r} has a bracket without its other half or a call; allowed: comments ( ) and ;")
+        raise GCodeError(f"{_shown(rest)!r} has a bracket without its other half, or a call; allowed: comments in ( ) or after ;")
     rest = rest.strip()
     if rest.startswith("/"):
         raise GCodeError("a block skip '/', which depends on a switch of the control; allowed: blocks that always run")
@@ -89,6 +90,12 @@ def _axes(text: str) -> tuple[str, ...]:
     if not set(names) <= set("XYZAC"):
         raise GCodeError(f"FGROUP({text}); allowed: axes of X, Y, Z, A, C")
     return names
+
+
+def _radius(line: Line, axis: str, value: float) -> None:
+    if axis not in "AC" or value <= 0:
+        raise GCodeError(f"FGREF[{axis}]={value:g}; allowed: a radius above 0 of A or C")
+    line.radius[axis] = value
 
 
 def _add(line: Line, letter: str, number: str, shortest: bool = False) -> None:

@@ -156,9 +156,10 @@ def _feed_words(printed: np.ndarray, seconds: np.ndarray, o: Options, d: Dialect
     if feed == "inverse":
         values = 60.0 / seconds
         if values.max() > d.largest_inverse:
+            step = np.ceil(1e3 * o.step_deg * values.max() / d.largest_inverse) / 1e3
             raise InputError(
                 f'test "{test.name}": blocks of {seconds.min() * 1e3:.3g} ms need F{values.max():.0f} with G93; allowed for {d.name}: '
-                f"up to {d.largest_inverse:g} 1/min, by a step of at least {o.step_deg * values.max() / d.largest_inverse:.2g}°"
+                f"up to {d.largest_inverse:.7g} 1/min, by a step of at least {step:g}°"
             )
     else:  # A.11 on the printed positions, so that rounding them does not change the time of a block
         values = np.linalg.norm(np.diff(printed, axis=0), axis=1) / (seconds / 60.0)
@@ -217,7 +218,7 @@ def _start(first: str, d: Dialect, feed: str) -> list[str]:
     if d.name == "siemens":
         lines = [f"G90 G17 G{d.units[0]} G40 G54", *d.path, mode]
         if feed == "a11":
-            lines += ["FGROUP(X,Y,Z,A,C)", f"FGREF[A]={180 / np.pi:.6f} FGREF[C]={180 / np.pi:.6f}"]
+            lines += ["FGROUP(X,Y,Z,A,C)", f"FGREF[A]={180 / np.pi:.9f} FGREF[C]={180 / np.pi:.9f}"]
     else:
         lines = [f"G90 G17 G{d.units[0]} G40 G49 G80 G54", *d.path, mode]
     tip = ["G0 A0. C0.", d.tip_on] if feed == "tcp" else []
