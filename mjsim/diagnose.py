@@ -183,8 +183,11 @@ def diagnose(campaign: Campaign, machine: Machine, max_effects: int = 5, threads
 def _explain(problem: Problem, machine: Machine, max_effects: int, progress: Progress) -> tuple[Search, Unexplained | None, list[Line]]:
     """The search, with vibrations left out of the data, and what it leaves."""
     rigid, lines = separate(problem, machine)
-    search = Searcher(Fitter(problem, rigid), progress).run(max_effects)
+    fitter = Fitter(problem, rigid)
+    search = Searcher(fitter, progress).run(max_effects)
     unexplained, search = look_for_unknown(problem, search, progress)
+    if search.found and problem.take_back(search.fit.readings, search.fit.nuisance):
+        search = replace(search, fit=fitter.fit(search.fit.effects, start=search.fit))
     return search, unexplained, lines
 
 

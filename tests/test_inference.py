@@ -9,7 +9,7 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.model import Test, Trace
 from mjsim.effects import registry
 from mjsim.inference.free import FreeEffect
-from mjsim.inference.outliers import mark_outliers
+from mjsim.inference.outliers import mark_outliers, take_back
 from mjsim.inference.problem import Problem
 from mjsim.inference.samples import Samples, estimate_noise, revolution_time
 from mjsim.machine.files import read_machine
@@ -72,6 +72,25 @@ def test_a_knock_is_left_out_and_what_repeats_is_not():
     assert mark_outliers(s, s.value + knock + glitch, 0.1e-6) == 1
     assert not s.valid[2000:2060].any()
     assert s.valid[4000:4040].all() and s.valid[4000 + turn : 4040 + turn].all()
+
+
+def test_what_the_fitted_model_follows_was_no_knock():
+    """Of two stretches that were left out the model explains one: that one counts again."""
+    rng = np.random.default_rng(7)
+    s = samples(rng, signal=0.0)
+    given = s.valid.copy()
+    given[6000:6010] = False  # a gap of the recording is none of its business
+    s.valid &= given
+    for at in (2000, 4000):
+        s.valid[at : at + 60] = False
+    s.refresh()
+    rest = s.value.copy()
+    rest[2020:2040] += 8e-6
+    assert take_back(s, given, rest, 0.1e-6) == 1
+    assert not s.valid[2000:2060].any() and s.valid[4000:4060].all() and not s.valid[6000:6010].any()
+    assert s.good[np.searchsorted(s.edges, 4030, "right") - 1]
+    assert not s.good[np.searchsorted(s.edges, 2030, "right") - 1]
+    assert take_back(s, given, rest, 0.1e-6) == 0
 
 
 def test_free_vector_round_trip():

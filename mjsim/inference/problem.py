@@ -15,7 +15,7 @@ from mjsim.campaign.model import Campaign
 from mjsim.engine.plant import Plant, build
 from mjsim.inference.calibration import SHEET, calibrated
 from mjsim.inference.nuisance import fit_nuisance
-from mjsim.inference.outliers import MOST_EVENTS, SAME_PLACE, cut_at, largest_jump, mark_outliers
+from mjsim.inference.outliers import MOST_EVENTS, SAME_PLACE, cut_at, largest_jump, mark_outliers, take_back
 from mjsim.inference.samples import GRID, GRID_STEPS, Samples, estimate_noise, make_samples
 from mjsim.kinematics import AXES, BarSensitivity, sensitivity
 from mjsim.machine.model import Machine
@@ -95,11 +95,9 @@ class Problem:
         self.noise = estimate_noise(self.samples, self.campaign.instrument.resolution)
 
     def _leave_out_outliers(self, plant: Plant) -> None:
+        self._given = [s.valid.copy() for s in self.samples]
         readings = self.readings(plant)
-        nuisance = fit_nuisance(self, readings)
-        rest = [
-            s.value - s.sample_all(readings[k] + self.offsets(k, nuisance), self.shift(k, nuisance)) for k, s in enumerate(self.samples)
-        ]
+        rest = self._rest(readings, fit_nuisance(self, readings))
         for s, r in zip(self.samples, rest, strict=True):
             self.outliers[s.test.name] = mark_outliers(s, r, self.noise.rms)
         for _ in range(MOST_EVENTS):
@@ -113,6 +111,22 @@ class Problem:
                 break
         if any(self.outliers.values()):
             self.estimate_noise()
+
+    def _rest(self, readings: list[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
+        """Measured less modelled, every sample, (n,) per test, m."""
+        return [
+            s.value - s.known - s.sample_all(readings[k] + self.offsets(k, nuisance), self.shift(k, nuisance))
+            for k, s in enumerate(self.samples)
+        ]
+
+    def take_back(self, readings: list[np.ndarray], nuisance: np.ndarray) -> bool:
+        """Count disturbances again that a fitted model follows; whether there were any. Fits made before have other rows then."""
+        found = 0
+        for s, given, r in zip(self.samples, self._given, self._rest(readings, nuisance), strict=True):
+            back = take_back(s, given, r, self.noise.rms)
+            self.outliers[s.test.name] = max(0, self.outliers[s.test.name] - back)
+            found += back
+        return found > 0
 
     def _seated_anew(self, k: int) -> None:
         """Give the test, of which the part after a knock is kept, ball offsets of its own."""
