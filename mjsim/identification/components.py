@@ -22,8 +22,9 @@ HIGHEST = 800
 BAND = 0.45
 #: Chance that noise alone names one component or more in one direction of one axis.
 FALSE_ALARM = 1e-3
-#: Share of a term that must be its own, not another's: below it the two cannot be told apart.
-_OWN = 0.03
+#: Share of a term that must be its own, not another's, to be looked at. Small: what is left by two waves closer than the resolution
+#: has to be explained by a second one, or its side lobes would be; :class:`Component` then says that the two cannot be taken apart.
+_OWN = 0.003
 #: Terms that explain less than this share of a round's best wait until the better ones are fitted.
 _SHARE = 0.02
 #: Most terms of one round.

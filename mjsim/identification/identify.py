@@ -166,6 +166,17 @@ def _result(model: PitchModel, state: State, ways: list[Way], axis: str, common:
     notes = []
     if len(ways) == 1:
         notes.append(f"only {ways[0].way} was measured; nothing is known about the other direction")
+    left_out = [t.name for k, t in enumerate(model.problem.tests) if k not in model.use]
+    if left_out:
+        notes.append(
+            f"not used, since the machine file does not explain them (mjsim diagnose says what it lacks): {', '.join(left_out)}; "
+            f"the phases would be more certain with them"
+        )
+    if any(k in model.frozen for w in ways for k in w.tests):
+        notes.append(
+            "the machine file does not explain the friction glitches or the slow part of these tests; they were taken out, but do not "
+            "help to tie the start of the recording"
+        )
     noise = model.problem.noise
     return PitchIdentification(axis, directions, common, effects, noise.rms / UM, noise.source, tuple(notes))
 
@@ -186,7 +197,11 @@ def _direction(model: PitchModel, state: State, way: Way) -> DirectionIdentifica
     found = _components(model, state, way)
     lines = spectrum(model, state, way, line)
     sd = TRIGGER * np.sqrt(np.diag(state.covariance)[: p.layout.size])
-    faults = tuple(LocalFault(t.centre / DEG, t.width / DEG, t.height * UNIT / DEG) for t in terms_of(state, way) if isinstance(t, Fault))
+    faults = tuple(
+        LocalFault(t.centre / DEG, t.width / DEG, t.height * UNIT / DEG, joint.at_turn(model, way, t))
+        for t in terms_of(state, way)
+        if isinstance(t, Fault)
+    )
     return DirectionIdentification(
         way.axis,
         way.way,
@@ -208,6 +223,7 @@ def _direction(model: PitchModel, state: State, way: Way) -> DirectionIdentifica
         faults,
         {p.tests[k].name: float(1.96e3 * sd[p.layout.trigger(p.tests[k].name)]) for k in way.tests},
         p.tests[way.tests[0]].feed * 60 / MM,
+        float(np.ptp(p.samples[way.tests[0]].centre)),
     )
 
 

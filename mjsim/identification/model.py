@@ -14,7 +14,7 @@ from mjsim.engine.plant import build
 from mjsim.engine.transmission import BLEND
 from mjsim.identification.terms import Term
 from mjsim.inference.calibration import SHEET, calibrated
-from mjsim.inference.problem import Problem
+from mjsim.inference.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, Problem
 from mjsim.inference.samples import GRID, GRID_STEPS
 from mjsim.kinematics import AXES, ROTARY
 from mjsim.machine.model import Machine
@@ -65,7 +65,8 @@ class PitchModel:
 
     Attributes:
         problem: the campaign. machine: its machine. use: the tests (indices) that count. weight: (tests,) of each test's
-        residuals, 1 where the model explains a test down to the noise, less where it does not. kept: dictionaries' columns.
+        residuals, 1 or, where it cannot be explained, 0. kept: dictionaries' columns. frozen: test
+        -> trigger (s) at which the machine's own part of the reading is held, where that part is no witness of the trigger.
     """
 
     def __init__(self, problem: Problem, machine: Machine) -> None:
@@ -74,6 +75,7 @@ class PitchModel:
         self.weight = np.ones(len(problem.tests))
         self.held = np.zeros(len(SHEET))
         self.kept: dict = {}
+        self.frozen: dict[int, float] = {}
         self._sheet = problem.sheet_grids(machine)
         self._linearise()
 
@@ -103,22 +105,25 @@ class PitchModel:
         sens = self.problem.sensitivity[k].axes[:, AXES.index(t.axis)]
         return sens * self.share[k][t.axis, t.way] if t.way else sens
 
-    def total(self, k: int, state: State) -> np.ndarray:
-        """Modelled reading of one test on the GRID, m, data sheet as it was last simulated."""
-        out = self.readings[k] + self.problem.offsets(k, state.nuisance)
+    def terms_total(self, k: int, state: State) -> np.ndarray:
+        """What the terms add to the reading of one test, on the GRID, m."""
+        out = np.zeros(len(self.readings[k]))
         for t in state.terms:
             if self._acts(k, t):
-                out = out + self.factor(k, t) * t.value(self.position[k][t.axis])
+                out += self.factor(k, t) * t.value(self.position[k][t.axis])
         return out
 
     def residual(self, k: int, state: State) -> np.ndarray:
         """Measured less modelled block means of one test, m."""
         s, shift = self.problem.samples[k], self.problem.shift(k, state.nuisance)
-        grid = self.total(k, state)
+        own = self.readings[k] + self.problem.offsets(k, state.nuisance)
         moved = state.tau - self.held
         if moved.any():
-            grid = grid + moved @ self._sheet[k]
-        return s.mean - s.sample(grid, shift)
+            own = own + moved @ self._sheet[k]
+        terms = self.terms_total(k, state)
+        if k in self.frozen:
+            return s.mean - s.sample(own, self.frozen[k]) - s.sample(terms, shift)
+        return s.mean - s.sample(own + terms, shift)
 
     def columns(self, k: int, state: State) -> np.ndarray:
         """Derivatives of the modelled block means of one test, (m, parameters), m per unit."""
@@ -135,8 +140,6 @@ class PitchModel:
         return np.hstack(parts)
 
     def _nuisance_columns(self, k: int, state: State) -> np.ndarray:
-        from mjsim.inference.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER
-
         p = self.problem
         s, sens, shift = p.samples[k], p.sensitivity[k], p.shift(k, state.nuisance)
         out = np.zeros((len(s.centre), p.layout.size))
@@ -145,7 +148,10 @@ class PitchModel:
             out[:, at + j] = s.sample(sens.table[:, j], shift) * TABLE_BALL
             out[:, at + 3 + j] = s.sample(sens.spindle[:, j], shift) * SPINDLE_BALL
         out[:, p.layout.length] = LENGTH
-        out[:, p.layout.trigger(p.tests[k].name)] = -s.sample(np.gradient(self.total(k, state), GRID), shift) * TRIGGER
+        moving = self.terms_total(k, state)
+        if k not in self.frozen:
+            moving = moving + self.readings[k] + p.offsets(k, state.nuisance)
+        out[:, p.layout.trigger(p.tests[k].name)] = -s.sample(np.gradient(moving, GRID), shift) * TRIGGER
         return out
 
     def whitened(self, k: int, columns: np.ndarray) -> np.ndarray:

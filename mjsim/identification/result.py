@@ -8,6 +8,9 @@ import numpy as np
 
 from mjsim.effects.base import Effect
 
+#: Usual trigger shift, one standard deviation, s (measurement chain).
+_TRIGGER_S = 0.020
+
 
 @dataclass(frozen=True)
 class Component:
@@ -76,11 +79,15 @@ class Alternation:
 
 @dataclass(frozen=True)
 class LocalFault:
-    """A fault of one place that was taken out: ``height exp(-((x - centre)/width)²/2)``, degrees."""
+    """A fault of one place that was taken out: ``height exp(-((x - centre)/width)²/2)``, degrees.
+
+    ``at_reversal``: it stands where a linear axis turns back, a glitch that the machine file does not explain.
+    """
 
     centre_deg: float
     width_deg: float
     height_deg: float
+    at_reversal: bool
 
 
 @dataclass(frozen=True)
@@ -94,7 +101,7 @@ class DirectionIdentification:
         at_reversal: (n,) bool, where a linear axis turns back and its friction makes a glitch.
         orders, amplitude_deg, floor_deg, limit_deg: (m,) spectrum of the modified curve, the amplitude that noise alone gives (RMS),
         and the one that a component must exceed.
-        trigger_ci95_ms: half width of each test's trigger shift.
+        trigger_ci95_ms: half width of each test's trigger shift. feed_mm_min, duration_s: of the first test.
     """
 
     axis: str
@@ -117,6 +124,7 @@ class DirectionIdentification:
     faults: tuple[LocalFault, ...]
     trigger_ci95_ms: dict[str, float]
     feed_mm_min: float
+    duration_s: float
 
     @property
     def noise_floor_deg(self) -> float:
@@ -142,10 +150,17 @@ class DirectionIdentification:
         worst = max(c.phase_half_width_deg for c in limited)
         trigger = max(self.trigger_ci95_ms.values())
         return (
-            f"the unknown start of the recording (±{trigger:.1f} ms) limits the phase of order "
-            f"{', '.join(f'{c.order:g}' for c in limited)} to ±{worst:.0f}° at most; a cone-frustum test in the same campaign that "
-            f"turns {self.axis} ties the start down, and the same test at {_slower(self.feed_mm_min, worst):g} mm/min makes it matter less"
+            f"the unknown start of the recording (±{trigger:.1f} ms) leaves the phase of order "
+            f"{', '.join(f'{c.order:g}' for c in limited)} uncertain by up to ±{worst:.0f}°. A cone-frustum test in the same campaign in "
+            f"which {self.axis} turns {self.way} ties it down; without one, 3° need this test at {self.safe_feed_mm_min:.0f} mm/min or less"
         )
+
+    @property
+    def safe_feed_mm_min(self) -> float:
+        """Feed of the first test at which the usual trigger (±20 ms, one standard deviation) costs 3° of the highest order's phase."""
+        highest = max((c.order for c in self.components), default=float(self.tooth_order))
+        speed = np.ptp(self.position_deg) / (self.duration_s * self.feed_mm_min)  # deg/s per mm/min
+        return float(3.0 / (1.96 * _TRIGGER_S * highest * speed))
 
     @property
     def differences(self) -> list[tuple[float, float]]:
@@ -191,11 +206,6 @@ class DirectionIdentification:
 
 def _limited(c: Component) -> bool:
     return c.phase_half_width_deg > 3.0 and c.phase_fixed_trigger_deg < 0.5 * c.phase_half_width_deg
-
-
-def _slower(feed_mm_min: float, half_width_deg: float) -> float:
-    """A feed at which the same shift in time is 3° or less of phase, or a fifth of the present one."""
-    return max(feed_mm_min * 3.0 / half_width_deg, 0.2 * feed_mm_min) // 10 * 10
 
 
 @dataclass(frozen=True)

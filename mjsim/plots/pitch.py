@@ -92,17 +92,20 @@ def _name(axes, named: Sequence[tuple[float, float]], top: float) -> None:
     rank = {n: i + 1 for i, (n, _) in enumerate(sorted(named, key=lambda c: -c[1]))}
     taken: list[tuple[float, float]] = []
     low, high = axes.get_xlim()
+    before = low - 1000.0
     for n, size in sorted(named):
-        text = f"N{rank[n]}={n:.4g}" if n < 1000 else f"N{rank[n]}={n:.0f}"
         x = min(max(n, low + 0.5 * _LABEL), high - 0.5 * _LABEL)
+        if n - before < 0.6 * _LABEL:
+            x = min(before + 0.7 * _LABEL, high - 0.5 * _LABEL)  # clear of the line that leads up to its neighbour
+        before = n
         y = size / MILLI + 0.03 * top
         while any(abs(x - x0) < _LABEL and abs(y - y0) < 0.085 * top for x0, y0 in taken):
             y += 0.02 * top
         y = min(y, 0.93 * top)
         taken.append((x, y))
         axes.annotate(
-            text, (n, size / MILLI), (x, y), ha="center", va="bottom", fontsize=style.SMALL, color=style.SIMULATED, zorder=6,
-            arrowprops={"arrowstyle": "-", "color": style.SIMULATED, "linewidth": 0.4, "shrinkA": 0.0, "shrinkB": 2.0},
+            f"N{rank[n]}={n:.4g}", (n, size / MILLI), (x, y), ha="center", va="bottom", fontsize=style.SMALL, color=style.SIMULATED,
+            arrowprops={"arrowstyle": "-", "color": style.SIMULATED, "linewidth": 0.4, "shrinkA": 0.0, "shrinkB": 2.0}, zorder=6,
         )  # fmt: skip
 
 
