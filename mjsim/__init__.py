@@ -26,6 +26,12 @@ _WHERE = {
     "history": "mjsim.ladder",
     "effects": "mjsim.effects.registry",
     "figures": "mjsim.paper.figures",
+    "write_nc": "mjsim.nc.write",
+    "read_nc": "mjsim.nc.read",
+    "driven_by": "mjsim.nc.program",
+    "feed_report": "mjsim.nc.control",
+    "NCOptions": "mjsim.nc.write",
+    "Control": "mjsim.nc.control",
     "make_effect": "mjsim.effects.registry",
     "Effect": "mjsim.effects.base",
     "Parameter": "mjsim.effects.base",
@@ -34,7 +40,7 @@ _WHERE = {
     "InputError": "mjsim.errors",
     "SimulationError": "mjsim.errors",
 }
-_RENAMED = {"history": "read_history", "effects": "kinds", "make_effect": "make"}
+_RENAMED = {"history": "read_history", "effects": "kinds", "make_effect": "make", "NCOptions": "Options"}
 
 __all__ = ["__version__", *_WHERE]
 

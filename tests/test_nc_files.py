@@ -516,6 +516,11 @@ def test_programs_of_other_tests(cone, tests):
         driven_by(replace(test, direction="CW"), motion)
     with pytest.raises(InputError, match=r"measured from 0.000° to 720.000°"):
         driven_by(replace(test, revolutions=2), motion)
+    bare = Commanded(motion.seconds[10:-10], motion.points[10:-10])  # no run-in: from φ = 0 to 360°, but for the digits
+    own = Program(driven_by(test, bare))
+    assert own.measured_span == pytest.approx((0.0, own.duration), abs=1e-2)
+    with pytest.raises(InputError, match=r"runs from φ = 1.000° to 360"):
+        driven_by(test, Commanded(bare.seconds[1:], bare.points[1:]))
     half = Commanded(motion.seconds[:100], motion.points[:101])
     with pytest.raises(InputError, match=r"x.nc: runs from φ = -10.000° to 90.\d+°"):
         driven_by(test, half, "x.nc")

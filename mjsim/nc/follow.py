@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from mjsim.campaign.model import Test
 from mjsim.errors import InputError
@@ -20,6 +20,9 @@ from mjsim.units import DEG, MM, UM
 RANGE = 1.0 * MM
 #: How far the program's mean feed may lie from the test's, as a ratio; more is another feed and has to be named.
 FEED_TOLERANCE = 0.02
+
+#: How far a program may begin behind the measured part, or end before it, rad: printed digits of one without run-in.
+TOUCH = 0.01 * DEG
 
 
 def angle(test: Test, q: np.ndarray) -> np.ndarray:
@@ -87,9 +90,13 @@ class Followed:
         return phi + turn * np.round((np.interp(inside, self._motion.knots, self.knots) - phi) / turn)
 
     def time_of(self, phi: float) -> float:
-        """Program time (s) at which φ (rad) is reached; φ lies between the program's ends."""
-        sign = np.sign(self.knots[-1] - self.knots[0])
-        return float(brentq(lambda t: sign * (self.phi(np.array([t]))[0] - phi), 0.0, self.duration, xtol=1e-9))
+        """Program time (s) at which φ (rad) is reached; its start or end where φ lies beyond."""
+        first, last = self.knots[[0, -1]]
+        if (phi - first) * (last - first) <= 0.0:
+            return 0.0
+        if (phi - last) * (last - first) >= 0.0:
+            return self.duration
+        return float(root_scalar(lambda t: self.phi(np.array([t]))[0] - phi, bracket=(0.0, self.duration), xtol=1e-9).root)
 
 
 def check_path(test: Test, motion: Commanded, span: tuple[float, float], name: str) -> np.ndarray:
@@ -120,7 +127,7 @@ def check_path(test: Test, motion: Commanded, span: tuple[float, float], name: s
             f"{name}: φ goes from {phi[i] / DEG:.3f}° to {phi[i + 1] / DEG:.3f}° at point {i + 2} of {len(axes)}; "
             f'allowed for test "{test.name}": φ that only {"grows" if sign > 0 else "falls"}'
         )
-    if sign * (phi[0] - first) > 1e-9 or sign * (phi[-1] - last) < -1e-9:
+    if sign * (phi[0] - first) > TOUCH or sign * (phi[-1] - last) < -TOUCH:
         raise InputError(
             f"{name}: runs from φ = {phi[0] / DEG:.3f}° to {phi[-1] / DEG:.3f}°; "
             f'test "{test.name}" is measured from {first / DEG:.3f}° to {last / DEG:.3f}°'
