@@ -166,6 +166,10 @@ def _result(model: PitchModel, state: State, ways: list[Way], axis: str, common:
     notes = []
     if len(ways) == 1:
         notes.append(f"only {ways[0].way} was measured; nothing is known about the other direction")
+    for k in (k for w in ways for k in w.tests):
+        s = model.problem.samples[k]
+        if not s.valid.all():
+            notes.append(f"{s.test.name}: {int((~s.valid).sum())} of {len(s.valid)} samples left out as missing or disturbed")
     left_out = [t.name for k, t in enumerate(model.problem.tests) if k not in model.use]
     if left_out:
         notes.append(

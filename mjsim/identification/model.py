@@ -113,6 +113,10 @@ class PitchModel:
                 out += self.factor(k, t) * t.value(self.position[k][t.axis])
         return out
 
+    def total(self, k: int, state: State) -> np.ndarray:
+        """Modelled reading of one test on the GRID, m, without what the data sheet has moved since it was last simulated."""
+        return self.readings[k] + self.problem.offsets(k, state.nuisance) + self.terms_total(k, state)
+
     def residual(self, k: int, state: State) -> np.ndarray:
         """Measured less modelled block means of one test, m."""
         s, shift = self.problem.samples[k], self.problem.shift(k, state.nuisance)

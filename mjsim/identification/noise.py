@@ -28,8 +28,8 @@ def residual_noise(model: PitchModel, state: State) -> Noise:
         for i in range(0, len(rest) - _SEGMENT + 1, _SEGMENT // 2):
             if s.good[i : i + _SEGMENT].all():
                 segments.append(rest[i : i + _SEGMENT])
-        inside = np.repeat(s.mean, np.diff(s.edges))
-        fine.append((s.value - inside)[s.valid])
+        single = s.value - s.sample_all(model.total(k, state), model.problem.shift(k, state.nuisance))
+        fine.append((single - np.repeat(s.average(single), np.diff(s.edges)))[s.valid])
     if len(segments) < 4:
         raise ValueError(f"only {len(segments)} whole segments of {_SEGMENT} blocks")
     window = np.hanning(_SEGMENT)
