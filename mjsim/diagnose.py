@@ -36,7 +36,8 @@ class DiagnosedEffect:
     Attributes:
         effect: with fitted parameters. free: names of the fitted ones. ci95: [low, high] per fitted parameter, file units.
         rms_before, rms_after: of all tests, m, along the ladder of the effects found. alternatives: ids that the data cannot tell
-        from this one. tests: where it shows.
+        from this one. tests: where it shows. gain: how far the objective (squared residuals in units of the noise) falls with it;
+        rejected: how much less of that the others reach that were fitted in its place, by id.
     """
 
     effect: Effect
@@ -46,6 +47,8 @@ class DiagnosedEffect:
     rms_after: float
     alternatives: tuple[str, ...]
     tests: tuple[str, ...]
+    gain: float = 0.0
+    rejected: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -198,7 +201,8 @@ def _found(problem: Problem, search: Search) -> list[tuple[float, DiagnosedEffec
         at = next(j for j, g in enumerate(search.fit.effects) if g.effect.key == f.key)
         free, block = search.fit.effects[at], search.fit.block(at)
         ci = free.interval(free.vector, search.fit.covariance[block, block])
-        out.append((f.gain, DiagnosedEffect(free.effect, free.names, ci, 0.0, 0.0, f.alternatives, _where(problem, search, at))))
+        where = _where(problem, search, at)
+        out.append((f.gain, DiagnosedEffect(free.effect, free.names, ci, 0.0, 0.0, f.alternatives, where, f.gain, f.rejected)))
     return out
 
 
@@ -206,7 +210,7 @@ def _vibration(problem: Problem, line: Line) -> tuple[float, DiagnosedEffect]:
     i, size = AXES.index(line.effect.subject), line.effect.si("amplitude_um")
     spread = [size * np.sqrt(np.mean(s.axes[:, i] ** 2) / 2) for s in problem.sensitivity]
     tests = tuple(t.name for t, x in zip(problem.tests, spread, strict=True) if x > VISIBLE * problem.noise.rms)
-    return line.gain, DiagnosedEffect(line.effect, line.effect.free, line.ci95, 0.0, 0.0, line.alternatives, tests)
+    return line.gain, DiagnosedEffect(line.effect, line.effect.free, line.ci95, 0.0, 0.0, line.alternatives, tests, line.gain)
 
 
 def _where(problem: Problem, search: Search, index: int) -> tuple[str, ...]:

@@ -34,11 +34,13 @@ _SHAPE = 4.0
 @dataclass
 class Found:
     """One missing effect of the final model: its key, and the models with another effect in its place that the data cannot tell from it,
-    by that effect's id."""
+    by that effect's id. ``gain`` is how far the objective falls with it; ``rejected`` how much worse the others that were fitted in its
+    place do, by id; where none came near enough to be fitted, the best of them by its linear gain."""
 
     key: str
     gain: float
     rivals: dict[str, Fit] = field(default_factory=dict)
+    rejected: dict[str, float] = field(default_factory=dict)
 
     @property
     def alternatives(self) -> tuple[str, ...]:
@@ -252,7 +254,7 @@ class Searcher:
             rest = [f for j, f in enumerate(fit.effects) if j != index]
             without = self.fitter.fit(rest, start=fit, exact=False, iterations=3)
             gain = without.objective - fit.objective
-            rivals, better = {}, None
+            rivals, better, rejected = {}, None, {}
             ranked = self.ranked(without, bank)
             own = max((r[0] for r in ranked if r[2].effect.key == mine.effect.key), default=gain)
             rows = [r for r in ranked if r[2].effect.key not in {f.effect.key for f in fit.effects}]
@@ -270,10 +272,14 @@ class Searcher:
                         rivals.setdefault(c.id, trial)
                     if price(trial) < price(fit) - 2.0 and (better is None or price(trial) < price(better)):
                         better = trial
+                elif c.id != mine.effect.id:
+                    rejected[c.id] = min(price(trial) - price(fit), rejected.get(c.id, np.inf))
+            if not (rivals or rejected) and (far := next((r for r in rows if r[2].id != mine.effect.id), None)):
+                rejected[far[2].id] = gain - far[0]
             if better is not None and swaps < 3:
                 swaps += 1
                 fit, found, index = better, {}, 0
                 continue
-            found[mine.effect.key] = Found(mine.effect.key, gain, rivals)
+            found[mine.effect.key] = Found(mine.effect.key, gain, rivals, rejected)
             index += 1
         return fit, sorted(found.values(), key=lambda f: -f.gain)
