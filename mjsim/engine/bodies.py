@@ -16,7 +16,7 @@ def own_inertia(model: mujoco.MjModel) -> np.ndarray:
     dofs = [model.joint(a).dofadr[0] for a in AXES]
     model.dof_armature[dofs] = 0.0
     data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
+    mujoco.mj_fwdPosition(model, data)  # no more than the mass matrix needs: no callback is called
     mass = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, mass)
     return np.diag(mass)[dofs]

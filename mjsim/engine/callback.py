@@ -15,6 +15,9 @@ survives from an earlier run.
 from __future__ import annotations
 
 import ctypes
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import mujoco
 import numpy as np
@@ -142,6 +145,8 @@ def control(model, data):
     m, d = carray(model, (_WORDS,)), carray(data, (_WORDS,))
     block = carray(_doubles(m[_NUMERIC_DATA]), (1 << 20,))
     n = int(block[N_JOINTS])
+    if n == 0:  # a model still in the making: MuJoCo's compiler steps it once
+        return
     user = carray(_doubles(d[_USER]), (1 << 20,))
     qpos, qvel = carray(_doubles(d[_QPOS]), (n,)), carray(_doubles(d[_QVEL]), (n,))
     bias, passive = carray(_doubles(d[_BIAS]), (n,)), carray(_doubles(d[_PASSIVE]), (n,))
@@ -173,5 +178,26 @@ def uninstall() -> None:
     """Take every control callback out again."""
     mujoco.set_mjcb_control(None)
 
+
+@contextmanager
+def installed() -> Iterator[None]:
+    """The callback is MuJoCo's control callback inside.
+
+    It is one per process: the first of several users puts it in, the last takes it out.
+    """
+    with _CHANGE:
+        _users.append(None)
+        if len(_users) == 1:
+            install()
+    try:
+        yield
+    finally:
+        with _CHANGE:
+            _users.pop()
+            if not _users:
+                uninstall()
+
+
+_CHANGE, _users = threading.Lock(), []
 
 _POINTER = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(control.address)

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from mjsim.campaign.model import Test
+from mjsim.effects.base import Effect
 from mjsim.engine import callback
 from mjsim.engine.bodies import bodies_scale, own_inertia
 from mjsim.engine.drive import AXIS_SIZE, STEP, SUBSTEPS, discretise
@@ -29,12 +30,23 @@ def build_model(plant: Plant, step: float = STEP, substeps: int = SUBSTEPS) -> m
     Returns:
         A model whose numeric ``mjsim`` holds everything the callback needs except the test (:func:`for_test`).
     """
+    model = compile_structure(plant, step)
+    return with_numbers(model, plant, own_inertia(model), step, substeps)
+
+
+def structure(plant: Plant) -> tuple:
+    """What :func:`compile_structure` makes of a plant, as a key: plants of one key differ in nothing but :func:`with_numbers`."""
+    edits = tuple(repr(e) for e in plant.effects if type(e).edit_spec is not Effect.edit_spec)
+    return len(plant.ops), plant.width, bool(plant.python_effects), edits
+
+
+def compile_structure(plant: Plant, step: float = STEP) -> mujoco.MjModel:
+    """The compiled bodies, joints and sizes of a plant, without its numbers."""
     spec = mujoco.MjSpec.from_file(str(model_file()))
     spec.option.timestep = step
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-    ops = plant.op_table()
-    spec.nuserdata = callback.userdata_size(len(ops))
-    spec.add_numeric(name=callback.NUMERIC, data=_block(plant, ops, step, substeps))
+    spec.nuserdata = callback.userdata_size(len(plant.ops))
+    spec.add_numeric(name=callback.NUMERIC, data=np.zeros(callback.HEADER + 5 * AXIS_SIZE + len(plant.ops) * OP_SIZE))
     if plant.width > len(AXES):
         _add_table_joints(spec)
     if plant.python_effects:
@@ -43,12 +55,24 @@ def build_model(plant: Plant, step: float = STEP, substeps: int = SUBSTEPS) -> m
     for effect in plant.effects:
         effect.edit_spec(spec)
     model = spec.compile()
-    for effect in plant.effects:
-        effect.edit_model(model)
     model.actuator_gainprm[:] = 0.0
     model.actuator_biasprm[:] = 0.0
-    _set_inertia(model, plant)
+    return model
+
+
+def with_numbers(model: mujoco.MjModel, plant: Plant, own: np.ndarray, step: float = STEP, substeps: int = SUBSTEPS) -> mujoco.MjModel:
+    """A copy of ``model``, compiled of a plant of the same :func:`structure`, with the numbers of ``plant``.
+
+    ``own`` (5,) is :func:`mjsim.engine.bodies.own_inertia` of ``model``.
+    """
+    model = copy.copy(model)
+    for effect in plant.effects:
+        effect.edit_model(model)
+    if any(type(e).edit_model is not Effect.edit_model for e in plant.effects):
+        own = own_inertia(model)
+    _set_inertia(model, plant, own)
     block = model.numeric(callback.NUMERIC).data
+    block[:] = _block(plant, plant.op_table(), step, substeps)
     joints = AXES if plant.width == len(AXES) else (*AXES, *TABLE_JOINTS)
     block[callback.N_JOINTS], block[callback.N_CONTROLS] = len(joints), model.nu
     for i, name in enumerate(joints):
@@ -79,10 +103,10 @@ def _add_table_joints(spec: mujoco.MjSpec) -> None:
     table.add_joint(name="C", type=hinge, **spin)
 
 
-def _set_inertia(model: mujoco.MjModel, plant: Plant) -> None:
+def _set_inertia(model: mujoco.MjModel, plant: Plant, own: np.ndarray) -> None:
     """Bodies' own inertia plus armature add up to J·gear² (armature is never negative: solids are scaled down instead)."""
     dofs = [model.joint(a).dofadr[0] for a in AXES]
-    own, want = own_inertia(model), plant.whole_inertia()
+    want = plant.whole_inertia()
     scale = bodies_scale(own, want)
     if scale < 1.0:
         model.body_mass *= scale
@@ -94,9 +118,14 @@ def _set_inertia(model: mujoco.MjModel, plant: Plant) -> None:
 def for_test(model: mujoco.MjModel, test: Test, start: np.ndarray, ops: np.ndarray) -> mujoco.MjModel:
     """A copy of ``model`` for one test: ball on the table, campaign clock, first command (5,), its operations (n, OP_SIZE)."""
     model = copy.copy(model)
+    set_test(model, test, start, ops)
+    return model
+
+
+def set_test(model: mujoco.MjModel, test: Test, start: np.ndarray, ops: np.ndarray) -> None:
+    """As :func:`for_test`, in ``model`` itself."""
     model.body("table_fixture").pos[:] = test.table_ball
     block = model.numeric(callback.NUMERIC).data
     block[callback.CLOCK] = test.started
     block[callback.START : callback.START + 5] = start
     block[callback.HEADER + 5 * AXIS_SIZE :] = ops.ravel()
-    return model

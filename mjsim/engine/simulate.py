@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -21,9 +20,6 @@ from mjsim.kinematics import AXES
 from mjsim.machine.model import Machine
 from mjsim.motion import delayed_commands, own_effects, time_grid
 from mjsim.nc.program import Program
-
-#: The control callback is one per process.
-_CALLBACK = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -72,13 +68,8 @@ def simulate(
             done(test)
         return result
 
-    with _CALLBACK:
-        callback.install()
-        try:
-            with ThreadPoolExecutor(max(1, min(threads, len(tests)))) as pool:
-                return list(pool.map(one, tests))
-        finally:
-            callback.uninstall()
+    with callback.installed(), ThreadPoolExecutor(max(1, min(threads, len(tests)))) as pool:
+        return list(pool.map(one, tests))
 
 
 def _prepare(model: mujoco.MjModel, plant: Plant, test: Test, step: float):
