@@ -39,7 +39,7 @@ def read_campaign(path: str | Path, traces: bool = True) -> Campaign:
         raise InputError(f"{file}: no such campaign; give a folder that holds a campaign.toml, or the path of a campaign.toml")
     table = check(file, CampaignTable, parse(file))
     folder = file.parent
-    tests = tuple(_test(file, t) for t in table.test)
+    tests = tuple(test_of(file, t) for t in table.test)
     names = [t.name for t in tests]
     for name in names:
         if names.count(name) > 1:
@@ -87,7 +87,12 @@ def _recorded(file: Path, test: Test, instrument: Instrument) -> Trace:
     return trace
 
 
-def _test(file: Path, t: TestTable) -> Test:
+def test_of(file: Path, t: TestTable) -> Test:
+    """The test that a ``[[test]]`` table of ``file`` describes.
+
+    Raises:
+        InputError: a key is missing, belongs to another kind, or its NC program does not fit.
+    """
     place = f'{file}: [[test]] "{t.name}"'
     for key in NEEDED[t.kind]:
         if getattr(t, key) is None:
