@@ -224,6 +224,13 @@ def test_a_campaign_that_is_driven_by_nc_files(campaign, tmp_path):
     assert as_json("feed", campaign, "--test", "cone")["blocks"] == 3800, "the test's own program, unless --program names one"
 
 
+def test_rollover_of_a_campaigns_program(campaign):
+    ok(campaign, "--test", "cone", "-o", campaign / "cone.nc", "--rollover", "--step-deg", "5")
+    with_program(campaign, "cone", 'program = "cone.nc"\nprogram_rollover = true')
+    c = read_campaign(campaign).tests[0].commanded.axes[:, 4]
+    assert np.abs(np.diff(c)).max() < 1.0 and abs(c[-1] - c[0]) > 2 * np.pi
+
+
 KEYS = {
     "no file": ('program = "none.nc"', "none.nc", "no such file"),
     "outside": ('program = "../t.nc"', "campaign.toml", "inside"),

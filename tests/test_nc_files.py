@@ -296,6 +296,8 @@ REFUSED = {
     "incremental from nowhere": ("G28 X0.\nG91 X1.", 4, "G91 with X"),
     "machine coordinates": ("G1 X1. F1\nG53 Z0.\nG1 X2.", 5, "G53"),
     "tool tip within the path": ("G1 X1. F1\nG43.4 H1\nG1 X2. Y0. Z0. F1", 5, "within the path"),
+    "tool tip there and back": ("G1 X1. F1\nG43.4 H1\nG49\nG1 X2.", 6, "X has a known place"),
+    "tool tip from a place of the axes": ("G43.4 H1\nG1 X1. Y0. Z0. F1", 4, "X has a known place"),
     "tool tip rests": ("G43.4 H1\nG0 X0. Y0. Z0.\nG1 A1. F1", 5, "tool tip rests"),
     "nothing to do": ("M30", None, "no block with a feed"),
 }

@@ -139,17 +139,18 @@ class Modal:
             return
         if self.over:
             raise GCodeError(f"a feed block after {self.pause} behind line {self.last}, which takes an unknown time; allowed: one path")
+        if self.seconds and self.tip != self.feed_tip:
+            raise GCodeError("tool centre point control switched within the path; allowed: before the first or after the last feed block")
         if not self.seconds:
             start = np.array([0.0 if np.isnan(v) and a not in self.named else v for a, v in zip(AXES, start, strict=True)])
             end = np.where(np.isnan(end), start, end)
-            for a, v in zip(AXES, start, strict=True):
-                if np.isnan(v):
-                    raise GCodeError(f"a feed block before {a} has a known place; allowed: a G0 or G90 word of {a} first")
+        for a, v in zip(AXES, start, strict=True):
+            if np.isnan(v):
+                raise GCodeError(f"a feed block before {a} has a known place; allowed: a G0 or G90 word of {a} first")
+        if not self.seconds:
             self.points.append(start)
             self.lines.append(self.last or number)
             self.feed_tip = self.tip
-        elif self.tip != self.feed_tip:
-            raise GCodeError("tool centre point control switched within the path; allowed: before the first or after the last feed block")
         self.seconds.append(self._minutes(end - start, line) * 60.0)
         self.points.append(end)
         self.lines.append(number)
