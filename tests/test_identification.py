@@ -184,7 +184,7 @@ def test_an_arc_that_is_too_short_is_refused_with_the_arc_needed(measured):
 
 
 def test_the_command(measured, tmp_path):
-    _, m = measured(TURNS_A, {("A", "CW"): A_CW}, 42)
+    _, m = measured(TURNS_A, {("A", "CW"): A_CW}, 42, extra=(kato2013.WEAR,))
     run = CliRunner().invoke
     args = ["identify", "pitch-error", str(tmp_path), "--threads", "1"]
     result = run(main, [*args, "--axis", "A", "--json", "--write", str(tmp_path / "found.toml")])
@@ -203,6 +203,7 @@ def test_the_command(measured, tmp_path):
     assert again.exit_code == 1 and "found.toml" in again.stderr
     text = run(main, [*args, "--no-plots"])
     assert text.exit_code == 0 and max(map(len, text.stdout.splitlines())) <= 80
+    assert "local fault taken out: +3." in text.stdout and way["local_faults"][0]["at_reversal"] is False
     assert "A CW: rotary-a-tangential-centre-cw" in text.stdout and "no component stands out" in text.stdout
     missing = run(main, [*args, "--axis", "C", "--no-plots"])
     assert missing.exit_code == 1 and "no measured tangential test of axis C" in missing.stderr

@@ -151,9 +151,16 @@ class DirectionIdentification:
         trigger = max(self.trigger_ci95_ms.values())
         return (
             f"the unknown start of the recording (±{trigger:.1f} ms) leaves the phase of order "
-            f"{', '.join(f'{c.order:g}' for c in limited)} uncertain by up to ±{worst:.0f}°. A cone-frustum test in the same campaign in "
-            f"which {self.axis} turns {self.way} ties it down; without one, 3° need this test at {self.safe_feed_mm_min:.0f} mm/min or less"
+            f"{', '.join(f'{c.order:g}' for c in limited)} uncertain by up to ±{worst:.0f}°. {self._remedy} ties it down; without one, "
+            f"3° need this test at {self.safe_feed_mm_min:.0f} mm/min or less"
         )
+
+    @property
+    def _remedy(self) -> str:
+        if self.axis == "A":
+            return "A cone-frustum test in the same campaign, in which A turns both ways,"
+        other = "CW" if self.way == "CCW" else "CCW"  # the table turns against the cone's sense
+        return f"A cone-frustum test in the same campaign, off centre and run {other} so that C turns {self.way},"
 
     @property
     def safe_feed_mm_min(self) -> float:
@@ -197,7 +204,10 @@ class DirectionIdentification:
                 "phase_deg": round(max((abs(p) for _, p in gaps), default=0.0), 2),
             },
             "rms_deg": {k: float(f"{v:.4g}") for k, v in self.rms_deg().items()},
-            "local_faults": [{k: float(f"{getattr(f, k):.5g}") for k in ("centre_deg", "width_deg", "height_deg")} for f in self.faults],
+            "local_faults": [
+                {k: float(f"{getattr(f, k):.5g}") for k in ("centre_deg", "width_deg", "height_deg")} | {"at_reversal": f.at_reversal}
+                for f in self.faults
+            ],
             "trigger_ci95_ms": {k: round(v, 2) for k, v in self.trigger_ci95_ms.items()},
             "phase_limited_by_trigger": self.phase_limited_by_trigger,
             "advice": self.advice,
