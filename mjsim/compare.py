@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from mjsim.nc.program import Program
 from mjsim.threads import one_blas_thread
 from mjsim.units import DEG, UM
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 Progress = Callable[[str, int, int], None]
 
 
@@ -31,7 +35,8 @@ def silent(stage: str, done: int, total: int) -> None:
 
 @dataclass(frozen=True)
 class TestComparison:
-    """One test. Arrays over its samples: ``phi`` rad (signed), ``measured``, ``simulated``, ``residual`` in m, ``valid`` bool.
+    """One test. Arrays over its samples: ``phi`` rad (signed), ``measured``, ``simulated``, ``residual`` in m, ``valid`` bool, ``time`` s
+    as recorded.
 
     ``simulated`` has the nuisances applied. ``rms``, ``maximum`` (m) are of the residual; ``worst_phi`` (rad) is where the model
     fails most and ``worst_event`` the axis event there. ``iso`` holds ISO 230-4 figures (µm) of measured and simulated.
@@ -53,6 +58,7 @@ class TestComparison:
     trigger: float
     iso: dict
     outliers: int = 0
+    time: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True)
@@ -111,6 +117,17 @@ class Comparison:
             "length_um": _r(self.length / UM, 2),
             "iso230_4_bidirectional": self.bidirectional,
         }
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row per test: the entries of :meth:`to_json`, ISO 230-4 figures as columns ``measured_…``, ``simulated_…`` (µm)."""
+        import pandas as pd
+
+        rows = []
+        for row in self.to_json()["tests"]:
+            figures = row.pop("iso230_4")
+            flat = {f"{who}_{k}": v for who, f in figures.items() if f for k, v in f.items()}
+            rows.append({"test": row.pop("name"), "kind": row.pop("kind"), "setup": row.pop("setup"), **row, **flat})
+        return pd.DataFrame(rows)
 
 
 def _r(x: float, digits: int = 4) -> float:
@@ -172,6 +189,7 @@ def overlay(problem: Problem, machine: Machine, simulations: list[Simulation]) -
                 problem.shift(k, nuisance),
                 _iso(s.test, phi[good], s.value[good], modelled[good]),
                 problem.outliers[s.test.name],
+                s.time,
             )
         )
         squares += float(residual[good] @ residual[good])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,6 +28,9 @@ from mjsim.machine.model import Machine
 from mjsim.planning.following import plan_for
 from mjsim.threads import one_blas_thread
 from mjsim.units import UM
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -98,6 +102,27 @@ class Diagnosis:
             ],
             "next_test": self.next_test,
         }
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row per fitted parameter of the effects found: effect, parameter, value, low, high (95 %), units of the names.
+
+        Components of a pitch error are parameters ``order 72 amplitude`` and ``order 72 phase``.
+        """
+        import pandas as pd
+
+        rows = []
+        for e in self.effects:
+            same = ", ".join(e.alternatives)
+            for name in e.free:
+                value, ci = e.effect.values[name], e.ci95.get(name)
+                if name == "components":
+                    for k, row in enumerate(value):
+                        for j, what in ((1, "amplitude"), (2, "phase")):
+                            low, high = (ci[0][k][j], ci[1][k][j]) if ci else (np.nan, np.nan)
+                            rows.append((e.effect.id, f"order {row[0]:g} {what}", row[j], low, high, same))
+                else:
+                    rows.append((e.effect.id, name, value, *(ci or (np.nan, np.nan)), same))
+        return pd.DataFrame(rows, columns=["effect", "parameter", "value", "low", "high", "alternatives"])
 
 
 def write_effect_file(result: Diagnosis, folder: Path) -> Diagnosis:

@@ -48,7 +48,12 @@ def rotation(axis: str, angle: np.ndarray | float) -> np.ndarray:
 
 
 def work_to_machine(A: np.ndarray, C: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Eq. A.9: machine coordinates (n, 3) of work-frame ``points`` (n, 3) or (3,) at A, C (n,) in rad."""
+    """Eq. A.9: machine coordinates (n, 3) of work-frame ``points`` (n, 3) or (3,) at A, C (n,) in rad.
+
+    >>> turned = work_to_machine(np.zeros(1), np.full(1, np.pi / 2), [0.1, 0.0, 0.155])  # C by 90°
+    >>> turned.round(6).tolist()
+    [[0.0, 0.1, 0.155]]
+    """
     x, y, z = np.broadcast_arrays(*np.moveaxis(np.asarray(points, float), -1, 0))
     ca, sa, cc, sc = np.cos(A), np.sin(A), np.cos(C), np.sin(C)
     u, v = cc * x - sc * y, sc * x + cc * y

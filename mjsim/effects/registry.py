@@ -94,6 +94,13 @@ def effect_class(effect_id: str) -> tuple[type[Effect], str]:
 
 
 def make(effect_id: str, **values: Any) -> Effect:
-    """An effect by id, e.g. ``make("backlash.A", width_deg=0.002)``."""
+    """An effect by id.
+
+    Raises:
+        InputError: unknown id or parameter, or a value out of bounds.
+
+    >>> make("backlash.A", width_deg=0.002)
+    backlash.A(width_deg=0.002)
+    """
     cls, subject = effect_class(effect_id)
     return cls(subject, **values)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -16,10 +17,17 @@ from mjsim.engine.drive import STEP, SUBSTEPS
 from mjsim.engine.plant import Plant, build
 from mjsim.engine.transmission import MEMORY, apply_ops
 from mjsim.errors import SimulationError
-from mjsim.kinematics import AXES
+from mjsim.kinematics import AXES, LINEAR
 from mjsim.machine.model import Machine
 from mjsim.motion import delayed_commands, own_effects, time_grid
 from mjsim.nc.program import Program
+from mjsim.units import DEG, MM, UM
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: Sensors at both ends of the bar.
+BALLS = ("spindle_ball_pos", "table_ball_pos")
 
 
 @dataclass(frozen=True)
@@ -38,6 +46,17 @@ class Simulation:
     command: np.ndarray
     position: np.ndarray
     deviation: np.ndarray
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row per instant: time_s, phi_deg, deviation_um, then commanded and actual positions in mm and degrees."""
+        import pandas as pd
+
+        scale = np.array([1 / MM if a in LINEAR else 1 / DEG for a in AXES])
+        units = ["mm" if a in LINEAR else "deg" for a in AXES]
+        columns = {"time_s": self.time, "phi_deg": self.phi / DEG, "deviation_um": self.deviation / UM}
+        for what, q in (("command", self.command), ("actual", self.position)):
+            columns |= {f"{a}_{what}_{u}": x for a, u, x in zip(AXES, units, (q * scale).T, strict=True)}
+        return pd.DataFrame(columns)
 
 
 def simulate(
@@ -80,17 +99,22 @@ def _prepare(model: mujoco.MjModel, plant: Plant, test: Test, step: float):
     ops = plant.op_table(test)
     model = mjmodel.for_test(model, test, sent[0], ops)
     data = mujoco.MjData(model)
-    first = np.zeros(callback.MAX_JOINTS)
-    first[:5] = sent[0]
-    apply_ops(ops, np.zeros((len(ops), MEMORY)), first, test.started, True)
     if plant.python_effects:
-        own = own_effects(plant, test, time)
-        sent = np.hstack([sent, own])
-        first[:5] += own[0]
+        sent = np.hstack([sent, own_effects(plant, test, time)])
+    set_at_rest(model, data, test, ops, sent[0])
+    return program, time, sent, model, data
+
+
+def set_at_rest(model: mujoco.MjModel, data: mujoco.MjData, test: Test, ops: np.ndarray, sent: np.ndarray) -> None:
+    """Put the joints of ``data`` where the machine rests on its first controls ``sent`` (nu,), with the operations ``ops`` of ``test``."""
+    first = np.zeros(callback.MAX_JOINTS)
+    first[:5] = sent[:5]
+    apply_ops(ops, np.zeros((len(ops), MEMORY)), first, test.started, True)
+    if len(sent) > 5:
+        first[:5] += sent[5:]
     block = model.numeric(callback.NUMERIC).data
     for i in range(int(block[callback.N_JOINTS])):
         data.qpos[int(block[callback.JOINTS + i])] = first[i]
-    return program, time, sent, model, data
 
 
 def _run(model: mujoco.MjModel, plant: Plant, test: Test, step: float) -> Simulation:
@@ -111,20 +135,33 @@ def _check_actuators(model: mujoco.MjModel) -> None:
         raise SimulationError("five_axis.xml: the actuators must stand in the order X, Y, Z, A, C")
 
 
-def _collect(program: Program, time: np.ndarray, model, data, q: np.ndarray, sensors) -> Simulation:
+def check_warnings(test: Test, data: mujoco.MjData) -> None:
+    """Refuse a run in which MuJoCo warned.
+
+    Raises:
+        SimulationError: it did.
+    """
     for kind, warning in zip(mujoco.mjtWarning.__members__, data.warning, strict=False):
         if warning.number:
-            raise SimulationError(
-                f"test {program.test.name}: MuJoCo warned {warning.number} times ({kind}); check the machine's drive data"
-            )
-    bar = np.hstack([sensors[:, _sensor(model, n)] for n in ("spindle_ball_pos", "table_ball_pos")])
+            raise SimulationError(f"test {test.name}: MuJoCo warned {warning.number} times ({kind}); check the machine's drive data")
+
+
+def not_finite(test: Test) -> SimulationError:
+    """What is wrong when a reading has numbers that are not finite."""
+    return SimulationError(f"test {test.name}: the simulated reading is not finite; check gains and inertias of the drives")
+
+
+def _collect(program: Program, time: np.ndarray, model, data, q: np.ndarray, sensors) -> Simulation:
+    check_warnings(program.test, data)
+    bar = np.hstack([sensors[:, sensor(model, n)] for n in BALLS])
     deviation = np.linalg.norm(bar[:, :3] - bar[:, 3:], axis=1) - program.test.length
     if not np.isfinite(deviation).all():
-        raise SimulationError(f"test {program.test.name}: the simulated reading is not finite; check gains and inertias of the drives")
+        raise not_finite(program.test)
     position = q[:, [model.joint(a).qposadr[0] for a in AXES]]
     return Simulation(program.test, time, program.phi(time), program.commands(time), position, deviation)
 
 
-def _sensor(model: mujoco.MjModel, name: str) -> slice:
+def sensor(model: mujoco.MjModel, name: str) -> slice:
+    """Where a position sensor's three numbers stand in the model's sensor data."""
     s = model.sensor(name)
     return slice(int(s.adr[0]), int(s.adr[0]) + 3)

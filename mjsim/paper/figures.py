@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,7 @@ from mjsim.plots.save import encode
 from mjsim.threads import one_blas_thread
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.figure import Figure
 
 NUMBERS = tuple(range(3, 18))
@@ -33,6 +34,12 @@ class PaperFigures:
 
     files: tuple[Path, ...]
     numbers: tuple[Number, ...]
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row per printed number: group, name, printed, simulated, tolerance, note, agrees."""
+        import pandas as pd
+
+        return pd.DataFrame([{**asdict(n), "agrees": n.agrees} for n in self.numbers])
 
 
 def targets(out: Path, only: Collection[int] = NUMBERS) -> list[Path]:

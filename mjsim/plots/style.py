@@ -42,7 +42,11 @@ def fitted(text: str, size: float, width_in: float) -> float:
 
 
 def nice_step(smallest: float) -> float:
-    """The smallest of 1, 2, 5 x 10^k that is not less than ``smallest`` (> 0)."""
+    """The smallest of 1, 2, 5 x 10^k that is not less than ``smallest`` (> 0).
+
+    >>> nice_step(0.34), nice_step(2.0)
+    (0.5, 2.0)
+    """
     import math
 
     decade = 10.0 ** math.floor(math.log10(smallest))
