@@ -21,6 +21,7 @@ _WHERE = {
     "compare": "mjsim.compare",
     "diagnose": "mjsim.diagnose",
     "plan": "mjsim.plan",
+    "identify_pitch_errors": "mjsim.identification.identify",
     "add": "mjsim.workflow",
     "remove": "mjsim.workflow",
     "history": "mjsim.ladder",
