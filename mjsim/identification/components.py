@@ -7,19 +7,15 @@ tolerance explains count for nothing.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.ndimage import median_filter
 
 from mjsim.identification.model import PitchModel, State
 from mjsim.identification.terms import Fault, Term, Wave
-from mjsim.inference.problem import Problem
+from mjsim.identification.ways import Way
 
-#: Highest number of peaks per turn that is looked for (paper, Fig. 3).
-HIGHEST = 800
-#: Waves that pass faster than this, per block, are not looked for.
-BAND = 0.45
 #: Chance that noise alone names one component or more in one direction of one axis.
 FALSE_ALARM = 1e-3
 #: Share of a term that must be its own, not another's, to be looked at. Small: what is left by two waves closer than the resolution
@@ -35,37 +31,6 @@ _WIDTHS = (0.1, 0.25, 0.6)
 _NEIGHBOURS = 60
 #: Median of a chi-square of two degrees of freedom.
 _MEDIAN = 2.0 * np.log(2.0)
-
-
-@dataclass(frozen=True)
-class Way:
-    """One axis turning one way: its tests, and what their arc allows.
-
-    Attributes:
-        axis: A or C. way: CW or CCW. tests: indices of its tangential tests, the longest arc first. teeth: of the worm wheel.
-        arc: longest arc measured, rad. speed: of the fastest, turns per s.
-    """
-
-    axis: str
-    way: str
-    tests: tuple[int, ...]
-    teeth: float
-    arc: float
-    speed: float
-
-    @property
-    def resolution(self) -> float:
-        """Difference of two orders that make one peak more over the arc, per turn."""
-        return 2 * np.pi / self.arc
-
-    @property
-    def lowest(self) -> float:
-        """Order from which on a wave counts as a component; what is slower lies below the tooth order."""
-        return self.teeth - self.resolution
-
-    def highest(self, block: float) -> float:
-        """Highest order that blocks of ``block`` s still show."""
-        return min(float(HIGHEST), BAND / (block * self.speed))
 
 
 def threshold(candidates: int, false_alarm: float = FALSE_ALARM) -> float:
@@ -246,27 +211,3 @@ def chosen(model: PitchModel, state: State, way: Way) -> list[Term]:
             break
         out.append(d.take(i))
     return out
-
-
-def ways_of(problem: Problem, axis: str, teeth: float) -> list[Way]:
-    """The directions in which tangential tests of an axis turned it, CW before CCW."""
-    out = []
-    for way in ("CW", "CCW"):
-        mine = [k for k, t in enumerate(problem.tests) if _tangential(t, axis) and (t.stop > t.start) == (way == "CCW")]
-        if not mine:
-            continue
-        arcs = {k: _arc(problem, k, axis) for k in mine}
-        mine.sort(key=lambda k: (-round(arcs[k], 2), problem.tests[k].feed))
-        speed = max(arcs[k] / (2 * np.pi * np.ptp(problem.samples[k].centre)) for k in mine)
-        out.append(Way(axis, way, tuple(mine), teeth, arcs[mine[0]], speed))
-    return out
-
-
-def _tangential(test, axis: str) -> bool:
-    return test.kind == "rotary" and test.axis == axis and test.sensitive == "tangential"
-
-
-def _arc(problem: Problem, k: int, axis: str) -> float:
-    s = problem.samples[k]
-    q = problem.motions[k].program.commands(s.centre[s.good])
-    return float(np.ptp(q[:, 3 if axis == "A" else 4]))

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.identification.components import Way
 from mjsim.identification.model import PitchModel, State
 from mjsim.identification.terms import Fault, Term, Wave
+from mjsim.identification.ways import Way
 from mjsim.kinematics import AXES
-from mjsim.units import DEG
 
 #: Around a reversal of a linear axis its friction shows in the reading: from so long before the command turns to so long after, s.
 BEFORE, AFTER = 0.1, 0.5
@@ -75,7 +74,3 @@ def at_reversals(model: PitchModel, k: int, time: np.ndarray) -> np.ndarray:
         for i in moving[1:][np.diff(step[moving, j]) != 0.0]:
             out |= (time > m.time[i] - BEFORE) & (time < m.time[i] + AFTER)
     return out
-
-
-def degrees(x: np.ndarray) -> np.ndarray:
-    return x / DEG

@@ -10,20 +10,18 @@ from mjsim.effects import registry
 from mjsim.effects.base import Effect
 from mjsim.errors import InputError
 from mjsim.identification import joint
-from mjsim.identification.alternating import alternate
-from mjsim.identification.components import BAND, HIGHEST, Way, ways_of
-from mjsim.identification.curve import components_of, curve, terms_of
+from mjsim.identification.curve import components_of
 from mjsim.identification.model import PitchModel, State
-from mjsim.identification.result import Component, DirectionIdentification, LocalFault, PitchIdentification
-from mjsim.identification.spectrum import spectrum
-from mjsim.identification.terms import UNIT, Fault, Wave
+from mjsim.identification.result import PitchIdentification
+from mjsim.identification.summary import direction
+from mjsim.identification.ways import BAND, HIGHEST, Way, tangential, ways_of
 from mjsim.inference.nuisance import fit_nuisance
-from mjsim.inference.problem import TRIGGER, Problem
+from mjsim.inference.problem import Problem
 from mjsim.machine.model import Machine
 from mjsim.nc.paths import peripheral_radius
 from mjsim.nc.program import ROTARY_MARGIN
 from mjsim.threads import one_blas_thread
-from mjsim.units import DEG, MM, UM
+from mjsim.units import DEG, UM
 
 #: Lengths of averaging blocks, s: short where the highest order passes fast.
 _BLOCKS = (0.010, 0.020, 0.040)
@@ -127,7 +125,7 @@ def _block(campaign: Campaign, axes: tuple[str, ...]) -> float:
 
 def tangential_tests(campaign: Campaign, axis: str) -> list:
     """The measured tangential tests of one rotary axis."""
-    return [t for t in campaign.measured if t.kind == "rotary" and t.axis == axis and t.sensitive == "tangential"]
+    return [t for t in campaign.measured if tangential(t, axis)]
 
 
 def _arc(test) -> float:
@@ -161,7 +159,7 @@ def _check(campaign: Campaign, machine: Machine, axis: str) -> None:
 
 
 def _result(model: PitchModel, state: State, ways: list[Way], axis: str, common: bool) -> PitchIdentification:
-    directions = {w.way: _direction(model, state, w) for w in ways}
+    directions = {w.way: direction(model, state, w) for w in ways}
     effects = _effects(axis, state, ways, common)
     notes = []
     if len(ways) == 1:
@@ -193,81 +191,3 @@ def _effects(axis: str, state: State, ways: list[Way], common: bool) -> tuple[Ef
         if rows:
             out.append(cls(subject, components=rows, **({} if common else {"direction": w.way})))
     return tuple(out)
-
-
-def _direction(model: PitchModel, state: State, way: Way) -> DirectionIdentification:
-    p = model.problem
-    line = curve(model, state, way, way.tests[0])
-    found = _components(model, state, way)
-    lines = spectrum(model, state, way, line)
-    sd = TRIGGER * np.sqrt(np.diag(state.covariance)[: p.layout.size])
-    faults = tuple(
-        LocalFault(t.centre / DEG, t.width / DEG, t.height * UNIT / DEG, joint.at_turn(model, way, t))
-        for t in terms_of(state, way)
-        if isinstance(t, Fault)
-    )
-    return DirectionIdentification(
-        way.axis,
-        way.way,
-        tuple(p.tests[k].name for k in way.tests),
-        way.arc / DEG,
-        way.resolution,
-        round(way.teeth),
-        line.position / DEG,
-        line.raw / DEG,
-        line.modified / DEG,
-        line.identified / DEG,
-        line.at_reversal,
-        lines.orders,
-        lines.amplitude,
-        lines.floor,
-        lines.limit,
-        found,
-        tuple(alternate(line, [c.order for c in found])),
-        faults,
-        {p.tests[k].name: float(1.96e3 * sd[p.layout.trigger(p.tests[k].name)]) for k in way.tests},
-        p.tests[way.tests[0]].feed * 60 / MM,
-        float(np.ptp(p.samples[way.tests[0]].centre)),
-    )
-
-
-def _components(model: PitchModel, state: State, way: Way) -> tuple[Component, ...]:
-    """The waves with their intervals; waves closer than the resolution are one component that cannot be taken apart."""
-    waves = components_of(state, way)
-    groups: list[list[Wave]] = []
-    for t in waves:
-        if groups and t.order - groups[-1][-1].order < 1.2 * way.resolution:
-            groups[-1].append(t)
-        else:
-            groups.append([t])
-    places = dict(zip(map(id, state.terms), state.blocks, strict=True))
-    triggers = joint.trigger_places(model)
-    out = []
-    for group in groups:
-        main = max(group, key=lambda t: t.amplitude_deg)
-        b = places[id(main)]
-        full = state.covariance[b, b]
-        across = state.covariance[b, triggers]
-        fixed = full - across @ np.linalg.solve(state.covariance[np.ix_(triggers, triggers)], across.T)
-        size, phase = 1.96 * _spread(main, full)
-        _, known = 1.96 * _spread(main, fixed)
-        ci = {
-            "amplitude_deg": (max(0.0, main.amplitude_deg - size), main.amplitude_deg + size),
-            "phase_deg": (main.phase_deg - phase, main.phase_deg + phase),
-        }
-        if main.free_order:
-            half = 1.96 * float(np.sqrt(full[2, 2]))
-            ci["order"] = (main.order - half, main.order + half)
-        multiple = abs(main.order / way.teeth - round(main.order / way.teeth)) * way.teeth < 0.5 * min(1.0, way.resolution)
-        rest = tuple(t.order for t in group if t is not main)
-        out.append(Component(main.order, main.amplitude_deg, main.phase_deg, ci, not main.free_order, float(known), bool(multiple), rest))
-    return tuple(out)
-
-
-def _spread(t: Wave, covariance: np.ndarray) -> np.ndarray:
-    """Standard deviations of amplitude and phase, both in degrees."""
-    v = np.array([t.c, t.s])
-    a = float(np.hypot(*v))
-    along, across = v / a, np.array([-v[1], v[0]]) / a
-    c = covariance[:2, :2]
-    return np.array([np.sqrt(max(along @ c @ along, 0.0)) * UNIT / DEG, np.degrees(np.sqrt(max(across @ c @ across, 0.0)) / a)])

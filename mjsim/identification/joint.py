@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2
 
-from mjsim.identification.components import Way, chosen, threshold
+from mjsim.identification.components import chosen, threshold
 from mjsim.identification.curve import at_reversals, terms_of
 from mjsim.identification.model import PitchModel, State
 from mjsim.identification.noise import residual_noise
 from mjsim.identification.terms import Fault, Term, Wave
+from mjsim.identification.ways import Way
 from mjsim.inference.samples import GRID, GRID_STEPS
 
 #: Rounds of choosing and fitting at most.

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.identification.components import HIGHEST, Way, noise_excess, threshold
+from mjsim.identification.components import noise_excess, threshold
 from mjsim.identification.curve import Curve
 from mjsim.identification.model import PitchModel, State
 from mjsim.identification.terms import UNIT, Wave
+from mjsim.identification.ways import HIGHEST, Way
 from mjsim.units import DEG
 
 
