@@ -7,6 +7,7 @@ tolerance explains count for nothing.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -105,7 +106,7 @@ class Dictionary:
             kept[key] = orders, terms, self.columns(terms)
         return kept[key]
 
-    def columns(self, terms: list[Term]) -> np.ndarray:
+    def columns(self, terms: Sequence[Term]) -> np.ndarray:
         """Whitened columns of terms of this way (waves two, faults one), rows as the residual's.
 
         A block's mean stands for its middle: good enough to choose by, the fit that follows takes the mean.
@@ -172,7 +173,7 @@ class Dictionary:
         cross = np.einsum("ij,ij->j", d[:, ::2], d[:, 1::2])
         return near[int(np.argmax(_pair_gain(b[::2], b[1::2], own[::2], own[1::2], cross, np.zeros(len(near)))))]
 
-    def _own(self, terms: list[Term]) -> np.ndarray:
+    def _own(self, terms: Sequence[Term]) -> np.ndarray:
         """Columns of terms with everything known and taken projected out, rows of data and priors."""
         d = self.columns(terms)
         onto = self._q.T @ d

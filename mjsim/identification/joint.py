@@ -49,7 +49,7 @@ def pruned(model: PitchModel, state: State) -> State:
             for i, (t, b) in enumerate(zip(state.terms, state.blocks, strict=True))
             if count - i not in needed
         }
-        i = min(worth, key=worth.get, default=None)
+        i = min(worth, key=lambda j: worth[j], default=None)
         if i is None or worth[i] > limit:
             return state
         trial = model.fit(replace(state, terms=state.terms[:i] + state.terms[i + 1 :]), 4)

@@ -177,7 +177,7 @@ class PitchModel:
             both = self.whitened(k, np.column_stack([self.columns(k, state), self.residual(k, state)]))
             return both.T @ both
 
-        total = sum(m for m in self.problem.map(one) if m is not None)
+        total = np.sum([m for m in self.problem.map(one) if m is not None], axis=0)
         return total[:-1, :-1], total[:-1, -1]
 
     def prior(self, state: State) -> np.ndarray:

@@ -186,7 +186,7 @@ def spectrum_figure(spectra: Sequence[PitchSpectrum], title: str) -> Figure:
         axes.set_ylabel("amplitude, 10⁻³ deg", fontsize=style.SMALL, color=style.INK)
         if i == len(spectra) - 1:
             axes.set_xlabel("number of peaks per revolution", fontsize=style.TEXT, color=style.INK)
-    handles, labels = axes.get_legend_handles_labels()
+    handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(
         handles, labels, loc="center", bbox_to_anchor=(0.5, 0.17 / height), ncols=5, frameon=False, fontsize=style.SMALL, handlelength=1.8
     )
@@ -207,13 +207,13 @@ def curves_figure(curves: Sequence[PitchCurves], title: str, degrees_per_div: fl
     figure = style.new_figure(width, height)
     shared = degrees_per_div if degrees_per_div is not None else division_deg(curves)
     for i, c in enumerate(curves):
-        axes = figure.add_axes(
+        axes: PolarAxes = figure.add_axes(
             ((0.1 + side * i + 0.3) / width, foot / height, (side - 0.6) / width, (side - 0.1) / height), projection="polar"
         )
         step = draw_curves(axes, c, shared)
         centre = (0.1 + side * (i + 0.5)) / width
         figure.text(centre, (foot - 0.12) / height, f"{c.title}, {scale_text(step)}", ha="center", va="center", fontsize=style.TEXT)
-    handles, labels = axes.get_legend_handles_labels()
+    handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="center", bbox_to_anchor=(0.5, 0.2 / height), ncols=3, frameon=False, fontsize=style.TEXT)
     figure.text(0.5, 1.0 - 0.2 / height, title, ha="center", va="center", fontsize=style.TITLE, fontweight="bold", color=style.INK)
     return figure
