@@ -88,8 +88,7 @@ def draw_spectrum(axes, spectrum: PitchSpectrum, top: float | None = None) -> No
 
 
 def _name(axes, named: Sequence[tuple[float, float]], top: float) -> None:
-    """``N1=72`` and so on at the components, in the order of their size, each label at a height of its own where they would touch."""
-    rank = {n: i + 1 for i, (n, _) in enumerate(sorted(named, key=lambda c: -c[1]))}
+    """``N=72`` and so on at the components, each label at a height of its own where they would touch."""
     taken: list[tuple[float, float]] = []
     low, high = axes.get_xlim()
     before = low - 1000.0
@@ -104,7 +103,7 @@ def _name(axes, named: Sequence[tuple[float, float]], top: float) -> None:
         y = min(y, 0.93 * top)
         taken.append((x, y))
         axes.annotate(
-            f"N{rank[n]}={n:.4g}", (n, size / MILLI), (x, y), ha="center", va="bottom", fontsize=style.SMALL, color=style.SIMULATED,
+            f"N={n:.4g}", (n, size / MILLI), (x, y), ha="center", va="bottom", fontsize=style.SMALL, color=style.SIMULATED,
             arrowprops={"arrowstyle": "-", "color": style.SIMULATED, "linewidth": 0.4, "shrinkA": 0.0, "shrinkB": 2.0}, zorder=6,
         )  # fmt: skip
 
