@@ -229,7 +229,7 @@ def test_figures_say_what_they_show():
     line = PitchSpectrum("C CW", n, 1e-5 + 0 * n, 1e-6 + 0 * n, 4e-6 + 0 * n, [(72.0, 2.5e-3), (90.0, 4e-4)], 72)
     figure = spectrum_figure([line, replace(line, title="C CCW", named=[])], "pitch errors of C")
     texts = [t.get_text() for t in figure.axes[0].texts]
-    assert {"N1=72", "N2=90", "C CW"} <= set(texts) and "N1=72" not in [t.get_text() for t in figure.axes[1].texts]
+    assert {"N=72", "N=90", "C CW"} <= set(texts) and "N=72" not in [t.get_text() for t in figure.axes[1].texts]
     assert figure.axes[0].get_ylim() == figure.axes[1].get_ylim()
     x = np.linspace(2.0, 88.0, 400)
     wave = 2e-3 * np.sin(np.radians(60 * x))
