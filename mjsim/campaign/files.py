@@ -37,7 +37,16 @@ def read_campaign(path: str | Path, traces: bool = True) -> Campaign:
     file = path / "campaign.toml" if path.is_dir() else path
     if not file.is_file():
         raise InputError(f"{file}: no such campaign; give a folder that holds a campaign.toml, or the path of a campaign.toml")
-    table = check(file, CampaignTable, parse(file))
+    return campaign_from(file, parse(file), traces)
+
+
+def campaign_from(file: Path, data: dict, traces: bool = True) -> Campaign:
+    """The campaign that ``data``, the tables of a campaign.toml, describes when it stands at ``file``.
+
+    Raises:
+        InputError: as :func:`read_campaign`.
+    """
+    table = check(file, CampaignTable, data)
     folder = file.parent
     tests = tuple(test_of(file, t) for t in table.test)
     names = [t.name for t in tests]
@@ -64,7 +73,18 @@ def _inside(file: Path, folder: Path, name: str, key: str, outside: bool = False
 
 
 def _recorded(file: Path, test: Test, instrument: Instrument) -> Trace:
-    trace = read_trace(_inside(file, file.parent, test.trace, f'[[test]] "{test.name}" trace'), instrument)
+    path = _inside(file, file.parent, test.trace, f'[[test]] "{test.name}" trace')
+    trace = read_trace(path, instrument)
+    check_span(path, test, trace)
+    return trace
+
+
+def check_span(path: Path, test: Test, trace: Trace) -> None:
+    """Refuse a trace whose times are none of its test's program; ``path`` is what the message names.
+
+    Raises:
+        InputError: the trace is too long or too short, or its clock has another origin.
+    """
     first, last = Program(test).measured_span
     want, have = last - first, float(trace.time[-1] - trace.time[0])
     slack = 0.02 * want + 0.1
@@ -76,15 +96,14 @@ def _recorded(file: Path, test: Test, instrument: Instrument) -> Trace:
     )
     if abs(have - want) > slack and not missing:
         raise InputError(
-            f'{file.parent / test.trace}: the trace lasts {have:.2f} s, the program of test "{test.name}" {want:.2f} s '
+            f'{path}: the trace lasts {have:.2f} s, the program of test "{test.name}" {want:.2f} s '
             f"(feed {test.feed * 60e3:g} mm/min); check feed_mm_min, revolutions and that the trace belongs to this test"
         )
     if trace.time[0] < first - 0.5 or trace.time[-1] > last + 0.5:
         raise InputError(
-            f"{file.parent / test.trace}: time_s runs from {trace.time[0]:.2f} to {trace.time[-1]:.2f} s; the program of test "
+            f"{path}: time_s runs from {trace.time[0]:.2f} to {trace.time[-1]:.2f} s; the program of test "
             f'"{test.name}" is measured from {first:.2f} to {last:.2f} s; time_s counts from the start of the NC program'
         )
-    return trace
 
 
 def test_of(file: Path, t: TestTable) -> Test:

@@ -24,12 +24,8 @@ def read_trace(path: Path, instrument: Instrument) -> Trace:
     """
     if not path.is_file():
         raise InputError(f"{path}: the trace is missing (named in campaign.toml)")
-    if path.stat().st_size > _LARGEST:
-        raise InputError(
-            f"{path}: {path.stat().st_size / 1e6:.0f} MB; allowed: up to {_LARGEST / 1e6:.0f} MB, thin the trace to {instrument.rate:g} Hz"
-        )
     try:
-        text = _bytes(path).decode("utf-8-sig")
+        text = read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: byte {error.start} is not text; allowed: a CSV file with the header {','.join(_HEADER)}") from None
     first, _, body = text.partition("\n")
@@ -61,8 +57,14 @@ def read_trace(path: Path, instrument: Instrument) -> Trace:
     return Trace(time, np.nan_to_num(deviation), valid)
 
 
-def _bytes(path: Path) -> bytes:
-    """The file's content; ``.gz`` is unpacked, up to the same size limit."""
+def read_bytes(path: Path) -> bytes:
+    """The file's content; ``.gz`` is unpacked, up to the same size limit.
+
+    Raises:
+        InputError: it is too large, or no gzip file.
+    """
+    if path.stat().st_size > _LARGEST:
+        raise InputError(f"{path}: {path.stat().st_size / 1e6:.0f} MB; allowed: up to {_LARGEST / 1e6:.0f} MB, thin the trace")
     if path.suffix != ".gz":
         return path.read_bytes()
     try:
