@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
+from mjsim.cli.import_show import show_features
 
 
 @click.command("compare")
@@ -29,11 +30,13 @@ def command(campaign, machine, out, no_plots, force, threads, as_json, quiet) ->
     from mjsim.campaign.files import read_campaign
     from mjsim.compare import compare
     from mjsim.files import check_writable
+    from mjsim.importing.features import circles_of, imported_features
     from mjsim.output import comparison_plots, plot_files
     from mjsim.workflow import machine_of
 
     c = read_campaign(campaign)
     m = machine_of(c, machine)
+    imported = imported_features(c)
     if not no_plots:
         for file in plot_files(c.measured, out or c.state_folder / "compare"):
             check_writable(file, force or out is None)
@@ -41,12 +44,18 @@ def command(campaign, machine, out, no_plots, force, threads, as_json, quiet) ->
         result = compare(c, m, common.cores(threads), progress)
         plots = [] if no_plots else comparison_plots(result, out or c.state_folder / "compare", progress)
     data = result.to_json()
+    if imported:
+        found = {e.id: e.values for e in m.effects}
+        data["imported"] = show_features(imported, found, circles_of(c, data), silent=True)
     if as_json:
         common.print_json({**data, "plots": [str(p) for p in plots]})
         return
     if quiet:
         return
     show(data)
+    if imported:
+        click.echo("\nwhat the other system found:")
+        show_features(imported, found, circles_of(c, data))
     if plots:
         common.say(f"plots in {plots[0].parent}", quiet)
 

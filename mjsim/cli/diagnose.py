@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
+from mjsim.cli.import_show import show_features
 
 
 @click.command("diagnose")
@@ -31,12 +32,14 @@ def command(campaign, machine, write, max_effects, force, threads, as_json, quie
     from mjsim.diagnose import diagnose, write_effect_file
     from mjsim.errors import InputError
     from mjsim.files import check_writable
+    from mjsim.importing.features import circles_of, imported_features
     from mjsim.machine.files import write_machine
     from mjsim.output import unexplained_plot
     from mjsim.workflow import machine_of
 
     c = read_campaign(campaign)
     m = machine_of(c, machine)
+    imported = imported_features(c)
     if write is not None:
         check_writable(write, force)
     with common.progress_bar(quiet) as progress:
@@ -48,12 +51,19 @@ def command(campaign, machine, write, max_effects, force, threads, as_json, quie
     if write is not None:
         write_machine(result.machine, m.path, write, force=force)
     data = result.to_json()
+    if imported:
+        found = {e.id: e.values for e in m.effects} | {e["id"]: e["parameters"] for e in data["effects"]}
+        circles = circles_of(c, result.before.to_json())
+        data["imported"] = show_features(imported, found, circles, silent=True)
     if as_json:
         common.print_json(data)
         return
     if quiet:
         return
     show(data)
+    if imported:
+        click.echo("\nwhat the other system found, beside the effects of the model and the ones found:")
+        show_features(imported, found, circles)
     if write is not None:
         common.say(f"fitted machine written to {write}", quiet)
 

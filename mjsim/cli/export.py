@@ -1,0 +1,41 @@
+"""``mjsim export``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mjsim.cli import common
+
+
+@click.command("export")
+@common.campaign_argument
+@common.machine_option
+@click.option("--test", "names", multiple=True, shell_complete=common.test_names, help="Only this test (may be given more than once).")
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the CSV files.")
+@click.option("--decimal-comma", is_flag=True, help="Semicolons and decimal commas, for spreadsheets that expect them.")
+@click.option("--force", is_flag=True, help="Replace files that exist.")
+@common.threads_option
+@common.options
+def command(campaign, machine, names, out, decimal_comma, force, threads, as_json, quiet) -> None:
+    """Write the compared traces and their figures as CSV.
+
+    <test>.csv has time_s, phi_deg, measured_um, simulated_um, residual_um and valid (0: missing or left out); figures.csv the
+    ISO 230-4 figures of both traces per test, figures-both-directions.csv G(b) and D.
+
+    \b
+    Example: mjsim export examples/hidden-backlash --out tables
+    """
+    from mjsim.campaign.files import read_campaign
+    from mjsim.export import export
+    from mjsim.workflow import machine_of
+
+    c = read_campaign(campaign)
+    m = machine_of(c, machine)
+    with common.progress_bar(quiet) as progress:
+        files = export(c, m, out, names, decimal_comma, force, common.cores(threads), progress)
+    if as_json:
+        common.print_json({"campaign": c.name, "machine": m.name, "files": [str(f) for f in files]})
+        return
+    common.say(f"{len(files)} files written to {out}", quiet)

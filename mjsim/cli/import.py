@@ -1,0 +1,72 @@
+"""``mjsim import``. The command's name is a keyword: the module is loaded by name only."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mjsim.cli import common, import_options
+from mjsim.cli.import_show import model_effects, show_features, show_traces
+
+
+@click.command("import")
+@click.argument("files", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--campaign", type=click.Path(path_type=Path), required=True, help="Folder of the campaign.")
+@import_options.test
+@import_options.columns
+@import_options.angles
+@click.option("--preview", is_flag=True, help="Show what would be done; write nothing.")
+@click.option("--no-check", is_flag=True, help="Do not compare the trace's size with the model's.")
+@click.option("--show", "show", is_flag=True, help="What was imported of other systems' findings, beside the model's effects.")
+@click.option("--force", is_flag=True, help="Replace traces that are there.")
+@common.options
+def command(files, campaign, preview, no_check, show, force, as_json, quiet, **given) -> None:
+    """Bring measurement FILES of other systems into a campaign.
+
+    Tables as text (CSV, TXT): separator, decimal sign, header and byte order mark are found; columns and units come from the header or from
+    options. The trace goes to traces/, and a test that campaign.toml does not have yet is added to it. Renishaw .b5r: header and
+    diagnosed features go to imported/ and are shown beside mjsim's findings; the recorded trace in them is not publicly documented and
+    has to come as an exported text.
+
+    \b
+    Example: mjsim import run1.csv --campaign my-machine --test circle-xy-ccw
+             mjsim import run2.txt --campaign my-machine --angle 1
+                 --deviation 2 --deviation-unit mm --plane YZ --direction CW
+                 --feed 1000 --length 100 --table-ball 0 0 155 --preview
+    """
+    from mjsim.errors import InputError
+    from mjsim.importing.b5r import looks_like_xml
+    from mjsim.importing.features import import_features, imported_features
+    from mjsim.importing.importer import import_traces
+    from mjsim.importing.into_campaign import campaign_file
+
+    if not files and not show:
+        raise click.UsageError("Missing argument 'FILES...' (or --show)")
+    name, keys, options = import_options.read(given)
+    other = [f for f in files if looks_like_xml(f)]
+    tables = [f for f in files if f not in other]
+    campaign_file(campaign)
+    if other and (keys or name):
+        option = "--test" if name else import_options.OPTION[next(iter(keys))]
+        raise InputError(f"{other[0]}: brings no trace, so that {option} has no meaning; allowed: --preview, --show, --force")
+    # features are read before anything is written: one wrong file stops all
+    features = import_features(campaign, other, force, preview=True)
+    traces = import_traces(campaign, tables, name, keys, options, force, preview, not no_check) if tables else []
+    if other and not preview:
+        import_features(campaign, other, force)
+    known = imported_features(campaign) if show else features
+    rows = show_features(known, model_effects(campaign), silent=as_json or quiet) if known or show else []
+    if as_json:
+        headers = [{"source": i.source, **i.header} for i in known]
+        common.print_json({"campaign": str(campaign), "traces": [t.to_json() for t in traces], "headers": headers, "features": rows})
+        return
+    if not quiet:
+        show_traces(traces)
+    for t in traces:
+        for question in t.questions:
+            common.say(f"{t.source.name}: {question}", quiet)
+    if preview:
+        common.say("preview: nothing was written", quiet)
+    elif other:
+        common.say(f"features kept in {Path(campaign_file(campaign)).parent / 'imported'}", quiet)

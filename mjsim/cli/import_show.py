@@ -1,0 +1,84 @@
+"""How imported traces and other systems' findings are shown; ``compare`` and ``diagnose`` show the findings too."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import click
+
+from mjsim.cli import common
+
+
+def show_traces(traces: list) -> None:
+    """A summary of every imported trace."""
+    for t in traces:
+        d = t.to_json()
+        click.echo(f"{t.source.name} → test {d['test']}" + (" (new in campaign.toml)" if d["added"] else ""))
+        missing = f", {d['samples_missing']} of them missing or beyond the range" if d["samples_missing"] else ""
+        common.paragraph(
+            f"{d['samples']} samples{missing}, {d['rate_Hz']:g} Hz; {d['duration_s']:.2f} s, the program {d['program_s']:.2f} s", "  "
+        )
+        common.paragraph(f"{d['min_um']:.2f} to {d['max_um']:.2f} µm, RMS about the mean {d['rms_um']:.2f} µm", "  ")
+        for note in d["notes"]:
+            common.paragraph(f"- {note}", "  ")
+        click.echo()
+        rows = [[f"{r['time_s']:.6f}", f"{r['phi_deg']:.4f}", f"{r['deviation_um']:.4f}"] for r in d["first_rows"]]
+        common.table(["time_s", "φ °", "deviation_um"], rows, text=())
+        click.echo()
+
+
+def show_features(imported: list, found: dict, circles: Iterable = (), silent: bool = False) -> list[dict]:
+    """Table of other systems' findings beside mjsim's; the rows as plain data.
+
+    Args:
+        imported: what :func:`mjsim.importing.features.imported_features` gives. found: id -> parameters, of the effects to compare with.
+        circles: circular errors, see :func:`mjsim.importing.features.beside`. silent: print nothing.
+    """
+    from mjsim.importing.features import beside
+
+    rows = beside(imported, found, circles)
+    if silent:
+        return rows
+    if not rows:
+        click.echo("nothing was imported of other systems' findings")
+        return rows
+    for i in imported:
+        said = ", ".join(f"{k.replace('_', ' ')} {v}" for k, v in i.header.items())
+        common.paragraph(f"{i.source}: {said or 'no header'}")
+    known = [r for r in rows if r["causes"] is not None]
+    click.echo()
+    common.table(
+        ["feature", "run", "value", "cause in mjsim", "mjsim's own"],
+        [[_short(r), r["run"] or "–", _value(r), ", ".join(r["causes"]) or "–", ", ".join(r["mjsim"]) or "–"] for r in known],
+        text=(0, 1, 3, 4),
+    )
+    unknown = [f"{r['feature']} {_value(r)}" for r in rows if r["causes"] is None]
+    if unknown:
+        common.paragraph(f"kept, meaning not known: {', '.join(unknown)}")
+    common.paragraph(
+        "The values are the other system's, as its file has them; its signs are not published and are not compared. What such files look "
+        "like is known from public parsers only: no real file has been tried."
+    )
+    click.echo()
+    return rows
+
+
+def _short(row: dict) -> str:
+    return row["feature"].removeprefix("AF_").lower().replace("_", " ")
+
+
+def _value(row: dict) -> str:
+    value = row["value"]
+    return f"{value:g} {row['unit']}".strip() if isinstance(value, (int, float)) else str(value)
+
+
+def model_effects(campaign) -> dict:
+    """Effects of the campaign's machine; none where it cannot be read, as an import needs no machine."""
+    from mjsim.campaign.files import read_campaign
+    from mjsim.errors import InputError
+    from mjsim.machine.files import read_machine
+
+    try:
+        return {e.id: e.values for e in read_machine(read_campaign(campaign, traces=False).machine_file).effects}
+    except InputError:
+        return {}

@@ -1,0 +1,1 @@
+"""Measurement files of other systems, brought into a campaign."""

@@ -1,0 +1,148 @@
+"""Measurement files of other systems into a campaign: the command ``mjsim import`` as functions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mjsim.campaign.model import Instrument, Test, Trace
+from mjsim.errors import InputError
+from mjsim.files import check_writable
+from mjsim.importing import into_campaign as into
+from mjsim.importing.checks import questions
+from mjsim.importing.header import test_keys
+from mjsim.importing.reading import Options, read_columns
+from mjsim.importing.table import read_table
+from mjsim.importing.timing import place
+from mjsim.machine.files import read_machine
+from mjsim.nc.program import Program
+from mjsim.units import DEG, MM, UM
+
+
+@dataclass(frozen=True)
+class ImportedTrace:
+    """One trace as it was brought in, or as it would be.
+
+    Attributes:
+        source: the measurement file. file: the trace's file in the campaign. test: its test; ``added`` whether campaign.toml got it.
+        trace: what was kept. unit: of the deviation in ``source``. notes: what was found and concluded. questions: what looks wrong.
+        written: false for a preview.
+    """
+
+    source: Path
+    file: Path
+    test: Test
+    added: bool
+    trace: Trace
+    unit: str
+    notes: tuple[str, ...]
+    questions: tuple[str, ...]
+    written: bool
+
+    def to_json(self) -> dict:
+        """Plain numbers in s, degrees and µm, as ``mjsim import --json`` prints them."""
+        t, program = self.trace, Program(self.test)
+        lo, hi = program.measured_span
+        deviation = t.deviation[t.valid] / UM
+        return {
+            "source": str(self.source),
+            "test": self.test.name,
+            "trace": str(self.file),
+            "added": self.added,
+            "written": self.written,
+            "samples": len(t.time),
+            "samples_missing": int((~t.valid).sum()),
+            "rate_Hz": round(1.0 / float(np.median(np.diff(t.time))), 3),
+            "duration_s": round(float(t.time[-1] - t.time[0]), 4),
+            "program_s": round(hi - lo, 4),
+            "unit": self.unit,
+            "min_um": round(float(deviation.min()), 4),
+            "max_um": round(float(deviation.max()), 4),
+            "rms_um": round(float(deviation.std()), 4),
+            "first_rows": [
+                {"time_s": round(float(s), 6), "phi_deg": round(float(p / DEG), 4), "deviation_um": round(float(d / UM), 4)}
+                for s, p, d in zip(t.time[:5], program.phi(t.time[:5]), t.deviation[:5], strict=True)
+            ],
+            "notes": list(self.notes),
+            "questions": list(self.questions),
+        }
+
+
+def import_traces(
+    campaign: str | Path,
+    files: Sequence[str | Path],
+    test: str | None = None,
+    keys: dict[str, Any] | None = None,
+    options: Options | None = None,
+    force: bool = False,
+    preview: bool = False,
+    check: bool = True,
+) -> list[ImportedTrace]:
+    """Bring text files of recorded traces into a campaign: all of them, or none.
+
+    Args:
+        campaign: a folder with a campaign.toml, or the path of one.
+        files: tables as text, each with one run of one test.
+        test: the test's name, for a single file; otherwise the files' names are the tests'.
+        keys: keys of the ``[[test]]`` table, as in campaign.toml, of tests that are not there yet; the files' headers come second.
+        options: how the files are read. force: replace traces that are there. preview: write nothing.
+        check: also compare the trace's size with what the campaign's model gives, which simulates the test.
+
+    Raises:
+        InputError: names the file, the place, what was found and what is allowed; nothing is written.
+    """
+    o = options or Options()
+    file, text, known = into.read_document(Path(campaign))
+    if test is not None and len(files) > 1:
+        raise InputError(f"--test {test} names one test, {len(files)} files were given; allowed: one file, or no --test (the files' names)")
+    instrument = known.instrument if known else Instrument()
+    out, contents = [], {}
+    for source in map(Path, files):
+        table = read_table(source, o.separator, o.decimal, o.rows)
+        name = test or into.test_name(source)
+        entry = into.entry(file, text, name, dict(keys or {}), test_keys(table.header), source)
+        if entry.file in contents:
+            raise InputError(f"{source}: another of these files is test {name!r} as well; allowed: file names that differ")
+        if not preview:
+            check_writable(entry.file, force)
+        text = entry.text
+        recording = read_columns(table, entry.test, o)
+        time, deviation, placed = place(source, recording, entry.test, o)
+        trace = into.checked_trace(source, entry.test, time, deviation, instrument)
+        notes = (*table.notes, *recording.notes, *placed, "a shorter bar is positive in the file: signs turned" if o.inward else "")
+        asked = questions(entry.test, trace, recording.unit, _machine(file, text) if check else None)
+        contents[entry.file] = into.trace_bytes(entry.file, time, deviation)
+        kept = (source, entry.file, entry.test, entry.added, trace, recording.unit, tuple(n for n in notes if n), tuple(asked))
+        out.append(ImportedTrace(*kept, written=not preview))
+    if not preview:
+        into.write(file, text, contents, force)
+    return out
+
+
+def import_trace(campaign: str | Path, file: str | Path, test: str | None = None, **more: Any) -> ImportedTrace:
+    """Bring one recorded trace into a campaign; arguments as :func:`import_traces`, and those of :class:`Options` by name.
+
+    Raises:
+        InputError: as :func:`import_traces`.
+    """
+    own = {k: more.pop(k) for k in ("keys", "force", "preview", "check") if k in more}
+    return import_traces(campaign, [file], test, options=Options(**more), **own)[0]
+
+
+def _machine(file: Path, text: str):
+    """The campaign's machine, for what is to be expected; ``None`` where it cannot be read: an import needs none."""
+    import tomllib
+
+    try:
+        return read_machine(file.parent / str(tomllib.loads(text).get("machine", "machine.toml")))
+    except InputError:
+        return None
+
+
+def conditions(test: Test) -> str:
+    """Feed and length of a test, as a summary shows them."""
+    return f"F {test.feed / MM * 60:g} mm/min, L {test.length / MM:g} mm"

@@ -1,0 +1,192 @@
+"""A campaign with one more trace: its CSV, and its ``[[test]]`` table, with comments and order of campaign.toml kept."""
+
+from __future__ import annotations
+
+import gzip
+import re
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import tomlkit
+
+from mjsim.campaign.files import campaign_from, check_span
+from mjsim.campaign.model import Campaign, Instrument, Test, Trace
+from mjsim.campaign.schema import NEEDED
+from mjsim.errors import InputError
+from mjsim.files import check_writable, write_whole
+from mjsim.importing.names import OPTION
+from mjsim.toml import parse, read_text
+from mjsim.units import UM
+
+#: Order of the keys in a new table.
+_ORDER = (
+    "name", "trace", "setup", "started_s", "kind", "plane", "axis", "from_deg", "to_deg", "half_apex_deg", "inclination_deg",
+    "sensitive_direction", "direction", "revolutions", "table_ball_mm", "bar_length_mm", "feed_mm_min",
+)  # fmt: skip
+_COMMON = ("table_ball_mm", "bar_length_mm", "feed_mm_min")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Where a trace goes.
+
+    Attributes:
+        test: its test. file: the trace's file. added: whether campaign.toml gets a table, or a ``trace`` key, for it.
+        text: campaign.toml as it will be.
+    """
+
+    test: Test
+    file: Path
+    added: bool
+    text: str
+
+
+def campaign_file(folder: Path) -> Path:
+    """The campaign.toml of a folder, or the path itself.
+
+    Raises:
+        InputError: there is none.
+    """
+    file = folder / "campaign.toml" if folder.is_dir() or not folder.suffix else folder
+    if not file.is_file():
+        raise InputError(f"{file}: no such campaign; `mjsim new campaign {folder}` starts one")
+    return file
+
+
+def test_name(file: Path) -> str:
+    """A test's name from a file's: letters, digits and ``_ . + -``."""
+    name = re.sub(r"[^A-Za-z0-9_.+-]+", "-", file.name.removesuffix(".gz").rpartition(".")[0] or file.name).strip("-._+")
+    return name or "test"
+
+
+def entry(file: Path, text: str, name: str, keys: dict, header: dict, source: Path) -> Entry:
+    """Find or make the test of a trace.
+
+    Args:
+        file: campaign.toml. text: its text, with earlier imports in it. name: of the test. keys: of its table, from options.
+        header: the same, from the measurement file ``source``.
+
+    Raises:
+        InputError: the test is not in the campaign and keys are missing, or it is and keys are given.
+    """
+    document = tomlkit.parse(text)
+    tables = document.get("test", [])
+    table = next((t for t in tables if t.get("name") == name), None)
+    if table is not None:
+        if keys:
+            options = ", ".join(OPTION[k] for k in keys)
+            raise InputError(
+                f'{file}: [[test]] "{name}" is there already and says how it was run; leave out {options}, or give another --test'
+            )
+        added = "trace" not in table
+        if added:
+            table["trace"] = f"traces/{name}.csv"
+    else:
+        added = True
+        new = _complete(file, name, {**{k: v for k, v in header.items() if k in _ORDER}, **keys}, source)
+        _append(document, new)
+    out = tomlkit.dumps(document)
+    if "\r\n" in text:
+        out = out.replace("\r\n", "\n").replace("\n", "\r\n")
+    campaign = campaign_from(file, tomllib.loads(out), traces=False)
+    test = next(t for t in campaign.tests if t.name == name)
+    return Entry(test, _trace_file(file, test), added, out)
+
+
+def _trace_file(file: Path, test: Test) -> Path:
+    path = file.parent / (test.trace or f"traces/{test.name}.csv")
+    if Path(test.trace or "").is_absolute() or not path.resolve().is_relative_to(file.parent.resolve()):
+        raise InputError(f'{file}: [[test]] "{test.name}" trace = {test.trace!r} leaves the campaign\'s folder; allowed: a path inside it')
+    return path
+
+
+def _complete(file: Path, name: str, keys: dict, source: Path) -> dict:
+    """The keys of a new table; what is missing is asked for by its options."""
+    kind = keys.get("kind")
+    if kind is None and "plane" in keys:
+        kind = keys["kind"] = "circular"
+    if kind not in NEEDED:
+        raise InputError(
+            f'{source}: test "{name}" is not in {file}; say how it was run: --kind circular, cone_frustum or rotary and what belongs to it '
+            "(--plane, --direction, --feed, --length, --table-ball …), or name a test of the campaign with --test"
+        )
+    missing = [OPTION[k] for k in (*NEEDED[kind], *_COMMON) if k not in keys]
+    if missing:
+        raise InputError(f'{source}: test "{name}" is new in {file}; {kind} needs {", ".join(missing)} as well')
+    return {"name": name, "trace": f"traces/{name}.csv", **{k: keys[k] for k in _ORDER if k in keys}}
+
+
+def _append(document: tomlkit.TOMLDocument, new: dict) -> None:
+    if "test" not in document:
+        document.append("test", tomlkit.aot())
+    tables = document["test"]
+    inline = not isinstance(tables, tomlkit.items.AoT)
+    table = tomlkit.inline_table() if inline else tomlkit.table()
+    for key in sorted(new, key=_ORDER.index):
+        table[key] = new[key]
+    if not inline and len(tables) and not tables[-1].as_string().endswith("\n\n"):
+        tables[-1].add(tomlkit.nl())
+    tables.append(table)
+
+
+def checked_trace(source: Path, test: Test, time: np.ndarray, deviation: np.ndarray, instrument: Instrument) -> Trace:
+    """The trace as reading it back will give it.
+
+    Raises:
+        InputError: it has too few samples, most are beyond the sensor's range, or it does not fit the test's program.
+    """
+    if len(time) < 50:
+        raise InputError(f"{source}: {len(time)} samples in the measured part; allowed: at least 50")
+    valid = np.isfinite(deviation) & (np.abs(np.nan_to_num(deviation)) < instrument.range * (1 - 1e-9))
+    if valid.sum() < 50:
+        raise InputError(
+            f"{source}: only {int(valid.sum())} of {len(valid)} samples are inside the sensor's range of ±{instrument.range * 1e3:g} mm "
+            f"(median {np.nanmedian(deviation) / UM:.6g} µm); check --deviation-unit, and --absolute where the column holds lengths"
+        )
+    trace = Trace(time, np.nan_to_num(deviation), valid)
+    check_span(source, test, trace)
+    return trace
+
+
+def trace_bytes(file: Path, time: np.ndarray, deviation: np.ndarray) -> bytes:
+    """``time_s,deviation_um`` as CSV, compressed where the file's name says so: 1 µs and 0.1 nm."""
+    rows = "".join(f"{t:.6f},{d / UM:.4f}\n" for t, d in zip(time, deviation, strict=True))
+    data = ("time_s,deviation_um\n" + rows).encode()
+    return gzip.compress(data, mtime=0) if file.suffix == ".gz" else data
+
+
+def write(file: Path, text: str, traces: dict[Path, bytes], force: bool = False) -> None:
+    """Write traces and campaign.toml: all of them or none. campaign.toml comes last; it is edited, which is the purpose.
+
+    Raises:
+        InputError: a trace is there already and ``force`` is false, or a file cannot be written.
+    """
+    for path in traces:
+        check_writable(path, force)
+    former = {p: p.read_bytes() if p.exists() else None for p in traces}
+    try:
+        for path, data in traces.items():
+            write_whole(path, data, force=force)
+        if text != read_text(file):
+            write_whole(file, text, force=True)
+    except BaseException:
+        for path, data in former.items():
+            if data is not None:
+                write_whole(path, data, force=True)
+            else:
+                path.unlink(missing_ok=True)
+        raise
+
+
+def read_document(folder: Path) -> tuple[Path, str, Campaign | None]:
+    """campaign.toml of a folder, its text, and the campaign; ``None`` where it has no test yet.
+
+    Raises:
+        InputError: it is missing or wrong.
+    """
+    file = campaign_file(folder)
+    data = parse(file)
+    campaign = campaign_from(file, data, traces=False) if data.get("test") else None
+    return file, read_text(file), campaign
