@@ -9,7 +9,7 @@ from mjsim.cli import common
 
 @click.command("add")
 @common.campaign_argument
-@click.argument("effect")
+@click.argument("effect", shell_complete=common.effect_ids)
 @common.machine_option
 @common.threads_option
 @common.options

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import shutil
 import sys
 import textwrap
@@ -48,6 +49,37 @@ def fail(sentence: str) -> NoReturn:
     sys.exit(1)
 
 
+def effect_ids(ctx: click.Context, param: click.Parameter, incomplete: str) -> list:
+    """Completions of an effect's id: the kinds, then the kind's ids; a file of one's own where it looks like one."""
+    from click.shell_completion import CompletionItem
+
+    from mjsim.effects import registry
+
+    if "/" in incomplete or incomplete.startswith("~"):
+        return [CompletionItem(incomplete, type="file")]
+    ids = [f"{kind}.{subject}" for kind, cls in registry.kinds().items() for subject in cls.subjects]
+    return [CompletionItem(i) for i in ids if i.startswith(incomplete)]
+
+
+def test_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """Completions of a test's name, from the campaign that the line names; none where it cannot be read."""
+    import tomllib
+
+    from click.shell_completion import split_arg_string
+
+    # with `--test` still open click has not looked at the arguments yet: the campaign is the first word that is one
+    words = [str(ctx.params.get("campaign") or ""), *split_arg_string(os.environ.get("COMP_WORDS", ""))]
+    for word in filter(None, words):
+        folder = Path(word).expanduser()
+        file = folder if folder.name.endswith(".toml") else folder / "campaign.toml"
+        try:
+            names = [str(t["name"]) for t in tomllib.loads(file.read_text(encoding="utf-8-sig"))["test"]]
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+            continue
+        return [n for n in names if n.startswith(incomplete)]
+    return []
+
+
 campaign_argument = click.argument("campaign", type=click.Path(path_type=Path))
 machine_option = click.option("--machine", type=click.Path(path_type=Path), help="Machine file to use instead of the campaign's.")
 threads_option = click.option(
@@ -76,20 +108,38 @@ def finite(value):
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def styled(stream) -> bool:
+    """Whether output may have colours: NO_COLOR forbids them, FORCE_COLOR asks for them, otherwise a terminal that is not dumb has them."""
+    if os.environ.get("NO_COLOR"):
+        return False
+    return bool(os.environ.get("FORCE_COLOR")) or (stream.isatty() and os.environ.get("TERM", "") not in ("dumb", "unknown"))
+
+
 @contextmanager
-def progress_bar(quiet: bool):
-    """A ``progress(stage, done, total)`` function that draws on stderr; silent when quiet or when stderr is no terminal."""
+def progress_bar(quiet: bool, left: bool = False):
+    """A ``progress(stage, done, total)`` function that draws on stderr; silent when quiet or when stderr is no terminal.
+
+    ``left``: show the time left as well, where the steps of a stage take equally long.
+
+    Without colours the bar is plain text on one line that is written again and again.
+    """
     if quiet or not sys.stderr.isatty():
         yield lambda stage, done, total: None
         return
+    if not styled(sys.stderr):
+        yield _plain_progress
+        sys.stderr.write("\r" + " " * (WIDTH - 1) + "\r")
+        sys.stderr.flush()
+        return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(bar_width=24),
         TextColumn("{task.completed}/{task.total}"),
         TimeElapsedColumn(),
+        *([TextColumn("left"), TimeRemainingColumn()] if left else []),
         console=Console(stderr=True),
         transient=True,
     ) as bars:
@@ -105,10 +155,16 @@ def progress_bar(quiet: bool):
         yield show
 
 
+def _plain_progress(stage: str, done: int, total: int) -> None:
+    sys.stderr.write("\r" + f"{stage} {done}/{total}"[: WIDTH - 1].ljust(WIDTH - 1))
+    sys.stderr.flush()
+
+
 def say(text: str, quiet: bool) -> None:
-    """A message for the user on stderr."""
+    """A message for the user on stderr; wrapped on a terminal, one line elsewhere."""
     if not quiet:
-        click.echo(text, err=True)
+        columns = shutil.get_terminal_size((WIDTH, 24)).columns
+        click.echo("\n".join(_wrapped(line, columns) for line in text.split("\n")) if sys.stderr.isatty() else text, err=True)
 
 
 def width() -> int:
@@ -118,8 +174,13 @@ def width() -> int:
 
 def paragraph(text: str, indent: str = "") -> None:
     """A text on stdout, wrapped."""
-    click.echo(
-        textwrap.fill(text, width(), initial_indent=indent, subsequent_indent=indent + "  ", break_on_hyphens=False, break_long_words=False)
+    click.echo(_wrapped(text, width(), indent))
+
+
+def _wrapped(text: str, columns: int, indent: str = "") -> str:
+    """Lines of at most so many columns; paths and names are not broken."""
+    return textwrap.fill(
+        text, columns, initial_indent=indent, subsequent_indent=indent + "  ", break_on_hyphens=False, break_long_words=False
     )
 
 
@@ -130,12 +191,14 @@ def table(columns: list[str], rows: list[list[str]], text: tuple[int, ...] = (0,
     from rich.table import Table
     from rich.text import Text
 
-    console = Console(width=width(), highlight=False)
-    t = Table(box=box.SIMPLE_HEAD if console.is_terminal else None, show_edge=False, pad_edge=False, header_style="bold")
+    colours = styled(sys.stdout)
+    # the colour system is all or nothing: rich on its own leaves bold type where NO_COLOR is set
+    console = Console(width=width(), highlight=False, force_terminal=colours, color_system="auto" if colours else None)
+    t = Table(box=box.SIMPLE_HEAD if sys.stdout.isatty() else None, show_edge=False, pad_edge=False, header_style="bold")
     for i, name in enumerate(columns):
         t.add_column(Text(name), justify="left" if i in text else "right", overflow="fold")
     for row in rows:
         t.add_row(*map(Text, row))
     with console.capture() as captured:
         console.print(t)
-    click.echo("\n".join(line.rstrip() for line in captured.get().splitlines()))
+    click.echo("\n".join(line.rstrip() for line in captured.get().splitlines()), color=colours)

@@ -8,7 +8,7 @@ from mjsim.cli import common
 
 
 @click.command("effects")
-@click.argument("effect", required=False)
+@click.argument("effect", required=False, shell_complete=common.effect_ids)
 @common.options
 def command(effect, as_json, quiet) -> None:
     """The catalogue of effects, or one of them (an id such as backlash.A, or a kind such as backlash).

@@ -8,8 +8,11 @@ import click
 
 _COMMANDS = {
     "demo": "The hidden-effect walk-through: watch the error fall.",
+    "new": "Start a campaign: a folder with commented files.",
+    "import": "Measurement files of other systems into a campaign.",
     "simulate": "Run a campaign's tests in the multibody model.",
     "compare": "Measured against simulated, test by test.",
+    "export": "Compared traces and their figures as CSV.",
     "diagnose": "Which effects are missing.",
     "identify": "Orders, amplitudes and phases of pitch errors, per direction.",
     "plan": "The next test that separates what cannot be told apart.",
@@ -17,8 +20,11 @@ _COMMANDS = {
     "remove": "Take an effect out of the machine file.",
     "nc": "Write and read five-axis NC programs; the feed they really give.",
     "history": "The ladder: every model tried and its error.",
+    "animate": "A video of a test, or of the ladder.",
     "effects": "The catalogue of effects.",
     "figures": "The paper's figures 3 to 17, and its numbers beside simulated ones.",
+    "batch": "Sweeps over effects and tests: grids, Latin hypercubes, tolerances.",
+    "completion": "Completion of commands, effects and tests in the shell.",
 }
 
 

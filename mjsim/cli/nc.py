@@ -44,7 +44,7 @@ def command() -> None:
 
 @command.command("write", hidden=True)
 @common.campaign_argument
-@click.option("--test", "name", required=True, help="Test to write.")
+@click.option("--test", "name", required=True, shell_complete=common.test_names, help="Test to write.")
 @click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The NC file.")
 @options.writing
 @options.signs
@@ -85,7 +85,7 @@ def write(campaign, name, out, limit, max_speed, force, machine, as_json, quiet,
 @options.signs
 @options.limits
 @click.option("--campaign", type=click.Path(path_type=Path), help="Compare with a test of this campaign.")
-@click.option("--test", "name", help="That test.")
+@click.option("--test", "name", shell_complete=common.test_names, help="That test.")
 @click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), help="CSV: time_s and the five axes at every block's end.")
 @options.force
 @common.options

@@ -12,7 +12,7 @@ from mjsim.cli import nc_options as options
 
 @click.command("feed", short_help="The feed that its blocks really give.")
 @common.campaign_argument
-@click.option("--test", "name", required=True, help="Test that the program is for.")
+@click.option("--test", "name", required=True, shell_complete=common.test_names, help="Test that the program is for.")
 @click.option("--program", type=click.Path(path_type=Path), help="NC file (default: what `mjsim nc` would write).")
 @options.writing
 @options.signs

@@ -10,7 +10,14 @@ from mjsim.cli import common
 @click.command("plan")
 @common.campaign_argument
 @common.machine_option
-@click.option("--between", nargs=2, metavar="A B", default=None, help="Two effects to separate; or one effect and the word nothing.")
+@click.option(
+    "--between",
+    nargs=2,
+    metavar="A B",
+    default=None,
+    shell_complete=common.effect_ids,
+    help="Two effects to separate; or one effect and the word nothing.",
+)
 @common.threads_option
 @common.options
 def command(campaign, machine, between, threads, as_json, quiet) -> None:
