@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from mjsim.errors import InputError
@@ -30,19 +32,29 @@ def write_whole(path: Path, content: str | bytes, force: bool = False) -> None:
     Raises:
         InputError: the file exists and ``force`` is false, or the folder cannot be written.
     """
+    with whole(path, force) as neighbour:
+        neighbour.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+@contextmanager
+def whole(path: Path, force: bool = False) -> Iterator[Path]:
+    """A temporary neighbour of ``path`` for a writer that needs a file; it takes the place of ``path`` when the block ends well.
+
+    Raises:
+        InputError: as :func:`write_whole`, also for an ``OSError`` inside the block.
+    """
     path = Path(path)
     if path.exists() and not force:
         raise InputError(f"{path}: exists already; name another file or give --force to replace it")
-    data = content.encode() if isinstance(content, str) else content
     shown, path = path, Path(os.path.realpath(path))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        os.close(handle)
     except OSError as error:
         raise InputError(f"{shown}: cannot be written: {error.strerror}") from None
     try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
+        yield Path(name)
         os.chmod(name, path.stat().st_mode & 0o777 if path.exists() else 0o666 & ~_mask())
         os.replace(name, path)
     except BaseException as error:  # also when the user stops the program: no temporary file stays behind

@@ -12,14 +12,18 @@ from mjsim import files
 from mjsim.campaign.model import Campaign
 from mjsim.compare import Comparison
 from mjsim.errors import InputError
-from mjsim.machine.files import machine_document
+from mjsim.machine.files import machine_document, machine_text, read_machine
 from mjsim.machine.model import Machine
 from mjsim.units import UM
 
 
 @dataclass(frozen=True)
 class Step:
-    """One model: ``action`` (start, add, remove), the effect it was about, all effect keys, errors in µm (RMS, over all and per test)."""
+    """One model: ``action`` (start, add, remove), the effect it was about, all effect keys, errors in µm (RMS, over all and per test).
+
+    ``model`` is the machine file's text with exactly this model, so that the step can be simulated again whatever became of the file;
+    empty in histories of versions that did not keep it.
+    """
 
     action: str
     effect: str
@@ -28,6 +32,7 @@ class Step:
     rms_um: float
     noise_um: float
     tests: dict[str, float]
+    model: str = ""
 
     @property
     def label(self) -> str:
@@ -65,7 +70,22 @@ def step_of(action: str, effect: str, machine_file: Path, comparison: Comparison
         round(comparison.rms / UM, 4),
         round(comparison.noise / UM, 4),
         {t.test.name: round(t.rms / UM, 4) for t in comparison.tests},
+        machine_text(comparison.machine, machine_file, comparison.campaign.folder),
     )
+
+
+def machine_of_step(campaign: Campaign, step: Step) -> Machine:
+    """The machine that a step led to.
+
+    Raises:
+        InputError: the history does not hold it, or an effect file that it names is gone.
+    """
+    if not step.model:
+        raise InputError(
+            f"{history_file(campaign)}: the step '{step.label}' was recorded without its machine; "
+            f"move the file away and run `mjsim add {campaign.folder} EFFECT` to record the steps anew"
+        )
+    return read_machine(campaign.folder / step.machine_file, step.model)
 
 
 def record(campaign: Campaign, steps: list[Step]) -> None:

@@ -27,9 +27,9 @@ def read_text(path: Path) -> str:
         raise InputError(f"{path}: byte {error.start} is not UTF-8 text; save the file as UTF-8") from None
 
 
-def parse(path: Path) -> dict:
-    """The file's tables as plain Python."""
-    text = read_text(path)
+def parse(path: Path, text: str | None = None) -> dict:
+    """The file's tables as plain Python; those of ``text`` where it is given, with ``path`` as the name in messages."""
+    text = read_text(path) if text is None else text
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -103,4 +103,4 @@ def _keys(schema: type[BaseModel], loc: tuple) -> list[str]:
         while not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
             annotation = next(a for a in annotation.__args__ if a is not type(None))
         schema = annotation
-    return list(schema.model_fields)
+    return [field.alias or name for name, field in schema.model_fields.items()]

@@ -34,7 +34,8 @@ def command(campaign, out, force, as_json, quiet) -> None:
     check_writable(plot, force or out is None)
     ladder_plot(steps, plot)
     if as_json:
-        common.print_json({"campaign": c.name, "steps": [{**vars(s), "effects": list(s.effects)} for s in steps], "plot": str(plot)})
+        rows = [{**{k: v for k, v in vars(s).items() if k != "model"}, "effects": list(s.effects)} for s in steps]
+        common.print_json({"campaign": c.name, "steps": rows, "plot": str(plot)})
         return
     if quiet:
         return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,8 @@ from mjsim.machine.model import Drive, Machine
 from mjsim.toml import check, parse, read_text
 from mjsim.units import MM
 
-_DRIVE_KEYS = {
+#: Attribute of a drive -> its key in machine.toml.
+DRIVE_KEYS = {
     "position_gain": "position_gain_per_s",
     "velocity_gain": "velocity_gain_Nms_per_rad",
     "integral_time": "integral_time_s",
@@ -28,14 +30,14 @@ _DRIVE_KEYS = {
 }
 
 
-def read_machine(path: str | Path) -> Machine:
-    """Read a machine file.
+def read_machine(path: str | Path, text: str | None = None) -> Machine:
+    """Read a machine file, or ``text`` as if it stood there.
 
     Raises:
         InputError: names the file, the table and key, what was found and what is allowed.
     """
     path = Path(path)
-    table = check(path, MachineTable, parse(path))
+    table = check(path, MachineTable, parse(path, text))
     drives = {}
     for axis in AXES:
         d = getattr(table.drive, axis)
@@ -47,7 +49,7 @@ def read_machine(path: str | Path) -> Machine:
         if getattr(d, want) is None:
             raise InputError(f"{path}: [drive.{axis}]: the key {want!r} is missing")
         gear = 2 * np.pi / (d.lead_mm * MM) if axis in LINEAR else d.worm_teeth
-        drives[axis] = Drive(axis, gear, **{k: getattr(d, v) for k, v in _DRIVE_KEYS.items()})
+        drives[axis] = Drive(axis, gear, **{k: getattr(d, v) for k, v in DRIVE_KEYS.items()})
     effects: list[Effect] = []
     files: dict[str, str] = {}
     for number, entry in enumerate(table.effect, start=1):
@@ -98,7 +100,7 @@ def machine_document(machine: Machine, original: Path) -> str:
     document = tomlkit.parse(former)
     base = read_machine(original)
     for axis in AXES:
-        for attribute, key in _DRIVE_KEYS.items():
+        for attribute, key in DRIVE_KEYS.items():
             value = getattr(machine.drives[axis], attribute)
             if value != getattr(base.drives[axis], attribute):
                 document["drive"][axis][key] = _rounded(value)
@@ -133,6 +135,19 @@ def _new_table(effect: Effect, machine: Machine, inline: bool) -> tomlkit.items.
     for name, value in effect.values.items():
         table[name] = _rounded(value)
     return table
+
+
+def machine_text(machine: Machine, original: Path, folder: Path) -> str:
+    """TOML text of ``machine`` as a file in ``folder``: as :func:`machine_document`, effect files named relative to ``folder``."""
+    text = machine_document(machine, original)
+    here, there = Path(original).resolve().parent, Path(folder).resolve()
+    if machine.effect_files and here != there:
+        document = tomlkit.parse(text)
+        for table in document["effect"]:
+            if "file" in table and not Path(table["file"]).is_absolute():
+                table["file"] = os.path.relpath(here / table["file"], there)
+        text = tomlkit.dumps(document)
+    return text
 
 
 def write_machine(machine: Machine, original: Path, target: Path, force: bool = False) -> None:
