@@ -1,0 +1,81 @@
+"""An off-screen OpenGL context, or one sentence that says what to install."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from collections.abc import Callable
+
+from mjsim.errors import InputError
+
+#: System packages of the software renderer, as scripts/setup installs them.
+PACKAGES = "libegl1 libegl-mesa0 libgl1-mesa-dri libopengl0"
+_OFF = ("disable", "disabled", "off", "false", "0")
+_ON = ("enable", "enabled", "on", "true", "1")
+_SYSTEMS = ("egl", "osmesa", "glfw")
+
+
+def chosen() -> str:
+    """The renderer that is used: the user's MUJOCO_GL, EGL where it is not set.
+
+    It is set here for MuJoCo's own import as well, which reads it once. Where MuJoCo was imported before, nothing is lost: the context
+    is made here and not by MuJoCo.
+
+    Raises:
+        InputError: MUJOCO_GL names nothing that exists, or says that there is no renderer.
+    """
+    wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
+    if wanted in _OFF:
+        raise InputError(f"MUJOCO_GL={wanted} switches off rendering, which a picture of the machine needs; unset it or say MUJOCO_GL=egl")
+    if wanted and wanted not in (*_SYSTEMS, *_ON, "glx"):
+        raise InputError(f"MUJOCO_GL={wanted}: no such renderer; allowed: {', '.join(_SYSTEMS)}, or not set at all")
+    if wanted not in _SYSTEMS:
+        wanted = "glfw" if wanted == "glx" else "egl"
+    if "mujoco" not in sys.modules:
+        os.environ["MUJOCO_GL"] = wanted
+    return wanted
+
+
+def make_context(width: int, height: int):
+    """A current OpenGL context with ``free()``, for pictures of up to that size (pixels).
+
+    Raises:
+        InputError: there is no OpenGL on this computer; the sentence names the packages that bring it.
+    """
+    system = chosen()
+    try:
+        with _quiet_stderr():
+            context = _context_class(system)(width, height)
+            context.make_current()
+    except Exception as error:  # what the OpenGL bindings raise differs from library to library: ImportError, AttributeError, GLError …
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise InputError(
+            f"cannot render the machine: no OpenGL for off-screen pictures ({system}: {reason}); "
+            f"on Debian or Ubuntu: sudo apt-get install -y --no-install-recommends {PACKAGES}"
+        ) from None
+    return context
+
+
+def _context_class(system: str) -> Callable:
+    if system == "egl":
+        from mujoco.egl import GLContext
+    elif system == "osmesa":
+        from mujoco.osmesa import GLContext
+    else:
+        from mujoco.glfw import GLContext
+    return GLContext
+
+
+@contextlib.contextmanager
+def _quiet_stderr():
+    """Mesa and EGL talk on the process' stderr while they look for devices; the user gets one sentence instead."""
+    saved = os.dup(2)
+    sink = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(sink, 2)
+        yield
+    finally:
+        os.dup2(saved, 2)
+        os.close(saved)
+        os.close(sink)

@@ -1,0 +1,106 @@
+"""A video of the ladder: what each model leaves unexplained, test by test, and the RMS falling beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mjsim import files
+from mjsim.animation import encode
+from mjsim.animation.board import Board
+from mjsim.animation.movie import Format
+from mjsim.campaign.model import Campaign
+from mjsim.compare import Comparison, Progress, compare, silent
+from mjsim.errors import InputError
+from mjsim.ladder import machine_of_step, read_history
+
+#: Polar plots in one picture at most, and how long a model stands and gives way to the next, s.
+MOST_TESTS, STAND, CHANGE = 9, 1.5, 1.0
+
+
+@dataclass(frozen=True)
+class LadderFilm:
+    """A file that was written: frames, size (pixels), frames per second, tests shown, and each model's name and RMS (m)."""
+
+    file: Path
+    frames: int
+    size: tuple[int, int]
+    fps: float
+    tests: tuple[str, ...]
+    models: tuple[tuple[str, float], ...]
+
+    @property
+    def seconds(self) -> float:
+        """Duration, s."""
+        return self.frames / self.fps
+
+
+def animate_ladder(
+    campaign: Campaign,
+    file: str | Path,
+    tests: Sequence[str] = (),
+    size: str | None = None,
+    fps: float | None = None,
+    seconds: float | None = None,
+    force: bool = False,
+    threads: int = 2,
+    progress: Progress = silent,
+) -> LadderFilm:
+    """Write a video of the models in a campaign's history, each simulated and compared again.
+
+    Args:
+        campaign: with traces and a history of at least two models.
+        file, size, fps, force: as :func:`mjsim.animation.movie.animate` has them. tests: up to nine names; the worst ones when missing.
+        seconds: duration; 1.5 s for each model and 1 s between two of them when missing.
+
+    Raises:
+        InputError: no history, one that does not hold the machines, unknown or too many tests, a wrong value, a file in the way.
+    """
+    file = Path(file)
+    form = Format.of(file, size, fps)
+    measured = [t.name for t in campaign.measured]
+    for name in tests:
+        if name not in measured:
+            raise InputError(f"{campaign.folder / 'campaign.toml'}: no measured test {name!r}; it has: {', '.join(measured) or 'none'}")
+    if len(tests) > MOST_TESTS:
+        raise InputError(f"{len(tests)} tests; allowed: up to {MOST_TESTS} in one picture")
+    steps = read_history(campaign)
+    if len(steps) < 2:
+        raise InputError(
+            f"{campaign.folder}: the ladder has {'no' if not steps else 'only one'} model; "
+            f"`mjsim add {campaign.folder} EFFECT` records the first steps"
+        )
+    machines = [machine_of_step(campaign, s) for s in steps]
+    count = form.frames(STAND * len(steps) + CHANGE * (len(steps) - 1) if seconds is None else seconds)
+    files.check_writable(file, force)
+    rungs = []
+    for i, machine in enumerate(machines):
+        part = lambda stage, done, total, i=i: progress(f"model {i + 1} of {len(machines)}", done, total)  # noqa: E731
+        rungs.append(compare(campaign, machine, threads, part))
+    shown = _chosen(rungs[0], tests)
+    board = Board(campaign.name, [s.label for s in steps], rungs, shown, form.size)
+    with files.whole(file, force) as neighbour, encode.writer(form.kind, neighbour, form.size, form.fps) as out:
+        for k, place in enumerate(places(len(steps), count)):
+            progress("rendering", k, count)
+            out.add(board.frame(place))
+        progress("writing", 0, 1)
+    return LadderFilm(file, count, form.size, form.fps, tuple(shown), tuple((s.label, c.rms) for s, c in zip(steps, rungs, strict=True)))
+
+
+def places(models: int, frames: int) -> np.ndarray:
+    """Where on the ladder each frame stands, (frames,): whole numbers are models, between them one gives way to the next."""
+    whole = STAND * models + CHANGE * (models - 1)
+    time = np.linspace(0.0, whole, frames)
+    index = np.minimum(np.floor(time / (STAND + CHANGE)), models - 1)
+    x = np.clip((time - index * (STAND + CHANGE) - STAND) / CHANGE, 0.0, 1.0)
+    return np.minimum(index + x * x * (3.0 - 2.0 * x), models - 1)
+
+
+def _chosen(first: Comparison, tests: Sequence[str]) -> list[str]:
+    """Tests to show, in the campaign's order: those asked for, or the ones that the first model explains worst."""
+    worst = sorted(first.tests, key=lambda t: -t.rms)[:MOST_TESTS]
+    wanted = set(tests) or {t.test.name for t in worst}
+    return [t.test.name for t in first.tests if t.test.name in wanted]

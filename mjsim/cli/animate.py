@@ -1,0 +1,85 @@
+"""``mjsim animate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mjsim.cli import common
+
+
+@click.command("animate")
+@common.campaign_argument
+@common.machine_option
+@click.option(
+    "--test", "tests", multiple=True, shell_complete=common.test_names, help="The test to show (with --ladder: up to nine of them)."
+)
+@click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="File to write: .mp4 or .gif.")
+@click.option("--ladder", is_flag=True, help="Show the models of the campaign's history one after the other instead of one test.")
+@click.option("--camera", default=None, help="overview (default), closeup, side, or bar, which follows the ball bar.")
+@click.option("--size", default=None, help="WIDTHxHEIGHT in pixels (default: 1280x720; GIF: 800x450).")
+@click.option("--fps", type=float, default=None, help="Frames per second (default: 25; GIF: 10).")
+@click.option("--speed", type=float, default=None, help="Times real time (default: 1, faster where the video gets too long).")
+@click.option("--seconds", type=float, default=None, help="Length of the video (default: up to 20; GIF: up to 8).")
+@click.option("--magnify", default="auto", show_default=True, help="How many times its size the error is drawn.")
+@click.option("--force", is_flag=True, help="Replace a file that exists.")
+@common.threads_option
+@common.options
+def command(campaign, machine, tests, out, ladder, camera, size, fps, speed, seconds, magnify, force, threads, as_json, quiet) -> None:
+    """Write a video of a test of CAMPAIGN: the machine moving, the bar's error magnified, the trace growing beside it.
+
+    What is magnified is measured less simulated, or the simulated deviation where nothing was measured; the factor
+    stands in the picture. With --ladder: the residuals of all tests collapsing from model to model.
+
+    \b
+    Example: mjsim animate my-campaign --test cone15-y50-ccw -o cone.mp4
+             mjsim animate my-campaign --ladder -o ladder.mp4
+    """
+    factor = _factor(magnify)
+    if speed is not None and seconds is not None:
+        raise click.UsageError("--speed and --seconds exclude each other")
+    if ladder:
+        for name, value in (("--machine", machine), ("--camera", camera), ("--speed", speed), ("--magnify", factor)):
+            if value is not None:
+                raise click.UsageError(f"{name} has no meaning with --ladder")
+    elif len(tests) != 1:
+        raise click.UsageError("one --test is needed (or --ladder); `mjsim simulate` and campaign.toml have the names")
+    from mjsim.campaign.files import read_campaign
+
+    c = read_campaign(campaign)
+    with common.progress_bar(quiet, left=True) as progress:
+        if ladder:
+            from mjsim.animation.ladder import animate_ladder
+
+            film = animate_ladder(c, out, tests, size, fps, seconds, force, common.cores(threads), progress)
+            about = {"tests": list(film.tests), "models": [{"label": name, "rms_um": round(rms * 1e6, 4)} for name, rms in film.models]}
+            words = f"{len(film.models)} models, {len(film.tests)} tests"
+        else:
+            from mjsim.animation.movie import animate
+            from mjsim.machine.files import read_machine
+
+            m = read_machine(machine) if machine else None
+            film = animate(
+                c, tests[0], out, m, camera or "overview", size, fps, speed, seconds, factor, force, common.cores(threads), progress
+            )
+            about = {"test": film.test, "camera": film.camera, "speed": round(film.speed, 4)}
+            about |= {"magnification": film.magnification, "magnified": film.magnified}
+            words = film.magnified
+    if as_json:
+        size_px = {"width": film.size[0], "height": film.size[1]}
+        common.print_json(
+            {"file": str(film.file), "frames": film.frames, "fps": film.fps, "seconds": round(film.seconds, 3), **size_px, **about}
+        )
+        return
+    common.say(f"{film.file}: {film.seconds:.1f} s, {film.size[0]}x{film.size[1]}, {words}", quiet)
+
+
+def _factor(text: str) -> float | None:
+    """``--magnify`` as a number, ``None`` for auto."""
+    if text == "auto":
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        raise click.UsageError(f"--magnify {text!r}: a number or auto") from None
