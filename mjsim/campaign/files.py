@@ -60,7 +60,8 @@ def campaign_from(file: Path, data: dict, traces: bool = True) -> Campaign:
         for t in tests:
             if t.trace is not None:
                 recorded[t.name] = _recorded(file, t, instrument)
-    return Campaign(table.name, folder, _inside(file, folder, table.machine, "machine", outside=True), instrument, tests, recorded)
+    machine = _inside(file, folder, table.machine, "machine", outside=True)
+    return Campaign(table.name, folder, machine, instrument, tests, recorded, table.measured_on)
 
 
 def _inside(file: Path, folder: Path, name: str, key: str, outside: bool = False) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -69,7 +70,7 @@ class Instrument:
 
 @dataclass(frozen=True)
 class Campaign:
-    """Tests of one machine with their traces (by test name; tests that were not measured are absent)."""
+    """Tests of one machine with their traces (by test name; tests that were not measured are absent), and the day they were measured."""
 
     name: str
     folder: Path
@@ -77,6 +78,7 @@ class Campaign:
     instrument: Instrument
     tests: tuple[Test, ...]
     traces: dict[str, Trace]
+    measured_on: date | None = None
 
     @property
     def measured(self) -> tuple[Test, ...]:

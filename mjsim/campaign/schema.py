@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -48,6 +49,7 @@ class TestTable(Table):
 class CampaignTable(Table):
     name: str
     machine: str = "machine.toml"
+    measured_on: datetime.date | None = None
     instrument: InstrumentTable = InstrumentTable()
     test: Annotated[list[TestTable], Field(min_length=1)]
 
