@@ -22,6 +22,7 @@ _WHERE = {
     "diagnose": "mjsim.diagnose",
     "plan": "mjsim.plan",
     "identify_pitch_errors": "mjsim.identification.identify",
+    "report": "mjsim.report.write",
     "add": "mjsim.workflow",
     "remove": "mjsim.workflow",
     "history": "mjsim.ladder",

@@ -67,7 +67,6 @@ def walk(folder: Path, threads: int = 2, progress: Progress = silent) -> Demo:
     steps = [ladder.step_of(action, effect, original, c) for action, effect, c in rungs]
     ladder.record(campaign, steps)
     write_machine(result.machine, original, original, force=True)
-    progress("writing the report", 0, 1)
     report = folder / "report.html"
-    write_whole(report, build_report(result, steps), force=True)
+    write_whole(report, build_report(result, threads, progress, thorough=False), force=True)
     return Demo(folder, result, steps, report)

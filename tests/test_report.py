@@ -2,26 +2,37 @@
 
 import dataclasses
 import html.parser
+import json
 import re
 
 import numpy as np
 import pytest
 
+from mjsim.campaign.model import Campaign
+from mjsim.effects.registry import make
+from mjsim.errors import InputError
 from mjsim.measure.iso230 import BidirectionalFigures, circular_figures
 from mjsim.plots.polar import PolarTrace
 from mjsim.plots.residual import ResidualTrace
-from mjsim.report import numbers
+from mjsim.plots.trend import TrendSeries, trend_figure
+from mjsim.report import numbers, trend, whatif
 from mjsim.report.content import (
     BidirectionalRow,
     Finding,
-    LadderRow,
+    ModelRow,
     NotTestable,
     ParameterRow,
+    Rejected,
+    RepairRow,
     ReportContent,
     SetUpRow,
     TestSection,
+    WhatIf,
 )
-from mjsim.report.page import render
+from mjsim.report.evidence import confidence
+from mjsim.report.page import at, render, render_trend, script_json
+from mjsim.report.traces import kept
+from mjsim.report.write import check_same_machine
 
 PHI = np.linspace(0.0, 720.0, 1441)
 HOSTILE = "<script src=\"http://evil.example/x.js\">alert('1')</script>"
@@ -44,13 +55,20 @@ def _content(name="cone15-ccw", **changes):
         simulated_after=figures(1.0),
         trigger_ms=-12.34,
         setup="x50",
+        worst=name,
     )
+    repair = RepairRow("backlash.A", name, name, "adjust", name, "full simulation", 1.4, 0.7, 33.3, [4.04])
     content = ReportContent(
         title=f"Campaign of {name}",
         summary=[("machine", name)],
         verdict="identified",
         verdict_sentence=f"Backlash of A in {name}.",
-        ladder=[LadderRow("start", 1.08, {name: 1.11}), LadderRow("+ backlash.A", 0.13, {name: 0.14})],
+        models=[
+            ModelRow("rigid kinematics", 3.21, [3.22], name, "kinematics"),
+            ModelRow("machine as given", 1.08, [1.11]),
+            ModelRow(name, 0.13, [0.14]),
+        ],
+        start=1,
         findings=[
             Finding(
                 "backlash.A",
@@ -61,6 +79,11 @@ def _content(name="cone15-ccw", **changes):
                 ["servo_delay.A"],
                 name,
                 [name],
+                98.7,
+                1234.0,
+                30.0,
+                name,
+                Rejected("straightness.EXY", 43.2),
             )
         ],
         tests=[test],
@@ -71,18 +94,28 @@ def _content(name="cone15-ccw", **changes):
         bidirectional=[BidirectionalRow((name, name + "-cw"), BidirectionalFigures(8.14, -0.44, (0.0, 0.0)))],
         not_testable=[NotTestable("axis_location.EC0A", name)],
         next_test=name,
+        what_if=WhatIf(2.1, [6.06], [repair]),
+        diagnosis={"verdict": name},
         provenance=[("mjsim", "0.1.0"), ("seed", "7"), ("hash", name)],
         date="2026-11-21",
     )
     return dataclasses.replace(content, **changes)
 
 
+def _drawn(name="cone15-ccw"):
+    """Content whose page has interactive plots."""
+    row = [0, 100, 200]
+    places = {"phi": row, **{a: row for a in "XYZAC"}}
+    one = {"name": name, "phi": row, "measured": [1, None, 3], "models": [row] * 3, "centre": [[0, 0, 0]] * 4, "axes": places}
+    return _content(name, traces=[one | {"shift": 180.0, "full": False, "events": [["A", 180.5]], "noise": 0.12}])
+
+
 def _plain(page):
-    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", re.sub(r"<style>.*?</style>", "", page, flags=re.S)))
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", re.sub(r"<(style|script).*?</\1>", "", page, flags=re.S)))
 
 
 class _Checker(html.parser.HTMLParser):
-    VOID = ("meta", "img", "br", "link")
+    VOID = ("meta", "img", "br", "link", "input")
 
     def __init__(self):
         super().__init__()
@@ -113,22 +146,65 @@ def _checked(page):
 def test_page_is_well_formed_and_loads_nothing():
     page = render(_content())
     checker = _checked(page)
-    assert not checker.tags & {"script", "link", "iframe", "object", "base"}
-    assert checker.links
+    assert not checker.tags & {"iframe", "object", "base", "embed", "form"}
+    assert len(checker.links) > 3
     for link in checker.links:
-        assert link.startswith(("data:image/", "#"))
+        assert link.startswith(("data:", "#"))
         if link.startswith("#"):
             assert link[1:] in checker.ids
     assert len(checker.ids) == len(set(checker.ids))
     text = re.sub(r"base64,[A-Za-z0-9+/=]+", "", page)
+    text = text.replace('http-equiv="Content-Security-Policy"', "")
     assert "http" not in text and "@import" not in text and "url(" not in text
+    assert "default-src 'none'" in page  # the browser itself then refuses every request
+
+
+def test_a_page_with_plots_brings_its_scripts_with_it():
+    from plotly.offline import get_plotlyjs
+
+    page, still = render(_drawn()), render(_content())
+    assert {"button", "select", "input", "noscript"} <= _checked(page).tags - _checked(still).tags
+    assert page.count(get_plotlyjs()) == 1 and get_plotlyjs() not in still
+    assert not re.search(r"<script[^>]*\bsrc=", page)
+    own = page.replace(get_plotlyjs(), "")
+    assert "fetch(" not in own and "XMLHttpRequest" not in own and "import(" not in own
+    assert len(own) < 400_000
 
 
 def test_hostile_names_are_escaped_everywhere():
     page = render(_content(HOSTILE))
-    assert "<script" not in page
-    assert "script" not in _checked(page).tags
+    checker = _checked(page)
+    assert "<script src" not in page and page.count("<script") == 1  # the numbers
+    assert not any("evil" in link for link in checker.links)
     assert page.count("&lt;script") >= 10
+
+
+def test_numbers_inside_the_page_cannot_end_their_element():
+    page = render(_drawn(HOSTILE))
+    own = re.findall(r'<script type="application/json" id="[a-z-]+">(.*?)</script>', page, re.S)
+    assert len(own) == 2
+    for text in own:
+        assert not set("<>&") & set(text)
+    assert json.loads(own[0])["findings"][0]["title"] == HOSTILE
+    assert json.loads(own[1])[0]["name"] == HOSTILE
+    assert script_json({"a": "\u2028<!--", "b": float("nan")}) == '{"a":"\\u2028\\u003c!--","b":null}'
+
+
+def test_every_number_says_where_in_the_json_it_is():
+    content = _content()
+    page = render(content)
+    data = json.loads(re.search(r'id="mjsim-numbers">(.*?)</script>', page, re.S)[1])
+    assert data == content.to_json()
+    marked = re.findall(r'<span data-json="([^"]+)">([^<]*)</span>', page)
+    assert len(marked) > 30
+    for pointer, shown in marked:
+        value = at(data, pointer)
+        if value is None:
+            assert shown == "–"
+        else:
+            decimals = len(shown.partition(".")[2])
+            assert float(shown.replace("−", "-")) == pytest.approx(value, abs=0.5001 * 10.0**-decimals), pointer
+    assert {p.split("/")[1] for p, _ in marked} >= {"models", "findings", "what_if", "tests", "setups", "bidirectional", "noise_um"}
 
 
 def test_page_is_the_same_every_time():
@@ -140,9 +216,12 @@ def test_page_says_the_numbers():
     for said in (
         "1.08 µm", "0.13 µm", "0.12 µm", "backlash.A", "servo_delay.A", "0.001991", "0.001971 to 0.002012", "10.25", "−3.40", "−12.3",
         "3.02 µm", "8.1", "−0.4", "2026-11-21", "0.1.0", "axis_location.EC0A", "half-differences", "Identified",
+        "0.70 µm gained by the best single repair, backlash.A", "98.7", "1234 / 30",
+        "straightness.EXY , reaches 43 %", "rigid kinematics", "2.10 µm",
     ):  # fmt: skip
         assert said in text, said
-    assert "cone15-ccw 1.11 0.14" in text
+    assert "cone15-ccw 3.22 1.11 0.14" in text
+    assert "cone15-ccw 6.1 4.0" in text
     assert "cone15-ccw 4.0 2.0 −2.0 2.0 1.0 −1.0 4.0 2.0 −2.0" in text
 
 
@@ -159,7 +238,7 @@ def test_figures_there_are_those_that_can_be_drawn():
 
 def test_a_report_before_any_diagnosis_is_a_report():
     page = render(
-        ReportContent(title="t", summary=[], verdict=None, verdict_sentence="Not diagnosed yet.", ladder=[], findings=[], tests=[])
+        ReportContent(title="t", summary=[], verdict=None, verdict_sentence="Not diagnosed yet.", models=[], findings=[], tests=[])
     )
     _checked(page)
     assert "Not diagnosed yet." in page and "<img" not in page and "Evidence" not in page and "Set-up" not in page
@@ -178,9 +257,8 @@ def test_an_unknown_verdict_is_refused():
 
 
 def test_missing_numbers_are_dashes():
-    row = LadderRow("+ x", float("nan"), {})
-    text = _plain(render(_content(ladder=[LadderRow("start", 1.0, {"cone15-ccw": 1.0}), dataclasses.replace(row, rms_um=0.5)])))
-    assert "cone15-ccw 1.00 –" in text
+    content = _content(models=[ModelRow("start", 1.0, [1.0]), ModelRow("+ x", 0.5, [float("nan")])], start=0)
+    assert "cone15-ccw 1.00 –" in _plain(render(content))
 
 
 @pytest.mark.parametrize(
@@ -204,3 +282,96 @@ def test_numbers_have_no_negative_zero_and_no_nan():
     assert numbers.um(None) == numbers.um(float("nan")) == "–"
     assert numbers.percent_removed(2.0, 1.0) == "75.0 %"
     assert numbers.percent_removed(0.0, 1.0) == "–"
+
+
+@pytest.mark.parametrize(
+    ("gain", "others", "said"),
+    [
+        (3000.0, (), "certain: the gain is 100 times"),
+        (90.0, (), "clear: the gain is 3.0"),
+        (35.0, (), "weak"),
+        (3e3, ("a.X",), "a.X as well"),
+    ],
+)
+def test_confidence_hangs_on_the_gain(gain, others, said):
+    assert said in confidence(gain, others)
+
+
+def test_thinned_traces_keep_every_glitch():
+    phi = np.linspace(0.0, 4.0 * np.pi, 30000)
+    signal = np.zeros(30000)
+    signal[[777, 12345, 29000]] = 5.0, -7.0, 9.0
+    index = kept(phi, signal, per_turn=500)
+    assert len(index) < 1100 and index[0] == 0 and index[-1] == 29999
+    assert {777, 12345, 29000} <= set(index.tolist())
+    assert kept(phi[:100], signal[:100]).tolist() == list(range(100))
+
+
+def test_lags_that_differ_are_a_cause_and_can_be_matched(quiet):
+    assert [c.name for c in whatif.causes(quiet, quiet)] == []
+    off = quiet.with_effect(make("servo_gain.C", ratio=0.98)).with_effect(make("servo_delay.X", delay_ms=0.2))
+    found = {c.name: c for c in whatif.causes(off, quiet)}
+    assert set(found) == {"servo_gain.C", "servo_delay.X", "servo lag"}
+    assert found["servo_gain.C"].machine.effect("servo_gain.C") is None
+    axes = whatif.build(found["servo lag"].machine).axes
+    assert np.ptp([whatif.lag(axes[a]) for a in "XYZAC"]) < 1e-6
+    assert np.ptp([whatif.lag(whatif.build(off).axes[a]) for a in "XYZAC"]) > 4e-4
+
+
+def test_friction_that_has_grown_can_go_back(m1):
+    former = m1.effect("friction.Y")
+    grown = m1.with_effect(former.replaced(coulomb_Nm=2.0 * former.values["coulomb_Nm"]))
+    rows = {c.name: c for c in whatif.causes(grown, m1)}
+    assert rows["friction.Y"].remedy.kind == "share"
+    assert rows["friction.Y as in the file"].remedy.repairable
+    assert rows["friction.Y as in the file"].machine.effect("friction.Y").values == former.values
+    assert not any(name.endswith("in the file") for name in {c.name for c in whatif.causes(m1, m1)})
+
+
+# -- trend -------------------------------------------------------------------------------------------------------------------------
+
+
+def test_series_judge_by_their_intervals():
+    series = lambda values, half: trend._series("x", "µm", "figure", values, half)  # noqa: E731
+    grew = series([1.0, 1.2, 2.0], [0.3, 0.3, 0.4])
+    assert (grew.verdict, grew.since, grew.change) == ("grew", 2, 1.0)
+    assert grew.uncertainty == pytest.approx(0.5)
+    assert series([1.0, 1.4], [0.3, 0.4]).verdict == "within uncertainty"
+    assert series([-2.0, -1.0], [0.1, 0.1]).verdict == "shrank"
+    assert series([-1.0, -2.0], [0.1, 0.1]).verdict == "grew"
+    assert series([1.0, 9.0], [None, 0.1]).verdict == "cannot be said"
+    assert series([1.0, None], [0.1, None]).verdict == "cannot be said"
+
+
+def test_trend_page_says_its_numbers_and_escapes_names():
+    row = trend.CampaignRow(HOSTILE, "2026-03-01", 3, 0.12, 1.33, 0.11, "identified", ["backlash.A"])
+    s = trend._series("backlash.A width_deg", "°", "parameter", [0.001, 0.00212], [0.00001, 0.00002], ["", HOSTILE])
+    g = trend._series("G circle", "µm", "figure", [3.0, 3.1], [0.3, 0.3])
+    content = trend.TrendContent("t", [("m", HOSTILE)], [row, row], [g, s], HOSTILE, [("seed", "none")])
+    page = render_trend(content)
+    text = _plain(page)
+    for said in ("0.001000", "0.002120", "0.001120", "0.000022", "grew", "within uncertainty", "1.33", "2026-03-01", "Identified"):
+        assert said in text, said
+    assert "<script src" not in page and not any("evil" in link for link in _checked(page).links)
+    assert render_trend(content) == page
+
+
+def test_trend_figure_refuses_what_it_cannot_draw():
+    with pytest.raises(ValueError, match="at least one"):
+        trend_figure([], ["a"])
+    with pytest.raises(ValueError, match="2 values"):
+        trend_figure([TrendSeries("x", "µm", [1.0], [None], [None])], ["a", "b"])
+
+
+def test_campaigns_of_other_machines_are_refused(m1, m2, cone, tmp_path):
+    test = cone(15, 10, (0, 0, 155))
+    campaign = lambda name: Campaign(name, tmp_path / name, tmp_path / "m.toml", None, (test,), {test.name: None})  # noqa: E731
+    a, b = campaign("a"), campaign("b")
+    check_same_machine([(a, m1), (b, m1)])
+    with pytest.raises(InputError, match=r"b: not of the same machine as .*a: machine 'M1'.*'M2'"):
+        check_same_machine([(a, m1), (b, m2)])
+    other = dataclasses.replace(m1, drives={**m1.drives, "C": m2.drives["C"]})
+    with pytest.raises(InputError, match="worm teeth of C"):
+        check_same_machine([(a, m1), (b, other)])
+    with pytest.raises(InputError, match="no test has a trace"):
+        check_same_machine([(dataclasses.replace(a, traces={}), m1), (b, m1)])

@@ -1,4 +1,4 @@
-"""The report of a diagnosis: its numbers and figures brought into the page's content."""
+"""The report of a diagnosis, or of a comparison alone: its numbers and figures brought into the page's content."""
 
 from __future__ import annotations
 
@@ -6,16 +6,20 @@ import hashlib
 import platform
 from importlib.metadata import version
 
-from mjsim.compare import TestComparison
-from mjsim.diagnose import DiagnosedEffect, Diagnosis
-from mjsim.effects import registry
-from mjsim.ladder import Step
+from mjsim.compare import Comparison, Progress, TestComparison, silent
+from mjsim.diagnose import Diagnosis
+from mjsim.inference.problem import Problem
 from mjsim.machine.files import machine_document
+from mjsim.machine.model import Machine
 from mjsim.measure.iso230 import BidirectionalFigures, CircularFigures
 from mjsim.output import conditions, polar_traces, residual_trace
-from mjsim.report.content import BidirectionalRow, Finding, LadderRow, NotTestable, ParameterRow, ReportContent, SetUpRow, TestSection
+from mjsim.report.content import BidirectionalRow, ModelRow, ReportContent, SetUpRow, TestSection, WhatIf
+from mjsim.report.evidence import findings, next_test_sentence, rest_percent, untestable
+from mjsim.report.models import Model, basis, ladder, prepared
 from mjsim.report.page import render
-from mjsim.units import UM, unit_of
+from mjsim.report.traces import test_traces
+from mjsim.report.whatif import what_if
+from mjsim.units import DEG, UM
 
 _SENTENCE = {
     "identified": "The effects below are missing from the machine's model; no other effect of the catalogue explains the data as well.",
@@ -25,61 +29,116 @@ _SENTENCE = {
 }
 
 
-def build_report(result: Diagnosis, steps: list[Step], date: str = "") -> str:
-    """The HTML page of a diagnosis and its ladder; ``date`` is printed as it is."""
-    return render(content(result, steps, date))
+def build_report(result: Diagnosis, threads: int = 2, progress: Progress = silent, thorough: bool = True) -> str:
+    """The HTML page of a diagnosis; see :func:`diagnosed`."""
+    return render(diagnosed(result, threads, progress, thorough=thorough))
 
 
-def content(result: Diagnosis, steps: list[Step], date: str = "") -> ReportContent:
-    """Everything the page says."""
-    c, m = result.campaign, result.before.machine
+def diagnosed(result: Diagnosis, threads: int = 2, progress: Progress = silent, date: str = "", thorough: bool = True) -> ReportContent:
+    """Everything the page says about a diagnosed campaign.
+
+    Args:
+        date: printed as it is.
+        thorough: simulate every step of the ladder and the three best repairs in the multibody model; otherwise the last effect shares
+            its step with the calibrated data sheet and only the best repair is simulated in full.
+    """
+    problem = prepared(result, threads)
+    models, start = ladder(result, problem, threads, progress, apart=thorough)
+    repairs = what_if(problem, result.machine, result.before.machine, threads, progress, full=3 if thorough else 1)
+    base = _content(models, start, problem, result.machine, repairs, date)
+    rest = rest_percent(result)
+    return ReportContent(
+        **{
+            **base,
+            "title": f"{result.campaign.name}: ball-bar diagnosis",
+            "verdict": result.verdict,
+            "verdict_sentence": _SENTENCE[result.verdict],
+            "findings": findings(result),
+            "unexplained": result.unexplained.summary if result.unexplained else _rest(rest),
+            "not_testable": untestable(result.not_testable, problem),
+            "next_test": next_test_sentence(result.next_test),
+            "diagnosis": result.to_json(),
+        }
+    )
+
+
+def _rest(percent: float | None) -> str:
+    if percent is None:
+        return ""
+    size = "Less than 0.1" if percent < 0.1 else f"{percent:.1f}"
+    return f"{size} % of the squared error above the noise stays; it does not point to a cause."
+
+
+def compared(problem: Problem, given: Comparison, threads: int = 2, progress: Progress = silent, date: str = "") -> ReportContent:
+    """Everything the page says about a campaign that was compared with its machine and not diagnosed."""
+    models = basis(problem, given, threads, progress)
+    repairs = what_if(problem, given.machine, given.machine, threads, progress)
+    base = _content(models, len(models) - 1, problem, given.machine, repairs, date)
+    return ReportContent(
+        **base,
+        title=f"{given.campaign.name}: ball-bar comparison",
+        verdict=None,
+        verdict_sentence="Compared with the machine as given; not diagnosed.",
+        findings=[],
+    )
+
+
+def _content(models: list[Model], start: int, problem: Problem, final: Machine, repairs: WhatIf | None, date: str) -> dict:
+    before, after = models[start].comparison, models[-1].comparison
+    c, m = before.campaign, before.machine
+    text = machine_document(final, m.path) if m.path else repr(final)
     setups = [
         SetUpRow(
             name,
-            [float(x / UM) for x in v[:3]],
-            [float(x / UM) for x in v[3:]],
-            [t.test.name for t in result.after.tests if t.test.setup == name],
+            [round(float(x / UM), 2) for x in v[:3]],
+            [round(float(x / UM), 2) for x in v[3:]],
+            [t.test.name for t in after.tests if t.test.setup == name],
         )
-        for name, v in result.after.setups.items()
+        for name, v in after.setups.items()
     ]
-    text = machine_document(result.machine, m.path) if m.path else repr(result.machine)
-    return ReportContent(
-        title=f"{c.name}: ball-bar diagnosis",
-        summary=[
+    return {
+        "summary": [
             ("Machine", f"{m.name}, configuration {m.configuration}"),
-            ("Campaign", f"{len(result.before.tests)} measured tests in {len(setups)} set-ups"),
+            ("Campaign", f"{c.name}: {len(before.tests)} measured tests in {len(setups)} set-ups"),
             (
                 "Instrument",
                 f"ball bar, resolution {c.instrument.resolution / UM:g} µm, range ±{c.instrument.range * 1e3:g} mm, "
                 f"{c.instrument.rate:g} Hz",
             ),
-            ("Effects in the model as given", ", ".join(e.id for e in m.effects) or "none"),
+            ("Effects in the model as given", ", ".join(e.key for e in m.effects) or "none"),
         ],
-        verdict=result.verdict,
-        verdict_sentence=_SENTENCE[result.verdict],
-        ladder=[LadderRow(s.label, s.rms_um, s.tests) for s in steps],
-        findings=[_finding(e) for e in result.effects],
-        tests=[_section(b, a, result) for b, a in zip(result.before.tests, result.after.tests, strict=True)],
-        noise_um=result.noise / UM,
-        noise_source=result.before.noise_source,
-        setups=setups,
-        length_offset_um=result.after.length / UM,
-        bidirectional=[
+        "models": [
+            ModelRow(x.label, _um(x.comparison.rms), [_um(t.rms) for t in x.comparison.tests], x.what, x.how) for x in models
+        ],
+        "start": start,
+        "tests": [_section(b, a, before.noise, changed=before is not after) for b, a in zip(before.tests, after.tests, strict=True)],
+        "noise_um": _um(before.noise),
+        "noise_source": before.noise_source,
+        "setups": setups,
+        "length_offset_um": round(after.length / UM, 2),
+        "bidirectional": [
             BidirectionalRow((b["ccw"], b["cw"]), _both(b["measured"]), _both(b["simulated"]), _both(a["simulated"]))
-            for b, a in zip(result.before.bidirectional, result.after.bidirectional, strict=True)
+            for b, a in zip(before.bidirectional, after.bidirectional, strict=True)
         ],
-        unexplained=result.unexplained.summary if result.unexplained else "",
-        not_testable=[NotTestable(i, registry.effect_class(i)[0].title) for i in result.not_testable],
-        provenance=[
+        "what_if": repairs,
+        "provenance": [
             ("mjsim", version("mjsim")),
             ("MuJoCo", version("mujoco")),
             ("numpy", version("numpy")),
             ("Python", platform.python_version()),
-            ("random numbers", "none are drawn"),
-            ("fitted machine, SHA-256", hashlib.sha256(text.encode()).hexdigest()),
+            ("plotly (inside this page)", version("plotly")),
+            ("seed", "none: no random numbers are drawn"),
+            ("final machine, SHA-256", hashlib.sha256(text.encode()).hexdigest()),
         ],
-        date=date,
-    )
+        "date": date,
+        "traces": [
+            test_traces([x.comparison.tests[k] for x in models], start, before.noise) for k in range(len(before.tests))
+        ],
+    }  # fmt: skip
+
+
+def _um(x: float) -> float:
+    return round(float(x / UM), 4)
 
 
 def _both(figures: dict) -> BidirectionalFigures:
@@ -90,43 +149,21 @@ def _circular(figures: dict | None) -> CircularFigures | None:
     return CircularFigures(**{k: tuple(v) if isinstance(v, list) else v for k, v in figures.items()}) if figures else None
 
 
-def _finding(e: DiagnosedEffect) -> Finding:
-    rows = []
-    for name in e.free:
-        value, ci = e.effect.values[name], e.ci95.get(name)
-        if name == "components":
-            unit = "°" if e.effect.subject in ("A", "C") else "µm"
-            for i, (order, amplitude, phase) in enumerate(value):
-                rows.append(ParameterRow(f"order {order:g}, amplitude", amplitude, ci[0][i][1], ci[1][i][1], unit))
-                rows.append(ParameterRow(f"order {order:g}, phase", phase, ci[0][i][2], ci[1][i][2], "°"))
-        else:
-            rows.append(ParameterRow(name, value, ci[0] if ci else None, ci[1] if ci else None, unit_of(name)[1]))
-    where = "" if e.tests else "Shows in no single test above a quarter of the noise."
-    return Finding(
-        e.effect.id,
-        e.effect.title,
-        rows,
-        e.rms_before / UM,
-        e.rms_after / UM,
-        e.alternatives,
-        f"{e.effect.signature} {where}".strip(),
-        e.tests,
-    )
-
-
-def _section(before: TestComparison, after: TestComparison, result: Diagnosis) -> TestSection:
-    changed = bool(result.effects)
+def _section(before: TestComparison, after: TestComparison, noise: float, changed: bool) -> TestSection:
+    angle = after.worst_phi / DEG + (0.0 if after.test.kind == "rotary" else 180.0)
     return TestSection(
         name=before.test.name,
         conditions=conditions(before.test),
         before=polar_traces(before),
         after=polar_traces(after) if changed else (),
-        residual=residual_trace(after, result.noise),
-        rms_before_um=before.rms / UM,
-        rms_after_um=after.rms / UM if changed else None,
+        residual=residual_trace(after, noise),
+        rms_before_um=_um(before.rms),
+        rms_after_um=_um(after.rms) if changed else None,
         measured=_circular(before.iso.get("measured")),
         simulated_before=_circular(before.iso.get("simulated")),
         simulated_after=_circular(after.iso.get("simulated")) if changed else None,
-        trigger_ms=after.trigger * 1e3,
+        trigger_ms=round(after.trigger * 1e3, 2),
         setup=before.test.setup,
+        left_out=int((~before.valid).sum()),
+        worst=f"{angle % 360.0:.0f}°, {after.worst_event}",
     )

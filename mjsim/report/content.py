@@ -1,4 +1,4 @@
-"""What a report says, as plain data. :func:`mjsim.report.page.render` turns it into a page.
+"""What a report says, as plain data. :func:`mjsim.report.page.render` turns it into a page, :meth:`ReportContent.to_json` into JSON.
 
 Everything optional may be missing, and its place on the page then is too: a report before the diagnosis is a valid report.
 Lengths of errors are in µm, as the names say; other values carry their unit beside them.
@@ -6,30 +6,33 @@ Lengths of errors are in µm, as the names say; other values carry their unit be
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Literal
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any, Literal
 
 from mjsim.measure.iso230 import BidirectionalFigures, CircularFigures
 from mjsim.plots.polar import PolarTrace
 from mjsim.plots.residual import ResidualTrace
 
+#: Marks a field that only figures are made of: it is no part of the JSON.
+_DRAWN = {"drawn": True}
 Verdict = Literal["identified", "ambiguous", "unknown", "nothing_found"]
 
 
 @dataclass(frozen=True)
-class LadderRow:
-    """One model that was tried, in the order of trying.
+class ModelRow:
+    """One model of the ladder.
 
     Attributes:
-        label: what the step did, such as ``+ backlash.A``.
-        rms_um: RMS residual over all tests [µm].
-        rms_by_test_um: test -> RMS residual [µm]; a test may be missing.
+        label: such as ``+ backlash.A``. what: what it holds, in one sentence. how: ``kinematics`` or ``full simulation``.
+        rms_um: RMS residual over all tests [µm]. tests_um: of each test, in the report's order [µm].
     """
 
     label: str
     rms_um: float
-    rms_by_test_um: Mapping[str, float] = field(default_factory=dict)
+    tests_um: Sequence[float] = ()
+    what: str = ""
+    how: str = "full simulation"
 
 
 @dataclass(frozen=True)
@@ -38,9 +41,7 @@ class ParameterRow:
 
     Attributes:
         name: as in the machine file, such as ``width_deg``; for one entry of a list, such as ``order 60, amplitude``.
-        value: estimate.
-        low, high: ends of the 95 % interval; None when there is none.
-        unit: symbol, empty for ratios and orders.
+        value: estimate. low, high: ends of the 95 % interval; None when there is none. unit: symbol, empty for ratios and orders.
     """
 
     name: str
@@ -51,17 +52,26 @@ class ParameterRow:
 
 
 @dataclass(frozen=True)
+class Rejected:
+    """An effect that was tried in the place of one that was found. ``reaches_percent``: share of its gain that this one reaches."""
+
+    effect_id: str
+    reaches_percent: float
+
+
+@dataclass(frozen=True)
 class Finding:
     """One effect that was found missing, and the evidence.
 
     Attributes:
-        effect_id: such as ``backlash.A``.
-        title: the effect in words.
+        effect_id: such as ``backlash.A``. title: the effect in words.
         parameters: what was fitted.
-        rms_before_um, rms_after_um: RMS residual over all tests without and with it [µm].
+        rms_before_um, rms_after_um: RMS residual over all tests without and with it [µm], along the ladder.
         alternatives: ids that these data cannot tell from this one.
-        sentence: the evidence in one sentence: where in which tests it shows.
-        tests: names of the tests that show it.
+        sentence: how it shows. tests: names of the tests that show it.
+        share_percent: its share of the squared error above the noise that the machine as given leaves.
+        gain: fall of the squared residuals in units of the noise; threshold: gain that chance alone hardly reaches.
+        confidence: what these numbers mean, in words. rejected: the rival that came nearest.
     """
 
     effect_id: str
@@ -72,18 +82,54 @@ class Finding:
     alternatives: Sequence[str] = ()
     sentence: str = ""
     tests: Sequence[str] = ()
+    share_percent: float | None = None
+    gain: float | None = None
+    threshold: float | None = None
+    confidence: str = ""
+    rejected: Rejected | None = None
+
+
+@dataclass(frozen=True)
+class RepairRow:
+    """What the machine would do without one cause.
+
+    Attributes:
+        cause: effect id, or what else would be changed. title: in words. term: what ball-bar software calls it.
+        kind: ``adjust``, ``compensate``, ``maintain`` (these can be repaired) or ``share`` (it can only be told how much it makes).
+        remedy: how it is repaired. how: ``full simulation`` or ``drives alone``.
+        rms_um: RMS of the machine's deviation without it [µm]. gain_um, gain_percent: how much that is less.
+        tests_um: circular error G (arcs: peak to valley) of each test without it [µm]; empty for ``drives alone``.
+    """
+
+    cause: str
+    title: str
+    term: str
+    kind: str
+    remedy: str
+    how: str
+    rms_um: float
+    gain_um: float
+    gain_percent: float
+    tests_um: Sequence[float] = ()
+
+
+@dataclass(frozen=True)
+class WhatIf:
+    """Repairs of the final model, the best first.
+
+    Attributes:
+        rms_um: RMS over all tests of the final model's deviation about the least-squares circle (arcs: about the mean) [µm].
+        tests_um: circular error G (arcs: peak to valley) of each test [µm]. rows: one per cause, and all repairs together.
+    """
+
+    rms_um: float
+    tests_um: Sequence[float]
+    rows: Sequence[RepairRow] = ()
 
 
 @dataclass(frozen=True)
 class SetUpRow:
-    """Nuisance estimates of one set-up: never a machine effect.
-
-    Attributes:
-        setup: its name in the campaign.
-        table_ball_um: (3,) offset of the table ball in the work frame, x y z [µm].
-        spindle_ball_um: (3,) offset of the spindle ball, x y z [µm].
-        tests: names of the tests measured in it.
-    """
+    """Nuisance estimates of one set-up, never a machine effect: offsets of both balls, (3,) each [µm]; tests measured in it."""
 
     setup: str
     table_ball_um: Sequence[float]
@@ -96,23 +142,22 @@ class TestSection:
     """One test.
 
     Attributes:
-        name: as in the campaign.
-        conditions: one line, such as ``cone frustum, θ = 15°, β = 10°, CCW, 1000 mm/min``.
+        name: as in the campaign. conditions: one line, such as ``cone frustum, θ = 15°, β = 10°, CCW, 1000 mm/min``.
         before, after: traces of the polar plots with the model before and after; ``after`` empty when nothing was added.
         residual: residual with the last model; None leaves the plot out.
         rms_before_um, rms_after_um: RMS residual [µm].
         measured, simulated_before, simulated_after: ISO 230-4 figures; None where they do not apply (partial arcs).
-        trigger_ms: estimated trigger shift [ms].
-        setup: name of its set-up.
+        trigger_ms: estimated trigger shift [ms]. setup: name of its set-up. left_out: samples that were not judged.
+        worst: where the last model fails most.
     """
 
     __test__ = False  # not a test case, whatever pytest thinks of the name
 
     name: str
     conditions: str
-    before: Sequence[PolarTrace]
-    after: Sequence[PolarTrace] = ()
-    residual: ResidualTrace | None = None
+    before: Sequence[PolarTrace] = field(default=(), metadata=_DRAWN)
+    after: Sequence[PolarTrace] = field(default=(), metadata=_DRAWN)
+    residual: ResidualTrace | None = field(default=None, metadata=_DRAWN)
     rms_before_um: float | None = None
     rms_after_um: float | None = None
     measured: CircularFigures | None = None
@@ -120,16 +165,13 @@ class TestSection:
     simulated_after: CircularFigures | None = None
     trigger_ms: float | None = None
     setup: str | None = None
+    left_out: int = 0
+    worst: str = ""
 
 
 @dataclass(frozen=True)
 class BidirectionalRow:
-    """G(b) and D of one path that was run in both directions.
-
-    Attributes:
-        tests: names of the counter-clockwise and the clockwise test.
-        measured, simulated_before, simulated_after: the figures; None where there is no such model.
-    """
+    """G(b) and D of one path that was run in both directions: names of the CCW and the CW test, figures of each model or None."""
 
     tests: tuple[str, str]
     measured: BidirectionalFigures
@@ -152,30 +194,29 @@ class ReportContent:
     Attributes:
         title: heading of the page.
         summary: (name, text) pairs on machine and campaign: configuration, number of tests, instrument and so on.
-        verdict: as in the output of ``mjsim diagnose``; None before a diagnosis.
-        verdict_sentence: the result in one or two sentences.
-        ladder: models tried, in order.
+        verdict: as in the output of ``mjsim diagnose``; None before a diagnosis. verdict_sentence: the result in a sentence or two.
+        models: the ladder, from rigid kinematics to the final model. start: index of the machine as given.
         findings: missing effects in the order of their contribution.
         tests: one section each.
-        noise_um: noise floor, the RMS that a perfect model leaves [µm].
-        noise_source: where that number comes from, in one sentence.
-        setups: nuisance estimates per set-up.
-        length_offset_um: estimated error of the bar's length [µm].
+        noise_um: noise floor, the RMS that a perfect model leaves [µm]. noise_source: where that number comes from.
+        setups: nuisance estimates per set-up. length_offset_um: estimated error of the bar's length [µm].
         bidirectional: figures of paths run in both directions.
         unexplained: what is left that repeats and no catalogue effect explains, in one sentence.
-        not_testable: effects this campaign cannot show.
-        next_test: which test to run next and what it would tell apart, in one sentence.
-        provenance: (name, text) pairs: versions, seed, model hash.
-        date: as it is to be printed; given by the caller, so that the page is reproducible.
+        not_testable: effects this campaign cannot show. next_test: which test to run next and what it would tell apart.
+        what_if: repairs and what each would gain.
+        diagnosis: the JSON of ``mjsim diagnose``; None without one.
+        provenance: (name, text) pairs: versions, seed, model hash. date: as it is to be printed; given by the caller.
+        traces: what the interactive plots are made of (:mod:`mjsim.report.traces`); None leaves them out.
     """
 
     title: str
     summary: Sequence[tuple[str, str]]
     verdict: Verdict | None
     verdict_sentence: str
-    ladder: Sequence[LadderRow]
+    models: Sequence[ModelRow]
     findings: Sequence[Finding]
     tests: Sequence[TestSection]
+    start: int = 0
     noise_um: float | None = None
     noise_source: str = ""
     setups: Sequence[SetUpRow] = ()
@@ -184,5 +225,23 @@ class ReportContent:
     unexplained: str = ""
     not_testable: Sequence[NotTestable] = ()
     next_test: str = ""
+    what_if: WhatIf | None = None
+    diagnosis: dict | None = None
     provenance: Sequence[tuple[str, str]] = ()
     date: str = ""
+    traces: list[dict] | None = field(default=None, metadata=_DRAWN)
+
+    def to_json(self) -> dict:
+        """Every number and text of the page: what ``mjsim report --json`` prints and what the page carries with it."""
+        return plain(self)
+
+
+def plain(value: Any) -> Any:
+    """Dataclasses, tuples and numpy numbers as what JSON has; drawn fields are left out."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {f.name: plain(getattr(value, f.name)) for f in fields(value) if not f.metadata.get("drawn")}
+    if isinstance(value, dict):
+        return {k: plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    return value.item() if hasattr(value, "item") else value

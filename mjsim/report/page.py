@@ -1,18 +1,26 @@
-"""One self-contained HTML page from a report's content: images inside, styles inside, no script, nothing loaded from anywhere."""
+"""One self-contained HTML page from a report's content: numbers, images, styles and scripts inside, nothing loaded from anywhere.
+
+What is printed, and what shows without script, are matplotlib's figures; on a screen interactive plots take their place. Every
+number comes from the JSON that the page carries, and says by a JSON pointer (``data-json``) which one it is.
+"""
 
 from __future__ import annotations
 
 import base64
+import io
+import json
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
-from mjsim.plots import ladder, overview, polar, residual
+from mjsim.plots import ladder, overview, polar, residual, trend
 from mjsim.plots.save import encode
 from mjsim.report import numbers
-from mjsim.report.content import ReportContent, TestSection
+from mjsim.report.content import ParameterRow, ReportContent, TestSection
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from mjsim.report.trend import Series, TrendContent
 
 VERDICTS = {
     "identified": "Identified",
@@ -20,6 +28,21 @@ VERDICTS = {
     "unknown": "Unknown cause",
     "nothing_found": "Nothing missing",
 }
+_GROUPS = (
+    (
+        "figure",
+        "Circular errors after ISO 230-4",
+        "Measured, of full circles that all campaigns share under the same conditions, with the 95 % interval that follows from the noise.",
+    ),
+    (
+        "parameter",
+        "Effects over time",
+        "Parameters of the effects that were found, with 95 % intervals; an effect that was not found counts as zero.",
+    ),
+)
+#: Colours of a printed figure: a few hues and their mixtures with white.
+_COLOURS = 96
+KINDS = {"adjust": "adjust", "compensate": "compensate", "maintain": "maintain", "share": "share only"}
 
 
 def render(content: ReportContent) -> str:
@@ -30,44 +53,159 @@ def render(content: ReportContent) -> str:
     Raises:
         ValueError: an unknown verdict, or traces that cannot be drawn (see :mod:`mjsim.plots`).
     """
-    import jinja2
-
     if content.verdict is not None and content.verdict not in VERDICTS:
         raise ValueError(f"verdict must be one of {', '.join(VERDICTS)}, not '{content.verdict}'")
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters.update(
-        um=numbers.um, fixed=numbers.fixed, estimate=numbers.estimate, interval=numbers.interval, letters=_letters
-    )  # fmt: skip
-    template = environment.from_string(resources.files("mjsim.report").joinpath("template.html").read_text(encoding="utf-8"))
-    return template.render(
-        c=content,
+    return page(
+        "report.html",
+        content.to_json(),
+        content.traces,
+        ("common.js", "report.js"),
+        last=len(content.models) - 1,
         verdict=VERDICTS.get(content.verdict or ""),
         removed=_removed(content),
+        best_repair=_best_repair(content),
+        full_rows=[i for i, r in enumerate(content.what_if.rows) if r.tests_um] if content.what_if else [],
+        kinds=KINDS,
         ladder_image=_ladder_image(content),
         overview_image=_overview_image(content),
         sections=[_section(test) for test in content.tests],
-        ladder_tests=_ladder_tests(content),
-        iso_rows=[test for test in content.tests if test.measured is not None],
-        triggers=[test for test in content.tests if test.trigger_ms is not None],
+        iso_rows=any(test.measured is not None for test in content.tests),
+        triggers=any(test.trigger_ms is not None for test in content.tests),
     )
 
 
-def data_uri(figure: Figure, kind: str = "svg") -> str:
-    """The figure as the value of an ``img`` element's ``src``."""
+def render_trend(content: TrendContent) -> str:
+    """The trend page as HTML text; as :func:`render`."""
+    labels = [row.date or str(i + 1) for i, row in enumerate(content.campaigns)]
+    images = {}
+    for group, _, _ in _GROUPS:
+        rows = [
+            trend.TrendSeries(s.name, s.unit, s.values, s.lows, s.highs, s.verdict in ("grew", "shrank"))
+            for s in content.series
+            if s.group == group
+        ]
+        images[group] = data_uri(trend.trend_figure(rows, labels)) if rows else None
+    return page(
+        "trend.html",
+        content.to_json(),
+        [],
+        ("common.js", "trend.js"),
+        groups=_GROUPS,
+        images=images,
+        verdicts=VERDICTS,
+        dates=all(row.date for row in content.campaigns),
+        decimals=[_decimals(s) for s in content.series],
+    )
+
+
+def _decimals(s: Series) -> int:
+    """Decimals that show the change's uncertainty, or the largest value where it has none."""
+    size = s.uncertainty or 0.01 * max((abs(v) for v in s.values if v is not None), default=0.0)
+    return numbers.decimals_of(ParameterRow("", 0.0, -size, size)) if size else 0
+
+
+def page(template: str, data: dict, traces: Any, scripts: tuple[str, ...], **more: Any) -> str:
+    """A page of the report family.
+
+    Args:
+        template: file in ``assets``. data: the page's JSON; in the template ``c`` is the same. traces: data of the interactive plots;
+            None leaves plots and scripts out. scripts: files in ``assets`` that run after plotly. more: further names for the template.
+    """
+    import jinja2
+    from markupsafe import Markup
+
+    environment = jinja2.Environment(
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        loader=jinja2.FunctionLoader(asset),
+    )
+    environment.filters.update(um=numbers.um, interval=lambda p: numbers.interval(ParameterRow(**p)))
+
+    def number(pointer: str, decimals: int = 2) -> str:
+        value = at(data, pointer)
+        return Markup('<span data-json="{}">{}</span>').format(pointer, numbers.fixed(value, decimals))
+
+    def estimated(pointer: str) -> str:
+        row = ParameterRow(**at(data, pointer))
+        return Markup('<span data-json="{}">{}</span>').format(pointer + "/value", numbers.estimate(row))
+
+    return environment.get_template(template).render(
+        c=data,
+        n=number,
+        estimated=estimated,
+        css=Markup(asset("style.css")),
+        data=Markup(script_json(data)),
+        traces=None if traces is None else Markup(script_json(traces)),
+        scripts=() if traces is None else tuple(Markup(text) for text in (_plotly(), *map(asset, scripts))),
+        **more,
+    )
+
+
+def asset(name: str) -> str:
+    """Text of a file that belongs to the pages."""
+    return resources.files("mjsim.report").joinpath("assets", name).read_text(encoding="utf-8")
+
+
+def at(data: Any, pointer: str) -> Any:
+    """What a JSON pointer (``/models/0/rms_um``) points to; None where nothing is."""
+    for key in pointer.split("/")[1:]:
+        if isinstance(data, list):
+            data = data[int(key)] if int(key) < len(data) else None
+        else:
+            data = data.get(key) if isinstance(data, dict) else None
+    return data
+
+
+def script_json(data: Any) -> str:
+    """JSON that is safe inside a ``script`` element: no text can end the element or begin a comment. Not-a-numbers become null."""
+    text = json.dumps(finite(data), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    for character in "<>&\u2028\u2029":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return text
+
+
+def finite(value: Any) -> Any:
+    """The same data with ``None`` for numbers that JSON does not have."""
+    if isinstance(value, dict):
+        return {k: finite(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(v) for v in value]
+    return None if isinstance(value, float) and value - value != 0.0 else value
+
+
+def data_uri(figure: Figure, kind: str = "png") -> str:
+    """The figure as the value of an ``img`` element's ``src``; PNG with a palette, which no line drawing needs more than."""
+    from PIL import Image
+
+    data = encode(figure, kind)
+    if kind == "png":
+        image = Image.open(io.BytesIO(data)).convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE)
+        buffer = io.BytesIO()
+        image.save(buffer, "PNG", optimize=True)
+        data = buffer.getvalue()
     media = "image/svg+xml" if kind == "svg" else "image/png"
-    return f"data:{media};base64,{base64.b64encode(encode(figure, kind)).decode('ascii')}"
+    return f"data:{media};base64,{base64.b64encode(data).decode('ascii')}"
+
+
+def _plotly() -> str:
+    """Plotly's script, as the package brings it."""
+    from plotly.offline import get_plotlyjs
+
+    return get_plotlyjs()
 
 
 def _ladder_image(content: ReportContent) -> str | None:
-    if not content.ladder:
+    if not content.models:
         return None
-    steps = [ladder.LadderStep(row.label, row.rms_um) for row in content.ladder]
-    return data_uri(ladder.ladder_figure(steps, content.noise_um))
+    steps = [ladder.LadderStep(row.label, row.rms_um) for row in content.models]
+    return data_uri(ladder.ladder_figure(steps, content.noise_um), "svg")
 
 
 def _overview_image(content: ReportContent) -> str | None:
     tests = [(test.name, test.after or test.before) for test in content.tests if test.before or test.after]
-    return data_uri(overview.overview_figure(tests), "png") if len(tests) > 1 else None
+    return data_uri(overview.overview_figure(tests)) if len(tests) > 1 else None
 
 
 def _section(test: TestSection) -> dict[str, Any]:
@@ -76,29 +214,23 @@ def _section(test: TestSection) -> dict[str, Any]:
     step = polar.division_um(together) if together else None
     return {
         "test": test,
-        "before": data_uri(polar.polar_figure(test.before, "before", None, step, 4.2)) if test.before else None,
-        "after": data_uri(polar.polar_figure(test.after, "after", None, step, 4.2)) if test.after else None,
+        "before": data_uri(polar.polar_figure(test.before, "as given", None, step, 4.2)) if test.before else None,
+        "after": data_uri(polar.polar_figure(test.after, "final model", None, step, 4.2)) if test.after else None,
         "residual": data_uri(residual.residual_figure([test.residual])) if test.residual else None,
     }
 
 
-def _ladder_tests(content: ReportContent) -> list[str]:
-    """Tests of the ladder's table: in the order of the report, then those that only the ladder knows."""
-    known = [test.name for test in content.tests]
-    extra = [name for row in content.ladder for name in row.rms_by_test_um if name not in known]
-    return [name for name in dict.fromkeys([*known, *extra]) if any(name in row.rms_by_test_um for row in content.ladder)]
+def _best_repair(content: ReportContent) -> int | None:
+    """Place of the single repair that gains most, if one gains anything."""
+    rows = content.what_if.rows if content.what_if else ()
+    return next((i for i, r in enumerate(rows) if r.kind != "share" and r.remedy and r.gain_um > 0.0), None)
 
 
 def _removed(content: ReportContent) -> str | None:
-    """Share of the error beyond the noise that the last model removed."""
-    if len(content.ladder) < 2:
+    """Share of the error beyond the noise that the last model removed from that of the machine as given."""
+    if len(content.models) < content.start + 2:
         return None
     noise = content.noise_um or 0.0
-    before, after = (max(row.rms_um**2 - noise**2, 0.0) ** 0.5 for row in (content.ladder[0], content.ladder[-1]))
+    before, after = (max(content.models[i].rms_um ** 2 - noise**2, 0.0) ** 0.5 for i in (content.start, -1))
     share = numbers.percent_removed(before, after)
-    return None if share == numbers.NONE else share
-
-
-def _letters(index: int) -> str:
-    """1 → S1: short heading of a table column whose full text stands in a note."""
-    return f"S{index}"
+    return None if share == numbers.NONE else "> 99.9 %" if share == "100.0 %" else share

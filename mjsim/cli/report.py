@@ -1,0 +1,52 @@
+"""``mjsim report``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mjsim.cli import common
+
+
+@click.command("report")
+@click.argument("campaigns", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="CAMPAIGN...")
+@click.option(
+    "-o",
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    default=Path("report.html"),
+    show_default=True,
+    help="The page to write.",
+)
+@common.machine_option
+@click.option("--max-effects", type=click.IntRange(1, 20), default=5, show_default=True, help="Look for at most so many effects.")
+@click.option("--no-diagnose", is_flag=True, help="Compare only; look for no missing effects.")
+@click.option("--force", is_flag=True, help="Replace the page.")
+@common.threads_option
+@common.options
+def command(campaigns, out, machine, max_effects, no_diagnose, force, threads, as_json, quiet) -> None:
+    """Write what CAMPAIGN shows as one HTML page that works offline and prints well.
+
+    The campaign is compared and diagnosed. Several campaigns of one machine become a trend: which figure, which
+    effect has changed beyond its uncertainty.
+
+    \b
+    Example: mjsim report examples/hidden-backlash -o report.html
+    """
+    from mjsim.campaign.files import read_campaign
+    from mjsim.files import check_writable, write_whole
+    from mjsim.report.write import check_same_machine, report
+    from mjsim.workflow import machine_of
+
+    read = [read_campaign(c) for c in campaigns]
+    machines = [machine_of(c, machine) for c in read]
+    check_same_machine(list(zip(read, machines, strict=True)))
+    check_writable(out, force)
+    with common.progress_bar(quiet) as progress:
+        result = report(read, machines, max_effects, not no_diagnose, common.cores(threads), progress)
+    write_whole(out, result.html, force=force)
+    if as_json:
+        common.print_json(result.data)
+        return
+    common.say(f"{result.data['title']}: {out} ({len(result.html.encode()) / 1e6:.1f} MB)", quiet)

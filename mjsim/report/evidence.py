@@ -1,0 +1,119 @@
+"""The evidence for what a diagnosis found: parameters, shares, confidence in words that hang on numbers, rivals, what cannot be tested."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mjsim.diagnose import DiagnosedEffect, Diagnosis
+from mjsim.effects import registry
+from mjsim.inference.criteria import THRESHOLD
+from mjsim.inference.problem import Problem
+from mjsim.kinematics import AXES, ROTARY
+from mjsim.report.content import Finding, NotTestable, ParameterRow, Rejected
+from mjsim.units import UM, unit_of
+
+#: Gain, in thresholds, from which a finding is called certain, and from which clear.
+CERTAIN, CLEAR = 10.0, 2.0
+#: Sensitivity (m/m, m/rad) below which the bar does not see an axis.
+_SEEN = (0.02, 1e-3)
+
+
+def findings(result: Diagnosis) -> list[Finding]:
+    """One entry per effect, in the diagnosis' order."""
+    data = result.to_json()["effects"]
+    explainable = result.before.rms**2 - result.noise**2
+    return [_finding(e, row, explainable) for e, row in zip(result.effects, data, strict=True)]
+
+
+def _finding(e: DiagnosedEffect, data: dict, explainable: float) -> Finding:
+    share = 100.0 * (e.rms_before**2 - e.rms_after**2) / explainable if explainable > 0.0 else None
+    rejected = None
+    if e.rejected and e.gain > 0.0:
+        name, loss = min(e.rejected.items(), key=lambda r: r[1])
+        rejected = Rejected(name, round(max(0.0, 100.0 * (1.0 - loss / e.gain)), 1))
+    return Finding(
+        e.effect.key,
+        e.effect.title,
+        parameter_rows(e),
+        data["rms_before_um"],
+        data["rms_after_um"],
+        e.alternatives,
+        f"{e.effect.signature} {'' if e.tests else 'Shows in no single test above a quarter of the noise.'}".strip(),
+        e.tests,
+        None if share is None else round(share, 1),
+        float(f"{e.gain:.6g}"),
+        THRESHOLD,
+        confidence(e.gain, e.alternatives),
+        rejected,
+    )
+
+
+def parameter_rows(e: DiagnosedEffect) -> list[ParameterRow]:
+    """The fitted parameters of an effect with their 95 % intervals, components one by one."""
+    rows = []
+    for name in e.free:
+        value, ci = e.effect.values[name], e.ci95.get(name)
+        if name == "components":
+            unit = "°" if e.effect.subject in ROTARY else "µm"
+            for i, (order, amplitude, phase) in enumerate(value):
+                rows.append(ParameterRow(f"order {order:g}, amplitude", amplitude, *_ends(ci, i, 1), unit))
+                rows.append(ParameterRow(f"order {order:g}, phase", phase, *_ends(ci, i, 2), "°"))
+        else:
+            low, high = ci or (None, None)
+            rows.append(ParameterRow(name, value, low, high, unit_of(name)[1]))
+    return rows
+
+
+def _ends(ci, i: int, column: int) -> tuple[float | None, float | None]:
+    return (ci[0][i][column], ci[1][i][column]) if ci else (None, None)
+
+
+def confidence(gain: float, alternatives: tuple[str, ...]) -> str:
+    """What a gain means, in words.
+
+    Chance alone passes the threshold about once in a thousand campaigns (``scripts/null_bank.py``).
+    """
+    ratio = gain / THRESHOLD
+    how = "certain" if ratio >= CERTAIN else "clear" if ratio >= CLEAR else "weak"
+    size = f"{ratio:,.0f}".replace(",", "\u202f") if ratio >= 10.0 else f"{ratio:.1f}"
+    text = f"That something is missing is {how}: the gain is {size} times what chance alone reaches once in a thousand campaigns."
+    if alternatives:
+        return f"{text} What it is stays open: these data fit {' and '.join(alternatives)} as well."
+    return text
+
+
+def untestable(ids: tuple[str, ...], problem: Problem) -> list[NotTestable]:
+    """Effects that the campaign cannot show, each with its title and the reason."""
+    moves = {a: any(np.ptp(m.commands[:, i]) > 0.0 for m in problem.motions) for i, a in enumerate(AXES)}
+    seen = {a: any(np.abs(s.axes[:, i]).max() > _SEEN[a in ROTARY] for s in problem.sensitivity) for i, a in enumerate(AXES)}
+    out = []
+    for effect_id in ids:
+        cls, subject = registry.effect_class(effect_id)
+        if subject in AXES and not moves[subject]:
+            why = f"{subject} moves in no test"
+        elif subject in AXES and not seen[subject]:
+            why = f"the bar stands across {subject} in every test"
+        elif cls.quasi_static:
+            why = "the free ball offsets, bar length and triggers take up what it does here"
+        else:
+            why = "at these feeds it changes the reading less than the noise, or no more than the data sheet's tolerances do"
+        out.append(NotTestable(effect_id, f"{cls.title}: {why}."))
+    return out
+
+
+def next_test_sentence(following: dict | None) -> str:
+    """The diagnosis' ``next_test`` in one sentence; empty where there is none."""
+    if following is None:
+        return ""
+    a, b = following["between"]
+    decides = "" if following["decides"] else ", which is not enough to decide"
+    return (
+        f"To tell {a} from {b}: {following['test']['name']}, {following['minutes']:g} min on the machine with mounting. Expected "
+        f"difference {following['difference_um']:.2f} µm RMS{decides}. mjsim plan prints it as a table for campaign.toml."
+    )
+
+
+def rest_percent(result: Diagnosis) -> float | None:
+    """Share of the squared error above the noise that stays, in per cent; None where there was none."""
+    explainable = result.before.rms**2 - result.noise**2
+    return 100.0 * max(result.after.rms**2 - result.noise**2, 0.0) / explainable if explainable > (0.02 * UM) ** 2 else None

@@ -1,0 +1,120 @@
+"""The ladder of models: rigid kinematics, the drives, the machine as given, each effect found, the calibrated data sheet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mjsim.campaign.model import Test
+from mjsim.compare import Comparison, Progress, overlay, silent
+from mjsim.diagnose import Diagnosis
+from mjsim.engine.plant import build
+from mjsim.engine.simulate import Simulation, simulate
+from mjsim.inference.fit import with_effects
+from mjsim.inference.nuisance import fit_nuisance
+from mjsim.inference.problem import Problem
+from mjsim.inference.vibration import phased
+from mjsim.kinematics import reading
+from mjsim.machine.model import Machine
+from mjsim.motion import time_grid
+from mjsim.nc.program import Program
+
+KINEMATICS, SIMULATION = "kinematics", "full simulation"
+
+
+@dataclass(frozen=True)
+class Model:
+    """One model laid over the measurement: its label, what it holds in one sentence, how it was computed, the comparison."""
+
+    label: str
+    what: str
+    how: str
+    comparison: Comparison
+
+
+def prepared(result: Diagnosis, threads: int = 2) -> Problem:
+    """The campaign as the diagnosis has judged it: with the disturbances left out that its final model does not follow."""
+    problem = Problem(result.campaign, result.before.machine, threads)
+    if any(problem.outliers.values()):
+        readings = problem.readings(build(phased(problem, result.machine)))
+        problem.take_back(readings, fit_nuisance(problem, readings))
+    return problem
+
+
+def rigid(test: Test) -> Simulation:
+    """A test on ideal axes: every axis stands where its command is."""
+    program = Program(test)
+    time = time_grid(program)
+    command = program.commands(time)
+    deviation = reading(command, np.asarray(test.table_ball), test.length)
+    return Simulation(test, time, program.phi(time), command, command, deviation)
+
+
+def run(problem: Problem, machine: Machine, stage: str, threads: int = 2, progress: Progress = silent) -> list[Simulation]:
+    """All tests in the multibody model, with progress."""
+    count = [0]
+
+    def done(_: Test) -> None:
+        count[0] += 1
+        progress(stage, count[0], len(problem.tests))
+
+    return simulate(machine, problem.tests, threads, done)
+
+
+def basis(problem: Problem, given: Comparison, threads: int = 2, progress: Progress = silent) -> list[Model]:
+    """The models up to the machine as given, whose comparison is there already."""
+    machine = given.machine
+    ideal = overlay(problem, replace(machine, effects=()), [rigid(t) for t in problem.tests])
+    out = [
+        Model(
+            "rigid kinematics",
+            "Ideal axes: only the set-up's errors (ball positions, bar length, triggers) are fitted.",
+            KINEMATICS,
+            ideal,
+        )
+    ]
+    effects = ", ".join(e.key for e in machine.effects)
+    if effects:
+        bare = replace(machine, effects=())
+        drives = overlay(problem, bare, run(problem, bare, "simulating the drives alone", threads, progress))
+        out.append(Model("+ drives", "Servo loops of all axes, without friction or any other effect.", SIMULATION, drives))
+        out.append(Model("machine as given", f"The machine file as it is: with {effects}.", SIMULATION, given))
+    else:
+        out.append(Model("machine as given", "Servo loops of all axes; the machine file names no effects.", SIMULATION, given))
+    return out
+
+
+def ladder(
+    result: Diagnosis, problem: Problem, threads: int = 2, progress: Progress = silent, apart: bool = True
+) -> tuple[list[Model], int]:
+    """Every model of a diagnosis, and the place of the machine as given among them.
+
+    Args:
+        apart: simulate the last effect without the calibrated data sheet as well, so that each has a step of its own.
+    """
+    out = basis(problem, result.before, threads, progress)
+    start = len(out) - 1
+    found = [e.effect for e in result.effects]
+    for i, effect in enumerate(found):
+        last = i == len(found) - 1
+        text = f"{effect.title}, {_values(effect)}, data sheet as given."
+        if not last:
+            out.append(Model(f"+ {effect.key}", text, SIMULATION, result.rungs[i + 1]))
+        elif apart:
+            whole = phased(problem, with_effects(result.before.machine, found))
+            comparison = overlay(problem, whole, run(problem, whole, "simulating the data sheet as given", threads, progress))
+            out.append(Model(f"+ {effect.key}", text, SIMULATION, comparison))
+    inside = "drive and friction numbers calibrated inside the data sheet's tolerances"
+    if found and not apart:
+        out.append(Model(f"+ {found[-1].key}", f"{found[-1].title}, {_values(found[-1])}; {inside}.", SIMULATION, result.after))
+    else:
+        out.append(Model("data sheet calibrated", f"The final model: {inside}.", SIMULATION, result.after))
+    return out, start
+
+
+def _values(effect) -> str:
+    rows = effect.values.get("components")
+    if rows:
+        return "orders " + ", ".join(f"{row[0]:g}" for row in rows)
+    return ", ".join(f"{k} = {v:.4g}" if isinstance(v, float) else f"{k} = {v}" for k, v in effect.values.items())

@@ -1,0 +1,82 @@
+"""Traces for the interactive plots: whole numbers, one common set of angles per test, every glitch kept."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mjsim.compare import TestComparison
+from mjsim.errors import InputError
+from mjsim.kinematics import AXES, LINEAR
+from mjsim.measure.iso230 import least_squares_circle
+from mjsim.nc.program import Program
+from mjsim.output import residual_trace
+from mjsim.plots.residual import reversal_angles
+from mjsim.units import DEG, MM, UM
+
+#: Samples per turn that are kept, about; axis positions are given at this many instants, in between they are interpolated.
+PER_TURN, POSITIONS = 1000, 181
+
+
+def test_traces(models: list[TestComparison], start: int, noise: float) -> dict:
+    """One test under every model of the ladder.
+
+    Args:
+        models: the test's comparison per model. start: place of the machine as given. noise: RMS of one sample [m].
+
+    Returns:
+        ``phi`` (n,) in 0.01°; ``measured`` (n,) and ``models`` (k, n) in 0.001 µm, measured with None where a sample is left out;
+        ``centre``: the eccentricity [a, b, c] in 0.001 µm that is taken out, a cos φ + b sin φ + c, of the measured trace and of every
+        model's; ``shift`` plot angle minus φ [°]; ``full``: a whole circle; ``events`` [axis, plot angle °]; ``axes``: φ in 0.01° and
+        the commanded positions of X, Y, Z [0.01 mm], A, C [0.01°]; ``noise`` [µm].
+    """
+    t = models[start]
+    keep = kept(t.phi, t.residual)
+    trace = residual_trace(t, noise)
+    measured = [round(v / UM * 1e3) if ok else None for v, ok in zip(t.measured[keep], t.valid[keep], strict=True)]
+    traces = [t.measured, *(m.simulated for m in models)]
+    return {
+        "name": t.test.name,
+        "phi": _whole(t.phi[keep] / DEG, 100.0),
+        "measured": measured,
+        "models": [_whole(m.simulated[keep] / UM, 1e3) for m in models],
+        "centre": [_centre(t, x) for x in traces],
+        "shift": trace.shift_deg,
+        "full": bool(trace.full_circle()),
+        "events": [[axis, round(angle, 2)] for axis, angle in reversal_angles(trace)],
+        "axes": _positions(t),
+        "noise": round(noise / UM, 4),
+    }
+
+
+def kept(phi: np.ndarray, signal: np.ndarray, per_turn: int = PER_TURN) -> np.ndarray:
+    """Indices of about ``per_turn`` samples per turn: the smallest and the largest ``signal`` of each stretch, and both ends."""
+    turns = max(float(np.ptp(phi)) / (2.0 * np.pi), 0.25)
+    stretch = int(np.ceil(2.0 * len(phi) / (turns * per_turn)))
+    if stretch < 3:
+        return np.arange(len(phi))
+    keep = {0, len(phi) - 1}
+    for begin in range(0, len(phi), stretch):
+        part = signal[begin : begin + stretch]
+        keep |= {begin + int(np.argmin(part)), begin + int(np.argmax(part))}
+    return np.array(sorted(keep))
+
+
+def _centre(t: TestComparison, deviation: np.ndarray) -> list[int]:
+    good = t.valid
+    if t.test.kind != "rotary":
+        try:
+            return _whole(np.append(least_squares_circle(t.phi[good], deviation[good]).centre_m, 0.0) / UM, 1e3)
+        except InputError:
+            pass
+    return _whole(np.array([0.0, 0.0, deviation[good].mean()]) / UM, 1e3)
+
+
+def _positions(t: TestComparison) -> dict:
+    program = Program(t.test)
+    time = np.linspace(*program.measured_span, POSITIONS)
+    q = program.commands(time) / [MM if a in LINEAR else DEG for a in AXES]
+    return {"phi": _whole(program.phi(time) / DEG, 100.0), **{a: _whole(q[:, i], 100.0) for i, a in enumerate(AXES)}}
+
+
+def _whole(x: np.ndarray, factor: float) -> list[int]:
+    return np.round(np.asarray(x) * factor).astype(int).tolist()

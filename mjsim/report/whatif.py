@@ -1,0 +1,181 @@
+"""What would be gained by repairing one cause: the final model simulated without it.
+
+Causes are ranked as ball-bar software ranks them, by what each makes of the whole error. The order comes from the drives alone
+(:mod:`mjsim.motion`, which agrees with the multibody model to far below 0.1 µm); the leading rows are then simulated in full.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjsim.campaign.model import Test
+from mjsim.compare import Progress, silent
+from mjsim.engine.drive import STEP
+from mjsim.engine.plant import AxisPlant, build
+from mjsim.errors import InputError
+from mjsim.inference.problem import Problem
+from mjsim.inference.samples import GRID_STEPS
+from mjsim.inference.vibration import phased
+from mjsim.kinematics import AXES
+from mjsim.machine.model import Machine
+from mjsim.measure.iso230 import least_squares_circle
+from mjsim.nc.program import Program
+from mjsim.report.content import RepairRow, WhatIf
+from mjsim.report.models import SIMULATION, run
+from mjsim.report.remedies import Remedy, remedy
+from mjsim.units import UM
+
+DRIVES = "drives alone"
+ALL = "all repairs together"
+#: Difference of two axes' lags that is no cause, s: what exact settings leave (0.03 % of some 20 ms).
+_LAG = 0.02e-3
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Something that could be repaired: its name, title and remedy, and the machine after the repair."""
+
+    name: str
+    title: str
+    remedy: Remedy
+    machine: Machine
+
+
+@dataclass(frozen=True)
+class _Errors:
+    """RMS of the deviation over all tests [µm], and G or peak to valley of each [µm]."""
+
+    rms_um: float
+    tests_um: list[float]
+
+
+def lag(axis: AxisPlant) -> float:
+    """How long an axis is behind its command at constant speed, s."""
+    return (1.0 - axis.feedforward) / axis.position_gain + axis.delay
+
+
+def causes(machine: Machine, given: Machine) -> list[Cause]:
+    """Everything in ``machine`` that could be taken out one by one; corrected values of what ``given`` has too go back to its."""
+    out = []
+    for effect in machine.effects:
+        if effect.is_neutral:
+            continue
+        out.append(Cause(effect.key, effect.title, remedy(effect.kind), machine.without(effect.key)))
+        former = given.effect(effect.key)
+        changed = former is not None and any(
+            isinstance(v, float) and abs(v - former.values[k]) > 0.25 * abs(former.values[k]) for k, v in effect.values.items()
+        )
+        if changed and effect.kind == "friction":
+            what = Remedy("maintain", "reversal spikes", "Off what the machine file says: check lubrication, seals, covers and preload.")
+            out.append(Cause(f"{effect.key} as in the file", "Friction off its former value", what, machine.with_effect(former)))
+    lags = {a: lag(drive) for a, drive in build(machine).axes.items()}
+    if max(lags.values()) - min(lags.values()) > _LAG:
+        spread = ", ".join(f"{a} {lags[a] * 1e3:.2f}" for a in AXES)
+        title = f"Axes lag differently: {spread} ms"
+        what = Remedy("adjust", "servo mismatch", "Set gains, feedforward and delays so that all axes lag alike.")
+        out.append(Cause("servo lag", title, what, _matched(machine, lags)))
+    return out
+
+
+def _matched(machine: Machine, lags: dict[str, float]) -> Machine:
+    """``machine`` with every axis delayed to the lag of the slowest one."""
+    from mjsim.effects import registry
+
+    for axis, behind in lags.items():
+        missing = (max(lags.values()) - behind) * 1e3
+        present = machine.effect(f"servo_delay.{axis}")
+        delay = missing + (present.values["delay_ms"] if present else 0.0)
+        try:
+            machine = machine.with_effect(registry.make(f"servo_delay.{axis}", delay_ms=delay))
+        except InputError:  # farther apart than a delay can be
+            continue
+    return machine
+
+
+def what_if(
+    problem: Problem, machine: Machine, given: Machine, threads: int = 2, progress: Progress = silent, full: int = 3
+) -> WhatIf | None:
+    """Every cause in ``machine`` repaired alone, the best repair first, and all repairs together; None when there is no cause.
+
+    Args:
+        machine: the final model. given: the machine as the user has it.
+        full: rows at the top that are simulated in the multibody model.
+
+    Raises:
+        SimulationError: see :func:`mjsim.engine.simulate.simulate`.
+    """
+    machine = phased(problem, machine)
+    found = causes(machine, given)
+    if not found:
+        return None
+    base = {DRIVES: _of_drives(problem, machine), SIMULATION: _of_simulation(problem, machine, threads, progress)}
+    progress("repairing one by one", 0, len(found))
+    rows = [_row(c, _of_drives(problem, c.machine), base[DRIVES], DRIVES) for c in found]
+    by_name = {c.name: c for c in found}
+    for _ in range(len(found)):
+        rows.sort(key=lambda r: -r.gain_um)
+        at = next((i for i, r in enumerate(rows[:full]) if r.how == DRIVES), None)
+        if at is None:
+            break
+        c = by_name[rows[at].cause]
+        rows[at] = _row(c, _of_simulation(problem, c.machine, threads, progress), base[SIMULATION], SIMULATION)
+    repaired = machine
+    for c in found:
+        if c.remedy.repairable and c.name != "servo lag" and repaired.effect(c.name) is not None:
+            repaired = repaired.without(c.name)
+    if sum(r.kind != "share" for r in rows) > 1:
+        every = Cause(ALL, "Everything above that can be repaired", Remedy("adjust", "", ""), repaired)
+        rows.append(_row(every, _of_drives(problem, repaired), base[DRIVES], DRIVES))
+    return WhatIf(base[SIMULATION].rms_um, base[SIMULATION].tests_um, rows)
+
+
+def _row(cause: Cause, after: _Errors, before: _Errors, how: str) -> RepairRow:
+    gain = before.rms_um - after.rms_um
+    return RepairRow(
+        cause.name,
+        cause.title,
+        cause.remedy.term,
+        cause.remedy.kind,
+        cause.remedy.text,
+        how,
+        after.rms_um,
+        round(gain, 4),
+        round(100.0 * gain / before.rms_um, 1) if before.rms_um else 0.0,
+        after.tests_um if how == SIMULATION else (),
+    )
+
+
+def _of_drives(problem: Problem, machine: Machine) -> _Errors:
+    readings = problem.readings(build(machine))
+    every = STEP * GRID_STEPS
+    return _errors(problem.tests, [(np.arange(len(r)) * every, r) for r in readings])
+
+
+def _of_simulation(problem: Problem, machine: Machine, threads: int, progress: Progress) -> _Errors:
+    return _errors(problem.tests, [(s.time, s.deviation) for s in run(problem, machine, "simulating repairs", threads, progress)])
+
+
+def _errors(tests: tuple[Test, ...], readings: list[tuple[np.ndarray, np.ndarray]]) -> _Errors:
+    squares, seconds, spans = 0.0, 0.0, []
+    for test, (time, reading) in zip(tests, readings, strict=True):
+        program = Program(test)
+        first, last = program.measured_span
+        inside = (time >= first) & (time <= last)
+        rest = about_circle(test, program.phi(time[inside]), reading[inside])
+        squares += float(np.mean(rest**2)) * (last - first)
+        seconds += last - first
+        spans.append(round(float(np.ptp(rest)) / UM, 4))
+    return _Errors(round((squares / seconds) ** 0.5 / UM, 4), spans)
+
+
+def about_circle(test: Test, phi: np.ndarray, reading: np.ndarray) -> np.ndarray:
+    """Readings (n,) m less their least-squares circle; less their mean for a rotary test, whose balls do not describe a circle."""
+    if test.kind != "rotary":
+        try:
+            circle = least_squares_circle(phi, reading)
+            return reading - circle.eccentricity_m(phi) - circle.radius_error_m
+        except InputError:
+            pass
+    return reading - reading.mean()

@@ -1,0 +1,101 @@
+"""``mjsim.report``: one campaign, or several of one machine over time, as one page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import date
+
+from mjsim.campaign.model import Campaign
+from mjsim.compare import Comparison, Progress, compare, silent
+from mjsim.diagnose import Diagnosis, diagnose
+from mjsim.errors import InputError
+from mjsim.inference.problem import Problem
+from mjsim.kinematics import AXES
+from mjsim.machine.model import Machine
+from mjsim.report import build, page, trend
+
+
+@dataclass(frozen=True)
+class Report:
+    """A report: ``html`` is the whole page, ``data`` its numbers and texts as plain JSON data (the page carries the same)."""
+
+    html: str
+    data: dict
+
+
+def report(
+    campaigns: Campaign | Sequence[Campaign],
+    machines: Machine | Sequence[Machine],
+    max_effects: int = 5,
+    diagnosed: bool = True,
+    threads: int = 2,
+    progress: Progress = silent,
+) -> Report:
+    """The report of a campaign; of several campaigns of one machine the trend.
+
+    Nothing is written, neither here nor into the campaigns' folders.
+
+    Args:
+        campaigns: one, or at least two; those with a day of measuring come in its order, where all have one, otherwise as given.
+        machines: the model of each.
+        max_effects: at most so many missing effects are looked for.
+        diagnosed: look for missing effects; otherwise compare only.
+
+    Raises:
+        InputError: no measured test, or campaigns of different machines.
+    """
+    if isinstance(campaigns, Campaign) or len(campaigns) == 1:
+        campaign = campaigns if isinstance(campaigns, Campaign) else campaigns[0]
+        machine = machines if isinstance(machines, Machine) else machines[0]
+        return _single(campaign, machine, max_effects, diagnosed, threads, progress)
+    pairs = list(zip(campaigns, [machines] * len(campaigns) if isinstance(machines, Machine) else machines, strict=True))
+    check_same_machine(pairs)
+    if all(c.measured_on is not None for c, _ in pairs):
+        pairs.sort(key=lambda pair: pair[0].measured_on or date.min)
+    results: list[Diagnosis | Comparison] = []
+    for i, (c, m) in enumerate(pairs):
+
+        def told(stage: str, done: int, total: int, place: str = f"{i + 1}/{len(pairs)}: ") -> None:
+            progress(place + stage, done, total)
+
+        results.append(diagnose(c, m, max_effects, threads, told) if diagnosed else compare(c, m, threads, told))
+    content = trend.content(results)
+    return Report(page.render_trend(content), page.finite(content.to_json()))
+
+
+def _single(campaign: Campaign, machine: Machine, max_effects: int, diagnosed: bool, threads: int, progress: Progress) -> Report:
+    day = campaign.measured_on.isoformat() if campaign.measured_on else ""
+    if diagnosed:
+        content = build.diagnosed(diagnose(campaign, machine, max_effects, threads, progress), threads, progress, day)
+    else:
+        need_traces(campaign)
+        problem = Problem(campaign, machine, threads)
+        content = build.compared(problem, compare(campaign, machine, threads, progress, problem), threads, progress, day)
+    progress("writing the page", 0, 1)
+    return Report(page.render(content), page.finite(content.to_json()))
+
+
+def need_traces(campaign: Campaign) -> None:
+    """Raise an :class:`InputError` for a campaign without a measured test."""
+    if not campaign.measured:
+        raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; a report needs at least one measured test")
+
+
+def check_same_machine(pairs: Sequence[tuple[Campaign, Machine]]) -> None:
+    """Refuse campaigns of different machines: another name, configuration, or lead or number of worm teeth.
+
+    Raises:
+        InputError: names both campaigns and what differs.
+    """
+    for c, _ in pairs:
+        need_traces(c)
+    (first, one), *others = pairs
+    for c, m in others:
+        if (m.name, m.configuration) != (one.name, one.configuration):
+            what = f"machine {one.name!r} ({one.configuration}) and {m.name!r} ({m.configuration})"
+        elif axes := [a for a in AXES if m.drives[a].gear != one.drives[a].gear]:
+            what = f"another lead or number of worm teeth of {', '.join(axes)}"
+        else:
+            continue
+        raise InputError(f"{c.folder}: not of the same machine as {first.folder}: {what}; a trend needs campaigns of one machine")

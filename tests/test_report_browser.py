@@ -1,0 +1,261 @@
+"""The report in headless Chromium: loads nothing, its controls work, it prints figures, and what it says is what the JSON says."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+import tomlkit
+from click.testing import CliRunner
+
+from mjsim.cli.main import main
+from mjsim.resources import examples
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+BROWSER = next((p for p in map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome")) if p), None)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine: the report is not opened in a browser"),
+]
+FLAGS = (
+    "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking --disable-component-update --disable-sync"
+).split()
+TESTS = ("cone45-centre-ccw", "rotary-a-tangential-ccw")
+HOSTILE = "</script><img src=x onerror=\"document.title='taken'\"> & <b>shop</b>"
+
+
+def cut(target):
+    """A campaign with two tests of the hidden-backlash example, its names full of markup."""
+    source = examples() / "hidden-backlash"
+    (target / "traces").mkdir(parents=True)
+    document = tomlkit.parse((source / "campaign.toml").read_text())
+    document["name"] = HOSTILE
+    for i in reversed(range(len(document["test"]))):
+        if document["test"][i]["name"] not in TESTS:
+            del document["test"][i]
+        else:
+            document["test"][i]["setup"] = HOSTILE
+    (target / "campaign.toml").write_text(tomlkit.dumps(document))
+    for name in TESTS:
+        shutil.copy(source / "traces" / f"{name}.csv.gz", target / "traces")
+    machine = tomlkit.parse((source / "machine.toml").read_text())
+    machine["name"] = HOSTILE
+    (target / "machine.toml").write_text(tomlkit.dumps(machine))
+    return target
+
+
+def command(*args):
+    """Run a command of mjsim; its JSON."""
+    done = CliRunner().invoke(main, [*map(str, args), "--json", "--quiet"])
+    assert (done.exit_code, done.stderr) == (0, ""), done.output
+    return json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Page and JSON of `mjsim report`, JSON of `mjsim diagnose`."""
+    folder = tmp_path_factory.mktemp("report")
+    campaign = cut(folder / "short")
+    before = sorted(p.name for p in campaign.rglob("*"))
+    data = command("report", campaign, "-o", folder / "page.html")
+    assert sorted(p.name for p in campaign.rglob("*")) == before  # nothing of the user's is touched
+    return folder / "page.html", data, command("diagnose", campaign)
+
+
+class Watched:
+    """A page that keeps every request, console message and dialog."""
+
+    def __init__(self, browser, path, **viewport):
+        self.requests, self.messages = [], []
+        self.page = browser.new_page(**viewport)
+        self.page.on("request", lambda r: self.requests.append(r.url))
+        self.page.on("console", lambda m: self.messages.append((m.type, m.text)))
+        self.page.on("pageerror", lambda e: self.messages.append(("error", str(e))))
+        self.page.on("dialog", lambda d: (self.messages.append(("dialog", d.message)), d.dismiss()))
+        self.page.goto(Path(path).as_uri())
+        self.path = path
+
+    def check(self):
+        """No request but for the file itself, no error, no warning."""
+        assert [r for r in self.requests if not r.startswith(("data:", "blob:"))] == [Path(self.path).as_uri()]
+        assert self.messages == []
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with playwright.sync_playwright() as p:
+        chromium = p.chromium.launch(executable_path=BROWSER, args=FLAGS)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="module")
+def watched(browser, made):
+    w = Watched(browser, made[0], viewport={"width": 1280, "height": 900})
+    w.page.locator("#cards .card").first.scroll_into_view_if_needed()
+    w.page.wait_for_selector(".card .polar .scatterlayer path.js-line")
+    yield w
+    w.check()
+    w.page.close()
+
+
+def value(data, pointer):
+    for key in pointer.split("/")[1:]:
+        data = data[int(key)] if isinstance(data, list) else data[key]
+    return data
+
+
+def number(text):
+    return float(text.replace("−", "-").replace(" µm", ""))
+
+
+def test_numbers_on_the_page_are_those_of_the_json(watched, made):
+    _, data, diagnosed = made
+    page = watched.page
+    assert json.loads(page.evaluate("document.getElementById('mjsim-numbers').textContent")) == data
+    assert data["diagnosis"] == diagnosed
+    shown = page.evaluate("[...document.querySelectorAll('[data-json]')].map(e => [e.dataset.json, e.textContent])")
+    assert len(shown) > 60
+    for pointer, text in shown:
+        there = value(data, pointer)
+        decimals = len(text.partition(".")[2])
+        assert number(text) == pytest.approx(there, abs=0.5001 * 10.0**-decimals), pointer
+    models, found = data["models"], diagnosed["effects"]
+    assert [f["effect_id"] for f in data["findings"]] == [e["id"] for e in found] == ["backlash.A"]
+    for row, effect in zip(data["findings"], found, strict=True):
+        assert (row["rms_before_um"], row["rms_after_um"]) == (effect["rms_before_um"], effect["rms_after_um"])
+        assert row["parameters"][0]["value"] == pytest.approx(effect["parameters"]["width_deg"], rel=1e-5)
+    assert (models[data["start"]]["rms_um"], models[-1]["rms_um"]) == (diagnosed["rms_before_um"], diagnosed["rms_after_um"])
+    assert [m["label"] for m in models] == [
+        "rigid kinematics", "+ drives", "machine as given", "+ backlash.A", "data sheet calibrated",
+    ]  # fmt: skip
+    assert models[-1]["rms_um"] < 0.3 * models[data["start"]]["rms_um"]
+    assert [x["effect_id"] for x in data["not_testable"]] == diagnosed["not_testable"]
+    assert data["noise_um"] == diagnosed["noise_um"]
+
+
+def test_the_best_repair_is_the_hidden_backlash(made):
+    what_if = made[1]["what_if"]
+    rows = what_if["rows"]
+    assert rows[0]["cause"] == "backlash.A" and rows[0]["how"] == "full simulation" and rows[0]["kind"] == "adjust"
+    assert [r["gain_um"] for r in rows] == sorted((r["gain_um"] for r in rows), reverse=True)
+    assert rows[0]["gain_um"] == pytest.approx(what_if["rms_um"] - rows[0]["rms_um"], abs=2e-4) and rows[0]["gain_um"] > 0.3
+    assert rows[0]["gain_percent"] == pytest.approx(100.0 * rows[0]["gain_um"] / what_if["rms_um"], abs=0.06)
+    assert {r["cause"]: r["kind"] for r in rows}["friction.A"] == "share"
+
+
+def test_names_of_the_user_stay_text(watched):
+    page = watched.page
+    assert HOSTILE in page.inner_text("h1")
+    assert "taken" not in page.title().replace(HOSTILE, "")
+    assert page.locator("b", has_text="shop").count() == 0 and page.locator("img[src=x]").count() == 0
+
+
+def test_steps_through_the_models(watched, made):
+    page, models = watched.page, made[1]["models"]
+    last = len(models) - 1
+    simulated = "document.querySelector('.card .polar').data.find(t => t.name === 'simulated').r.slice(0, 50)"
+
+    def at(k):
+        assert page.inner_text("#model-name") == f"{k + 1} of {last + 1}: {models[k]['label']}"
+        assert number(page.inner_text("#error-now")) == pytest.approx(models[k]["rms_um"], abs=0.0051)
+        assert number(page.inner_text(".card p strong >> nth=0")) == pytest.approx(models[k]["tests_um"][0], abs=0.0051)
+        return page.evaluate("document.getElementById('error-bar').style.width"), page.evaluate(simulated)
+
+    traces = [at(last)]
+    assert page.is_disabled("#next")
+    for k in range(last - 1, -1, -1):
+        page.click("#previous")
+        traces.append(at(k))
+    assert page.is_disabled("#previous")
+    widths = [float(w.rstrip("%")) for w, _ in traces]
+    assert widths[0] < widths[2] and widths[1] < widths[2]  # the bar falls when backlash is put in
+    assert len({json.dumps(t) for _, t in traces}) == len(traces)  # every model draws another trace
+    page.keyboard.press("ArrowRight")
+    at(1)
+    page.keyboard.press("ArrowLeft")
+    at(0)
+    page.focus("#model")
+    page.keyboard.press("End")
+    at(last)
+    assert page.evaluate("document.querySelectorAll('#ladder-table td.now').length") == 1 + len(TESTS)
+
+
+def test_tests_and_traces_can_be_toggled(watched):
+    page = watched.page
+    card = page.locator(f".card[data-test='{TESTS[1]}']")
+    assert card.is_visible()
+    page.uncheck(f"#tests-shown input[name='{TESTS[1]}']")
+    assert not card.is_visible() and page.locator(".card:visible").count() == 1
+    page.click("#tests-none")
+    assert page.locator(".card:visible").count() == 0
+    page.click("#tests-all")
+    assert page.locator(".card:visible").count() == 2
+    visible = "document.querySelector('.card .polar').data.filter(t => t.visible !== false && t.name).map(t => t.name)"
+    page.locator(".card").first.scroll_into_view_if_needed()
+    page.wait_for_selector(".card .polar .scatterlayer path.js-line")
+    page.uncheck("#traces-shown input[name='measured']")
+    assert "measured" not in page.evaluate(visible) and "simulated" in page.evaluate(visible)
+    page.check("#traces-shown input[name='measured']")
+    page.check("#traces-shown input[name='former']")
+    assert {"measured", "simulated", "previous model"} <= set(page.evaluate(visible))
+    page.uncheck("#traces-shown input[name='former']")
+    marks = "document.querySelector('.card .residual-plot').layout.shapes.filter(s => s.name).map(s => s.name)"
+    assert "A" in page.evaluate(marks)
+    page.uncheck("#traces-shown input[name='events']")
+    assert page.evaluate(marks) == []
+    page.check("#traces-shown input[name='events']")
+
+
+def test_zoom_and_reset(watched):
+    page = watched.page
+    radius = "document.querySelector('.card .polar')._fullLayout.polar.radialaxis.range"
+    before = page.evaluate(radius)
+    page.select_option("#division", "20")
+    wide = page.evaluate(radius)
+    assert wide[1] == pytest.approx(80.0) and wide[1] > before[1]
+    page.click("#reset")
+    page.wait_for_selector(".card .polar .scatterlayer path.js-line")
+    assert page.evaluate(radius) == pytest.approx(before)
+
+
+def test_hover_says_angle_deviation_positions_and_event(watched):
+    page = watched.page
+    plot = page.locator(".card .residual-plot").first
+    plot.scroll_into_view_if_needed()
+    box = plot.bounding_box()
+    page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"])
+    page.mouse.move(box["x"] + 0.52 * box["width"], box["y"] + 0.5 * box["height"])
+    text = page.wait_for_selector(".residual-plot .hoverlayer .hovertext").text_content()
+    for said in ("°", "µm", "X ", "mm", "reverses"):
+        assert said in text, text
+    page.mouse.move(5, 5)
+
+
+def test_prints_figures_instead_of_controls(browser, made):
+    w = Watched(browser, made[0], viewport={"width": 680, "height": 960})
+    w.page.emulate_media(media="print")
+    images = w.page.locator("img")
+    assert images.count() >= 2 + 3 * len(TESTS)
+    assert all(images.nth(i).is_visible() for i in range(images.count()))
+    assert w.page.evaluate("[...document.images].every(i => i.complete && i.naturalWidth > 100)")
+    for control in ("#model", "#previous", "#tests-shown", "#cards", "#ladder-plot"):
+        assert not w.page.is_visible(control)
+    assert w.page.evaluate("document.documentElement.scrollWidth") <= 680
+    w.page.emulate_media(media="screen")
+    assert not any(images.nth(i).is_visible() for i in range(images.count()))
+    w.check()
+    w.page.close()
+
+
+def test_fits_a_phone_and_works_without_script(browser, made):
+    w = Watched(browser, made[0], viewport={"width": 390, "height": 844})
+    assert w.page.evaluate("document.documentElement.scrollWidth") == 390
+    w.check()
+    w.page.close()
+    context = browser.new_context(java_script_enabled=False, viewport={"width": 1280, "height": 900})
+    page = context.new_page()
+    page.goto(made[0].as_uri())
+    assert page.locator("img").first.is_visible() and page.locator("noscript").count() == 1
+    assert not page.is_visible("#model")
+    context.close()
