@@ -181,6 +181,17 @@ def test_wear_of_both_flanks_has_no_direction(measured):
     assert found.alternatives == ()
 
 
+@pytest.mark.slow
+def test_flanks_worn_differently_at_one_place(measured):
+    """Wear of both and the difference of one: nothing else, and each way the depth that was hidden."""
+    deep, shallow = kato2013.WEAR, {**kato2013.WEAR, "direction": "CCW", "depth_deg": -0.002}
+    effects = [e.effect for e in mjsim.diagnose(*measured("unequal", deep, shallow)).effects]
+    assert {e.id for e in effects} == {"worm_wear.A"} and len(effects) == 2
+    for true, way in ((deep, -1.0), (shallow, 1.0)):
+        depth = sum(e.values["depth_deg"] for e in effects if e.way in (0.0, way))
+        assert depth == pytest.approx(true["depth_deg"], rel=0.1)
+
+
 def test_a_new_table_shows_nothing(measured):
     assert kato2013.case(worn=False).hidden == kato2013.pitch_effects()
     result = mjsim.diagnose(*measured("new"))
