@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from importlib import import_module
 
 import click
+
+# numba's coloured error messages leave an escape sequence on the terminal at exit, whatever NO_COLOR says
+os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
 
 _COMMANDS = {
     "demo": "The hidden-effect walk-through: watch the error fall.",

@@ -140,7 +140,7 @@ def checked_trace(source: Path, test: Test, time: np.ndarray, deviation: np.ndar
     if len(time) < 50:
         raise InputError(f"{source}: {len(time)} samples in the measured part; allowed: at least 50")
     valid = np.isfinite(deviation) & (np.abs(np.nan_to_num(deviation)) < instrument.range * (1 - 1e-9))
-    if valid.sum() < 50:
+    if valid.sum() < max(50, 0.5 * np.isfinite(deviation).sum()):
         raise InputError(
             f"{source}: only {int(valid.sum())} of {len(valid)} samples are inside the sensor's range of ±{instrument.range * 1e3:g} mm "
             f"(median {np.nanmedian(deviation) / UM:.6g} µm); check --deviation-unit, and --absolute where the column holds lengths"

@@ -62,7 +62,7 @@ def read_table(path: Path, separator: str | None = None, decimal: str | None = N
         raise InputError(f"{path}: no such file")
     text, notes = _text(path)
     lines = text.splitlines()
-    first, last = rows or (1, len(lines))
+    first, last = rows or (1, max(1, len(lines)))
     if not 1 <= first <= last:
         raise InputError(f"{path}: rows {first} to {last}; allowed: a first line from 1 and a last line not before it")
     body = lines[first - 1 : last]

@@ -108,13 +108,12 @@ def _angles(path: Path, r: Recording, test: Test, o: Options, notes: list[str]) 
     a = np.unwrap(r.angle - o.angle_zero)
     first, last = Program(test).ends
     motion = np.sign(last - first)
-    grows = np.sign(a[-1] - a[0])
+    grows = np.sign((a - a[0])[np.argmax(np.abs(a - a[0]))])
     _one_way(path, r, grows * a)
     if o.angle_sense is None and grows != motion:
         raise InputError(
-            f'{path}: the angle {"grows" if grows > 0 else "falls"} while test "{test.name}" runs {test.direction}; say --angle-sense '
-            f"{'cw' if grows > 0 else 'ccw'} if it counts along the motion, or --angle-sense {'ccw' if grows > 0 else 'cw'} if the "
-            "samples are listed by their place on the circle"
+            f'{path}: the angle {"grows" if grows > 0 else "falls"} while test "{test.name}" runs {test.direction}; say --angle-sense cw '
+            "if the file's angle counts clockwise, or --angle-sense ccw if its samples are listed by place, against the motion"
         )
     phi = -a if o.angle_sense == "cw" else a
     deviation = r.deviation
