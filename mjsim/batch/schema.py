@@ -1,0 +1,34 @@
+"""What a sweep file may contain; the checks behind its error messages."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from mjsim.campaign.schema import Number, Table, TestTable
+
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+
+
+class VaryTable(Table):
+    parameter: Name
+    values: Annotated[list[Number], Field(min_length=1)] | None = None
+    from_: Annotated[Number | None, Field(alias="from")] = None
+    to: Number | None = None
+    count: Annotated[int, Field(ge=2, le=1_000_000)] | None = None
+    scale: Literal["linear", "log"] = "linear"
+
+
+class SweepTable(Table):
+    name: Name
+    design: Literal["grid", "latin_hypercube", "tolerances"] = "grid"
+    samples: Annotated[int, Field(ge=1)] | None = None
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    campaign: Name | None = None
+    tests: Any = "all"  # or a list of names; checked where the names are known
+    machine: Name | None = None
+    test: list[TestTable] = Field(default_factory=list)
+    vary: list[VaryTable] = Field(default_factory=list)
+    traces: bool = False
+    every_ms: Annotated[int, Field(ge=1, le=10_000)] | None = None

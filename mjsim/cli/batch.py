@@ -1,0 +1,146 @@
+"""``mjsim batch``."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+
+from mjsim.cli import common
+
+
+@click.command("batch")
+@click.argument("sweep", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder of the results.")
+@click.option("--scheduler", metavar="ADDRESS", help="Run on the workers of this Dask scheduler.")
+@click.option("--dry-run", is_flag=True, help="Only say how many runs there are, and how long they take.")
+@click.option("--force", is_flag=True, help="Start anew, whatever --out holds.")
+@common.threads_option
+@common.options
+def command(sweep, out, scheduler, dry_run, force, threads, as_json, quiet) -> None:
+    """Run a sweep: many machines through the same tests.
+
+    SWEEP is a TOML file: tests, what is varied, and how. The result is a Parquet
+    data set in DIR/results with its description in DIR/sweep.json. The same
+    command goes on where it was stopped or killed.
+
+    \b
+    Example: mjsim batch examples/sweeps/backlash.toml --out backlash
+    """
+    from mjsim.batch.run import batch
+    from mjsim.batch.sweep import read_sweep
+
+    if out is None and not dry_run:
+        raise click.UsageError("Missing option '--out'.")
+    s = read_sweep(sweep)
+    cores = common.cores(threads)
+    if dry_run:
+        _describe(s, cores, as_json, quiet)
+        return
+    try:
+        with _progress_bar(quiet) as progress:
+            result = batch(s, out, cores, scheduler, force, progress)
+    except KeyboardInterrupt:
+        common.say(f"mjsim: stopped; what is finished is in {out}, the same command goes on from there", False)
+        sys.exit(130)
+    if as_json:
+        common.print_json(_summary(result))
+    elif not quiet:
+        _say(result)
+
+
+def _summary(r) -> dict:
+    return {
+        "name": r.name,
+        "out": str(r.out),
+        "runs": r.runs,
+        "tests": r.tests,
+        "simulations": r.runs * r.tests,
+        "simulated": r.simulated,
+        "failed": r.failed,
+        "files": [str(f) for f in r.files],
+        "seconds": round(r.seconds, 3),
+        "simulations_per_s": round(r.simulated / r.seconds, 3),
+        "steps_per_s": round(r.steps / r.seconds),
+    }
+
+
+def _say(r) -> None:
+    total = r.runs * r.tests
+    if r.simulated:
+        before = f" ({total - r.simulated} were there already)" if r.simulated < total else ""
+        common.paragraph(
+            f"{r.runs} runs of {r.tests} test{'s' if r.tests > 1 else ''}: {r.simulated} simulations in {_duration(r.seconds)}{before}, "
+            f"{r.simulated / r.seconds:.1f} a second, {r.steps / r.seconds / 1e3:.0f} thousand steps a second"
+        )
+    else:
+        common.paragraph(f"{r.runs} runs of {r.tests} test{'s' if r.tests > 1 else ''}: all were there already")
+    if r.failed:
+        common.paragraph(f"{r.failed} simulations have no figures; the column 'error' says why")
+    click.echo(f"pandas.read_parquet({str(r.out / 'results')!r})")
+
+
+def _describe(s, cores: int, as_json: bool, quiet: bool) -> None:
+    from mjsim.batch.run import estimate
+
+    steps, seconds = estimate(s, cores)
+    shown = min(5, s.runs)
+    names = [c.name for c in s.columns]
+    rows = [s.parameters(run) for run in range(shown)]
+    if as_json:
+        first = [{"run": run, **dict(zip(names, row, strict=True))} for run, row in enumerate(rows)]
+        data = {"name": s.name, "runs": s.runs, "tests": [t.name for t in s.tests], "simulations": s.runs * len(s.tests)}
+        common.print_json({**data, "steps": steps, "estimated_seconds": round(seconds, 1), "threads": cores, "first": first})
+        return
+    if quiet:
+        return
+    many = f"{len(s.tests)} test{'s' if len(s.tests) > 1 else ''}"
+    common.paragraph(f"{s.runs} runs of {many}: {s.runs * len(s.tests)} simulations, {steps} steps")
+    common.paragraph(f"about {_duration(seconds)} on {cores} core{'s' if cores > 1 else ''}")
+    drawn = len(names) - len(s.recipe.targets)
+    if s.recipe.targets:
+        few = slice(0, min(4, len(s.recipe.targets)))
+        common.table(["run", *names[few]], [[str(i), *(f"{v:.6g}" for v in row[few])] for i, row in enumerate(rows)])
+        if len(s.recipe.targets) > 4:
+            common.paragraph(f"and {len(s.recipe.targets) - 4} more parameters")
+    if drawn:
+        common.paragraph(f"{drawn} numbers of the data sheet are drawn in every run")
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 100:
+        return f"{seconds:.1f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+@contextmanager
+def _progress_bar(quiet: bool):
+    """Bar with the time left on stderr; by steps, because tests differ in length."""
+    if quiet or not sys.stderr.isatty():
+        yield lambda *_: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    with Progress(
+        TextColumn("simulating"),
+        BarColumn(bar_width=24),
+        TextColumn("{task.fields[done]}/{task.fields[all]}"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        transient=True,
+        speed_estimate_period=120,
+    ) as bars:
+        task = [None]
+
+        def show(done: int, total: int, steps: int, all_steps: int) -> None:
+            if task[0] is None:
+                task[0] = bars.add_task("", total=all_steps, completed=steps, done=done, all=total)
+            bars.update(task[0], completed=steps, done=done, all=total)
+
+        yield show
