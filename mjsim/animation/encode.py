@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from fractions import Fraction
 from pathlib import Path
@@ -35,6 +37,19 @@ def kind_of(path: Path) -> str:
 def writer(kind: str, path: Path, size: tuple[int, int], fps: float) -> Mp4 | Gif:
     """A writer for frames of ``size`` (width, height) at ``fps`` frames per second; ``kind`` as :func:`kind_of`."""
     return Mp4(path, size, fps) if kind == ".mp4" else Gif(path, size, fps)
+
+
+def add_all(out: Mp4 | Gif, frames: Iterable[np.ndarray], done: Callable[[int], None]) -> None:
+    """Add frames, each while the next is made; ``done`` is called with the number of frames made before each."""
+    with ThreadPoolExecutor(1) as pool:
+        before = None
+        for k, image in enumerate(frames):
+            done(k)
+            if before:
+                before.result()
+            before = pool.submit(out.add, image)
+        if before:
+            before.result()
 
 
 class Mp4(AbstractContextManager):
@@ -72,8 +87,8 @@ class Gif(AbstractContextManager):
         self._frames: list[np.ndarray] = []
 
     def add(self, image: np.ndarray) -> None:
-        """Append a frame (height, width, 3) uint8."""
-        self._frames.append(image.copy())
+        """Append a frame (height, width, 3) uint8; it is kept, not copied."""
+        self._frames.append(image)
 
     def __exit__(self, kind, error, trace) -> None:
         if kind is not None or not self._frames:

@@ -83,9 +83,7 @@ def animate_ladder(
     shown = _chosen(rungs[0], tests)
     board = Board(campaign.name, [s.label for s in steps], rungs, shown, form.size)
     with files.whole(file, force) as neighbour, encode.writer(form.kind, neighbour, form.size, form.fps) as out:
-        for k, place in enumerate(places(len(steps), count)):
-            progress("rendering", k, count)
-            out.add(board.frame(place))
+        encode.add_all(out, map(board.frame, places(len(steps), count)), lambda k: progress("rendering", k, count))
         progress("writing", 0, 1)
     return LadderFilm(file, count, form.size, form.fps, tuple(shown), tuple((s.label, c.rms) for s, c in zip(steps, rungs, strict=True)))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -17,7 +18,7 @@ from mjsim.resources import model_file
 
 #: The camera that follows the bar; all others are the model's.
 BAR = "bar"
-#: Cameras that show the whole machine, with shadows.
+#: Cameras that show the whole machine.
 FAR = ("overview", "side")
 _ORIGIN, _UPRIGHT = np.zeros(3), np.eye(3).ravel()
 ORANGE, RED, BLUE = (1.0, 0.42, 0.05, 1.0), (0.85, 0.10, 0.25, 1.0), (0.10, 0.32, 0.62, 1.0)
@@ -60,12 +61,13 @@ class Stage:
     Everything else has its true size.
     """
 
-    def __init__(self, test: Test, width: int, height: int):
-        """For pictures of up to ``width`` x ``height`` pixels.
+    def __init__(self, test: Test, width: int, height: int, shadows: bool = False):
+        """For pictures of up to ``width`` x ``height`` pixels; ``shadows`` in those of the whole machine, at twice the computing.
 
         Raises:
             InputError: no OpenGL.
         """
+        self._context = None
         self._context = make_context(width, height)
         spec = mujoco.MjSpec.from_file(str(model_file()))
         spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
@@ -74,7 +76,7 @@ class Stage:
         self.model = spec.compile()
         self.model.body("table_fixture").pos[:] = test.table_ball
         self.data = mujoco.MjData(self.model)
-        self.test = test
+        self.test, self.shadows = test, shadows
         #: The frame in which the trail stands still: the table, where the bar goes round in the work's frame.
         self.carrier = self.model.body("y_slide" if test.kind == "rotary" else "table").id
         self._joints = np.array([self.model.joint(a).qposadr[0] for a in AXES])
@@ -98,6 +100,12 @@ class Stage:
             self._gpu.free()
             self._context.free()
             self._context = None
+
+    def __del__(self) -> None:
+        # a forgotten stage must not free its textures in another one's context, which may have the same numbers;
+        # when Python ends, the driver may be gone already
+        with contextlib.suppress(Exception):
+            self.close()
 
     def pose(self, position: np.ndarray, stretch: float = 0.0) -> Balls:
         """Move the axes to ``position`` (5,) m and rad; the ghost stands ``stretch`` m beyond the bar's nominal length."""
@@ -133,8 +141,8 @@ class Stage:
         self._draw_bar(balls)
         for line in lines:
             self._draw_line(line)
-        # from near, the steps of the shadow map are larger than what is to be seen; and every shadow is a second rendering
-        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = camera in FAR
+        # from near, the steps of the shadow map are larger than what is to be seen
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = self.shadows and camera in FAR
         for eye in self._scene.camera:
             eye.frustum_center = aside * eye.frustum_top * width / height
         rect = mujoco.MjrRect(0, 0, width, height)

@@ -23,10 +23,13 @@ from mjsim.cli import common
 @click.option("--speed", type=float, default=None, help="Times real time (default: 1, faster where the video gets too long).")
 @click.option("--seconds", type=float, default=None, help="Length of the video (default: up to 20; GIF: up to 8).")
 @click.option("--magnify", default="auto", show_default=True, help="How many times its size the error is drawn.")
+@click.option("--shadows", is_flag=True, help="Draw shadows; takes longer.")
 @click.option("--force", is_flag=True, help="Replace a file that exists.")
 @common.threads_option
 @common.options
-def command(campaign, machine, tests, out, ladder, camera, size, fps, speed, seconds, magnify, force, threads, as_json, quiet) -> None:
+def command(
+    campaign, machine, tests, out, ladder, camera, size, fps, speed, seconds, magnify, shadows, force, threads, as_json, quiet
+) -> None:
     """Write a video of a test of CAMPAIGN: the machine moving, the bar's error magnified, the trace growing beside it.
 
     What is magnified is measured less simulated, or the simulated deviation where nothing was measured; the factor
@@ -40,7 +43,13 @@ def command(campaign, machine, tests, out, ladder, camera, size, fps, speed, sec
     if speed is not None and seconds is not None:
         raise click.UsageError("--speed and --seconds exclude each other")
     if ladder:
-        for name, value in (("--machine", machine), ("--camera", camera), ("--speed", speed), ("--magnify", factor)):
+        for name, value in (
+            ("--machine", machine),
+            ("--camera", camera),
+            ("--speed", speed),
+            ("--magnify", factor),
+            ("--shadows", shadows or None),
+        ):
             if value is not None:
                 raise click.UsageError(f"{name} has no meaning with --ladder")
     elif len(tests) != 1:
@@ -61,7 +70,20 @@ def command(campaign, machine, tests, out, ladder, camera, size, fps, speed, sec
 
             m = read_machine(machine) if machine else None
             film = animate(
-                c, tests[0], out, m, camera or "overview", size, fps, speed, seconds, factor, force, common.cores(threads), progress
+                c,
+                tests[0],
+                out,
+                m,
+                camera or "overview",
+                size,
+                fps,
+                speed,
+                seconds,
+                factor,
+                shadows,
+                force,
+                common.cores(threads),
+                progress,
             )
             about = {"test": film.test, "camera": film.camera, "speed": round(film.speed, 4)}
             about |= {"magnification": film.magnification, "magnified": film.magnified}
