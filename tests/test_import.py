@@ -1,4 +1,4 @@
-"""Importing: whatever separator, unit, encoding or convention, the trace that comes out is the one that went in, or one sentence says why."""
+"""Importing: whatever separator, unit, encoding or convention, the trace that comes out is the one that went in, or one sentence."""
 
 import gzip
 import json
