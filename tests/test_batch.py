@@ -501,9 +501,12 @@ def test_no_scheduler_there(folder, monkeypatch):
     file = sweep_file(folder, GAIN)
     with pytest.raises(InputError, match=r"--scheduler tcp://127\.0\.0\.1:9: no Dask scheduler answered within 0\.3 s"):
         mjsim.batch(file, folder / "out", scheduler="tcp://127.0.0.1:9")
+    with pytest.raises(InputError, match=r"--scheduler nonsense: .* allowed: the address that `dask scheduler` prints"):
+        mjsim.batch(file, folder / "out", scheduler="nonsense")
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r'pip install "mjsim\[distributed\]"'):
         mjsim.batch(file, folder / "out", scheduler="tcp://127.0.0.1:9")
+    assert not (folder / "out").exists()
 
 
 def test_workers_must_have_the_same_versions():

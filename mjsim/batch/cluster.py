@@ -30,20 +30,18 @@ TIMEOUT_S = 5.0
 AHEAD = 2
 
 
-def run_on_cluster(recipe: Recipe, every: int, jobs: Iterable[Job], size: int, address: str, deliver: Callable) -> None:
-    """Run all jobs on the cluster of a scheduler; ``deliver`` gets the outcomes of each chunk as they come.
+def run_on_cluster(client: Any, recipe: Recipe, every: int, jobs: Iterable[Job], size: int, deliver: Callable) -> None:
+    """Run all jobs on a cluster; ``deliver`` gets the outcomes of each chunk as they come.
 
     Args:
-        recipe, every: as :class:`Workshop` takes them. size: jobs of one chunk. address: e.g. ``tcp://127.0.0.1:8786``.
+        client: of :func:`connected`. recipe, every: as :class:`Workshop` takes them. size: jobs of one chunk.
 
     Raises:
-        InputError: the extra is not installed, no scheduler or worker is there, or versions differ.
+        InputError: a worker that joined later has other versions.
         SimulationError: a chunk failed on the cluster, or the scheduler went away.
     """
-    with _connected(address) as client:
-        _check_workers(client, address)
-        shop = client.submit(_unpack, _pack(recipe), every, pure=False)
-        _feed(client, shop, _chunks(jobs, size), deliver)
+    shop = client.submit(_unpack, _pack(recipe), every, pure=False)
+    _feed(client, shop, _chunks(jobs, size), deliver)
 
 
 def _chunks(jobs: Iterable[Job], size: int) -> Iterator[list[Job]]:
@@ -91,16 +89,22 @@ def _result(future: Any) -> list[Outcome]:
 
 
 @contextmanager
-def _connected(address: str) -> Iterator[Any]:
-    """A client of the scheduler, its own log kept out of the user's terminal."""
+def connected(address: str) -> Iterator[Any]:
+    """A client of the scheduler at ``address``, e.g. ``tcp://127.0.0.1:8786``, whose workers have been looked at; its log stays silent.
+
+    Raises:
+        InputError: the extra is not installed, no scheduler or worker is there, or versions differ.
+    """
     try:
         import logging
 
         from distributed import Client
+        from distributed.comm import parse_address, parse_host_port
     except ImportError:
         raise InputError('--scheduler needs the extra "distributed": pip install "mjsim[distributed]"') from None
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
+        parse_host_port(parse_address(address)[1])
         client = Client(address, timeout=TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError, TypeError, ImportError, RuntimeError) as error:
         reason = "" if isinstance(error, OSError) else f" ({type(error).__name__}: {error})"
@@ -109,6 +113,7 @@ def _connected(address: str) -> Iterator[Any]:
             "allowed: the address that `dask scheduler` prints, e.g. tcp://host:8786"
         ) from None
     try:
+        _check_workers(client, address)
         yield client
     finally:
         client.close(timeout=TIMEOUT_S)
@@ -178,6 +183,8 @@ def _recipe(packed: tuple) -> Recipe:
     with tempfile.TemporaryDirectory(prefix="mjsim-") as scratch:
         for kind, subject, values, file, text in effects:
             if text is None:
+                if kind not in registry.kinds():
+                    raise InputError(f"a worker does not know the effect {kind!r}; install the package that brings it on all workers")
                 cls = registry.kinds()[kind]
             else:
                 place = Path(scratch) / file

@@ -64,14 +64,13 @@ def check_design(place: str, table: SweepTable, tests: int) -> None:
 
 
 def _check_vary(place: str, v: VaryTable, design: str) -> None:
-    ends = (v.from_, v.to)
     if v.values is not None:
-        if v.count is not None or ends != (None, None) or v.scale != "linear":
+        if v.count is not None or (v.from_, v.to) != (None, None) or v.scale != "linear":
             raise InputError(f"{place}: has values and from, to, count or scale; allowed: either a list of values or from and to")
         if len(set(v.values)) < len(v.values):
             raise InputError(f"{place}: values has a number twice; allowed: each value once")
         return
-    if None in ends:
+    if v.from_ is None or v.to is None:
         raise InputError(f"{place}: the key {'from' if v.from_ is None else 'to'!r} is missing; allowed: values, or from and to")
     if design == "latin_hypercube":
         if v.count is not None:
@@ -111,13 +110,14 @@ def _hypercube(dimensions: int, table: SweepTable) -> np.ndarray:
 def _levels(v: VaryTable) -> np.ndarray:
     if v.values is not None:
         return np.array(v.values)
-    return (np.geomspace if v.scale == "log" else np.linspace)(v.from_, v.to, v.count)
+    return (np.geomspace if v.scale == "log" else np.linspace)(*v.ends, v.count or 2)
 
 
 def _spread(v: VaryTable, u: np.ndarray) -> np.ndarray:
     """Numbers from 0 to 1 as values of a parameter; a list of values is drawn from evenly."""
     if v.values is not None:
         return np.array(v.values)[np.minimum((u * len(v.values)).astype(int), len(v.values) - 1)]
+    first, last = v.ends
     if v.scale == "log":
-        return np.exp(np.log(v.from_) + u * (np.log(v.to) - np.log(v.from_)))
-    return v.from_ + u * (v.to - v.from_)
+        return np.exp(np.log(first) + u * (np.log(last) - np.log(first)))
+    return first + u * (last - first)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mjsim.batch.dataset import Folder
 from mjsim.batch.local import run_local
@@ -65,7 +66,7 @@ class BatchResult:
         import pandas as pd
 
         folder = self.out / "traces"
-        return pd.read_parquet(folder) if folder.is_dir() else pd.DataFrame()
+        return pd.read_parquet(folder) if any(folder.glob("part-*")) else pd.DataFrame()
 
 
 def batch(
@@ -88,7 +89,7 @@ def batch(
         KeyboardInterrupt: the user stopped it; finished runs are in ``out``.
     """
     sweep = sweep if isinstance(sweep, Sweep) else read_sweep(sweep)
-    with Folder(sweep, Path(out), force) as folder:
+    with _cluster(scheduler) as client, Folder(sweep, Path(out), force) as folder:
         done = folder.done()
         steps = [step_count(sweep, i) for i in range(len(sweep.tests))]
         writer = _Writer(folder, done, sweep.runs * len(sweep.tests), steps, sweep.runs, progress)
@@ -96,16 +97,25 @@ def batch(
         try:
             if not writer.left:
                 pass
-            elif scheduler is None:
+            elif client is None:
                 run_local(Workshop(sweep.recipe, sweep.every), jobs, min(threads, writer.left), writer.take)
             else:
                 from mjsim.batch.cluster import run_on_cluster
 
-                run_on_cluster(sweep.recipe, sweep.every, jobs, chunk_size(sweep, steps, writer.left), scheduler, writer.take)
+                run_on_cluster(client, sweep.recipe, sweep.every, jobs, chunk_size(sweep, steps, writer.left), writer.take)
         finally:
             writer.flush()
         folder.finish()
     return writer.result(sweep, Path(out))
+
+
+def _cluster(scheduler: str | None) -> AbstractContextManager[Any]:
+    """A client of the scheduler, or ``None``."""
+    if scheduler is None:
+        return nullcontext()
+    from mjsim.batch.cluster import connected
+
+    return connected(scheduler)
 
 
 class _Writer:

@@ -19,6 +19,12 @@ class VaryTable(Table):
     count: Annotated[int, Field(ge=2, le=1_000_000)] | None = None
     scale: Literal["linear", "log"] = "linear"
 
+    @property
+    def ends(self) -> tuple[float, float]:
+        """``from`` and ``to`` of an entry that has them."""
+        assert self.from_ is not None and self.to is not None
+        return self.from_, self.to
+
 
 class SweepTable(Table):
     name: Name

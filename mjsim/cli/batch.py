@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from contextlib import contextmanager
 from pathlib import Path
 
 import click
@@ -36,11 +35,15 @@ def command(sweep, out, scheduler, dry_run, force, threads, as_json, quiet) -> N
         raise click.UsageError("Missing option '--out'.")
     s = read_sweep(sweep)
     cores = common.cores(threads)
-    if dry_run:
+    if dry_run or out is None:
         _describe(s, cores, as_json, quiet)
         return
     try:
-        with _progress_bar(quiet) as progress:
+        with common.progress_bar(quiet, left=True) as bar:
+
+            def progress(done: int, total: int, steps: int, all_steps: int) -> None:
+                bar("simulating", round(total * steps / all_steps), total)  # a long test counts more, so that the time left is right
+
             result = batch(s, out, cores, scheduler, force, progress)
     except KeyboardInterrupt:
         common.say(f"mjsim: stopped; what is finished is in {out}, the same command goes on from there", False)
@@ -114,33 +117,3 @@ def _duration(seconds: float) -> str:
         return f"{seconds:.1f} s"
     minutes = round(seconds / 60)
     return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60:02d} min"
-
-
-@contextmanager
-def _progress_bar(quiet: bool):
-    """Bar with the time left on stderr; by steps, because tests differ in length."""
-    if quiet or not sys.stderr.isatty():
-        yield lambda *_: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
-    with Progress(
-        TextColumn("simulating"),
-        BarColumn(bar_width=24),
-        TextColumn("{task.fields[done]}/{task.fields[all]}"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        transient=True,
-        speed_estimate_period=120,
-    ) as bars:
-        task = [None]
-
-        def show(done: int, total: int, steps: int, all_steps: int) -> None:
-            if task[0] is None:
-                task[0] = bars.add_task("", total=all_steps, completed=steps, done=done, all=total)
-            bars.update(task[0], completed=steps, done=done, all=total)
-
-        yield show

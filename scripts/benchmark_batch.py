@@ -1,0 +1,121 @@
+"""Speed of a sweep: two cores against one, and one core against a bare rollout of the same MuJoCo steps.
+
+The same jobs (a 75 s cone-frustum test with a machine of its own in every run) are run by ``mjsim batch``'s own workers on one thread
+and on two, and as bare rollouts of the same models without the callback; also bare rollouts on two threads at once, which say what the
+machine itself gives at that moment. All are timed in turn, again and again: other processes only ever make them slower, so the best of
+each is what the code can do. The median of the rounds' ratios is printed too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import statistics
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+
+from mjsim.batch.local import run_local
+from mjsim.batch.run import batch
+from mjsim.batch.sweep import Sweep, read_sweep
+from mjsim.batch.workshop import Workshop
+from mjsim.engine import mjmodel
+from mjsim.engine.drive import STEP
+from mjsim.engine.plant import build
+from mjsim.engine.simulate import _prepare
+from mjsim.resources import examples
+
+SWEEP = """
+name = "benchmark"
+campaign = "hidden-backlash"
+tests = ["cone15-centre-ccw"]
+design = "tolerances"
+samples = {runs}
+[[vary]]
+parameter = "backlash.A.width_deg"
+values = [0.002]
+"""
+TARGET_CORES, TARGET_BARE = 1.8, 1.3
+
+
+def timed(action) -> float:
+    """Seconds that ``action`` takes."""
+    start = time.perf_counter()
+    action()
+    return time.perf_counter() - start
+
+
+def bare_rollouts(sweep: Sweep):
+    """``run(threads)``: every job's model rolled out with the same controls, without the callback."""
+    full, made = mujoco.mjtState.mjSTATE_FULLPHYSICS, []
+    for job in sweep.jobs():
+        plant = build(sweep.recipe.machine(job.values, job.sheet))
+        _, _, sent, model, data = _prepare(mjmodel.build_model(plant), plant, job.conditions, STEP)
+        initial = np.zeros(mujoco.mj_stateSize(model, full))
+        mujoco.mj_getState(model, data, initial, full)
+        made.append((model, data, initial[None], np.vstack([sent[1:], sent[-1:]])[None]))
+
+    def run(threads: int) -> None:
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(lambda args: rollout.rollout(*args), made))
+
+    return run, sum(control.shape[1] for *_, control in made)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rounds", type=int, default=12, help="how often each is timed (default 12)")
+    parser.add_argument("--runs", type=int, default=8, help="simulations of one timing (default 8)")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        (Path(scratch) / "hidden-backlash").symlink_to(examples() / "hidden-backlash")
+        file = Path(scratch) / "sweep.toml"
+        file.write_text(SWEEP.format(runs=options.runs))
+        sweep = read_sweep(file)
+        bare, steps = bare_rollouts(sweep)
+        shop = Workshop(sweep.recipe)
+        jobs = list(sweep.jobs())
+        measured = {
+            "1 core": lambda: run_local(shop, jobs, 1, lambda _: None),
+            "2 cores": lambda: run_local(shop, jobs, 2, lambda _: None),
+            "bare, 1 core": lambda: bare(1),
+            "bare, 2 cores": lambda: bare(2),
+            "whole command, 2 cores": lambda: batch(sweep, Path(tempfile.mkdtemp(dir=scratch)), 2),
+        }
+        for action in measured.values():
+            action()
+        times = {name: [] for name in measured}
+        for _ in range(options.rounds):
+            for name, action in measured.items():
+                times[name].append(timed(action))
+    report(times, steps, options)
+
+
+def report(times: dict[str, list[float]], steps: int, options: argparse.Namespace) -> None:
+    """Print the table and both ratios."""
+    print(f"MuJoCo {mujoco.__version__}, {options.runs} simulations of {steps // options.runs} steps, {options.rounds} rounds in turn")
+    print(f"load average of the machine's {os.cpu_count()} cores at the end: {os.getloadavg()[0]:.1f}")
+    for name, t in times.items():
+        print(f"  {name:22}  best {min(t):6.3f} s, median {statistics.median(t):6.3f} s  {min(t) / steps * 1e6:5.2f} µs per step")
+    for what, a, b, target, more in (
+        ("two cores over one", "1 core", "2 cores", TARGET_CORES, True),
+        ("  (bare rollouts: the machine itself)", "bare, 1 core", "bare, 2 cores", None, True),
+        ("one core over a bare rollout", "1 core", "bare, 1 core", TARGET_BARE, False),
+        ("whole command over its runs, two cores", "whole command, 2 cores", "2 cores", None, False),
+    ):
+        best = min(times[a]) / min(times[b])
+        middle = statistics.median(x / y for x, y in zip(times[a], times[b], strict=True))
+        verdict = ""
+        if target is not None:
+            met = best >= target if more else best <= target
+            verdict = f"; target {'at least' if more else 'at most'} {target}: {'met' if met else 'MISSED'}"
+        print(f"{what}: {best:.2f} times (best of each), {middle:.2f} (median of rounds){verdict}")
+
+
+if __name__ == "__main__":
+    main()
