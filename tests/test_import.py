@@ -256,6 +256,36 @@ def test_encoder_noise_does_not_turn_time_back(folder):
     assert any("there already" in n for n in made.notes)
 
 
+@pytest.mark.parametrize("digits", [3, 2, 1])
+@pytest.mark.parametrize("gap", [False, True])
+def test_rounded_angles_put_on_an_even_clock(folder, digits, gap):
+    """A bar at 100 Hz goes 0.286° from sample to sample: one digit makes its samples early or late by half a step."""
+    _, time, phi, deviation = recorded(folder, "cw")
+    keep = np.ones(len(phi), bool)
+    keep[500:540] = not gap
+    made, trace = by_angle(folder, "cw", np.round(phi[keep] / DEG, digits), deviation[keep])
+    assert trace.time == pytest.approx(time[keep], abs=2e-5 if digits > 1 else 1e-3)
+    assert trace.deviation == pytest.approx(deviation[keep], abs=1e-10)
+    assert any("evenly spaced" in n for n in made.notes)
+
+
+def test_whole_degrees_at_a_high_rate_lose_no_sample(folder):
+    """Several samples fall on every degree."""
+    _, time, phi, deviation = recorded(folder, "ccw")
+    _, trace = by_angle(folder, "ccw", np.round(phi / DEG), deviation)
+    assert len(trace.time) == len(time) and np.abs(trace.time - time).max() < 0.003
+    assert trace.deviation == pytest.approx(deviation, abs=1e-10)
+
+
+def test_a_list_by_degrees_is_taken_at_its_word(folder):
+    """Both ends of every revolution are listed, and some degrees are missing: the others stay where they are."""
+    degrees = np.append(np.arange(0.0, 361.0), np.arange(0.0, 361.0))
+    degrees = np.delete(degrees, [40, 41, 500])
+    made, trace = by_angle(folder, "cw", degrees, shape(-degrees * DEG), angle_sense="cw")
+    assert len(trace.time) == 722 - 1 - 3
+    assert trace.deviation == pytest.approx(shape(Program(made.test).phi(trace.time)), abs=1e-10)
+
+
 def test_two_runs_in_one_file_are_taken_one_by_one(folder):
     _, time, phi, deviation = recorded(folder, "ccw")
     degrees = phi / DEG

@@ -18,7 +18,9 @@ def show_traces(traces: list) -> None:
         common.paragraph(
             f"{d['samples']} samples{missing}, {d['rate_Hz']:g} Hz; {d['duration_s']:.2f} s, the program {d['program_s']:.2f} s", "  "
         )
-        common.paragraph(f"{d['min_um']:.2f} to {d['max_um']:.2f} µm, RMS about the mean {d['rms_um']:.2f} µm", "  ")
+        common.paragraph(
+            f"{d['min_um']:.2f} to {d['max_um']:.2f} µm, RMS about the mean {d['rms_um']:.2f} µm; in the file: {d['unit']}", "  "
+        )
         for note in d["notes"]:
             common.paragraph(f"- {note}", "  ")
         click.echo()

@@ -8,6 +8,7 @@ import numpy as np
 
 from mjsim.campaign.model import Test
 from mjsim.errors import InputError
+from mjsim.importing.even import evenly, quantum
 from mjsim.importing.reading import Options, Recording
 from mjsim.nc.paths import peripheral_radius
 from mjsim.nc.program import OVERLAP, Program
@@ -29,21 +30,29 @@ def place(path: Path, recording: Recording, test: Test, o: Options) -> tuple[np.
     """
     notes: list[str] = []
     program = Program(test)
-    if recording.angle is not None:
-        phi, deviation = _angles(path, recording, test, o, notes)
-    else:
-        assert recording.time is not None
+    if recording.angle is None and (o.start_angle is None or test.kind == "rotary"):
         _grows(path, recording)
-        if o.start_angle is None or test.kind == "rotary":
-            time = _clock(path, recording.time, program, o, notes)
-            return *_cut(time, recording.deviation, program.measured_span, EDGE, notes), notes
-        sign = np.sign(program.ends[1] - program.ends[0])
-        travel = (recording.time - recording.time[0]) * test.feed / peripheral_radius(test)
-        phi, deviation = o.start_angle + sign * travel, recording.deviation
-    phi, deviation = _into_range(phi, deviation, program, notes)
-    time = times_of(program, phi)
-    forward = np.flatnonzero(np.diff(time, prepend=-np.inf) > 0)
-    return time[forward], deviation[forward], notes
+        assert recording.time is not None
+        time = _clock(path, recording.time, program, o, notes)
+        time, deviation = _cut(time, recording.deviation, program.measured_span, EDGE, notes)
+        step = quantum(recording.time)
+    else:
+        if recording.angle is not None:
+            phi, deviation = _angles(path, recording, test, o, notes)
+        else:
+            phi, deviation = _from_start_angle(path, recording, program, o)
+        phi, deviation = _into_range(phi, deviation, program, notes)
+        time = times_of(program, phi)
+        step = quantum(recording.angle / DEG) * DEG * peripheral_radius(test) / test.feed if recording.angle is not None else 0.0
+    return *evenly(time, deviation, step, notes), notes
+
+
+def _from_start_angle(path: Path, r: Recording, program: Program, o: Options) -> tuple[np.ndarray, np.ndarray]:
+    """φ (n,) rad of a recording that began at another angle, at the constant feed."""
+    _grows(path, r)
+    assert r.time is not None and o.start_angle is not None
+    sign = np.sign(program.ends[1] - program.ends[0])
+    return o.start_angle + sign * (r.time - r.time[0]) * program.test.feed / peripheral_radius(program.test), r.deviation
 
 
 def times_of(program: Program, phi: np.ndarray) -> np.ndarray:
@@ -120,11 +129,7 @@ def _angles(path: Path, r: Recording, test: Test, o: Options, notes: list[str]) 
     if (phi[-1] - phi[0]) * motion < 0:
         phi, deviation = phi[::-1], deviation[::-1]
         notes.append("the samples are listed against the motion: turned round")
-    ahead = motion * phi
-    on = np.append(True, ahead[1:] > np.maximum.accumulate(ahead)[:-1])
-    if not on.all():
-        notes.append(f"{int((~on).sum())} samples at an angle that was there already left out")
-    return phi[on], deviation[on]
+    return phi, deviation
 
 
 def _one_way(path: Path, r: Recording, ahead: np.ndarray) -> None:
