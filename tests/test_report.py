@@ -321,11 +321,13 @@ def test_lags_that_differ_are_a_cause_and_can_be_matched(quiet):
 def test_friction_that_has_grown_can_go_back(m1):
     former = m1.effect("friction.Y")
     grown = m1.with_effect(former.replaced(coulomb_Nm=2.0 * former.values["coulomb_Nm"]))
-    rows = {c.name: c for c in whatif.causes(grown, m1)}
+    rows = {c.name: c for c in whatif.causes(grown, m1, {"friction.Y"})}
     assert rows["friction.Y"].remedy.kind == "share"
     assert rows["friction.Y as in the file"].remedy.repairable
     assert rows["friction.Y as in the file"].machine.effect("friction.Y").values == former.values
-    assert not any(name.endswith("in the file") for name in {c.name for c in whatif.causes(m1, m1)})
+    repaired = whatif._all_repaired(grown.with_effect(make("backlash.A", width_deg=0.001)), m1, list(rows.values()))
+    assert repaired.effect("friction.Y").values == former.values and len(repaired.effects) == len(m1.effects) + 1
+    assert not any(name.endswith("in the file") for name in {c.name for c in whatif.causes(grown, m1)})
 
 
 # -- trend -------------------------------------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from datetime import date
 from pathlib import Path
 
 import pytest
@@ -24,12 +25,14 @@ TESTS = ("cone45-centre-ccw", "rotary-a-tangential-ccw")
 HOSTILE = "</script><img src=x onerror=\"document.title='taken'\"> & <b>shop</b>"
 
 
-def cut(target):
+def cut(target, name=HOSTILE, day=None):
     """A campaign with two tests of the hidden-backlash example, its names full of markup."""
     source = examples() / "hidden-backlash"
     (target / "traces").mkdir(parents=True)
     document = tomlkit.parse((source / "campaign.toml").read_text())
-    document["name"] = HOSTILE
+    document["name"] = name
+    if day is not None:
+        document["measured_on"] = day
     for i in reversed(range(len(document["test"]))):
         if document["test"][i]["name"] not in TESTS:
             del document["test"][i]
@@ -229,6 +232,19 @@ def test_hover_says_angle_deviation_positions_and_event(watched):
     text = page.wait_for_selector(".residual-plot .hoverlayer .hovertext").text_content()
     for said in ("°", "µm", "X ", "mm", "reverses"):
         assert said in text, text
+    polar = page.locator(".card .polar").first
+    polar.scroll_into_view_if_needed()
+    box = polar.bounding_box()
+    text = None
+    for k in range(60):  # outwards along 45° until the trace is met
+        away = (0.1 + 0.006 * k) * box["height"]
+        page.mouse.move(box["x"] + 0.5 * box["width"] + 0.7 * away, box["y"] + 0.5 * box["height"] - 0.7 * away)
+        page.wait_for_timeout(60)
+        found = page.locator(".polar .hoverlayer .hovertext")
+        if found.count():
+            text = found.first.text_content()
+            break
+    assert text is not None and "µm" in text and "A " in text and ("measured" in text or "simulated" in text)
     page.mouse.move(5, 5)
 
 
@@ -259,3 +275,68 @@ def test_fits_a_phone_and_works_without_script(browser, made):
     assert page.locator("img").first.is_visible() and page.locator("noscript").count() == 1
     assert not page.is_visible("#model")
     context.close()
+
+
+@pytest.fixture(scope="module")
+def campaigns(tmp_path_factory):
+    """Two dated campaigns of one machine, the later one with more backlash in its machine file, and one of another machine."""
+    folder = tmp_path_factory.mktemp("trend")
+    early, late, other = (cut(folder / n, n, date(2026, m, 1)) for n, m in (("early", 3), ("late", 5), ("other", 6)))
+    for width, campaign in ((0.001, early), (0.002, late)):
+        text = (campaign / "machine.toml").read_text()
+        (campaign / "machine.toml").write_text(f'{text}\n[[effect]]\nid = "backlash.A"\nwidth_deg = {width}\n')
+    (other / "machine.toml").write_text((other / "machine.toml").read_text().replace("taken", "another"))
+    return early, late, other
+
+
+def test_trend_of_two_campaigns(browser, campaigns, tmp_path):
+    early, late, _ = campaigns
+    data = command("report", late, early, "--no-diagnose", "-o", tmp_path / "trend.html")
+    assert [(r["name"], r["date"]) for r in data["campaigns"]] == [("early", "2026-03-01"), ("late", "2026-05-01")]
+    assert data["campaigns"][1]["rms_before_um"] < 0.5 * data["campaigns"][0]["rms_before_um"]
+    by_name = {s["name"]: s for s in data["series"]}
+    assert by_name["backlash.A width_deg"]["values"] == [0.001, 0.002]
+    assert by_name["backlash.A width_deg"]["verdict"] == "cannot be said"  # a machine file has no intervals
+    assert by_name[f"G {TESTS[0]}"]["verdict"] == "within uncertainty"  # the same trace twice
+    w = Watched(browser, tmp_path / "trend.html", viewport={"width": 1280, "height": 900})
+    w.page.wait_for_selector(".trend-plot .scatterlayer")
+    shown = w.page.evaluate("[...document.querySelectorAll('[data-json]')].map(e => [e.dataset.json, e.textContent])")
+    assert len(shown) > 20
+    for pointer, text in shown:
+        there = value(data, pointer)
+        decimals = len(text.partition(".")[2])
+        assert text == "–" if there is None else number(text) == pytest.approx(there, abs=0.5001 * 10.0**-decimals), pointer
+    visible = "document.querySelector('[data-group=figure]').data.filter(t => t.visible).map(t => t.name)"
+    before = w.page.evaluate(visible)
+    w.page.uncheck(f"input[name='{before[0]}']")
+    assert w.page.evaluate(visible) == before[1:]
+    w.page.emulate_media(media="print")
+    assert w.page.locator("img").count() == 2 and all(w.page.locator("img").nth(i).is_visible() for i in range(2))
+    assert not w.page.is_visible(".trend-plot >> nth=0")
+    w.check()
+    w.page.close()
+
+
+def test_trend_of_two_machines_is_refused_before_the_work(campaigns, tmp_path):
+    early, _, other = campaigns
+    done = CliRunner().invoke(main, ["report", str(early), str(other), "-o", str(tmp_path / "trend.html")])
+    assert done.exit_code == 1 and done.stderr.count("\n") == 1
+    assert "not of the same machine" in done.stderr and not (tmp_path / "trend.html").exists()
+
+
+def test_report_without_diagnosis_and_without_force(campaigns, tmp_path):
+    page, machine = tmp_path / "page.html", tmp_path / "machine.toml"
+    machine.write_text((campaigns[0] / "machine.toml").read_text() + '\n[[effect]]\nid = "squareness.XY"\nangle_urad = 5.0\n')
+    options = ("--no-diagnose", "-o", page, "--machine", machine)
+    data = command("report", campaigns[0], *options)
+    assert (data["verdict"], data["diagnosis"], data["findings"], data["date"]) == (None, None, [], "2026-03-01")
+    assert [m["label"] for m in data["models"]] == ["rigid kinematics", "+ drives", "machine as given"]
+    rows = data["what_if"]["rows"]
+    assert (rows[0]["cause"], rows[-1]["cause"]) == ("backlash.A", "all repairs together")
+    assert rows[-1]["gain_um"] > rows[0]["gain_um"] > 0.05 and rows[-1]["how"] == "full simulation"
+    before = page.read_bytes()
+    done = CliRunner().invoke(main, ["report", str(campaigns[0]), *map(str, options)])
+    assert done.exit_code == 1 and "exists already" in done.stderr
+    assert page.read_bytes() == before
+    assert command("report", campaigns[0], *options, "--force") == data
+    assert page.read_bytes() == before  # the same input gives the same page

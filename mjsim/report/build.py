@@ -44,7 +44,8 @@ def diagnosed(result: Diagnosis, threads: int = 2, progress: Progress = silent, 
     """
     problem = prepared(result, threads)
     models, start = ladder(result, problem, threads, progress, apart=thorough)
-    repairs = what_if(problem, result.machine, result.before.machine, threads, progress, full=3 if thorough else 1)
+    keys = {e.effect.key for e in result.effects}
+    repairs = what_if(problem, result.machine, result.before.machine, keys, threads, progress, full=3 if thorough else 1)
     base = _content(models, start, problem, result.machine, repairs, date)
     rest = rest_percent(result)
     return ReportContent(
@@ -55,6 +56,7 @@ def diagnosed(result: Diagnosis, threads: int = 2, progress: Progress = silent, 
             "verdict_sentence": _SENTENCE[result.verdict],
             "findings": findings(result),
             "unexplained": result.unexplained.summary if result.unexplained else _rest(rest),
+            "curve": (*u.curve, u.labels, u.summary, u.period) if (u := result.unexplained) else None,
             "not_testable": untestable(result.not_testable, problem),
             "next_test": next_test_sentence(result.next_test),
             "diagnosis": result.to_json(),
@@ -72,7 +74,7 @@ def _rest(percent: float | None) -> str:
 def compared(problem: Problem, given: Comparison, threads: int = 2, progress: Progress = silent, date: str = "") -> ReportContent:
     """Everything the page says about a campaign that was compared with its machine and not diagnosed."""
     models = basis(problem, given, threads, progress)
-    repairs = what_if(problem, given.machine, given.machine, threads, progress)
+    repairs = what_if(problem, given.machine, given.machine, (), threads, progress)
     base = _content(models, len(models) - 1, problem, given.machine, repairs, date)
     return ReportContent(
         **base,

@@ -206,6 +206,7 @@ class ReportContent:
         what_if: repairs and what each would gain.
         diagnosis: the JSON of ``mjsim diagnose``; None without one.
         provenance: (name, text) pairs: versions, seed, model hash. date: as it is to be printed; given by the caller.
+        curve: what the unexplained rest looks like, as :func:`mjsim.plots.curve.curve_figure` takes it.
         traces: what the interactive plots are made of (:mod:`mjsim.report.traces`); None leaves them out.
     """
 
@@ -229,6 +230,7 @@ class ReportContent:
     diagnosis: dict | None = None
     provenance: Sequence[tuple[str, str]] = ()
     date: str = ""
+    curve: tuple | None = field(default=None, metadata=_DRAWN)
     traces: list[dict] | None = field(default=None, metadata=_DRAWN)
 
     def to_json(self) -> dict:

@@ -96,7 +96,7 @@ def untestable(ids: tuple[str, ...], problem: Problem) -> list[NotTestable]:
         elif cls.quasi_static:
             why = "the free ball offsets, bar length and triggers take up what it does here"
         else:
-            why = "at these feeds it changes the reading less than the noise, or no more than the data sheet's tolerances do"
+            why = "at these feeds it hardly changes the reading, or set-up and data sheet may take up what it does"
         out.append(NotTestable(effect_id, f"{cls.title}: {why}."))
     return out
 

@@ -12,7 +12,7 @@ import json
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
-from mjsim.plots import ladder, overview, polar, residual, trend
+from mjsim.plots import curve, ladder, overview, polar, residual, trend
 from mjsim.plots.save import encode
 from mjsim.report import numbers
 from mjsim.report.content import ParameterRow, ReportContent, TestSection
@@ -41,7 +41,7 @@ _GROUPS = (
     ),
 )
 #: Colours of a printed figure: a few hues and their mixtures with white.
-_COLOURS = 96
+_COLOURS = 160
 KINDS = {"adjust": "adjust", "compensate": "compensate", "maintain": "maintain", "share": "share only"}
 
 
@@ -67,6 +67,7 @@ def render(content: ReportContent) -> str:
         full_rows=[i for i, r in enumerate(content.what_if.rows) if r.tests_um] if content.what_if else [],
         kinds=KINDS,
         ladder_image=_ladder_image(content),
+        curve_image=data_uri(curve.curve_figure(*content.curve)) if content.curve else None,
         overview_image=_overview_image(content),
         sections=[_section(test) for test in content.tests],
         iso_rows=any(test.measured is not None for test in content.tests),
@@ -181,7 +182,7 @@ def data_uri(figure: Figure, kind: str = "png") -> str:
 
     data = encode(figure, kind)
     if kind == "png":
-        image = Image.open(io.BytesIO(data)).convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE)
+        image = Image.open(io.BytesIO(data)).convert("RGB").quantize(_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
         buffer = io.BytesIO()
         image.save(buffer, "PNG", optimize=True)
         data = buffer.getvalue()

@@ -50,7 +50,7 @@ def test_traces(models: list[TestComparison], start: int, noise: float) -> dict:
 
 def kept(phi: np.ndarray, signal: np.ndarray, per_turn: int = PER_TURN) -> np.ndarray:
     """Indices of about ``per_turn`` samples per turn: the smallest and the largest ``signal`` of each stretch, and both ends."""
-    turns = max(float(np.ptp(phi)) / (2.0 * np.pi), 0.25)
+    turns = max(float(np.ptp(phi)) / (2.0 * np.pi), 0.8)
     stretch = int(np.ceil(2.0 * len(phi) / (turns * per_turn)))
     if stretch < 3:
         return np.arange(len(phi))

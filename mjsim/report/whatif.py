@@ -6,6 +6,7 @@ Causes are ranked as ball-bar software ranks them, by what each makes of the who
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,7 @@ from mjsim.units import UM
 
 DRIVES = "drives alone"
 ALL = "all repairs together"
+_FORMER = " as in the file"
 #: Difference of two axes' lags that is no cause, s: what exact settings leave (0.03 % of some 20 ms).
 _LAG = 0.02e-3
 
@@ -56,20 +58,18 @@ def lag(axis: AxisPlant) -> float:
     return (1.0 - axis.feedforward) / axis.position_gain + axis.delay
 
 
-def causes(machine: Machine, given: Machine) -> list[Cause]:
-    """Everything in ``machine`` that could be taken out one by one; corrected values of what ``given`` has too go back to its."""
+def causes(machine: Machine, given: Machine, found: Collection[str] = ()) -> list[Cause]:
+    """Everything in ``machine`` that could be taken out one by one; friction that was ``found`` (keys) to be off what ``given`` has
+    can also go back to that."""
     out = []
     for effect in machine.effects:
         if effect.is_neutral:
             continue
         out.append(Cause(effect.key, effect.title, remedy(effect.kind), machine.without(effect.key)))
         former = given.effect(effect.key)
-        changed = former is not None and any(
-            isinstance(v, float) and abs(v - former.values[k]) > 0.25 * abs(former.values[k]) for k, v in effect.values.items()
-        )
-        if changed and effect.kind == "friction":
+        if effect.kind == "friction" and effect.key in found and former is not None:
             what = Remedy("maintain", "reversal spikes", "Off what the machine file says: check lubrication, seals, covers and preload.")
-            out.append(Cause(f"{effect.key} as in the file", "Friction off its former value", what, machine.with_effect(former)))
+            out.append(Cause(f"{effect.key}{_FORMER}", "Friction off its former value", what, machine.with_effect(former)))
     lags = {a: lag(drive) for a, drive in build(machine).axes.items()}
     if max(lags.values()) - min(lags.values()) > _LAG:
         spread = ", ".join(f"{a} {lags[a] * 1e3:.2f}" for a in AXES)
@@ -95,40 +95,61 @@ def _matched(machine: Machine, lags: dict[str, float]) -> Machine:
 
 
 def what_if(
-    problem: Problem, machine: Machine, given: Machine, threads: int = 2, progress: Progress = silent, full: int = 3
+    problem: Problem,
+    machine: Machine,
+    given: Machine,
+    found: Collection[str] = (),
+    threads: int = 2,
+    progress: Progress = silent,
+    full: int = 3,
 ) -> WhatIf | None:
     """Every cause in ``machine`` repaired alone, the best repair first, and all repairs together; None when there is no cause.
 
     Args:
-        machine: the final model. given: the machine as the user has it.
-        full: rows at the top that are simulated in the multibody model.
+        machine: the final model. given: the machine as the user has it. found: keys of the effects that a diagnosis found.
+        full: rows at the top that are simulated in the multibody model; with more than one, all repairs together are as well.
 
     Raises:
         SimulationError: see :func:`mjsim.engine.simulate.simulate`.
     """
     machine = phased(problem, machine)
-    found = causes(machine, given)
-    if not found:
+    every = causes(machine, given, found)
+    if not every:
         return None
     base = {DRIVES: _of_drives(problem, machine), SIMULATION: _of_simulation(problem, machine, threads, progress)}
-    progress("repairing one by one", 0, len(found))
-    rows = [_row(c, _of_drives(problem, c.machine), base[DRIVES], DRIVES) for c in found]
-    by_name = {c.name: c for c in found}
-    for _ in range(len(found)):
+    progress("repairing one by one", 0, len(every))
+    rows = [_row(c, _of_drives(problem, c.machine), base[DRIVES], DRIVES) for c in every]
+    by_name = {c.name: c for c in every}
+    for _ in range(len(every)):
         rows.sort(key=lambda r: -r.gain_um)
         at = next((i for i, r in enumerate(rows[:full]) if r.how == DRIVES), None)
         if at is None:
             break
         c = by_name[rows[at].cause]
         rows[at] = _row(c, _of_simulation(problem, c.machine, threads, progress), base[SIMULATION], SIMULATION)
-    repaired = machine
-    for c in found:
-        if c.remedy.repairable and c.name != "servo lag" and repaired.effect(c.name) is not None:
-            repaired = repaired.without(c.name)
+    repaired = _all_repaired(machine, given, every)
     if sum(r.kind != "share" for r in rows) > 1:
-        every = Cause(ALL, "Everything above that can be repaired", Remedy("adjust", "", ""), repaired)
-        rows.append(_row(every, _of_drives(problem, repaired), base[DRIVES], DRIVES))
+        together = Cause(
+            ALL,
+            "Everything above that can be repaired; what stays, servo loops and friction make of these paths",
+            Remedy("adjust", "", ""),
+            repaired,
+        )
+        how = SIMULATION if full > 1 else DRIVES
+        after = _of_simulation(problem, repaired, threads, progress) if full > 1 else _of_drives(problem, repaired)
+        rows.append(_row(together, after, base[how], how))
     return WhatIf(base[SIMULATION].rms_um, base[SIMULATION].tests_um, rows)
+
+
+def _all_repaired(machine: Machine, given: Machine, every: list[Cause]) -> Machine:
+    """``machine`` with every repair made; lags then differ no longer, or by the drives' own settings."""
+    for c in every:
+        key = c.name.removesuffix(_FORMER)
+        if key != c.name:
+            machine = machine.with_effect(given.effect(key))
+        elif c.remedy.repairable and machine.effect(key) is not None:
+            machine = machine.without(key)
+    return machine
 
 
 def _row(cause: Cause, after: _Errors, before: _Errors, how: str) -> RepairRow:

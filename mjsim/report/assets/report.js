@@ -84,14 +84,15 @@
     for (const a of angles) out.push(out.length && a - out[out.length - 1] < apart ? out[out.length - 1] + apart : a);
     return out;
   };
-  const residualLayout = (t) => {
+  const niceTurn = (least) => [1, 2, 5, 10, 15, 30, 45, 60, 90].find((s) => s >= least) || 180;
+  const residualLayout = (t, width) => {
     const [low, high] = t.full ? [0, 360] : [Math.min(...t.angle), Math.max(...t.angle)];
     const range = extent(...(shown.common ? t.residual.slice(data.start) : []), t.residual[shown.model], [2.5 * t.noise]), limit = 1.06 * Math.max(-range[0], range[1]);
-    const marks = shown.events ? t.events.filter(([, a]) => a >= low && a <= high) : [], letters = spread(marks.map((m) => m[1]), (high - low) / 45);
+    const marks = shown.events ? t.events.filter(([, a]) => a >= low && a <= high) : [], letters = spread(marks.map((m) => m[1]), (high - low) * 11 / width);
     const line = (y) => ({ type: "line", xref: "paper", x0: 0, x1: 1, y0: y, y1: y, line: { color: look.edge, width: 0.8 } });
     return {
       font, showlegend: false, margin: { l: 46, r: 8, t: 18, b: 34 }, hovermode: "closest", dragmode: "zoom", plot_bgcolor: "#fff",
-      xaxis: { range: [low, high], dtick: high - low > 200 ? 30 : high - low > 80 ? 10 : 5, title: { text: "plot angle, °", standoff: 4, font }, showgrid: false, zeroline: false, linecolor: look.nominal, ticks: "outside", ticklen: 3 },
+      xaxis: { range: [low, high], dtick: niceTurn((high - low) * 34 / width), tickangle: 0, title: { text: "plot angle, °", standoff: 4, font }, showgrid: false, zeroline: false, linecolor: look.nominal, ticks: "outside", ticklen: 3 },
       yaxis: { range: [-limit, limit], title: { text: "residual, µm", standoff: 4, font }, gridcolor: look.grid, zerolinecolor: look.nominal, nticks: 6 },
       shapes: [
         ...(shown.noise ? [{ type: "rect", xref: "paper", x0: 0, x1: 1, y0: -2 * t.noise, y1: 2 * t.noise, fillcolor: look.band, line: { width: 0 }, layer: "below" }, line(2 * t.noise), line(-2 * t.noise)] : []),
@@ -108,7 +109,7 @@
     card.number.dataset.json = `/models/${shown.model}/tests_um/${k}`;
     if (!t.text) t.text = places(t);
     Plotly.react(card.polar, polarTraces(t), polarLayout(t), config);
-    Plotly.react(card.residual, residualTraces(t), residualLayout(t), config);
+    Plotly.react(card.residual, residualTraces(t), residualLayout(t, Math.max(card.residual.clientWidth - 54, 120)), config);
   };
   const refresh = () => {
     for (const card of cards) {
