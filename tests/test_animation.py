@@ -1,8 +1,11 @@
 """Videos: files that decode, balls where the kinematics puts them, the factor that is shown, traces that end at the reading, refusals."""
 
 import json
+import os
 import re
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -440,6 +443,32 @@ def test_no_opengl_is_one_sentence_with_the_packages(folder, tmp_path, monkeypat
     setup = (ROOT / "scripts" / "setup").read_text()
     packages = re.search(r"gl_packages=\((.*?)\)", setup)[1]
     refused(run("animate", folder, "--test", TEST, "-o", tmp_path / "a.mp4"), "no OpenGL", "libEGL.so.1", packages)
+    assert list(tmp_path.iterdir()) == []
+
+
+HIDE = """
+import ctypes, ctypes.util, sys
+load, find = ctypes.CDLL.__init__, ctypes.util.find_library
+gone = lambda name: name and any(x in str(name) for x in ("GL", "OSMesa", "glfw"))
+def init(self, name, *args, **more):
+    if gone(name):
+        raise OSError(f"{name}: cannot open shared object file")
+    load(self, name, *args, **more)
+ctypes.CDLL.__init__ = init
+ctypes.util.find_library = lambda name: None if gone(name) else find(name)
+from mjsim.cli.main import main
+main()
+"""
+
+
+@pytest.mark.parametrize("value", [None, "osmesa"])
+def test_a_computer_without_the_libraries(folder, tmp_path, value):
+    """Another process that finds none of them, as MuJoCo and the bindings look for them when they are imported."""
+    env = {k: v for k, v in os.environ.items() if k not in ("MUJOCO_GL", "PYOPENGL_PLATFORM")} | ({"MUJOCO_GL": value} if value else {})
+    command = [sys.executable, "-c", HIDE, "animate", str(folder), "--test", TEST, "-o", str(tmp_path / "a.mp4")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=env)
+    assert (done.returncode, done.stdout) == (1, "") and done.stderr.count("\n") == 1, done.stderr
+    assert done.stderr.startswith("mjsim: cannot render the machine: no OpenGL") and gl.PACKAGES in done.stderr
     assert list(tmp_path.iterdir()) == []
 
 

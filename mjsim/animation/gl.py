@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import os
-import sys
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
+from importlib import import_module
 
 from mjsim.errors import InputError
 
@@ -19,22 +20,21 @@ _SYSTEMS = ("egl", "osmesa", "glfw")
 def chosen() -> str:
     """The renderer that is used: the user's MUJOCO_GL, EGL where it is not set.
 
-    It is set here for MuJoCo's own import as well, which reads it once. Where MuJoCo was imported before, nothing is lost: the context
-    is made here and not by MuJoCo.
+    It is not set here. MuJoCo reads it when it is imported, and fails at once where what it names is missing; the context is made here
+    instead, so that it also works where MuJoCo was imported long before.
 
     Raises:
-        InputError: MUJOCO_GL names nothing that exists, or says that there is no renderer.
+        InputError: MUJOCO_GL names nothing that exists, or says that there is no renderer, or MuJoCo cannot be imported with it.
     """
     wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
     if wanted in _OFF:
         raise InputError(f"MUJOCO_GL={wanted} switches off rendering, which a picture of the machine needs; unset it or say MUJOCO_GL=egl")
     if wanted and wanted not in (*_SYSTEMS, *_ON, "glx"):
         raise InputError(f"MUJOCO_GL={wanted}: no such renderer; allowed: {', '.join(_SYSTEMS)}, or not set at all")
-    if wanted not in _SYSTEMS:
-        wanted = "glfw" if wanted == "glx" else "egl"
-    if "mujoco" not in sys.modules:
-        os.environ["MUJOCO_GL"] = wanted
-    return wanted
+    system = wanted if wanted in _SYSTEMS else "glfw" if wanted == "glx" else "egl"
+    with advice(system):
+        import_module("mujoco")
+    return system
 
 
 def make_context(width: int, height: int):
@@ -44,17 +44,29 @@ def make_context(width: int, height: int):
         InputError: there is no OpenGL on this computer; the sentence names the packages that bring it.
     """
     system = chosen()
+    with advice(system):
+        context = _context_class(system)(width, height)
+        context.make_current()
+    return context
+
+
+@contextlib.contextmanager
+def advice(system: str) -> Iterator[None]:
+    """Whatever goes wrong with OpenGL in the block becomes one sentence; what the drivers print meanwhile is dropped.
+
+    Raises:
+        InputError: in place of any exception; what the bindings raise differs from library to library.
+    """
     try:
-        with _quiet_stderr():
-            context = _context_class(system)(width, height)
-            context.make_current()
-    except Exception as error:  # what the OpenGL bindings raise differs from library to library: ImportError, AttributeError, GLError …
+        with _quiet_stderr(), warnings.catch_warnings(action="ignore"):
+            yield
+    except Exception as error:
         reason = " ".join(str(error).split())[:120] or type(error).__name__
+        other = "" if system == "egl" else "unset MUJOCO_GL to use EGL; "
         raise InputError(
             f"cannot render the machine: no OpenGL for off-screen pictures ({system}: {reason}); "
-            f"on Debian or Ubuntu: sudo apt-get install -y --no-install-recommends {PACKAGES}"
+            f"{other}on Debian or Ubuntu: sudo apt-get install -y --no-install-recommends {PACKAGES}"
         ) from None
-    return context
 
 
 def _context_class(system: str) -> Callable:

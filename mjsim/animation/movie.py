@@ -122,7 +122,7 @@ def animate(
     if chosen is None:
         names = ", ".join(t.name for t in campaign.tests)
         raise InputError(f"{campaign.folder / 'campaign.toml'}: no test {test!r}; it has: {names}")
-    gl.chosen()  # before MuJoCo is imported
+    gl.chosen()
     from mjsim.animation.scene import Stage, cameras
     from mjsim.nc.program import Program
 

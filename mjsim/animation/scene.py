@@ -6,11 +6,12 @@ import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from mjsim.animation.gl import make_context
+from mjsim.animation.gl import advice, chosen, make_context
 from mjsim.campaign.model import Test
 from mjsim.errors import InputError
 from mjsim.kinematics import AXES
@@ -67,7 +68,8 @@ class Stage:
         Raises:
             InputError: no OpenGL.
         """
-        self._context = None
+        self._context: Any = None
+        self._gpu: Any = None
         self._context = make_context(width, height)
         spec = mujoco.MjSpec.from_file(str(model_file()))
         spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
@@ -80,7 +82,8 @@ class Stage:
         #: The frame in which the trail stands still: the table, where the bar goes round in the work's frame.
         self.carrier = self.model.body("y_slide" if test.kind == "rotary" else "table").id
         self._joints = np.array([self.model.joint(a).qposadr[0] for a in AXES])
-        self._gpu = mujoco.MjrContext(self.model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        with advice(chosen()):  # without a display, GLFW's context fails only here
+            self._gpu = mujoco.MjrContext(self.model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._gpu)
         self._scene = mujoco.MjvScene(self.model, maxgeom=2000)
         self._option = mujoco.MjvOption()
@@ -97,7 +100,8 @@ class Stage:
         """Free what the graphics driver holds."""
         if self._context is not None:
             self._context.make_current()
-            self._gpu.free()
+            if self._gpu is not None:
+                self._gpu.free()
             self._context.free()
             self._context = None
 

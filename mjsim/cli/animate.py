@@ -65,6 +65,9 @@ def command(
             about = {"tests": list(film.tests), "models": [{"label": name, "rms_um": round(rms * 1e6, 4)} for name, rms in film.models]}
             words = f"{len(film.models)} models, {len(film.tests)} tests"
         else:
+            from mjsim.animation.gl import chosen
+
+            chosen()  # before anything imports MuJoCo, which fails where MUJOCO_GL names what is missing
             from mjsim.animation.movie import animate
             from mjsim.machine.files import read_machine
 
