@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import tomlkit
+from tomlkit.items import AoT
 
 from mjsim.campaign.files import campaign_from, check_span
 from mjsim.campaign.model import Campaign, Instrument, Test, Trace
@@ -122,7 +123,7 @@ def _append(document: tomlkit.TOMLDocument, new: dict) -> None:
     if "test" not in document:
         document.append("test", tomlkit.aot())
     tables = document["test"]
-    inline = not isinstance(tables, tomlkit.items.AoT)
+    inline = not isinstance(tables, AoT)
     table = tomlkit.inline_table() if inline else tomlkit.table()
     for key in sorted(new, key=_ORDER.index):
         table[key] = new[key]

@@ -71,7 +71,7 @@ def read_table(path: Path, separator: str | None = None, decimal: str | None = N
     values, numbers = _numbers(path, body, begin, first, sep, comma, width)
     header = lines[: first - 1 + begin]
     names, units = _names(header, sep, width)
-    keep = np.isfinite(values).any(axis=0) if len(values) else np.ones(width, bool)  # a separator at the ends of the lines
+    keep = np.asarray(np.isfinite(values).any(axis=0), bool) | (len(values) == 0)  # a separator at the ends of the lines
     names, units = tuple(n for n, k in zip(names, keep, strict=True) if k), tuple(u for u, k in zip(units, keep, strict=True) if k)
     shown = next(k for k, v in SEPARATORS.items() if v == sep)
     notes += [f"separator {shown}, decimal {'comma' if comma else 'point'}"] if width > 1 or comma else []
