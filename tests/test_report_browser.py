@@ -145,6 +145,8 @@ def test_the_best_repair_is_the_hidden_backlash(made):
     assert rows[0]["gain_um"] == pytest.approx(what_if["rms_um"] - rows[0]["rms_um"], abs=2e-4) and rows[0]["gain_um"] > 0.3
     assert rows[0]["gain_percent"] == pytest.approx(100.0 * rows[0]["gain_um"] / what_if["rms_um"], abs=0.06)
     assert {r["cause"]: r["kind"] for r in rows}["friction.A"] == "share"
+    assert rows[0]["circle"] == TESTS[0]
+    assert rows[0]["circle_um"] == pytest.approx(what_if["tests_um"][0] - rows[0]["tests_um"][0], abs=1e-3)
 
 
 def test_names_of_the_user_stay_text(watched):

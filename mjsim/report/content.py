@@ -99,6 +99,7 @@ class RepairRow:
         remedy: how it is repaired. how: ``full simulation`` or ``drives alone``.
         rms_um: RMS of the machine's deviation without it [µm]. gain_um, gain_percent: how much that is less.
         tests_um: circular error G (arcs: peak to valley) of each test without it [µm]; empty for ``drives alone``.
+        circle: the circular test whose G falls most; circle_um, circle_percent: by how much. Reversal spikes show there, not in an RMS.
     """
 
     cause: str
@@ -111,6 +112,9 @@ class RepairRow:
     gain_um: float
     gain_percent: float
     tests_um: Sequence[float] = ()
+    circle: str = ""
+    circle_um: float | None = None
+    circle_percent: float | None = None
 
 
 @dataclass(frozen=True)

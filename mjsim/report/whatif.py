@@ -118,7 +118,7 @@ def what_if(
         return None
     base = {DRIVES: _of_drives(problem, machine), SIMULATION: _of_simulation(problem, machine, threads, progress)}
     progress("repairing one by one", 0, len(every))
-    rows = [_row(c, _of_drives(problem, c.machine), base[DRIVES], DRIVES) for c in every]
+    rows = [_row(problem.tests, c, _of_drives(problem, c.machine), base[DRIVES], DRIVES) for c in every]
     by_name = {c.name: c for c in every}
     for _ in range(len(every)):
         rows.sort(key=lambda r: -r.gain_um)
@@ -126,7 +126,7 @@ def what_if(
         if at is None:
             break
         c = by_name[rows[at].cause]
-        rows[at] = _row(c, _of_simulation(problem, c.machine, threads, progress), base[SIMULATION], SIMULATION)
+        rows[at] = _row(problem.tests, c, _of_simulation(problem, c.machine, threads, progress), base[SIMULATION], SIMULATION)
     repaired = _all_repaired(machine, given, every)
     if sum(r.kind != "share" for r in rows) > 1:
         together = Cause(
@@ -137,7 +137,7 @@ def what_if(
         )
         how = SIMULATION if full > 1 else DRIVES
         after = _of_simulation(problem, repaired, threads, progress) if full > 1 else _of_drives(problem, repaired)
-        rows.append(_row(together, after, base[how], how))
+        rows.append(_row(problem.tests, together, after, base[how], how))
     return WhatIf(base[SIMULATION].rms_um, base[SIMULATION].tests_um, rows)
 
 
@@ -152,7 +152,7 @@ def _all_repaired(machine: Machine, given: Machine, every: list[Cause]) -> Machi
     return machine
 
 
-def _row(cause: Cause, after: _Errors, before: _Errors, how: str) -> RepairRow:
+def _row(tests: tuple[Test, ...], cause: Cause, after: _Errors, before: _Errors, how: str) -> RepairRow:
     gain = before.rms_um - after.rms_um
     return RepairRow(
         cause.name,
@@ -165,7 +165,17 @@ def _row(cause: Cause, after: _Errors, before: _Errors, how: str) -> RepairRow:
         round(gain, 4),
         round(100.0 * gain / before.rms_um, 1) if before.rms_um else 0.0,
         after.tests_um if how == SIMULATION else (),
+        *_circle(tests, before.tests_um, after.tests_um),
     )
+
+
+def _circle(tests: tuple[Test, ...], before: list[float], after: list[float]) -> tuple[str, float | None, float | None]:
+    """Name of the circular test whose G falls most, by how much [µm] and per cent; empty where there is no such test."""
+    falls = [(b - a, b, t.name) for t, b, a in zip(tests, before, after, strict=True) if t.kind != "rotary"]
+    if not falls:
+        return "", None, None
+    fall, whole, name = max(falls, key=lambda f: f[0])
+    return name, round(fall, 4), round(100.0 * fall / whole, 1) if whole else 0.0
 
 
 def _of_drives(problem: Problem, machine: Machine) -> _Errors:
