@@ -18,7 +18,7 @@ from mjsim.machine.files import read_machine
 from mjsim.resources import examples
 
 TESTS = ("cone45-centre-ccw", "rotary-a-tangential-ccw")
-COMMANDS = ("demo", "simulate", "compare", "diagnose", "add", "remove", "history", "effects")
+COMMANDS = ("demo", "simulate", "compare", "diagnose", "report", "add", "remove", "history", "effects")
 
 
 def cut(target: Path, names=TESTS) -> Path:
