@@ -124,6 +124,16 @@ def test_compare_shows_them(campaign, file):
     assert max(map(len, text.splitlines())) <= 80
 
 
+def test_traces_and_features_in_one_call_all_or_none(campaign, file):
+    trace = file.with_name("turn.csv")
+    shutil.move(campaign / "traces" / "turn.csv", trace)
+    both = ["import", trace, file, "--campaign", campaign, "--no-check"]
+    mjsim.import_features(campaign, [file])
+    refused(campaign, both, "run-1.json", "--force")
+    assert run(*both, "--force").exit_code == 0
+    assert (campaign / "traces" / "turn.csv").is_file()
+
+
 def test_preview_and_wrong_options_write_nothing(campaign, file):
     before = snapshot(campaign)
     assert run("import", file, "--campaign", campaign, "--preview").exit_code == 0

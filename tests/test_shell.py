@@ -248,8 +248,9 @@ def test_the_plain_progress_bar_goes_away(plain):
 def test_colours_on_a_terminal_and_where_they_are_asked_for(command):
     env = {**{k: v for k, v in os.environ.items() if k != "NO_COLOR"}, "TERM": "xterm", "FORCE_COLOR": "1"}
     forced = subprocess.run([command / "mjsim", "effects"], capture_output=True, text=True, env=env, timeout=60).stdout
+    plain = subprocess.run([command / "mjsim", "effects"], capture_output=True, text=True, env={**env, "NO_COLOR": "1"}, timeout=60).stdout
     assert "\x1b[1m" in forced
-    assert forced.replace("\x1b[1m", "").replace("\x1b[0m", "").split() == run("effects").stdout.split()
+    assert forced.replace("\x1b[1m", "").replace("\x1b[0m", "").split() == plain.split() and "\x1b" not in plain
     assert "\x1b[1m" in on_a_terminal([command / "mjsim", "effects"])[1]
 
 

@@ -36,8 +36,9 @@ def command(files, campaign, preview, no_check, show, force, as_json, quiet, **g
                  --feed 1000 --length 100 --table-ball 0 0 155 --preview
     """
     from mjsim.errors import InputError
+    from mjsim.files import check_writable
     from mjsim.importing.b5r import looks_like_xml
-    from mjsim.importing.features import import_features, imported_features
+    from mjsim.importing.features import import_features, imported_features, read_features
     from mjsim.importing.importer import import_traces
     from mjsim.importing.into_campaign import campaign_file
 
@@ -50,12 +51,14 @@ def command(files, campaign, preview, no_check, show, force, as_json, quiet, **g
     if other and (keys or name):
         option = "--test" if name else import_options.OPTION[next(iter(keys))]
         raise InputError(f"{other[0]}: brings no trace, so that {option} has no meaning; allowed: --preview, --show, --force")
-    # features are read before anything is written: one wrong file stops all
-    features = import_features(campaign, other, force, preview=True)
+    # features are read, and their places looked at, before anything is written: one wrong file stops all
+    read = read_features(campaign, other)
+    for path in () if preview else read:
+        check_writable(path, force)
     traces = import_traces(campaign, tables, name, keys, options, force, preview, not no_check) if tables else []
     if other and not preview:
         import_features(campaign, other, force)
-    known = imported_features(campaign) if show else features
+    known = imported_features(campaign) if show else list(read.values())
     rows = show_features(known, model_effects(campaign), silent=as_json or quiet) if known or show else []
     if as_json:
         headers = [{"source": i.source, **i.header} for i in known]

@@ -44,16 +44,26 @@ def import_features(campaign: str | Path, files: Sequence[str | Path], force: bo
     Raises:
         InputError: a file is no ``.b5r``, or is there already and ``force`` is false.
     """
-    folder = features_folder(campaign)
-    read = {folder / f"{test_name(Path(f))}.json": read_b5r(Path(f)) for f in files}
-    if len(read) < len(files):
-        raise InputError(f"{files[-1]}: another of these files has the same name; allowed: file names that differ")
+    read = read_features(campaign, files)
     if not preview:
         for path in read:
             check_writable(path, force)
         for path, imported in read.items():
             write_whole(path, json.dumps(imported.to_json(), indent=1, ensure_ascii=False) + "\n", force)
     return list(read.values())
+
+
+def read_features(campaign: str | Path, files: Sequence[str | Path]) -> dict[Path, Imported]:
+    """``.b5r`` files by the file of the campaign that would keep each.
+
+    Raises:
+        InputError: a file is no ``.b5r``, or two have the same name.
+    """
+    folder = features_folder(campaign)
+    read = {folder / f"{test_name(Path(f))}.json": read_b5r(Path(f)) for f in files}
+    if len(read) < len(files):
+        raise InputError(f"{files[-1]}: another of these files has the same name; allowed: file names that differ")
+    return read
 
 
 def imported_features(campaign: Campaign | str | Path) -> list[Imported]:
