@@ -33,13 +33,15 @@ def main() -> None:
     axes.plot(width, middle, color=style.SIMULATED, linewidth=1.6, label="median")
     axes.axhline(LIMIT_UM, color=style.INK, linewidth=0.9, linestyle=(0, (5, 3)))
     axes.text(width[-1], LIMIT_UM + 0.04, "limit 5 µm", ha="right", va="bottom", fontsize=style.SMALL, color=style.INK)
-    for curve, name, side in ((high, "95 %", "right"), (middle, "half", "left")):
+    bottom, top = axes.get_ylim()
+    for curve, name, y, va in ((high, "95 %", bottom + 0.04, "bottom"), (middle, "half", top, "top")):
         allowed = float(np.interp(LIMIT_UM, curve, width))
-        axes.axvline(allowed, color=style.SOFT, linewidth=0.8)
-        text = f" {name} of the machines \n keep it up to {allowed:.5f}° "
-        axes.text(allowed, axes.get_ylim()[1], text, ha=side, va="top", fontsize=style.SMALL, color=style.INK)
+        axes.vlines(allowed, min(y, LIMIT_UM), max(y, LIMIT_UM), color=style.SOFT, linewidth=0.8)
+        text = f"  {name} of the machines\n  keep it up to {allowed:.5f}°"
+        axes.text(allowed, y, text, ha="left", va=va, fontsize=style.SMALL, color=style.INK)
         print(f"{name} of the machines keep {LIMIT_UM:g} µm up to {allowed:.5f}°")
     axes.set_xlim(width[0], width[-1])
+    axes.set_ylim(bottom, top)
     axes.set_xlabel("backlash of A, full width [°]", fontsize=style.TEXT, color=style.INK)
     axes.set_ylabel("circular error G [µm]", fontsize=style.TEXT, color=style.INK)
     axes.tick_params(labelsize=style.SMALL, colors=style.SOFT)

@@ -491,6 +491,14 @@ def test_command(folder):
     again = run("--out", str(out))
     assert again.exit_code == 0 and "all were there already" in again.stdout
     assert run().exit_code == 2
+    text = run("--help").stdout
+    assert "Example: mjsim batch" in text and max(map(len, text.splitlines())) <= 80
+
+
+@pytest.mark.parametrize("name", ["backlash", "what-if"])
+def test_example_sweeps_are_right(name):
+    sweep = read_sweep(examples() / "sweeps" / f"{name}.toml")
+    assert (sweep.runs, len(sweep.tests)) == {"backlash": (500, 1), "what-if": (60, 1)}[name]
 
 
 # -- cluster -----------------------------------------------------------------------------------------------------------------------

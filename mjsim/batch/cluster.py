@@ -102,7 +102,8 @@ def connected(address: str) -> Iterator[Any]:
         from distributed.comm import parse_address, parse_host_port
     except ImportError:
         raise InputError('--scheduler needs the extra "distributed": pip install "mjsim[distributed]"') from None
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    for name in [n for n in logging.root.manager.loggerDict if n.startswith("distributed")]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters comes as an exception
     try:
         parse_host_port(parse_address(address)[1])
         client = Client(address, timeout=TIMEOUT_S, set_as_default=False)
