@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +21,7 @@ from mjsim.importing.table import read_table
 from mjsim.importing.timing import place
 from mjsim.machine.files import read_machine
 from mjsim.nc.program import Program
-from mjsim.units import DEG, MM, UM
+from mjsim.units import DEG, UM
 
 
 @dataclass(frozen=True)
@@ -135,14 +136,7 @@ def import_trace(campaign: str | Path, file: str | Path, test: str | None = None
 
 def _machine(file: Path, text: str):
     """The campaign's machine, for what is to be expected; ``None`` where it cannot be read: an import needs none."""
-    import tomllib
-
     try:
         return read_machine(file.parent / str(tomllib.loads(text).get("machine", "machine.toml")))
     except InputError:
         return None
-
-
-def conditions(test: Test) -> str:
-    """Feed and length of a test, as a summary shows them."""
-    return f"F {test.feed / MM * 60:g} mm/min, L {test.length / MM:g} mm"
