@@ -44,11 +44,11 @@ def trend_figure(series: Sequence[TrendSeries], labels: Sequence[str], columns: 
         x, y = (index % columns) * cell_w + 0.52, height - (index // columns + 1) * cell_h + 0.42
         axes = figure.add_axes((x / width, y / height, (cell_w - 0.62) / width, (cell_h - 0.75) / height))
         colour = style.SIMULATED if s.changed else style.MEASURED
-        there = [i for i, v in enumerate(s.values) if v is not None]
-        axes.plot(there, [s.values[i] for i in there], "-o", color=colour, linewidth=0.9, markersize=3.5, zorder=3)
-        for i in there:
-            if s.lows[i] is not None and s.highs[i] is not None:
-                axes.plot([i, i], [s.lows[i], s.highs[i]], color=colour, linewidth=1.2, zorder=2)
+        there = [(i, v) for i, v in enumerate(s.values) if v is not None]
+        axes.plot([i for i, _ in there], [v for _, v in there], "-o", color=colour, linewidth=0.9, markersize=3.5, zorder=3)
+        for i, (low, high) in enumerate(zip(s.lows, s.highs, strict=True)):
+            if low is not None and high is not None:
+                axes.plot([i, i], [low, high], color=colour, linewidth=1.2, zorder=2)
         axes.set_xlim(-0.4, len(labels) - 0.6)
         axes.set_xticks(range(len(labels)), labels=labels)
         axes.tick_params(labelsize=style.SMALL - 1.0, color=style.NOMINAL, labelcolor=style.INK, length=2)

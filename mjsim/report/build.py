@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 from importlib.metadata import version
+from typing import Any
 
 from mjsim.compare import Comparison, Progress, TestComparison, silent
 from mjsim.diagnose import Diagnosis
@@ -144,11 +145,15 @@ def _um(x: float) -> float:
 
 
 def _both(figures: dict) -> BidirectionalFigures:
-    return BidirectionalFigures(**{k: tuple(v) if isinstance(v, list) else v for k, v in figures.items()})
+    return BidirectionalFigures(**_tuples(figures))
 
 
 def _circular(figures: dict | None) -> CircularFigures | None:
-    return CircularFigures(**{k: tuple(v) if isinstance(v, list) else v for k, v in figures.items()}) if figures else None
+    return CircularFigures(**_tuples(figures)) if figures else None
+
+
+def _tuples(figures: dict) -> dict[str, Any]:
+    return {k: tuple(v) if isinstance(v, list) else v for k, v in figures.items()}
 
 
 def _section(before: TestComparison, after: TestComparison, noise: float, changed: bool) -> TestSection:

@@ -242,7 +242,7 @@ def _of_effect(effect: Effect, found: DiagnosedEffect | None) -> dict[str, tuple
     for p in effect.parameters_of(effect.subject):
         value, ci = effect.values.get(p.name), found.ci95.get(p.name) if found else None
         if p.kind == "components":
-            for i, (order, amplitude, _) in enumerate(value):
+            for i, (order, amplitude, _) in enumerate(value or []):
                 out[f"order {order:g}, amplitude"] = (amplitude, 0.5 * (ci[1][i][1] - ci[0][i][1]) if ci else None)
         elif p.kind == "number" and p.leading and isinstance(value, float):
             out[p.name] = (value, 0.5 * (ci[1] - ci[0]) if ci else None)

@@ -145,8 +145,9 @@ def _all_repaired(machine: Machine, given: Machine, every: list[Cause]) -> Machi
     """``machine`` with every repair made; lags then differ no longer, or by the drives' own settings."""
     for c in every:
         key = c.name.removesuffix(_FORMER)
-        if key != c.name:
-            machine = machine.with_effect(given.effect(key))
+        former = given.effect(key)
+        if key != c.name and former is not None:
+            machine = machine.with_effect(former)
         elif c.remedy.repairable and machine.effect(key) is not None:
             machine = machine.without(key)
     return machine
