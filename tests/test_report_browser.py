@@ -257,6 +257,8 @@ def test_prints_figures_instead_of_controls(browser, made):
     assert images.count() >= 2 + 3 * len(TESTS)
     assert all(images.nth(i).is_visible() for i in range(images.count()))
     assert w.page.evaluate("[...document.images].every(i => i.complete && i.naturalWidth > 100)")
+    before, after = (w.page.locator(".pair figure").nth(i).bounding_box() for i in (0, 1))
+    assert before["y"] == after["y"] and before["x"] < after["x"]  # side by side on a sheet, though that is as narrow as a phone
     for control in ("#model", "#previous", "#tests-shown", "#cards", "#ladder-plot"):
         assert not w.page.is_visible(control)
     assert w.page.evaluate("document.documentElement.scrollWidth") <= 680

@@ -13,7 +13,7 @@ from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 from mjsim.plots import curve, ladder, overview, polar, residual, trend
-from mjsim.plots.save import encode
+from mjsim.plots.save import DPI, encode
 from mjsim.report import numbers
 from mjsim.report.content import ParameterRow, ReportContent, TestSection
 
@@ -177,17 +177,21 @@ def finite(value: Any) -> Any:
 
 
 def data_uri(figure: Figure, kind: str = "png") -> str:
-    """The figure as the value of an ``img`` element's ``src``; PNG with a palette, which no line drawing needs more than."""
+    """The figure as the value of an ``img`` element's ``src``; PNG with a palette, more than which no line drawing needs."""
+    if kind == "svg":
+        return f"data:image/svg+xml;base64,{base64.b64encode(encode(figure, kind)).decode('ascii')}"
+    import numpy as np
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 
-    data = encode(figure, kind)
-    if kind == "png":
-        image = Image.open(io.BytesIO(data)).convert("RGB").quantize(_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-        buffer = io.BytesIO()
-        image.save(buffer, "PNG", optimize=True)
-        data = buffer.getvalue()
-    media = "image/svg+xml" if kind == "svg" else "image/png"
-    return f"data:{media};base64,{base64.b64encode(data).decode('ascii')}"
+    figure.set_dpi(DPI)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    buffer = io.BytesIO()
+    # the median cut, Pillow's default, would lose the few dots of an axis letter's colour
+    image.quantize(_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(buffer, "PNG")
+    return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"
 
 
 def _plotly() -> str:
