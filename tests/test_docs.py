@@ -1,0 +1,79 @@
+"""The documentation: its examples run, its links lead somewhere, its site builds."""
+
+import doctest
+import importlib
+import pkgutil
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import mjsim
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), ROOT / "examples" / "README.md", ROOT / "models" / "README.md"])
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)#\s]+)[^)]*\)")
+
+
+@pytest.mark.slow
+def test_examples_of_the_python_page_run():
+    failed, tried = doctest.testfile(str(ROOT / "docs" / "python.md"), module_relative=False, optionflags=doctest.ELLIPSIS)
+    assert tried >= 10
+    assert failed == 0
+
+
+def test_examples_in_docstrings_run():
+    tried = 0
+    for module in pkgutil.walk_packages(mjsim.__path__, "mjsim."):
+        if ".cli" in module.name:
+            continue
+        result = doctest.testmod(importlib.import_module(module.name))
+        assert result.failed == 0, module.name
+        tried += result.attempted
+    assert tried >= 5
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_links_lead_somewhere(page):
+    for target in LINK.findall(page.read_text(encoding="utf-8")):
+        if "://" not in target and not target.startswith("mailto:"):
+            assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_every_page_is_in_the_navigation():
+    text = (ROOT / "mkdocs.yml").read_text()
+    for page in (ROOT / "docs").glob("*.md"):
+        assert page.name in text, page.name
+
+
+def test_every_public_name_is_typed_and_documented():
+    """What ``import mjsim`` offers has a docstring, and the package says that it is typed."""
+    assert (Path(mjsim.__file__).parent / "py.typed").is_file()
+    for name in mjsim.__all__:
+        if name != "__version__":
+            assert getattr(mjsim, name).__doc__, name
+
+
+@pytest.mark.slow
+def test_site_builds_without_a_warning(tmp_path):
+    pytest.importorskip("mkdocs", reason="the extra mjsim[docs] is not installed")
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path / "site")],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-2000:]
+    page = (tmp_path / "site" / "reference.html").read_text()
+    assert "read_campaign" in page and "Diagnosis" in page
+    for file in (tmp_path / "site").rglob("*.html"):
+        assert not re.search(r'(?:src|href)="https?://(?!squidfunk|www\.|mujoco|pypi)[^"]*\.(?:js|css|woff2?)"', file.read_text()), file
+
+
+def test_reference_lists_every_public_function():
+    """Functions of ``import mjsim`` are in the reference, under the module that defines them."""
+    listed = set(re.findall(r"^::: (\S+)", (ROOT / "docs" / "reference.md").read_text(), re.MULTILINE))
+    for name in mjsim.__all__:
+        thing = getattr(mjsim, name)
+        if callable(thing) and not isinstance(thing, type):
+            assert f"{thing.__module__}.{thing.__name__}" in listed, name
