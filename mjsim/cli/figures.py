@@ -9,6 +9,20 @@ import click
 
 from mjsim.cli import common
 
+#: What the groups of the paper's numbers are about, and the longest list that fits a column.
+_GROUPS = {
+    "axis_travel": "Travel of the axes (section 3)",
+    "reversals_15_10_centre": "Reversals at half apex 15°, centre, plot angles in ° (Fig. 7)",
+    "feed_15_10": "Largest velocities near 180° at half apex 15° (Fig. 9)",
+    "worm": "Worm gears (Fig. 3 to 6)",
+    "bar": "Ball bar and test (section 2.1)",
+}
+_SHORT = 16
+
+
+def _said(agrees: bool) -> str:
+    return "yes" if agrees else "NO"
+
 
 @click.command("figures")
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the figures.")
@@ -35,13 +49,17 @@ def command(out, only, force, threads, as_json, quiet) -> None:
         return
     if quiet:
         return
-    common.table(
-        ["number of the paper", "printed", "simulated", "±", "agrees"],
-        [
-            [f"{n.group} {n.name}", plain(n.printed), plain(n.simulated), f"{n.tolerance:g}", "yes" if n.agrees else "no"]
-            for n in made.numbers
-        ],
-    )
+    for group in dict.fromkeys(n.group for n in made.numbers):
+        click.echo(f"\n{_GROUPS.get(group, group)}")
+        rows = [n for n in made.numbers if n.group == group]
+        short = [n for n in rows if len(plain(n.simulated)) <= _SHORT]
+        common.table(
+            ["number", "printed", "simulated", "±", "agrees"],
+            [[n.name, plain(n.printed), plain(n.simulated), f"{n.tolerance:g}" if n.tolerance else "", _said(n.agrees)] for n in short],
+        )
+        for n in rows:
+            if n not in short:
+                common.paragraph(f"{n.name}: printed {plain(n.printed)}; simulated {plain(n.simulated)}; agrees: {_said(n.agrees)}")
     notes = [n for n in made.numbers if n.note]
     click.echo()
     for n in notes:
