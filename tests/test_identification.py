@@ -173,6 +173,9 @@ def test_only_one_direction_measured(measured):
     c, m = measured(TURNS_A[1:], {("A", "CW"): A_CW}, 40)
     found = identify_pitch_error(c, m, "A", threads=1)
     assert list(found.directions) == ["CW"] and "only CW" in found.notes[0]
+    frame = found.to_dataframe()
+    assert frame["order"].tolist() == [row[0] for row in A_CW] and set(frame["direction"]) == {"CW"}
+    assert (frame["amplitude_deg_low"] < frame["amplitude_deg"]).all() and (frame["phase_deg"] < frame["phase_deg_high"]).all()
     with pytest.raises(InputError, match=r'tangential test of axis C; needed: .*axis = "C"'):
         identify_pitch_error(c, m, "C")
 

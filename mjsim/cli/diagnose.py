@@ -61,11 +61,25 @@ def command(campaign, machine, write, max_effects, force, threads, as_json, quie
     if quiet:
         return
     show(data)
+    for axis in _identifiable(c, data):
+        common.paragraph(
+            f"pitch errors of many orders can look like this; the tangential tests of {axis} can be read for them first: "
+            f"mjsim identify pitch-error {campaign} --axis {axis}"
+        )
     if imported:
         click.echo("\nwhat the other system found, beside the effects of the model and the ones found:")
         show_features(imported, found, circles)
     if write is not None:
         common.say(f"fitted machine written to {write}", quiet)
+
+
+def _identifiable(campaign, data: dict) -> list[str]:
+    """Rotary axes of an unexplained rest that depends on position, where the campaign has a tangential test."""
+    rest = data["unexplained"]
+    if not rest or rest["variable"] != "position":
+        return []
+    tests = {t.axis for t in campaign.measured if t.kind == "rotary" and t.sensitive == "tangential"}
+    return [axis for axis in rest["axes"] if axis in tests]
 
 
 _SENTENCE = {

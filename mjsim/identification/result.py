@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mjsim.effects.base import Effect
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: Usual trigger shift, one standard deviation, s (measurement chain).
 _TRIGGER_S = 0.020
@@ -236,6 +240,18 @@ class PitchIdentification:
     noise_um: float
     noise_source: str
     notes: tuple[str, ...] = field(default=())
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row per component: axis, direction, order, amplitude and phase (degrees) with their 95 % intervals, multiple_of_teeth."""
+        import pandas as pd
+
+        rows = []
+        for way, d in self.directions.items():
+            for c in d.components:
+                bounds = {f"{k}_{end}": x for k in ("amplitude_deg", "phase_deg") for end, x in zip(("low", "high"), c.ci95[k], strict=True)}
+                row = {"axis": self.axis, "direction": way, "order": c.order, "amplitude_deg": c.amplitude_deg, "phase_deg": c.phase_deg}
+                rows.append(row | bounds | {"multiple_of_teeth": c.multiple_of_teeth})
+        return pd.DataFrame(rows)
 
     def to_json(self) -> dict:
         """As ``mjsim identify pitch-error --json`` prints it."""
