@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Pictures and table of docs/paper.md, from `mjsim figures`: docs/images/paper/*.png, smaller than the command's own.
 
-    .venv/bin/python scripts/build_paper_figures.py
+.venv/bin/python scripts/build_paper_figures.py
 """
 
 from __future__ import annotations

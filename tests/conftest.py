@@ -8,6 +8,7 @@ import pytest
 from paper_traces import ANGLE, UM
 
 from mjsim.campaign.model import Test
+from mjsim.effects import registry
 from mjsim.engine.simulate import simulate
 from mjsim.kinematics import AXES
 from mjsim.machine.files import read_machine
@@ -22,6 +23,14 @@ def _read(name):
     machine = read_machine(examples() / MACHINES[name] / "machine.toml")
     assert machine.name == name
     return machine
+
+
+@pytest.fixture(autouse=True)
+def catalogue():
+    """Effects of a user's own that a test brings in are gone after it: each test runs with the catalogue as it is installed."""
+    before = registry.kinds()
+    yield
+    registry.restore(before)
 
 
 @pytest.fixture(scope="session")

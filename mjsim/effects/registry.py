@@ -65,19 +65,20 @@ def load_file(path: Path) -> type[Effect]:
     try:
         exec(compile(path.read_bytes(), str(path), "exec"), module.__dict__)  # no __pycache__ beside the user's file
     except InputError as error:
-        _restore(before)
+        restore(before)
         raise InputError(f"effect file {path}: {error}") from None
     except (Exception, SystemExit) as error:  # the user's code can raise anything
-        _restore(before)
+        restore(before)
         raise InputError(f"effect file {path}: {type(error).__name__}: {error}") from error
     new = [cls for cls in _REGISTRY.values() if cls.__module__ == module.__name__ and (before.get(cls.kind) is not cls)]
     if len(new) != 1:
-        _restore(before)
+        restore(before)
         raise InputError(f"effect file {path}: {len(new)} effect classes registered; allowed: exactly one class with @register")
     return new[0]
 
 
-def _restore(before: dict[str, type[Effect]]) -> None:
+def restore(before: dict[str, type[Effect]]) -> None:
+    """Make the known effects those of ``before``, as :func:`kinds` gave them."""
     _REGISTRY.clear()
     _REGISTRY.update(before)
 

@@ -248,7 +248,7 @@ class PitchIdentification:
         rows = []
         for way, d in self.directions.items():
             for c in d.components:
-                bounds = {f"{k}_{end}": x for k in ("amplitude_deg", "phase_deg") for end, x in zip(("low", "high"), c.ci95[k], strict=True)}
+                bounds = {f"{k}_{end}": c.ci95[k][i] for k in ("amplitude_deg", "phase_deg") for i, end in enumerate(("low", "high"))}
                 row = {"axis": self.axis, "direction": way, "order": c.order, "amplitude_deg": c.amplitude_deg, "phase_deg": c.phase_deg}
                 rows.append(row | bounds | {"multiple_of_teeth": c.multiple_of_teeth})
         return pd.DataFrame(rows)
