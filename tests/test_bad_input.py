@@ -7,10 +7,9 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import refused, run
 
 from mjsim.campaign.files import read_campaign
-from mjsim.cli.main import main
 from mjsim.nc.program import Program
 from mjsim.resources import examples
 
@@ -59,31 +58,6 @@ def good(tmp_path_factory):
 def campaign(good, tmp_path):
     """A copy that a test may spoil."""
     return shutil.copytree(good, tmp_path / "short")
-
-
-def run(*args):
-    return CliRunner().invoke(main, [str(a) for a in args])
-
-
-def snapshot(folder):
-    return {p.relative_to(folder): p.read_bytes() if p.is_file() else None for p in folder.rglob("*") if "__pycache__" not in p.parts}
-
-
-def refused(folder, args, *words, status=1):
-    """The command must refuse, in one sentence with all ``words`` in it, and leave every file as it is."""
-    before = snapshot(folder)
-    result = run(*args)
-    assert result.exit_code == status, result.output
-    assert isinstance(result.exception, SystemExit), result.exception
-    assert result.stdout == ""
-    assert "Traceback" not in result.stderr
-    if status == 1:
-        assert result.stderr.startswith("mjsim: ") and result.stderr.count("\n") == 1, result.stderr
-        assert len(result.stderr) < 700
-    for word in words:
-        assert word in result.stderr, result.stderr
-    assert snapshot(folder) == before
-    return result.stderr
 
 
 def test_the_unspoiled_campaign_is_accepted(campaign):

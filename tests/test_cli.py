@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tomlkit
-from click.testing import CliRunner
+from commands import as_json, ok, run
 
 from mjsim.campaign.files import read_campaign
-from mjsim.cli.main import main
 from mjsim.machine.files import read_machine
 from mjsim.resources import examples
 
@@ -40,28 +39,6 @@ def cut(target: Path, names=TESTS) -> Path:
 @pytest.fixture(scope="session")
 def campaign(tmp_path_factory):
     return cut(tmp_path_factory.mktemp("cli") / "short")
-
-
-def run(*args):
-    return CliRunner().invoke(main, [str(a) for a in args])
-
-
-def ok(*args):
-    """Run a command that must succeed."""
-    result = run(*args)
-    assert result.exit_code == 0, result.output
-    return result
-
-
-def as_json(*args):
-    """Run a command with --json: one object on stdout, and with --quiet nothing on stderr."""
-    result = ok(*args, "--json", "--quiet")
-    assert result.stderr == ""
-
-    def constant(name):
-        raise AssertionError(f"{name} is no JSON")
-
-    return json.loads(result.stdout, parse_constant=constant)
 
 
 # -- help and usage ----------------------------------------------------------------------------------------------------------------

@@ -1,8 +1,9 @@
 """``mjsim nc``, ``nc read``, ``nc feed`` and the key ``program`` of campaign.toml, as a user runs them."""
 
-import json
 import re
+from functools import partial
 
+import commands
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -54,32 +55,11 @@ def _example():
     return examples() / "healthy"
 
 
-def run(*args):
-    return CliRunner().invoke(main, ["nc", *map(str, args)])
-
-
-def ok(*args):
-    result = run(*args)
-    assert result.exit_code == 0, result.output
-    return result
-
-
-def as_json(*args):
-    result = ok(*args, "--json", "--quiet")
-    assert result.stderr == ""
-    return json.loads(result.stdout)
+run, ok, as_json = (partial(f, "nc") for f in (commands.run, commands.ok, commands.as_json))
 
 
 def refused(folder, args, *words, status=1):
-    """One sentence with all ``words``, nothing on stdout, every file as it was."""
-    before = {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()}
-    result = run(*args)
-    assert result.exit_code == status, result.output
-    assert isinstance(result.exception, SystemExit) and result.stdout == ""
-    if status == 1:
-        assert result.stderr.startswith("mjsim: ") and result.stderr.count("\n") == 1, result.stderr
-    assert all(word in result.stderr for word in words), result.stderr
-    assert {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()} == before
+    return commands.refused(folder, ["nc", *args], *words, status=status)
 
 
 def test_help():

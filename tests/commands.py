@@ -1,0 +1,50 @@
+"""Commands run as a user runs them, and what is asked of every refusal."""
+
+import json
+
+from click.testing import CliRunner
+
+from mjsim.cli.main import main
+
+
+def run(*args):
+    return CliRunner().invoke(main, [str(a) for a in args])
+
+
+def ok(*args):
+    """Run a command that must succeed."""
+    result = run(*args)
+    assert result.exit_code == 0, result.output
+    return result
+
+
+def as_json(*args):
+    """Run a command with --json: one object on stdout, and with --quiet nothing on stderr."""
+    result = ok(*args, "--json", "--quiet")
+    assert result.stderr == ""
+
+    def constant(name):
+        raise AssertionError(f"{name} is no JSON")
+
+    return json.loads(result.stdout, parse_constant=constant)
+
+
+def snapshot(folder):
+    return {p.relative_to(folder): p.read_bytes() if p.is_file() else None for p in folder.rglob("*") if "__pycache__" not in p.parts}
+
+
+def refused(folder, args, *words, status=1):
+    """The command must refuse, in one sentence with all ``words`` in it, and leave every file as it is."""
+    before = snapshot(folder)
+    result = run(*args)
+    assert result.exit_code == status, result.output
+    assert isinstance(result.exception, SystemExit), result.exception
+    assert result.stdout == ""
+    assert "Traceback" not in result.stderr
+    if status == 1:
+        assert result.stderr.startswith("mjsim: ") and result.stderr.count("\n") == 1, result.stderr
+        assert len(result.stderr) < 700
+    for word in words:
+        assert word in result.stderr, result.stderr
+    assert snapshot(folder) == before
+    return result.stderr
