@@ -14,7 +14,6 @@ from mjsim.campaign.model import Test
 from mjsim.compare import Comparison, Progress, TestComparison, silent
 from mjsim.engine.simulate import Simulation
 from mjsim.errors import InputError
-from mjsim.kinematics import AXES, LINEAR
 from mjsim.ladder import Step
 from mjsim.measure.iso230 import circular_figures, least_squares_circle
 from mjsim.nc.program import Program
@@ -31,22 +30,13 @@ if TYPE_CHECKING:
     from mjsim.diagnose import Diagnosis
     from mjsim.identification.result import DirectionIdentification, PitchIdentification
 
-_SCALE = np.array([1 / MM if a in LINEAR else 1 / DEG for a in AXES])
-
 
 def simulation_csv(s: Simulation) -> str:
     """One simulated test as CSV, every 5 ms: time_s, phi_deg, deviation_um, commanded and actual axis positions (mm, °)."""
-    units = ["mm" if a in LINEAR else "deg" for a in AXES]
-    header = [
-        "time_s",
-        "phi_deg",
-        "deviation_um",
-        *(f"{a}_command_{u}" for a, u in zip(AXES, units, strict=True)),
-        *(f"{a}_actual_{u}" for a, u in zip(AXES, units, strict=True)),
-    ]
-    data = np.column_stack([s.time, s.phi / DEG, s.deviation / UM, s.command * _SCALE, s.position * _SCALE])[::5]
+    columns = s.columns()
+    data = np.column_stack(list(columns.values()))[::5]
     text = io.StringIO()
-    np.savetxt(text, data, delimiter=",", header=",".join(header), comments="", fmt=["%.3f", "%.6f", "%.4f"] + ["%.7f"] * 10)
+    np.savetxt(text, data, delimiter=",", header=",".join(columns), comments="", fmt=["%.3f", "%.6f", "%.4f"] + ["%.7f"] * 10)
     return text.getvalue()
 
 

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from motions import load
 
 from mjsim.effects import registry
 from mjsim.effects.base import Effect, Parameter
@@ -281,12 +282,6 @@ def motion(cone):
 def motor(motion, m1):
     """The motors' own positions, with friction: what the transmission starts from."""
     return motion.load(build(m1))
-
-
-def load(motion, machine, *effects):
-    for effect in effects:
-        machine = machine.with_effect(effect)
-    return motion.load(build(machine))
 
 
 def only(got, motor, axis, limit=1e-15):

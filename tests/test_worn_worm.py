@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from independent import campaign as generator
 from independent import kato2013
+from motions import load
 
 import mjsim
 from mjsim.effects.registry import make
@@ -38,12 +39,6 @@ def motion(cone):
 def motor(motion, m1):
     """The motors' own positions, with friction: what the transmission starts from."""
     return motion.load(build(m1))
-
-
-def load(motion, machine, *effects):
-    for effect in effects:
-        machine = machine.with_effect(effect)
-    return motion.load(build(machine))
 
 
 def dent(x, **shape):

@@ -47,16 +47,19 @@ class Simulation:
     position: np.ndarray
     deviation: np.ndarray
 
+    def columns(self) -> dict[str, np.ndarray]:
+        """Everything by name, (n,) each: time_s, phi_deg, deviation_um, then commanded and actual positions in mm and degrees."""
+        units = {a: ("mm", MM) if a in LINEAR else ("deg", DEG) for a in AXES}
+        out = {"time_s": self.time, "phi_deg": self.phi / DEG, "deviation_um": self.deviation / UM}
+        for what, q in (("command", self.command), ("actual", self.position)):
+            out |= {f"{a}_{what}_{name}": x * (1 / size) for (a, (name, size)), x in zip(units.items(), q.T, strict=True)}
+        return out
+
     def to_dataframe(self) -> pd.DataFrame:
-        """One row per instant: time_s, phi_deg, deviation_um, then commanded and actual positions in mm and degrees."""
+        """:meth:`columns` as a table, one row per instant."""
         import pandas as pd
 
-        scale = np.array([1 / MM if a in LINEAR else 1 / DEG for a in AXES])
-        units = ["mm" if a in LINEAR else "deg" for a in AXES]
-        columns = {"time_s": self.time, "phi_deg": self.phi / DEG, "deviation_um": self.deviation / UM}
-        for what, q in (("command", self.command), ("actual", self.position)):
-            columns |= {f"{a}_{what}_{u}": x for a, u, x in zip(AXES, units, (q * scale).T, strict=True)}
-        return pd.DataFrame(columns)
+        return pd.DataFrame(self.columns())
 
 
 def simulate(

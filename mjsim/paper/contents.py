@@ -78,12 +78,15 @@ def _against_measurement(number: int, theta: int) -> PolarFigure:
     return PolarFigure(number, title, _CONE[theta], tuple(panels), 3, _MEASUREMENT)
 
 
+def offset_label(offset: int) -> str:
+    """An offset in mm with its sign, as the legends say it."""
+    return f"{offset:+d} mm".replace("-", "−") if offset else "0 mm"
+
+
 def _offsets(cause: str, theta: int, values: tuple[int, ...], um_per_div: float = 10.0) -> tuple[Panel, ...]:
     panels = []
     for letter, along in zip("ab", "XY", strict=True):
-        lines = [
-            Line(f"{v:+d} mm".replace("-", "−") if v else "0 mm", Run(cause, theta, **{along.lower(): v}), *OFFSET_LOOK[v]) for v in values
-        ]
+        lines = [Line(offset_label(v), Run(cause, theta, **{along.lower(): v}), *OFFSET_LOOK[v]) for v in values]
         panels.append(Panel(f"({letter}) centre offset in {along}", tuple(lines), um_per_div))
     return tuple(panels)
 

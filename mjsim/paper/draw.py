@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,10 +9,11 @@ import numpy as np
 from mjsim.campaign.model import Campaign
 from mjsim.measure.iso230 import least_squares_circle
 from mjsim.nc.program import Program
-from mjsim.paper.contents import OFFSET_LOOK, VELOCITY_OFFSETS, VELOCITY_PANELS, Line, PolarFigure
+from mjsim.paper import caption
+from mjsim.paper.contents import OFFSET_LOOK, VELOCITY_OFFSETS, VELOCITY_PANELS, Line, PolarFigure, offset_label
 from mjsim.paper.runs import ANGLE, Run, Traces
 from mjsim.plots import polar, style
-from mjsim.units import DEG, MM, UM
+from mjsim.units import UM
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,8 +28,8 @@ def polar_figure(figure: PolarFigure, traces: Traces, campaign: Campaign) -> Fig
     rows = -(-len(figure.panels) // columns)
     cell_w, cell_h = side + 0.75, side + 0.88
     width = columns * cell_w + 0.2
-    foot = _caption(figure, width)
-    bottom = 0.34 + 0.155 * len(foot)
+    text_below = _caption(figure)
+    bottom = 0.34 + caption.LINE * len(caption.lines(text_below, width))
     height = rows * cell_h + bottom + 0.05
     sheet = style.new_figure(width, height)
     names: dict[str, object] = {}
@@ -45,7 +45,7 @@ def polar_figure(figure: PolarFigure, traces: Traces, campaign: Campaign) -> Fig
         sheet.text(x / width, (y - 0.36) / height, panel.caption, ha="left", fontsize=style.TEXT, fontweight="bold", **text)
         sheet.text((x + side) / width, (y - 0.36) / height, polar.scale_text(panel.um_per_div), ha="right", fontsize=style.TEXT, **text)
     _legend(sheet, names, width, height, bottom)
-    _write_caption(sheet, foot, width, height)
+    caption.write(sheet, text_below)
     return sheet
 
 
@@ -58,37 +58,23 @@ def velocity_figure(traces: Traces) -> Figure:
         box = (0.085 + 0.5 * (i % 2), 0.6 - 0.43 * (i // 2), 0.345, 0.355)
         axes = sheet.add_axes(box)
         for v in VELOCITY_OFFSETS:
-            angle, speed = axis_velocity(traces, Run("friction", 15, **{along.lower(): v}), axis)
+            angle, speed = traces.velocity(Run("friction", 15, **{along.lower(): v}), axis)
             colour, dashed = OFFSET_LOOK[v]
-            label = (f"{v:+d} mm" if v else "0 mm").replace("-", "−")
             (line,) = axes.plot(angle, speed, color=colour, lw=1.2, ls=(0, (4, 1.5)) if dashed else "-")
-            names.setdefault(label, line)
+            names.setdefault(offset_label(v), line)
         other = axes.twinx()
-        angle, speed = axis_velocity(traces, Run("friction", 15), "C")
+        angle, speed = traces.velocity(Run("friction", 15), "C")
         (line,) = other.plot(angle, speed, color="#007a5a", lw=1.6, ls=(0, (1, 1)))
         names.setdefault("C axis (right scale)", line)
         _velocity_axes(axes, other, axis, "angular position φ, °" if i >= 2 else "")
         axes.set_title(f"({'abcd'[i]}) {axis} and C axis, centre offset in {along}", fontsize=style.TEXT, fontweight="bold", loc="left")
     sheet.legend(list(names.values()), list(names), loc="center", bbox_to_anchor=(0.5, 0.075), ncols=6, frameon=False, fontsize=style.TEXT)
-    foot = _lines(
+    caption.write(
+        sheet,
         "Fig. 9  Effect of the centre offset on the velocities of the X, Y and C axes (θ = 15°, β = 10°, CCW, feed 1000 mm/min, "
         f"L = 100 mm, $Z_T$ = 155 mm), from the simulated positions. {_ASSUMED}",
-        width,
     )
-    _write_caption(sheet, foot, width, height)
     return sheet
-
-
-def axis_velocity(traces: Traces, run: Run, axis: str) -> tuple[np.ndarray, np.ndarray]:
-    """Simulated velocity of one axis over the plot angle 0° to 360°: mm/min, for rotary axes °/min."""
-    s = traces.simulation(run)
-    position = s.position[:, "XYZAC".index(axis)] / (DEG if axis in "AC" else MM)
-    # what changes within 40 ms: the shape of a glitch is no matter of this figure
-    speed = np.convolve(np.gradient(position, s.time), np.full(40, 1 / 40), "same") * 60.0
-    keep = (s.phi >= 0) & (s.phi <= 2 * np.pi)
-    angle = (np.degrees(s.phi[keep]) + 180.0) % 360.0
-    order = np.argsort(angle)
-    return angle[order], speed[keep][order]
 
 
 def _velocity_axes(axes, other, axis: str, below: str) -> None:
@@ -123,19 +109,9 @@ def _measured(campaign: Campaign, name: str) -> tuple[np.ndarray, np.ndarray]:
     return np.degrees(phi), (deviation - least_squares_circle(phi, deviation).eccentricity_m(phi)) / UM
 
 
-def _caption(figure: PolarFigure, width: float) -> list[str]:
+def _caption(figure: PolarFigure) -> str:
     note = f" {figure.note}" if figure.note else ""
-    return _lines(f"Fig. {figure.number}  {figure.title} ({figure.conditions}).{note} {_ASSUMED}", width)
-
-
-def _lines(text: str, width: float) -> list[str]:
-    return textwrap.wrap(text, int(width * 16.5), break_long_words=False)
-
-
-def _write_caption(sheet: Figure, foot: list[str], width: float, height: float) -> None:
-    for k, text in enumerate(foot):
-        y = 0.1 + 0.155 * (len(foot) - 1 - k)
-        sheet.text(0.15 / width, y / height, text, ha="left", va="center", fontsize=style.SMALL, color=style.INK)
+    return f"Fig. {figure.number}  {figure.title} ({figure.conditions}).{note} {_ASSUMED}"
 
 
 def _legend(sheet: Figure, names: dict, width: float, height: float, bottom: float) -> None:

@@ -67,8 +67,8 @@ def figures(
     for path in targets(out, only):
         check_writable(path, force)
     machine = paper_machine(threads, progress)
-    runs = [run for f in POLAR for run in f.runs]
-    traces = Traces(machine, [*runs, *VELOCITY_RUNS, *RUNS], threads, progress)
+    runs = [run for f in POLAR if f.number in only for run in f.runs]
+    traces = Traces(machine, [*runs, *(VELOCITY_RUNS if 9 in only else ()), *RUNS], threads, progress)
     found = numbers(machine, traces)
     makers = _makers(machine, traces)
     pages: dict[Path, str | bytes] = {}

@@ -9,9 +9,8 @@ from importlib.resources import files
 import numpy as np
 from scipy.signal import find_peaks
 
-from mjsim.kinematics import AXES, rotation
+from mjsim.kinematics import AXES, machine_to_work
 from mjsim.nc.paths import PATHS
-from mjsim.paper.draw import axis_velocity
 from mjsim.paper.machine import PaperMachine
 from mjsim.paper.runs import ANGLE, HEIGHT, LENGTH, Run, Traces
 from mjsim.units import DEG, MM, UM
@@ -20,7 +19,7 @@ from mjsim.units import DEG, MM, UM
 RUNS = (
     *(Run("none", theta) for theta in (15, 45)),
     *(Run("wheel.A", theta) for theta in (15, 45)),
-    *(Run("friction", 15, x, y) for x, y in ((200, 0), (-50, 0), (0, 200), (0, 50))),
+    *(Run("friction", 15, x, y) for x, y in ((0, 0), (200, 0), (-50, 0), (0, 200), (0, 50))),
 )
 
 
@@ -96,8 +95,7 @@ def _circle_radius(traces: Traces, run: Run) -> float:
     s = traces.simulation(run)
     turn = (s.phi >= 0) & (s.phi <= 2 * np.pi)
     q = s.position[turn]
-    back = rotation("z", -q[:, 4]) @ rotation("x", -q[:, 3])
-    points = np.einsum("nij,nj->ni", back, q[:, :3])
+    points = machine_to_work(q[:, 3], q[:, 4], q[:, :3])
     return float(np.linalg.norm(points - points.mean(axis=0), axis=1).mean()) / MM
 
 
@@ -124,7 +122,7 @@ def _reversals(traces: Traces) -> dict:
 
 def _feed(traces: Traces) -> dict:
     def largest(axis: str, **offset: float) -> float:
-        angle, speed = axis_velocity(traces, Run("friction", 15, **offset), axis)
+        angle, speed = traces.velocity(Run("friction", 15, **offset), axis)
         return round(float(np.abs(speed[(angle > 175) & (angle < 185)]).max()), 0)
 
     return {

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import textwrap
 from typing import TYPE_CHECKING
 
+from mjsim.paper import caption
 from mjsim.paper.machine import PaperMachine
 from mjsim.plots import pitch, style
 
@@ -39,7 +39,7 @@ def spectra_sheet(machine: PaperMachine) -> Figure:
     handles, labels = axes.get_legend_handles_labels()
     labels = ["multiples of the teeth" if "multiples" in t else t for t in labels]
     sheet.legend(handles, labels, loc="center", bbox_to_anchor=(0.5, 0.093), ncols=5, frameon=False, fontsize=style.TEXT)
-    _caption(sheet, f"Fig. 3  Amplitude spectra of the pitch errors of the A and C axes. {_SOURCE}")
+    caption.write(sheet, f"Fig. 3  Amplitude spectra of the pitch errors of the A and C axes. {_SOURCE}")
     return sheet
 
 
@@ -58,12 +58,7 @@ def curves_sheet(machine: PaperMachine) -> Figure:
         sheet.text((x + side) / width, 0.78 / height, pitch.scale_text(_DIVISION), fontsize=style.TEXT, ha="right")
     handles, labels = axes.get_legend_handles_labels()
     sheet.legend(handles, labels, loc="center", bbox_to_anchor=(0.5, 0.52 / height), ncols=3, frameon=False, fontsize=style.TEXT)
-    _caption(sheet, f"Fig. 4  Raw, modified and identified data of the pitch errors of the A and C axes over the axis position. {_SOURCE}")
+    caption.write(
+        sheet, f"Fig. 4  Raw, modified and identified data of the pitch errors of the A and C axes over the axis position. {_SOURCE}"
+    )
     return sheet
-
-
-def _caption(sheet: Figure, text: str) -> None:
-    lines = textwrap.wrap(text, 180)
-    for k, line in enumerate(lines):
-        y = 0.1 + 0.155 * (len(lines) - 1 - k)
-        sheet.text(0.014, y / sheet.get_figheight(), line, ha="left", va="center", fontsize=style.SMALL, color=style.INK)

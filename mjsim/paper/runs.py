@@ -10,6 +10,7 @@ import numpy as np
 from mjsim.campaign.model import Test
 from mjsim.compare import Progress, silent
 from mjsim.engine.simulate import Simulation, simulate
+from mjsim.kinematics import AXES, ROTARY
 from mjsim.measure.iso230 import least_squares_circle
 from mjsim.paper.machine import PaperMachine
 from mjsim.units import DEG, MM, UM
@@ -94,6 +95,17 @@ class Traces:
         """As :meth:`raw`, about the least-squares centre, as the paper draws its traces (section 3.1)."""
         phi, raw = np.radians(ANGLE - 180.0), self.raw(run)
         return raw - least_squares_circle(phi, raw * UM).eccentricity_m(phi) / UM
+
+    def velocity(self, run: Run, axis: str) -> tuple[np.ndarray, np.ndarray]:
+        """Simulated velocity of one axis over the plot angle 0° to 360°: mm/min, for rotary axes °/min."""
+        s = self._done[run]
+        position = s.position[:, AXES.index(axis)] / (DEG if axis in ROTARY else MM)
+        # what changes within 40 ms: the shape of a glitch is no matter of velocities
+        speed = np.convolve(np.gradient(position, s.time), np.full(40, 1 / 40), "same") * 60.0
+        keep = (s.phi >= 0) & (s.phi <= 2 * np.pi)
+        angle = (np.degrees(s.phi[keep]) + 180.0) % 360.0
+        order = np.argsort(angle)
+        return angle[order], speed[keep][order]
 
     def _reading(self, run: Run) -> np.ndarray:
         s = self._done[run]

@@ -1,0 +1,10 @@
+"""Load-side motions of one test, for the tests of what acts between motor and load."""
+
+from mjsim.engine.plant import build
+
+
+def load(motion, machine, *effects):
+    """Load-side positions of ``motion`` with effects added to the machine."""
+    for effect in effects:
+        machine = machine.with_effect(effect)
+    return motion.load(build(machine))
