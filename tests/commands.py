@@ -6,6 +6,34 @@ from click.testing import CliRunner
 
 from mjsim.cli.main import main
 
+#: A short campaign of two tests, of which the first is measured (fixture ``good``).
+CAMPAIGN = """\
+name = "short"
+[instrument]
+sample_rate_Hz = 100.0
+[[test]]
+name = "turn"
+trace = "traces/turn.csv"
+kind = "rotary"
+axis = "A"
+from_deg = 0.0
+to_deg = 30.0
+sensitive_direction = "tangential"
+table_ball_mm = [0.0, 0.0, 155.0]
+bar_length_mm = 100.0
+feed_mm_min = 2000.0
+[[test]]
+name = "cone"
+kind = "cone_frustum"
+half_apex_deg = 15.0
+inclination_deg = 10.0
+sensitive_direction = "perpendicular"
+direction = "CCW"
+table_ball_mm = [0.0, 0.0, 155.0]
+bar_length_mm = 100.0
+feed_mm_min = 2000.0
+"""
+
 
 def run(*args):
     return CliRunner().invoke(main, [str(a) for a in args])

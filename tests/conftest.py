@@ -1,17 +1,21 @@
 """Shared fixtures: the two example machines, the paper's tests, the numbers that the paper prints."""
 
+import shutil
 import tomllib
 from importlib.resources import files
 
 import numpy as np
 import pytest
+from commands import CAMPAIGN
 from paper_traces import ANGLE, UM
 
+from mjsim.campaign.files import read_campaign
 from mjsim.campaign.model import Test
 from mjsim.effects import registry
 from mjsim.engine.simulate import simulate
 from mjsim.kinematics import AXES
 from mjsim.machine.files import read_machine
+from mjsim.nc.program import Program
 from mjsim.resources import examples
 
 DEG = np.pi / 180.0
@@ -31,6 +35,19 @@ def catalogue():
     before = registry.kinds()
     yield
     registry.restore(before)
+
+
+@pytest.fixture(scope="session")
+def good(tmp_path_factory):
+    """A correct campaign with one measured test, whose trace is zeros."""
+    folder = tmp_path_factory.mktemp("campaign") / "short"
+    (folder / "traces").mkdir(parents=True)
+    (folder / "campaign.toml").write_text(CAMPAIGN)
+    shutil.copy(examples() / "hidden-backlash" / "machine.toml", folder)
+    lo, hi = Program(read_campaign(folder, traces=False).tests[0]).measured_span
+    rows = [f"{t:.3f},0.0" for t in np.arange(lo, hi, 0.01)]
+    (folder / "traces" / "turn.csv").write_text("\n".join(["time_s,deviation_um", *rows, ""]))
+    return folder
 
 
 @pytest.fixture(scope="session")

@@ -5,53 +5,10 @@ import json
 import shutil
 from importlib import import_module
 
-import numpy as np
 import pytest
-from commands import refused, run
+from commands import CAMPAIGN, refused, run
 
 from mjsim.campaign.files import read_campaign
-from mjsim.nc.program import Program
-from mjsim.resources import examples
-
-CAMPAIGN = """\
-name = "short"
-[instrument]
-sample_rate_Hz = 100.0
-[[test]]
-name = "turn"
-trace = "traces/turn.csv"
-kind = "rotary"
-axis = "A"
-from_deg = 0.0
-to_deg = 30.0
-sensitive_direction = "tangential"
-table_ball_mm = [0.0, 0.0, 155.0]
-bar_length_mm = 100.0
-feed_mm_min = 2000.0
-[[test]]
-name = "cone"
-kind = "cone_frustum"
-half_apex_deg = 15.0
-inclination_deg = 10.0
-sensitive_direction = "perpendicular"
-direction = "CCW"
-table_ball_mm = [0.0, 0.0, 155.0]
-bar_length_mm = 100.0
-feed_mm_min = 2000.0
-"""
-
-
-@pytest.fixture(scope="session")
-def good(tmp_path_factory):
-    """A correct campaign with one measured test, whose trace is zeros."""
-    folder = tmp_path_factory.mktemp("campaign") / "short"
-    (folder / "traces").mkdir(parents=True)
-    (folder / "campaign.toml").write_text(CAMPAIGN)
-    shutil.copy(examples() / "hidden-backlash" / "machine.toml", folder)
-    lo, hi = Program(read_campaign(folder, traces=False).tests[0]).measured_span
-    rows = [f"{t:.3f},0.0" for t in np.arange(lo, hi, 0.01)]
-    (folder / "traces" / "turn.csv").write_text("\n".join(["time_s,deviation_um", *rows, ""]))
-    return folder
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import tomllib
 
 import numpy as np
 import pytest
-from test_bad_input import refused, run, snapshot
+from commands import refused, run, snapshot
 
 import mjsim
 from mjsim.campaign.files import read_campaign

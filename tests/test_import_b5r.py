@@ -4,7 +4,7 @@ import json
 import shutil
 
 import pytest
-from test_bad_input import good, refused, run, snapshot  # noqa: F401
+from commands import refused, run, snapshot
 
 import mjsim
 from mjsim.campaign.files import read_campaign
@@ -38,7 +38,7 @@ def document(plane="XY", axes="", extra=""):
 
 
 @pytest.fixture
-def campaign(good, tmp_path):  # noqa: F811
+def campaign(good, tmp_path):
     return shutil.copytree(good, tmp_path / "c")
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tomlkit
-from test_bad_input import CAMPAIGN, good, refused, run, snapshot  # noqa: F401
+from commands import refused, run
 
 import mjsim
 from mjsim.campaign import schema
@@ -178,7 +178,7 @@ def on_a_terminal(command, cwd=None, **environment):
 
 
 @pytest.fixture(scope="module")
-def short(good, tmp_path_factory):  # noqa: F811
+def short(good, tmp_path_factory):
     """The short campaign with a ladder and an import of another system."""
     import shutil
 
