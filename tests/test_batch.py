@@ -1,5 +1,6 @@
 """Sweeps: designs, results equal to single simulations, resuming after kills, refusals, a real cluster that loses a worker."""
 
+import contextlib
 import json
 import os
 import shutil
@@ -303,6 +304,22 @@ def test_interrupted_by_the_user(folder, nursery):
     assert status == 130 and said.startswith("mjsim: stopped;") and "the same command goes on" in said and said.count("\n") == 1
     assert 2 <= len(pd.read_parquet(out / "results")) < 600
     assert not [p for p in out.rglob(".*")]
+
+
+def test_an_interrupt_that_foreign_code_swallows(folder):
+    """Python prints and drops an interrupt that arrives in a destructor; the sweep ends all the same."""
+    out = folder / "out"
+
+    def swallow(done, *_):
+        if done == 3:
+            with contextlib.suppress(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        mjsim.batch(sweep_file(folder, BACKLASH.replace("count = 3", "count = 30")), out, progress=swallow)
+    assert 3 <= len(pd.read_parquet(out / "results")) < 10
+    assert signal.getsignal(signal.SIGINT) is before
 
 
 def wait_for(condition, process=None, seconds=60.0):
