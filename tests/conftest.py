@@ -4,6 +4,8 @@ import shutil
 import tomllib
 from importlib.resources import files
 
+import fuzzing
+import hypothesis
 import numpy as np
 import pytest
 from commands import CAMPAIGN
@@ -18,9 +20,14 @@ from mjsim.machine.files import read_machine
 from mjsim.nc.program import Program
 from mjsim.resources import examples
 
+hypothesis.settings.load_profile("mjsim")
 DEG = np.pi / 180.0
 #: Machine name -> the example campaign that brings it.
 MACHINES = {"M1": "hidden-backlash", "M2": "two-candidates"}
+
+
+def pytest_sessionfinish(session):
+    fuzzing.write_tally()
 
 
 def _read(name):
