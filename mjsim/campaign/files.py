@@ -74,7 +74,7 @@ def _inside(file: Path, folder: Path, name: str, key: str, outside: bool = False
 
 
 def _recorded(file: Path, test: Test, instrument: Instrument) -> Trace:
-    path = _inside(file, file.parent, test.trace, f'[[test]] "{test.name}" trace')
+    path = _inside(file, file.parent, test.trace or "", f'[[test]] "{test.name}" trace')
     trace = read_trace(path, instrument)
     check_span(path, test, trace)
     return trace
@@ -122,18 +122,21 @@ def test_of(file: Path, t: TestTable) -> Test:
             raise InputError(f"{place}: the key {key!r} does not belong to {t.kind}")
     if t.kind in DIRECTIONS and t.sensitive_direction not in DIRECTIONS[t.kind]:
         raise InputError(f"{place}: sensitive_direction = {t.sensitive_direction!r}; allowed for {t.kind}: {', '.join(DIRECTIONS[t.kind])}")
-    ball = tuple(x * MM for x in t.table_ball_mm)
+    x, y, z = (p * MM for p in t.table_ball_mm)
     if t.kind == "rotary":
         if t.from_deg == t.to_deg:
             raise InputError(f"{place}: from_deg and to_deg are both {t.from_deg:g}; the axis would not turn")
-        if np.hypot(*(ball[:2] if t.axis == "C" else ball[1:])) < 1e-3:
+        if (np.hypot(x, y) if t.axis == "C" else np.hypot(y, z)) < 1e-3:
             raise InputError(f"{place}: table_ball_mm = {t.table_ball_mm} lies on the {t.axis} axis; allowed: at least 1 mm away from it")
     for key in ("program_dialect", "program_reversed", "program_rollover"):
         if t.program is None and getattr(t, key) is not None:
             raise InputError(f"{place}: the key {key!r} needs program, the NC file that it describes")
-    common = dict(name=t.name, kind=t.kind, table_ball=ball, length=t.bar_length_mm * MM, feed=t.feed_mm_min * MM / 60.0)
     test = Test(
-        **common,
+        name=t.name,
+        kind=t.kind,
+        table_ball=(x, y, z),
+        length=t.bar_length_mm * MM,
+        feed=t.feed_mm_min * MM / 60.0,
         half_apex=(t.half_apex_deg or 0.0) * DEG,
         inclination=(t.inclination_deg or 0.0) * DEG,
         sensitive=t.sensitive_direction or "perpendicular",

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from mjsim.errors import InputError
 from mjsim.units import unit_of
@@ -146,7 +146,7 @@ class Effect(ABC):
     @property
     def way(self) -> float:
         """+1 where the effect acts only while its axis turns CCW (its coordinate grows), −1 for CW, 0 for both."""
-        return {"CCW": 1.0, "CW": -1.0}.get(self.values.get("direction"), 0.0)
+        return {"CCW": 1.0, "CW": -1.0}.get(self.values.get("direction", ""), 0.0)
 
     def one_way(self) -> list[Effect]:
         """The same effect acting in one direction of motion only, once per direction; empty where it has one already or knows none."""
@@ -208,7 +208,7 @@ class Effect(ABC):
             not any(row[1] for row in self.values[p.name]) if p.kind == "components" else self.values[p.name] == p.neutral for p in leading
         )
 
-    def replaced(self, **values: Any) -> Effect:
+    def replaced(self, **values: Any) -> Self:
         """The same effect with some parameters changed."""
         return type(self)(self.subject, **{**self.values, **values})
 

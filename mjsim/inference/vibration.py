@@ -14,8 +14,8 @@ from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 from scipy.stats import gamma
 
-from mjsim.effects import registry
 from mjsim.effects.base import Effect
+from mjsim.effects.vibration import Vibration
 from mjsim.engine.plant import build
 from mjsim.inference.nuisance import fit_nuisance
 from mjsim.inference.problem import Problem
@@ -68,7 +68,7 @@ class _Record:
 
     def noise_at(self, frequency: np.ndarray | float) -> np.ndarray:
         """Noise power per sample at frequencies in Hz, m²."""
-        return np.interp(frequency, np.fft.rfftfreq(2 * (len(self.noise) - 1), 1.0 / self.rate), self.noise)
+        return np.asarray(np.interp(frequency, np.fft.rfftfreq(2 * (len(self.noise) - 1), 1.0 / self.rate), self.noise))
 
 
 def residuals(problem: Problem, readings: list[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
@@ -156,11 +156,12 @@ def phased(problem: Problem, machine: Machine, readings: list[np.ndarray] | None
 
     ``readings`` are simulated ones of the machine without vibrations, ``nuisance`` is fitted to them; both are made where missing.
     """
-    waves = [e for e in machine.effects if e.kind == "vibration" and not e.is_neutral]
+    waves = [e for e in machine.effects if isinstance(e, Vibration) and not e.is_neutral]
     if not waves:
         return machine
     if readings is None:
         readings = problem.readings(build(without_vibrations(machine)))
+    if nuisance is None:
         nuisance = fit_nuisance(problem, readings)
     rest = residuals(problem, readings, nuisance)
     for effect in waves:
@@ -215,16 +216,19 @@ def _strongest(records: list[_Record]) -> tuple[float, float]:
     Each test's power over its noise is an exponential deviate, their sum a gamma one.
     """
     size = 2 ** int(np.ceil(np.log2(2 * max(len(r.x) for r in records))))
+    rate = max(r.rate for r in records)
+    f = np.fft.rfftfreq(size, 1.0 / rate)
+    band = (f > LOWEST) & (f < HIGHEST * rate)
     best = (0.0, 1.0)
     for i in range(len(LINEAR)):
-        total, tests, band = 0.0, 0, None
+        total, tests = np.zeros(len(f)), 0
         for r in records:
-            f = np.fft.rfftfreq(size, 1.0 / r.rate)
             own = float(r.weight[:, i] @ r.weight[:, i])
             if own < 0.02 * len(r.x):
                 continue
-            band = (f > LOWEST) & (f < HIGHEST * r.rate) if band is None else band
-            total = total + np.abs(np.fft.rfft(r.x * r.weight[:, i], size)) ** 2 / (r.noise_at(f) * own)
+            mine = f if r.rate == rate else np.fft.rfftfreq(size, 1.0 / r.rate)
+            power = np.abs(np.fft.rfft(r.x * r.weight[:, i], size)) ** 2 / (r.noise_at(mine) * own)
+            total += power if mine is f else np.interp(f, mine, power, right=0.0)  # traces of one campaign may differ in their rate
             tests += 1
         if not tests:
             continue
@@ -269,8 +273,8 @@ def _line(records: list[_Record], frequency: float) -> Line | None:
     waves, info = zip(*(_amplitudes(r, f, best) for r in records), strict=True)
     info = np.array(info)
     spread = float(info @ [np.var(r.time) for r in records])
-    effect = registry.kinds()["vibration"](LINEAR[best], amplitude_um=amplitude / UM, frequency_Hz=f)
-    effect = effect.with_phases({r.name: float(np.angle(c)) for r, c in zip(records, waves, strict=True)})
+    phases = {r.name: float(np.angle(c)) for r, c in zip(records, waves, strict=True)}
+    effect = Vibration(LINEAR[best], amplitude_um=amplitude / UM, frequency_Hz=f).with_phases(phases)
     size, sd_a, sd_f = amplitude / UM, 1.0 / UM / np.sqrt(info.sum()), 1.0 / (2.0 * np.pi * amplitude * np.sqrt(spread))
     ci = {"amplitude_um": [max(0.0, size - 1.96 * sd_a), size + 1.96 * sd_a], "frequency_Hz": [f - 1.96 * sd_f, f + 1.96 * sd_f]}
     others = tuple(f"vibration.{LINEAR[i]}" for i in fits if i != best and fits[i][1] > gain - RIVAL)

@@ -1,0 +1,225 @@
+"""Types of what mjsim uses of MuJoCo: its bindings are compiled and carry none. Whatever else MuJoCo has is unknown here.
+
+`tests/test_upkeep.py` holds every name against the installed MuJoCo.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+__version__: str
+
+class _Enum:
+    value: int
+    __members__: dict[str, Any]
+    def __int__(self) -> int: ...
+    def __index__(self) -> int: ...
+
+class mjtCamera(_Enum):
+    mjCAMERA_FREE: mjtCamera
+    mjCAMERA_FIXED: mjtCamera
+
+class mjtCatBit(_Enum):
+    mjCAT_ALL: mjtCatBit
+
+class mjtDisableBit(_Enum):
+    mjDSBL_CONSTRAINT: mjtDisableBit
+
+class mjtFontScale(_Enum):
+    mjFONTSCALE_100: mjtFontScale
+
+class mjtFramebuffer(_Enum):
+    mjFB_OFFSCREEN: mjtFramebuffer
+
+class mjtGeom(_Enum):
+    mjGEOM_SPHERE: mjtGeom
+    mjGEOM_CAPSULE: mjtGeom
+    mjGEOM_LINE: mjtGeom
+
+class mjtJoint(_Enum):
+    mjJNT_SLIDE: mjtJoint
+    mjJNT_HINGE: mjtJoint
+
+class mjtObj(_Enum):
+    mjOBJ_CAMERA: mjtObj
+
+class mjtRndFlag(_Enum):
+    mjRND_SHADOW: mjtRndFlag
+
+class mjtState(_Enum):
+    mjSTATE_FULLPHYSICS: mjtState
+    mjSTATE_CTRL: mjtState
+
+class mjtTrn(_Enum):
+    mjTRN_JOINT: mjtTrn
+
+class mjtVisFlag(_Enum):
+    mjVIS_TENDON: mjtVisFlag
+
+class mjtWarning(_Enum): ...
+
+class _View:
+    """Numbers of one element; writing into an array writes into the model."""
+
+    id: int
+    name: str
+
+class _Actuator(_View): ...
+
+class _Body(_View):
+    pos: np.ndarray
+
+class _Joint(_View):
+    axis: np.ndarray
+    qposadr: np.ndarray
+    dofadr: np.ndarray
+
+class _Numeric(_View):
+    data: np.ndarray
+
+class _Sensor(_View):
+    adr: np.ndarray
+
+class MjModel:
+    nq: int
+    nv: int
+    nu: int
+    nsensordata: int
+    actuator_gainprm: np.ndarray
+    actuator_biasprm: np.ndarray
+    body_mass: np.ndarray
+    body_inertia: np.ndarray
+    dof_armature: np.ndarray
+    jnt_range: np.ndarray
+    jnt_limited: np.ndarray
+    _address: int
+    @staticmethod
+    def from_xml_string(xml: str) -> MjModel: ...
+    @staticmethod
+    def from_xml_path(filename: str) -> MjModel: ...
+    def __copy__(self) -> MjModel: ...
+    def actuator(self, name: str | int) -> _Actuator: ...
+    def body(self, name: str | int) -> _Body: ...
+    def joint(self, name: str | int) -> _Joint: ...
+    def numeric(self, name: str | int) -> _Numeric: ...
+    def sensor(self, name: str | int) -> _Sensor: ...
+
+class _Warning:
+    number: int
+
+class _Site:
+    xpos: np.ndarray
+
+class MjData:
+    time: float
+    qpos: np.ndarray
+    qvel: np.ndarray
+    ctrl: np.ndarray
+    xpos: np.ndarray
+    xmat: np.ndarray
+    sensordata: np.ndarray
+    userdata: np.ndarray
+    warning: Sequence[_Warning]
+    _address: int
+    def __init__(self, model: MjModel) -> None: ...
+    def site(self, name: str | int) -> _Site: ...
+
+class _SpecJoint:
+    axis: np.ndarray
+    armature: float
+
+class _SpecBody:
+    pos: np.ndarray
+    quat: np.ndarray
+    def add_joint(self, *, name: str, type: _Enum, axis: ArrayLike, armature: float = ...) -> _SpecJoint: ...
+
+class _SpecCamera:
+    name: str
+
+class _SpecOption:
+    timestep: float
+    disableflags: int
+
+class MjSpec:
+    option: _SpecOption
+    #: ``visual.global_``, ``visual.quality``, ...
+    visual: Any
+    nuserdata: int
+    cameras: Sequence[_SpecCamera]
+    @staticmethod
+    def from_file(filename: str) -> MjSpec: ...
+    def add_actuator(self, *, name: str, target: str, trntype: mjtTrn) -> object: ...
+    def add_numeric(self, *, name: str, data: ArrayLike) -> object: ...
+    def body(self, name: str) -> _SpecBody: ...
+    def joint(self, name: str) -> _SpecJoint: ...
+    def delete(self, element: object) -> None: ...
+    def compile(self) -> MjModel: ...
+
+class MjvCamera:
+    type: int | mjtCamera
+    fixedcamid: int
+    lookat: np.ndarray
+    distance: float
+    azimuth: float
+    elevation: float
+
+class MjvGeom:
+    pos: np.ndarray
+    emission: float
+
+class MjvGLCamera:
+    """One eye of a scene."""
+
+    pos: np.ndarray
+    forward: np.ndarray
+    up: np.ndarray
+    frustum_center: float
+    frustum_near: float
+    frustum_top: float
+
+class MjvOption:
+    flags: np.ndarray
+
+class MjvScene:
+    camera: tuple[MjvGLCamera, MjvGLCamera]
+    flags: np.ndarray
+    geoms: Sequence[MjvGeom]
+    maxgeom: int
+    ngeom: int
+    def __init__(self, model: MjModel, maxgeom: int) -> None: ...
+
+class MjrContext:
+    def __init__(self, model: MjModel, fontscale: int) -> None: ...
+    def free(self) -> None: ...
+
+class MjrRect:
+    def __init__(self, left: int, bottom: int, width: int, height: int) -> None: ...
+
+class Renderer:
+    def __init__(self, model: MjModel, height: int = ..., width: int = ...) -> None: ...
+    def __enter__(self) -> Renderer: ...
+    def __exit__(self, *error: object) -> None: ...
+    def update_scene(self, data: MjData, camera: int | str | MjvCamera = ...) -> None: ...
+    def render(self) -> np.ndarray: ...
+
+def mj_camlight(m: MjModel, d: MjData) -> None: ...
+def mj_forward(m: MjModel, d: MjData) -> None: ...
+def mj_fullM(m: MjModel, d: MjData, dst: np.ndarray) -> None: ...
+def mj_fwdPosition(m: MjModel, d: MjData) -> None: ...
+def mj_getState(m: MjModel, d: MjData, state: np.ndarray, sig: mjtState | int) -> None: ...
+def mj_kinematics(m: MjModel, d: MjData) -> None: ...
+def mj_name2id(m: MjModel, type: int, name: str) -> int: ...
+def mj_resetData(m: MjModel, d: MjData) -> None: ...
+def mj_setConst(m: MjModel, d: MjData) -> None: ...
+def mj_stateSize(m: MjModel, sig: mjtState | int) -> int: ...
+def mjr_readPixels(rgb: np.ndarray | None, depth: np.ndarray | None, viewport: MjrRect, con: MjrContext) -> None: ...
+def mjr_render(viewport: MjrRect, scn: MjvScene, con: MjrContext) -> None: ...
+def mjr_setBuffer(framebuffer: int, con: MjrContext) -> None: ...
+def mju_axisAngle2Quat(res: np.ndarray, axis: np.ndarray, angle: float) -> None: ...
+def mju_mulQuat(res: np.ndarray, quat1: np.ndarray, quat2: np.ndarray) -> None: ...
+def mjv_connector(geom: MjvGeom, type: int, width: float, from_: np.ndarray, to: np.ndarray) -> None: ...
+def mjv_initGeom(geom: MjvGeom, type: int, size: np.ndarray, pos: np.ndarray, mat: np.ndarray, rgba: np.ndarray) -> None: ...
+def mjv_updateScene(m: MjModel, d: MjData, opt: MjvOption, pert: None, cam: MjvCamera, catmask: int, scn: MjvScene) -> None: ...
+def set_mjcb_control(callback: object) -> None: ...
