@@ -52,7 +52,7 @@ _WHERE = {
 }
 _RENAMED = {"history": "read_history", "effects": "kinds", "make_effect": "make", "NCOptions": "Options"}
 
-__all__ = ["__version__", *_WHERE]
+__all__ = ["__version__", *_WHERE]  # pyright: ignore[reportUnsupportedDunderAll]; type checkers read __init__.pyi
 
 
 def __getattr__(name: str) -> Any:

@@ -44,11 +44,13 @@ def plan(
         registry.effect_class(i)
     if between is not None and (len(between) != 2 or not ids or len(set(between)) != 2):
         raise InputError(f"plan between {' and '.join(between)}: allowed are two different effects, or one effect and {NOTHING!r}")
+    if between is not None and NOTHING in between:
+        between = (ids[0], NOTHING)
     if not campaign.measured:
         if between is None:
             raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; say which effects to separate (--between A B)")
-        explanations = [_by_default(i, machine) for i in between]
-        return best_of(between, explanations, campaign, usual_noise(), BLOCKS[0], threads, progress)
+        pair = _by_default(between[0], machine), _by_default(between[1], machine)
+        return best_of(between, pair, campaign, usual_noise(), BLOCKS[0], threads, progress)
     progress("preparing", 0, 1)
     problem = Problem(campaign, machine, threads)
     rigid, _ = separate(problem, machine)
@@ -58,12 +60,12 @@ def plan(
         return plan_for(problem, search, threads, progress)
     length = problem.layout.length
     if NOTHING in between:
-        between = (ids[0], NOTHING)
         here = Explanation.of_fit(NOTHING, fitter.fit([], exact=False), length)
-        explanations = [replace(here, name=ids[0], effects=(typical(ids[0]),)), here]
+        pair = replace(here, name=ids[0], effects=(typical(ids[0]),)), here
     else:
-        explanations = [Explanation.of_fit(i, fit_effect(problem, fitter, *registry.effect_class(i)), length) for i in ids]
-    return best_of(between, explanations, campaign, problem.noise, problem.samples[0].block, threads, progress)
+        first, second = (Explanation.of_fit(i, fit_effect(problem, fitter, *registry.effect_class(i)), length) for i in between)
+        pair = first, second
+    return best_of(between, pair, campaign, problem.noise, problem.samples[0].block, threads, progress)
 
 
 def _by_default(effect_id: str, machine: Machine) -> Explanation:

@@ -91,13 +91,13 @@ def add(
     progress("fitting", 0, 1)
     fitted_effect, ci95 = _fitted(problem, machine, cls, subjects)
     if source is not None:
-        machine = replace(machine, effect_files={**machine.effect_files, fitted_effect.id: file_reference(source, Path(machine.path))})
+        machine = replace(machine, effect_files={**machine.effect_files, fitted_effect.id: file_reference(source, machine.file)})
     before = compare(campaign, machine, threads, progress, problem)
     fitted = machine.with_effect(fitted_effect)
     after = compare(campaign, fitted, threads, progress, problem)
     change = Change(fitted_effect, ci95, before, after, fitted)
     if record:
-        _record(campaign, "add", change, Path(machine.path))
+        _record(campaign, "add", change, machine.file)
     return change
 
 
@@ -121,7 +121,7 @@ def remove(
     without = machine.without(present.key)
     after = compare(campaign, without, threads, progress, problem)
     change = Change(present, {}, before, after, without)
-    _record(campaign, "remove", change, Path(machine.path))
+    _record(campaign, "remove", change, machine.file)
     return change
 
 
@@ -183,10 +183,10 @@ def fit_effect(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str
             gain, x, candidate = max(rows, key=lambda r: r[0], default=(0.0, None, None))
             if gain <= 0.0 and fit is None:
                 raise InputError(silent_here)
-            if candidate is None or (fit is not None and gain < 40.0):
+            if candidate is None or x is None or (fit is not None and gain < 40.0):
                 break
             base = fit = fitter.fit(searcher.grown(base, candidate, x), start=base, exact=False)
-        return fitter.fit(fit.effects, start=fit)
+        return fitter.fit(base.effects, start=base)
     present = fitter.machine.effect(effect_id)
     names = cls.free_of(subject)
     seeds = [Candidate(present, names)] if present else [Candidate(cls(subject, **v), names) for v in cls.seeds(subject)]

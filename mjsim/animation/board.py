@@ -40,12 +40,13 @@ class Board:
         self._chart()
         for artist in self._moving:
             artist.set_animated(True)  # left out of what stands still
-        self._figure.canvas.draw()
-        self._still = self._figure.canvas.copy_from_bbox(self._figure.bbox)
+        self._canvas = style.canvas(self._figure)
+        self._canvas.draw()
+        self._still = self._canvas.copy_from_bbox(self._figure.bbox)
 
     def frame(self, place: float) -> np.ndarray:
         """The picture (height, width, 3) uint8 at ``place`` on the ladder: whole numbers are models, 0 the first."""
-        self._figure.canvas.restore_region(self._still)
+        self._canvas.restore_region(self._still)
         low = min(int(place), len(self._rungs) - 1)
         high, weight = min(low + 1, len(self._rungs) - 1), place - low
         for (phi, value), line, number, ladder in zip(self._curves, self._lines, self._values, self._tests, strict=True):
@@ -61,7 +62,7 @@ class Board:
         self._name.set_text(f"{self._labels[low]} → {self._labels[high]}" if between else self._labels[low])
         for artist in self._moving:
             (artist.axes or self._figure).draw_artist(artist)
-        return self._padded(np.asarray(self._figure.canvas.buffer_rgba())[..., :3])
+        return self._padded(np.asarray(self._canvas.buffer_rgba())[..., :3])
 
     def _padded(self, image: np.ndarray) -> np.ndarray:
         """The drawing in the middle of a frame of the size asked for, which may have another shape."""
@@ -93,7 +94,7 @@ class Board:
         for k, trace in enumerate(start):
             x, y = (k % columns + 0.5) * width, 50 + (k // columns) * height
             place = ((x - side / 2) / BASE[0], 1 - (y + (34 if n > 1 else 58) + side) / BASE[1], side / BASE[0], side / BASE[1])
-            axes = self._figure.add_axes(place, projection="polar")
+            axes = style.polar_axes(self._figure, place)
             draw_polar(axes, [trace], step, small=n > 1)
             if n > 1:
                 axes.tick_params(labelbottom=False)

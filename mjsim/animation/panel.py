@@ -38,8 +38,11 @@ class Panel:
         self._figure.set_dpi(DPI * layout.scale)
         x, y, side = _PLOT
         place = (x / PANEL, 1 - (y + side) / _HEIGHT, side / PANEL, side / _HEIGHT)
-        self._axes = self._figure.add_axes(place, projection="polar")
-        whole = [PolarTrace(s.name, s.phi / DEG, s.value / UM, s.name, self._shift) for s in story.traces]
+        self._axes = style.polar_axes(self._figure, place)
+        whole = [
+            PolarTrace(s.name, s.phi / DEG, s.value / UM, "measured" if s.name == "measured" else "simulated", self._shift)
+            for s in story.traces
+        ]
         self._step = draw_polar(self._axes, whole)
         self._lines = self._axes.lines[1:]
         for line in self._lines:
@@ -49,9 +52,10 @@ class Panel:
             self._axes.plot([], [], "o", color=_COLOURS[t.name], markersize=5.5, markeredgecolor="white", zorder=6)[0] for t in story.traces
         ]
         self._texts()
-        self._figure.canvas.draw()
+        self._canvas = style.canvas(self._figure)
+        self._canvas.draw()
         self._drawn = [0 for _ in story.traces]
-        self._pixels = np.asarray(self._figure.canvas.buffer_rgba())
+        self._pixels = np.asarray(self._canvas.buffer_rgba())
 
     def frame(self, time: float) -> Image.Image:
         """The panel at ``time`` s, an RGB image."""
@@ -63,11 +67,10 @@ class Panel:
                 line.set_visible(True)
                 self._axes.draw_artist(line)
                 self._drawn[k] = last
-        canvas = self._figure.canvas
-        without_pointer = canvas.copy_from_bbox(self._axes.bbox)
+        without_pointer = self._canvas.copy_from_bbox(self._axes.bbox)
         self._point(time)
         image = Image.fromarray(np.ascontiguousarray(self._pixels[..., :3]))
-        canvas.restore_region(without_pointer)
+        self._canvas.restore_region(without_pointer)
         self._numbers(ImageDraw.Draw(image), time)
         return image
 

@@ -99,7 +99,7 @@ def connected(address: str) -> Iterator[Any]:
         import logging
 
         from distributed import Client
-        from distributed.comm import parse_address, parse_host_port
+        from distributed.comm.addressing import parse_address, parse_host_port
     except ImportError:
         raise InputError('--scheduler needs the extra "distributed": pip install "mjsim[distributed]"') from None
     for name in [n for n in logging.root.manager.loggerDict if n.startswith("distributed")]:

@@ -89,22 +89,23 @@ def make_design(table: SweepTable) -> Design:
     A Latin hypercube is stratified: each parameter has one value in each of ``samples`` equal parts of its range. An ensemble of
     tolerances is one too, of normal deviates; every point of a grid beside it gets the same machines, so that points can be compared.
     """
+    samples = table.samples or 1
     if table.design == "latin_hypercube":
-        unit = _hypercube(len(table.vary), table)
+        unit = _hypercube(len(table.vary), samples, table.seed)
         return Design(np.column_stack([_spread(v, u) for v, u in zip(table.vary, unit.T, strict=True)]))
     levels = [_levels(v) for v in table.vary]
     grid = np.stack(np.meshgrid(*levels, indexing="ij"), axis=-1).reshape(-1, len(levels)) if levels else np.zeros((1, 0))
     if table.design == "grid":
         return Design(grid)
-    unit = _hypercube(len(SHEET), table)
-    return Design(np.repeat(grid, table.samples, axis=0), np.tile(ndtri(unit), (len(grid), 1)))
+    unit = _hypercube(len(SHEET), samples, table.seed)
+    return Design(np.repeat(grid, samples, axis=0), np.tile(ndtri(unit), (len(grid), 1)))
 
 
-def _hypercube(dimensions: int, table: SweepTable) -> np.ndarray:
+def _hypercube(dimensions: int, samples: int, seed: int) -> np.ndarray:
     """(samples, dimensions) between 0 and 1."""
     from scipy.stats import qmc  # takes a second to load
 
-    return qmc.LatinHypercube(dimensions, rng=np.random.default_rng(table.seed)).random(table.samples)
+    return qmc.LatinHypercube(dimensions, rng=np.random.default_rng(seed)).random(samples)
 
 
 def _levels(v: VaryTable) -> np.ndarray:

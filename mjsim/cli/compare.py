@@ -43,7 +43,7 @@ def command(campaign, machine, out, no_plots, force, threads, as_json, quiet) ->
     with common.progress_bar(quiet) as progress:
         result = compare(c, m, common.cores(threads), progress)
         plots = [] if no_plots else comparison_plots(result, out or c.state_folder / "compare", progress)
-    data = result.to_json()
+    data, found = result.to_json(), {}
     if imported:
         found = {e.id: e.values for e in m.effects}
         data["imported"] = show_features(imported, found, circles_of(c, data), silent=True)

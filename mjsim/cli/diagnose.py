@@ -49,8 +49,8 @@ def command(campaign, machine, write, max_effects, force, threads, as_json, quie
     except InputError as error:
         common.say(f"the effect file was not written: {error}", quiet)
     if write is not None:
-        write_machine(result.machine, m.path, write, force=force)
-    data = result.to_json()
+        write_machine(result.machine, m.file, write, force=force)
+    data, found, circles = result.to_json(), {}, []
     if imported:
         found = {e.id: e.values for e in m.effects} | {e["id"]: e["parameters"] for e in data["effects"]}
         circles = circles_of(c, result.before.to_json())

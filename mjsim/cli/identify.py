@@ -53,7 +53,7 @@ def pitch_error(campaign, axis, machine, per_direction, write, out, no_plots, fo
         results = identify_pitch_errors(c, m, axes, per_direction, common.cores(threads), progress)
         plots = [] if no_plots else pitch_plots(c.name, results, folder)
     if write is not None:
-        write_machine(identified_machine(m, results), m.path, write, force=force)
+        write_machine(identified_machine(m, results), m.file, write, force=force)
     data = {
         "campaign": c.name,
         "axes": {a: r.to_json() for a, r in results.items()},

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -132,11 +133,11 @@ class Effect(ABC):
         """Starting values from which a diagnosis searches: leading parameters at a typical size off neutral."""
         return [{p.name: p.neutral + p.scale for p in cls.parameters_of(subject) if p.neutral is not None}]
 
-    def variants(self) -> list[tuple[Effect, tuple[str, ...]]]:
+    def variants(self) -> Sequence[tuple[Effect, tuple[str, ...]]]:
         """Other ways in which this effect of the user's machine may be wrong: its values, and what is free then, beside ``free``."""
         return []
 
-    def shapes(self, present: Effect | None) -> list[tuple[Effect, tuple[str, ...]]]:
+    def shapes(self, present: Effect | None) -> Sequence[tuple[Effect, tuple[str, ...]]]:
         """Other shapes that a diagnosis tries once this effect is found, before it believes a second effect: where to start, what is free.
 
         ``present`` is the effect as the user's machine has it, if it has.

@@ -41,13 +41,13 @@ def possible(machine: Machine, x: np.ndarray, c: Candidate) -> bool:
     if c.effect.scanned:
         return True
     free = FreeEffect(c.effect, c.names)
-    if free.polar:
+    if free.polar and free.amplitude is not None:
         p = free.specs[free.amplitude]
         return bool(np.hypot(x[0], x[1]) * p.scale <= p.upper)
     present = any(e.key == c.effect.key for e in machine.effects)
     for value, name in zip(x, (n for n in free.names if present or free.specs[n].neutral is not None), strict=False):
         p = free.specs[name]
-        size = value + p.encode(c.effect.values[name] if present else p.neutral)
+        size = value + p.encode(c.effect.values[name] if present else p.neutral or 0.0)
         low, high = sorted((p.encode(p.lower), p.encode(p.upper)))
         if not low - _SLACK <= size <= high + _SLACK:
             return False

@@ -44,7 +44,8 @@ def best_term(problem: Problem, fit: Fit, teeth: Iterable[str] = ()) -> Term | N
         best = max((t for t in (best, _best(problem, projector, generic.fine(axis))) if t), key=lambda t: t.gain - t.price)
     if best is None or best.gain - best.price < THRESHOLD:
         return None
-    best = best if len(best.knots) > _LONG else _best(problem, projector, [best, *(t for n in _FINER for t in generic.finer(best, n))])
+    if len(best.knots) <= _LONG:
+        best = _best(problem, projector, [best, *(t for n in _FINER for t in generic.finer(best, n))]) or best
     return best if any(np.std(p) > VISIBLE * problem.noise.rms for p in visible(problem, fit, best)) else None
 
 

@@ -149,16 +149,15 @@ class Fitter:
             beginnings.append((start.nuisance.copy(), np.where(frozen, 0.0, start.tau)))
         if start is None or start.sum_squares > _SOUND * p.count or np.abs(start.tau).max() > _UPRIGHT:
             beginnings.append((None, np.zeros(len(SHEET))))
-        best = None
+        made = []
         for nuisance, tau in beginnings:
             fit = Fit(self.machine, list(effects), np.zeros(p.layout.size) if nuisance is None else nuisance, tau)
             if nuisance is None:
                 fit.nuisance = fit_nuisance(p, p.readings(build(fit.machine)))
             sheet, white = self.sheet_at(fit)
             self._evaluate(fit, fit.tau, exact, sheet)
-            if best is None or fit.objective < best[0].objective:
-                best = fit, sheet, white, fit.tau.copy()
-        return best
+            made.append((fit, sheet, white, fit.tau.copy()))
+        return min(made, key=lambda m: m[0].objective)
 
     def _moved(self, fit: Fit, step: np.ndarray) -> Fit:
         n, t = len(fit.nuisance), len(fit.tau)

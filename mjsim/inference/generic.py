@@ -7,7 +7,7 @@ yaws its neighbour, a float of the table lifts the work.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -59,8 +59,8 @@ class Term:
     period: float | None
     columns: list[np.ndarray]
     gain: float = 0.0
-    coefficients: np.ndarray | None = None
-    covariance: np.ndarray | None = None
+    coefficients: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    covariance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def signed(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import binary_dilation, label, median_filter
+from scipy.ndimage import binary_dilation, median_filter
 
 from mjsim.inference.samples import Samples, revolution_time
 from mjsim.nc.program import Program
@@ -60,7 +60,7 @@ def mark_outliers(s: Samples, residual: np.ndarray, noise: float) -> int:
         return 0
     before, after = (max(1, round(m / dt)) for m in (MARGIN, RINGING))
     wide = np.convolve(high, np.ones(before + after + 1))[before : before + len(high)] > 0.5  # from ``before`` ahead to ``after`` behind
-    groups, count = label(wide)
+    groups, count = _groups(wide)
     long = any((groups == g).sum() * dt > 0.5 * WINDOW + MARGIN + RINGING for g in range(1, count + 1))
     if count > MOST_EVENTS or long:
         return 0
@@ -80,11 +80,17 @@ def take_back(s: Samples, given: np.ndarray, residual: np.ndarray, noise: float)
     Returns:
         Number of stretches taken back.
     """
-    groups, count = label(given & ~s.valid)
+    groups, count = _groups(given & ~s.valid)
     back = [g for g in range(1, count + 1) if np.abs(residual[groups == g]).max() < 0.5 * HEIGHT * noise]
     s.valid |= np.isin(groups, back)
     s.refresh()
     return len(back)
+
+
+def _groups(mask: np.ndarray) -> tuple[np.ndarray, int]:
+    """Number of the unbroken stretch of ``mask`` that each place is in, from 1 on, (n,), 0 outside; and how many stretches there are."""
+    first = np.diff(mask, prepend=False) & mask
+    return np.where(mask, np.cumsum(first), 0), int(first.sum())
 
 
 def _followed(x: np.ndarray, window: float, dt: float) -> np.ndarray:

@@ -114,7 +114,7 @@ def describe(problem: Problem, fit: Fit, term: Term) -> Unexplained:
     factor, y_unit = (1.0 / DEG, "°") if term.moves in ROTARY else (1.0 / UM, "µm")
     shown, spread_of = _seen(term)
     size = shown * term.unit
-    power = sum((c**2).sum(axis=0) for c in term.columns)
+    power = np.sum([(c**2).sum(axis=0) for c in term.columns], axis=0)
     curve = (x, np.where(power > 1e-4 * power.max(), size * factor, np.nan), spread_of * term.unit * factor)  # nan: no test goes there
     source_of = f"depends on the {term.axis} axis' {_WORDS[term.variable]}" if term.axis else "follows the campaign's clock"
     what = "the table" if term.moves in TABLE else f"the {term.moves} axis"

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import tomlkit
+from tomlkit.items import AoT, InlineTable, Table
 
 from mjsim.campaign.schema import MachineTable
 from mjsim.effects import registry
@@ -119,7 +120,7 @@ def machine_document(machine: Machine, original: Path) -> str:
     have = {e.key for e in base.effects}
     for effect in machine.effects:
         if effect.key not in have:
-            inline = not isinstance(tables, tomlkit.items.AoT)
+            inline = not isinstance(tables, AoT)
             if not inline and len(tables) and not tables[-1].as_string().endswith("\n\n"):
                 tables[-1].add(tomlkit.nl())
             tables.append(_new_table(effect, machine, inline))
@@ -127,7 +128,7 @@ def machine_document(machine: Machine, original: Path) -> str:
     return text.replace("\r\n", "\n").replace("\n", "\r\n") if "\r\n" in former else text
 
 
-def _new_table(effect: Effect, machine: Machine, inline: bool) -> tomlkit.items.Table | tomlkit.items.InlineTable:
+def _new_table(effect: Effect, machine: Machine, inline: bool) -> Table | InlineTable:
     table = tomlkit.inline_table() if inline else tomlkit.table()
     table["id"] = effect.id
     if effect.id in machine.effect_files:

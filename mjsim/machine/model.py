@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from mjsim.effects.base import Effect
+from mjsim.errors import InputError
 
 #: One standard deviation of the data sheet (relative). Controller settings are exact numbers in the control; what hangs on
 #: the motor and the mechanics is not. Source: campaign format, "data sheet".
@@ -50,6 +51,17 @@ class Machine:
     path: Path | None = None
     configuration: str = "w-C'A'Y'bXZ-t"
     effect_files: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def file(self) -> Path:
+        """The machine file that it was read from.
+
+        Raises:
+            InputError: it was made in Python.
+        """
+        if self.path is None:
+            raise InputError(f"machine {self.name!r} was not read from a file; read it with read_machine, or write it to a file first")
+        return self.path
 
     def effect(self, key: str) -> Effect | None:
         """The effect with this key (or id), or ``None``."""

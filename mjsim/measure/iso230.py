@@ -95,7 +95,7 @@ def least_squares_circle(phi_rad: ArrayLike, deviation_m: ArrayLike, weight: Arr
     phi, deviation = _checked(phi_rad, deviation_m)
     root = np.ones_like(phi) if weight is None else np.sqrt(np.broadcast_to(np.asarray(weight, dtype=float), phi.shape))
     basis = np.column_stack([np.cos(phi), np.sin(phi), np.ones_like(phi)])
-    solution = np.linalg.lstsq(basis * root[:, None], deviation * root, rcond=None)[0]
+    solution = np.asarray(np.linalg.lstsq(basis * root[:, None], deviation * root, rcond=None)[0], dtype=float)
     return LeastSquaresCircle(centre_m=solution[:2], radius_error_m=float(solution[2]))
 
 

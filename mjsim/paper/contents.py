@@ -86,7 +86,7 @@ def offset_label(offset: int) -> str:
 def _offsets(cause: str, theta: int, values: tuple[int, ...], um_per_div: float = 10.0) -> tuple[Panel, ...]:
     panels = []
     for letter, along in zip("ab", "XY", strict=True):
-        lines = [Line(offset_label(v), Run(cause, theta, **{along.lower(): v}), *OFFSET_LOOK[v]) for v in values]
+        lines = [Line(offset_label(v), Run.beside(cause, theta, along, v), *OFFSET_LOOK[v]) for v in values]
         panels.append(Panel(f"({letter}) centre offset in {along}", tuple(lines), um_per_div))
     return tuple(panels)
 
@@ -182,4 +182,4 @@ POLAR: tuple[PolarFigure, ...] = (
 #: Offsets of Fig. 9, mm, and the plane of each panel: (axis shown with C, direction of the offset).
 VELOCITY_OFFSETS = (-200, -50, 0, 50, 200)
 VELOCITY_PANELS = (("X", "X"), ("Y", "X"), ("X", "Y"), ("Y", "Y"))
-VELOCITY_RUNS = tuple(Run("friction", 15, **{along.lower(): v}) for along in "XY" for v in VELOCITY_OFFSETS)
+VELOCITY_RUNS = tuple(Run.beside("friction", 15, along, v) for along in "XY" for v in VELOCITY_OFFSETS)

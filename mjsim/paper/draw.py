@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from mjsim.plots import polar, style
 from mjsim.units import UM
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
 _SIDE = {1: 4.2, 2: 3.4, 3: 2.9}
@@ -32,16 +33,16 @@ def polar_figure(figure: PolarFigure, traces: Traces, campaign: Campaign) -> Fig
     bottom = 0.34 + caption.LINE * len(caption.lines(text_below, width))
     height = rows * cell_h + bottom + 0.05
     sheet = style.new_figure(width, height)
-    names: dict[str, object] = {}
+    names: dict[str, Artist] = {}
     for i, panel in enumerate(figure.panels):
         x = 0.1 + (i % columns) * cell_w + 0.5 * (cell_w - side)
         y = height - (i // columns + 1) * cell_h + 0.5
-        axes = sheet.add_axes((x / width, y / height, side / width, side / height), projection="polar")
+        axes = style.polar_axes(sheet, (x / width, y / height, side / width, side / height))
         level = any(isinstance(line.source, str) for line in panel.lines)
         polar.draw_polar(axes, [_trace(line, traces, campaign, level) for line in panel.lines], panel.um_per_div)
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             names.setdefault(label, handle)
-        text = {"va": "center", "color": style.INK}
+        text: dict[str, Any] = {"va": "center", "color": style.INK}
         sheet.text(x / width, (y - 0.36) / height, panel.caption, ha="left", fontsize=style.TEXT, fontweight="bold", **text)
         sheet.text((x + side) / width, (y - 0.36) / height, polar.scale_text(panel.um_per_div), ha="right", fontsize=style.TEXT, **text)
     _legend(sheet, names, width, height, bottom)
@@ -53,12 +54,12 @@ def velocity_figure(traces: Traces) -> Figure:
     """Fig. 9: velocities of X, Y and C over the plot angle, per offset of the centre."""
     width, height = 9.4, 7.3
     sheet = style.new_figure(width, height)
-    names: dict[str, object] = {}
+    names: dict[str, Artist] = {}
     for i, (axis, along) in enumerate(VELOCITY_PANELS):
         box = (0.085 + 0.5 * (i % 2), 0.6 - 0.43 * (i // 2), 0.345, 0.355)
         axes = sheet.add_axes(box)
         for v in VELOCITY_OFFSETS:
-            angle, speed = traces.velocity(Run("friction", 15, **{along.lower(): v}), axis)
+            angle, speed = traces.velocity(Run.beside("friction", 15, along, v), axis)
             colour, dashed = OFFSET_LOOK[v]
             (line,) = axes.plot(angle, speed, color=colour, lw=1.2, ls=(0, (4, 1.5)) if dashed else "-")
             names.setdefault(offset_label(v), line)

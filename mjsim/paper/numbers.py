@@ -121,8 +121,8 @@ def _reversals(traces: Traces) -> dict:
 
 
 def _feed(traces: Traces) -> dict:
-    def largest(axis: str, **offset: float) -> float:
-        angle, speed = traces.velocity(Run("friction", 15, **offset), axis)
+    def largest(axis: str, x: float = 0.0, y: float = 0.0) -> float:
+        angle, speed = traces.velocity(Run("friction", 15, x, y), axis)
         return round(float(np.abs(speed[(angle > 175) & (angle < 185)]).max()), 0)
 
     return {

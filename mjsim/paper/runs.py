@@ -38,6 +38,11 @@ class Run:
     y: float = 0.0
     method: str = "perpendicular"
 
+    @classmethod
+    def beside(cls, cause: str, theta: int, along: str, offset: float) -> Run:
+        """The run with the cone's centre ``offset`` mm along X or Y."""
+        return cls(cause, theta, x=offset) if along == "X" else cls(cause, theta, y=offset)
+
     def test(self) -> Test:
         """The test, one revolution CCW."""
         return Test(

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from mjsim.campaign.files import test_table
+from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.inference.free import FreeEffect
@@ -74,7 +75,7 @@ def plan_for(
     for f in search.found:
         for other, fit in f.rivals.items():
             mine = f.key.partition("[")[0]
-            pair = [Explanation.of_fit(mine, search.fit, length), Explanation.of_fit(other, fit, length)]
+            pair = Explanation.of_fit(mine, search.fit, length), Explanation.of_fit(other, fit, length)
             return best_of((mine, other), pair, *args)
     if not hidden:
         return None
@@ -84,11 +85,19 @@ def plan_for(
             continue
         here = Explanation.of_fit(NOTHING, search.fit, length)
         there = replace(here, name=effect_id, effects=(*here.effects, typical(effect_id)))
-        return best_of((effect_id, NOTHING), [there, here], *args)
+        return best_of((effect_id, NOTHING), (there, here), *args)
     return None
 
 
-def best_of(between, explanations, campaign, noise: Noise, block: float, threads: int, progress: Callable) -> Plan:
+def best_of(
+    between: tuple[str, str],
+    explanations: tuple[Explanation, Explanation],
+    campaign: Campaign,
+    noise: Noise,
+    block: float,
+    threads: int,
+    progress: Callable[[str, int, int], None],
+) -> Plan:
     separator = Separator(*explanations, noise, block)
     choices = choose(separator, campaign.tests, threads, progress)
     a, b = between
@@ -98,7 +107,7 @@ def best_of(between, explanations, campaign, noise: Noise, block: float, threads
         reason = f"Of {len(choices)} tests within reach this one {what} best per minute of machine time."
     else:
         reason = f"No test of {len(choices)} within reach {what} clearly; this one comes nearest."
-    return Plan(tuple(between), tuple(choices), reason)
+    return Plan(between, tuple(choices), reason)
 
 
 def typical(effect_id: str) -> FreeEffect:

@@ -19,6 +19,7 @@ from mjsim.inference.free import FreeEffect
 from mjsim.inference.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, sheet_grid, sheet_plants
 from mjsim.inference.samples import BLOCKS, GRID_STEPS, Noise
 from mjsim.kinematics import sensitivity
+from mjsim.machine.model import Machine
 from mjsim.motion import TestMotion
 
 _STEP = 0.02
@@ -36,7 +37,7 @@ class Explanation:
     """
 
     name: str
-    base: object
+    base: Machine
     tau: np.ndarray
     effects: tuple[FreeEffect, ...]
     covariance: np.ndarray
@@ -49,14 +50,14 @@ class Explanation:
         return cls(name, fit.base, fit.tau, tuple(fit.effects), fit.covariance[np.ix_(keep, keep)])
 
     @classmethod
-    def of_priors(cls, name: str, machine, effects: list[FreeEffect]) -> Explanation:
+    def of_priors(cls, name: str, machine: Machine, effects: list[FreeEffect]) -> Explanation:
         """From priors alone, where nothing was measured."""
         free = sum(len(f.vector) for f in effects)
         spread = np.concatenate([np.ones(1 + len(SHEET)), np.full(free, _OPEN**2)])
         return cls(name, machine, np.zeros(len(SHEET)), tuple(effects), np.diag(spread))
 
     @property
-    def machine(self):
+    def machine(self) -> Machine:
         """The whole machine at the best estimate."""
         return calibrated(with_effects(self.base, [f.effect for f in self.effects]), self.tau)
 
@@ -131,4 +132,7 @@ class Separator:
     def _whitened(self, columns: np.ndarray) -> np.ndarray:
         taps = self.noise.taps
         p = len(taps) - 1
-        return sum(t * columns[p - k : len(columns) - k] for k, t in enumerate(taps))
+        out = np.zeros_like(columns[p:])
+        for k, t in enumerate(taps):
+            out += t * columns[p - k : len(columns) - k]
+        return out

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from mjsim.plots import polar, style
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
 
@@ -35,11 +36,11 @@ def overview_figure(
     width, height = max(columns * cell_w + 0.1, 3.4), rows * cell_h + top + bottom
     left = 0.5 * (width - columns * cell_w)
     figure = style.new_figure(width, height)
-    legend: dict[str, object] = {}
+    legend: dict[str, Artist] = {}
     for index, (name, traces) in enumerate(tests):
         x = left + (index % columns) * cell_w + 0.5 * (cell_w - plot)
         y = height - top - (index // columns + 1) * cell_h + 0.36
-        axes = figure.add_axes((x / width, y / height, plot / width, plot / height), projection="polar")
+        axes = style.polar_axes(figure, (x / width, y / height, plot / width, plot / height))
         step = polar.draw_polar(axes, traces, um_per_div, small=True)
         centre = (x + 0.5 * plot) / width
         figure.text(

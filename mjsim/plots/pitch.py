@@ -206,9 +206,8 @@ def curves_figure(curves: Sequence[PitchCurves], title: str, degrees_per_div: fl
     figure = style.new_figure(width, height)
     shared = degrees_per_div if degrees_per_div is not None else division_deg(curves)
     for i, c in enumerate(curves):
-        axes: PolarAxes = figure.add_axes(
-            ((0.1 + side * i + 0.3) / width, foot / height, (side - 0.6) / width, (side - 0.1) / height), projection="polar"
-        )
+        place = ((0.1 + side * i + 0.3) / width, foot / height, (side - 0.6) / width, (side - 0.1) / height)
+        axes = style.polar_axes(figure, place)
         step = draw_curves(axes, c, shared)
         centre = (0.1 + side * (i + 0.5)) / width
         figure.text(centre, (foot - 0.12) / height, f"{c.title}, {scale_text(step)}", ha="center", va="center", fontsize=style.TEXT)

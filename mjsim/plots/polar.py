@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -80,9 +80,9 @@ def polar_figure(
     side = size_in - 0.9
     figure = style.new_figure(size_in, side + top + bottom)
     height = side + top + bottom
-    axes: PolarAxes = figure.add_axes((0.45 / size_in, bottom / height, side / size_in, side / height), projection="polar")
+    axes = style.polar_axes(figure, (0.45 / size_in, bottom / height, side / size_in, side / height))
     step = draw_polar(axes, traces, um_per_div)
-    middle = {"ha": "center", "va": "center"}
+    middle: dict[str, Any] = {"ha": "center", "va": "center"}
     size = style.fitted(title, style.TITLE, size_in - 0.4)
     figure.text(0.5, 1.0 - 0.22 / height, title, color=style.INK, fontweight="bold", fontsize=size, **middle)
     if subtitle:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from mjsim.plots import series, style
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -82,7 +83,7 @@ def residual_figure(tests: Sequence[ResidualTrace], width_in: float = 7.6, panel
         axes = figure.add_axes((left / width_in, y / height, (width_in - left - right) / width_in, panel_in / height))
         _panel(axes, trace, limit)
         _marks(axes, trace, (width_in - left - right) * 72.0)
-        across = dict(transform=axes.transAxes, va="bottom", fontsize=style.SMALL + 0.5)
+        across: dict[str, Any] = dict(transform=axes.transAxes, va="bottom", fontsize=style.SMALL + 0.5)
         lift = 1.0 + 0.2 / panel_in
         axes.text(0.0, lift, trace.test, ha="left", fontweight="bold", color=style.INK, **across)
         axes.text(1.0, lift, _summary(trace), ha="right", color=style.SOFT, **across)
@@ -194,7 +195,7 @@ def _limit_um(tests: Sequence[ResidualTrace]) -> float:
 def _legend(figure: Figure, tests: Sequence[ResidualTrace], height_in: float) -> None:
     from matplotlib.lines import Line2D
 
-    found: dict[str, object] = {}
+    found: dict[str, Artist] = {}
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)

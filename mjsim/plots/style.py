@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.projections.polar import PolarAxes
 
 INK = "#1a1a1a"
 SOFT = "#5c5c5c"
@@ -34,6 +36,23 @@ def new_figure(width_in: float, height_in: float) -> Figure:
     figure = Figure(figsize=(width_in, height_in), facecolor="white")
     FigureCanvasAgg(figure)
     return figure
+
+
+def polar_axes(figure: Figure, place: tuple[float, float, float, float]) -> PolarAxes:
+    """New polar axes at (left, bottom, width, height) of the figure, as shares of its size."""
+    from matplotlib.projections.polar import PolarAxes
+
+    axes = figure.add_axes(place, projection="polar")
+    assert isinstance(axes, PolarAxes)
+    return axes
+
+
+def canvas(figure: Figure) -> FigureCanvasAgg:
+    """The canvas of a figure of :func:`new_figure`, which has its pixels."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    assert isinstance(figure.canvas, FigureCanvasAgg)
+    return figure.canvas
 
 
 def fitted(text: str, size: float, width_in: float) -> float:

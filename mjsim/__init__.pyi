@@ -1,0 +1,35 @@
+"""What a type checker sees of mjsim; the names are loaded when they are first used."""
+
+from mjsim.animation.ladder import animate_ladder as animate_ladder
+from mjsim.animation.movie import animate as animate
+from mjsim.batch.run import batch as batch
+from mjsim.campaign.files import read_campaign as read_campaign
+from mjsim.campaign.new import new_campaign as new_campaign
+from mjsim.compare import compare as compare
+from mjsim.diagnose import diagnose as diagnose
+from mjsim.effects.base import Effect as Effect
+from mjsim.effects.base import Parameter as Parameter
+from mjsim.effects.motion import Motion as Motion
+from mjsim.effects.registry import register as register
+from mjsim.engine.simulate import simulate as simulate
+from mjsim.errors import InputError as InputError
+from mjsim.errors import SimulationError as SimulationError
+from mjsim.export import export as export
+from mjsim.identification.identify import identify_pitch_errors as identify_pitch_errors
+from mjsim.importing.features import import_features as import_features
+from mjsim.importing.features import imported_features as imported_features
+from mjsim.importing.importer import import_trace as import_trace
+from mjsim.machine.files import read_machine as read_machine
+from mjsim.machine.files import write_machine as write_machine
+from mjsim.nc.control import Control as Control
+from mjsim.nc.control import feed_report as feed_report
+from mjsim.nc.program import driven_by as driven_by
+from mjsim.nc.read import read_nc as read_nc
+from mjsim.nc.write import write_nc as write_nc
+from mjsim.paper.figures import figures as figures
+from mjsim.plan import plan as plan
+from mjsim.report.write import report as report
+from mjsim.workflow import add as add
+from mjsim.workflow import remove as remove
+
+__version__: str
