@@ -1,12 +1,31 @@
 """Errors that a user can act on."""
 
+#: Longest message, characters.
+LONGEST = 600
+
+
+def shortened(text: str, longest: int = LONGEST) -> str:
+    """A text on one line, what cannot be printed as a blank, its middle left out where it is too long."""
+    text = "".join(c if c.isprintable() else " " for c in " ".join(text[: 20 * longest].split()))
+    if len(text) <= longest:
+        return text
+    return f"{text[: 2 * longest // 3]} … {text[-longest // 4 :]}"
+
 
 class InputError(ValueError):
     """The input is wrong; the message is one sentence that names the place, what was found and what is allowed.
 
-    The command line prints the message and ends with status 1. Nothing has been written when it is raised.
+    The command line prints the message and ends with status 1. Nothing has been written when it is raised. Whatever was found (a name of
+    a thousand letters), the message stays one line of bounded length.
     """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(shortened(message))
 
 
 class SimulationError(RuntimeError):
     """The simulation cannot be trusted (MuJoCo warned, or a value is not finite); the message says what to change."""
+
+
+class EffectTimeout(SimulationError):
+    """A user's own effect did not come to an end; nothing that needs it can go on, so that a sweep stops as well."""

@@ -23,7 +23,7 @@ from mjsim.engine import mjmodel
 from mjsim.engine.bodies import own_inertia
 from mjsim.engine.plant import Plant, build
 from mjsim.engine.simulate import BALLS, check_warnings, not_finite, sensor, set_at_rest
-from mjsim.errors import InputError, SimulationError
+from mjsim.errors import EffectTimeout, InputError, SimulationError
 from mjsim.motion import delayed_commands, own_effects, time_grid
 from mjsim.nc.program import Program
 from mjsim.units import DEG, UM
@@ -121,6 +121,8 @@ class Workshop:
         try:
             plant = build(self._recipe.machine(job.values, job.sheet))
             deviation = self.deviation(plan, plant)
+        except EffectTimeout:  # every other run would wait for it as well
+            raise
         except (InputError, SimulationError) as error:
             return Outcome(job.run, job.test, plan.program.duration, np.full(len(FIGURES), np.nan), str(error))
         trace = None

@@ -27,6 +27,9 @@ def options(command: Callable) -> Callable:
 
     @wraps(command)
     def run(*args, **kwargs):
+        from mjsim.effects import last_resort
+
+        last_resort.wanted()
         try:
             return command(*args, **kwargs)
         except (InputError, SimulationError) as error:

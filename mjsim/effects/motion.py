@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Motion:
-    """What a plain-Python effect may depend on; arrays over n instants.
+    """What a plain-Python effect may depend on; arrays over n instants, which cannot be written into.
 
     Attributes:
         time: s from the program's start, (n,).
@@ -51,14 +51,13 @@ class MotionTracker:
         )
         self._bristle = np.zeros(5)
         self._last: np.ndarray | None = None
-        self._velocity = self._sign = self._turned = None
+        self._velocity, self._sign, self._turned = np.zeros(5), np.zeros(5), np.zeros(5)
 
     def follow(self, time: np.ndarray, position: np.ndarray) -> Motion:
         """The motion at the instants ``time`` (n,), one step apart and following the earlier ones; ``position`` (n, 5)."""
         if self._last is None:
-            self._last, self._velocity = position[0], np.zeros(5)
-            self._sign, self._turned = np.zeros(5), np.full(5, time[0])
-        velocity = np.diff(position, axis=0, prepend=self._last[None]) / self.step
+            self._last, self._turned = position[0], np.full(5, time[0])
+        velocity = np.diff(position, axis=0, prepend=np.array(self._last)[None]) / self.step
         acceleration = np.diff(velocity, axis=0, prepend=self._velocity[None]) / self.step
         sign = np.sign(np.where(np.abs(velocity) < 1e-9, 0.0, velocity))
         since = np.empty_like(position)
@@ -75,7 +74,14 @@ class MotionTracker:
         friction = np.empty_like(position)
         _bristles(velocity * self._gear * self.step, self._presliding, self._bristle, friction)
         torque = self._inertia * self._gear * acceleration + self._viscous * self._gear * velocity + self._coulomb * friction
-        return Motion(time, self.started + time, position, velocity, acceleration, since, torque)
+        return Motion(*map(_shut, (time, self.started + time, position, velocity, acceleration, since, torque)))
+
+
+def _shut(x: np.ndarray) -> np.ndarray:
+    """The same numbers, which a user's effect cannot change."""
+    x = x.view()
+    x.flags.writeable = False
+    return x
 
 
 @njit(cache=True, nogil=True)

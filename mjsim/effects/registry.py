@@ -4,27 +4,32 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
+from mjsim.effects import guard
 from mjsim.effects.base import Effect
+from mjsim.effects.hooks import check_class, guard_class
 from mjsim.errors import InputError
 
+_E = TypeVar("_E", bound=Effect)
 _REGISTRY: dict[str, type[Effect]] = {}
-_NOT_EFFECTS = {"base", "motion", "registry"}
+_NOT_EFFECTS = {"base", "confine", "guard", "hooks", "motion", "registry"}
 
 
-def register(cls: type[Effect]) -> type[Effect]:
-    """Class decorator: makes an effect known under its ``kind``. A clash of names is refused."""
-    for name in ("kind", "subjects", "parameters", "title", "definition", "source", "signature"):
-        if not hasattr(cls, name):
-            raise InputError(f"effect class {cls.__name__}: the class attribute {name!r} is missing")
+def register(cls: type[_E]) -> type[_E]:
+    """Class decorator: makes an effect known under its ``kind``. A clash of names is refused.
+
+    What a class that is not mjsim's own overrides is watched from then on (:mod:`mjsim.effects.hooks`).
+    """
+    check_class(cls)
     other = _REGISTRY.get(cls.kind)
     if other is not None and other.__module__ != cls.__module__:
         raise InputError(f"effect kind {cls.kind!r} of {cls.__module__} is already taken by {other.__module__}; choose another kind")
+    guard_class(cls)
     _REGISTRY[cls.kind] = cls
     return cls
 
@@ -36,7 +41,11 @@ def _load_installed() -> None:
         if module.name not in _NOT_EFFECTS:
             importlib.import_module(f"mjsim.effects.{module.name}")
     for point in entry_points(group="mjsim.effects"):
-        point.load()
+        try:
+            guard.watched("", point.load, guard.LOAD_SHARE, f"effect {point.name!r}")
+        except (guard.Fault, InputError) as error:
+            package = point.dist.name if point.dist else "?"
+            raise InputError(f"effect {point.name!r} of the installed package {package}: {error}; mend or uninstall the package") from error
 
 
 def kinds() -> dict[str, type[Effect]]:
@@ -63,18 +72,29 @@ def load_file(path: Path) -> type[Effect]:
     module = ModuleType(f"mjsim_user_{path.stem}")
     module.__file__ = str(path)
     try:
-        exec(compile(path.read_bytes(), str(path), "exec"), module.__dict__)  # no __pycache__ beside the user's file
+        guard.watched(str(path), partial(_run, path, module), guard.LOAD_SHARE, f"effect file {path}")
     except InputError as error:
         restore(before)
         raise InputError(f"effect file {path}: {error}") from None
-    except (Exception, SystemExit) as error:  # the user's code can raise anything
+    except guard.Fault as fault:
         restore(before)
-        raise InputError(f"effect file {path}: {type(error).__name__}: {error}") from error
+        raise InputError(f"effect file {path}: {_why(fault)}") from fault
     new = [cls for cls in _REGISTRY.values() if cls.__module__ == module.__name__ and (before.get(cls.kind) is not cls)]
     if len(new) != 1:
         restore(before)
         raise InputError(f"effect file {path}: {len(new)} effect classes registered; allowed: exactly one class with @register")
     return new[0]
+
+
+def _run(path: Path, module: ModuleType) -> None:
+    exec(compile(path.read_bytes(), str(path), "exec"), module.__dict__)  # no __pycache__ beside the user's file
+
+
+def _why(fault: guard.Fault) -> str:
+    where = "" if fault.line is None else f" (line {fault.line})"
+    if fault.timeout:
+        return f"{fault.what} while it was loaded{where}; mend it, or allow three times more with the variable {guard.VARIABLE}"
+    return f"{fault.what.removeprefix('raised ')}{where}"
 
 
 def restore(before: dict[str, type[Effect]]) -> None:

@@ -13,6 +13,7 @@ from mjsim.engine import callback
 from mjsim.engine.bodies import bodies_scale, own_inertia
 from mjsim.engine.drive import AXIS_SIZE, STEP, SUBSTEPS, discretise
 from mjsim.engine.plant import OP_SIZE, Plant
+from mjsim.errors import SimulationError
 from mjsim.kinematics import AXES
 from mjsim.resources import model_file
 
@@ -54,7 +55,11 @@ def compile_structure(plant: Plant, step: float = STEP) -> mujoco.MjModel:
             spec.add_actuator(name=f"{a} own effects", target=a, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     for effect in plant.effects:
         effect.edit_spec(spec)
-    model = spec.compile()
+    try:
+        model = spec.compile()
+    except ValueError as error:  # only what an effect has put in can be wrong
+        put_in = ", ".join(e.id for e in plant.effects if type(e).edit_spec is not Effect.edit_spec)
+        raise SimulationError(f"effect {put_in}: MuJoCo cannot compile what edit_spec has made: {error}; mend the file") from error
     model.actuator_gainprm[:] = 0.0
     model.actuator_biasprm[:] = 0.0
     return model

@@ -8,6 +8,7 @@ import numpy as np
 
 from mjsim.campaign.model import Test
 from mjsim.effects.base import Effect
+from mjsim.effects.hooks import guard_class
 from mjsim.engine.bodies import bodies_scale, moving_bodies
 from mjsim.kinematics import AXES, COLUMN, Geometry
 from mjsim.machine.model import Machine
@@ -106,6 +107,21 @@ class Plant:
         """Operations in the order in which they act."""
         return sorted(self.ops, key=lambda op: op.stage)
 
+    def unusable(self) -> str:
+        """What in here no simulation can use, for a message; empty where all is well. For what a user's own effect has put in."""
+        for name, axis in self.axes.items():
+            for key, value in vars(axis).items():
+                numbers = value if key == "ripple" else (value,)
+                if not np.all(np.isfinite(np.asarray(numbers, float))):
+                    return f"{key} = {value!r} into the {name} drive"
+            above = ("gear", "position_gain", "velocity_gain", "integral_time", "inertia", "presliding")
+            if wrong := [k for k in above if getattr(axis, k) <= 0.0]:
+                return f"{wrong[0]} = {getattr(axis, wrong[0]):g} into the {name} drive"
+        for op in self.ops:
+            if op.code not in range(VIBRATE + 1) or len(op.parameters) > STAGE - 3 or not np.all(np.isfinite(op.parameters)):
+                return f"an operation with code {op.code!r} and parameters {op.parameters!r} into the transmission"
+        return ""
+
     def op_table(self, test: Test | None = None) -> np.ndarray:
         """Operations as (n, OP_SIZE) numbers for the compiled code: code, out, source, parameters, stage.
 
@@ -135,5 +151,6 @@ def build(machine: Machine) -> Plant:
         effect.act(plant)
         plant.effects.append(effect)
         if type(effect).position_error is not Effect.position_error:
+            guard_class(type(effect))  # also one that a script made without registering it
             plant.python_effects.append(effect)
     return plant
