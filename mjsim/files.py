@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-import tempfile
-from collections.abc import Iterator
+import secrets
+import shutil
+import stat
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -17,8 +20,7 @@ def check_writable(path: Path, force: bool = False) -> None:
     Raises:
         InputError: as :func:`write_whole`.
     """
-    if path.exists() and not force:
-        raise InputError(f"{path}: exists already; name another file or give --force to replace it")
+    _check_free(path, force)
     folder = next((p for p in Path(path).absolute().parents if os.path.lexists(p)), Path("/"))
     if not folder.is_dir():
         raise InputError(f"{path}: cannot be written: {folder} is not a folder")
@@ -30,10 +32,37 @@ def write_whole(path: Path, content: str | bytes, force: bool = False) -> None:
     """Write ``content`` to a temporary neighbour and move it into place; links are followed and permissions kept.
 
     Raises:
-        InputError: the file exists and ``force`` is false, or the folder cannot be written.
+        InputError: the file exists and ``force`` is false, it is no regular file, or the folder cannot be written.
     """
-    with whole(path, force) as neighbour:
-        neighbour.write_bytes(content.encode() if isinstance(content, str) else content)
+    write_all({path: content}, force)
+
+
+def write_all(contents: Mapping[Path, str | bytes], force: bool = False) -> None:
+    """Write several files: all of them, or none.
+
+    Every file stands beside its place before the first one is moved there, so that a full disk is found out in time; what was moved
+    is moved back where a later one cannot be.
+
+    Raises:
+        InputError: as :func:`write_whole`, for any of them.
+    """
+    for path in contents:
+        _check_free(path, force)
+    staged: list[_Neighbour] = []
+    try:
+        for path, content in contents.items():
+            staged.append(_Neighbour(Path(path)))
+            staged[-1].make().write_bytes(content.encode() if isinstance(content, str) else content)
+        for one in staged:
+            one.move()
+    except BaseException as error:  # also when the user stops the program: no temporary file stays behind
+        for one in reversed(staged):
+            one.undo()
+        if isinstance(error, OSError):
+            raise InputError(f"{staged[-1].shown if staged else '?'}: cannot be written: {error.strerror or error}") from None
+        raise
+    for one in staged:
+        one.forget()
 
 
 @contextmanager
@@ -43,25 +72,84 @@ def whole(path: Path, force: bool = False) -> Iterator[Path]:
     Raises:
         InputError: as :func:`write_whole`, also for an ``OSError`` inside the block.
     """
-    path = Path(path)
-    if path.exists() and not force:
-        raise InputError(f"{path}: exists already; name another file or give --force to replace it")
-    shown, path = path, Path(os.path.realpath(path))
+    _check_free(path, force)
+    one = _Neighbour(Path(path))
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        os.close(handle)
-    except OSError as error:
-        raise InputError(f"{shown}: cannot be written: {error.strerror}") from None
-    try:
-        yield Path(name)
-        os.chmod(name, path.stat().st_mode & 0o777 if path.exists() else 0o666 & ~_mask())
-        os.replace(name, path)
-    except BaseException as error:  # also when the user stops the program: no temporary file stays behind
-        Path(name).unlink(missing_ok=True)
+        yield one.make()
+        one.move()
+    except BaseException as error:
+        one.undo()
         if isinstance(error, OSError):
-            raise InputError(f"{shown}: cannot be written: {error.strerror}") from None
+            raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
         raise
+    one.forget()
+
+
+def _check_free(path: Path, force: bool) -> None:
+    """Refuse a place that is taken, or that no file can have."""
+    try:
+        mode = os.stat(path).st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+    except ValueError:
+        raise InputError(f"{path}: is no file name") from None
+    if not stat.S_ISREG(mode):
+        what = "a folder" if stat.S_ISDIR(mode) else "no regular file"
+        raise InputError(f"{path}: cannot be written: exists already and is {what}; name another file")
+    if not force:
+        raise InputError(f"{path}: exists already; name another file or give --force to replace it")
+
+
+class _Neighbour:
+    """A hidden file beside its place, whose name is known before it is there: whenever the program is stopped, it can be taken away."""
+
+    def __init__(self, shown: Path) -> None:
+        self.shown, self.path = shown, Path(os.path.realpath(shown))
+        mark = f".{self.path.name[:80]}.{secrets.token_hex(6)}"
+        self._new, self._former = self.path.with_name(mark), self.path.with_name(mark + ".former")
+        self._folders: list[Path] = []
+        self._moving = False
+
+    def make(self) -> Path:
+        """The empty neighbour, and the folders that it needs."""
+        self._folders = [p for p in self.path.parents if not os.path.lexists(p)]
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        os.close(os.open(self._new, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
+        return self._new
+
+    def move(self) -> None:
+        """Take the place; what stood there is kept until :meth:`forget`."""
+        there = self.path.exists()
+        os.chmod(self._new, self.path.stat().st_mode & 0o777 if there else 0o666 & ~_mask())
+        if there:
+            try:
+                os.link(self.path, self._former)
+            except OSError:  # a file system without hard links
+                shutil.copy2(self.path, self._former)
+        self._moving = True
+        os.replace(self._new, self.path)
+
+    def undo(self) -> None:
+        """Everything as it was before."""
+        with contextlib.suppress(OSError):
+            if self._moving and not os.path.lexists(self._new):
+                if self._former.exists():
+                    os.replace(self._former, self.path)
+                else:
+                    self.path.unlink()
+        for file in (self._new, self._former):
+            with contextlib.suppress(OSError):
+                file.unlink(missing_ok=True)
+        for folder in self._folders:
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+
+    def forget(self) -> None:
+        """The former file is no longer needed."""
+        with contextlib.suppress(OSError):
+            self._former.unlink(missing_ok=True)
 
 
 def _mask() -> int:

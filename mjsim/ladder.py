@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,9 +13,12 @@ from mjsim import files
 from mjsim.campaign.model import Campaign
 from mjsim.compare import Comparison
 from mjsim.errors import InputError
+from mjsim.inputs import file_bytes
 from mjsim.machine.files import machine_document, machine_text, read_machine
 from mjsim.machine.model import Machine
 from mjsim.units import UM
+
+_LARGEST = 20_000_000
 
 
 @dataclass(frozen=True)
@@ -52,12 +56,22 @@ def read_history(campaign: Campaign) -> list[Step]:
         InputError: the file is damaged.
     """
     path = history_file(campaign)
-    if not path.is_file():
+    if not os.path.lexists(path):
         return []
+    data = file_bytes(path, _LARGEST, f"allowed: up to {_LARGEST / 1e6:.0f} MB; move it away to start a new one")
     try:
-        return TypeAdapter(list[Step]).validate_python(json.loads(path.read_text(encoding="utf-8"))["steps"])
-    except (ValueError, KeyError, TypeError, OSError, RecursionError):
+        steps = TypeAdapter(list[Step]).validate_python(json.loads(data)["steps"])
+        if not all(_sound(s) for s in steps):
+            raise ValueError
+        return steps
+    except (ValueError, KeyError, TypeError, RecursionError):
         raise InputError(f"{path}: not a history that mjsim has written; move it away to start a new one") from None
+
+
+def _sound(s: Step) -> bool:
+    """Whether numbers and texts of a step are such as mjsim writes."""
+    numbers = (s.rms_um, s.noise_um, *s.tests.values())
+    return all(0.0 <= x < 1e9 for x in numbers) and all(t.isprintable() and len(t) <= 300 for t in (s.effect, s.machine_file, *s.tests))
 
 
 def step_of(action: str, effect: str, machine_file: Path, comparison: Comparison) -> Step:

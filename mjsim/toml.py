@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import difflib
+import re
 import tomllib
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from mjsim.errors import InputError
+from mjsim.inputs import file_bytes, shown
 
 T = TypeVar("T", bound=BaseModel)
 _LARGEST = 5_000_000
+#: A key of so many parts (a.b.c …), for which the parser takes a time that grows with its square.
+_LONG_KEY = re.compile(r"""(?<![\w"'.-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}""", re.ASCII)
 
 
 def read_text(path: Path) -> str:
     """Text of a small configuration file; a byte order mark is dropped."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
-    if path.stat().st_size > _LARGEST:
-        raise InputError(f"{path}: {path.stat().st_size / 1e6:.0f} MB; allowed: a TOML file of up to {_LARGEST / 1e6:.0f} MB")
+    data = file_bytes(path, _LARGEST, f"allowed: a TOML file of up to {_LARGEST / 1e6:.0f} MB")
     try:
-        return path.read_bytes().decode("utf-8-sig")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: byte {error.start} is not UTF-8 text; save the file as UTF-8") from None
 
@@ -30,6 +32,9 @@ def read_text(path: Path) -> str:
 def parse(path: Path, text: str | None = None) -> dict:
     """The file's tables as plain Python; those of ``text`` where it is given, with ``path`` as the name in messages."""
     text = read_text(path) if text is None else text
+    if long := _LONG_KEY.search(text):
+        line = text.count("\n", 0, long.start()) + 1
+        raise InputError(f"{path}: line {line}: tables are nested too deeply: a key of more than 32 parts")
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -51,30 +56,24 @@ def check(path: Path, schema: type[T], data: dict) -> T:
         raise InputError(f"{path}: {_sentence(schema, data, first)}") from None
 
 
-def _sentence(schema: type[BaseModel], data: dict, problem: dict) -> str:
+def _sentence(schema: type[BaseModel], data: dict, problem: ErrorDetails) -> str:
     place, owner = _place(data, problem["loc"])
     kind = problem["type"]
     if kind == "extra_forbidden":
         allowed = _keys(schema, problem["loc"][:-1])
         key = str(problem["loc"][-1])
         near = difflib.get_close_matches(key, allowed, n=1)
-        return f"{owner}unknown key {_shown(key)}" + (f" (did you mean {near[0]!r}?)" if near else "") + f"; allowed: {', '.join(allowed)}"
+        return f"{owner}unknown key {shown(key)}" + (f" (did you mean {near[0]!r}?)" if near else "") + f"; allowed: {', '.join(allowed)}"
     if kind == "missing":
         return f"{owner}the key {str(problem['loc'][-1])!r} is missing"
     text = problem["msg"].replace("Input should be", "allowed:").replace("Input should have", "allowed: to have")
-    return f"{place} = {_shown(problem['input'])}; {text[0].lower() + text[1:]}"
-
-
-def _shown(value: object) -> str:
-    """A value as it was found, cut to what fits in a sentence."""
-    text = repr(value)
-    return text if len(text) <= 80 else f"{text[:70]} … ({len(text)} characters)"
+    return f"{place} = {shown(problem['input'])}; {text[0].lower() + text[1:]}"
 
 
 def _place(data: dict, loc: tuple) -> tuple[str, str]:
     """Readable place of a value ('[[test]] "x50" feed_mm_min') and of the table that holds it."""
     words: list[str] = []
-    node: object = data
+    node: Any = data
     for step in loc[:-1]:
         try:
             node = node[step]
@@ -101,6 +100,6 @@ def _keys(schema: type[BaseModel], loc: tuple) -> list[str]:
             continue
         annotation = schema.model_fields[step].annotation
         while not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
-            annotation = next(a for a in annotation.__args__ if a is not type(None))
+            annotation = next(a for a in get_args(annotation) if a is not type(None))
         schema = annotation
     return [field.alias or name for name, field in schema.model_fields.items()]

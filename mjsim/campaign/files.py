@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,9 @@ from mjsim.campaign.model import Campaign, Instrument, Test, Trace
 from mjsim.campaign.schema import DIRECTIONS, NEEDED, OPTIONAL, CampaignTable, TestTable
 from mjsim.campaign.traces import read_trace
 from mjsim.errors import InputError
+from mjsim.inputs import inside, is_file, shown
 from mjsim.nc.limits import check_travel, model_limits
-from mjsim.nc.program import Program, driven_by
+from mjsim.nc.program import ROTARY_MARGIN, Program, driven_by
 from mjsim.nc.read import read_nc
 from mjsim.toml import check, parse
 from mjsim.units import DEG, MM, UM
@@ -19,6 +21,8 @@ from mjsim.units import DEG, MM, UM
 _SPECIFIC = {k for keys in (*NEEDED.values(), *OPTIONAL.values()) for k in keys}
 
 
+#: A test's program may last so long, s, and its measured part has to last so long (assumed): 1 ms of it is one step.
+LONGEST, SHORTEST = 7200.0, 0.1
 #: Longest stretch that may be missing at an end of a trace, s (assumed); more is taken for another feed or another test.
 LARGEST_GAP = 4.5
 
@@ -34,8 +38,8 @@ def read_campaign(path: str | Path, traces: bool = True) -> Campaign:
         InputError: a file, key, value or trace is wrong; nothing is guessed.
     """
     path = Path(path)
-    file = path / "campaign.toml" if path.is_dir() else path
-    if not file.is_file():
+    file = path / "campaign.toml" if os.path.isdir(path) else path
+    if not is_file(file):
         raise InputError(f"{file}: no such campaign; give a folder that holds a campaign.toml, or the path of a campaign.toml")
     return campaign_from(file, parse(file), traces)
 
@@ -65,11 +69,11 @@ def campaign_from(file: Path, data: dict, traces: bool = True) -> Campaign:
 
 
 def _inside(file: Path, folder: Path, name: str, key: str, outside: bool = False) -> Path:
-    if not name or not name.isprintable():
-        raise InputError(f"{file}: {key} = {name!r} is no file name; allowed: a path inside the campaign's folder")
+    if not name.strip() or not name.isprintable():
+        raise InputError(f"{file}: {key} = {shown(name)} is no file name; allowed: a path inside the campaign's folder")
     target = folder / name
-    if Path(name).is_absolute() or (not outside and not target.resolve().is_relative_to(folder.resolve())):
-        raise InputError(f"{file}: {key} = {name!r} leaves the campaign's folder; allowed: a path inside it")
+    if Path(name).is_absolute() or (not outside and not inside(folder, target)):
+        raise InputError(f"{file}: {key} = {shown(name)} leaves the campaign's folder; allowed: a path inside it")
     return target
 
 
@@ -150,7 +154,25 @@ def test_of(file: Path, t: TestTable) -> Test:
         started=t.started_s,
         trace=t.trace,
     )
+    _check_duration(place, test)
     return test if t.program is None else _driven(file, place, test, t)
+
+
+def _check_duration(place: str, test: Test) -> None:
+    program = Program(test)
+    first, last = program.ends
+    begin, end = program.measured_ends
+    if (end - begin) * (last - first) <= 0.0:
+        raise InputError(
+            f"{place}: from_deg and to_deg are {abs(last - first) / DEG:g}° apart; allowed: more than "
+            f"{2 * ROTARY_MARGIN / DEG:g}°, as both ends of the turn are left out"
+        )
+    lo, hi = program.measured_span
+    if not program.duration <= LONGEST or not hi - lo >= SHORTEST:
+        raise InputError(
+            f"{place}: its program would last {program.duration:.3g} s, {hi - lo:.3g} s of it measured; allowed: up to {LONGEST:g} s, and "
+            f"at least {SHORTEST:g} s measured; check feed_mm_min, bar_length_mm, table_ball_mm and how far it goes"
+        )
 
 
 def _driven(file: Path, place: str, test: Test, t: TestTable) -> Test:

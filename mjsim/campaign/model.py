@@ -52,11 +52,15 @@ class Test:
 
 @dataclass(frozen=True)
 class Trace:
-    """A recorded trace: ``time`` (n,) s from the program's start, ``deviation`` (n,) m, ``valid`` (n,) bool."""
+    """A recorded trace: ``time`` (n,) s from the program's start, ``deviation`` (n,) m, ``valid`` (n,) bool.
+
+    ``saturated`` is the number of samples inside the sensor's range that are not valid because the sensor stood at a stop.
+    """
 
     time: np.ndarray
     deviation: np.ndarray
     valid: np.ndarray
+    saturated: int = 0
 
 
 @dataclass(frozen=True)

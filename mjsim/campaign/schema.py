@@ -5,10 +5,24 @@ from __future__ import annotations
 import datetime
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic_core import PydanticCustomError
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=False)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
+
+
+def _printable(text: str) -> str:
+    if not text.isprintable():
+        raise PydanticCustomError("printable", "allowed: text without line breaks, tabs and control characters")
+    return text
+
+
+#: What is shown on terminals and in plots.
+Text = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_printable)]
+#: A length of the set-up, an angle of a rotary axis, a time on the campaign's clock: far more than any machine has (assumed).
+Length = Annotated[float, Field(ge=-10_000, le=10_000, allow_inf_nan=False)]
+Angle = Annotated[float, Field(ge=-36_000, le=36_000, allow_inf_nan=False)]
+Clock = Annotated[float, Field(ge=-1e10, le=1e10, allow_inf_nan=False)]
 
 
 class Table(BaseModel):
@@ -17,15 +31,15 @@ class Table(BaseModel):
 
 class InstrumentTable(Table):
     kind: Literal["ball_bar"] = "ball_bar"
-    resolution_um: Positive = 0.1
-    range_mm: Positive = 1.0
-    sample_rate_Hz: Positive = 200.0
+    resolution_um: Annotated[float, Field(gt=0, le=1000)] = 0.1
+    range_mm: Annotated[float, Field(ge=0.001, le=100)] = 1.0
+    sample_rate_Hz: Annotated[float, Field(ge=0.1, le=1e6)] = 200.0
 
 
 class TestTable(Table):
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$")]
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=100)]
     kind: Literal["cone_frustum", "circular", "rotary"]
-    table_ball_mm: Annotated[list[Number], Field(min_length=3, max_length=3)]
+    table_ball_mm: Annotated[list[Length], Field(min_length=3, max_length=3)]
     bar_length_mm: Annotated[float, Field(ge=20, le=1000)]
     feed_mm_min: Annotated[float, Field(gt=0, le=100000)]
     trace: str | None = None
@@ -33,25 +47,25 @@ class TestTable(Table):
     program_dialect: Literal["fanuc", "siemens", "linuxcnc"] | None = None
     program_reversed: list[Literal["A", "C"]] | None = None
     program_rollover: bool | None = None
-    setup: str | None = None
-    started_s: Number = 0.0
+    setup: Annotated[str, Field(max_length=200), AfterValidator(_printable)] | None = None
+    started_s: Clock = 0.0
     half_apex_deg: Annotated[float, Field(gt=0, lt=90)] | None = None
     inclination_deg: Annotated[float, Field(ge=0, lt=90)] | None = None
     sensitive_direction: Literal["perpendicular", "parallel", "tangential", "radial", "axial"] | None = None
     plane: Literal["XY", "YZ", "ZX"] | None = None
     axis: Literal["A", "C"] | None = None
-    from_deg: Number | None = None
-    to_deg: Number | None = None
+    from_deg: Angle | None = None
+    to_deg: Angle | None = None
     direction: Literal["CW", "CCW"] | None = None
     revolutions: Annotated[int, Field(ge=1, le=100)] | None = None
 
 
 class CampaignTable(Table):
-    name: str
+    name: Text
     machine: str = "machine.toml"
     measured_on: datetime.date | None = None
     instrument: InstrumentTable = InstrumentTable()
-    test: Annotated[list[TestTable], Field(min_length=1)]
+    test: Annotated[list[TestTable], Field(min_length=1, max_length=1000)]
 
 
 #: Keys that each kind needs, and the ones that it may have besides the common ones.
@@ -84,7 +98,7 @@ class DrivesTable(Table):
 
 
 class MachineTable(Table):
-    name: str
+    name: Text
     configuration: Literal["w-C'A'Y'bXZ-t"] = "w-C'A'Y'bXZ-t"
     drive: DrivesTable
-    effect: list[dict[str, Any]] = []
+    effect: Annotated[list[dict[str, Any]], Field(max_length=1000)] = []

@@ -17,8 +17,9 @@ import defusedxml.ElementTree
 from defusedxml import DefusedXmlException
 
 from mjsim.errors import InputError
+from mjsim.inputs import file_bytes, is_file
 
-_LARGEST = 50_000_000
+_LARGEST = 10_000_000
 #: Data type -> unit as it is shown. The factors to other units are left to whoever converts.
 UNITS = {
     "UT_LENGTH_UM": "µm", "UT_LENGTH_MM": "mm", "UT_LENGTH_M": "m", "UT_SQUARENESS": "µm/m", "UT_SERVO_MISMATCH": "ms",
@@ -74,10 +75,9 @@ class Imported:
 
 def looks_like_xml(path: Path) -> bool:
     """Whether a file is XML rather than a table, by its first bytes."""
-    if not path.is_file():
+    if not is_file(path):
         return path.suffix.lower() == ".b5r"
-    with open(path, "rb") as file:
-        head = file.read(64)
+    head = file_bytes(path, 0, "", head=64)
     return head.lstrip(b"\xef\xbb\xbf\xff\xfe \t\r\n\0").startswith(b"<") or path.suffix.lower() == ".b5r"
 
 
@@ -87,12 +87,9 @@ def read_b5r(path: Path) -> Imported:
     Raises:
         InputError: it is no XML, has entities or external references, or holds no feature.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
-    if path.stat().st_size > _LARGEST:
-        raise InputError(f"{path}: {path.stat().st_size / 1e6:.0f} MB; allowed: a .b5r file of up to {_LARGEST / 1e6:.0f} MB")
+    data = file_bytes(path, _LARGEST, f"allowed: a .b5r file of up to {_LARGEST / 1e6:.0f} MB")
     try:
-        root = defusedxml.ElementTree.fromstring(path.read_bytes(), forbid_dtd=True)
+        root = defusedxml.ElementTree.fromstring(data, forbid_dtd=True)
         features = tuple(_features(root))
     except DefusedXmlException:
         raise InputError(f"{path}: has a DTD, entities or external references; allowed: plain XML, as measurement files are") from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -12,9 +13,10 @@ from pydantic import TypeAdapter
 
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
-from mjsim.files import check_writable, write_whole
+from mjsim.files import check_writable, write_all
 from mjsim.importing.b5r import Feature, Imported, read_b5r
 from mjsim.importing.into_campaign import campaign_file, test_name
+from mjsim.inputs import file_bytes
 from mjsim.units import unit_of
 
 #: Feature -> the effects that cause it in mjsim's catalogue. {a}, {b}: first and second axis of the plane; {own}, {other}: the axis
@@ -29,6 +31,7 @@ _CAUSES: tuple[tuple[re.Pattern, tuple[str, ...]], ...] = (
     (re.compile(r"AF_STRAIGHTNESS_([AB])"), ("straightness.E{other}{own}",)),
     (re.compile(r"AF_LATERAL_PLAY_([AB])_(POS|NEG)"), ()),
 )
+_LARGEST = 20_000_000
 _CIRCULARITY = "AF_CIRCULARITY"
 _PLANES = {frozenset("XY"): "XY", frozenset("YZ"): "YZ", frozenset("ZX"): "ZX"}
 
@@ -48,8 +51,7 @@ def import_features(campaign: str | Path, files: Sequence[str | Path], force: bo
     if not preview:
         for path in read:
             check_writable(path, force)
-        for path, imported in read.items():
-            write_whole(path, json.dumps(imported.to_json(), indent=1, ensure_ascii=False) + "\n", force)
+        write_all({p: json.dumps(i.to_json(), indent=1, ensure_ascii=False) + "\n" for p, i in read.items()}, force)
     return list(read.values())
 
 
@@ -76,8 +78,14 @@ def imported_features(campaign: Campaign | str | Path) -> list[Imported]:
     folder = features_folder(campaign)
     for path in sorted(folder.glob("*.json")) if folder.is_dir() else ():
         try:
-            out.append(TypeAdapter(Imported).validate_python(json.loads(path.read_text(encoding="utf-8"))))
-        except (ValueError, TypeError, OSError, RecursionError):
+            data = file_bytes(path, _LARGEST, f"allowed: up to {_LARGEST / 1e6:.0f} MB")
+            imported = TypeAdapter(Imported).validate_python(json.loads(data))
+            if len(imported.axes) not in (0, 2) or not all(isinstance(f.value, str) or math.isfinite(f.value) for f in imported.features):
+                raise ValueError
+            out.append(imported)
+        except InputError:
+            raise
+        except (ValueError, TypeError, RecursionError):
             raise InputError(f"{path}: not features that `mjsim import` has written; move it away and import the file again") from None
     return out
 

@@ -8,6 +8,7 @@ from mjsim.campaign.schema import TestTable
 from mjsim.importing.units import unit_named
 
 _LINE = re.compile(r"^\W*([A-Za-z][A-Za-z _-]*?)\s*(?:\(([^)]*)\)|\[([^\]]*)\])?\s*[:=;,\t]\s*(.+?)\s*[;,\t]*$")
+_SPACES, _LONGEST = re.compile(r" {2,}"), 300
 _VALUE = re.compile(r"^([+-]?\d+(?:[.,]\d+)?)\s*(\S*)$")
 _FEEDS = {"mm/min": 1.0, "m/min": 1000.0, "in/min": 25.4, "inch/min": 25.4, "ipm": 25.4}
 #: What headers call a key, without its unit.
@@ -21,7 +22,7 @@ def test_keys(header: tuple[str, ...]) -> dict:
     """Keys of a ``[[test]]`` table that the header's lines give; a number without a unit counts only under a key that names its unit."""
     out: dict = {}
     for line in header[:200]:
-        m = _LINE.match(line)
+        m = _LINE.match(_SPACES.sub(" ", line[:_LONGEST].strip()))
         if not m:
             continue
         name, unit, text = m[1].strip(), m[2] or m[3] or "", m[4].strip('"')
@@ -35,7 +36,7 @@ def _read(name: str, unit: str, text: str) -> dict:
         if name in _PLAIN:
             return {name: text}
         if name == "revolutions":
-            return {name: int(text)} if text.isdigit() else {}
+            return {name: int(text)} if text.isdigit() and text.isascii() and len(text) < 9 else {}
         number = _VALUE.match(text)
         return {name: float(number[1].replace(",", "."))} if number and not number[2] and name != "table_ball_mm" else {}
     word, number = name.lower().replace("_", " "), _VALUE.match(text)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import os
 import re
 import tomllib
 from dataclasses import dataclass
@@ -16,8 +17,9 @@ from mjsim.campaign.files import campaign_from, check_span
 from mjsim.campaign.model import Campaign, Instrument, Test, Trace
 from mjsim.campaign.schema import NEEDED
 from mjsim.errors import InputError
-from mjsim.files import check_writable, write_whole
+from mjsim.files import check_writable, write_all
 from mjsim.importing.names import OPTION
+from mjsim.inputs import inside, is_file, shown
 from mjsim.toml import parse, read_text
 from mjsim.units import UM
 
@@ -50,8 +52,8 @@ def campaign_file(folder: Path) -> Path:
     Raises:
         InputError: there is none.
     """
-    file = folder / "campaign.toml" if folder.is_dir() or not folder.suffix else folder
-    if not file.is_file():
+    file = folder / "campaign.toml" if os.path.isdir(folder) or not folder.suffix else folder
+    if not is_file(file):
         raise InputError(f"{file}: no such campaign; `mjsim new campaign {folder}` starts one")
     return file
 
@@ -98,8 +100,11 @@ def entry(file: Path, text: str, name: str, keys: dict, header: dict, source: Pa
 
 def _trace_file(file: Path, test: Test) -> Path:
     path = file.parent / (test.trace or f"traces/{test.name}.csv")
-    if Path(test.trace or "").is_absolute() or not path.resolve().is_relative_to(file.parent.resolve()):
-        raise InputError(f'{file}: [[test]] "{test.name}" trace = {test.trace!r} leaves the campaign\'s folder; allowed: a path inside it')
+    place = f'{file}: [[test]] "{test.name}" trace = {shown(test.trace)}'
+    if Path(test.trace or "").is_absolute() or not inside(file.parent, path):
+        raise InputError(f"{place} leaves the campaign's folder; allowed: a path inside it")
+    if path.suffix in (".toml", ".py", ".json"):
+        raise InputError(f"{place} is no trace's file; allowed: a path that ends in .csv or .csv.gz")
     return path
 
 
@@ -166,19 +171,8 @@ def write(file: Path, text: str, traces: dict[Path, bytes], force: bool = False)
     """
     for path in traces:
         check_writable(path, force)
-    former = {p: p.read_bytes() if p.exists() else None for p in traces}
-    try:
-        for path, data in traces.items():
-            write_whole(path, data, force=force)
-        if text != read_text(file):
-            write_whole(file, text, force=True)
-    except BaseException:
-        for path, data in former.items():
-            if data is not None:
-                write_whole(path, data, force=True)
-            else:
-                path.unlink(missing_ok=True)
-        raise
+    edited: dict[Path, str | bytes] = {} if text == read_text(file) else {file: text}
+    write_all({**traces, **edited}, force=True)
 
 
 def read_document(folder: Path) -> tuple[Path, str, Campaign | None]:

@@ -109,8 +109,8 @@ def _column(table: Table, quantity: str, given: str | None) -> int | None:
     if given is None:
         hits = [i for i, n in enumerate(table.names) if n and bare(n) in _WORDS[quantity]]
         return hits[0] if len(hits) == 1 else None
-    if given.isdigit():
-        if 1 <= int(given) <= len(table.names):
+    if given.isdigit() and given.isascii():
+        if 1 <= int(given[:9]) <= len(table.names):
             return int(given) - 1
     else:
         hits = [i for i, n in enumerate(table.names) if n.lower() == given.lower()]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.campaign.traces import read_bytes
+from mjsim.campaign.traces import check_rows, read_bytes
 from mjsim.errors import InputError
 from mjsim.importing.units import is_unit
 
@@ -20,8 +20,11 @@ _MISSING = {"", "nan", "-", "--", "---", "n/a", "na"}
 _LOOK = 400
 #: Rows that have to follow each other for a table of one column to have begun: a header may hold a single number.
 _RUN = 5
-_POINT = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
-_COMMA = re.compile(r"[+-]?(?:\d+(?:,\d+)?|,\d+)(?:[eE][+-]?\d+)?", re.ASCII)
+#: Possessive, so that no row of digits is tried in more than one way.
+_POINT = re.compile(r"[+-]?(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?\d++)?", re.ASCII)
+_COMMA = re.compile(r"[+-]?(?:\d++(?:,\d++)?|,\d++)(?:[eE][+-]?\d++)?", re.ASCII)
+#: Larger numbers (1e20) are none that a recorder writes; a column's name has so many characters.
+_HUGE, _NAME = 1e20, 60
 _COMMENT = re.compile(r"^\s*(?:#|%|//|;)\s*")
 
 
@@ -45,7 +48,8 @@ class Table:
     @property
     def columns(self) -> str:
         """The columns as messages list them: ``1 "t [s]", 2 "dev [µm]"``."""
-        return ", ".join(f'{i} "{n}"' if n else str(i) for i, n in enumerate(self.names, start=1))
+        few = [f'{i} "{n}"' if n else str(i) for i, n in enumerate(self.names[:12], start=1)]
+        return ", ".join(few) + (f" and {len(self.names) - 12} more" if len(self.names) > 12 else "")
 
 
 def read_table(path: Path, separator: str | None = None, decimal: str | None = None, rows: tuple[int, int] | None = None) -> Table:
@@ -58,9 +62,8 @@ def read_table(path: Path, separator: str | None = None, decimal: str | None = N
     Raises:
         InputError: names the file, the line, what was found and what is allowed.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
     text, notes = _text(path)
+    check_rows(path, text.count("\n") + text.count("\r"))
     lines = text.splitlines()
     first, last = rows or (1, max(1, len(lines)))
     if not 1 <= first <= last:
@@ -110,7 +113,10 @@ def _number(cell: str, comma: bool) -> float | None:
     """The cell's number, nan for an empty one, ``None`` for anything else."""
     if cell.lower() in _MISSING:
         return np.nan
-    return float(cell.replace(",", ".")) if (_COMMA if comma else _POINT).fullmatch(cell) else None
+    if not (_COMMA if comma else _POINT).fullmatch(cell):
+        return None
+    value = float(cell.replace(",", "."))
+    return value if abs(value) < _HUGE else None
 
 
 def _row(line: str, sep: str | None, comma: bool) -> list[float] | None:
@@ -175,7 +181,7 @@ def _numbers(path: Path, body: list[str], begin: int, first: int, sep: str | Non
 
 def _names(header: list[str], sep: str | None, width: int) -> tuple[list[str], list[str]]:
     """Names and units of the columns from the lines above the table; units may have a line of their own."""
-    rows = [_split(_COMMENT.sub("", line), sep) for line in header if line.strip()]
+    rows = [[c[:_NAME] for c in _split(_COMMENT.sub("", line), sep)] for line in header if line.strip()]
     rows = [r[:-1] if len(r) == width + 1 and not r[-1] else r for r in rows]
     units = [""] * width
     if rows and len(rows[-1]) == width and all(not c or is_unit(c) for c in rows[-1]) and any(rows[-1]):

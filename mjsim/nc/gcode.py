@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-import numpy as np
-
 _FLAGS = re.ASCII | re.IGNORECASE
-_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)"
+_NUMBER = r"[+-]?(?:\d++\.?+\d*+|\.\d++)"
+#: Longest line, characters: controls read 80 to some hundred; longer ones would be searched in a time that grows with their square.
+_LONGEST = 1000
+#: Largest number: more than any axis' travel, feed or code.
+_LARGEST = 1e9
 _WORD = re.compile(rf"\s*([A-Z])\s*=?\s*({_NUMBER})(?=[^\d.]|$)", _FLAGS)
 _SHORTEST = re.compile(rf"\b([AC])\s*=\s*DC\s*\(\s*({_NUMBER})\s*\)", _FLAGS)
 _FGROUP = re.compile(r"\bFGROUP\s*\(([^)]*)\)", _FLAGS)
@@ -53,6 +55,8 @@ def parse_line(text: str, siemens: bool = False) -> Line:
     """
     line = Line()
     rest = text.strip()
+    if len(rest) > _LONGEST:
+        raise GCodeError(f"{len(rest)} characters; allowed: up to {_LONGEST} in one block")
     if rest.startswith("%"):
         return line
     if not siemens:
@@ -100,8 +104,8 @@ def _radius(line: Line, axis: str, value: float) -> None:
 
 def _add(line: Line, letter: str, number: str, shortest: bool = False) -> None:
     letter, value = letter.upper(), float(number)
-    if not np.isfinite(value):
-        raise GCodeError(f"{letter}{number[:20]}; allowed: numbers that a control can hold")
+    if not abs(value) <= _LARGEST:
+        raise GCodeError(f"{letter}{number[:20]}; allowed: numbers that a control can hold, up to {_LARGEST:g}")
     if letter == "G":
         line.g.append(value)
     elif letter == "M":

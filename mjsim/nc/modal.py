@@ -123,8 +123,8 @@ class Modal:
 
     def _f(self, line: Line) -> float:
         f = line.words["F"]
-        if f <= 0:
-            raise GCodeError(f"F{f:g}; allowed: a feed above 0")
+        if f < 1e-6:
+            raise GCodeError(f"F{f:g}; allowed: a feed above 0, from 0.000001 on")
         return f
 
     def _move(self, line: Line, number: int) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mjsim.errors import InputError
+from mjsim.inputs import file_bytes
 from mjsim.kinematics import AXES, LINEAR
 from mjsim.nc.commanded import Commanded
 from mjsim.nc.dialects import dialect as find_dialect
@@ -84,11 +85,7 @@ def motion_csv(motion: Commanded) -> str:
 
 
 def _text(path: Path) -> str:
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; allowed: an NC program")
-    if path.stat().st_size > _LARGEST:
-        raise InputError(f"{path}: {path.stat().st_size / 1e6:.0f} MB; allowed: up to {_LARGEST / 1e6:.0f} MB")
-    data = path.read_bytes()
+    data = file_bytes(path, _LARGEST, f"allowed: an NC program of up to {_LARGEST / 1e6:.0f} MB", "no such file; allowed: an NC program")
     if b"\0" in data:
         raise InputError(f"{path}: byte {data.index(0)} is not text; allowed: an NC program")
     try:
