@@ -97,7 +97,7 @@ def watched(file: str, code: Callable[[], Any], share: float = 1.0, label: str =
                 worker, lambda: context.run(code), seconds, f"{label} {_late(seconds)} ({place(file, None)}); mend the file"
             )
         except queue.Empty:
-            line = _line_of_frame(sys._current_frames().get(worker.ident), file)
+            line = _line_of_frame(sys._current_frames().get(worker.number), file)
             worker.abandon()
             raise Fault(_late(seconds), line, timeout=True) from None
         except BaseException:  # the user of the program stops it
@@ -190,6 +190,7 @@ class _Worker(threading.Thread):
         self.answers: queue.SimpleQueue[tuple[bool, Any]] = queue.SimpleQueue()
         self._abandoned = False
         self.start()
+        self.number = self.ident or 0
 
     def run(self) -> None:
         calm = partial(_CALM, threading.get_ident(), None)
@@ -210,7 +211,7 @@ class _Worker(threading.Thread):
         """Stop the job that runs, and never give this worker another one."""
         self._abandoned = True
         until = time.monotonic() + _STOPPING_S
-        stop = _stop_of(self.ident)
+        stop = _stop_of(self.number)
         while self.is_alive() and time.monotonic() < until:
             stop()
             self.join(_AGAIN_S)

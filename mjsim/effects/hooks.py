@@ -125,8 +125,9 @@ def _watched(code: Callable[..., Any], name: str, cls: type[Effect] | None) -> C
         where = f" ({guard.place(file, line or first)})" if file else ""
         raise sort(f"{label} {what}{where}; {advice}") from cause
 
-    run._watched_by_mjsim = True
-    return run
+    marked: Any = run
+    marked._watched_by_mjsim = True
+    return marked
 
 
 def _id(cls: type[Effect] | None, args: tuple) -> str:
