@@ -23,6 +23,7 @@ from mjsim.engine import mjmodel
 from mjsim.engine.bodies import own_inertia
 from mjsim.engine.plant import Plant, build
 from mjsim.engine.simulate import BALLS, check_warnings, not_finite, sensor, set_at_rest
+from mjsim.engine.stability import check_stable
 from mjsim.errors import EffectTimeout, InputError, SimulationError
 from mjsim.motion import delayed_commands, own_effects, time_grid
 from mjsim.nc.program import Program
@@ -137,6 +138,7 @@ class Workshop:
         Raises:
             SimulationError: as :func:`mjsim.engine.simulate.simulate`.
         """
+        check_stable(plant)
         key = mjmodel.structure(plant)
         base, own = self._structures.get(key, lambda: _compiled(plant))
         model = mjmodel.with_numbers(base, plant, own)

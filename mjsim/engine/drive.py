@@ -41,17 +41,7 @@ AXIS_SIZE = _TWO_MASS + 5 * 8
 def discretise(axis: AxisPlant, substep: float) -> np.ndarray:
     """Parameters of one axis, (AXIS_SIZE,), for sub-steps of ``substep`` s."""
     p = axis
-    J, Kv, Kp, Ti, ff = p.inertia - p.load_inertia, p.velocity_gain, p.position_gain, p.integral_time, p.feedforward
-    # states θ, ω, I (and θ, ω of an elastic load); inputs r, dr/dt, torque against the motor
-    n = 5 if p.load_inertia else 3
-    F, G = np.zeros((n, n)), np.zeros((n, 3))
-    F[:3, :3] = [[0.0, 1.0, 0.0], [-Kv * Kp / J, -(Kv + p.viscous) / J, Kv / (Ti * J)], [-Kp, -1.0, 0.0]]
-    G[:3] = [[0.0, 0.0, 0.0], [Kv * Kp / J, Kv * ff / J, -1.0 / J], [Kp, ff, 0.0]]
-    if p.load_inertia:
-        spring = np.array([p.stiffness, p.damping, 0.0, -p.stiffness, -p.damping])
-        F[1] -= spring / J
-        F[3, 4] = 1.0
-        F[4] += spring / p.load_inertia
+    F, G = equations(axis)
     E = _exponential(F, G, substep)
     out = np.zeros(AXIS_SIZE)
     if p.load_inertia:
@@ -67,8 +57,27 @@ def discretise(axis: AxisPlant, substep: float) -> np.ndarray:
         out[_SIGMA0], out[_SIGMA1], out[_COULOMB] = s0, 0.3 * math.sqrt(s0 * p.inertia), p.coulomb
     out[_STATIC], out[_STRIBECK] = p.static_ratio, p.stribeck_velocity
     out[_RIPPLE : _RIPPLE + 3] = p.ripple
-    out[_GRAVITY], out[GEAR], out[_TI_TORQUE] = p.gravity, p.gear, Kv / Ti
+    out[_GRAVITY], out[GEAR], out[_TI_TORQUE] = p.gravity, p.gear, p.velocity_gain / p.integral_time
     return out
+
+
+def equations(axis: AxisPlant) -> tuple[np.ndarray, np.ndarray]:
+    """The linear part x' = F x + G u, F (n, n) and G (n, 3).
+
+    States are θ, ω, ∫(ω_ref − ω) dt, and with an elastic transmission θ, ω of the load; inputs r, dr/dt and a torque against the motor.
+    """
+    p = axis
+    J, Kv, Kp, Ti, ff = p.inertia - p.load_inertia, p.velocity_gain, p.position_gain, p.integral_time, p.feedforward
+    n = 5 if p.load_inertia else 3
+    F, G = np.zeros((n, n)), np.zeros((n, 3))
+    F[:3, :3] = [[0.0, 1.0, 0.0], [-Kv * Kp / J, -(Kv + p.viscous) / J, Kv / (Ti * J)], [-Kp, -1.0, 0.0]]
+    G[:3] = [[0.0, 0.0, 0.0], [Kv * Kp / J, Kv * ff / J, -1.0 / J], [Kp, ff, 0.0]]
+    if p.load_inertia:
+        spring = np.array([p.stiffness, p.damping, 0.0, -p.stiffness, -p.damping])
+        F[1] -= spring / J
+        F[3, 4] = 1.0
+        F[4] += spring / p.load_inertia
+    return F, G
 
 
 def _exponential(F: np.ndarray, G: np.ndarray, substep: float) -> np.ndarray:

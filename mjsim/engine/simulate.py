@@ -15,6 +15,7 @@ from mjsim.campaign.model import Test
 from mjsim.engine import callback, mjmodel
 from mjsim.engine.drive import STEP, SUBSTEPS
 from mjsim.engine.plant import Plant, build
+from mjsim.engine.stability import check_stable
 from mjsim.engine.transmission import MEMORY, apply_ops
 from mjsim.errors import SimulationError
 from mjsim.kinematics import AXES, LINEAR
@@ -78,9 +79,10 @@ def simulate(
         done: called after each test, for progress. step, substeps: time discretisation, s and count.
 
     Raises:
-        SimulationError: MuJoCo warned or a value is not finite.
+        SimulationError: a drive is unstable, MuJoCo warned or a value is not finite.
     """
     plant = build(machine)
+    check_stable(plant)
     model = mjmodel.build_model(plant, step, substeps)
     tests = list(tests)
 
@@ -146,7 +148,10 @@ def check_warnings(test: Test, data: mujoco.MjData) -> None:
     """
     for kind, warning in zip(mujoco.mjtWarning.__members__, data.warning, strict=False):
         if warning.number:
-            raise SimulationError(f"test {test.name}: MuJoCo warned {warning.number} times ({kind}); check the machine's drive data")
+            raise SimulationError(
+                f"test {test.name}: MuJoCo gave up ({kind}): the bodies get forces that no machine has; "
+                "check gains, inertias and friction of the drives and the sizes of the effects"
+            )
 
 
 def not_finite(test: Test) -> SimulationError:
