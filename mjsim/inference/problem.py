@@ -13,6 +13,7 @@ import numpy as np
 
 from mjsim.campaign.model import Campaign
 from mjsim.engine.plant import Plant, build
+from mjsim.engine.stability import check_stable
 from mjsim.inference.calibration import SHEET, calibrated
 from mjsim.inference.nuisance import fit_nuisance
 from mjsim.inference.outliers import MOST_EVENTS, SAME_PLACE, cut_at, largest_jump, mark_outliers, take_back
@@ -72,6 +73,9 @@ class Problem:
         campaign: the campaign. samples: one entry per measured test. noise: the noise model.
         motions: axis motions per test. layout: the nuisances. sensitivity: the reading's derivatives along each test, at the
         positions that ``machine`` reaches.
+
+    Raises:
+        SimulationError: a drive of ``machine`` is unstable.
     """
 
     def __init__(self, campaign: Campaign, machine: Machine, threads: int = 2, block: float | None = None) -> None:
@@ -83,6 +87,7 @@ class Problem:
         self._threads, self._pool = threads, ThreadPoolExecutor(threads)
         self.motions = self.map(lambda k: TestMotion(self.tests[k]))
         plant = build(machine)
+        check_stable(plant)
         self.outliers = {t.name: 0 for t in self.tests}
         self.sensitivity = self.map(
             lambda k: sensitivity(self.motions[k].load(plant, GRID_STEPS)[:, :5], np.asarray(self.tests[k].table_ball))
