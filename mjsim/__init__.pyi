@@ -5,11 +5,15 @@ from mjsim.animation.movie import animate as animate
 from mjsim.batch.run import batch as batch
 from mjsim.campaign.files import read_campaign as read_campaign
 from mjsim.campaign.new import new_campaign as new_campaign
+from mjsim.checking.check import check as check
+from mjsim.checking.check import write_corrected as write_corrected
 from mjsim.compare import compare as compare
 from mjsim.diagnose import diagnose as diagnose
 from mjsim.effects.base import Effect as Effect
 from mjsim.effects.base import Parameter as Parameter
 from mjsim.effects.motion import Motion as Motion
+from mjsim.effects.registry import kinds as effects
+from mjsim.effects.registry import make as make_effect
 from mjsim.effects.registry import register as register
 from mjsim.engine.simulate import simulate as simulate
 from mjsim.errors import InputError as InputError
@@ -19,12 +23,14 @@ from mjsim.identification.identify import identify_pitch_errors as identify_pitc
 from mjsim.importing.features import import_features as import_features
 from mjsim.importing.features import imported_features as imported_features
 from mjsim.importing.importer import import_trace as import_trace
+from mjsim.ladder import read_history as history
 from mjsim.machine.files import read_machine as read_machine
 from mjsim.machine.files import write_machine as write_machine
 from mjsim.nc.control import Control as Control
 from mjsim.nc.control import feed_report as feed_report
 from mjsim.nc.program import driven_by as driven_by
 from mjsim.nc.read import read_nc as read_nc
+from mjsim.nc.write import Options as NCOptions
 from mjsim.nc.write import write_nc as write_nc
 from mjsim.paper.figures import figures as figures
 from mjsim.plan import plan as plan
@@ -33,3 +39,43 @@ from mjsim.workflow import add as add
 from mjsim.workflow import remove as remove
 
 __version__: str
+__all__ = [
+    "Control",
+    "Effect",
+    "InputError",
+    "Motion",
+    "NCOptions",
+    "Parameter",
+    "SimulationError",
+    "__version__",
+    "add",
+    "animate",
+    "animate_ladder",
+    "batch",
+    "check",
+    "compare",
+    "diagnose",
+    "driven_by",
+    "effects",
+    "export",
+    "feed_report",
+    "figures",
+    "history",
+    "identify_pitch_errors",
+    "import_features",
+    "import_trace",
+    "imported_features",
+    "make_effect",
+    "new_campaign",
+    "plan",
+    "read_campaign",
+    "read_machine",
+    "read_nc",
+    "register",
+    "remove",
+    "report",
+    "simulate",
+    "write_corrected",
+    "write_machine",
+    "write_nc",
+]

@@ -1,0 +1,179 @@
+"""What keeps the repository in order: lint, format, types, layers, sizes, pins. Nothing here runs a simulation."""
+
+import ast
+import importlib
+import re
+import subprocess
+import sys
+import tomllib
+from collections import defaultdict
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+import mjsim
+
+ROOT = Path(__file__).resolve().parent.parent
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+MODULES = {".".join(f.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): f for f in sorted((ROOT / "mjsim").rglob("*.py"))}
+#: Most lines of a module; a longer one holds more than one concept.
+LONGEST = 300
+#: What no file of the repository speaks of, each written so that it does not match itself: places on the machine of whoever wrote it,
+#: sittings at it, hosts of package registries.
+FORBIDDEN = {
+    "machine path": r"/wor[k]/|/tm[p]/[a-z]+/|/hom[e]/[a-z]|/roo[t]/",
+    "registry host": r"pyp[i]\.org|pythonhoste[d]\.org|npmj[s]\.(org|com)|proxy\.golan[g]",
+    "sitting": r'(?<!scope=")(?<!pytest_)(?<!\()\bsession[s]?\b(?!\))',
+}
+
+
+def run(*command):
+    return subprocess.run([sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True)
+
+
+def tracked():
+    """Files of the repository, or of its source distribution."""
+    if (ROOT / ".git").exists():
+        names = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\0")
+        return [ROOT / n for n in names if n and (ROOT / n).is_file()]
+    return [f for f in ROOT.rglob("*") if f.is_file() and not any(p.startswith((".", "__pycache__")) for p in f.relative_to(ROOT).parts)]
+
+
+@pytest.mark.parametrize("command", [("ruff", "check", "."), ("ruff", "format", "--check", ".")], ids=" ".join)
+def test_lint_and_format(command):
+    result = run(*command)
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+@pytest.mark.slow
+def test_types(monkeypatch):
+    """Without a look for newer versions; warnings count as well."""
+    monkeypatch.setenv("PYRIGHT_PYTHON_IGNORE_WARNINGS", "1")
+    result = run("pyright", "--warnings", "--pythonpath", sys.executable)
+    assert result.returncode == 0 and "0 errors, 0 warnings" in result.stdout, result.stdout + result.stderr
+
+
+def _declared(body):
+    """Public names that a stub declares at its top or in a class, with the bodies of classes."""
+    for node in body:
+        if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith("_"):
+            yield node.name, getattr(node, "body", [])
+        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and not node.target.id.startswith("_"):
+            yield node.target.id, []
+
+
+@pytest.mark.parametrize("module", ["mujoco", "mujoco.rollout", "numba", "numba.extending", "numba.types"])
+def test_stubs_name_what_there_is(module):
+    place = ROOT / "typings" / Path(*module.split("."))
+    stub = place / "__init__.pyi" if place.is_dir() else place.with_suffix(".pyi")
+    real = importlib.import_module(module)
+    names = list(_declared(ast.parse(stub.read_text()).body))
+    assert names
+    for name, body in names:
+        if module == "numba" and name == "CFunc":  # lives deeper
+            continue
+        assert hasattr(real, name), f"{stub}: {module} has no {name}"
+        for inner, _ in _declared([n for n in body if isinstance(n, ast.FunctionDef | ast.AnnAssign)]):
+            if module == "mujoco":  # compiled: even the fields are there without an instance
+                assert hasattr(getattr(real, name), inner), f"{stub}: {module}.{name} has no {inner}"
+
+
+def test_type_checkers_see_the_names_of_the_package():
+    seen, shown = {}, []
+    for node in ast.parse((ROOT / "mjsim" / "__init__.pyi").read_text()).body:
+        if isinstance(node, ast.ImportFrom):
+            seen |= {alias.asname or alias.name: (node.module, alias.name) for alias in node.names}
+        elif isinstance(node, ast.Assign):
+            shown = ast.literal_eval(node.value)
+    assert seen == {n: (module, mjsim._RENAMED.get(n, n)) for n, module in mjsim._WHERE.items()}
+    assert set(shown) == set(mjsim.__all__)
+
+
+def _imports(file):
+    """Modules of mjsim that a file imports when it runs, at its top or later."""
+
+    def visit(node):
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
+                continue
+            if isinstance(child, ast.ImportFrom) and (child.module or "").partition(".")[0] == "mjsim":
+                for alias in child.names:
+                    whole = f"{child.module}.{alias.name}"
+                    yield whole if whole in MODULES else child.module
+            elif isinstance(child, ast.Import):
+                yield from (a.name for a in child.names if a.name.partition(".")[0] == "mjsim")
+            yield from visit(child)
+
+    return set(visit(ast.parse(file.read_text())))
+
+
+def _layers():
+    """Part of mjsim -> row of the table in ARCHITECTURE.md."""
+    rows = (ROOT / "ARCHITECTURE.md").read_text().partition("| folders and modules |")[2].splitlines()[2:]
+    out = {}
+    for number, row in enumerate(rows[: rows.index("")]):
+        for name in re.findall(r"`(\w+)(?:/|\.py)`", row.split("|")[1]):
+            assert name not in out, name
+            out[name] = number
+    return out
+
+
+def _part(module):
+    return [*module.split("."), "__init__"][1]
+
+
+def test_every_part_is_in_the_architecture():
+    assert set(_layers()) == {_part(m) for m in MODULES} - {"__init__"}
+
+
+def test_imports_go_one_way():
+    layers = _layers() | {"__init__": 0}  # the package itself: names and version
+    wrong = [f"{m} imports {t}" for m, file in MODULES.items() for t in _imports(file) if layers[_part(t)] > layers[_part(m)]]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_no_modules_import_each_other():
+    graph = defaultdict(set, {m: _imports(file) - {m} for m, file in MODULES.items()})
+    try:
+        tuple(TopologicalSorter(graph).static_order())
+    except CycleError as error:
+        pytest.fail(" imports ".join(reversed(error.args[1])))
+
+
+def test_modules_are_short():
+    lines = {m: len(file.read_text().splitlines()) for m, file in MODULES.items()}
+    assert {m: n for m, n in lines.items() if n > LONGEST} == {}
+
+
+def test_the_repository_speaks_of_the_project_only():
+    found = []
+    for file in tracked():
+        try:
+            text = file.read_text()
+        except UnicodeDecodeError:  # an image, a solid, a compressed trace
+            continue
+        for what, pattern in FORBIDDEN.items():
+            for match in re.finditer(pattern, text):
+                line = text.count("\n", 0, match.start()) + 1
+                found.append(f"{file.relative_to(ROOT)}:{line}: {what} {match[0]!r}")
+    assert not found, "\n".join(found)
+
+
+def test_python_versions_are_declared_alike():
+    project = PROJECT["project"]
+    low, high = map(int, re.fullmatch(r">=3\.(\d+),<3\.(\d+)", project["requires-python"]).groups())
+    names = [c.rpartition(" :: ")[2] for c in project["classifiers"] if re.search(r":: 3\.\d+$", c)]
+    assert names == [f"3.{minor}" for minor in range(low, high)]
+    assert PROJECT["tool"]["pyright"]["pythonVersion"] == names[0] and PROJECT["tool"]["ruff"]["target-version"] == f"py3{low}"
+    for page in ("README.md", "CONTRIBUTING.md"):
+        assert f"Python {names[0]} to {names[-1]}" in (ROOT / page).read_text(), page
+
+
+def test_dependencies_are_pinned_with_a_reason_and_locked():
+    text = (ROOT / "pyproject.toml").read_text()
+    locked = set(re.findall(r"^([\w.-]+==\S+)", (ROOT / "requirements.lock").read_text(), re.MULTILINE))
+    project = PROJECT["project"]
+    for pin in [*project["dependencies"], *(p for extra in project["optional-dependencies"].values() for p in extra)]:
+        assert re.search(rf'"{re.escape(pin)}", *# \w', text), f"{pin}: no reason in pyproject.toml"
+        assert re.sub(r"\[.*\]", "", pin) in locked, f"{pin}: not in requirements.lock"
