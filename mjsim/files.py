@@ -9,6 +9,7 @@ import shutil
 import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 
 from mjsim.errors import InputError
@@ -34,33 +35,55 @@ def write_whole(path: Path, content: str | bytes, force: bool = False) -> None:
     Raises:
         InputError: the file exists and ``force`` is false, it is no regular file, or the folder cannot be written.
     """
-    write_all({path: content}, force)
+    _check_free(path, force)
+    with together() as staged:
+        staged.append(_Neighbour(Path(path)))
+        staged[-1].make().write_bytes(content.encode("utf-8", "replace") if isinstance(content, str) else content)
 
 
 def write_all(contents: Mapping[Path, str | bytes], force: bool = False) -> None:
     """Write several files: all of them, or none.
 
-    Every file stands beside its place before the first one is moved there, so that a full disk is found out in time; what was moved
-    is moved back where a later one cannot be.
-
     Raises:
         InputError: as :func:`write_whole`, for any of them.
     """
-    for path in contents:
-        _check_free(path, force)
-    staged: list[_Neighbour] = []
-    try:
+    with together():
         for path, content in contents.items():
-            staged.append(_Neighbour(Path(path)))
-            staged[-1].make().write_bytes(content.encode() if isinstance(content, str) else content)
-        for one in staged:
-            one.move()
+            write_whole(path, content, force)
+
+
+_STAGED: ContextVar[list[_Neighbour] | None] = ContextVar("staged", default=None)
+
+
+@contextmanager
+def together() -> Iterator[list[_Neighbour]]:
+    """What is written inside appears at the end of the block: all of it, or nothing where the block raises.
+
+    Every file stands beside its place before the first one is moved there, so that a full disk is found out in time; what was moved
+    is moved back where a later one cannot be. A block inside another one belongs to it.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    outer = _STAGED.get()
+    if outer is not None:
+        yield outer
+        return
+    staged: list[_Neighbour] = []
+    token = _STAGED.set(staged)
+    now = None
+    try:
+        yield staged
+        for now in staged:
+            now.move()
     except BaseException as error:  # also when the user stops the program: no temporary file stays behind
         for one in reversed(staged):
             one.undo()
-        if isinstance(error, OSError):
-            raise InputError(f"{staged[-1].shown if staged else '?'}: cannot be written: {error.strerror or error}") from None
+        if isinstance(error, OSError) and staged:
+            raise InputError(f"{(now or staged[-1]).shown}: cannot be written: {error.strerror or error}") from None
         raise
+    finally:
+        _STAGED.reset(token)
     for one in staged:
         one.forget()
 

@@ -118,5 +118,7 @@ def save_machine(machine: Machine, path: Path, campaign: Campaign) -> None:
     former = path.read_bytes()
     folder = campaign.state_folder
     number = 1 + sum(1 for _ in folder.glob(f"{path.stem}.*.toml")) if folder.is_dir() else 1
+    while os.path.lexists(folder / f"{path.stem}.{number:03d}.toml"):  # the user has taken an older one away
+        number += 1
     files.write_whole(folder / f"{path.stem}.{number:03d}.toml", former, force=True)
     files.write_whole(path, text, force=True)

@@ -15,6 +15,7 @@ import fcntl
 import io
 import json
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,10 @@ from mjsim.batch.sweep import Sweep
 from mjsim.batch.workshop import Outcome
 from mjsim.errors import InputError
 from mjsim.files import check_writable, write_whole
+from mjsim.inputs import file_bytes, is_file
 
+#: Largest description, bytes, and the names of the data set's files.
+_LARGEST, _NAME = 50_000_000, re.compile(r"part-s?\d{1,9}\.parquet", re.ASCII)
 _SHARD, _NEW = "part-s", ".new-part-"
 #: Rows of one file of the finished data set.
 ROWS, TRACES = 200_000, 256
@@ -87,30 +91,45 @@ class Folder:
         file = Path(out) / "sweep.json"
         if force:
             return
-        if not file.is_file():
+        if not os.path.lexists(file):
             for folder in ("results", "traces"):
                 if any((Path(out) / folder).glob("*")):
                     raise InputError(f"{out}: has a folder {folder!r} but no sweep.json; name another folder for --out")
             return
         try:
-            then = json.loads(file.read_text())
+            then = json.loads(file_bytes(file, _LARGEST, f"allowed: up to {_LARGEST / 1e6:.0f} MB; name another folder for --out"))
             changed = difference(describe(sweep), then)
-        except (ValueError, AttributeError, TypeError):
+        except InputError:
+            raise
+        except (ValueError, AttributeError, TypeError, RecursionError):
             raise InputError(f"{file}: is no description of a sweep; name another folder for --out") from None
         if changed:
             raise InputError(f"{out}: was begun with another sweep: {changed}; name another folder, or give --force to start anew")
 
     def done(self) -> set[tuple[int, int]]:
-        """(run, test) of everything that is there; shards that cannot be read (a power cut) are taken away and so computed again."""
+        """(run, test) of everything that is there; shards that cannot be read (a power cut) are taken away and so computed again.
+
+        Raises:
+            InputError: a file has the name of one of this sweep's, and is none.
+        """
         out: set[tuple[int, int]] = set()
         index = {name: i for i, name in enumerate(self._tests)}
         for file in sorted(self.results.glob("part-*.parquet")):
+            foreign = InputError(f"{file}: is no file of this sweep; move it away, or name another folder for --out")
+            if not _NAME.fullmatch(file.name) or not is_file(file):
+                raise foreign
             try:
                 keys = pq.ParquetFile(file).read(columns=["run", "test"])
             except (pa.ArrowException, OSError):
                 file.unlink()
                 continue
-            out |= {(r, index[t]) for r, t in zip(keys["run"].to_pylist(), keys["test"].to_pylist(), strict=True)}
+            try:
+                rows = {(int(r), index[t]) for r, t in zip(keys["run"].to_pylist(), keys["test"].to_pylist(), strict=True)}
+            except (KeyError, TypeError, ValueError):
+                raise foreign from None
+            if not all(0 <= r < self.sweep.runs for r, _ in rows):
+                raise foreign
+            out |= rows
             self._last = max(self._last, _number(file))
         if self.sweep.every:
             for file in self.traces.glob(f"{_SHARD}*.parquet"):

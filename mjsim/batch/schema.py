@@ -6,16 +6,17 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from mjsim.campaign.schema import Number, Table, TestTable
+from mjsim.campaign.schema import Table, TestTable, Text
 
-Name = Annotated[str, Field(min_length=1, max_length=200)]
+#: A value that is varied: whatever its bounds are, differences and ratios of two such numbers are finite.
+Value = Annotated[float, Field(ge=-1e15, le=1e15, allow_inf_nan=False)]
 
 
 class VaryTable(Table):
-    parameter: Name
-    values: Annotated[list[Number], Field(min_length=1)] | None = None
-    from_: Annotated[Number | None, Field(alias="from")] = None
-    to: Number | None = None
+    parameter: Text
+    values: Annotated[list[Value], Field(min_length=1, max_length=1_000_000)] | None = None
+    from_: Annotated[Value | None, Field(alias="from")] = None
+    to: Value | None = None
     count: Annotated[int, Field(ge=2, le=1_000_000)] | None = None
     scale: Literal["linear", "log"] = "linear"
 
@@ -27,13 +28,13 @@ class VaryTable(Table):
 
 
 class SweepTable(Table):
-    name: Name
+    name: Text
     design: Literal["grid", "latin_hypercube", "tolerances"] = "grid"
     samples: Annotated[int, Field(ge=1)] | None = None
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    campaign: Name | None = None
+    campaign: Text | None = None
     tests: Any = "all"  # or a list of names; checked where the names are known
-    machine: Name | None = None
+    machine: Text | None = None
     test: list[TestTable] = Field(default_factory=list)
     vary: list[VaryTable] = Field(default_factory=list)
     traces: bool = False

@@ -17,6 +17,7 @@ from mjsim.batch.workshop import Job
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.model import Test
 from mjsim.errors import InputError
+from mjsim.inputs import shown
 from mjsim.machine.files import read_machine
 from mjsim.machine.model import Machine
 from mjsim.toml import check, parse, read_text
@@ -125,8 +126,8 @@ def read_sweep(path: str | Path) -> Sweep:
 
 def _near(path: Path, key: str, name: str) -> Path:
     """A file that the sweep names, beside or near it; absolute paths would not move with it."""
-    if not name.isprintable() or Path(name).is_absolute():
-        raise InputError(f"{path}: {key} = {name!r}; allowed: a path relative to the sweep file")
+    if not name.strip() or not name.isprintable() or Path(name).is_absolute():
+        raise InputError(f"{path}: {key} = {shown(name)}; allowed: a path relative to the sweep file")
     return path.parent / name
 
 

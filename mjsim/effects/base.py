@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from mjsim.errors import InputError
+from mjsim.inputs import shown
 from mjsim.units import unit_of
 
 if TYPE_CHECKING:
@@ -21,6 +22,10 @@ if TYPE_CHECKING:
 
     from mjsim.effects.motion import Motion
     from mjsim.engine.plant import Plant
+
+
+#: Most components of one effect: each is an operation in every step of a simulation.
+MOST_COMPONENTS = 1000
 
 
 @dataclass(frozen=True)
@@ -168,12 +173,12 @@ class Effect(ABC):
     def _checked(self, p: Parameter, value: Any) -> Any:
         if p.kind == "choice":
             if value not in p.choices:
-                raise InputError(f"effect {self.id}: {p.name} = {value!r}; allowed: {', '.join(p.choices)}")
+                raise InputError(f"effect {self.id}: {p.name} = {shown(value)}; allowed: {', '.join(p.choices)}")
             return value
         if p.kind == "components":
             return self._checked_components(p, value)
         if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise InputError(f"effect {self.id}: {p.name} = {value!r} is not a number")
+            raise InputError(f"effect {self.id}: {p.name} = {shown(value)} is not a number")
         if not p.lower <= value <= p.upper:
             raise InputError(
                 f"effect {self.id}: {p.name} = {value:g} is out of bounds; allowed: {p.lower:g} to {p.upper:g} {p.unit}".rstrip()
@@ -182,16 +187,18 @@ class Effect(ABC):
 
     def _checked_components(self, p: Parameter, value: Any) -> list[list[float]]:
         if not isinstance(value, (list, tuple)):
-            raise InputError(f"effect {self.id}: components = {value!r}; allowed: a list of [order, amplitude, phase_deg]")
+            raise InputError(f"effect {self.id}: components = {shown(value)}; allowed: a list of [order, amplitude, phase_deg]")
+        if len(value) > MOST_COMPONENTS:
+            raise InputError(f"effect {self.id}: {len(value)} components; allowed: up to {MOST_COMPONENTS}")
         rows = []
         for row in value:
             number = isinstance(row, (list, tuple)) and len(row) == 3
             if not number or any(isinstance(x, bool) or not isinstance(x, (int, float)) for x in row):
-                raise InputError(f"effect {self.id}: component {row!r}; allowed: [order, amplitude, phase_deg], three numbers")
+                raise InputError(f"effect {self.id}: component {shown(row)}; allowed: [order, amplitude, phase_deg], three numbers")
             order, amplitude, phase = row
             if not 0 < order <= 2000 or not abs(amplitude) <= p.upper or not math.isfinite(phase):
                 raise InputError(
-                    f"effect {self.id}: component {list(row)!r} is out of bounds; "
+                    f"effect {self.id}: component {shown(list(row))} is out of bounds; "
                     f"allowed: order above 0 to 2000, amplitude up to {p.upper:g}, finite phase"
                 )
             rows.append([float(x) for x in row])

@@ -32,8 +32,8 @@ from mjsim.engine.transmission import MEMORY, apply_ops
 #: Name of the numeric block in the model.
 NUMERIC = "mjsim"
 # header of the block
-STEP_, SUBSTEPS_, N_OPS, CLOCK, N_JOINTS, N_CONTROLS = range(6)
-JOINTS, START, HEADER = 8, 17, 24
+STEP_, N_OPS, CLOCK, N_JOINTS, N_CONTROLS = range(5)
+JOINTS, START, SUBSTEPS_, HEADER = 8, 17, 22, 27
 MAX_JOINTS = 9
 # userdata: time reached, load-side targets, motor positions, then the drives' and operations' memory
 REACHED, TARGET, MEMORIES = 0, 1, 1 + MAX_JOINTS
@@ -58,7 +58,6 @@ def advance_machine(block, user, ctrl, bias, passive, time):
     step = block[STEP_]
     if time > 0.0 and user[REACHED] == time + step:
         return
-    substeps = int(block[SUBSTEPS_])
     n_ops = int(block[N_OPS])
     ops = block[HEADER + 5 * AXIS_SIZE : HEADER + 5 * AXIS_SIZE + n_ops * OP_SIZE].reshape((n_ops, OP_SIZE))
     drives = user[MEMORIES : MEMORIES + 5 * STATE_SIZE]
@@ -79,7 +78,7 @@ def advance_machine(block, user, ctrl, bias, passive, time):
     for i in range(5):
         p = block[HEADER + i * AXIS_SIZE : HEADER + (i + 1) * AXIS_SIZE]
         s = drives[i * STATE_SIZE : (i + 1) * STATE_SIZE]
-        joint = int(block[JOINTS + i])
+        joint, substeps = int(block[JOINTS + i]), int(block[SUBSTEPS_ + i])
         advance(p, s, ctrl[i], (bias[joint] - passive[joint]) / p[GEAR], step / substeps, substeps)
         q[i] = s[LOAD] / p[GEAR]
     apply_ops(ops, memory, q, clock + step, False)
@@ -183,12 +182,15 @@ def uninstall() -> None:
 def installed() -> Iterator[None]:
     """The callback is MuJoCo's control callback inside.
 
-    It is one per process: the first of several users puts it in, the last takes it out.
+    It is one per process: the first of several users puts it in, the last takes it out. MuJoCo's warnings are counted in its data and
+    become one sentence there; as they are, they would stand on stderr and in a file MUJOCO_LOG.TXT in the user's folder.
     """
     with _CHANGE:
         _users.append(None)
         if len(_users) == 1:
             install()
+            if mujoco.get_mju_user_warning() is None:
+                mujoco.set_mju_user_warning(_unheard)
     try:
         yield
     finally:
@@ -196,6 +198,12 @@ def installed() -> Iterator[None]:
             _users.pop()
             if not _users:
                 uninstall()
+                if mujoco.get_mju_user_warning() is _unheard:
+                    mujoco.set_mju_user_warning(None)
+
+
+def _unheard(message: str) -> None:
+    """A warning of MuJoCo's that is counted already."""
 
 
 _CHANGE, _users = threading.Lock(), []

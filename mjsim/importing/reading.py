@@ -58,6 +58,14 @@ class Options:
     angle_sense: str | None = None
     start_angle: float | None = None
 
+    def __post_init__(self) -> None:
+        for name in ("rate", "um_per_volt", "angle_zero", "start_angle"):
+            value = getattr(self, name)
+            if value is not None and not abs(value) < 1e9:
+                raise InputError(f"{name} = {value:g}; allowed: a finite number of ordinary size")
+        if self.rate is not None and self.rate < 1e-3:
+            raise InputError(f"--rate {self.rate:g}; allowed: samples per second, above 0.001")
+
 
 @dataclass(frozen=True)
 class Recording:

@@ -15,6 +15,7 @@ from mjsim.effects import registry
 from mjsim.effects.base import Effect
 from mjsim.errors import InputError
 from mjsim.files import write_whole
+from mjsim.inputs import shown
 from mjsim.kinematics import AXES, LINEAR
 from mjsim.machine.model import Drive, Machine
 from mjsim.toml import check, parse, read_text
@@ -65,6 +66,10 @@ def _effect(path: Path, number: int, entry: dict[str, Any], files: dict[str, str
     effect_id, source = entry.pop("id", None), entry.pop("file", None)
     if not isinstance(effect_id, str):
         raise InputError(f"{path}: [[effect]] number {number}: the key 'id' is missing or not a text")
+    if len(effect_id) > 200 or not effect_id.isprintable():
+        raise InputError(f"{path}: [[effect]] number {number}: id = {shown(effect_id)} is no effect's name")
+    if source is not None and (not isinstance(source, str) or not source.strip() or not source.isprintable()):
+        raise InputError(f"{path}: [[effect]] number {number}: file = {shown(source)}; allowed: the path of a Python file (.py)")
     try:
         if source is not None:
             cls = registry.load_file(path.parent / str(source))
@@ -79,9 +84,9 @@ def _effect(path: Path, number: int, entry: dict[str, Any], files: dict[str, str
         allowed = [p.name for p in cls.parameters_of(subject)]
         for name, value in entry.items():
             if name not in allowed:
-                raise InputError(f"effect {effect_id}: unknown parameter {name!r}; allowed: {', '.join(allowed) or 'none'}")
+                raise InputError(f"effect {effect_id}: unknown parameter {shown(name)}; allowed: {', '.join(allowed) or 'none'}")
             if isinstance(value, int) and abs(value) > 1e300:
-                raise InputError(f"effect {effect_id}: {name} is a whole number of {len(str(abs(value)))} digits, which is out of bounds")
+                raise InputError(f"effect {effect_id}: {name} is a whole number of more than 300 digits, which is out of bounds")
         return cls(subject, **entry)
     except InputError as error:
         raise InputError(f"{path}: [[effect]] number {number}: {error}") from None

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from mjsim.compare import Progress, silent
 from mjsim.errors import InputError
-from mjsim.files import check_writable, write_whole
+from mjsim.files import check_writable, write_all
 from mjsim.paper.contents import POLAR, VELOCITY_RUNS
 from mjsim.paper.draw import polar_figure, velocity_figure
 from mjsim.paper.machine import PaperMachine, paper_machine
@@ -77,8 +77,7 @@ def figures(
         figure = makers[n]()
         pages |= {out / f"fig{n:02d}.{kind}": encode(figure, kind) for kind in ("png", "svg")}
     pages[out / "numbers.csv"] = _csv(found)
-    for path, content in pages.items():
-        write_whole(path, content, force=force)
+    write_all(pages, force)
     return PaperFigures(tuple(pages), tuple(found))
 
 
