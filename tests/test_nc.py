@@ -5,7 +5,8 @@ import pytest
 
 from mjsim.kinematics import bar_vector
 from mjsim.nc.feed import ACCELERATION, trapezoid
-from mjsim.nc.paths import PATHS, peripheral_radius, tool_axis
+from mjsim.nc.kinds.cone_frustum import tool_axis
+from mjsim.nc.paths import PATHS, peripheral_radius
 from mjsim.nc.program import Program
 
 DEG = np.pi / 180.0

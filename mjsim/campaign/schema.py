@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import datetime
+from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from pydantic_core import PydanticCustomError
+
+from mjsim.nc.kinds import KINDS
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -15,6 +18,18 @@ def _printable(text: str) -> str:
     if not text.isprintable():
         raise PydanticCustomError("printable", "allowed: text without line breaks, tabs and control characters")
     return text
+
+
+def _one_of(*allowed: str) -> Callable[[str], str]:
+    """As ``Literal``, for words that are not known before the program runs."""
+
+    def check(text: str) -> str:
+        if text not in allowed:
+            *most, last = map(repr, allowed)
+            raise PydanticCustomError("literal_error", "allowed: {words}", {"words": f"{', '.join(most)} or {last}"})
+        return text
+
+    return check
 
 
 #: What is shown on terminals and in plots.
@@ -38,7 +53,7 @@ class InstrumentTable(Table):
 
 class TestTable(Table):
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=100)]
-    kind: Literal["cone_frustum", "circular", "rotary"]
+    kind: Annotated[str, AfterValidator(_one_of(*KINDS))]
     table_ball_mm: Annotated[list[Length], Field(min_length=3, max_length=3)]
     bar_length_mm: Annotated[float, Field(ge=20, le=1000)]
     feed_mm_min: Annotated[float, Field(gt=0, le=100000)]
@@ -51,7 +66,7 @@ class TestTable(Table):
     started_s: Clock = 0.0
     half_apex_deg: Annotated[float, Field(gt=0, lt=90)] | None = None
     inclination_deg: Annotated[float, Field(ge=0, lt=90)] | None = None
-    sensitive_direction: Literal["perpendicular", "parallel", "tangential", "radial", "axial"] | None = None
+    sensitive_direction: Annotated[str, AfterValidator(_one_of(*(d for k in KINDS.values() for d in k.directions)))] | None = None
     plane: Literal["XY", "YZ", "ZX"] | None = None
     axis: Literal["A", "C"] | None = None
     from_deg: Angle | None = None
@@ -69,13 +84,10 @@ class CampaignTable(Table):
 
 
 #: Keys that each kind needs, and the ones that it may have besides the common ones.
-NEEDED = {
-    "cone_frustum": ("half_apex_deg", "inclination_deg", "sensitive_direction", "direction"),
-    "circular": ("plane", "direction"),
-    "rotary": ("axis", "from_deg", "to_deg", "sensitive_direction"),
-}
-OPTIONAL = {"cone_frustum": ("revolutions",), "circular": ("revolutions",), "rotary": ()}
-DIRECTIONS = {"cone_frustum": ("perpendicular", "parallel"), "rotary": ("tangential", "radial", "axial")}
+NEEDED = {name: kind.needed for name, kind in KINDS.items()}
+OPTIONAL = {name: kind.optional for name, kind in KINDS.items()}
+#: What ``sensitive_direction`` may be, for the kinds that have it.
+DIRECTIONS = {name: kind.directions for name, kind in KINDS.items() if kind.directions}
 
 
 class DriveTable(Table):

@@ -115,7 +115,7 @@ def _complete(file: Path, name: str, keys: dict, source: Path) -> dict:
         kind = keys["kind"] = "circular"
     if kind not in NEEDED:
         raise InputError(
-            f'{source}: test "{name}" is not in {file}; say how it was run: --kind circular, cone_frustum or rotary and what belongs to it '
+            f'{source}: test "{name}" is not in {file}; say how it was run: --kind {" or ".join(sorted(NEEDED))} and what belongs to it '
             "(--plane, --direction, --feed, --length, --table-ball …), or name a test of the campaign with --test"
         )
     missing = [OPTION[k] for k in (*NEEDED[kind], *_COMMON) if k not in keys]

@@ -10,10 +10,11 @@ from scipy.optimize import root_scalar
 
 from mjsim.campaign.model import Test
 from mjsim.errors import InputError
-from mjsim.kinematics import INDEX, machine_to_work, reading
+from mjsim.kinematics import INDEX, reading
 from mjsim.nc.commanded import Commanded
 from mjsim.nc.feed import ACCELERATION, trapezoid
-from mjsim.nc.paths import PLANES, peripheral_radius
+from mjsim.nc.kinds import KINDS
+from mjsim.nc.paths import peripheral_radius
 from mjsim.units import DEG, MM, UM
 
 #: How far the balls' distance may leave the bar's length, m: the sensor's range of an ordinary ball bar.
@@ -30,14 +31,7 @@ def angle(test: Test, q: np.ndarray) -> np.ndarray:
 
     For rotary tests it is the rotary axis itself.
     """
-    if test.kind == "rotary":
-        return q[:, INDEX[test.axis]]
-    if test.kind == "circular":
-        first, second = PLANES[test.plane]
-        away = q[:, :3] - test.table_ball
-        return np.arctan2(away[:, second], away[:, first])
-    x, y, z = (machine_to_work(q[:, 3], q[:, 4], q[:, :3]) - test.table_ball).T
-    return np.arctan2(y, np.cos(test.inclination) * x - np.sin(test.inclination) * z)  # the circle leans by β about Y
+    return KINDS[test.kind].angle(test, q)
 
 
 def unwrapped(test: Test, q: np.ndarray) -> np.ndarray:

@@ -13,11 +13,14 @@ from mjsim.files import write_whole
 from mjsim.kinematics import AXES, ROTARY, machine_to_work
 from mjsim.nc.commanded import Commanded
 from mjsim.nc.dialects import FEEDS, Dialect, dialect
+from mjsim.nc.kinds import KINDS
 from mjsim.nc.limits import Limits, check_travel, model_limits, scale, speed_warnings
 from mjsim.nc.paths import peripheral_radius
 from mjsim.nc.program import Program
 from mjsim.units import DEG, MM
 
+#: Signs of :meth:`mjsim.nc.kinds.base.Kind.words` that controls do not know.
+_PLAIN = {ord("°"): " deg", ord("θ"): "half apex", ord("β"): "inclination"}
 #: Angle from block to block, degrees (the paper's programs have "minute line segments"; assumed).
 STEP_DEG = 0.1
 #: Most blocks of one program; five digits number them.
@@ -182,12 +185,7 @@ def _positions(printed: np.ndarray, o: Options, d: Dialect, decimals: int) -> li
 
 def _comment_lines(test, o: Options, d: Dialect, feed: str, decimals: int, phi, motion: Commanded, machine: str) -> list[str]:
     x, y, z = (f"{v / MM:g}" for v in test.table_ball)
-    kind = {
-        "cone_frustum": f"cone frustum, half apex {test.half_apex / DEG:g} deg, inclination {test.inclination / DEG:g} deg, "
-        f"bar {test.sensitive}, {test.direction}, {test.revolutions} rev",
-        "circular": f"circle {test.plane}, {test.direction}, {test.revolutions} rev",
-        "rotary": f"axis {test.axis} turns, bar {test.sensitive}",
-    }[test.kind]
+    kind = KINDS[test.kind].words(test).translate(_PLAIN).encode("ascii", "replace").decode()
     signs = ", ".join(f"{a}{'-' if a in o.reversed else '+'}" for a in ROTARY)
     said = {
         "a11": "path of X Y Z A C, mm and deg alike, per min",
