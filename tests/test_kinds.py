@@ -1,0 +1,72 @@
+"""What holds for every kind of test; the template of a new campaign has one of each."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mjsim
+from mjsim.campaign import files
+from mjsim.importing.names import OPTION
+from mjsim.kinematics import machine_to_work, reading
+from mjsim.nc.kinds import KINDS
+from mjsim.nc.program import Program
+from mjsim.output import conditions
+
+DOCS = Path(__file__).resolve().parent.parent / "docs"
+
+
+@pytest.fixture(scope="module")
+def tests(tmp_path_factory):
+    file = tmp_path_factory.mktemp("kinds") / "new" / "campaign.toml"
+    mjsim.new_campaign(file.parent)
+    return file, {t.kind: t for t in mjsim.read_campaign(file).tests}, {t["kind"]: t for t in tomllib.loads(file.read_text())["test"]}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_bar_keeps_its_length(tests, kind):
+    test = tests[1][kind]
+    program = Program(test)
+    q = program.path(np.linspace(*program.ends, 721))
+    assert q.shape == (721, 5)
+    assert np.abs(reading(q, np.array(test.table_ball), test.length)).max() < 1e-12
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_angle_is_the_paths_inverse(tests, kind):
+    test = tests[1][kind]
+    phi = np.linspace(*Program(test).measured_ends, 721)
+    off = KINDS[kind].angle(test, KINDS[kind].path(test, phi)) - phi
+    assert np.abs((off + np.pi) % (2 * np.pi) - np.pi).max() < 1e-9
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_feed_is_the_one_on_the_circle(tests, kind):
+    """Arc of the spindle ball as the table sees it, or of the table ball about the axis: radius times angle."""
+    test = tests[1][kind]
+    q = KINDS[kind].path(test, np.linspace(0.5, 0.6, 1001))
+    if kind == "rotary":
+        arc = np.hypot(*test.table_ball[:2]) * 0.1
+    else:
+        arc = np.linalg.norm(np.diff(machine_to_work(q[:, 3], q[:, 4], q[:, :3]), axis=0), axis=1).sum()
+    assert KINDS[kind].radius(test) * 0.1 == pytest.approx(arc, rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_test_written_and_read_is_the_same(tests, kind):
+    file, by_kind, _ = tests
+    test = by_kind[kind]
+    table = files.test_table(test) | {"started_s": test.started}
+    again = files.campaign_from(file, {"name": "again", "test": [table]}, traces=False).tests[0]
+    assert again == test
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_keys_are_explained_and_have_options(tests, kind):
+    keys = (*KINDS[kind].needed, *KINDS[kind].optional)
+    assert set(keys) <= set(tests[2][kind])
+    page = (DOCS / "campaign-format.md").read_text()
+    for key in keys:
+        assert f"`{key}`" in page and key in OPTION
+    assert f"`{kind}`" in page and conditions(tests[1][kind])
