@@ -14,7 +14,7 @@ import numpy as np
 from mjsim.campaign.model import Test
 from mjsim.effects.motion import MotionTracker
 from mjsim.engine.bar import reading
-from mjsim.engine.drive import STEP, SUBSTEPS, discretise, run
+from mjsim.engine.drive import STEP, discretise, run, substeps_of
 from mjsim.engine.plant import AxisPlant, Plant
 from mjsim.engine.transmission import transmit
 from mjsim.kinematics import AXES
@@ -42,7 +42,8 @@ def delayed_commands(program: Program, time: np.ndarray, plant: Plant) -> np.nda
 def _driven(drive: AxisPlant, commands: np.ndarray, step: float) -> np.ndarray:
     """Position of one axis (n,) behind its drive, in axis units, for ``commands`` (n,) ``step`` s apart."""
     out = np.empty(len(commands))
-    run(discretise(drive, step / SUBSTEPS), np.ascontiguousarray(commands), step / SUBSTEPS, SUBSTEPS, out)
+    n = substeps_of(drive, step)
+    run(discretise(drive, step / n), np.ascontiguousarray(commands), step / n, n, out)
     return out
 
 

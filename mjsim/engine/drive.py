@@ -26,6 +26,9 @@ from mjsim.engine.plant import AxisPlant
 #: MuJoCo's time step and the drive's sub-steps in it, from the convergence study (``tests/test_convergence.py``).
 STEP = 1.0e-3
 SUBSTEPS = 2
+#: Largest phase of the motor's swing on its bristles in a sub-step, rad: coupled explicitly, they are unstable at 2 and good to
+#: 0.02 µm below this (``tests/test_oracle_drives.py``). Friction that asks for more sub-steps than the last number is refused.
+PHASE, MOST_SUBSTEPS = 0.5, 400
 
 # state of one axis
 THETA, OMEGA, INTEGRAL, BRISTLE, R_BEFORE, R_NOW, LOAD, LOAD_RATE = range(8)
@@ -59,6 +62,16 @@ def discretise(axis: AxisPlant, substep: float) -> np.ndarray:
     out[_RIPPLE : _RIPPLE + 3] = p.ripple
     out[_GRAVITY], out[GEAR], out[_TI_TORQUE] = p.gravity, p.gear, p.velocity_gain / p.integral_time
     return out
+
+
+def bristle_rate(axis: AxisPlant) -> float:
+    """Angular frequency of the motor on its bristles, √(σ0/J) in rad/s; 0 without friction."""
+    return math.sqrt(axis.coulomb / axis.presliding / (axis.inertia - axis.load_inertia)) if axis.coulomb > 0 else 0.0
+
+
+def substeps_of(axis: AxisPlant, step: float, least: int = SUBSTEPS) -> int:
+    """Sub-steps of a step of ``step`` s that this drive needs: ``least``, more where its bristles are stiff."""
+    return min(max(least, math.ceil(step * bristle_rate(axis) / PHASE)), max(least, MOST_SUBSTEPS))
 
 
 def equations(axis: AxisPlant) -> tuple[np.ndarray, np.ndarray]:

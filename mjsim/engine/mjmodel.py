@@ -11,7 +11,7 @@ from mjsim.campaign.model import Test
 from mjsim.effects.base import Effect
 from mjsim.engine import callback
 from mjsim.engine.bodies import bodies_scale, own_inertia
-from mjsim.engine.drive import AXIS_SIZE, STEP, SUBSTEPS, discretise
+from mjsim.engine.drive import AXIS_SIZE, STEP, SUBSTEPS, discretise, substeps_of
 from mjsim.engine.plant import OP_SIZE, Plant
 from mjsim.errors import SimulationError
 from mjsim.kinematics import AXES
@@ -26,7 +26,7 @@ def build_model(plant: Plant, step: float = STEP, substeps: int = SUBSTEPS) -> m
 
     Args:
         plant: drives, transmissions and effects.
-        step: MuJoCo's time step, s. substeps: drive sub-steps in it.
+        step: MuJoCo's time step, s. substeps: drive sub-steps in it; stiff friction takes more.
 
     Returns:
         A model whose numeric ``mjsim`` holds everything the callback needs except the test (:func:`for_test`).
@@ -87,10 +87,11 @@ def with_numbers(model: mujoco.MjModel, plant: Plant, own: np.ndarray, step: flo
 
 def _block(plant: Plant, ops: np.ndarray, step: float, substeps: int) -> np.ndarray:
     block = np.zeros(callback.HEADER + 5 * AXIS_SIZE + ops.size)
-    block[callback.STEP_], block[callback.SUBSTEPS_], block[callback.N_OPS] = step, substeps, len(ops)
+    block[callback.STEP_], block[callback.N_OPS] = step, len(ops)
     for i, a in enumerate(AXES):
         at = callback.HEADER + i * AXIS_SIZE
-        block[at : at + AXIS_SIZE] = discretise(plant.axes[a], step / substeps)
+        block[callback.SUBSTEPS_ + i] = mine = substeps_of(plant.axes[a], step, substeps)
+        block[at : at + AXIS_SIZE] = discretise(plant.axes[a], step / mine)
     block[callback.HEADER + 5 * AXIS_SIZE :] = ops.ravel()
     assert ops.shape[1] == OP_SIZE
     return block

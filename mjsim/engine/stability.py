@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mjsim.engine.drive import equations
+from mjsim.engine.drive import MOST_SUBSTEPS, PHASE, STEP, bristle_rate, equations
 from mjsim.engine.plant import AxisPlant, Plant
 from mjsim.errors import SimulationError
 
@@ -16,11 +16,18 @@ def check_stable(plant: Plant) -> None:
         SimulationError: names the drive and what to change.
     """
     for name, axis in plant.axes.items():
+        if STEP * bristle_rate(axis) > PHASE * MOST_SUBSTEPS:
+            least = axis.coulomb / (axis.inertia - axis.load_inertia) * (STEP / PHASE / MOST_SUBSTEPS) ** 2
+            raise SimulationError(
+                f"drive {name}: friction with {axis.coulomb:.4g} N·m over presliding_rad = {axis.presliding:.4g} makes the motor's "
+                f"{axis.inertia - axis.load_inertia:.4g} kg·m² swing faster than can be simulated; "
+                f"allowed with these: presliding_rad above {least:.4g}"
+            )
         if axis.load_inertia:
             growth = float(np.linalg.eigvals(equations(axis)[0]).real.max())
             if growth > 0.0:
                 raise SimulationError(
-                    f"drive {name}: the control loop swings itself up on the elastic transmission, by a factor e every {1.0 / growth:.2g} s "
+                    f"drive {name}: the control loop swings itself up on the elastic transmission, e-fold every {1.0 / growth:.2g} s "
                     f"(position gain {axis.position_gain:.4g} 1/s, velocity gain {axis.velocity_gain:.4g} N·m·s/rad, effects included); "
                     f"lower the gains, or raise stiffness and damping of drive_compliance.{name}"
                 )
