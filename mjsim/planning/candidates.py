@@ -91,6 +91,8 @@ def _named(test: Test) -> Test:
         name = f"{cone}-{place}-{test.sensitive}-{test.direction.lower()}-{feed}"
     elif test.kind == "circular":
         name = f"circle-{test.plane.lower()}-{test.direction.lower()}-{feed}"
+    elif test.kind != "rotary":
+        name = f"{test.kind}-{place}-{test.direction.lower()}-{feed}"
     else:
         name = f"rotary-{test.axis.lower()}-{test.sensitive}-{'cw' if test.stop < test.start else 'ccw'}-{place}-{feed}"
     return replace(test, name=name, setup=name, commanded=None)  # another test than the one that an NC file was written for
