@@ -54,7 +54,7 @@ def first_round(tests: tuple[Test, ...]) -> Iterator[Test]:
     places = [(0.0, 0.0), (0.1, 0.0), (0.0, 0.1), (-0.1, 0.0), (0.0, -0.1)]
     feeds = (FEEDS[1], FEEDS[3])
     for (half, tilt), sensitive, (x, y), feed in product(CONES, ("perpendicular", "parallel"), places, feeds):
-        yield _named(Test("", "cone_frustum", (x, y, z), length, feed, half, tilt, sensitive))
+        yield _named(Test("", "cone_frustum", (x, y, z), length, feed, half_apex=half, inclination=tilt, sensitive=sensitive))
     for plane, feed in product(("XY", "YZ", "ZX"), feeds):
         yield _named(Test("", "circular", (0.0, 0.0, z), length, feed, plane=plane))
     for sensitive, feed in product(("tangential", "radial", "axial"), feeds):
