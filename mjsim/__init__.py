@@ -18,6 +18,8 @@ _WHERE = {
     "read_machine": "mjsim.machine.files",
     "write_machine": "mjsim.machine.files",
     "simulate": "mjsim.engine.simulate",
+    "check": "mjsim.checking.check",
+    "write_corrected": "mjsim.checking.check",
     "compare": "mjsim.compare",
     "diagnose": "mjsim.diagnose",
     "plan": "mjsim.plan",

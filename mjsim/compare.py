@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mjsim.campaign.model import Campaign, Test
+from mjsim.checking.gate import checked_problem
 from mjsim.engine.drive import STEP
 from mjsim.engine.simulate import Simulation, simulate
 from mjsim.errors import InputError
@@ -144,11 +145,11 @@ def compare(
     is taken as it is.
 
     Raises:
-        InputError: no test of the campaign has a trace.
+        InputError: no test of the campaign has a trace, or the traces show a mistake (:mod:`mjsim.checking`).
     """
     if not campaign.measured:
         raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; comparing needs at least one measured test")
-    problem = problem or Problem(campaign, machine, threads)
+    problem = problem or checked_problem(campaign, machine, threads)
     count = [0]
 
     def done(test: Test) -> None:

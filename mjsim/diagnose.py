@@ -10,6 +10,7 @@ import numpy as np
 
 from mjsim import files
 from mjsim.campaign.model import Campaign, Test
+from mjsim.checking.gate import checked_problem
 from mjsim.compare import Comparison, Progress, overlay, silent
 from mjsim.effects.base import Effect
 from mjsim.engine.plant import build
@@ -155,12 +156,12 @@ def diagnose(campaign: Campaign, machine: Machine, max_effects: int = 5, threads
         max_effects: at most so many different effects.
 
     Raises:
-        InputError: no measured test.
+        InputError: no measured test, or the traces show a mistake (:mod:`mjsim.checking`).
     """
     if not campaign.measured:
         raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; a diagnosis needs measured tests")
     progress("preparing", 0, 1)
-    problem = Problem(campaign, machine, threads)
+    problem = checked_problem(campaign, machine, threads)
     search, unexplained, lines = _explain(problem, machine, max_effects, progress)
     hidden = not_testable(problem, Projector(search.start), search.bank)
     found = sorted(

@@ -11,9 +11,10 @@ import numpy as np
 from mjsim.campaign.model import Campaign, Trace
 from mjsim.compare import Comparison, Progress, TestComparison, compare, silent
 from mjsim.errors import InputError
-from mjsim.files import check_writable, write_whole
+from mjsim.files import check_writable, write_all
 from mjsim.machine.model import Machine
 from mjsim.measure.iso230 import circular_figures
+from mjsim.nc.kinds import KINDS
 from mjsim.units import DEG, MM, UM
 
 FIGURES, PAIRS = "figures.csv", "figures-both-directions.csv"
@@ -48,6 +49,9 @@ def export(
         if name not in known:
             raise InputError(f"{campaign.folder / 'campaign.toml'}: no test {name!r} with a trace; it has: {', '.join(known) or 'none'}")
     names = [n for n in known if not tests or n in tests]
+    for name in names:
+        if f"{name}.csv" in (FIGURES, PAIRS):
+            raise InputError(f"{campaign.folder / 'campaign.toml'}: test {name!r} would be written to the file of the figures; rename it")
     for file in (*(f"{n}.csv" for n in names), FIGURES, PAIRS):
         check_writable(Path(out) / file, force)
     result = compare(campaign, machine, threads, progress)
@@ -55,8 +59,7 @@ def export(
     contents[FIGURES] = figure_rows(result, names)
     if len(pairs := pair_rows(result, names)) > 1:
         contents[PAIRS] = pairs
-    for file, rows in contents.items():
-        write_whole(Path(out) / file, _csv(rows, decimal_comma), force)
+    write_all({Path(out) / file: _csv(rows, decimal_comma) for file, rows in contents.items()}, force)
     return [Path(out) / f for f in contents]
 
 
@@ -83,7 +86,7 @@ def figure_rows(result: Comparison, names: Sequence[str]) -> list[list[str]]:
     for t in result.tests:
         if t.test.name not in names:
             continue
-        place = {"circular": t.test.plane, "rotary": t.test.axis}.get(t.test.kind, "")
+        place = KINDS[t.test.kind].place(t.test)
         how = [t.test.name, t.test.kind, place, t.test.direction, f"{t.test.feed / MM * 60:g}", f"{t.test.length / MM:g}"]
         rest = [str(len(t.valid)), str(int((~t.valid).sum())), f"{t.rms / UM:.4f}", f"{t.maximum / UM:.4f}", f"{result.noise / UM:.4f}"]
         rows.append([*how, *rest, f"{t.trigger * 1e3:.3f}", *(c for what in ("measured", "simulated") for c in _iso(t, what))])

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mjsim.campaign.model import Campaign
+from mjsim.checking.gate import checked_problem
 from mjsim.compare import Progress, silent
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.inference.fit import Fitter
-from mjsim.inference.problem import Problem
 from mjsim.inference.samples import BLOCKS, usual_noise
 from mjsim.inference.search import Searcher
 from mjsim.inference.vibration import separate
@@ -52,7 +52,7 @@ def plan(
         pair = _by_default(between[0], machine), _by_default(between[1], machine)
         return best_of(between, pair, campaign, usual_noise(), BLOCKS[0], threads, progress)
     progress("preparing", 0, 1)
-    problem = Problem(campaign, machine, threads)
+    problem = checked_problem(campaign, machine, threads)
     rigid, _ = separate(problem, machine)
     fitter = Fitter(problem, rigid)
     if between is None:

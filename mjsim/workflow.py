@@ -9,10 +9,12 @@ import numpy as np
 
 from mjsim import ladder
 from mjsim.campaign.model import Campaign
+from mjsim.checking.gate import checked_problem
 from mjsim.compare import Comparison, Progress, compare, silent
 from mjsim.effects import registry
 from mjsim.effects.base import Effect
 from mjsim.errors import InputError
+from mjsim.files import together
 from mjsim.inference.criteria import price
 from mjsim.inference.fit import Fit, Fitter
 from mjsim.inference.free import FreeEffect
@@ -87,7 +89,7 @@ def add(
     _need_traces(campaign)
     if record:
         ladder.read_history(campaign)  # a damaged history stops us before the work
-    problem = Problem(campaign, machine, threads)
+    problem = checked_problem(campaign, machine, threads)
     progress("fitting", 0, 1)
     fitted_effect, ci95 = _fitted(problem, machine, cls, subjects)
     if source is not None:
@@ -133,10 +135,10 @@ def _need_traces(campaign: Campaign) -> None:
 
 
 def _record(campaign: Campaign, action: str, change: Change, path: Path) -> None:
-    ladder.save_machine(change.machine, path, campaign)
-    ladder.record(
-        campaign, [ladder.step_of("start", "", path, change.before), ladder.step_of(action, change.effect.id, path, change.after)]
-    )
+    steps = [ladder.step_of("start", "", path, change.before), ladder.step_of(action, change.effect.id, path, change.after)]
+    with together():
+        ladder.save_machine(change.machine, path, campaign)
+        ladder.record(campaign, steps)
 
 
 def _fitted(problem: Problem, machine: Machine, cls: type[Effect], subjects: list[str]) -> tuple[Effect, dict]:

@@ -90,7 +90,7 @@ REPLACED = {
     "machine that is not there": ('name = "short"', 'name = "short"\nmachine = "other.toml"', "other.toml", "no such file"),
     "absolute machine": ('name = "short"', 'name = "short"\nmachine = "/etc/passwd"', FILE, "/etc/passwd"),
     "empty trace name": ("traces/turn.csv", "", FILE, "trace"),
-    "wrong feed for the trace": ("feed_mm_min = 2000.0\n[[", "feed_mm_min = 1000.0\n[[", "turn.csv", "the trace lasts", "feed"),
+    "wrong feed for the trace": ("feed_mm_min = 2000.0\n[[", "feed_mm_min = 1000.0\n[[", "turn.csv", "feed_mm_min = 2000"),
     "wrong instrument": ("sample_rate_Hz = 100.0", 'kind = "laser"', FILE, "kind = 'laser'", "ball_bar"),
 }
 
@@ -150,7 +150,7 @@ TRACES = {
     "time beyond a float": (lambda t: line(t, 60, b"1e999,0.0"), "turn.csv, line 60", "time_s"),
     "no reading is a number": (lambda t: t.replace(b",0.0", b",nan"), "turn.csv", "0 of", "range"),
     "beyond the sensor's range": (lambda t: t.replace(b",0.0", b",5000.0"), "turn.csv", "0 of", "1 mm"),
-    "half of it": (lambda t: t[: len(t) // 2].rpartition(b"\n")[0], "turn.csv", "the trace lasts", '"turn"'),
+    "half of it": (lambda t: t[: len(t) // 2].rpartition(b"\n")[0], "turn.csv", "it stops", '"turn"'),
     "twenty lines": (lambda t: b"\n".join(t.split(b"\n")[:21]), "turn.csv", "20 samples", "50"),
     "times of the day": (
         lambda t: b"\n".join([t.split(b"\n")[0], *(b"%.2f,0.0" % (36000 + 0.01 * i) for i in range(len(t.split(b"\n")) - 2))]),
@@ -160,7 +160,7 @@ TRACES = {
     "milliseconds": (
         lambda t: b"\n".join([t.split(b"\n")[0], *(b"%d,0.0" % (10 * i) for i in range(len(t.split(b"\n")) - 2))]),
         "turn.csv",
-        "the trace lasts",
+        "time_s is in ms, multiply it by 0.001",
     ),
     "binary": (lambda t: b"\x93NUMPY" + bytes(range(256)) * 40, "turn.csv", "not text"),
     "NUL bytes": (lambda t: b"\0" * 5000, "turn.csv", "line 1"),

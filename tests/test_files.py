@@ -240,5 +240,5 @@ def test_a_stretch_may_be_missing_at_the_end_of_a_trace(tmp_path):
         if accepted:
             assert len(read_campaign(folder).traces["circle-xy-ccw"].time) == len(rows) - 1 - round(200 * seconds)
         else:
-            with pytest.raises(InputError, match="the trace lasts"):
+            with pytest.raises(InputError, match="time_s runs from"):
                 read_campaign(folder)

@@ -428,7 +428,7 @@ REFUSED = {
     "a scale without volts": (lambda t: t, ["--scale", "10"], "in um", "volts only"),
     "time goes back": (spoiled(lambda r: "\n".join([*r[:50], r[10], *r[50:]])), [], "line 51", "times that grow"),
     "time missing": (spoiled(lambda r: "\n".join([*r[:50], ",1.0", *r[51:]])), [], "line 51", "the time is missing"),
-    "wrong feed": (spoiled(lambda r: "\n".join(r[:600])), [], "the trace lasts 5.98 s", "12.57 s", "check feed"),
+    "wrong feed": (spoiled(lambda r: "\n".join(r[:600])), [], "(5.98 s)", "(12.57 s)", "it stops"),
     "wrong revolutions": (lambda t: t, ["--test", "cw", "--clock", "trace"], "12.56 s", "revolutions"),
     "no clock fits": (spoiled(lambda r: "\n".join([r[0], *("9" + x for x in r[1:300])])), [], "is measured for 12.57 s", "--start-angle"),
     "too few": (spoiled(lambda r: "\n".join(r[:1] + r[1::40])), [], "samples", "at least 50"),

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mjsim.campaign.model import Campaign, Test
+from mjsim.checking.gate import checked_problem
 from mjsim.compare import Progress, overlay, silent
 from mjsim.engine.drive import STEP
 from mjsim.engine.simulate import Simulation, simulate
 from mjsim.errors import InputError
-from mjsim.inference.problem import Problem
 from mjsim.inference.vibration import phased
 from mjsim.machine.model import Machine
 from mjsim.measure.iso230 import least_squares_circle
@@ -130,7 +130,7 @@ def tell(
 
 def _compared(campaign: Campaign, machine: Machine, test: Test, threads: int, progress: Progress):
     """All measured tests count, so that the nuisances, and the residual, are those of ``mjsim compare``."""
-    problem = Problem(campaign, machine, threads)
+    problem = checked_problem(campaign, machine, threads)
     count = [0]
 
     def done(_) -> None:

@@ -4,21 +4,33 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-
-import numpy as np
+from typing import Any
 
 from mjsim.campaign.model import Campaign, Instrument, Test, Trace
 from mjsim.campaign.schema import DIRECTIONS, NEEDED, OPTIONAL, CampaignTable, TestTable
+from mjsim.campaign.span import explain
 from mjsim.campaign.traces import read_trace
 from mjsim.errors import InputError
 from mjsim.inputs import inside, is_file, shown
+from mjsim.nc.kinds import KINDS
 from mjsim.nc.limits import check_travel, model_limits
 from mjsim.nc.program import ROTARY_MARGIN, Program, driven_by
 from mjsim.nc.read import read_nc
 from mjsim.toml import check, parse
 from mjsim.units import DEG, MM, UM
 
-_SPECIFIC = {k for keys in (*NEEDED.values(), *OPTIONAL.values()) for k in keys}
+#: Keys that belong to single kinds of tests: attribute of :class:`Test`, and unit of numbers that have one.
+_SPECIFIC: dict[str, tuple[str, float | None]] = {
+    "half_apex_deg": ("half_apex", DEG),
+    "inclination_deg": ("inclination", DEG),
+    "sensitive_direction": ("sensitive", None),
+    "plane": ("plane", None),
+    "axis": ("axis", None),
+    "from_deg": ("start", DEG),
+    "to_deg": ("stop", DEG),
+    "direction": ("direction", None),
+    "revolutions": ("revolutions", None),
+}
 
 
 #: A test's program may last so long, s, and its measured part has to last so long (assumed): 1 ms of it is one step.
@@ -27,12 +39,14 @@ LONGEST, SHORTEST = 7200.0, 0.1
 LARGEST_GAP = 4.5
 
 
-def read_campaign(path: str | Path, traces: bool = True) -> Campaign:
+def read_campaign(path: str | Path, traces: bool = True, as_is: bool = False, spans: bool = True) -> Campaign:
     """Read a campaign.
 
     Args:
         path: the folder or its campaign.toml.
         traces: also read the recorded traces.
+        as_is: the campaign is not to be searched for mistakes (sign, unit, direction) when it is compared with a machine.
+        spans: refuse traces whose times are not those of their programs.
 
     Raises:
         InputError: a file, key, value or trace is wrong; nothing is guessed.
@@ -41,10 +55,10 @@ def read_campaign(path: str | Path, traces: bool = True) -> Campaign:
     file = path / "campaign.toml" if os.path.isdir(path) else path
     if not is_file(file):
         raise InputError(f"{file}: no such campaign; give a folder that holds a campaign.toml, or the path of a campaign.toml")
-    return campaign_from(file, parse(file), traces)
+    return campaign_from(file, parse(file), traces, as_is, spans)
 
 
-def campaign_from(file: Path, data: dict, traces: bool = True) -> Campaign:
+def campaign_from(file: Path, data: dict, traces: bool = True, as_is: bool = False, spans: bool = True) -> Campaign:
     """The campaign that ``data``, the tables of a campaign.toml, describes when it stands at ``file``.
 
     Raises:
@@ -63,9 +77,12 @@ def campaign_from(file: Path, data: dict, traces: bool = True) -> Campaign:
     if traces:
         for t in tests:
             if t.trace is not None:
-                recorded[t.name] = _recorded(file, t, instrument)
+                path = _inside(file, folder, t.trace, f'[[test]] "{t.name}" trace')
+                recorded[t.name] = read_trace(path, instrument)
+                if spans:
+                    check_span(path, t, recorded[t.name], tests)
     machine = _inside(file, folder, table.machine, "machine", outside=True)
-    return Campaign(table.name, folder, machine, instrument, tests, recorded, table.measured_on)
+    return Campaign(table.name, folder, machine, instrument, tests, recorded, table.measured_on, as_is)
 
 
 def _inside(file: Path, folder: Path, name: str, key: str, outside: bool = False) -> Path:
@@ -77,38 +94,35 @@ def _inside(file: Path, folder: Path, name: str, key: str, outside: bool = False
     return target
 
 
-def _recorded(file: Path, test: Test, instrument: Instrument) -> Trace:
-    path = _inside(file, file.parent, test.trace or "", f'[[test]] "{test.name}" trace')
-    trace = read_trace(path, instrument)
-    check_span(path, test, trace)
-    return trace
-
-
-def check_span(path: Path, test: Test, trace: Trace) -> None:
-    """Refuse a trace whose times are none of its test's program; ``path`` is what the message names.
+def check_span(path: Path, test: Test, trace: Trace, tests: tuple[Test, ...] = ()) -> None:
+    """Refuse a trace whose times are none of its test's program; ``path`` is what the message names, ``tests`` all of the campaign.
 
     Raises:
         InputError: the trace is too long or too short, or its clock has another origin.
     """
     first, last = Program(test).measured_span
-    want, have = last - first, float(trace.time[-1] - trace.time[0])
-    slack = 0.02 * want + 0.1
-    missing = (
-        want - have > slack
-        and have > 0.6 * want
-        and want - have < LARGEST_GAP
-        and first - 0.5 < trace.time[0] < trace.time[-1] < last + 0.5
+    begin, end = float(trace.time[0]), float(trace.time[-1])
+    if spans_fit(test, begin, end):
+        return
+    mistake = explain(test, begin, end)
+    other = next((t.name for t in tests if t.name != test.name and spans_fit(t, begin, end)), None)
+    if other is not None:
+        advice = f'it fits the program of test "{other}": are their traces exchanged?'
+    else:
+        advice = mistake.sentence if mistake else "check feed_mm_min, revolutions and that the trace belongs to this test"
+    raise InputError(
+        f"{path}: time_s runs from {begin:.2f} to {end:.2f} s ({end - begin:.2f} s), the program of test "
+        f'"{test.name}" (feed {test.feed * 60e3:g} mm/min) is measured from {first:.2f} to {last:.2f} s ({last - first:.2f} s): {advice}'
     )
-    if abs(have - want) > slack and not missing:
-        raise InputError(
-            f'{path}: the trace lasts {have:.2f} s, the program of test "{test.name}" {want:.2f} s '
-            f"(feed {test.feed * 60e3:g} mm/min); check feed_mm_min, revolutions and that the trace belongs to this test"
-        )
-    if trace.time[0] < first - 0.5 or trace.time[-1] > last + 0.5:
-        raise InputError(
-            f"{path}: time_s runs from {trace.time[0]:.2f} to {trace.time[-1]:.2f} s; the program of test "
-            f'"{test.name}" is measured from {first:.2f} to {last:.2f} s; time_s counts from the start of the NC program'
-        )
+
+
+def spans_fit(test: Test, begin: float, end: float) -> bool:
+    """Whether a trace from ``begin`` to ``end`` s can be of the test: its program's measured part, or that with a gap at an end."""
+    first, last = Program(test).measured_span
+    inside = begin >= first - 0.5 and end <= last + 0.5
+    want, have = last - first, end - begin
+    slack = 0.02 * want + 0.1
+    return inside and (abs(have - want) <= slack or (have > 0.6 * want and 0 < want - have < LARGEST_GAP))
 
 
 def test_of(file: Path, t: TestTable) -> Test:
@@ -121,39 +135,34 @@ def test_of(file: Path, t: TestTable) -> Test:
     for key in NEEDED[t.kind]:
         if getattr(t, key) is None:
             raise InputError(f"{place}: the key {key!r} is missing; {t.kind} needs {', '.join(NEEDED[t.kind])}")
-    for key in _SPECIFIC - set(NEEDED[t.kind]) - set(OPTIONAL[t.kind]):
+    for key in set(_SPECIFIC) - set(NEEDED[t.kind]) - set(OPTIONAL[t.kind]):
         if getattr(t, key) is not None:
             raise InputError(f"{place}: the key {key!r} does not belong to {t.kind}")
     if t.kind in DIRECTIONS and t.sensitive_direction not in DIRECTIONS[t.kind]:
         raise InputError(f"{place}: sensitive_direction = {t.sensitive_direction!r}; allowed for {t.kind}: {', '.join(DIRECTIONS[t.kind])}")
     x, y, z = (p * MM for p in t.table_ball_mm)
-    if t.kind == "rotary":
-        if t.from_deg == t.to_deg:
-            raise InputError(f"{place}: from_deg and to_deg are both {t.from_deg:g}; the axis would not turn")
-        if (np.hypot(x, y) if t.axis == "C" else np.hypot(y, z)) < 1e-3:
-            raise InputError(f"{place}: table_ball_mm = {t.table_ball_mm} lies on the {t.axis} axis; allowed: at least 1 mm away from it")
     for key in ("program_dialect", "program_reversed", "program_rollover"):
         if t.program is None and getattr(t, key) is not None:
             raise InputError(f"{place}: the key {key!r} needs program, the NC file that it describes")
+    given: dict[str, Any] = {}
+    for key, (attribute, unit) in _SPECIFIC.items():
+        value = getattr(t, key)
+        if value is not None:
+            given[attribute] = value if unit is None else value * unit
     test = Test(
         name=t.name,
         kind=t.kind,
         table_ball=(x, y, z),
         length=t.bar_length_mm * MM,
         feed=t.feed_mm_min * MM / 60.0,
-        half_apex=(t.half_apex_deg or 0.0) * DEG,
-        inclination=(t.inclination_deg or 0.0) * DEG,
-        sensitive=t.sensitive_direction or "perpendicular",
-        plane=t.plane or "XY",
-        axis=t.axis or "C",
-        start=(t.from_deg or 0.0) * DEG,
-        stop=(t.to_deg or 0.0) * DEG,
-        direction=t.direction or ("CCW" if (t.to_deg or 0.0) > (t.from_deg or 0.0) else "CW"),
-        revolutions=t.revolutions or (1 if t.kind == "rotary" else 2),
         setup=t.setup or t.name,
         started=t.started_s,
         trace=t.trace,
+        **given,
+        **KINDS[t.kind].derived(given),
     )
+    if wrong := KINDS[t.kind].wrong(test):
+        raise InputError(f"{place}: {wrong}")
     _check_duration(place, test)
     return test if t.program is None else _driven(file, place, test, t)
 
@@ -186,16 +195,10 @@ def _driven(file: Path, place: str, test: Test, t: TestTable) -> Test:
 def test_table(test: Test) -> dict:
     """A test as a ``[[test]]`` table of campaign.toml has it; what is not measured yet has no trace, no time and no program."""
     out: dict = {"name": test.name, "kind": test.kind}
-    if test.kind == "cone_frustum":
-        out |= {"half_apex_deg": _plain(test.half_apex / DEG), "inclination_deg": _plain(test.inclination / DEG)}
-    if test.kind in DIRECTIONS:
-        out["sensitive_direction"] = test.sensitive
-    if test.kind == "circular":
-        out["plane"] = test.plane
-    if test.kind == "rotary":
-        out |= {"axis": test.axis, "from_deg": _plain(test.start / DEG), "to_deg": _plain(test.stop / DEG)}
-    else:
-        out |= {"direction": test.direction, "revolutions": test.revolutions}
+    for key in (*NEEDED[test.kind], *OPTIONAL[test.kind]):
+        attribute, unit = _SPECIFIC[key]
+        value = getattr(test, attribute)
+        out[key] = value if unit is None else _plain(value / unit)
     out |= {
         "table_ball_mm": [_plain(x / MM) for x in test.table_ball],
         "bar_length_mm": _plain(test.length / MM),

@@ -74,7 +74,10 @@ class Instrument:
 
 @dataclass(frozen=True)
 class Campaign:
-    """Tests of one machine with their traces (by test name; tests that were not measured are absent), and the day they were measured."""
+    """Tests of one machine with their traces (by test name; tests that were not measured are absent), and the day they were measured.
+
+    ``as_is``: it is not to be searched for mistakes of the user's when it is compared with a machine.
+    """
 
     name: str
     folder: Path
@@ -83,6 +86,7 @@ class Campaign:
     tests: tuple[Test, ...]
     traces: dict[str, Trace]
     measured_on: date | None = None
+    as_is: bool = False
 
     @property
     def measured(self) -> tuple[Test, ...]:

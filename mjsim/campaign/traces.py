@@ -99,7 +99,7 @@ def check_rows(path: Path, rows: int) -> None:
         InputError: it has more than :data:`MOST` rows.
     """
     if rows > MOST:
-        raise InputError(f"{path}: {rows} rows; allowed: up to {MOST}, keep every {-(-rows // MOST)}th row, or the mean of as many")
+        raise InputError(f"{path}: {rows} rows; allowed: up to {MOST}, keep one row in {-(-rows // MOST)}, or the mean of as many")
 
 
 def saturated(deviation: np.ndarray) -> np.ndarray:

@@ -11,9 +11,10 @@ from mjsim.cli import common
 @common.campaign_argument
 @click.argument("effect", shell_complete=common.effect_ids)
 @common.machine_option
+@common.as_is_option
 @common.threads_option
 @common.options
-def command(campaign, effect, machine, threads, as_json, quiet) -> None:
+def command(campaign, effect, machine, threads, as_is, as_json, quiet) -> None:
     """Fit EFFECT (an id such as backlash.A, or the path of your own effect file) to CAMPAIGN and put it into the machine file.
 
     Comments and order of the file stay; its former text is kept in the campaign's .mjsim folder.
@@ -24,7 +25,7 @@ def command(campaign, effect, machine, threads, as_json, quiet) -> None:
     from mjsim.campaign.files import read_campaign
     from mjsim.workflow import add
 
-    c = read_campaign(campaign)
+    c = read_campaign(campaign, as_is=as_is)
     with common.progress_bar(quiet) as progress:
         change = add(c, effect, machine, common.cores(threads), progress)
     data = change_json(change)

@@ -19,16 +19,17 @@ from mjsim.cli import common
 @click.option("--ladder", is_flag=True, help="Show the models of the campaign's history one after the other instead of one test.")
 @click.option("--camera", default=None, help="overview (default), closeup, side, or bar, which follows the ball bar.")
 @click.option("--size", default=None, help="WIDTHxHEIGHT in pixels (default: 1280x720; GIF: 800x450).")
-@click.option("--fps", type=float, default=None, help="Frames per second (default: 25; GIF: 10).")
-@click.option("--speed", type=float, default=None, help="Times real time (default: 1, faster where the video gets too long).")
-@click.option("--seconds", type=float, default=None, help="Length of the video (default: up to 20; GIF: up to 8).")
+@click.option("--fps", type=common.NUMBER, default=None, help="Frames per second (default: 25; GIF: 10).")
+@click.option("--speed", type=common.NUMBER, default=None, help="Times real time (default: 1, faster where the video gets too long).")
+@click.option("--seconds", type=common.NUMBER, default=None, help="Length of the video (default: up to 20; GIF: up to 8).")
 @click.option("--magnify", default="auto", show_default=True, help="How many times its size the error is drawn.")
 @click.option("--shadows", is_flag=True, help="Draw shadows; takes longer.")
 @click.option("--force", is_flag=True, help="Replace a file that exists.")
+@common.as_is_option
 @common.threads_option
 @common.options
 def command(
-    campaign, machine, tests, out, ladder, camera, size, fps, speed, seconds, magnify, shadows, force, threads, as_json, quiet
+    campaign, machine, tests, out, ladder, camera, size, fps, speed, seconds, magnify, shadows, force, threads, as_is, as_json, quiet
 ) -> None:
     """Write a video of a test of CAMPAIGN: the machine moving, the bar's error magnified, the trace growing beside it.
 
@@ -56,7 +57,7 @@ def command(
         raise click.UsageError("one --test is needed (or --ladder); `mjsim simulate` and campaign.toml have the names")
     from mjsim.campaign.files import read_campaign
 
-    c = read_campaign(campaign)
+    c = read_campaign(campaign, as_is=as_is)
     with common.progress_bar(quiet, left=True) as progress:
         if ladder:
             from mjsim.animation.ladder import animate_ladder

@@ -6,9 +6,11 @@ import json
 import math
 import os
 import shutil
+import signal
 import sys
 import textwrap
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
@@ -16,40 +18,109 @@ from typing import NoReturn
 
 import click
 
-from mjsim.errors import InputError, SimulationError
+from mjsim.errors import InputError, SimulationError, shortened
 
 #: Columns that output fits where stdout is no terminal.
 WIDTH = 80
 
 
+#: With this variable set, a fault of mjsim's own shows where it happened.
+TRACEBACK = "MJSIM_TRACEBACK"
+
+
 def options(command: Callable) -> Callable:
-    """Add ``--json`` and ``--quiet`` and turn errors into one sentence and exit status 1."""
+    """Add ``--json`` and ``--quiet`` and turn errors into one sentence and exit status 1; no traceback ever reaches a user."""
 
     @wraps(command)
     def run(*args, **kwargs):
         from mjsim.effects import last_resort
 
         last_resort.wanted()
+        for stream in (sys.stdout, sys.stderr):  # a terminal that has no µ, a folder's name that is no text
+            if hasattr(stream, "reconfigure"):
+                stream.reconfigure(errors="replace")
         try:
-            return command(*args, **kwargs)
+            with _terminable():
+                return command(*args, **kwargs)
         except (InputError, SimulationError) as error:
             fail(str(error))
         except BrokenPipeError:
             sys.exit(0)
         except OSError as error:
             fail(f"{error.filename or 'file'}: {error.strerror or error}")
-        except KeyboardInterrupt:
+        except MemoryError:
+            fail("not enough memory for this; fewer or shorter tests, thinner traces or fewer --threads need less")
+        except KeyboardInterrupt as stop:
             click.echo("mjsim: stopped; nothing half-written is left behind", err=True)
-            sys.exit(130)
+            sys.exit(143 if isinstance(stop, _Terminated) else 130)
+        except click.exceptions.Exit:
+            raise
+        except click.ClickException:
+            raise
+        except Exception as fault:
+            if os.environ.get(TRACEBACK):
+                raise
+            _own_fault(fault)
 
     run = click.option("--quiet", is_flag=True, help="Print nothing but errors (and the JSON, with --json).")(run)
     return click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout and nothing else there.")(run)
 
 
+class _Terminated(KeyboardInterrupt):
+    """SIGTERM: the command ends as on Ctrl-C, so that what is half-written is taken away."""
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """SIGTERM raises inside; only a process' main thread can have that."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(number, frame):
+        raise _Terminated
+
+    former = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, former or signal.SIG_DFL)
+
+
+def _own_fault(fault: Exception) -> NoReturn:
+    """One line for what should not have happened, and exit status 3."""
+    import traceback
+
+    at = traceback.extract_tb(fault.__traceback__)[-1]
+    place = f"{Path(at.filename).name}, line {at.lineno}"
+    click.echo(
+        "mjsim: "
+        + shortened(f"a fault of mjsim itself: {type(fault).__name__} in {place}: {fault}", 450)
+        + f"; please report it, with what {TRACEBACK}=1 shows in addition",
+        err=True,
+    )
+    sys.exit(3)
+
+
 def fail(sentence: str) -> NoReturn:
     """One line on stderr and exit status 1."""
-    click.echo("mjsim: " + "".join(c if c.isprintable() else " " for c in " ".join(sentence.split())), err=True)
+    click.echo("mjsim: " + shortened(sentence), err=True)
     sys.exit(1)
+
+
+class _Finite(click.ParamType):
+    """A number; not nan and not infinite, which Python's own reading of numbers takes as well."""
+
+    name = "float"
+
+    def convert(self, value, param, ctx):
+        number = click.FLOAT.convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number.", param, ctx)
+        return number
+
+
+NUMBER = _Finite()
 
 
 def effect_ids(ctx: click.Context, param: click.Parameter, incomplete: str) -> list:
@@ -85,6 +156,7 @@ def test_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> l
 
 campaign_argument = click.argument("campaign", type=click.Path(path_type=Path))
 machine_option = click.option("--machine", type=click.Path(path_type=Path), help="Machine file to use instead of the campaign's.")
+as_is_option = click.option("--as-is", is_flag=True, help="Do not look for a wrong unit, sign or direction first (see mjsim check).")
 threads_option = click.option(
     "--threads", type=click.IntRange(1, 256), default=None, help="Tests worked on side by side (default: all cores)."
 )
@@ -99,7 +171,12 @@ def cores(threads: int | None) -> int:
 
 def print_json(data: dict) -> None:
     """One JSON object on stdout."""
-    click.echo(json.dumps(finite(data), indent=1, ensure_ascii=False, allow_nan=False))
+    text = json.dumps(finite(data), indent=1, ensure_ascii=False, allow_nan=False)
+    try:
+        text.encode(getattr(sys.stdout, "encoding", None) or "utf-8")
+    except UnicodeEncodeError:  # escapes are JSON as well
+        text = json.dumps(finite(data), indent=1, allow_nan=False)
+    click.echo(text)
 
 
 def finite(value):

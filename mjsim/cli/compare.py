@@ -16,9 +16,10 @@ from mjsim.cli.import_show import show_features
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder for plots (default: .mjsim/compare in the campaign).")
 @click.option("--no-plots", is_flag=True, help="Numbers only.")
 @click.option("--force", is_flag=True, help="Replace plots in the folder named by --out.")
+@common.as_is_option
 @common.threads_option
 @common.options
-def command(campaign, machine, out, no_plots, force, threads, as_json, quiet) -> None:
+def command(campaign, machine, out, no_plots, force, threads, as_is, as_json, quiet) -> None:
     """Lay the simulation over the measurement of CAMPAIGN, test by test.
 
     The ball offsets of every set-up, the bar's length and each trigger are fitted with their priors and shown;
@@ -34,7 +35,7 @@ def command(campaign, machine, out, no_plots, force, threads, as_json, quiet) ->
     from mjsim.output import comparison_plots, plot_files
     from mjsim.workflow import machine_of
 
-    c = read_campaign(campaign)
+    c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)
     imported = imported_features(c)
     if not no_plots:

@@ -20,9 +20,10 @@ from mjsim.cli.import_show import show_features
 )
 @click.option("--max-effects", type=click.IntRange(1, 20), default=5, show_default=True, help="Look for at most so many effects.")
 @click.option("--force", is_flag=True, help="Replace the file named by --write.")
+@common.as_is_option
 @common.threads_option
 @common.options
-def command(campaign, machine, write, max_effects, force, threads, as_json, quiet) -> None:
+def command(campaign, machine, write, max_effects, force, threads, as_is, as_json, quiet) -> None:
     """Say which effects are missing from the machine of CAMPAIGN, or that none is, or that it is none of the catalogue.
 
     \b
@@ -37,7 +38,7 @@ def command(campaign, machine, write, max_effects, force, threads, as_json, quie
     from mjsim.output import unexplained_plot
     from mjsim.workflow import machine_of
 
-    c = read_campaign(campaign)
+    c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)
     imported = imported_features(c)
     if write is not None:

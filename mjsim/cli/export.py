@@ -16,9 +16,10 @@ from mjsim.cli import common
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the CSV files.")
 @click.option("--decimal-comma", is_flag=True, help="Semicolons and decimal commas, for spreadsheets that expect them.")
 @click.option("--force", is_flag=True, help="Replace files that exist.")
+@common.as_is_option
 @common.threads_option
 @common.options
-def command(campaign, machine, names, out, decimal_comma, force, threads, as_json, quiet) -> None:
+def command(campaign, machine, names, out, decimal_comma, force, threads, as_is, as_json, quiet) -> None:
     """Write the compared traces and their figures as CSV.
 
     <test>.csv has time_s, phi_deg, measured_um, simulated_um, residual_um and valid (0: missing or left out); figures.csv the
@@ -31,7 +32,7 @@ def command(campaign, machine, names, out, decimal_comma, force, threads, as_jso
     from mjsim.export import export
     from mjsim.workflow import machine_of
 
-    c = read_campaign(campaign)
+    c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)
     with common.progress_bar(quiet) as progress:
         files = export(c, m, out, names, decimal_comma, force, common.cores(threads), progress)

@@ -47,8 +47,12 @@ def show(steps: list) -> None:
     """The ladder as a table."""
     common.table(
         ["model", "effects", "RMS µm", "× noise", "worst test"],
-        [[s.label, str(len(s.effects)), f"{s.rms_um:.3f}", f"{s.rms_um / s.noise_um:.2f}", _worst(s)] for s in steps],
+        [[s.label, str(len(s.effects)), f"{s.rms_um:.3f}", _times(s), _worst(s)] for s in steps],
     )
+
+
+def _times(step) -> str:
+    return f"{step.rms_um / step.noise_um:.2f}" if step.noise_um else "–"
 
 
 def _worst(step) -> str:

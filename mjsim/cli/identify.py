@@ -25,9 +25,10 @@ def command() -> None:
 )
 @click.option("--no-plots", is_flag=True, help="Numbers only.")
 @click.option("--force", is_flag=True, help="Replace the file named by --write and plots in the folder named by --out.")
+@common.as_is_option
 @common.threads_option
 @common.options
-def pitch_error(campaign, axis, machine, per_direction, write, out, no_plots, force, threads, as_json, quiet) -> None:
+def pitch_error(campaign, axis, machine, per_direction, write, out, no_plots, force, threads, as_is, as_json, quiet) -> None:
     """Pitch errors of the rotary axes of CAMPAIGN: orders, amplitudes and phases per direction, from tangential tests.
 
     \b
@@ -40,7 +41,7 @@ def pitch_error(campaign, axis, machine, per_direction, write, out, no_plots, fo
     from mjsim.output import pitch_plot_files, pitch_plots
     from mjsim.workflow import machine_of
 
-    c = read_campaign(campaign)
+    c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)
     axes = (axis,) if axis else testable_axes(c)
     folder = out or c.state_folder / "identify"

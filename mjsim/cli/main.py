@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import sys
+import warnings
 from importlib import import_module
 
 import click
@@ -10,11 +12,16 @@ import click
 # numba's coloured error messages leave an escape sequence on the terminal at exit, whatever NO_COLOR says
 os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
 
+# what numpy or a plotting library has to say is for developers (python -W default shows it); what a user must know is an error's sentence
+if not sys.warnoptions:
+    warnings.simplefilter("ignore")
+
 _COMMANDS = {
     "demo": "The hidden-effect walk-through: watch the error fall.",
     "new": "Start a campaign: a folder with commented files.",
     "import": "Measurement files of other systems into a campaign.",
     "simulate": "Run a campaign's tests in the multibody model.",
+    "check": "Wrong unit, sign, direction, feed? Exchanged traces?",
     "compare": "Measured against simulated, test by test.",
     "export": "Compared traces and their figures as CSV.",
     "diagnose": "Which effects are missing.",

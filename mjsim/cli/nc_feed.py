@@ -16,8 +16,8 @@ from mjsim.cli import nc_options as options
 @click.option("--program", type=click.Path(path_type=Path), help="NC file (default: what `mjsim nc` would write).")
 @options.writing
 @options.signs
-@click.option("--cycle-ms", type=float, default=0.0, show_default=True, help="Interpolation cycle; 0: continuous.")
-@click.option("--block-ms", type=float, default=0.0, show_default=True, help="Shortest time that the control needs for a block.")
+@click.option("--cycle-ms", type=common.NUMBER, default=0.0, show_default=True, help="Interpolation cycle; 0: continuous.")
+@click.option("--block-ms", type=common.NUMBER, default=0.0, show_default=True, help="Shortest time that the control needs for a block.")
 @click.option("--whole-cycles", is_flag=True, help="Every block lasts whole cycles, rounded up.")
 @click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), help="CSV: time_s, phi_deg, feed_mm_min, reading_um.")
 @click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), help="Picture of feed and reading over φ (.png or .svg).")
@@ -34,7 +34,7 @@ def command(campaign, name, program, cycle_ms, block_ms, whole_cycles, out, plot
     """
     from dataclasses import replace
 
-    from mjsim.files import check_writable, write_whole
+    from mjsim.files import check_writable, together, write_whole
     from mjsim.nc.control import Control, feed_report
     from mjsim.nc.read import parse_nc, read_nc
     from mjsim.nc.write import nc_program
@@ -51,16 +51,18 @@ def command(campaign, name, program, cycle_ms, block_ms, whole_cycles, out, plot
     report = feed_report(test, nc.motion, Control(cycle_ms * 1e-3, block_ms * 1e-3, whole_cycles), str(nc.path))
     data = {"test": test.name, "program": str(program) if program else None, "dialect": nc.dialect, "blocks": len(nc.motion.seconds)}
     data |= {"cycle_ms": cycle_ms, "block_ms": block_ms, "whole_cycles": whole_cycles, **report.to_json()}
-    if plot:
-        from mjsim.plots.feed import feed_figure
-        from mjsim.plots.save import save
+    with together():
+        if plot:
+            from mjsim.plots.feed import feed_figure
+            from mjsim.plots.save import save
 
-        title = (
-            f"{test.name}: {len(nc.motion.seconds)} blocks, {data['mean_block_ms']:.3g} ms each; mean feed {data['mean_mm_min']:.1f} mm/min"
-        )
-        save(feed_figure(report.phi_deg, report.feed_mm_min, report.reading_um, data["nominal_mm_min"], title), plot, force)
-    if out:
-        write_whole(out, report.to_csv(), force)
+            title = (
+                f"{test.name}: {len(nc.motion.seconds)} blocks, {data['mean_block_ms']:.3g} ms each; "
+                f"mean feed {data['mean_mm_min']:.1f} mm/min"
+            )
+            save(feed_figure(report.phi_deg, report.feed_mm_min, report.reading_um, data["nominal_mm_min"], title), plot, force)
+        if out:
+            write_whole(out, report.to_csv(), force)
     if as_json:
         common.print_json(data | {"csv": str(out) if out else None, "plot": str(plot) if plot else None})
         return

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from mjsim.cli import common
+
 AXES = click.Choice(["X", "Y", "Z", "A", "C"])
 ROTARY = click.Choice(["A", "C"])
 
@@ -29,7 +31,7 @@ def kept(*decorators):
 writing = kept(
     dialect,
     click.option("--feed-mode", type=click.Choice(["a11", "inverse", "tcp"]), help="Meaning of F (default: a11; linuxcnc: inverse)."),
-    click.option("--step-deg", type=float, default=0.1, show_default=True, help="Angle φ from block to block."),
+    click.option("--step-deg", type=common.NUMBER, default=0.1, show_default=True, help="Angle φ from block to block."),
     click.option("--decimals", type=int, help="Decimals of the positions (default: the dialect's)."),
     click.option("--feed-decimals", type=int, help="Decimals of F (default: the dialect's)."),
 )
@@ -39,9 +41,15 @@ signs = kept(
 )
 limits = kept(
     click.option(
-        "--limit", type=(AXES, float, float), multiple=True, metavar="AXIS LOW HIGH", help="Travel in mm or ° (default: the model's)."
+        "--limit",
+        type=(AXES, common.NUMBER, common.NUMBER),
+        multiple=True,
+        metavar="AXIS LOW HIGH",
+        help="Travel in mm or ° (default: the model's).",
     ),
-    click.option("--max-speed", type=(AXES, float), multiple=True, metavar="AXIS V", help="Warn above V mm/min or °/min (repeatable)."),
+    click.option(
+        "--max-speed", type=(AXES, common.NUMBER), multiple=True, metavar="AXIS V", help="Warn above V mm/min or °/min (repeatable)."
+    ),
 )
 force = click.option("--force", is_flag=True, help="Replace files that exist.")
 

@@ -18,9 +18,10 @@ from mjsim.cli import common
     shell_complete=common.effect_ids,
     help="Two effects to separate; or one effect and the word nothing.",
 )
+@common.as_is_option
 @common.threads_option
 @common.options
-def command(campaign, machine, between, threads, as_json, quiet) -> None:
+def command(campaign, machine, between, threads, as_is, as_json, quiet) -> None:
     """Say which test to measure next: the one that best separates the effects that the data of CAMPAIGN cannot tell apart.
 
     Without --between the campaign is diagnosed first. Where nothing is ambiguous, the test is one that makes an effect show that
@@ -33,7 +34,7 @@ def command(campaign, machine, between, threads, as_json, quiet) -> None:
     from mjsim.plan import plan
     from mjsim.workflow import machine_of
 
-    c = read_campaign(campaign)
+    c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)
     with common.progress_bar(quiet) as progress:
         result = plan(c, m, between, common.cores(threads), progress)

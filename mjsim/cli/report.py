@@ -23,9 +23,10 @@ from mjsim.cli import common
 @click.option("--max-effects", type=click.IntRange(1, 20), default=5, show_default=True, help="Look for at most so many effects.")
 @click.option("--no-diagnose", is_flag=True, help="Compare only; look for no missing effects.")
 @click.option("--force", is_flag=True, help="Replace the page.")
+@common.as_is_option
 @common.threads_option
 @common.options
-def command(campaigns, out, machine, max_effects, no_diagnose, force, threads, as_json, quiet) -> None:
+def command(campaigns, out, machine, max_effects, no_diagnose, force, threads, as_is, as_json, quiet) -> None:
     """Write what CAMPAIGN shows as one HTML page that works offline and prints well.
 
     The campaign is compared and diagnosed. Several campaigns of one machine become a trend: which figure, which
@@ -39,7 +40,7 @@ def command(campaigns, out, machine, max_effects, no_diagnose, force, threads, a
     from mjsim.report.write import check_same_machine, report
     from mjsim.workflow import machine_of
 
-    read = [read_campaign(c) for c in campaigns]
+    read = [read_campaign(c, as_is=as_is) for c in campaigns]
     machines = [machine_of(c, machine) for c in read]
     check_same_machine(list(zip(read, machines, strict=True)))
     check_writable(out, force)

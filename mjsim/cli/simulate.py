@@ -29,7 +29,7 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
     from mjsim.campaign.files import read_campaign
     from mjsim.engine.simulate import simulate
     from mjsim.errors import InputError
-    from mjsim.files import check_writable, write_whole
+    from mjsim.files import check_writable, together, write_whole
     from mjsim.output import polar_of_simulation, simulation_csv, simulation_summary
     from mjsim.workflow import machine_of
 
@@ -52,11 +52,12 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
 
         progress("simulating", 0, len(tests))
         results = simulate(m, tests, common.cores(threads), done)
-        for i, s in enumerate(results):
-            progress("writing", i, len(results))
-            write_whole(out / f"{s.test.name}.csv", simulation_csv(s), force=force)
-            if not no_plots:
-                polar_of_simulation(s, out / f"{s.test.name}.png")
+        with together():
+            for i, s in enumerate(results):
+                progress("writing", i, len(results))
+                write_whole(out / f"{s.test.name}.csv", simulation_csv(s), force=force)
+                if not no_plots:
+                    polar_of_simulation(s, out / f"{s.test.name}.png")
     summary = simulation_summary(results)
     if as_json:
         common.print_json({"campaign": c.name, "machine": m.name, "out": str(out), "tests": summary})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mjsim.campaign.model import Campaign
+from mjsim.checking.gate import checked_problem
 from mjsim.compare import Progress, silent
 from mjsim.effects import registry
 from mjsim.effects.base import Effect
@@ -16,7 +17,6 @@ from mjsim.identification.result import PitchIdentification
 from mjsim.identification.summary import direction
 from mjsim.identification.ways import BAND, HIGHEST, Way, tangential, ways_of
 from mjsim.inference.nuisance import fit_nuisance
-from mjsim.inference.problem import Problem
 from mjsim.machine.model import Machine
 from mjsim.nc.paths import peripheral_radius
 from mjsim.nc.program import ROTARY_MARGIN
@@ -67,7 +67,7 @@ def identify_pitch_errors(
     for axis in tested:
         bare = bare.without(f"pitch_error.{axis}")
     progress("reading the tests", 0, 5)
-    problem = Problem(campaign, bare, threads, block=_block(campaign, tested))
+    problem = checked_problem(campaign, bare, threads, block=_block(campaign, tested))
     model = PitchModel(problem, bare)
     ways = [w for a in tested for w in ways_of(problem, a, machine.drives[a].gear)]
     model.use = sorted(k for w in ways for k in w.tests)

@@ -78,7 +78,7 @@ class Problem:
         SimulationError: a drive of ``machine`` is unstable.
     """
 
-    def __init__(self, campaign: Campaign, machine: Machine, threads: int = 2, block: float | None = None) -> None:
+    def __init__(self, campaign: Campaign, machine: Machine, threads: int = 2, block: float | None = None, outliers: bool = True) -> None:
         self.campaign = campaign
         self.tests = campaign.measured
         self.samples: list[Samples] = make_samples(self.tests, campaign.traces, block)
@@ -93,13 +93,15 @@ class Problem:
             lambda k: sensitivity(self.motions[k].load(plant, GRID_STEPS)[:, :5], np.asarray(self.tests[k].table_ball))
         )
 
-        self._leave_out_outliers(plant)
+        if outliers:
+            self.leave_out_outliers(plant)
 
     def estimate_noise(self) -> None:
         """Noise from the samples as they stand now."""
         self.noise = estimate_noise(self.samples, self.campaign.instrument.resolution)
 
-    def _leave_out_outliers(self, plant: Plant) -> None:
+    def leave_out_outliers(self, plant: Plant) -> None:
+        """Mark what happened once: spikes, and what a knock has moved. ``plant`` is the machine's as given."""
         self._given = [s.valid.copy() for s in self.samples]
         readings = self.readings(plant)
         rest = self._rest(readings, fit_nuisance(self, readings))

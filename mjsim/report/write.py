@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from datetime import date
 
 from mjsim.campaign.model import Campaign
+from mjsim.checking.gate import checked_problem
 from mjsim.compare import Comparison, Progress, compare, silent
 from mjsim.diagnose import Diagnosis, diagnose
 from mjsim.errors import InputError
-from mjsim.inference.problem import Problem
 from mjsim.kinematics import AXES
 from mjsim.machine.model import Machine
 from mjsim.report import build, page, trend
@@ -70,7 +70,7 @@ def _single(campaign: Campaign, machine: Machine, max_effects: int, diagnosed: b
         content = build.diagnosed(diagnose(campaign, machine, max_effects, threads, progress), threads, progress, day)
     else:
         need_traces(campaign)
-        problem = Problem(campaign, machine, threads)
+        problem = checked_problem(campaign, machine, threads)
         content = build.compared(problem, compare(campaign, machine, threads, progress, problem), threads, progress, day)
     progress("writing the page", 0, 1)
     return Report(page.render(content), page.finite(content.to_json()))

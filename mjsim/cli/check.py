@@ -1,0 +1,62 @@
+"""``mjsim check``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mjsim.cli import common
+
+
+@click.command("check")
+@common.campaign_argument
+@common.machine_option
+@click.option(
+    "--fix", type=click.Path(path_type=Path, file_okay=False), help="Write a corrected copy of the campaign into this new folder."
+)
+@common.threads_option
+@common.options
+def command(campaign, machine, fix, threads, as_json, quiet) -> None:
+    """Look for what people get wrong in CAMPAIGN: unit, sign, direction, feed, clock, exchanged traces.
+
+    Friction leaves a spike where an axis reverses, and tests of one set-up share the balls' offsets: both tell whether a trace is what
+    campaign.toml says, whatever is wrong with the machine. Commands that compare traces with a model look as well and refuse what is
+    certainly wrong, unless they are told --as-is.
+
+    \b
+    Example: mjsim check my-machine
+             mjsim check my-machine --fix my-machine-corrected
+    """
+    from mjsim.checking.check import check, write_corrected
+    from mjsim.machine.files import read_machine
+
+    result = check(campaign, read_machine(machine) if machine else None, common.cores(threads))
+    files = write_corrected(result, fix) if fix and result.mistakes else []
+    data = result.to_json()
+    if as_json:
+        common.print_json({**data, "files": [str(f) for f in files]})
+        return
+    if quiet:
+        return
+    rows = []
+    for t in data["tests"]:
+        seen = t["agreement"] is not None
+        wrong = [m["kind"].replace("_", " ") for m in data["mistakes"] if t["name"] in m["tests"]]
+        rows.append([t["name"], *([f"{t['size']:.3g}", f"{t['agreement']:.2f}"] if seen else ["–", "–"]), ", ".join(wrong) or "ok"])
+    common.table(["test", "size", "agreement", "finding"], rows, text=(0, 3))
+    click.echo()
+    common.paragraph(
+        "Size and agreement: what the trace shows at the axes' reversals, over what the model gives there, and their correlation; –: the "
+        "model shows nothing there."
+    )
+    for m in data["mistakes"]:
+        common.paragraph(m["sentence"])
+    if files:
+        common.say(f"corrected copy in {fix}", quiet)
+    elif result.mistakes and all(m.certain for m in result.mistakes):
+        common.say("--fix FOLDER writes a corrected copy", quiet)
+    elif not result.mistakes:
+        common.paragraph("No mistake found.")
+        if fix:
+            common.say(f"nothing was written to {fix}", quiet)
