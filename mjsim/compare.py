@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ import numpy as np
 from mjsim.campaign.model import Campaign, Test
 from mjsim.checking.gate import checked_problem
 from mjsim.engine.drive import STEP
-from mjsim.engine.simulate import Simulation, simulate
+from mjsim.engine.simulate import Reading, Simulation, reading_of, simulate_each
 from mjsim.errors import InputError
 from mjsim.inference.nuisance import fit_nuisance
 from mjsim.inference.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, Problem
@@ -149,7 +149,7 @@ def compare(
     """
     if not campaign.measured:
         raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; comparing needs at least one measured test")
-    problem = problem or checked_problem(campaign, machine, threads)
+    problem = problem or checked_problem(campaign, machine, threads, keep_motions=False)
     count = [0]
 
     def done(test: Test) -> None:
@@ -157,10 +157,10 @@ def compare(
         progress("simulating", count[0], len(problem.tests))
 
     machine = phased(problem, machine)
-    return overlay(problem, machine, simulate(machine, problem.tests, threads, done))
+    return overlay(problem, machine, simulate_each(machine, problem.tests, reading_of, threads, done))
 
 
-def overlay(problem: Problem, machine: Machine, simulations: list[Simulation]) -> Comparison:
+def overlay(problem: Problem, machine: Machine, simulations: Sequence[Simulation | Reading]) -> Comparison:
     """Comparison of given simulations (one per measured test, in order)."""
     readings = [s.deviation[::GRID_STEPS] for s in simulations]
     nuisance = fit_nuisance(problem, readings)

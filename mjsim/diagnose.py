@@ -14,7 +14,7 @@ from mjsim.checking.gate import checked_problem
 from mjsim.compare import Comparison, Progress, overlay, silent
 from mjsim.effects.base import Effect
 from mjsim.engine.plant import build
-from mjsim.engine.simulate import simulate
+from mjsim.engine.simulate import reading_of, simulate_each
 from mjsim.errors import InputError
 from mjsim.inference.criteria import VISIBLE
 from mjsim.inference.fit import Fitter, unabsorbed, with_effects
@@ -176,7 +176,7 @@ def diagnose(campaign: Campaign, machine: Machine, max_effects: int = 5, threads
             count[0] += 1
             progress(stage, count[0], len(problem.tests))
 
-        return overlay(problem, m, simulate(m, problem.tests, threads, done))
+        return overlay(problem, m, simulate_each(m, problem.tests, reading_of, threads, done))
 
     before = simulated(phased(problem, machine), "simulating the machine as given")
     ladder = [before]

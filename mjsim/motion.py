@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -31,12 +32,21 @@ def time_grid(program: Program) -> np.ndarray:
 
 def delayed_commands(program: Program, time: np.ndarray, plant: Plant) -> np.ndarray:
     """Axis commands (n, 5) as the drives receive them, each with its own delay."""
-    commands = program.commands(time)
-    for i, a in enumerate(AXES):
-        delay = plant.axes[a].delay
-        if delay:
-            commands[:, i] = program.commands(time - delay)[:, i]
-    return commands
+    return behind(program, time, program.commands(time), plant)
+
+
+def behind(program: Program, time: np.ndarray, commands: np.ndarray, plant: Plant) -> np.ndarray:
+    """As :func:`delayed_commands`, from the ``commands`` (n, 5) of ``time`` (n,) s; these themselves where no drive has a delay."""
+    delays = [plant.axes[a].delay for a in AXES]
+    if not any(delays):
+        return commands
+    out = commands.copy()
+    for delay in {d for d in delays if d}:
+        moved = program.commands(time - delay)
+        for i in range(len(AXES)):
+            if delays[i] == delay:
+                out[:, i] = moved[:, i]
+    return out
 
 
 def _driven(drive: AxisPlant, commands: np.ndarray, step: float) -> np.ndarray:
@@ -82,33 +92,44 @@ class TestMotion:
     """Motor-side motions of one test, computed per axis on demand and kept for the drives used last.
 
     Attributes:
-        test: the test. keep: motions kept per axis.
-        time: (n,) s. commands: (n, 5) without delays, m and rad.
+        test: the test. keep: motions kept per axis. light: give the fine time grid and its commands back after every :meth:`load`.
     """
 
     __test__ = False
 
     test: Test
     keep: int = 3
+    light: bool = False
 
     def __post_init__(self) -> None:
         self.program = Program(self.test)
-        self.time = time_grid(self.program)
-        self.commands = self.program.commands(self.time)
         self._kept: dict[str, OrderedDict] = {a: OrderedDict() for a in AXES}
 
-    def motor(self, axis: str, drive: AxisPlant) -> np.ndarray:
-        """Motor position of one axis in axis units, (n,)."""
-        kept, key = self._kept[axis], drive.key()
+    @cached_property
+    def time(self) -> np.ndarray:
+        """Instants one step apart, (n,) s."""
+        return time_grid(self.program)
+
+    @cached_property
+    def commands(self) -> np.ndarray:
+        """Commands at ``time`` without delays, (n, 5) m and rad."""
+        return self.program.commands(self.time)
+
+    @cached_property
+    def moves(self) -> np.ndarray:
+        """Which axes move in this test, (5,) bool."""
+        return np.ptp(self.commands, axis=0) > 0.0
+
+    def motor(self, axis: str, drive: AxisPlant, every: int = 1) -> np.ndarray:
+        """Motor position of one axis in axis units at every ``every``-th instant; no more than that is kept."""
+        kept, key = self._kept[axis], (every, drive.key())
         if key in kept:
             kept.move_to_end(key)
             return kept[key]
         i = AXES.index(axis)
         r = self.commands[:, i] if not drive.delay else self.program.commands(self.time - drive.delay)[:, i]
-        if np.ptp(self.commands[:, i]) == 0.0:
-            out = np.ascontiguousarray(r)  # an axis that never moves stays: the integrator holds gravity
-        else:
-            out = _driven(drive, r, STEP)
+        # an axis that never moves stays: the integrator holds gravity
+        out = np.ascontiguousarray((_driven(drive, r, STEP) if self.moves[i] else r)[::every])
         kept[key] = out
         while len(kept) > self.keep:
             kept.popitem(last=False)
@@ -125,12 +146,15 @@ class TestMotion:
         time = self.time[::fine]
         q = np.zeros((len(time), plant.width))
         for i, a in enumerate(AXES):
-            q[:, i] = self.motor(a, plant.axes[a])[::fine]
+            q[:, i] = self.motor(a, plant.axes[a], fine)
         clock = self.test.started + time
         if len(ops):
             q = transmit(ops, q, clock)
         if plant.python_effects:
             q[:, :5] += _added(plant, self.test, time, q[:, :5], STEP)
+        if self.light:
+            for name in ("time", "commands"):
+                vars(self).pop(name, None)
         return np.ascontiguousarray(q[:: every // fine])
 
     def reading(self, plant: Plant, every: int = 1) -> np.ndarray:

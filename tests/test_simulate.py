@@ -169,7 +169,7 @@ def test_forces_are_what_the_motors_give(machine, bare, cone):
         still = still.with_effect(effect)  # friction acts on the motor, not on the joint
     plant = build(still)
     model = mjmodel.build_model(plant)
-    _, time, sent, model, data = _prepare(model, plant, cone(15, 10, (50, 20, 155), FEED), STEP)
+    _, time, _, sent, model, data = _prepare(model, plant, cone(15, 10, (50, 20, 155), FEED), STEP)
     force, motor = np.empty((len(time), 5)), np.empty((len(time), 5))
     dofs = [model.joint(a).dofadr[0] for a in AXES]
     callback.install()

@@ -13,13 +13,15 @@ from mjsim.threads import one_blas_thread
 
 
 @one_blas_thread
-def checked_problem(campaign: Campaign, machine: Machine, threads: int = 2, block: float | None = None) -> Problem:
+def checked_problem(
+    campaign: Campaign, machine: Machine, threads: int = 2, block: float | None = None, keep_motions: bool = True
+) -> Problem:
     """A :class:`~mjsim.inference.problem.Problem` whose traces were looked at; a campaign that is to be taken ``as_is`` is not.
 
     Raises:
         InputError: the data say that a sign, a unit, a direction or the order of traces is wrong.
     """
-    problem = Problem(campaign, machine, threads, block, outliers=False)
+    problem = Problem(campaign, machine, threads, block, outliers=False, keep_motions=keep_motions)
     if not campaign.as_is:
         refuse(campaign, look(problem, machine).mistakes)
     problem.leave_out_outliers(build(machine))

@@ -20,7 +20,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import mujoco
-import numpy as np
 from numba import carray, cfunc, njit, types
 from numba.extending import intrinsic
 
@@ -35,8 +34,8 @@ NUMERIC = "mjsim"
 STEP_, N_OPS, CLOCK, N_JOINTS, N_CONTROLS = range(5)
 JOINTS, START, SUBSTEPS_, HEADER = 8, 17, 22, 27
 MAX_JOINTS = 9
-# userdata: time reached, load-side targets, motor positions, then the drives' and operations' memory
-REACHED, TARGET, MEMORIES = 0, 1, 1 + MAX_JOINTS
+# userdata: time reached, load-side targets, accelerations that the joints need, then the drives' and operations' memory
+REACHED, TARGET, WANTED, MEMORIES = 0, 1, 1 + MAX_JOINTS, 1 + 2 * MAX_JOINTS
 
 _MODEL, _DATA = find_offsets()
 _NUMERIC_DATA, _NNZ, _ADR, _COL = (_MODEL[n] // 8 for n in ("numeric_data", "M_rownnz", "M_rowadr", "M_colind"))
@@ -92,7 +91,7 @@ def advance_machine(block, user, ctrl, bias, passive, time):
 def carry_joints(block, user, qpos, qvel, bias, passive, mass, nnz, adr, col, force):
     """Generalized forces that bring every joint to its target in one semi-implicit step."""
     step, n = block[STEP_], int(block[N_JOINTS])
-    rate = np.empty(MAX_JOINTS)
+    rate = user[WANTED : WANTED + MAX_JOINTS]
     for i in range(n):
         j = int(block[JOINTS + i])
         rate[j] = ((user[TARGET + i] - qpos[j]) / step - qvel[j]) / step

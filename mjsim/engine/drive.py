@@ -132,7 +132,10 @@ def advance(p, s, r_next, load_torque, substep, substeps):
     ripple = p[_RIPPLE]
     constant = p[_GRAVITY] + load_torque
     ra = r0
-    n = 1.0 / substeps
+    n, rate_of = 1.0 / substeps, 1.0 / substep
+    g, of_g, of_s0 = tc, 0.0, 0.0  # divisions are what this loop waits for: those by what does not change come first
+    if tc > 0.0:
+        of_g, of_s0 = 1.0 / tc, 1.0 / s0
     for k in range(substeps):
         u = (k + 1) * n
         rc = r0 + u * (slope + u * curve)
@@ -140,17 +143,16 @@ def advance(p, s, r_next, load_torque, substep, substeps):
         f = constant
         if tc > 0.0 or ripple != 0.0:
             # mid velocity from the rate now, friction at the bristle's present state
-            g = tc
             if p[_STRIBECK] > 0.0:
                 w = om / p[_STRIBECK]
-                g = tc * (1.0 + (p[_STATIC] - 1.0) * math.exp(-w * w))
+                of_g = 1.0 / (tc * (1.0 + (p[_STATIC] - 1.0) * math.exp(-w * w)))
             now = constant
             if tc > 0.0:
-                now += s0 * z + s1 * (om - abs(om) * s0 * z / g)
+                now += s0 * z + s1 * (om - abs(om) * s0 * z * of_g)
             if ripple != 0.0:
                 now += ripple * math.sin(p[_RIPPLE + 1] * th + p[_RIPPLE + 2])
             rate = p[_RATE] * th + p[_RATE + 1] * om + p[_RATE + 2] * it
-            rate += p[_RATE + 3] * ra + p[_RATE + 4] * dr / substep + p[_RATE + 5] * now
+            rate += p[_RATE + 3] * ra + p[_RATE + 4] * dr * rate_of + p[_RATE + 5] * now
             if elastic:
                 rate += p[_RATE_LOAD] * lth + p[_RATE_LOAD + 1] * lom
             mid = om + 0.5 * substep * rate
@@ -158,16 +160,17 @@ def advance(p, s, r_next, load_torque, substep, substeps):
                 if p[_STRIBECK] > 0.0:
                     w = mid / p[_STRIBECK]
                     g = tc * (1.0 + (p[_STATIC] - 1.0) * math.exp(-w * w))
-                a = abs(mid) * substep * s0 / g
+                    of_g = 1.0 / g
+                a = abs(mid) * substep * s0 * of_g
                 if a > 1e-9:
                     e = math.exp(-a)
-                    end = math.copysign(g / s0, mid)
+                    end = math.copysign(g * of_s0, mid)
                     zn = end + (z - end) * e
                     mean = end + (z - end) * (1.0 - e) / a
                 else:
                     zn = z + mid * substep
                     mean = 0.5 * (z + zn)
-                f += s0 * mean + s1 * (zn - z) / substep
+                f += s0 * mean + s1 * (zn - z) * rate_of
                 z = zn
             if ripple != 0.0:
                 f += ripple * math.sin(p[_RIPPLE + 1] * (th + 0.5 * substep * om) + p[_RIPPLE + 2])

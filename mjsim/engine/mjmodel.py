@@ -55,6 +55,7 @@ def compile_structure(plant: Plant, step: float = STEP) -> mujoco.MjModel:
             spec.add_actuator(name=f"{a} own effects", target=a, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     for effect in plant.effects:
         effect.edit_spec(spec)
+    _strip(spec)
     try:
         model = spec.compile()
     except ValueError as error:  # only what an effect has put in can be wrong
@@ -75,6 +76,8 @@ def with_numbers(model: mujoco.MjModel, plant: Plant, own: np.ndarray, step: flo
         effect.edit_model(model)
     if any(type(e).edit_model is not Effect.edit_model for e in plant.effects):
         own = own_inertia(model)
+    if (model.body_gravcomp[model.body_weldid != 0] == 1.0).all():
+        model.opt.gravity[:] = 0.0  # what is balanced body by body need not be computed twice at every step
     _set_inertia(model, plant, own)
     block = model.numeric(callback.NUMERIC).data
     block[:] = _block(plant, plant.op_table(), step, substeps)
@@ -95,6 +98,13 @@ def _block(plant: Plant, ops: np.ndarray, step: float, substeps: int) -> np.ndar
     block[callback.HEADER + 5 * AXIS_SIZE :] = ops.ravel()
     assert ops.shape[1] == OP_SIZE
     return block
+
+
+def _strip(spec: mujoco.MjSpec) -> None:
+    """Take out what is only looked at: MuJoCo would place it at every step, and every test's copy of the model would hold its meshes."""
+    spec.compiler.discardvisual = True  # the solids' inertia stays
+    for seen in (*spec.cameras, *spec.lights, *spec.tendons):
+        spec.delete(seen)
 
 
 def _add_table_joints(spec: mujoco.MjSpec) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import mujoco
 import numpy as np
@@ -20,13 +20,14 @@ from mjsim.engine.transmission import MEMORY, apply_ops
 from mjsim.errors import SimulationError
 from mjsim.kinematics import AXES, LINEAR
 from mjsim.machine.model import Machine
-from mjsim.motion import delayed_commands, own_effects, time_grid
+from mjsim.motion import behind, own_effects, time_grid
 from mjsim.nc.program import Program
 from mjsim.units import DEG, MM, UM
 
 if TYPE_CHECKING:
     import pandas as pd
 
+T = TypeVar("T")
 #: Sensors at both ends of the bar.
 BALLS = ("spindle_ball_pos", "table_ball_pos")
 
@@ -81,13 +82,26 @@ def simulate(
     Raises:
         SimulationError: a drive is unstable, MuJoCo warned or a value is not finite.
     """
+    return simulate_each(machine, tests, lambda s: s, threads, done, step, substeps)
+
+
+def simulate_each(
+    machine: Machine,
+    tests: Iterable[Test],
+    keep: Callable[[Simulation], T],
+    threads: int = 2,
+    done: Callable[[Test], None] | None = None,
+    step: float = STEP,
+    substeps: int = SUBSTEPS,
+) -> list[T]:
+    """As :func:`simulate`, but only what ``keep`` makes of each test stays in memory."""
     plant = build(machine)
     check_stable(plant)
     model = mjmodel.build_model(plant, step, substeps)
     tests = list(tests)
 
-    def one(test: Test) -> Simulation:
-        result = _run(model, plant, test, step)
+    def one(test: Test) -> T:
+        result = keep(_run(model, plant, test, step))
         if done:
             done(test)
         return result
@@ -96,18 +110,41 @@ def simulate(
         return list(pool.map(one, tests))
 
 
-def _prepare(model: mujoco.MjModel, plant: Plant, test: Test, step: float):
-    """Program, time grid, controls (n, nu) at every instant, model and data of one test at rest."""
+class Reading(NamedTuple):
+    """What a comparison needs of a simulated test: ``deviation`` as in :class:`Simulation`."""
+
+    test: Test
+    deviation: np.ndarray
+
+
+def reading_of(s: Simulation) -> Reading:
+    """The reading alone, a thirteenth of a simulation's memory."""
+    return Reading(s.test, s.deviation)
+
+
+class Prepared(NamedTuple):
+    """One test at rest: program, time grid (n,), its commands (n, 5), controls (n, nu) at every instant, model and data."""
+
+    program: Program
+    time: np.ndarray
+    command: np.ndarray
+    sent: np.ndarray
+    model: mujoco.MjModel
+    data: mujoco.MjData
+
+
+def _prepare(model: mujoco.MjModel, plant: Plant, test: Test, step: float) -> Prepared:
     program = Program(test)
     time = time_grid(program) if step == STEP else np.arange(int(np.ceil((program.duration + 0.1) / step)) + 1) * step
-    sent = delayed_commands(program, time, plant)
+    command = program.commands(time)
+    sent = behind(program, time, command, plant)
     ops = plant.op_table(test)
     model = mjmodel.for_test(model, test, sent[0], ops)
     data = mujoco.MjData(model)
     if plant.python_effects:
         sent = np.hstack([sent, own_effects(plant, test, time)])
     set_at_rest(model, data, test, ops, sent[0])
-    return program, time, sent, model, data
+    return Prepared(program, time, command, sent, model, data)
 
 
 def set_at_rest(model: mujoco.MjModel, data: mujoco.MjData, test: Test, ops: np.ndarray, sent: np.ndarray) -> None:
@@ -123,7 +160,7 @@ def set_at_rest(model: mujoco.MjModel, data: mujoco.MjData, test: Test, ops: np.
 
 
 def _run(model: mujoco.MjModel, plant: Plant, test: Test, step: float) -> Simulation:
-    program, time, sent, model, data = _prepare(model, plant, test, step)
+    program, time, command, sent, model, data = _prepare(model, plant, test, step)
     _check_actuators(model)
     control = np.vstack([sent[1:], sent[-1:]])
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -131,7 +168,7 @@ def _run(model: mujoco.MjModel, plant: Plant, test: Test, step: float) -> Simula
     mujoco.mj_getState(model, data, initial, full)
     state, sensors = rollout.rollout(model, data, initial[None], control[None])
     q = np.vstack([initial[1 : 1 + model.nq], state[0, :-1, 1 : 1 + model.nq]])
-    return _collect(program, time, model, data, q, sensors[0])
+    return _collect(program, time, command, model, data, q, sensors[0])
 
 
 def _check_actuators(model: mujoco.MjModel) -> None:
@@ -159,14 +196,14 @@ def not_finite(test: Test) -> SimulationError:
     return SimulationError(f"test {test.name}: the simulated reading is not finite; check gains and inertias of the drives")
 
 
-def _collect(program: Program, time: np.ndarray, model, data, q: np.ndarray, sensors) -> Simulation:
+def _collect(program: Program, time: np.ndarray, command: np.ndarray, model, data, q: np.ndarray, sensors) -> Simulation:
     check_warnings(program.test, data)
     bar = np.hstack([sensors[:, sensor(model, n)] for n in BALLS])
     deviation = np.linalg.norm(bar[:, :3] - bar[:, 3:], axis=1) - program.test.length
     if not np.isfinite(deviation).all():
         raise not_finite(program.test)
     position = q[:, [model.joint(a).qposadr[0] for a in AXES]]
-    return Simulation(program.test, time, program.phi(time), program.commands(time), position, deviation)
+    return Simulation(program.test, time, program.phi(time), command, position, deviation)
 
 
 def sensor(model: mujoco.MjModel, name: str) -> slice:

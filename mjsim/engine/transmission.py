@@ -19,44 +19,46 @@ MEMORY = 3
 BLEND = 0.05 * math.pi / 180.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _share(x, direction, m, first):
-    """How much of a direction-dependent term acts (0 to 1): m = (last position, share, -)."""
+# Both helpers stand inside the loop that calls them and index the whole tables: a call and a view of a row each cost as much as the
+# arithmetic.
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _share(x, direction, memory, k, first):
+    """How much of a direction-dependent term acts (0 to 1): row ``k`` of memory is (last position, share, -)."""
     if direction == 0.0:
         return 1.0
     if first:
-        m[0], m[1] = x, 0.0
-    step = x - m[0]
-    m[0] = x
+        memory[k, 0], memory[k, 1] = x, 0.0
+    step = x - memory[k, 0]
+    memory[k, 0] = x
     toward = abs(step) / BLEND if step * direction > 0.0 else -abs(step) / BLEND
-    m[1] = min(1.0, max(0.0, m[1] + toward))
-    return m[1]
+    memory[k, 1] = min(1.0, max(0.0, memory[k, 1] + toward))
+    return memory[k, 1]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _increment(op, m, x, clock, first):
-    """What one operation adds, from its source's position ``x``; ``m`` is its memory."""
-    code = int(op[0])
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _increment(ops, memory, k, x, clock, first):
+    """What operation ``k`` adds, from its source's position ``x``."""
+    code = int(ops[k, 0])
     if code == SINE:  # amplitude, order, phase, direction
-        return op[3] * math.sin(op[4] * x + op[5]) * _share(x, op[6], m, first)
+        return ops[k, 3] * math.sin(ops[k, 4] * x + ops[k, 5]) * _share(x, ops[k, 6], memory, k, first)
     if code == PLAY:  # half width
-        y = x if first else m[0]
-        y = min(max(y, x - op[3]), x + op[3])
-        m[0] = y
+        y = x if first else memory[k, 0]
+        y = min(max(y, x - ops[k, 3]), x + ops[k, 3])
+        memory[k, 0] = y
         return y - x
     if code == BUMP:  # depth, centre, width, direction; once per turn
-        d = x - op[4]
+        d = x - ops[k, 4]
         d -= 2.0 * math.pi * math.floor(d / (2.0 * math.pi) + 0.5)
-        return -op[3] * math.exp(-0.5 * (d / op[5]) ** 2) * _share(x, op[6], m, first)
+        return -ops[k, 3] * math.exp(-0.5 * (d / ops[k, 5]) ** 2) * _share(x, ops[k, 6], memory, k, first)
     if code == POLYNOMIAL:  # quadratic, cubic, reference length
-        u = x / op[5]
-        return (op[3] + op[4] * u) * u * u
+        u = x / ops[k, 5]
+        return (ops[k, 3] + ops[k, 4] * u) * u * u
     if code == SCALE:
-        return op[3] * x
+        return ops[k, 3] * x
     if code == SETTLE:  # amplitude, time constant
-        return op[3] * (1.0 - math.exp(-clock / op[4]))
+        return ops[k, 3] * (1.0 - math.exp(-clock / ops[k, 4]))
     if code == VIBRATE:  # amplitude, angular frequency, phase
-        return op[3] * math.sin(op[4] * clock + op[5])
+        return ops[k, 3] * math.sin(ops[k, 4] * clock + ops[k, 5])
     return 0.0
 
 
@@ -77,9 +79,9 @@ def apply_ops(ops, memory, q, clock, first):
     n = ops.shape[0]
     k = 0
     while k < n:
-        end = k
-        while end < n and ops[end, STAGE] == ops[k, STAGE]:
-            memory[end, 2] = _increment(ops[end], memory[end], q[int(ops[end, 2])], clock, first)
+        stage, end = ops[k, STAGE], k
+        while end < n and ops[end, STAGE] == stage:
+            memory[end, 2] = _increment(ops, memory, end, q[int(ops[end, 2])], clock, first)
             end += 1
         for i in range(k, end):
             q[int(ops[i, 1])] += memory[i, 2]

@@ -83,7 +83,7 @@ class PitchModel:
         plant = build(calibrated(self.machine, self.held))
         p = self.problem
         self.readings = p.readings(plant)
-        self.position = [{a: np.ascontiguousarray(m.motor(a, plant.axes[a])[::GRID_STEPS]) for a in ROTARY} for m in p.motions]
+        self.position = [{a: np.ascontiguousarray(m.motor(a, plant.axes[a], GRID_STEPS)) for a in ROTARY} for m in p.motions]
         self.share = [
             {(a, w): _shares(x, BLEND, sign) for a, x in q.items() for w, sign in (("CCW", 1.0), ("CW", -1.0))} for q in self.position
         ]

@@ -199,7 +199,7 @@ class Fitter:
     def _solve(self, fit: Fit, frozen: np.ndarray, sheet_white: np.ndarray, weight: float = 1.0) -> np.ndarray:
         """Gauss-Newton step, priors counted ``weight`` times; leaves design and covariance in ``fit``."""
         p = self.problem
-        nuisance = p.whiten(p.nuisance_columns(fit.readings, fit.nuisance))
+        nuisance = p.whiten_nuisance(p.nuisance_columns(fit.readings, fit.nuisance))
         effects = p.whiten(self.effect_columns(fit)) if fit.effects else np.zeros((len(nuisance), 0))
         fit.design = np.hstack([nuisance, sheet_white, effects])
         if frozen.any():
@@ -223,4 +223,5 @@ def unabsorbed(problem: Problem, fit: Fit, parts: list[np.ndarray]) -> list[np.n
     n = len(fit.nuisance)
     design = fit.design[:, :n]
     taken = np.linalg.solve(design.T @ design + np.eye(n), design.T @ problem.whiten(parts))
-    return [d - c @ taken for d, c in zip(parts, problem.nuisance_columns(fit.readings, fit.nuisance), strict=True)]
+    columns = problem.nuisance_columns(fit.readings, fit.nuisance)
+    return [d - c @ taken[problem.layout.of(t)] for d, c, t in zip(parts, columns, problem.tests, strict=True)]

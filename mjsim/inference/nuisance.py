@@ -27,13 +27,12 @@ def fit_nuisance(problem: Problem, readings: list[np.ndarray], iterations: int =
         spread = [float(np.median(np.abs(r[s.good] - np.median(r[s.good])))) / 0.6745 for r, s in zip(rest, problem.samples, strict=True)]
         misfit = max(0.0, float(np.sqrt(np.mean(np.square(spread)))) - problem.noise.block_rms)
         A, b = np.zeros((len(x), len(x))), np.zeros(len(x))
-        for c, r, s in zip(columns, rest, problem.samples, strict=True):
-            c, r = c[s.good], r[s.good]
-            trigger = problem.layout.trigger(s.test.name)
-            c[:, trigger] -= c[:, trigger].mean()
+        for c, r, s, t in zip(columns, rest, problem.samples, problem.tests, strict=True):
+            c, r, at = c[s.good], r[s.good], problem.layout.of(t)
+            c[:, 7] -= c[:, 7].mean()  # its trigger's
             weight = 1.0 / (_CORRELATED * problem.noise.block_rms**2 + max(1.0, len(r) / _MISFIT_POINTS) * misfit**2)
-            A += weight * c.T @ c
-            b += weight * c.T @ r
+            A[np.ix_(at, at)] += weight * c.T @ c
+            b[at] += weight * c.T @ r
         step = np.linalg.solve(A + np.eye(len(x)), b - x)
         x = x + step
         if np.abs(step).max() < 1e-3:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjsim.campaign.model import Campaign
+from mjsim.campaign.model import Campaign, Test
 from mjsim.engine.plant import Plant, build
 from mjsim.engine.stability import check_stable
 from mjsim.inference.calibration import SHEET, calibrated
@@ -48,6 +48,10 @@ class NuisanceLayout:
     def trigger(self, test: str) -> int:
         return self.length + 1 + self.tests.index(test)
 
+    def of(self, test: Test) -> np.ndarray:
+        """Where the nuisances stand that reach one test's reading, (8,): its set-up's six, the length, its trigger."""
+        return np.append(self.setup(test.setup) + np.arange(6), [self.length, self.trigger(test.name)])
+
 
 def sheet_plants(machine: Machine, axes: Iterable[str]) -> dict[int, Plant]:
     """Plants with one number of some axes' data sheet moved by its standard deviation, by its place in SHEET."""
@@ -60,14 +64,16 @@ def sheet_grid(motion: TestMotion, sens: BarSensitivity, base: Plant, moved: dic
     for j, plant in moved.items():
         axis = SHEET[j].axis
         i = AXES.index(axis)
-        if np.ptp(motion.commands[:, i]):
-            change = motion.motor(axis, plant.axes[axis]) - motion.motor(axis, base.axes[axis])
-            out[j] = sens.axes[:, i] * change[::GRID_STEPS]
+        if motion.moves[i]:
+            change = motion.motor(axis, plant.axes[axis], GRID_STEPS) - motion.motor(axis, base.axes[axis], GRID_STEPS)
+            out[j] = sens.axes[:, i] * change
     return out
 
 
 class Problem:
     """Measured tests with everything that does not change while models are tried.
+
+    With ``keep_motions`` false it holds of every test's motions no more than one model needs: a fifth of the memory.
 
     Attributes:
         campaign: the campaign. samples: one entry per measured test. noise: the noise model.
@@ -78,14 +84,22 @@ class Problem:
         SimulationError: a drive of ``machine`` is unstable.
     """
 
-    def __init__(self, campaign: Campaign, machine: Machine, threads: int = 2, block: float | None = None, outliers: bool = True) -> None:
+    def __init__(
+        self,
+        campaign: Campaign,
+        machine: Machine,
+        threads: int = 2,
+        block: float | None = None,
+        outliers: bool = True,
+        keep_motions: bool = True,
+    ) -> None:
         self.campaign = campaign
         self.tests = campaign.measured
         self.samples: list[Samples] = make_samples(self.tests, campaign.traces, block)
         self.estimate_noise()
         self.layout = NuisanceLayout(tuple(dict.fromkeys(t.setup for t in self.tests)), tuple(t.name for t in self.tests))
         self._threads, self._pool = threads, ThreadPoolExecutor(threads)
-        self.motions = self.map(lambda k: TestMotion(self.tests[k]))
+        self.motions = [TestMotion(t) if keep_motions else TestMotion(t, keep=1, light=True) for t in self.tests]
         plant = build(machine)
         check_stable(plant)
         self.outliers = {t.name: 0 for t in self.tests}
@@ -148,7 +162,7 @@ class Problem:
         def place(j: int) -> np.ndarray:
             return self.motions[j].program.commands(self.samples[j].time[[jumps[j]]])[0, 3:]
 
-        moving = np.ptp(self.motions[k].commands[:, 3:], axis=0) > 0.0
+        moving = self.motions[k].moves[3:]
         return any(j != k and (moving & (np.abs(place(j) - place(k)) < SAME_PLACE)).any() for j in jumps)
 
     def map(self, work: Callable[[int], object]) -> list:
@@ -189,21 +203,32 @@ class Problem:
         return [s.mean - x for s, x in zip(self.samples, self.modelled(readings, nuisance), strict=True)]
 
     def nuisance_columns(self, readings: list[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
-        """Derivative of the modelled block means, (m, layout.size) per test, m per prior standard deviation."""
+        """Derivative of the modelled block means, (m, 8) per test, m per prior standard deviation, with respect to ``layout.of(test)``.
+
+        The others are zero: what is computed with these columns grows with the tests, not with their square.
+        """
 
         def columns(k: int) -> np.ndarray:
-            s, t, sens, shift = self.samples[k], self.tests[k], self.sensitivity[k], self.shift(k, nuisance)
-            out = np.zeros((len(s.centre), self.layout.size))
-            at = self.layout.setup(t.setup)
+            s, sens, shift = self.samples[k], self.sensitivity[k], self.shift(k, nuisance)
+            out = np.empty((len(s.centre), 8))
             for j in range(3):
-                out[:, at + j] = s.sample(sens.table[:, j], shift) * TABLE_BALL
-                out[:, at + 3 + j] = s.sample(sens.spindle[:, j], shift) * SPINDLE_BALL
-            out[:, self.layout.length] = LENGTH
+                out[:, j] = s.sample(sens.table[:, j], shift) * TABLE_BALL
+                out[:, 3 + j] = s.sample(sens.spindle[:, j], shift) * SPINDLE_BALL
+            out[:, 6] = LENGTH
             total = readings[k] + self.offsets(k, nuisance)
-            out[:, self.layout.trigger(t.name)] = -s.sample(np.gradient(total, GRID), shift) * TRIGGER
+            out[:, 7] = -s.sample(np.gradient(total, GRID), shift) * TRIGGER
             return out
 
         return self.map(columns)
+
+    def whiten_nuisance(self, columns: list[np.ndarray]) -> np.ndarray:
+        """Whitened rows (count, layout.size) of :meth:`nuisance_columns`."""
+        parts = self.map(lambda k: self.noise.whiten(self.samples[k], columns[k]))
+        out, row = np.zeros((sum(map(len, parts)), self.layout.size)), 0
+        for t, part in zip(self.tests, parts, strict=True):
+            out[row : row + len(part), self.layout.of(t)] = part
+            row += len(part)
+        return out
 
     def difference(self, base: list[np.ndarray], other: list[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
         """``other - base`` as block means at the triggers of ``nuisance``, m."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -62,7 +63,8 @@ class SignatureBank:
 
     def __init__(self, problem: Problem, fit: Fit) -> None:
         self.problem, self.fit = problem, fit
-        self.plant = build(fit.machine)
+        self._machine = fit.machine
+        self.plant = build(self._machine)
         self.loads = problem.map(lambda k: np.ascontiguousarray(problem.motions[k].load(self.plant, GRID_STEPS)))
         self.base_readings = problem.readings(self.plant)
         self.candidates: list[Candidate] = []
@@ -71,29 +73,23 @@ class SignatureBank:
 
     def compute(self, candidates: list[Candidate], done: Callable[[], None] | None = None) -> None:
         """Compute and keep the whitened columns of all candidates."""
-        parts, at = [], 0
-        for c in candidates:
-            parts.append(self.problem.whiten(self.columns(c)))
-            self.slices.append(slice(at, at + parts[-1].shape[1]))
-            at += parts[-1].shape[1]
+        widths = [self._moves(c)[1].shape[0] for c in candidates]
+        ends = np.cumsum([0, *widths])
+        self.slices = [slice(int(a), int(b)) for a, b in pairwise(ends)]
+        self.matrix = np.empty((self.problem.count, int(ends[-1])))
+        for c, s in zip(candidates, self.slices, strict=True):
+            self.matrix[:, s] = self.problem.whiten(self.columns(c))
             if done:
                 done()
-        self.matrix = np.hstack(parts)
         self.candidates = list(candidates)
         self.own = [self.matrix[:, s].T @ self.matrix[:, s] for s in self.slices]
 
     def columns(self, c: Candidate) -> list[np.ndarray]:
         """Block-mean signatures per test, (m, k), m per typical size."""
+        present, moves = self._moves(c)
         free = FreeEffect(c.effect, c.names)
-        present = any(e.key == c.effect.key for e in self.fit.machine.effects)
         v = free.vector
-        if present:
-            origin, moves = c.effect, np.eye(len(v)) * _SMALL
-        else:
-            origin = None
-            # only entries that the reading is linear in: the leading size (and its quadrature); shapes come with the refit
-            moves = np.eye(len(v))[free.linear] * _SMALL
-        stateless = origin is None and self._stateless(c.effect)
+        stateless = not present and self._stateless(c.effect)
         changes_of = self.position_changes if stateless else self._reading_changes if c.effect.quasi_static else self._motor_changes
         out: list[list[np.ndarray]] = [[] for _ in self.problem.tests]
         for move in moves:
@@ -103,6 +99,17 @@ class SignatureBank:
             for k, d in enumerate(changes_of(effect)):
                 out[k].append(d / size)
         return [np.column_stack(x) for x in out]
+
+    def _moves(self, c: Candidate) -> tuple[bool, np.ndarray]:
+        """Whether the model has the effect, and the small moves of its vector, one a row, that give its columns.
+
+        Where the model lacks it, only entries count that the reading is linear in: the leading size (and its quadrature); shapes come
+        with the refit.
+        """
+        free = FreeEffect(c.effect, c.names)
+        present = any(e.key == c.effect.key for e in self._machine.effects)
+        every = np.eye(len(free.vector)) * _SMALL
+        return present, every if present else every[free.linear]
 
     @staticmethod
     def _alone(free: FreeEffect, v: np.ndarray, move: np.ndarray) -> np.ndarray:
@@ -140,9 +147,9 @@ class SignatureBank:
 
         def one(k: int) -> np.ndarray:
             s, motion = p.samples[k], p.motions[k]
-            if not np.ptp(motion.commands[:, i]):
+            if not motion.moves[i]:
                 return np.zeros(len(s.centre))
-            change = (motion.motor(axis, drive) - motion.motor(axis, self.plant.axes[axis]))[::GRID_STEPS]
+            change = motion.motor(axis, drive, GRID_STEPS) - motion.motor(axis, self.plant.axes[axis], GRID_STEPS)
             return s.sample(p.sensitivity[k].axes[:, i] * change, p.shift(k, self.fit.nuisance))
 
         return p.map(one)

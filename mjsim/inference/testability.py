@@ -41,6 +41,6 @@ def _shows(problem: Problem, effect_id: str) -> bool:
     cls, subject = registry.effect_class(effect_id)
     i = AXES.index(subject)
     return any(
-        np.abs(s.axes[:, i]).max() > _SEEN[subject in ROTARY] and (cls.kind == "vibration" or np.ptp(m.commands[:, i]) > 0.0)
+        np.abs(s.axes[:, i]).max() > _SEEN[subject in ROTARY] and (cls.kind == "vibration" or m.moves[i])
         for s, m in zip(problem.sensitivity, problem.motions, strict=True)
     )

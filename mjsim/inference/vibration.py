@@ -11,8 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.ndimage import median_filter
-from scipy.optimize import minimize_scalar
-from scipy.stats import gamma
+from scipy.special import gammaincc
 
 from mjsim.effects.base import Effect
 from mjsim.effects.vibration import Vibration
@@ -234,7 +233,7 @@ def _strongest(records: list[_Record]) -> tuple[float, float]:
             continue
         total = np.where(band, total, 0.0)
         at = int(np.argmax(total))
-        chance = float(gamma.sf(total[at], tests) * band.sum() * len(LINEAR))
+        chance = float(gammaincc(tests, total[at]) * band.sum() * len(LINEAR))
         if chance < best[1]:
             best = (float(f[at]), chance)
     return best
@@ -283,6 +282,8 @@ def _line(records: list[_Record], frequency: float) -> Line | None:
 
 def _refined(records: list[_Record], frequency: float, i: int) -> tuple[float, float, float, float]:
     """Best frequency nearby for one axis, with :func:`_common` there."""
+    from scipy.optimize import minimize_scalar  # takes longer to load than a test to simulate, and most campaigns have no line
+
     width = 1.0 / max(r.time[-1] - r.time[0] for r in records)
     near = frequency + np.arange(-_AROUND, _AROUND + 0.01, 0.125) * width
     coarse = float(near[int(np.argmax([_common(records, f, i)[0] for f in near]))])

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import root_scalar
 
 from mjsim.campaign.model import Test
 from mjsim.errors import InputError
@@ -85,6 +84,8 @@ class Followed:
 
     def time_of(self, phi: float) -> float:
         """Program time (s) at which φ (rad) is reached; its start or end where φ lies beyond."""
+        from scipy.optimize import root_scalar  # takes longer to load than all else here
+
         first, last = self.knots[[0, -1]]
         if (phi - first) * (last - first) <= 0.0:
             return 0.0

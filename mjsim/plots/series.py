@@ -45,13 +45,10 @@ def thinned(
     stretch = int(angle_deg.size / (turns * per_turn) * 2.0)
     if stretch < 3:
         return angle_deg, value
-    keep: list[int] = []
-    for begin in range(0, angle_deg.size, stretch):
-        index = np.arange(begin, min(begin + stretch, angle_deg.size))
-        good = index[finite[index]]
-        kept = set(index[~finite[index]].tolist())
-        if good.size:
-            kept |= {int(good[np.argmin(value[good])]), int(good[np.argmax(value[good])])}
-        keep.extend(sorted(kept))
-    keep = sorted({0, angle_deg.size - 1, *keep})
+    whole = -(-angle_deg.size // stretch) * stretch - angle_deg.size
+    keep = ~finite
+    keep[[0, -1]] = True
+    for blank, farthest in ((np.inf, np.argmin), (-np.inf, np.argmax)):
+        table = np.pad(np.where(finite, value, blank), (0, whole), constant_values=blank).reshape(-1, stretch)
+        keep[farthest(table, axis=1) + np.arange(len(table)) * stretch] = True
     return angle_deg[keep], value[keep]

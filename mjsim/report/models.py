@@ -10,7 +10,7 @@ from mjsim.campaign.model import Test
 from mjsim.compare import Comparison, Progress, overlay, silent
 from mjsim.diagnose import Diagnosis
 from mjsim.engine.plant import build
-from mjsim.engine.simulate import Simulation, simulate
+from mjsim.engine.simulate import Reading, Simulation, reading_of, simulate_each
 from mjsim.inference.fit import with_effects
 from mjsim.inference.nuisance import fit_nuisance
 from mjsim.inference.problem import Problem
@@ -51,7 +51,7 @@ def rigid(test: Test) -> Simulation:
     return Simulation(test, time, program.phi(time), command, command, deviation)
 
 
-def run(problem: Problem, machine: Machine, stage: str, threads: int = 2, progress: Progress = silent) -> list[Simulation]:
+def run(problem: Problem, machine: Machine, stage: str, threads: int = 2, progress: Progress = silent) -> list[Reading]:
     """All tests in the multibody model, with progress."""
     count = [0]
 
@@ -59,7 +59,7 @@ def run(problem: Problem, machine: Machine, stage: str, threads: int = 2, progre
         count[0] += 1
         progress(stage, count[0], len(problem.tests))
 
-    return simulate(machine, problem.tests, threads, done)
+    return simulate_each(machine, problem.tests, reading_of, threads, done)
 
 
 def basis(problem: Problem, given: Comparison, threads: int = 2, progress: Progress = silent) -> list[Model]:
