@@ -138,3 +138,18 @@ def test_shipped_machines_are_stable(machine):
 def test_stable_commands_still_run(campaign):
     assert run("compare", campaign, "--quiet").exit_code == 0
     assert not os.listdir()
+
+
+def test_friction_too_stiff_to_be_simulated(campaign):
+    """Bristles so stiff that thousands of sub-steps would be needed are refused with the length that is enough; that one runs."""
+    text = (campaign / "machine.toml").read_text()
+    head, mine = text.split('id = "friction.A"')
+    stiff = head.replace("inertia_kgm2 = 0.0042", "inertia_kgm2 = 1e-6")
+    for length in ("1e-5", "4.1e-5"):
+        mine = re.sub(r"coulomb_Nm = \S+\npresliding_rad = \S+", f"coulomb_Nm = 1.6\npresliding_rad = {length}", mine, count=1)
+        (campaign / "machine.toml").write_text(f'{stiff}id = "friction.A"{mine}')
+        args = ["simulate", campaign, "--out", campaign / "out", "--test", "turn", "--no-plots"]
+        if length == "1e-5":
+            refused(campaign.parent, args, "drive A: friction", "presliding_rad = 1e-05", "allowed with these: presliding_rad above 4e-05")
+        else:
+            assert run(*args).exit_code == 0
