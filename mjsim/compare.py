@@ -102,6 +102,7 @@ class Comparison:
                     "max_um": _r(t.maximum / UM),
                     "samples": len(t.valid),
                     "samples_left_out": int((~t.valid).sum()),
+                    "samples_saturated": self.campaign.traces[t.test.name].saturated if t.test.name in self.campaign.traces else 0,
                     "outliers": t.outliers,
                     "worst_phi_deg": _r(t.worst_phi / DEG, 1),
                     "worst_plot_angle_deg": _r((t.worst_phi / DEG + (0 if t.test.kind == "rotary" else 180)) % 360, 1),

@@ -97,9 +97,14 @@ class Diagnosis:
             "unexplained": self.unexplained.to_json() if self.unexplained else None,
             "not_testable": list(self.not_testable),
             "left_out": [
-                {"test": t.test.name, "disturbances": t.outliers, "samples": int((~t.valid).sum())}
-                for t in self.before.tests
-                if (~t.valid).any()
+                {
+                    "test": row["name"],
+                    "disturbances": row["outliers"],
+                    "samples": row["samples_left_out"],
+                    "saturated": row["samples_saturated"],
+                }
+                for row in self.before.to_json()["tests"]
+                if row["samples_left_out"]
             ],
             "next_test": self.next_test,
         }

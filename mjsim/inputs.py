@@ -31,6 +31,8 @@ def file_bytes(path: Path, largest: int, hint: str, what: str = "no such file", 
             raise InputError(f"{path}: {_megabytes(status.st_size)}; {hint}")
         with open(path, "rb") as file:
             data = file.read(largest + 1 if head is None else head)
+    except InputError:
+        raise
     except (FileNotFoundError, NotADirectoryError):
         raise InputError(f"{path}: {what}") from None
     except OSError as error:

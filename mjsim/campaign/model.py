@@ -54,7 +54,7 @@ class Test:
 class Trace:
     """A recorded trace: ``time`` (n,) s from the program's start, ``deviation`` (n,) m, ``valid`` (n,) bool.
 
-    ``saturated`` is the number of samples inside the sensor's range that are not valid because the sensor stood at a stop.
+    ``saturated`` is the number of samples that are not valid because the sensor stood at its stop, or beyond its range.
     """
 
     time: np.ndarray

@@ -46,7 +46,7 @@ class Table(BaseModel):
 
 class InstrumentTable(Table):
     kind: Literal["ball_bar"] = "ball_bar"
-    resolution_um: Annotated[float, Field(gt=0, le=1000)] = 0.1
+    resolution_um: Annotated[float, Field(ge=1e-4, le=1000)] = 0.1
     range_mm: Annotated[float, Field(ge=0.001, le=100)] = 1.0
     sample_rate_Hz: Annotated[float, Field(ge=0.1, le=1e6)] = 200.0
 

@@ -54,7 +54,7 @@ def read_trace(path: Path, instrument: Instrument) -> Trace:
             f"{path}: only {int(inside.sum())} of {len(valid)} samples are inside the sensor's range of ±{instrument.range * 1e3:g} mm{at}"
         )
     reading = np.clip(np.nan_to_num(deviation), -2 * instrument.range, 2 * instrument.range)
-    return Trace(time, reading, valid, int((inside & held).sum()))
+    return Trace(time, reading, valid, int((np.isfinite(deviation) & ~valid).sum()))
 
 
 def _columns(path: Path, lines: list[str]) -> tuple[np.ndarray, np.ndarray]:

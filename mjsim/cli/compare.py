@@ -73,7 +73,14 @@ def show(data: dict) -> None:
             [t["name"], f"{t['rms_um']:.3f}", f"{t['max_um']:.2f}", *g, f"{angle:.0f}°", "–" if reverses == t["worst_event"] else reverses]
         )
     common.table(["test", "RMS µm", "max µm", "G meas.", "G sim.", "worst at", "reverses"], rows)
-    click.echo(f"\nresidual RMS {data['rms_um']:.3f} µm, noise {data['noise_um']:.3f} µm: ratio {data['rms_um'] / data['noise_um']:.2f}")
+    ratio = f"{data['rms_um'] / data['noise_um']:.2f}" if data["noise_um"] else "–"
+    click.echo(f"\nresidual RMS {data['rms_um']:.3f} µm, noise {data['noise_um']:.3f} µm: ratio {ratio}")
+    for t in data["tests"]:
+        if t["samples_saturated"]:
+            common.paragraph(
+                f"{t['name']}: the sensor stood at its stop, or beyond its range, in {t['samples_saturated']} of {t['samples']} samples; "
+                "they are left out, so that the largest errors of this test are not known"
+            )
     common.paragraph(
         f"RMS and max: measured less simulated; G: circular error (ISO 230-4), µm. Worst: plot angle φ + 180° (rotary tests: axis "
         f"angle), and the axis that reverses there. Noise: {data['noise_source']}."

@@ -124,7 +124,8 @@ def show(data: dict) -> None:
         )
     if data["left_out"]:
         click.echo()
-        parts = [f"{r['test']} ({r['disturbances'] or 'no'} knocks, {r['samples']} samples)" for r in data["left_out"]]
+        stops = {r["test"]: f", {r['saturated']} at the sensor's stop" if r["saturated"] else "" for r in data["left_out"]}
+        parts = [f"{r['test']} ({r['disturbances'] or 'no'} knocks, {r['samples']} samples{stops[r['test']]})" for r in data["left_out"]]
         common.paragraph(f"left out as disturbed or missing: {', '.join(parts)}")
     if data["not_testable"]:
         click.echo()

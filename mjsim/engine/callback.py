@@ -181,15 +181,12 @@ def uninstall() -> None:
 def installed() -> Iterator[None]:
     """The callback is MuJoCo's control callback inside.
 
-    It is one per process: the first of several users puts it in, the last takes it out. MuJoCo's warnings are counted in its data and
-    become one sentence there; as they are, they would stand on stderr and in a file MUJOCO_LOG.TXT in the user's folder.
+    It is one per process: the first of several users puts it in, the last takes it out.
     """
     with _CHANGE:
         _users.append(None)
         if len(_users) == 1:
             install()
-            if mujoco.get_mju_user_warning() is None:
-                mujoco.set_mju_user_warning(_unheard)
     try:
         yield
     finally:
@@ -197,12 +194,16 @@ def installed() -> Iterator[None]:
             _users.pop()
             if not _users:
                 uninstall()
-                if mujoco.get_mju_user_warning() is _unheard:
-                    mujoco.set_mju_user_warning(None)
 
 
 def _unheard(message: str) -> None:
-    """A warning of MuJoCo's that is counted already."""
+    """A warning of MuJoCo's."""
+
+
+# MuJoCo counts warnings in its data, where they become one sentence; as they are, they would stand on stderr and in a file MUJOCO_LOG.TXT
+# in the folder that the user happens to be in.
+if mujoco.get_mju_user_warning() is None:
+    mujoco.set_mju_user_warning(_unheard)
 
 
 _CHANGE, _users = threading.Lock(), []
