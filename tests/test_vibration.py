@@ -55,6 +55,17 @@ def test_a_planted_vibration_is_found(healthy, axis, amplitude, frequency):
         assert np.abs(shift).max() < 2 * np.pi * frequency * 0.05 + 0.2
 
 
+def test_traces_of_different_rates_are_searched_together(healthy):
+    """Two tests recorded at half the third one's rate: the spectra are laid over each other at the same frequencies."""
+    machine = read_machine(healthy.machine_file)
+    campaign = shaken(healthy, machine, "X", 0.3e-6, 31.3)
+    coarse = {n: replace(t, time=t.time[::2], deviation=t.deviation[::2], valid=t.valid[::2]) for n, t in campaign.traces.items()}
+    mixed = replace(campaign, traces={**coarse, TESTS[2]: campaign.traces[TESTS[2]]})
+    (line,) = separate(Problem(mixed, machine), machine)[1]
+    assert line.effect.id == "vibration.X"
+    assert line.effect.values["frequency_Hz"] == pytest.approx(31.3, abs=0.005)
+
+
 def test_a_healthy_machine_does_not_vibrate(healthy):
     machine = read_machine(healthy.machine_file)
     assert separate(Problem(healthy, machine), machine)[1] == []

@@ -227,7 +227,9 @@ def _strongest(records: list[_Record]) -> tuple[float, float]:
                 continue
             mine = f if r.rate == rate else np.fft.rfftfreq(size, 1.0 / r.rate)
             power = np.abs(np.fft.rfft(r.x * r.weight[:, i], size)) ** 2 / (r.noise_at(mine) * own)
-            total += power if mine is f else np.interp(f, mine, power, right=0.0)  # traces of one campaign may differ in their rate
+            if mine is not f:  # traces of one campaign may differ in their rate
+                power = np.interp(f, mine, np.where(mine < HIGHEST * r.rate, power, 0.0), right=0.0)
+            total += power
             tests += 1
         if not tests:
             continue
