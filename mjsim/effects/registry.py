@@ -14,10 +14,11 @@ from mjsim.effects import guard
 from mjsim.effects.base import Effect
 from mjsim.effects.hooks import check_class, guard_class
 from mjsim.errors import InputError
+from mjsim.inputs import is_file
 
 _E = TypeVar("_E", bound=Effect)
 _REGISTRY: dict[str, type[Effect]] = {}
-_NOT_EFFECTS = {"base", "confine", "guard", "hooks", "motion", "registry"}
+_NOT_EFFECTS = {"base", "confine", "guard", "hooks", "motion", "registry", "results"}
 
 
 def register(cls: type[_E]) -> type[_E]:
@@ -66,7 +67,7 @@ def load_file(path: Path) -> type[Effect]:
         InputError: the file cannot be read or run, or does not register exactly one effect.
     """
     _load_installed()
-    if path.suffix != ".py" or not path.is_file():
+    if path.suffix != ".py" or not is_file(path):
         raise InputError(f"effect file {path}: no such file; allowed: the path of a Python file (.py) that registers one effect")
     before = dict(_REGISTRY)
     module = ModuleType(f"mjsim_user_{path.stem}")
