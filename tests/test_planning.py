@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 from click.testing import CliRunner
 
+import mjsim
 from mjsim.campaign.files import read_campaign, test_table
 from mjsim.cli.main import main
 from mjsim.effects.registry import make
@@ -97,6 +98,15 @@ def test_unknown_or_equal_effects_are_refused():
     for pair, said in cases:
         result = CliRunner().invoke(main, ["plan", str(examples() / "healthy"), "--between", *pair])
         assert result.exit_code == 1 and said in result.stderr and not result.stdout
+
+
+def test_nothing_may_be_named_first(monkeypatch, circle):
+    """Without traces as with them: the plan makes the effect show."""
+    made = Separation(circle("XY", (0, 0, 155)), 10 * ENOUGH, 1e-6)
+    monkeypatch.setattr("mjsim.planning.following.choose", lambda separator, tests, threads, progress: [made])
+    campaign = replace(read_campaign(examples() / "healthy", traces=False), traces={})
+    plan = mjsim.plan(campaign, mjsim.read_machine(campaign.machine_file), between=("nothing", "squareness.XY"))
+    assert plan.between == ("squareness.XY", "nothing") and "makes squareness.XY show" in plan.reason
 
 
 def test_the_planned_test_decides(tmp_path):
