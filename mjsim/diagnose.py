@@ -18,12 +18,13 @@ from mjsim.engine.simulate import reading_of, simulate_each
 from mjsim.errors import InputError
 from mjsim.inference.criteria import VISIBLE
 from mjsim.inference.fit import Fitter, unabsorbed, with_effects
+from mjsim.inference.lines import Line
 from mjsim.inference.problem import Problem
 from mjsim.inference.search import Search, Searcher
 from mjsim.inference.signatures import Projector
 from mjsim.inference.testability import not_testable
 from mjsim.inference.unknown import Unexplained, look_for_unknown
-from mjsim.inference.vibration import Line, is_news, phased, put_back, separate
+from mjsim.inference.vibration import is_news, phased, put_back, separate
 from mjsim.kinematics import AXES
 from mjsim.machine.model import Machine
 from mjsim.planning.following import plan_for

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from mjsim.identification.curve import Curve
-from mjsim.identification.result import Alternation
+from mjsim.identification.parts import Alternation
 from mjsim.identification.spectrum import amplitude
 from mjsim.units import DEG
 

@@ -8,90 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mjsim.effects.base import Effect
+from mjsim.identification.parts import Alternation, Component, LocalFault
 
 if TYPE_CHECKING:
     import pandas as pd
 
 #: Usual trigger shift, one standard deviation, s (measurement chain).
 _TRIGGER_S = 0.020
-
-
-@dataclass(frozen=True)
-class Component:
-    """One component ``amplitude sin(order x + phase)``, x the actual axis position; amplitudes and phases in degrees.
-
-    Attributes:
-        order: peaks per turn; a whole number where the data allow only one (``order_known``).
-        ci95: name -> (low, high) of ``amplitude_deg`` and ``phase_deg``, and of ``order`` where it is not known; they contain
-        trigger, set-up and data sheet. phase_fixed_trigger_deg: half width of the phase's interval were the trigger known.
-        multiple_of_teeth: whether the order is a multiple of the tooth number.
-        merged: orders of further waves that this one cannot be separated from on the arc measured; then its numbers are those of the
-        fit with all of them and no statement about one cause.
-    """
-
-    order: float
-    amplitude_deg: float
-    phase_deg: float
-    ci95: dict[str, tuple[float, float]]
-    order_known: bool
-    phase_fixed_trigger_deg: float
-    multiple_of_teeth: bool
-    merged: tuple[float, ...] = ()
-
-    @property
-    def separable(self) -> bool:
-        return not self.merged
-
-    @property
-    def phase_half_width_deg(self) -> float:
-        low, high = self.ci95["phase_deg"]
-        return 0.5 * (high - low)
-
-    def to_json(self) -> dict:
-        out = {
-            "order": round(self.order, 4),
-            "amplitude_deg": float(f"{self.amplitude_deg:.5g}"),
-            "phase_deg": round(self.phase_deg, 2),
-            "ci95": {k: [float(f"{x:.5g}") for x in v] for k, v in self.ci95.items()},
-            "order_known": self.order_known,
-            "phase_half_width_with_known_trigger_deg": round(self.phase_fixed_trigger_deg, 2),
-            "multiple_of_teeth": self.multiple_of_teeth,
-            "separable": self.separable,
-        }
-        if self.merged:
-            out["not_separable_from"] = [round(n, 2) for n in self.merged]
-        return out
-
-
-@dataclass(frozen=True)
-class Alternation:
-    """One component by the paper's alternating scheme: see :mod:`mjsim.identification.alternating`."""
-
-    order: float
-    amplitude_deg: float
-    phase_deg: float
-    rounds: int
-
-    def to_json(self) -> dict:
-        return {
-            "order": round(self.order, 4),
-            "amplitude_deg": float(f"{self.amplitude_deg:.5g}"),
-            "phase_deg": round(self.phase_deg, 2),
-            "rounds": self.rounds,
-        }
-
-
-@dataclass(frozen=True)
-class LocalFault:
-    """A fault of one place that was taken out: ``height exp(-((x - centre)/width)²/2)``, degrees.
-
-    ``at_reversal``: it stands where a linear axis turns back, a glitch that the machine file does not explain.
-    """
-
-    centre_deg: float
-    width_deg: float
-    height_deg: float
-    at_reversal: bool
 
 
 @dataclass(frozen=True)
@@ -143,12 +66,12 @@ class DirectionIdentification:
     @property
     def phase_limited_by_trigger(self) -> bool:
         """Whether some phase is known to no better than 3°, and would be to half its uncertainty were the trigger known."""
-        return any(_limited(c) for c in self.components)
+        return any(c.limited_by_trigger for c in self.components)
 
     @property
     def advice(self) -> str | None:
         """What to measure where the trigger limits the phases: one sentence."""
-        limited = [c for c in self.components if _limited(c)]
+        limited = [c for c in self.components if c.limited_by_trigger]
         if not limited:
             return None
         worst = max(c.phase_half_width_deg for c in limited)
@@ -216,10 +139,6 @@ class DirectionIdentification:
             "phase_limited_by_trigger": self.phase_limited_by_trigger,
             "advice": self.advice,
         }
-
-
-def _limited(c: Component) -> bool:
-    return c.phase_half_width_deg > 3.0 and c.phase_fixed_trigger_deg < 0.5 * c.phase_half_width_deg
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ from mjsim.identification import joint
 from mjsim.identification.alternating import alternate
 from mjsim.identification.curve import components_of, curve, terms_of
 from mjsim.identification.model import PitchModel, State
-from mjsim.identification.result import Component, DirectionIdentification, LocalFault
+from mjsim.identification.parts import Component, LocalFault
+from mjsim.identification.result import DirectionIdentification
 from mjsim.identification.spectrum import spectrum
 from mjsim.identification.terms import UNIT, Fault, Wave
 from mjsim.identification.ways import Way
