@@ -17,7 +17,7 @@ from mjsim.inputs import file_bytes, shown
 T = TypeVar("T", bound=BaseModel)
 _LARGEST = 5_000_000
 #: A key of so many parts (a.b.c …), for which the parser takes a time that grows with its square.
-_LONG_KEY = re.compile(r"""(?<![\w"'.-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}""", re.ASCII)
+_LONG_KEY = re.compile(r"""(?:^|[\[{,])[ \t]*+(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}""", re.ASCII | re.MULTILINE)
 
 
 def read_text(path: Path) -> str:

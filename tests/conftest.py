@@ -1,5 +1,6 @@
 """Shared fixtures: the two example machines, the paper's tests, the numbers that the paper prints."""
 
+import os
 import shutil
 import tomllib
 from importlib.resources import files
@@ -21,6 +22,7 @@ from mjsim.nc.program import Program
 from mjsim.resources import examples
 
 hypothesis.settings.load_profile("mjsim")
+os.environ.setdefault("MJSIM_TRACEBACK", "1")  # a fault of mjsim's own is shown as it is
 DEG = np.pi / 180.0
 #: Machine name -> the example campaign that brings it.
 MACHINES = {"M1": "hidden-backlash", "M2": "two-candidates"}

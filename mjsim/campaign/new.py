@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import secrets
 import shutil
-import tempfile
 from pathlib import Path
 
 from mjsim.errors import InputError
@@ -49,20 +50,31 @@ def new_campaign(folder: str | Path, name: str | None = None) -> list[Path]:
 def _build(folder: Path, name: str) -> None:
     """Write the files beside the folder and move them into its place."""
     target = Path(os.path.realpath(folder))
-    target.parent.mkdir(parents=True, exist_ok=True)
-    stage = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
+    above = [p for p in target.parents if not os.path.lexists(p)]
+    stage = target.parent / f".{target.name[:80]}.{secrets.token_hex(6)}"
+    moved: list[Path] = []
+    done = False
     try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        stage.mkdir()
         for source, place in _FILES.items():
             text = (_TEMPLATE / source).read_text(encoding="utf-8").replace('"@NAME@"', json.dumps(name, ensure_ascii=False))
             (stage / place).parent.mkdir(exist_ok=True)
             (stage / place).write_text(text, encoding="utf-8")
         if target.is_dir():  # somebody may be working in it: it stays the same folder
             for item in list(stage.iterdir()):
-                os.rename(item, target / item.name)
+                moved.append(target / item.name)
+                os.rename(item, moved[-1])
         else:
             mask = os.umask(0)
             os.umask(mask)
             stage.chmod(0o777 & ~mask)
             os.rename(stage, target)
+        done = True
     finally:
         shutil.rmtree(stage, ignore_errors=True)
+        for p in () if done else moved:
+            shutil.rmtree(p) if p.is_dir() else p.unlink(missing_ok=True)
+        for p in () if done else above:
+            with contextlib.suppress(OSError):
+                p.rmdir()

@@ -115,6 +115,8 @@ def import_traces(
         time, deviation, placed = place(source, recording, entry.test, o)
         trace = into.checked_trace(source, entry.test, time, deviation, instrument)
         notes = (*table.notes, *recording.notes, *placed, "a shorter bar is positive in the file: signs turned" if o.inward else "")
+        if trace.saturated:
+            notes = (*notes, f"{trace.saturated} samples of a sensor at its stop, or beyond its range: they count as missing")
         asked = questions(entry.test, trace, recording.unit, _machine(file, text) if check else None)
         contents[entry.file] = into.trace_bytes(entry.file, time, deviation)
         kept = (source, entry.file, entry.test, entry.added, trace, recording.unit, tuple(n for n in notes if n), tuple(asked))

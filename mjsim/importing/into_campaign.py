@@ -16,6 +16,7 @@ from tomlkit.items import AoT
 from mjsim.campaign.files import campaign_from, check_span
 from mjsim.campaign.model import Campaign, Instrument, Test, Trace
 from mjsim.campaign.schema import NEEDED
+from mjsim.campaign.traces import saturated
 from mjsim.errors import InputError
 from mjsim.files import check_writable, write_all
 from mjsim.importing.names import OPTION
@@ -145,13 +146,14 @@ def checked_trace(source: Path, test: Test, time: np.ndarray, deviation: np.ndar
     """
     if len(time) < 50:
         raise InputError(f"{source}: {len(time)} samples in the measured part; allowed: at least 50")
-    valid = np.isfinite(deviation) & (np.abs(np.nan_to_num(deviation)) < instrument.range * (1 - 1e-9))
-    if valid.sum() < max(50, 0.5 * np.isfinite(deviation).sum()):
+    known = np.isfinite(deviation)
+    valid = known & (np.abs(np.nan_to_num(deviation)) < instrument.range * (1 - 1e-9)) & ~saturated(deviation)
+    if valid.sum() < max(50, 0.5 * known.sum()):
         raise InputError(
             f"{source}: only {int(valid.sum())} of {len(valid)} samples are inside the sensor's range of ±{instrument.range * 1e3:g} mm "
             f"(median {np.nanmedian(deviation) / UM:.6g} µm); check --deviation-unit, and --absolute where the column holds lengths"
         )
-    trace = Trace(time, np.nan_to_num(deviation), valid)
+    trace = Trace(time, np.nan_to_num(deviation), valid, int((known & ~valid).sum()))
     check_span(source, test, trace)
     return trace
 
