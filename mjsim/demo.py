@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import secrets
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,9 +41,18 @@ def prepare(out: Path) -> Path:
     if out.exists():
         if not marker.is_file() and any(out.iterdir() if out.is_dir() else [out]):
             raise InputError(f"{out}: exists already and was not made by mjsim demo; name another folder with --out")
-        shutil.rmtree(out)
-    shutil.copytree(examples() / EXAMPLE, out, ignore=shutil.ignore_patterns("heldout"))
-    marker.write_text("made by mjsim demo; it may be replaced by the next one\n")
+    target = Path(os.path.realpath(out))
+    stage = target.with_name(f".{target.name[:80]}.{secrets.token_hex(6)}")
+    try:
+        shutil.copytree(examples() / EXAMPLE, stage, ignore=shutil.ignore_patterns("heldout"))
+        (stage / marker.name).write_text("made by mjsim demo; it may be replaced by the next one\n")
+        if target.exists():
+            shutil.rmtree(target)
+        stage.rename(target)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written: {error.strerror or error}") from None
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
     return out
 
 

@@ -84,8 +84,13 @@ def together() -> Iterator[list[_Neighbour]]:
         raise
     finally:
         _STAGED.reset(token)
-    for one in staged:
-        one.forget()
+    try:
+        for one in staged:
+            one.forget()
+    except BaseException:  # everything is in its place: an interrupt ends the tidying up a little later
+        for one in staged:
+            one.forget()
+        raise
 
 
 @contextmanager
