@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import os
@@ -37,7 +38,7 @@ def options(command: Callable) -> Callable:
 
         last_resort.wanted()
         for stream in (sys.stdout, sys.stderr):  # a terminal that has no µ, a folder's name that is no text
-            if hasattr(stream, "reconfigure"):
+            if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="replace")
         try:
             with _terminable():

@@ -22,6 +22,7 @@ from mjsim.inference.vibration import phased
 from mjsim.kinematics import AXES
 from mjsim.machine.model import Machine
 from mjsim.measure.iso230 import least_squares_circle
+from mjsim.motion import time_grid
 from mjsim.nc.program import Program
 from mjsim.report.content import RepairRow, WhatIf
 from mjsim.report.models import SIMULATION, run
@@ -186,7 +187,8 @@ def _of_drives(problem: Problem, machine: Machine) -> _Errors:
 
 
 def _of_simulation(problem: Problem, machine: Machine, threads: int, progress: Progress) -> _Errors:
-    return _errors(problem.tests, [(s.time, s.deviation) for s in run(problem, machine, "simulating repairs", threads, progress)])
+    readings = run(problem, machine, "simulating repairs", threads, progress)
+    return _errors(problem.tests, [(time_grid(Program(r.test)), r.deviation) for r in readings])
 
 
 def _errors(tests: tuple[Test, ...], readings: list[tuple[np.ndarray, np.ndarray]]) -> _Errors:

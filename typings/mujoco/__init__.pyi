@@ -60,6 +60,9 @@ class mjtVisFlag(_Enum):
 
 class mjtWarning(_Enum): ...
 
+class MjOption:
+    gravity: np.ndarray
+
 class _View:
     """Numbers of one element; writing into an array writes into the model."""
 
@@ -83,13 +86,16 @@ class _Sensor(_View):
     adr: np.ndarray
 
 class MjModel:
+    opt: MjOption
     nq: int
     nv: int
     nu: int
     nsensordata: int
     actuator_gainprm: np.ndarray
     actuator_biasprm: np.ndarray
+    body_gravcomp: np.ndarray
     body_mass: np.ndarray
+    body_weldid: np.ndarray
     body_inertia: np.ndarray
     dof_armature: np.ndarray
     jnt_range: np.ndarray
@@ -138,16 +144,22 @@ class _SpecBody:
 class _SpecCamera:
     name: str
 
+class _SpecCompiler:
+    discardvisual: bool
+
 class _SpecOption:
     timestep: float
     disableflags: int
 
 class MjSpec:
     option: _SpecOption
+    compiler: _SpecCompiler
     #: ``visual.global_``, ``visual.quality``, ...
     visual: Any
     nuserdata: int
     cameras: Sequence[_SpecCamera]
+    lights: Sequence[object]
+    tendons: Sequence[object]
     @staticmethod
     def from_file(filename: str) -> MjSpec: ...
     def add_actuator(self, *, name: str, target: str, trntype: mjtTrn) -> object: ...
