@@ -15,6 +15,10 @@ from pathlib import Path
 from mjsim.errors import InputError
 
 
+#: Folders in one another; Python makes them by recursion.
+_DEEPEST = 200
+
+
 def check_writable(path: Path, force: bool = False) -> None:
     """Say before the work that :func:`write_whole` would refuse ``path``; writes nothing.
 
@@ -115,6 +119,8 @@ def whole(path: Path, force: bool = False) -> Iterator[Path]:
 
 def _check_free(path: Path, force: bool) -> None:
     """Refuse a place that is taken, or that no file can have."""
+    if len(Path(path).parts) > _DEEPEST:
+        raise InputError(f"{path}: cannot be written: {len(Path(path).parts)} folders in one another; allowed: up to {_DEEPEST}")
     try:
         mode = os.stat(path).st_mode
     except (FileNotFoundError, NotADirectoryError):

@@ -147,6 +147,15 @@ def test_only_regular_files_are_replaced(tmp_path):
     assert places["a FIFO"].is_fifo()
 
 
+def test_folders_without_end(tmp_path):
+    """A thousand folders in one another fit into a path, and not into the recursion that makes them."""
+    deep = tmp_path / ("d/" * 1500)
+    for line in (["new", "campaign", deep], ["demo", "--out", deep]):
+        refused(tmp_path, line, "folders in one another")
+    with pytest.raises(InputError, match="folders in one another"):
+        write_whole(deep / "x", "x")
+
+
 def test_long_names_that_can_be_written_are(tmp_path):
     name = "n" * 240 + ".txt"
     write_whole(tmp_path / name, "x")
