@@ -14,7 +14,6 @@ from pathlib import Path
 
 from mjsim.errors import InputError
 
-
 #: Folders in one another; Python makes them by recursion.
 _DEEPEST = 200
 
