@@ -273,6 +273,8 @@ def _merit(state: _State, k: int, guess: _Guess) -> _Judged:
             texts.append(f"{after:.2f} instead of {before:.2f}")
     before, after = _together(state, k, {}), _together(state, k, guess.parts)
     by_spikes = max(gains, default=0.0)
+    if guess.kind == "swapped" and len(gains) < 2:
+        by_spikes = 0.0  # either trace has to fit where it would belong
     if by_spikes >= 1.0 and after <= 1.1 * before + 0.3e-6:
         return _Judged(guess, by_spikes, f"correlation with what friction leaves at the axes' reversals {', '.join(texts)}")
     if before > _DISAGREE and after < _SHARE * before and not (guess.kind == "swapped" and by_spikes < 0.2):
