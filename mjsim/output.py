@@ -14,8 +14,10 @@ from mjsim.campaign.model import Test
 from mjsim.compare import Comparison, Progress, TestComparison, silent
 from mjsim.engine.simulate import Simulation
 from mjsim.errors import InputError
+from mjsim.files import together
 from mjsim.ladder import Step
 from mjsim.measure.iso230 import circular_figures, least_squares_circle
+from mjsim.nc.kinds import KINDS
 from mjsim.nc.program import Program
 from mjsim.plots.curve import curve_figure
 from mjsim.plots.ladder import LadderStep, ladder_figure
@@ -69,11 +71,7 @@ def conditions(test) -> str:
     """One line that says how a test was run."""
     x, y, z = (v / MM for v in test.table_ball)
     where = f"table ball ({x:g}, {y:g}, {z:g}) mm, L = {test.length / MM:g} mm, F = {test.feed * 60 / MM:g} mm/min"
-    if test.kind == "cone_frustum":
-        return f"cone frustum θ = {test.half_apex / DEG:g}°, β = {test.inclination / DEG:g}°, {test.sensitive}, {test.direction}; {where}"
-    if test.kind == "circular":
-        return f"circle {test.plane}, {test.direction}; {where}"
-    return f"{test.axis} from {test.start / DEG:g}° to {test.stop / DEG:g}°, {test.sensitive}; {where}"
+    return f"{KINDS[test.kind].words(test)}; {where}"
 
 
 def _centred(test, phi: np.ndarray, deviation: np.ndarray, valid: np.ndarray | None = None) -> np.ndarray:
@@ -120,6 +118,7 @@ def plot_files(tests: Iterable[Test], folder: Path) -> list[Path]:
     return [folder / f"{name}.png" for name in ("overview", "residual", *(t.name for t in tests))]
 
 
+@together()
 def comparison_plots(result: Comparison, folder: Path, progress: Progress = silent) -> list[Path]:
     """Polar plot per test, an overview, and the residuals; returns the files."""
     overview, residual, *files = plot_files((t.test for t in result.tests), folder)
@@ -159,6 +158,7 @@ def pitch_plot_files(axes: Iterable[str], folder: Path) -> list[Path]:
     return [folder / f"{what}-{a.lower()}.png" for a in axes for what in ("spectrum", "curves")]
 
 
+@together()
 def pitch_plots(name: str, results: dict[str, PitchIdentification], folder: Path) -> list[Path]:
     """Spectra (paper, Fig. 3) and curves (Fig. 4) of identified pitch errors, per axis; returns the files."""
     files = pitch_plot_files(results, folder)
