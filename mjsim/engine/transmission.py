@@ -96,3 +96,19 @@ def transmit(ops, motor, clock):
     for i in range(len(motor)):
         apply_ops(ops, memory, load[i], clock[i], i == 0)
     return load
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def reading_change(ops, load, clock, weight):
+    """What operations on a motion ``load`` (n, 5 or 9) change in a reading, (n,) m; ``weight`` (n, 5): its derivatives by the axes."""
+    row, out = np.empty(load.shape[1]), np.empty(len(load))
+    memory = np.zeros((ops.shape[0], MEMORY))
+    for i in range(len(load)):
+        for j in range(len(row)):
+            row[j] = load[i, j]
+        apply_ops(ops, memory, row, clock[i], i == 0)
+        total = 0.0
+        for j in range(5):
+            total += weight[i, j] * (row[j] - load[i, j])
+        out[i] = total
+    return out

@@ -31,10 +31,6 @@ def one_way_rows(fit: Fit, bank: SignatureBank, rows: list[Row]) -> list[Row]:
         if c.effect.one_way() and tried.setdefault(c.id, 0) < _SEEDS:
             tried[c.id] += 1
             whole.append(c)
-    projector, out = Projector(fit), []
-    for c in whole:
-        for effect in c.effect.one_way():
-            if effect.key not in have:
-                candidate = Candidate(effect, c.names)
-                out.append((*projector.gain(bank.problem.whiten(bank.columns(candidate))), candidate))
-    return out
+    ways = [Candidate(effect, c.names) for c in whole for effect in c.effect.one_way() if effect.key not in have]
+    gains = Projector(fit).gains([bank.problem.whiten(bank.columns(c)) for c in ways])
+    return [(*gain, c) for gain, c in zip(gains, ways, strict=True)]

@@ -256,4 +256,12 @@ class Problem:
 
     def whiten(self, per_test: list[np.ndarray]) -> np.ndarray:
         """Stack per-test block arrays (m,) or (m, k) into whitened rows (count,) or (count, k)."""
-        return np.concatenate(self.map(lambda k: self.noise.whiten(self.samples[k], per_test[k])))
+        kept = [np.flatnonzero(self.noise.rows(s)) for s in self.samples]
+        ends = np.cumsum([0, *map(len, kept)])
+        out = np.empty((ends[-1], *per_test[0].shape[1:]))
+
+        def one(k: int) -> None:  # each test straight into its rows: wide columns fill hundreds of MB
+            out[ends[k] : ends[k + 1]] = self.noise.whiten(self.samples[k], per_test[k], kept[k])
+
+        self.map(one)
+        return out

@@ -148,9 +148,12 @@ class Noise:
         """(p + 1,) filter from block means to innovations in units of their standard deviation."""
         return np.concatenate([[1.0], -self.ar]) / self.innovation
 
-    def whiten(self, s: Samples, columns: np.ndarray) -> np.ndarray:
-        """Innovations of block columns (m,) or (m, k) in units of their standard deviation; rows that touch a bad block are dropped."""
-        kept = np.flatnonzero(self.rows(s))
+    def whiten(self, s: Samples, columns: np.ndarray, kept: np.ndarray | None = None) -> np.ndarray:
+        """Innovations of block columns (m,) or (m, k) in units of their standard deviation; rows that touch a bad block are dropped.
+
+        ``kept``: the indices of :meth:`rows`, for who has them already.
+        """
+        kept = np.flatnonzero(self.rows(s)) if kept is None else kept
         out = np.empty((len(kept), 1 if columns.ndim == 1 else columns.shape[1]))
         _filter_rows(np.ascontiguousarray(columns.reshape(len(columns), -1)), self.taps, kept, out)
         return out[:, 0] if columns.ndim == 1 else out

@@ -117,8 +117,9 @@ class Searcher:
         rows = projector.screen(bank)
         rows += one_way_rows(fit, bank, rows)
         for axis in AXES:
-            for candidate, columns in spectral_candidates(self.problem, fit, bank, axis):
-                rows.append((*projector.gain(columns), candidate))
+            waves = spectral_candidates(self.problem, fit, bank, axis)
+            gains = projector.gains([columns for _, columns in waves])
+            rows += [(*gain, candidate) for gain, (candidate, _) in zip(gains, waves, strict=True)]
         rows = [
             (g - PRICE * (len(FreeEffect(c.effect, c.names).vector) - 1) - ONE_WAY * ("direction" in c.effect.values), x, c)
             for g, x, c in rows

@@ -11,7 +11,7 @@ import numpy as np
 from mjsim.effects import registry
 from mjsim.effects.base import Effect
 from mjsim.engine.plant import PLAY, build
-from mjsim.engine.transmission import transmit
+from mjsim.engine.transmission import reading_change
 from mjsim.inference.calibration import calibrated
 from mjsim.inference.fit import Fit, with_effects
 from mjsim.inference.free import FreeEffect
@@ -127,14 +127,13 @@ class SignatureBank:
         return bool(empty.ops) and not geometric and all(o.code != PLAY and o.out < 5 for o in empty.ops)
 
     def position_changes(self, effect: Effect) -> list[np.ndarray]:
+        """Block means of what a :meth:`_stateless` effect changes, (m,) per test, m."""
         p = self.problem
         ops = build(self.fit.base.__class__(self.fit.base.name, self.fit.base.drives, (effect,))).op_table()
 
         def one(k: int) -> np.ndarray:
             s, motion = p.samples[k], p.motions[k]
-            q = self.loads[k]
-            change = transmit(ops, q, motion.test.started + motion.time[::GRID_STEPS])[:, :5] - q[:, :5]
-            grid = np.einsum("ni,ni->n", p.sensitivity[k].axes, change)
+            grid = reading_change(ops, self.loads[k], motion.test.started + motion.time[::GRID_STEPS], p.sensitivity[k].axes)
             return s.sample(grid, p.shift(k, self.fit.nuisance))
 
         return p.map(one)
@@ -176,6 +175,16 @@ class Projector:
     def gain(self, columns: np.ndarray) -> tuple[float, np.ndarray]:
         """Fall of the objective if the columns were fitted as well, and the coefficients (k,)."""
         return _solve(*self.normal(columns))
+
+    def gains(self, columns: list[np.ndarray]) -> list[tuple[float, np.ndarray]]:
+        """:meth:`gain` of several candidates, each by itself; the design, which is large, is gone through once."""
+        if not columns:
+            return []
+        together = np.hstack(columns)
+        cross = self.design.T @ together
+        reduced, score = self.covariance @ cross, together.T @ self.residual - cross.T @ self.step
+        ends = np.cumsum([0, *(c.shape[1] for c in columns)])
+        return [_solve(c.T @ c - cross[:, a:b].T @ reduced[:, a:b], score[a:b]) for c, (a, b) in zip(columns, pairwise(ends), strict=True)]
 
     def screen(self, bank: SignatureBank) -> list[tuple[float, np.ndarray, Candidate]]:
         """Gain and coefficients of every candidate of the bank, best first."""

@@ -1,0 +1,160 @@
+"""Times and memory of mjsim's commands, run from a shell on copies of the example hidden-backlash, and how they grow."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from benchmark_page import Curve, Row
+
+from mjsim.campaign.files import read_campaign
+from mjsim.inference import search, signatures
+from mjsim.inference.fit import Fitter
+from mjsim.inference.problem import Problem
+from mjsim.motion import time_grid
+from mjsim.nc.program import Program
+from mjsim.resources import examples
+from mjsim.threads import one_blas_thread
+from mjsim.workflow import machine_of
+
+#: Seconds that the commands may take.
+HELP, COMPARE, DIAGNOSE = 0.4, 8.0, 40.0
+#: What a further test may add to a command's memory, MB: its trace, its reading on three grids, its residual.
+PER_TEST = 5.0
+#: Exponent up to which growth counts as linear, times scattering as they do.
+LINEAR = 1.15
+_MJSIM = Path(sys.executable).with_name("mjsim")
+_EXAMPLE = "hidden-backlash"
+
+
+@dataclass(frozen=True)
+class Run:
+    """A command that has ended: seconds, and the largest memory that its process had, MB."""
+
+    seconds: float
+    peak: float
+
+
+def run(*args: str | Path) -> Run:
+    """``mjsim`` with ``args`` as from a shell; the variables that hold this process' linear algebra to one core are not passed on."""
+    env = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+    begin = time.perf_counter()
+    child = subprocess.Popen([_MJSIM, *map(str, args)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=env)
+    _, status, usage = os.wait4(child.pid, 0)
+    seconds = time.perf_counter() - begin
+    if status:
+        raise SystemExit(f"mjsim {' '.join(map(str, args))}: {child.stderr.read().decode().strip()}")
+    return Run(seconds, usage.ru_maxrss / 1024.0)
+
+
+@contextmanager
+def campaign_of(count: int) -> Iterator[Path]:
+    """A copy of the example with its first ``count`` tests; beyond 13 they come again under other names, set up anew, later."""
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) / _EXAMPLE
+        shutil.copytree(examples() / _EXAMPLE, folder, ignore=shutil.ignore_patterns("heldout", ".mjsim"))
+        file = folder / "campaign.toml"
+        head, *tests = re.split(r"(?m)^(?=\[\[test\]\])", file.read_text(encoding="utf-8"))
+        out = [head]
+        for k in range(count):
+            again, text = k // len(tests), tests[k % len(tests)]
+            if again:
+                text = re.sub(r'(?m)^(name|setup) = "(.*)"', rf'\1 = "\2-{again + 1}"', text)
+                text = re.sub(r"(?m)^started_s = (.*)$", lambda m, n=again: f"started_s = {float(m[1]) + 5000.0 * n}", text)
+            out.append(text)
+        file.write_text("".join(out), encoding="utf-8")
+        yield folder
+
+
+def steps(folder: Path) -> int:
+    """1 ms steps that one simulation of all tests of a campaign takes."""
+    return sum(len(time_grid(Program(t))) for t in read_campaign(folder).measured)
+
+
+def commands(bare: float) -> list[Row]:
+    """Start-up, ``compare`` and ``diagnose``. ``bare`` is seconds per step of a bare rollout."""
+    seconds = statistics.median(run("--help").seconds for _ in range(5))
+    rows = [Row("mjsim --help (median of 5)", f"{seconds:.2f} s", f"{HELP:g} s", None, seconds <= HELP)]
+    with campaign_of(13) as folder:
+        n = steps(folder)
+        size = f"{len(read_campaign(folder).measured)} tests, {n / 1000:.0f} s simulated"
+        run("compare", folder, "--quiet")  # what Numba has not compiled yet, it compiles now
+        for name, times, most in (("compare", 3, COMPARE), ("diagnose", 1, DIAGNOSE)):
+            runs = [run(name, folder, "--quiet") for _ in range(times)]
+            seconds, peak = statistics.median(r.seconds for r in runs), max(r.peak for r in runs)
+            item = f"mjsim {name} {_EXAMPLE}, {size}"
+            rows.append(Row(item, f"{seconds:.1f} s, peak memory {peak:.0f} MB", f"{most:g} s", seconds / (n * bare), seconds <= most))
+    return rows
+
+
+def memory() -> tuple[list[Row], list[Curve]]:
+    """Peak memory of ``compare`` for the example's tests once, twice and four times."""
+    counts, peaks, rows = (13, 26, 52), [], []
+    for count in counts:
+        with campaign_of(count) as folder:
+            peaks.append(run("compare", folder, "--quiet", "--no-plots", "--as-is").peak)
+        rows.append(Row(f"peak memory of mjsim compare --no-plots, {count} tests", f"{peaks[-1]:.0f} MB"))
+    slope, at_none = np.polyfit(counts, peaks, 1)
+    what = "  a further test adds (its trace, samples, reading and residual stay)"
+    rows.append(Row(what, f"{slope:.1f} MB, to {at_none:.0f} MB", f"{PER_TEST:g} MB", None, bool(slope <= PER_TEST)))
+    return rows, [Curve("peak memory of compare", "tests", "MB", counts, tuple(peaks))]
+
+
+def growth(bare: float) -> tuple[list[Row], list[Curve]]:
+    """Times of ``compare`` and ``diagnose`` over the number of tests, and of the search over the number of candidates."""
+    rows, curves = [], []
+    for name in ("compare", "diagnose"):
+        counts, seconds, ratios = (3, 6, 13, 26), [], []
+        for count in counts:
+            with campaign_of(count) as folder:
+                seconds.append(run(name, folder, "--quiet", "--as-is").seconds)
+                ratios.append(seconds[-1] / (steps(folder) * bare))
+        curves.append(Curve(f"mjsim {name}", "tests", "s", counts, tuple(seconds)))
+        rows += _rows(curves[-1], ratios)
+    counts, seconds, n = candidates()
+    curves.append(Curve("signatures and ranking", "candidates", "s", counts, seconds))
+    rows += _rows(curves[-1], [t / (n * bare) for t in seconds])
+    return rows, curves
+
+
+@one_blas_thread
+def candidates() -> tuple[tuple[int, ...], tuple[float, ...], int]:
+    """Numbers of candidates, the seconds that their signatures and first ranking take on all cores, and the steps of one simulation."""
+    with campaign_of(13) as folder:
+        campaign, n = read_campaign(folder), steps(folder)
+        machine = machine_of(campaign)
+        fitter = Fitter(Problem(campaign, machine, len(os.sched_getaffinity(0))), machine)
+        searcher = search.Searcher(fitter)
+        start, every = searcher.start(), signatures.seeds(machine)
+        counts, seconds = [], []
+        for share in (8, 4, 2, 1):
+            some = every[::share]
+            begin = time.perf_counter()
+            bank = signatures.SignatureBank(fitter.problem, start)
+            bank.compute(some)
+            searcher.ranked(start, bank)
+            counts.append(len(some))
+            seconds.append(time.perf_counter() - begin)
+    return tuple(counts), tuple(seconds), n
+
+
+def _rows(curve: Curve, ratios: list[float]) -> list[Row]:
+    rows = [
+        Row(f"{curve.name}, {count} {curve.over}", f"{y:.1f} {curve.unit}", "", ratio)
+        for count, y, ratio in zip(curve.x, curve.y, ratios, strict=True)
+    ]
+    measured = f"{curve.exponent:.2f}, {curve.last:.2f} over the last doubling"
+    met = max(curve.exponent, curve.last) <= LINEAR
+    rows.append(Row("  grows like a power of their number, the exponent", measured, f"{LINEAR:g}", None, met))
+    return rows
