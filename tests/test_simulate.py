@@ -91,6 +91,31 @@ def test_the_campaigns_of_the_examples(m1):
         assert np.abs(TestMotion(s.test).reading(plant) - s.deviation).max() < 1e-10
 
 
+def test_what_is_left_out_of_the_model_changes_nothing(machine, tests, monkeypatch):
+    """Without meshes, cameras and balanced gravity the reading is the same to rounding, and the model is a small one."""
+    equipped = wobbling(loaded(machine))
+    small = mjmodel.build_model(build(equipped))
+    lean = simulate(equipped, tests[:2])
+    monkeypatch.setattr(mjmodel, "_strip", lambda spec: None)
+    whole = mjmodel.build_model(build(equipped))
+    assert whole.nmesh > 20 and whole.ncam and whole.ntendon and not (small.nmesh or small.ncam or small.ntendon)
+    np.testing.assert_array_equal(small.opt.gravity, 0.0)
+    np.testing.assert_array_equal(small.body_inertia, whole.body_inertia)
+    monkeypatch.setattr(mjmodel, "_balanced", lambda model: False)
+    assert mjmodel.build_model(build(equipped)).opt.gravity[2] < -9.0
+    for s, t in zip(lean, simulate(equipped, tests[:2]), strict=True):
+        assert np.abs(s.deviation - t.deviation).max() < 1e-15
+
+
+def test_a_light_motion_is_the_same_motion(machine, tests):
+    plant = build(loaded(machine))
+    for test in tests[::2]:
+        light = TestMotion(test, keep=1, light=True)
+        for _ in range(2):
+            assert np.array_equal(light.reading(plant, 5), TestMotion(test).reading(plant, 5))
+            assert not {"time", "commands"} & set(vars(light))
+
+
 def identical(a, b):
     return all(np.array_equal(getattr(a, k), getattr(b, k)) for k in ("time", "phi", "command", "position", "deviation"))
 

@@ -76,7 +76,7 @@ def with_numbers(model: mujoco.MjModel, plant: Plant, own: np.ndarray, step: flo
         effect.edit_model(model)
     if any(type(e).edit_model is not Effect.edit_model for e in plant.effects):
         own = own_inertia(model)
-    if (model.body_gravcomp[model.body_weldid != 0] == 1.0).all():
+    if _balanced(model):
         model.opt.gravity[:] = 0.0  # what is balanced body by body need not be computed twice at every step
     _set_inertia(model, plant, own)
     block = model.numeric(callback.NUMERIC).data
@@ -105,6 +105,11 @@ def _strip(spec: mujoco.MjSpec) -> None:
     spec.compiler.discardvisual = True  # the solids' inertia stays
     for seen in (*spec.cameras, *spec.lights, *spec.tendons):
         spec.delete(seen)
+
+
+def _balanced(model: mujoco.MjModel) -> bool:
+    """Whether gravity is compensated at every body that moves."""
+    return bool((model.body_gravcomp[model.body_weldid != 0] == 1.0).all())
 
 
 def _add_table_joints(spec: mujoco.MjSpec) -> None:
