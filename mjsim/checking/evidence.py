@@ -25,6 +25,8 @@ _SHARP = 0.1
 _SHIFTS = np.arange(-12, 13) * GRID
 #: A model's spikes are visible from this RMS on, m: about the noise that is as sharp.
 VISIBLE = 0.06e-6
+#: Noise of a sample, m, against which the balls' priors are weighed.
+_NOISE = 0.1e-6
 #: What a model may leave in a test, m, and as how many independent values that counts: it must not drive the balls far from their priors.
 _REST, _POINTS = 1e-6, 50.0
 
@@ -75,14 +77,15 @@ def spikes(variant: Variant, s: Samples) -> Spikes:
     good[:margin] = good[len(good) - margin :] = False
     if good.sum() < 50:
         return Spikes(0.0, 0.0, False)
-    balls = np.column_stack([_sharp(c, width) for c in variant.balls(s).T])[good]
-    q = np.linalg.qr(np.column_stack([balls, np.ones(len(balls))]))[0]
+    columns = np.column_stack([*(_sharp(c, width) for c in variant.balls(s).T), np.ones(len(s.mean))])[good]
+    # with their priors: what is sharp in these columns is next to nothing, and without them it would take any spike up
+    fit = np.linalg.solve(columns.T @ columns + _NOISE**2 * np.diag([1.0] * 6 + [0.0]), columns.T)
     y = _sharp(s.mean, width)[good]
-    y = y - q @ (q.T @ y)
+    y = y - columns @ (fit @ y)
     best = Spikes(0.0, 0.0, False)
     for shift in _SHIFTS:
         x = _sharp(s.sample(variant.reading, shift), width)[good]
-        x = x - q @ (q.T @ x)
+        x = x - columns @ (fit @ x)
         xx, xy, yy = x @ x, x @ y, y @ y
         if xx < len(x) * VISIBLE**2 or yy == 0.0:
             continue
