@@ -202,10 +202,13 @@ class _Worker(threading.Thread):
                 except BaseException as error:  # whatever the user's code raises, SystemExit and KeyboardInterrupt too
                     calm()  # first of all: an exception of `abandon` has the next one in its wake
                     answer = (False, error)
+                    if self._abandoned:
+                        sys.settrace(None)
                 self.answers.put(answer)
                 del answer  # a waiting worker keeps no results alive
         except _Stop:
             calm()
+            sys.settrace(None)
 
     def abandon(self) -> None:
         """Stop the job that runs, and never give this worker another one."""
@@ -237,7 +240,25 @@ def _stop_of(thread: int) -> Callable[[], None]:
     Each one has the next in its wake when it is caught: ``except: pass`` in a loop keeps the first, and the second comes outside of it.
     That must happen in C, where nothing can come between, so the exception's ``__init__`` is that C function itself.
     """
-    wake = type("Stop", (_Stop,), {})
+    wake: Any = type("Stop", (_Stop,), {})
     raise_it = partial(_RAISE_IN, thread, wake)
-    wake.__init__ = raise_it
+    wake.__init__ = _raise_in_handler if sys.version_info[:2] == (3, 12) else staticmethod(raise_it)
     return raise_it
+
+
+def _raise_in_handler(_: _Stop) -> None:
+    """Raise a :class:`_Stop` in the line that comes next in this thread: that of the handler, if the one that is being made is caught.
+
+    Python 3.12 counts the jump back from a handler to its loop as part of what the handler guards, so that one in the wake of another is
+    always caught. Whatever traces this thread, a debugger say, is lost with it.
+    """
+
+    def trace(frame: FrameType, event: str, _: Any) -> None:
+        if event == "line":  # of a frame that is there already: calls to come are not looked into
+            raise _Stop
+
+    frame = sys._getframe().f_back
+    sys.settrace(trace)
+    while frame is not None and frame.f_code.co_filename != __file__:
+        frame.f_trace = trace
+        frame = frame.f_back
