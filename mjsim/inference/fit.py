@@ -10,7 +10,7 @@ from mjsim.effects.base import Effect
 from mjsim.engine.plant import build
 from mjsim.inference.calibration import SHEET, calibrated
 from mjsim.inference.free import FreeEffect
-from mjsim.inference.nuisance import fit_nuisance
+from mjsim.inference.nuisance import TRIGGER_LIMIT, fit_nuisance
 from mjsim.inference.problem import Problem
 from mjsim.machine.model import Machine
 
@@ -21,7 +21,6 @@ _WIDE = 1e3
 _GOOD = 0.7
 #: A start that fits about so well (mean square), with its data sheet within so many standard deviations, is a beginning by itself.
 _SOUND, _UPRIGHT = 1.5, 3.0
-_TRIGGER_LIMIT = 4.0  # prior standard deviations
 
 
 @dataclass
@@ -102,17 +101,18 @@ class Fitter:
                 out |= [p.axis == f.effect.subject and p.name in freed for p in SHEET]
         return out
 
-    def fit(self, effects: list[FreeEffect], start: Fit | None = None, iterations: int = 6, exact: bool = True) -> Fit:
+    def fit(self, effects: list[FreeEffect], start: Fit | None = None, iterations: int = 6, exact: bool = True, fresh: bool = True) -> Fit:
         """Fit the given effects together with nuisances and data sheet.
 
         Args:
             effects: what is free, at its starting values. start: an earlier fit to start from.
             iterations: Gauss-Newton steps at most. exact: simulate again after every change of the data sheet; otherwise its
-            derivative columns stand in for small changes (much faster, for ranking).
+            derivative columns stand in for small changes (much faster, for ranking). fresh: begin with fresh nuisances where that is
+            nearer than ``start``.
         """
         p = self.problem
         frozen = self.frozen_sheet(effects)
-        now, sheet, white, anchor = self._begin(effects, start, frozen, exact)
+        now, sheet, white, anchor = self._begin(effects, start, frozen, exact, fresh)
         fresh = True
         for iteration in range(iterations):
             # what the model fails to explain counts as noise: nuisances and data sheet stay near their priors until it is good
@@ -138,7 +138,7 @@ class Fitter:
         self._solve(now, frozen, white)
         return now
 
-    def _begin(self, effects: list[FreeEffect], start: Fit | None, frozen: np.ndarray, exact: bool):
+    def _begin(self, effects: list[FreeEffect], start: Fit | None, frozen: np.ndarray, exact: bool, fresh: bool):
         """The better of two beginnings: where ``start`` ended, or fresh nuisances and the data sheet as printed.
 
         A model that lacked an effect has bent nuisances and data sheet; with the effect in it, a fresh beginning is often nearer.
@@ -147,7 +147,7 @@ class Fitter:
         beginnings = []
         if start is not None:
             beginnings.append((start.nuisance.copy(), np.where(frozen, 0.0, start.tau)))
-        if start is None or start.sum_squares > _SOUND * p.count or np.abs(start.tau).max() > _UPRIGHT:
+        if start is None or (fresh and (start.sum_squares > _SOUND * p.count or np.abs(start.tau).max() > _UPRIGHT)):
             beginnings.append((None, np.zeros(len(SHEET))))
         made = []
         for nuisance, tau in beginnings:
@@ -167,8 +167,8 @@ class Fitter:
             effects.append(FreeEffect(f.at(v + step[at : at + len(v)]), f.names))
             at += len(v)
         nuisance = fit.nuisance + step[:n]
-        first = self.problem.layout.length + 1  # a model that fails badly must not drive the triggers out of their linear range
-        nuisance[first:] = np.clip(nuisance[first:], -_TRIGGER_LIMIT, _TRIGGER_LIMIT)
+        first = self.problem.layout.length + 1
+        nuisance[first:] = np.clip(nuisance[first:], -TRIGGER_LIMIT, TRIGGER_LIMIT)
         return replace(fit, effects=effects, nuisance=nuisance, tau=fit.tau + step[n : n + t])
 
     def _evaluate(self, fit: Fit, anchor: np.ndarray, exact: bool, sheet: list[np.ndarray]) -> None:

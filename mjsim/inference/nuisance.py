@@ -11,6 +11,9 @@ if TYPE_CHECKING:
 
 #: Successive blocks that make one independent value of the noise, and independent values of a model's failure in one test.
 _CORRELATED, _MISFIT_POINTS = 5.0, 50.0
+#: Triggers are not believed further from their prior than this, standard deviations: a model that fails badly would drive them out of
+#: the range in which they act linearly.
+TRIGGER_LIMIT = 4.0
 
 
 def fit_nuisance(problem: Problem, readings: list[np.ndarray], iterations: int = 12) -> np.ndarray:
@@ -22,6 +25,7 @@ def fit_nuisance(problem: Problem, readings: list[np.ndarray], iterations: int =
     win and leave its twin to pay), and a constant rest of a test says nothing about its trigger.
     """
     x = np.zeros(problem.layout.size)
+    first = problem.layout.length + 1
     for _ in range(iterations):
         columns, rest = problem.nuisance_columns(readings, x), problem.residual(readings, x)
         spread = [float(np.median(np.abs(r[s.good] - np.median(r[s.good])))) / 0.6745 for r, s in zip(rest, problem.samples, strict=True)]
@@ -33,8 +37,23 @@ def fit_nuisance(problem: Problem, readings: list[np.ndarray], iterations: int =
             weight = 1.0 / (_CORRELATED * problem.noise.block_rms**2 + max(1.0, len(r) / _MISFIT_POINTS) * misfit**2)
             A[np.ix_(at, at)] += weight * c.T @ c
             b[at] += weight * c.T @ r
-        step = np.linalg.solve(A + np.eye(len(x)), b - x)
+        step = _bounded(A + np.eye(len(x)), b - x, x, first)
         x = x + step
         if np.abs(step).max() < 1e-3:
             break
     return x
+
+
+def _bounded(A: np.ndarray, b: np.ndarray, x: np.ndarray, first: int) -> np.ndarray:
+    """The step that solves ``A step = b`` with the triggers, which are ``x[first:]``, kept within their limit."""
+    step = np.zeros(len(x))
+    free = np.ones(len(x), bool)
+    for _ in range(len(x)):
+        rest = b[free] - A[np.ix_(free, ~free)] @ step[~free]
+        step[free] = np.linalg.solve(A[np.ix_(free, free)], rest)
+        over = free & (np.arange(len(x)) >= first) & (np.abs(x + step) > TRIGGER_LIMIT)
+        if not over.any():
+            break
+        step[over] = np.clip((x + step)[over], -TRIGGER_LIMIT, TRIGGER_LIMIT) - x[over]
+        free &= ~over
+    return step

@@ -27,6 +27,8 @@ _PILE, _MOST = 5, 24
 _NEAR, _FAR = 6.0, 2.0
 #: A data sheet that is moved by so many standard deviations is hiding an effect.
 _BENT = 5.0
+#: Triggers (standard deviations) that are further off without an effect than with it do not serve its rivals.
+_DRAGGED = 1.0
 #: Fall of the price by which a free shape must pay.
 _SHAPE = 4.0
 
@@ -245,6 +247,15 @@ class Searcher:
             fit = self._settled(trial)
         return fit
 
+    def _in_place(self, without: Fit, fit: Fit, rest: list[FreeEffect]) -> Fit:
+        """Where rivals begin: ``without``, or where ``fit`` ended if the lack of the effect has dragged triggers or data sheet away from
+        there, since a rival that explains the data as well has them where ``fit`` has."""
+        first = self.problem.layout.length + 1
+        triggers = np.abs(without.nuisance[first:] - fit.nuisance[first:]).max()
+        if triggers < _DRAGGED and np.abs(without.tau - fit.tau).max() < _BENT:
+            return without
+        return self.fitter.fit(rest, start=fit, exact=False, iterations=0, fresh=False)
+
     def _rivals(self, fit: Fit, bank: SignatureBank) -> tuple[Fit, list[Found]]:
         """For every effect: its contribution, and the catalogue entries that do as well in its place (a better one takes it)."""
         found: dict[str, Found] = {}
@@ -256,6 +267,7 @@ class Searcher:
             without = self.fitter.fit(rest, start=fit, exact=False, iterations=3)
             gain = without.objective - fit.objective
             rivals, better, rejected = {}, None, {}
+            without = self._in_place(without, fit, rest)
             ranked = self.ranked(without, bank)
             own = max((r[0] for r in ranked if r[2].effect.key == mine.effect.key), default=gain)
             rows = [r for r in ranked if r[2].effect.key not in {f.effect.key for f in fit.effects}]
