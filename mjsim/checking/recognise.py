@@ -27,11 +27,13 @@ from mjsim.threads import one_blas_thread
 _FITS, _BETTER = 0.5, 0.5
 #: A test that fits so much better as given contradicts a mistake of all tests.
 _CONTRADICTS = 0.2
-#: A set-up whose tests disagree by more than this, m, and by less than this share of it when one test is corrected, has a mistake in it.
-_DISAGREE, _SHARE = 3e-6, 0.2
+#: So much agreement still says something of sign and size; sizes that differ by more than this factor are not of the same mistake.
+_LEANS, _SAME_SIZE = 0.15, 4.0
+#: A set-up whose tests disagree by more than this, m, and by less than this share of it when one test is corrected, has a mistake in it; corrected, it must agree.
+_DISAGREE, _SHARE, _AGREE = 3e-6, 0.2, 3e-6
 #: The runner-up must leave so many times more.
 _RUNNER_UP = 2.0
-#: A test without spikes is compared with the others' noise: further than this factor from it there is no ordinary reason.
+#: A test without spikes whose noise is so many times less than the others' is in another unit.
 _NOISE = 12.0
 #: Programs whose measured parts begin and end within this of each other can have each other's trace, s.
 _SAME_SPAN = 0.5
@@ -154,10 +156,13 @@ def _everywhere(state: _State, given: list[Spikes], reversed_run: Callable[[int]
     strong = {k: known for k in seen if abs(given[k].agreement) >= _FITS and (known := unit_of(given[k].factor))}
     if strong and max(fits.values()) < _FITS - 0.1 and len(set(strong.values())) == 1:
         factor, unit = next(iter(strong.values()))
-        share = float(np.median([given[k].factor for k in strong]))
+        weak = [given[k].factor for k in seen if k not in strong and abs(given[k].agreement) > _LEANS]
+        typical = float(np.median([given[k].factor for k in strong]))
+        if any(not 1 / _SAME_SIZE < f / typical < _SAME_SIZE for f in weak):
+            return None
         kind = "sign" if not unit else "unit" if factor > 0 else "sign_and_unit"
         where = f"{len(strong)} test{'s' if len(strong) > 1 else ''}"
-        evidence = f"at the axes' reversals in {where} the readings are {share:.3g} times what friction leaves there"
+        evidence = f"at the axes' reversals in {where} the readings are {typical:.3g} times what friction leaves there"
         return Mistake(kind, names, evidence, every=True, factor=factor, unit=unit)
     runs = [k for k in seen if state.variants[k].test.kind != "rotary"]
     if len(runs) < 2 or all(fits[k] >= _FITS for k in runs):
@@ -217,7 +222,7 @@ def _suspects(state: _State, touched: set[int]) -> list[int]:
     usual = float(np.median(levels))
     for k in set(range(len(state.variants))) - touched:
         fit = state.fit(state.part(k))
-        strange = levels[k] > 0 and not usual / _NOISE < levels[k] < usual * _NOISE
+        strange = 0.0 < levels[k] < usual / _NOISE
         if (fit is not None and fit < _FITS) or strange or _together(state, k, {}) > _DISAGREE:
             out.append(k)
     return out
@@ -234,7 +239,7 @@ def _guesses(state: _State, k: int, reversed_run: Callable[[int], Variant], touc
     variant, trace, _ = state.part(k)
     out = [_Guess("sign", {k: (variant, trace, -1.0)}, -1.0)]
     seen = state.seen(variant, trace)
-    known = unit_of(seen.factor) if seen.visible and abs(seen.agreement) >= _FITS else _by_noise(state, k)
+    known = unit_of(seen.factor) if seen.visible and abs(seen.agreement) >= _FITS else None if seen.visible else _by_noise(state, k)
     if known and known[1]:
         factor, unit = known
         out.append(_Guess("unit" if factor > 0 else "sign_and_unit", {k: (variant, trace, factor)}, factor, unit))
@@ -247,9 +252,10 @@ def _guesses(state: _State, k: int, reversed_run: Callable[[int], Variant], touc
 
 
 def _by_noise(state: _State, k: int) -> tuple[float, str] | None:
+    """Sign and unit of a test that has no spikes, where it is quieter than the others are: a fault can only make it louder."""
     usual = float(np.median([level(s) for j, s in enumerate(state.traces) if j != k])) if len(state.traces) > 3 else 0.0
     own = level(state.traces[k])
-    return unit_of(own / usual) if usual and own and not usual / _NOISE < own < usual * _NOISE else None
+    return unit_of(own / usual) if usual and 0.0 < own < usual / _NOISE else None
 
 
 def _judge(state: _State, k: int, reversed_run: Callable[[int], Variant], touched: set[int]) -> _Judged | None:
@@ -277,9 +283,9 @@ def _merit(state: _State, k: int, guess: _Guess) -> _Judged:
         by_spikes = 0.0  # either trace has to fit where it would belong
     if by_spikes >= 1.0 and after <= 1.1 * before + 0.3e-6:
         return _Judged(guess, by_spikes, f"correlation with what friction leaves at the axes' reversals {', '.join(texts)}")
-    if before > _DISAGREE and after < _SHARE * before and not (guess.kind == "swapped" and by_spikes < 0.2):
+    if before > _DISAGREE and after < min(_SHARE * before, _AGREE) and not (guess.kind == "swapped" and by_spikes < 0.2):
         evidence = f"the tests of its set-up then agree to {after * 1e6:.2g} µm, as given to {before * 1e6:.2g} µm"
         return _Judged(guess, _SHARE * before / max(after, 1e-9), evidence, True)
     if guess.unit and not gains and _by_noise(state, k) is not None:
-        return _Judged(guess, 1.0, f"its noise is {level(state.traces[k]) * 1e6:.2g} µm, unlike that of the other tests")
+        return _Judged(guess, 1.0, f"its noise is {level(state.traces[k]) * 1e6:.2g} µm, less than a bar can have")
     return _Judged(guess, 0.0)
