@@ -29,7 +29,8 @@ _FITS, _BETTER = 0.5, 0.5
 _CONTRADICTS = 0.2
 #: So much agreement still says something of sign and size; sizes that differ by more than this factor are not of the same mistake.
 _LEANS, _SAME_SIZE = 0.15, 4.0
-#: A set-up whose tests disagree by more than this, m, and by less than this share of it when one test is corrected, has a mistake in it; corrected, it must agree.
+#: A set-up whose tests disagree by more than this, m, and by less than this share of it when one test is corrected, has a mistake in
+#: it; corrected, they must agree to the last figure, m.
 _DISAGREE, _SHARE, _AGREE = 3e-6, 0.2, 3e-6
 #: The runner-up must leave so many times more.
 _RUNNER_UP = 2.0
