@@ -363,7 +363,6 @@ def refused(result, *words, status=1):
         (["--test", TEST, "--size", "big"], ["'big'", "WIDTHxHEIGHT"]),
         (["--test", TEST, "--size", "320x90"], ["320x180 to 3840x2160"]),
         (["--test", TEST, "--fps", "0"], ["0 frames per second", "1 to 60"]),
-        (["--test", TEST, "--fps", "nan"], ["1 to 60"]),
         (["--test", TEST, "--seconds", "0"], ["0 s", "2 to 30000"]),
         (["--test", TEST, "--seconds", "1e9"], ["2 to 30000"]),
         (["--test", TEST, "--speed", "-1"], ["speed -1", "0.01 to 1000"]),
@@ -373,6 +372,11 @@ def refused(result, *words, status=1):
 )
 def test_refusals_are_one_sentence(folder, tmp_path, options, words):
     refused(run("animate", folder, "-o", tmp_path / "a.mp4", *options, "--json"), *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_number_that_is_none_is_wrong_usage(folder, tmp_path):
+    refused(run("animate", folder, "--test", TEST, "-o", tmp_path / "a.mp4", "--fps", "nan"), "'nan' is not a finite number", status=2)
     assert list(tmp_path.iterdir()) == []
 
 
