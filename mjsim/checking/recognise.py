@@ -209,7 +209,6 @@ def _rivals(state: _State, best: _Judged, judged: list[_Judged]) -> list[_Judged
         for j in judged
         if j is not best
         and j.by_setup
-        and j.merit * _RUNNER_UP > best.merit
         and j.guess.kind == best.guess.kind
         and {state.variants[k].test.setup for k in j.guess.parts} == setup
         and j.guess.parts.keys() != best.guess.parts.keys()
