@@ -274,3 +274,12 @@ def test_exchanged_traces_of_different_length_are_named_by_their_clocks(folder):
     (m,) = check(folder).mistakes
     assert m.kind == "swapped" and set(m.tests) == {"cone15-centre-ccw", "cone45-centre-ccw"}
     refused(folder, ["compare", folder], "exchanged")
+
+
+def test_another_feed_is_not_taken_for_exchanged_traces(folder):
+    """Tests of one campaign often last alike: a round feed is the likelier mistake."""
+    file = folder / "campaign.toml"
+    file.write_text(file.read_text().replace("feed_mm_min = 1000.0", "feed_mm_min = 1500.0", 1))
+    refused(folder, ["compare", folder], "set feed_mm_min = 1000", "unless it is the trace of test")
+    (m,) = check(folder).mistakes
+    assert m.kind == "feed" and m.factor * 60e3 == pytest.approx(1000.0)

@@ -106,7 +106,9 @@ def check_span(path: Path, test: Test, trace: Trace, tests: tuple[Test, ...] = (
         return
     mistake = explain(test, begin, end)
     other = next((t.name for t in tests if t.name != test.name and spans_fit(t, begin, end)), None)
-    if other is not None:
+    if other is not None and mistake is not None and mistake.usual:
+        advice = f'{mistake.sentence}, unless it is the trace of test "{other}"'
+    elif other is not None:
         advice = f'it fits the program of test "{other}": are their traces exchanged?'
     else:
         advice = mistake.sentence if mistake else "check feed_mm_min, revolutions and that the trace belongs to this test"

@@ -32,6 +32,11 @@ class ClockMistake:
     value: float
     sentence: str
 
+    @property
+    def usual(self) -> bool:
+        """Whether this is what people do: of feeds, a round one."""
+        return self.kind in ("time_unit", "origin") or (self.kind == "feed" and abs(math.remainder(self.value * 60e3, _ROUND)) < 1e-6)
+
 
 def explain(test: Test, first: float, last: float) -> ClockMistake | None:
     """Why a trace that runs from ``first`` to ``last`` s does not fit its test's program; ``None`` where nothing ordinary explains it."""
