@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import tomllib
 from importlib.resources import files
 
@@ -23,6 +24,10 @@ from mjsim.resources import examples
 
 hypothesis.settings.load_profile("mjsim")
 os.environ.setdefault("MJSIM_TRACEBACK", "1")  # a fault of mjsim's own is shown as it is
+# A job started in the background ignores Ctrl-C, and so would the commands under test.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
 DEG = np.pi / 180.0
 #: Machine name -> the example campaign that brings it.
 MACHINES = {"M1": "hidden-backlash", "M2": "two-candidates"}

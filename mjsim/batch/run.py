@@ -124,7 +124,7 @@ def _cluster(scheduler: str | None) -> AbstractContextManager[Any]:
 def _interrupts() -> Iterator[threading.Event]:
     """Set once the user has pressed Ctrl-C: Python drops an interrupt that arrives inside a destructor or a library's callback."""
     event = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
+    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         yield event
         return
 
