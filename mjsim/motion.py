@@ -18,7 +18,7 @@ from mjsim.engine.bar import reading
 from mjsim.engine.drive import STEP, discretise, run, substeps_of
 from mjsim.engine.plant import AxisPlant, Plant
 from mjsim.engine.transmission import transmit
-from mjsim.kinematics import AXES
+from mjsim.kinematics import AXES, BarSensitivity, sensitivity
 from mjsim.nc.program import Program
 
 #: Time after the program's end that is still simulated, s (trigger shifts look there).
@@ -156,6 +156,10 @@ class TestMotion:
             for name in ("time", "commands"):
                 vars(self).pop(name, None)
         return np.ascontiguousarray(q[:: every // fine])
+
+    def sensitivity(self, plant: Plant, every: int = 1) -> BarSensitivity:
+        """The reading's derivatives at every ``every``-th instant, at the positions that the axes reach."""
+        return sensitivity(self.load(plant, every)[:, :5], np.asarray(self.test.table_ball))
 
     def reading(self, plant: Plant, every: int = 1) -> np.ndarray:
         """Ball-bar reading in m at every ``every``-th instant."""

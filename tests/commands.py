@@ -33,6 +33,23 @@ table_ball_mm = [0.0, 0.0, 155.0]
 bar_length_mm = 100.0
 feed_mm_min = 2000.0
 """
+#: A file with an effect of a user's own; its ``kind`` is to be filled in.
+OWN = """\
+import numpy as np
+import mjsim
+
+@mjsim.register
+class Mine(mjsim.Effect):
+    kind = "{kind}"
+    subjects = ("X", "Y")
+    title = definition = source = signature = "test"
+    parameters = (mjsim.Parameter("offset_um", "offset", -50.0, 50.0, neutral=0.0, scale=1.0),)
+
+    def position_error(self, motion):
+        out = np.zeros_like(motion.position)
+        out[:, "XYZAC".index(self.subject)] = self.si("offset_um")
+        return out
+"""
 
 
 def run(*args):

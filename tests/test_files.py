@@ -4,6 +4,7 @@ import os
 import tomllib
 
 import pytest
+from commands import OWN
 
 from mjsim.effects import registry
 from mjsim.errors import InputError
@@ -174,24 +175,6 @@ def test_both_directions_of_a_pitch_error_are_two_entries(file):
     assert [e.key for e in again.effects[-2:]] == ["pitch_error.C[CW]", "pitch_error.C[CCW]"]
     write_machine(again.without("pitch_error.C[CW]"), file, file, force=True)
     assert [e.values["direction"] for e in read_machine(file).effects if e.id == "pitch_error.C"] == ["CCW"]
-
-
-OWN = """\
-import numpy as np
-import mjsim
-
-@mjsim.register
-class Mine(mjsim.Effect):
-    kind = "{kind}"
-    subjects = ("X", "Y")
-    title = definition = source = signature = "test"
-    parameters = (mjsim.Parameter("offset_um", "offset", -50.0, 50.0, neutral=0.0, scale=1.0),)
-
-    def position_error(self, motion):
-        out = np.zeros_like(motion.position)
-        out[:, "XYZAC".index(self.subject)] = self.si("offset_um")
-        return out
-"""
 
 
 def test_an_effect_file_is_found_beside_the_machine_and_from_elsewhere(file, tmp_path):

@@ -6,7 +6,7 @@ import shutil
 
 import numpy as np
 import pytest
-from commands import CAMPAIGN
+from commands import CAMPAIGN, OWN
 from fuzzing import cases, replaced, spoiled, tried
 from hypothesis import given
 from hypothesis import strategies as st
@@ -309,29 +309,11 @@ def test_description_of_a_data_set(campaign, data):
         tried("batch sweep.json", lambda p: Folder.check(sweep, p), out, "sweep.json")
 
 
-OWN = b"""\
-import numpy as np
-import mjsim
-
-@mjsim.register
-class Mine(mjsim.Effect):
-    kind = "mine_spoiled"
-    subjects = ("X", "Y")
-    title = definition = source = signature = "test"
-    parameters = (mjsim.Parameter("offset_um", "offset", -50.0, 50.0, neutral=0.0, scale=1.0),)
-
-    def position_error(self, motion):
-        out = np.zeros_like(motion.position)
-        out[:, "XYZAC".index(self.subject)] = self.si("offset_um")
-        return out
-"""
-
-
 @cases(60)
 @given(st.data())
 def test_effect_file(tmp_path_factory, data):
     path = tmp_path_factory.getbasetemp() / "mine.py"
-    path.write_bytes(data.draw(spoiled(OWN, most=1)))
+    path.write_bytes(data.draw(spoiled(OWN.format(kind="mine_spoiled").encode(), most=1)))
     before = registry.kinds()
     try:
         tried("effect file", registry.load_file, path)

@@ -68,8 +68,7 @@ def explain(test: Test, first: float, last: float) -> ClockMistake | None:
     nice = _ROUND * round(mm_min / _ROUND)
     if nice and abs(mm_min / nice - 1.0) < _NEAR:
         feed, mm_min = nice / 60e3, nice
-    given = test.feed * 60e3
-    inch = next((f" ({what})" for r, what in ((25.4, "the feed is given in inch/min"),) if abs(mm_min / given / r - 1.0) < _SAME), "")
+    inch = " (the feed is given in inch/min)" if abs(feed / test.feed / 25.4 - 1.0) < _SAME else ""
     told = f"was run with another feed, set feed_mm_min = {mm_min:.6g}{inch}"
     if have < want and abs(first - begin) < abs(first - _lead(test, feed)) + _CERTAIN:
         return ClockMistake("unclear", feed, f"it stops {end - last:.2f} s early, or {told}")

@@ -15,14 +15,11 @@ from mjsim.campaign.traces import read_trace
 from mjsim.checking.mistakes import Mistake, corrected, rewritten
 from mjsim.checking.recognise import TestEvidence, recognise
 from mjsim.errors import InputError
-from mjsim.files import check_writable, write_all
+from mjsim.files import write_all
 from mjsim.importing.into_campaign import trace_bytes
 from mjsim.machine.files import read_machine
 from mjsim.machine.model import Machine
 from mjsim.toml import read_text
-
-#: Files of a campaign's folder that a corrected copy leaves out.
-_STATE = ".mjsim"
 
 
 @dataclass(frozen=True)
@@ -113,7 +110,7 @@ def write_corrected(result: CheckResult, folder: str | Path) -> list[Path]:
     document = tomlkit.parse(read_text(source / "campaign.toml"))
     tables = {str(t["name"]): t for t in document["test"]}
     contents: dict[Path, str | bytes] = {}
-    for file in sorted(p for p in source.rglob("*") if p.is_file() and _STATE not in p.relative_to(source).parts):
+    for file in sorted(p for p in source.rglob("*") if p.is_file() and not p.is_relative_to(result.campaign.state_folder)):
         contents[out / file.relative_to(source)] = file.read_bytes()
     edits: dict[str, list[Mistake]] = {}
     for m in result.mistakes:
@@ -130,8 +127,6 @@ def write_corrected(result: CheckResult, folder: str | Path) -> list[Path]:
     if result.campaign.machine_file.is_file() and not result.campaign.machine_file.resolve().is_relative_to(source.resolve()):
         document["machine"] = str(result.campaign.machine_file.resolve())
     contents[out / "campaign.toml"] = tomlkit.dumps(document)
-    for path in contents:
-        check_writable(path)
     write_all(contents)
     return list(contents)
 

@@ -16,7 +16,7 @@ from mjsim.campaign.model import Test
 from mjsim.engine.plant import Plant
 from mjsim.inference.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER
 from mjsim.inference.samples import GRID, GRID_STEPS, Samples
-from mjsim.kinematics import BarSensitivity, sensitivity
+from mjsim.kinematics import BarSensitivity
 from mjsim.motion import TestMotion
 
 #: Spikes are what is left above this time constant of a Gaussian, s: friction's last some 0.1 s at every feed.
@@ -47,8 +47,7 @@ class Variant:
     def of(cls, test: Test, plant: Plant) -> Variant:
         """Simulate a test's motion."""
         motion = TestMotion(test)
-        sens = sensitivity(motion.load(plant, GRID_STEPS)[:, :5], np.asarray(test.table_ball))
-        return cls(test, motion.reading(plant, GRID_STEPS), sens)
+        return cls(test, motion.reading(plant, GRID_STEPS), motion.sensitivity(plant, GRID_STEPS))
 
     def balls(self, s: Samples) -> np.ndarray:
         """Columns (blocks, 6) of a trace: m per prior standard deviation of the table ball's and the spindle ball's offsets."""

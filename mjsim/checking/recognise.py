@@ -55,7 +55,7 @@ def recognise(campaign: Campaign, machine: Machine, threads: int = 2) -> Finding
     Args:
         campaign: with at least one measured test. machine: the model as given; what is wrong with the machine may be missing in it.
     """
-    return look(Problem(campaign, machine, threads, outliers=False), machine)
+    return look(Problem(campaign, machine, threads, outliers=False, keep_motions=False), machine)
 
 
 def look(problem: Problem, machine: Machine) -> Findings:

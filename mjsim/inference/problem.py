@@ -18,7 +18,7 @@ from mjsim.inference.calibration import SHEET, calibrated
 from mjsim.inference.nuisance import fit_nuisance
 from mjsim.inference.outliers import MOST_EVENTS, SAME_PLACE, cut_at, largest_jump, mark_outliers, take_back
 from mjsim.inference.samples import GRID, GRID_STEPS, Samples, estimate_noise, make_samples
-from mjsim.kinematics import AXES, BarSensitivity, sensitivity
+from mjsim.kinematics import AXES, BarSensitivity
 from mjsim.machine.model import Machine
 from mjsim.motion import TestMotion
 
@@ -103,10 +103,7 @@ class Problem:
         plant = build(machine)
         check_stable(plant)
         self.outliers = {t.name: 0 for t in self.tests}
-        self.sensitivity = self.map(
-            lambda k: sensitivity(self.motions[k].load(plant, GRID_STEPS)[:, :5], np.asarray(self.tests[k].table_ball))
-        )
-
+        self.sensitivity = self.map(lambda k: self.motions[k].sensitivity(plant, GRID_STEPS))
         if outliers:
             self.leave_out_outliers(plant)
 

@@ -18,7 +18,6 @@ from mjsim.inference.fit import Fit, with_effects
 from mjsim.inference.free import FreeEffect
 from mjsim.inference.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, sheet_grid, sheet_plants
 from mjsim.inference.samples import BLOCKS, GRID_STEPS, Noise
-from mjsim.kinematics import sensitivity
 from mjsim.machine.model import Machine
 from mjsim.motion import TestMotion
 
@@ -116,7 +115,7 @@ class Separator:
     def _columns(self, motion: TestMotion, base: np.ndarray):
         """Derivatives of the other explanation's reading: set-up, trigger, length, data sheet, effects; m per prior unit."""
         plant, other = self._plants[1], self.other
-        sens = sensitivity(motion.load(plant, GRID_STEPS)[:, :5], np.asarray(motion.test.table_ball))
+        sens = motion.sensitivity(plant, GRID_STEPS)
         yield from (sens.table * TABLE_BALL).T
         yield from (sens.spindle * SPINDLE_BALL).T
         yield -np.gradient(base, motion.time[GRID_STEPS]) * TRIGGER
