@@ -6,28 +6,28 @@ The commands of the same names are functions here: :func:`simulate`, :func:`comp
 
 from __future__ import annotations
 
-import sys
 from importlib import import_module
-from types import ModuleType
 from typing import Any
+
+from mjsim import batch, effects, report
 
 __version__ = "0.1.0"
 
 _WHERE = {
     "read_campaign": "mjsim.campaign.files",
-    "read_machine": "mjsim.machine.files",
-    "write_machine": "mjsim.machine.files",
-    "simulate": "mjsim.engine.simulate",
-    "check": "mjsim.checking.check",
-    "write_corrected": "mjsim.checking.check",
-    "compare": "mjsim.compare",
-    "diagnose": "mjsim.diagnose",
-    "plan": "mjsim.plan",
-    "identify_pitch_errors": "mjsim.identification.identify",
+    "read_machine": "mjsim.campaign.machine_file",
+    "write_machine": "mjsim.campaign.machine_file",
+    "simulate": "mjsim.simulation.multibody",
+    "check": "mjsim.workflow.check",
+    "write_corrected": "mjsim.workflow.check",
+    "compare": "mjsim.workflow.compare",
+    "diagnose": "mjsim.workflow.diagnose",
+    "plan": "mjsim.workflow.plan",
+    "identify_pitch_errors": "mjsim.estimation.pitch.identify",
     "report": "mjsim.report.write",
-    "add": "mjsim.workflow",
-    "remove": "mjsim.workflow",
-    "history": "mjsim.ladder",
+    "add": "mjsim.workflow.edit",
+    "remove": "mjsim.workflow.edit",
+    "history": "mjsim.workflow.history",
     "effects": "mjsim.effects.registry",
     "animate": "mjsim.animation.movie",
     "animate_ladder": "mjsim.animation.ladder",
@@ -35,7 +35,7 @@ _WHERE = {
     "batch": "mjsim.batch.run",
     "write_nc": "mjsim.nc.write",
     "read_nc": "mjsim.nc.read",
-    "driven_by": "mjsim.nc.program",
+    "driven_by": "mjsim.ballbar.program",
     "feed_report": "mjsim.nc.control",
     "NCOptions": "mjsim.nc.write",
     "Control": "mjsim.nc.control",
@@ -43,11 +43,11 @@ _WHERE = {
     "import_trace": "mjsim.importing.importer",
     "import_features": "mjsim.importing.features",
     "imported_features": "mjsim.importing.features",
-    "export": "mjsim.export",
+    "export": "mjsim.workflow.export",
     "make_effect": "mjsim.effects.registry",
-    "Effect": "mjsim.effects.base",
-    "Parameter": "mjsim.effects.base",
-    "Motion": "mjsim.effects.motion",
+    "Effect": "mjsim.machine.effect",
+    "Parameter": "mjsim.machine.effect",
+    "Motion": "mjsim.machine.motion",
     "register": "mjsim.effects.registry",
     "InputError": "mjsim.errors",
     "SimulationError": "mjsim.errors",
@@ -67,12 +67,6 @@ def __dir__() -> list[str]:
     return sorted(__all__)
 
 
-class _Package(ModuleType):
-    """The package: importing ``mjsim.compare`` or another module of a function's name does not hide the function."""
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if not (name in _WHERE and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package
+# These packages bear the names of functions. Python binds a package's name once, when it is first imported; without that binding
+# __getattr__ gives the function, and `from mjsim.effects import ...` works as ever.
+del batch, effects, report

@@ -25,15 +25,15 @@ from benchmark_commands import commands, growth, memory
 from benchmark_page import Row, header, table, write_page
 from mujoco import rollout
 
-from mjsim.campaign.model import Test
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.campaign.machine_file import read_machine
 from mjsim.effects import registry
-from mjsim.engine import callback, mjmodel
-from mjsim.engine.drive import STEP, SUBSTEPS
-from mjsim.engine.plant import Plant, build
-from mjsim.engine.simulate import _prepare, simulate
-from mjsim.machine.files import read_machine
-from mjsim.machine.model import Machine
-from mjsim.resources import examples
+from mjsim.io.resources import examples
+from mjsim.machine.model import Machine, build
+from mjsim.machine.plant import Plant
+from mjsim.simulation import callback, mjmodel
+from mjsim.simulation.drive import STEP, SUBSTEPS
+from mjsim.simulation.multibody import _prepare, simulate
 
 ROOT = Path(__file__).resolve().parent.parent
 PARTS = ("simulate", "commands", "memory", "growth")
@@ -41,7 +41,7 @@ PARTS = ("simulate", "commands", "memory", "growth")
 TARGET = 150.0
 DEG = math.pi / 180.0
 #: θ = 15°, β = 10°, two turns at 1000 mm/min: 74.9 s.
-TEST = Test(
+TEST = BallBarTest(
     "cone15",
     "cone_frustum",
     table_ball=(0.05, 0.02, 0.155),
@@ -127,7 +127,7 @@ def simulation(machine: Machine, repeats: int) -> list[Row]:
         )
         ratios = [statistics.median(t[i][0] / t[2][0] for t in times) for i in (0, 1)]
         duration = (n - 1) * STEP
-        what = f"{title} ({len(plant.effects)} effects, {len(plant.ops)} transmission operations)"
+        what = f"{title} ({len(machine.effects)} effects, {len(plant.ops)} transmission operations)"
         measured = f"{total:.3f} s ({alone:.3f} s of processor time), {duration / total:.0f} times real time"
         goal = duration / TARGET
         limit = f"{goal:.2f} s, {TARGET:.0f} times"

@@ -25,11 +25,11 @@ from mjsim.batch.local import run_local
 from mjsim.batch.run import batch
 from mjsim.batch.sweep import Sweep, read_sweep
 from mjsim.batch.workshop import Workshop
-from mjsim.engine import mjmodel
-from mjsim.engine.drive import STEP
-from mjsim.engine.plant import build
-from mjsim.engine.simulate import _prepare
-from mjsim.resources import examples
+from mjsim.io.resources import examples
+from mjsim.machine.model import build
+from mjsim.simulation import mjmodel
+from mjsim.simulation.drive import STEP
+from mjsim.simulation.multibody import _prepare
 
 SWEEP = """
 name = "benchmark"

@@ -18,15 +18,15 @@ from pathlib import Path
 import numpy as np
 from benchmark_page import Curve, Row
 
+from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
-from mjsim.inference import search, signatures
-from mjsim.inference.fit import Fitter
-from mjsim.inference.problem import Problem
-from mjsim.motion import time_grid
-from mjsim.nc.program import Program
-from mjsim.resources import examples
+from mjsim.estimation import search, signatures
+from mjsim.estimation.fit import Fitter
+from mjsim.estimation.problem import Problem
+from mjsim.io.resources import examples
+from mjsim.simulation.axes import time_grid
 from mjsim.threads import one_blas_thread
-from mjsim.workflow import machine_of
+from mjsim.workflow.edit import machine_of
 
 #: Seconds that the commands may take.
 HELP, COMPARE, DIAGNOSE = 0.4, 8.0, 40.0

@@ -45,9 +45,9 @@ def run_case(case) -> dict:
     from independent import campaign as generator
 
     from mjsim.campaign.files import read_campaign
+    from mjsim.campaign.machine_file import read_machine
     from mjsim.cli.common import finite
-    from mjsim.diagnose import diagnose
-    from mjsim.machine.files import read_machine
+    from mjsim.workflow.diagnose import diagnose
 
     row = {"name": case.name, "category": case.category, "half": case.half, "machine": case.machine, "tests": len(case.tests)}
     row["noise_um"] = case.noise_um

@@ -34,7 +34,7 @@ def spoil(campaign, planted: str, rng):
     """The campaign with a mistake in it, and the tests that have it; ``None`` where it cannot have that one."""
     import numpy as np
 
-    from mjsim.campaign.model import Trace
+    from mjsim.ballbar.measurement import Trace
 
     who, what = planted.split(": ")
     names = [t.name for t in campaign.measured]
@@ -71,8 +71,8 @@ def run(case, kinds: list[str]) -> list[tuple[str, str, str]]:
     from independent import campaign as generator
 
     from mjsim.campaign.files import read_campaign
-    from mjsim.checking.recognise import recognise
-    from mjsim.machine.files import read_machine
+    from mjsim.campaign.machine_file import read_machine
+    from mjsim.estimation.mistakes.recognise import recognise
 
     rng = np.random.default_rng(zlib.crc32(case.name.encode()))
     rows = []

@@ -12,17 +12,17 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from mjsim import ladder
 from mjsim.animation.ladder import animate_ladder
 from mjsim.animation.layout import Layout
 from mjsim.animation.movie import pictures
 from mjsim.animation.scene import Stage
 from mjsim.animation.story import tell
 from mjsim.campaign.files import read_campaign
-from mjsim.compare import compare
 from mjsim.effects.registry import make
-from mjsim.resources import examples
-from mjsim.workflow import machine_of
+from mjsim.io.resources import examples
+from mjsim.workflow import history as ladder
+from mjsim.workflow.compare import compare
+from mjsim.workflow.edit import machine_of
 
 IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
 TESTS = ("cone15-centre-ccw", "cone45-x50-ccw", "cone15-y50-ccw", "rotary-a-tangential-ccw")

@@ -15,18 +15,18 @@ os.environ.setdefault("MUJOCO_GL", "egl")
 import mujoco
 import numpy as np
 
-from mjsim import ladder
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
-from mjsim.campaign.model import Test
-from mjsim.compare import Comparison
-from mjsim.kinematics import AXES
-from mjsim.nc.program import Program
-from mjsim.output import ladder_plot, polar_traces, residual_trace
+from mjsim.io.resources import examples, model_file
+from mjsim.machine.chain import AXES
 from mjsim.plots import polar, style
+from mjsim.plots.output import ladder_plot, polar_traces, residual_trace
 from mjsim.plots.residual import residual_figure
 from mjsim.plots.save import save
-from mjsim.resources import examples, model_file
-from mjsim.workflow import Change, add
+from mjsim.workflow import history as ladder
+from mjsim.workflow.compare import Comparison
+from mjsim.workflow.edit import Change, add
 
 IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
 CAMPAIGN, EFFECT, TEST = "hidden-backlash", "backlash.A", "cone15-y50-ccw"
@@ -53,7 +53,7 @@ def main() -> None:
         print(f"{file.name}: {file.stat().st_size / 1e3:.0f} kB")
 
 
-def machine_picture(test: Test, camera: str, size: int, phi_deg: float = 330.0) -> np.ndarray:
+def machine_picture(test: BallBarTest, camera: str, size: int, phi_deg: float = 330.0) -> np.ndarray:
     """The machine in the middle of a test, (size, size, 3)."""
     program = Program(test)
     time = np.linspace(*program.measured_span, 4001)

@@ -11,19 +11,19 @@ from pathlib import Path
 
 import numpy as np
 
+from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import read_machine, write_machine
 from mjsim.campaign.model import Campaign
-from mjsim.compare import Comparison, TestComparison, compare
 from mjsim.effects.registry import make
-from mjsim.identification.identify import identify_pitch_errors
-from mjsim.machine.files import read_machine, write_machine
-from mjsim.nc.program import Program
-from mjsim.output import polar_traces
+from mjsim.estimation.pitch.identify import identify_pitch_errors
+from mjsim.io.resources import examples
 from mjsim.plots import polar, style
+from mjsim.plots.output import polar_traces
 from mjsim.plots.save import save
-from mjsim.resources import examples
 from mjsim.units import DEG, UM
-from mjsim.workflow import add
+from mjsim.workflow.compare import ComparedTest, Comparison, compare
+from mjsim.workflow.edit import add
 
 IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
 CAMPAIGN, EFFECT, TEST = "kato2013", "worm_wear.A", "cone15-centre-ccw"
@@ -60,12 +60,12 @@ def main() -> None:
                 print(f"  {t.test.name}: RMS {t.rms / UM:.3f}, {described(t)}, left out {int((~t.valid).sum())}")
 
 
-def one(comparison: Comparison, name: str) -> TestComparison:
+def one(comparison: Comparison, name: str) -> ComparedTest:
     """One test of a comparison."""
     return next(t for t in comparison.tests if t.test.name == name)
 
 
-def described(t: TestComparison) -> str:
+def described(t: ComparedTest) -> str:
     """Extremes of the residual, as means over 5° of the angle, µm and degrees of the plot."""
     angle = (t.phi / DEG + (0.0 if t.test.kind == "rotary" else 180.0)) % 360.0
     bins = np.floor(angle / 5.0).astype(int)

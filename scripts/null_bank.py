@@ -18,20 +18,20 @@ from pathlib import Path
 
 import numpy as np
 
+from mjsim.ballbar.measurement import Trace
 from mjsim.campaign.files import read_campaign
-from mjsim.campaign.model import Campaign, Trace
-from mjsim.engine.plant import build
-from mjsim.inference.calibration import SHEET, calibrated
-from mjsim.inference.criteria import possible
-from mjsim.inference.fit import Fitter
-from mjsim.inference.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, Problem
-from mjsim.inference.search import THRESHOLD, Searcher
-from mjsim.inference.signatures import SignatureBank, seeds
-from mjsim.kinematics import reading
-from mjsim.machine.files import read_machine
-from mjsim.machine.model import Machine
-from mjsim.motion import TestMotion
-from mjsim.resources import examples
+from mjsim.campaign.machine_file import read_machine
+from mjsim.campaign.model import Campaign
+from mjsim.estimation.calibration import SHEET, calibrated
+from mjsim.estimation.criteria import possible
+from mjsim.estimation.fit import Fitter
+from mjsim.estimation.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, Problem
+from mjsim.estimation.search import THRESHOLD, Searcher
+from mjsim.estimation.signatures import SignatureBank, seeds
+from mjsim.io.resources import examples
+from mjsim.machine.chain import reading
+from mjsim.machine.model import Machine, build
+from mjsim.simulation.axes import AxesMotion
 
 
 def null_campaign(campaign: Campaign, machine: Machine, rng: np.random.Generator) -> Campaign:
@@ -43,7 +43,7 @@ def null_campaign(campaign: Campaign, machine: Machine, rng: np.random.Generator
     tests, traces = [], {}
     for k in chosen:
         t = campaign.tests[k]
-        motion = TestMotion(t)
+        motion = AxesMotion(t)
         q = motion.load(true)
         table, spindle = setups[t.setup]
         q[:, :3] += spindle

@@ -25,7 +25,7 @@ LATE = ("matplotlib.backends.backend_agg", "matplotlib.backends.backend_svg", "p
 def main() -> None:
     import mjsim
     from mjsim.cli.main import main as command
-    from mjsim.resources import examples
+    from mjsim.io.resources import examples
 
     with tempfile.TemporaryDirectory() as folder:
         campaign = Path(folder) / "campaign"

@@ -13,14 +13,14 @@ import pytest
 from commands import CAMPAIGN
 from paper_traces import ANGLE, UM
 
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
-from mjsim.campaign.model import Test
+from mjsim.campaign.machine_file import read_machine
 from mjsim.effects import registry
-from mjsim.engine.simulate import simulate
-from mjsim.kinematics import AXES
-from mjsim.machine.files import read_machine
-from mjsim.nc.program import Program
-from mjsim.resources import examples
+from mjsim.io.resources import examples
+from mjsim.machine.chain import AXES
+from mjsim.simulation.multibody import simulate
 
 hypothesis.settings.load_profile("mjsim")
 os.environ.setdefault("MJSIM_TRACEBACK", "1")  # a fault of mjsim's own is shown as it is
@@ -118,7 +118,7 @@ def cone():
 
     def make(theta, beta, ball, feed=1000.0, **fields):
         fields = {"name": f"cone{theta:g}", "revolutions": 1, **fields}
-        return Test(
+        return BallBarTest(
             kind="cone_frustum",
             table_ball=tuple(x / 1e3 for x in ball),
             length=0.1,
@@ -137,7 +137,7 @@ def circle():
 
     def make(plane, ball, feed=1000.0, **fields):
         fields = {"name": f"circle-{plane}", "revolutions": 1, **fields}
-        return Test(kind="circular", table_ball=tuple(x / 1e3 for x in ball), length=0.1, feed=feed / 60e3, plane=plane, **fields)
+        return BallBarTest(kind="circular", table_ball=tuple(x / 1e3 for x in ball), length=0.1, feed=feed / 60e3, plane=plane, **fields)
 
     return make
 
@@ -148,7 +148,7 @@ def turn():
 
     def make(axis, start, stop, ball, sensitive="tangential", feed=1000.0, **fields):
         fields = {"name": f"rotary-{axis}", "revolutions": 1, **fields}
-        return Test(
+        return BallBarTest(
             kind="rotary",
             table_ball=tuple(x / 1e3 for x in ball),
             length=0.1,

@@ -1,6 +1,6 @@
 """Load-side motions of one test, for the tests of what acts between motor and load."""
 
-from mjsim.engine.plant import build
+from mjsim.machine.model import build
 
 
 def load(motion, machine, *effects):

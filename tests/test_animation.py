@@ -16,7 +16,6 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
-from mjsim import ladder
 from mjsim.animation import gl
 from mjsim.animation.board import Board
 from mjsim.animation.encode import Gif
@@ -26,13 +25,14 @@ from mjsim.animation.movie import animate, pictures
 from mjsim.animation.panel import Panel
 from mjsim.animation.story import FILL, tell
 from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import machine_text, read_machine
 from mjsim.cli.main import main
-from mjsim.compare import compare
 from mjsim.effects.registry import make
 from mjsim.errors import InputError
-from mjsim.kinematics import bar_vector
-from mjsim.machine.files import machine_text, read_machine
-from mjsim.resources import examples
+from mjsim.io.resources import examples
+from mjsim.machine.chain import bar_vector
+from mjsim.workflow import history as ladder
+from mjsim.workflow.compare import compare
 
 ROOT = Path(__file__).resolve().parent.parent
 #: Both directions: one alone would let the balls' offsets explain the backlash.

@@ -9,7 +9,7 @@ import mjsim
 
 @pytest.mark.parametrize("name", ["compare", "diagnose", "effects", "simulate", "add", "history"])
 def test_functions_stay_functions(name):
-    for module in ("mjsim.compare", "mjsim.diagnose", "mjsim.effects", "mjsim.engine.simulate"):
+    for module in ("mjsim.workflow.compare", "mjsim.workflow.diagnose", "mjsim.effects", "mjsim.simulation.multibody"):
         importlib.import_module(module)
     assert callable(getattr(mjsim, name))
 

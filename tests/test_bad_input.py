@@ -368,7 +368,7 @@ def test_simulate(campaign):
 
 
 def test_diagnose_says_so_before_it_works(campaign, monkeypatch):
-    monkeypatch.setattr(import_module("mjsim.diagnose"), "diagnose", lambda *a, **k: pytest.fail("worked first"))
+    monkeypatch.setattr(import_module("mjsim.workflow.diagnose"), "diagnose", lambda *a, **k: pytest.fail("worked first"))
     refused(campaign.parent, ["diagnose", campaign, "--write", campaign / M, "--json"], M, "exists already", "--force")
     refused(
         campaign.parent, ["diagnose", campaign, "--write", campaign / FILE / "fitted.toml", "--json"], "fitted.toml", "cannot be written"

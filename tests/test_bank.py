@@ -7,8 +7,8 @@ import pytest
 from independent import bank, campaign
 
 from mjsim.campaign.files import read_campaign
-from mjsim.diagnose import diagnose
-from mjsim.machine.files import read_machine
+from mjsim.campaign.machine_file import read_machine
+from mjsim.workflow.diagnose import diagnose
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
 CASES = {c.name: c for c in bank.cases()}

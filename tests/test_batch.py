@@ -17,19 +17,19 @@ import pytest
 from click.testing import CliRunner
 
 import mjsim
+from mjsim.ballbar.iso230 import circular_figures
+from mjsim.ballbar.program import Program
 from mjsim.batch import cluster, dataset
 from mjsim.batch.dataset import Folder
 from mjsim.batch.figures import FIGURES
 from mjsim.batch.sweep import read_sweep
 from mjsim.cli.main import main
-from mjsim.engine import callback
-from mjsim.engine.simulate import simulate
 from mjsim.errors import InputError
-from mjsim.inference.calibration import SHEET
+from mjsim.estimation.calibration import SHEET
+from mjsim.io.resources import examples
 from mjsim.machine.model import TOLERANCE
-from mjsim.measure.iso230 import circular_figures
-from mjsim.nc.program import Program
-from mjsim.resources import examples
+from mjsim.simulation import callback
+from mjsim.simulation.multibody import simulate
 
 #: Two short tests, 2.5 and 4.5 s.
 TESTS = """

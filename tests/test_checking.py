@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from commands import as_json, ok, refused
 
+from mjsim.ballbar.measurement import Trace
+from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
-from mjsim.campaign.model import Trace
+from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.span import explain
-from mjsim.checking.check import check
-from mjsim.checking.mistakes import UNITS, corrected, turned, unit_of
-from mjsim.checking.recognise import recognise
-from mjsim.machine.files import read_machine
-from mjsim.nc.program import Program
-from mjsim.resources import examples
+from mjsim.estimation.mistakes.mistakes import UNITS, corrected, turned, unit_of
+from mjsim.estimation.mistakes.recognise import recognise
+from mjsim.io.resources import examples
+from mjsim.workflow.check import check
 
 #: What is wrong with the machine of each example is in its README; none of it is a mistake of the user's.
 FAULTY = ("hidden-backlash", "two-candidates", "pitch-error", "unlisted", "healthy", "kato2013")

@@ -13,8 +13,8 @@ import tomlkit
 from commands import as_json, ok, run
 
 from mjsim.campaign.files import read_campaign
-from mjsim.machine.files import read_machine
-from mjsim.resources import examples
+from mjsim.campaign.machine_file import read_machine
+from mjsim.io.resources import examples
 
 TESTS = ("cone45-centre-ccw", "rotary-a-tangential-ccw")
 COMMANDS = ("demo", "simulate", "compare", "diagnose", "report", "add", "remove", "history", "effects")
@@ -239,7 +239,7 @@ def test_a_users_own_effect_from_file_to_machine_and_back(tmp_path, monkeypatch)
 
 def test_the_commands_are_functions(campaign, tmp_path):
     import mjsim
-    from mjsim.compare import compare
+    from mjsim.workflow.compare import compare
 
     assert set(COMMANDS) - {"demo"} <= set(dir(mjsim))
     c = mjsim.read_campaign(campaign)

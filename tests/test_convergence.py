@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mjsim.effects.registry import make
-from mjsim.engine.drive import STEP, SUBSTEPS
-from mjsim.engine.simulate import simulate
+from mjsim.simulation.drive import STEP, SUBSTEPS
+from mjsim.simulation.multibody import simulate
 
 FINE_STEP, FINE_SUBSTEPS = STEP / 4, 20
 

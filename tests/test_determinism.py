@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from commands import run
 
+from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import read_machine
 from mjsim.effects.registry import make
-from mjsim.engine.simulate import simulate
-from mjsim.machine.files import read_machine
-from mjsim.nc.program import Program
+from mjsim.simulation.multibody import simulate
 
 _BATCH = """\
 name = "s"

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mjsim.engine.drive import (
+from mjsim.machine.model import build
+from mjsim.simulation.drive import (
     BRISTLE,
     INTEGRAL,
     OMEGA,
@@ -19,7 +20,6 @@ from mjsim.engine.drive import (
     run,
     start,
 )  # fmt: skip
-from mjsim.engine.plant import build
 
 UM = 1e-6
 #: Distance from the A centreline that turns its angle into a reading, m (the far corner of the tests' work space).

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from motions import load
 
+from mjsim.campaign.machine_file import read_machine, write_machine
 from mjsim.effects import registry
-from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import make
-from mjsim.engine.plant import build
-from mjsim.engine.simulate import simulate
 from mjsim.errors import InputError
-from mjsim.kinematics import AXES, COLUMN, LINEAR, ROTARY
-from mjsim.machine.files import read_machine, write_machine
-from mjsim.motion import TestMotion
-from mjsim.resources import examples
+from mjsim.io.resources import examples
+from mjsim.machine.chain import AXES, COLUMN, LINEAR, ROTARY
+from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.model import build
+from mjsim.simulation.axes import AxesMotion
+from mjsim.simulation.multibody import simulate
 
 DEG, UM = math.pi / 180.0, 1e-6
 IDS = registry.all_ids()
@@ -275,7 +275,7 @@ def test_units_come_from_the_names():
 @pytest.fixture(scope="module")
 def motion(cone):
     """A whole cone test, two turns (C passes 360°), late on the campaign clock."""
-    return TestMotion(cone(45, 30, (60, 30, 155), feed=8000, sensitive="parallel", revolutions=2, started=400.0))
+    return AxesMotion(cone(45, 30, (60, 30, 155), feed=8000, sensitive="parallel", revolutions=2, started=400.0))
 
 
 @pytest.fixture(scope="module")

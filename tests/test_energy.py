@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from mjsim.effects.registry import make
-from mjsim.engine import mjmodel
-from mjsim.engine.drive import BRISTLE, OMEGA, STATE_SIZE, STEP, THETA, advance, discretise, start
-from mjsim.engine.plant import build
-from mjsim.engine.transmission import transmit
-from mjsim.kinematics import AXES
+from mjsim.machine.chain import AXES
+from mjsim.machine.model import build
+from mjsim.simulation import mjmodel
+from mjsim.simulation.drive import BRISTLE, OMEGA, STATE_SIZE, STEP, THETA, advance, discretise, start
+from mjsim.simulation.transmission import transmit
 
 #: Index of dω per unit torque over a sub-step in a drive's parameters.
 TORQUE_TO_OMEGA = 16

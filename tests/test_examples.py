@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from mjsim.cli.main import main
-from mjsim.resources import examples
+from mjsim.io.resources import examples
 
 pytestmark = pytest.mark.slow
 KEYS = {"verdict", "noise_um", "rms_before_um", "rms_after_um", "effects", "unexplained", "not_testable", "left_out", "next_test"}

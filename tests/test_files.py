@@ -6,11 +6,11 @@ import tomllib
 import pytest
 from commands import OWN
 
+from mjsim.campaign.machine_file import machine_document, read_machine, write_machine
 from mjsim.effects import registry
 from mjsim.errors import InputError
-from mjsim.files import check_writable, write_whole
-from mjsim.machine.files import machine_document, read_machine, write_machine
-from mjsim.resources import examples
+from mjsim.io.files import check_writable, write_whole
+from mjsim.io.resources import examples
 
 MACHINE = (examples() / "hidden-backlash" / "machine.toml").read_text()
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import mjsim
-from mjsim.diagnose import DiagnosedEffect, Diagnosis
 from mjsim.effects.registry import make
+from mjsim.io.resources import examples
 from mjsim.paper.figures import PaperFigures
 from mjsim.paper.numbers import Number
-from mjsim.resources import examples
+from mjsim.workflow.diagnose import DiagnosedEffect, Diagnosis
 
 
 def test_simulation(m1, cone):

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from mjsim.animation import scene
 from mjsim.batch import run as batch_run
 from mjsim.cli.main import _COMMANDS, main
-from mjsim.engine import mjmodel
-from mjsim.inference.problem import Problem
+from mjsim.estimation.problem import Problem
+from mjsim.simulation import mjmodel
 
 SWEEP = """
 name = "widths"

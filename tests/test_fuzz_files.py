@@ -11,23 +11,23 @@ from fuzzing import cases, replaced, spoiled, tried
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mjsim.ballbar.measurement import Instrument
+from mjsim.ballbar.program import Program
 from mjsim.batch.dataset import Folder
 from mjsim.batch.sweep import read_sweep
 from mjsim.campaign.files import read_campaign
-from mjsim.campaign.model import Instrument
+from mjsim.campaign.machine_file import machine_document, read_machine
 from mjsim.campaign.traces import read_trace
 from mjsim.effects import registry
 from mjsim.importing.b5r import read_b5r
 from mjsim.importing.features import beside, imported_features
 from mjsim.importing.importer import import_traces
 from mjsim.importing.reading import Options
-from mjsim.ladder import read_history
-from mjsim.machine.files import machine_document, read_machine
-from mjsim.nc.program import Program
+from mjsim.io.resources import examples
 from mjsim.nc.read import read_nc
 from mjsim.nc.write import Options as NCOptions
 from mjsim.nc.write import nc_program
-from mjsim.resources import examples
+from mjsim.workflow.history import read_history
 
 TURN = Instrument()
 

@@ -11,20 +11,20 @@ from commands import CAMPAIGN, ok, refused, run, snapshot
 from fuzzing import TALLY, odd_places, patience, sentence
 
 import mjsim
+from mjsim.ballbar.measurement import Instrument
 from mjsim.batch.dataset import Folder
 from mjsim.batch.sweep import read_sweep
 from mjsim.campaign.files import read_campaign
-from mjsim.campaign.model import Instrument
+from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.traces import MOST, read_trace
 from mjsim.cli.main import main
 from mjsim.effects import registry
 from mjsim.errors import InputError
-from mjsim.files import check_writable, write_whole
 from mjsim.importing.b5r import read_b5r
 from mjsim.importing.table import read_table
-from mjsim.machine.files import read_machine
+from mjsim.io.files import check_writable, write_whole
+from mjsim.io.resources import model_file
 from mjsim.nc.read import read_nc
-from mjsim.resources import model_file
 
 
 @pytest.fixture
@@ -289,7 +289,7 @@ def test_hostile_toml(tmp_path, name):
 
 def test_keys_of_ordinary_files_are_no_deep_ones(tmp_path):
     """Dots in numbers, texts and comments do not count."""
-    from mjsim.toml import parse
+    from mjsim.io.toml import parse
 
     path = tmp_path / "a.toml"
     numbers = "[" + ", ".join(["1.5"] * 500) + "]"

@@ -19,19 +19,19 @@ from fuzzing import cases, tried
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from mjsim import files
+from mjsim.ballbar.measurement import Instrument
 from mjsim.campaign.files import campaign_from, read_campaign
 from mjsim.campaign.files import test_table as table_of
-from mjsim.campaign.model import Instrument
+from mjsim.campaign.machine_file import read_machine, write_machine
 from mjsim.campaign.traces import read_trace, saturated
 from mjsim.cli import common
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.importing.importer import import_trace
-from mjsim.machine.files import read_machine, write_machine
+from mjsim.io import files
+from mjsim.io.resources import examples
 from mjsim.nc.read import motion_csv, parse_nc
 from mjsim.nc.write import Options, nc_program
-from mjsim.resources import examples
 from mjsim.units import UM
 
 
@@ -386,7 +386,7 @@ def test_a_group_inside_a_group_belongs_to_it(tmp_path):
 def test_terminated_while_it_works(tmp_path):
     """The real process: SIGTERM in the middle of a long run ends it with one sentence, and its folder is as it was."""
     code = (
-        "import os, signal, sys, threading; from mjsim.cli.main import main; from mjsim.engine import mjmodel; real = mjmodel.build_model\n"
+        "import os, signal, sys, threading; from mjsim.cli.main import main; from mjsim.simulation import mjmodel; real = mjmodel.build_model\n"
         "def build(*a):\n    os.kill(os.getpid(), signal.SIGTERM)\n    return real(*a)\n"
         "mjmodel.build_model = build; sys.argv = ['mjsim', *sys.argv[1:]]; main()"
     )

@@ -10,8 +10,8 @@ from independent import bank, campaign, drives, layouts, machines, measurement, 
 from independent.programs import Program
 
 import mjsim
-from mjsim.engine.plant import build
-from mjsim.motion import TestMotion
+from mjsim.machine.model import build
+from mjsim.simulation.axes import AxesMotion
 
 #: Quick tests of each kind, with the machine for which each whole reading is compared.
 TESTS = {
@@ -94,7 +94,7 @@ def both(tmp_path_factory):
             head = {"name": "x", "machine": "machine.toml", "instrument": INSTRUMENT, "test": [test]}
             (here / "campaign.toml").write_text(tomlkit.dumps(head))
             read = mjsim.read_campaign(here, traces=False)
-            kept[machine, name] = test, mjsim.read_machine(here / "machine.toml"), TestMotion(read.tests[0])
+            kept[machine, name] = test, mjsim.read_machine(here / "machine.toml"), AxesMotion(read.tests[0])
         return kept[machine, name]
 
     def run(machine, name, effects=()):
@@ -147,7 +147,7 @@ def test_elastic_transmissions_agree(both, monkeypatch, axis, test, stiffness):
     """With the same load inertia on both sides: mjsim takes that of its solids, the generator a share of the drive's."""
     drives_of = machines.nominal("M1")["drive"]
     load = [drives.LOAD_SHARE * drives_of[a]["inertia_kgm2"] * drives.gear(drives_of[a]) ** 2 for a in "XYZAC"]
-    monkeypatch.setattr("mjsim.engine.plant.moving_bodies", lambda: np.array(load))
+    monkeypatch.setattr("mjsim.machine.plant.moving_bodies", lambda: np.array(load))
     unit = "stiffness_Nm_per_urad" if axis in "AC" else "stiffness_N_per_um"
     bare = both("M1", test)
     soft = both("M1", test, [{"id": f"drive_compliance.{axis}", unit: stiffness, "damping_ratio": 0.08}])

@@ -5,17 +5,17 @@ import dataclasses
 import numpy as np
 import pytest
 
+from mjsim.ballbar.measurement import BallBarTest, Trace
 from mjsim.campaign.files import read_campaign
-from mjsim.campaign.model import Test, Trace
+from mjsim.campaign.machine_file import read_machine
 from mjsim.effects import registry
-from mjsim.inference.free import FreeEffect
-from mjsim.inference.outliers import mark_outliers, take_back
-from mjsim.inference.problem import Problem
-from mjsim.inference.samples import Samples, estimate_noise, revolution_time
-from mjsim.machine.files import read_machine
-from mjsim.resources import examples
+from mjsim.estimation.free import FreeEffect
+from mjsim.estimation.outliers import mark_outliers, take_back
+from mjsim.estimation.problem import Problem
+from mjsim.estimation.samples import Samples, estimate_noise, revolution_time
+from mjsim.io.resources import examples
 
-CIRCLE = Test("c", "circular", (0.0, 0.0, 0.155), 0.1, 1 / 60, revolutions=2)
+CIRCLE = BallBarTest("c", "circular", (0.0, 0.0, 0.155), 0.1, 1 / 60, revolutions=2)
 
 
 def coloured(n, rms, tau, dt, rng):
@@ -107,16 +107,16 @@ def test_free_vector_round_trip():
 
 def test_nuisances_are_recovered_by_a_problem_of_known_offsets():
     """A trace made from the machine's own reading with known ball offsets, bar length and trigger gives them back."""
-    from mjsim.engine.plant import build
-    from mjsim.inference.nuisance import fit_nuisance
-    from mjsim.inference.problem import LENGTH, TABLE_BALL, TRIGGER
-    from mjsim.kinematics import reading
-    from mjsim.motion import TestMotion
+    from mjsim.estimation.nuisance import fit_nuisance
+    from mjsim.estimation.problem import LENGTH, TABLE_BALL, TRIGGER
+    from mjsim.machine.chain import reading
+    from mjsim.machine.model import build
+    from mjsim.simulation.axes import AxesMotion
 
     campaign = read_campaign(examples() / "healthy", traces=False)
     machine = read_machine(campaign.machine_file)
     test = next(t for t in campaign.tests if t.name == "cone15-x50-ccw")
-    motion = TestMotion(test)
+    motion = AxesMotion(test)
     q = motion.load(build(machine))
     offset = np.array([12e-6, -7e-6, 4e-6])
     d = reading(q, np.asarray(test.table_ball) + offset, test.length) + 2e-6
@@ -134,7 +134,7 @@ def test_nuisances_are_recovered_by_a_problem_of_known_offsets():
 
 def test_a_ball_in_another_seat_is_left_out_and_a_step_that_repeats_is_not():
     """A lasting jump: the shorter side goes. The machine's own steps come back in the other revolution and stay."""
-    from mjsim.inference.outliers import cut_at, largest_jump
+    from mjsim.estimation.outliers import cut_at, largest_jump
 
     rng = np.random.default_rng(6)
     s = samples(rng, signal=3e-6)
@@ -165,10 +165,10 @@ def test_a_stiffness_is_fitted_as_its_compliance():
 
 def test_a_generic_curve_finds_the_axis_and_the_variable():
     """A float of X with Y's speed, laid over a healthy campaign: the term says so, and so does the effect file it writes."""
-    from mjsim.inference.empirical import best_term
-    from mjsim.inference.fit import Fitter
-    from mjsim.inference.search import Searcher
-    from mjsim.inference.unknown import describe
+    from mjsim.estimation.empirical import best_term
+    from mjsim.estimation.fit import Fitter
+    from mjsim.estimation.search import Searcher
+    from mjsim.estimation.unknown import describe
 
     campaign = read_campaign(examples() / "healthy")
     machine = read_machine(campaign.machine_file)
@@ -192,11 +192,11 @@ def test_a_generic_curve_finds_the_axis_and_the_variable():
 def test_the_written_effect_does_what_its_term_did(moves, tmp_path):
     """The effect file of a term, simulated, changes the reading by what the term says."""
     from mjsim.effects.registry import load_file
-    from mjsim.engine.plant import build
-    from mjsim.inference.effect_file import effect_source
-    from mjsim.inference.fit import Fitter
-    from mjsim.inference.generic import Generic
-    from mjsim.inference.search import Searcher
+    from mjsim.estimation.effect_file import effect_source
+    from mjsim.estimation.fit import Fitter
+    from mjsim.estimation.generic import Generic
+    from mjsim.estimation.search import Searcher
+    from mjsim.machine.model import build
 
     campaign = read_campaign(examples() / "healthy")
     machine = read_machine(campaign.machine_file)

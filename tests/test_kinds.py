@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import mjsim
+from mjsim.ballbar.kinds import KINDS
+from mjsim.ballbar.program import Program
 from mjsim.campaign import files
 from mjsim.importing.names import OPTION
-from mjsim.kinematics import machine_to_work, reading
-from mjsim.nc.kinds import KINDS
-from mjsim.nc.program import Program
-from mjsim.output import conditions
+from mjsim.machine.chain import machine_to_work, reading
+from mjsim.plots.output import conditions
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 

@@ -1,13 +1,13 @@
-"""Three independent ways to the reading: MuJoCo's sites, mjsim.kinematics, and the chain written out in 4 x 4 matrices here."""
+"""Three independent ways to the reading: MuJoCo's sites, mjsim.machine.chain, and the chain written out in 4 x 4 matrices here."""
 
 import mujoco
 import numpy as np
 import pytest
 
 from mjsim.effects.registry import make
-from mjsim.engine import mjmodel
-from mjsim.engine.plant import build
-from mjsim.kinematics import AXES, COLUMN, Geometry, bar_vector, reading, rotation, sensitivity, table_ball, work_to_machine
+from mjsim.machine.chain import AXES, COLUMN, Geometry, bar_vector, reading, rotation, sensitivity, table_ball, work_to_machine
+from mjsim.machine.model import build
+from mjsim.simulation import mjmodel
 
 BALL = np.array([0.083, -0.047, 0.155])
 LENGTH = 0.1
@@ -239,7 +239,7 @@ def test_sensitivity_against_central_differences():
 
 
 def test_perpendicular_method_does_not_see_z(cone):
-    from mjsim.nc.program import Program
+    from mjsim.ballbar.program import Program
 
     for theta, beta in ((15, 10), (45, 30)):
         test = cone(theta, beta, (50, -40, 155))
@@ -251,7 +251,7 @@ def test_perpendicular_method_does_not_see_z(cone):
 
 def test_the_compiled_reading_is_the_reference():
     """Axis positions, table motion and every geometric error at once: the fast path that the search uses."""
-    from mjsim.engine.bar import reading as compiled
+    from mjsim.simulation.bar import reading as compiled
 
     rng = np.random.default_rng(5)
     q = rng.uniform(-1.0, 1.0, (400, 9)) * np.array([0.3, 0.3, 0.3, 2.0, 7.0, 1e-3, 1e-3, 1e-3, 1e-3])

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from mjsim.kinematics import bar_vector
-from mjsim.nc.feed import ACCELERATION, trapezoid
-from mjsim.nc.kinds.cone_frustum import tool_axis
-from mjsim.nc.paths import PATHS, peripheral_radius
-from mjsim.nc.program import Program
+from mjsim.ballbar.feed import ACCELERATION, trapezoid
+from mjsim.ballbar.kinds.cone_frustum import tool_axis
+from mjsim.ballbar.paths import PATHS, peripheral_radius
+from mjsim.ballbar.program import Program
+from mjsim.machine.chain import bar_vector
 
 DEG = np.pi / 180.0
 X, Y, Z, A, C = range(5)

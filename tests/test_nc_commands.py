@@ -9,9 +9,9 @@ import pytest
 from click.testing import CliRunner
 
 import mjsim
+from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
 from mjsim.cli.main import main
-from mjsim.nc.program import Program
 
 CAMPAIGN = """\
 name = "short"
@@ -50,7 +50,7 @@ def campaign(tmp_path):
 
 
 def _example():
-    from mjsim.resources import examples
+    from mjsim.io.resources import examples
 
     return examples() / "healthy"
 

@@ -7,20 +7,20 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjsim.engine.plant import build
-from mjsim.engine.simulate import simulate
+from mjsim.ballbar.commanded import Commanded
+from mjsim.ballbar.follow import deviation
+from mjsim.ballbar.program import Program, driven_by
 from mjsim.errors import InputError
-from mjsim.kinematics import AXES, machine_to_work, reading, work_to_machine
-from mjsim.motion import TestMotion
-from mjsim.nc.commanded import Commanded
+from mjsim.io.resources import model_file
+from mjsim.machine.chain import AXES, machine_to_work, reading, work_to_machine
+from mjsim.machine.model import build
 from mjsim.nc.control import Control, executed, feed_report
 from mjsim.nc.dialects import DIALECTS
-from mjsim.nc.follow import deviation
 from mjsim.nc.limits import model_limits
-from mjsim.nc.program import Program, driven_by
 from mjsim.nc.read import motion_csv, parse_nc, read_nc
 from mjsim.nc.write import Options, nc_program, write_nc
-from mjsim.resources import model_file
+from mjsim.simulation.axes import AxesMotion
+from mjsim.simulation.multibody import simulate
 
 DEG = np.pi / 180.0
 UNITS = np.array([1e-3, 1e-3, 1e-3, DEG, DEG])
@@ -502,7 +502,7 @@ def test_searches_see_the_same_motion(cone, m1):
     test = cone(45, 30, (0, 0, 155), feed=4000.0)
     driven = driven_by(test, back(test, Options("siemens"))[1].motion)
     plant = build(m1)
-    assert np.abs(TestMotion(driven).reading(plant) - TestMotion(test).reading(plant)).max() < 0.25e-6
+    assert np.abs(AxesMotion(driven).reading(plant) - AxesMotion(test).reading(plant)).max() < 0.25e-6
 
 
 def test_programs_of_other_tests(cone, tests):

@@ -9,12 +9,12 @@ from independent import machines, reference
 from independent.drives import gear
 
 from mjsim.effects.registry import make
-from mjsim.engine.drive import STEP, SUBSTEPS, discretise, run, substeps_of
-from mjsim.engine.plant import build
-from mjsim.engine.simulate import simulate
-from mjsim.engine.transmission import transmit
-from mjsim.kinematics import AXES, LINEAR
-from mjsim.motion import TestMotion
+from mjsim.machine.chain import AXES, LINEAR
+from mjsim.machine.model import build
+from mjsim.simulation.axes import AxesMotion
+from mjsim.simulation.drive import STEP, SUBSTEPS, discretise, run, substeps_of
+from mjsim.simulation.multibody import simulate
+from mjsim.simulation.transmission import transmit
 
 UM = 1e-6
 #: Distance from a rotary axis' centreline that turns its angle into a reading, m (the far corner of the tests' work space).
@@ -124,7 +124,7 @@ def test_stiff_bristles_take_more_substeps(m1, cone):
     shipped, fine = (simulate(stiff, [test], substeps=n)[0] for n in (SUBSTEPS, 60))
     away = np.abs(shipped.deviation - fine.deviation)
     assert away.max() < 0.1 * UM
-    assert np.abs(TestMotion(test).reading(plant) - shipped.deviation).max() < 1e-11
+    assert np.abs(AxesMotion(test).reading(plant) - shipped.deviation).max() < 1e-11
 
 
 # --- the linear cascade and the elastic transmission, in closed form ---

@@ -12,13 +12,13 @@ from commands import refused, run
 
 import mjsim
 from mjsim.effects import registry
-from mjsim.effects.base import Effect, Parameter
-from mjsim.engine.drive import STEP, SUBSTEPS, discretise, equations
-from mjsim.engine.drive import run as drive_run
-from mjsim.engine.plant import build
-from mjsim.engine.simulate import simulate
-from mjsim.engine.stability import check_stable, least_velocity_gain
 from mjsim.errors import SimulationError
+from mjsim.machine.model import build
+from mjsim.simulation import mjmodel
+from mjsim.simulation.drive import STEP, SUBSTEPS, discretise, equations
+from mjsim.simulation.drive import run as drive_run
+from mjsim.simulation.multibody import simulate
+from mjsim.simulation.stability import check_stable, least_velocity_gain
 
 
 @pytest.fixture
@@ -73,23 +73,20 @@ def test_a_sweep_tells_it_per_run(campaign, capfd):
     assert "WARNING" not in capfd.readouterr().err and not os.listdir()
 
 
-class Shove(Effect):
-    """Bodies with numbers that no machine has: the drives are stable, MuJoCo is not."""
-
-    kind, subjects, parameters = "shove", ("X",), (Parameter("size_um", "size", neutral=0.0),)
-    title = definition = source = signature = "of a test"
-
-    def edit_model(self, model):
-        model.dof_damping[:] = -1e9
-
-
 def test_what_only_mujoco_notices(m1, cone, tmp_path, monkeypatch, capfd):
     """Where the drives are sound and the multibody model is not, MuJoCo's own warning becomes the error; it writes no log."""
-    registry.register(Shove)
+    real = mjmodel.with_numbers
+
+    def shoved(*args, **kwargs):  # bodies with numbers that no machine has: the drives are stable, MuJoCo is not
+        model = real(*args, **kwargs)
+        model.dof_damping[:] = -1e9
+        return model
+
+    monkeypatch.setattr(mjmodel, "with_numbers", shoved)
     monkeypatch.chdir(tmp_path)
     before = mujoco.get_mju_user_warning()
     with pytest.raises(SimulationError, match=r"test short: (MuJoCo gave up \(mjWARN|the simulated reading is not finite)"):
-        simulate(m1.with_effect(registry.make("shove.X", size_um=1.0)), [cone(15, 10, (0, 0, 155), 20000, name="short")])
+        simulate(m1, [cone(15, 10, (0, 0, 155), 20000, name="short")])
     assert mujoco.get_mju_user_warning() is before
     assert not os.listdir() and "WARNING" not in capfd.readouterr().err
 

@@ -18,11 +18,11 @@ from commands import as_json, ok, refused, run, snapshot
 import mjsim
 from mjsim.batch.workshop import Job, Workshop
 from mjsim.effects import guard, last_resort, registry
-from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.hooks import guard_class
-from mjsim.engine import callback
-from mjsim.engine.simulate import simulate
 from mjsim.errors import EffectTimeout, InputError, SimulationError
+from mjsim.machine.effect import Effect, Parameter
+from mjsim.simulation import callback
+from mjsim.simulation.multibody import simulate
 
 #: An effect file; line 13 is the first of what position_error does.
 FILE = """\
@@ -298,11 +298,11 @@ def test_an_installed_package_that_fails_is_named(monkeypatch):
 # -- everything else that a class can override --------------------------------------------------------------------------------------
 
 HOOKS = {
-    "act loops": ("    def act(self, plant):\n        while True: pass\n", "act did not end within 0.3 s (mine.py, line 16)"),
-    "act raises": ("    def act(self, plant):\n        plant.axes['Q']\n", "act raised KeyError: 'Q' (mine.py, line 16)"),
-    "act gives NaN": ("    def act(self, plant):\n        plant.axes['A'].delay = float('nan')\n", "act put delay = nan into the A drive"),
-    "act takes the inertia": ("    def act(self, plant):\n        plant.axes['A'].inertia = 0\n", "act put inertia = 0 into the A drive"),
-    "act adds what is none": ("    def act(self, plant):\n        plant.add_op('user', 99, 'A', 1.0)\n", "an operation with code 99"),
+    "apply loops": ("    def apply(self, plant):\n        while True: pass\n", "apply did not end within 0.3 s (mine.py, line 16)"),
+    "apply raises": ("    def apply(self, plant):\n        plant.axes['Q']\n", "apply raised KeyError: 'Q' (mine.py, line 16)"),
+    "apply gives NaN": ("    def apply(self, plant):\n        plant.axes['A'].delay = float('nan')\n", "apply put delay = nan into the A drive"),
+    "apply takes the inertia": ("    def apply(self, plant):\n        plant.axes['A'].inertia = 0\n", "apply put inertia = 0 into the A drive"),
+    "apply adds what is none": ("    def apply(self, plant):\n        plant.add_op('user', 99, 'A', 1.0)\n", "an operation with code 99"),
     "a property loops": (
         "    @property\n    def is_neutral(self):\n        while True: pass\n", "is_neutral did not end within 0.3 s (mine.py, line 17)",
     ),

@@ -10,12 +10,12 @@ import mjsim
 from mjsim.campaign.files import read_campaign, test_table
 from mjsim.cli.main import main
 from mjsim.effects.registry import make
-from mjsim.inference.free import FreeEffect
-from mjsim.inference.samples import usual_noise
-from mjsim.planning.candidates import first_round, neighbours, reachable
-from mjsim.planning.choose import ENOUGH, worth
-from mjsim.planning.separation import Explanation, Separation, Separator
-from mjsim.resources import examples
+from mjsim.estimation.free import FreeEffect
+from mjsim.estimation.planning.candidates import first_round, neighbours, reachable
+from mjsim.estimation.planning.choose import ENOUGH, worth
+from mjsim.estimation.planning.separation import Explanation, Separation, Separator
+from mjsim.estimation.samples import usual_noise
+from mjsim.io.resources import examples
 
 test_table.__test__ = False
 
@@ -103,7 +103,7 @@ def test_unknown_or_equal_effects_are_refused():
 def test_nothing_may_be_named_first(monkeypatch, circle):
     """Without traces as with them: the plan makes the effect show."""
     made = Separation(circle("XY", (0, 0, 155)), 10 * ENOUGH, 1e-6)
-    monkeypatch.setattr("mjsim.planning.following.choose", lambda separator, tests, threads, progress: [made])
+    monkeypatch.setattr("mjsim.estimation.planning.following.choose", lambda separator, tests, threads, progress: [made])
     campaign = replace(read_campaign(examples() / "healthy", traces=False), traces={})
     plan = mjsim.plan(campaign, mjsim.read_machine(campaign.machine_file), between=("nothing", "squareness.XY"))
     assert plan.between == ("squareness.XY", "nothing") and "makes squareness.XY show" in plan.reason

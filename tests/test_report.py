@@ -8,10 +8,10 @@ import re
 import numpy as np
 import pytest
 
+from mjsim.ballbar.iso230 import BidirectionalFigures, circular_figures
 from mjsim.campaign.model import Campaign
 from mjsim.effects.registry import make
 from mjsim.errors import InputError
-from mjsim.measure.iso230 import BidirectionalFigures, circular_figures
 from mjsim.plots.polar import PolarTrace
 from mjsim.plots.residual import ResidualTrace
 from mjsim.plots.trend import TrendSeries, trend_figure

@@ -10,7 +10,7 @@ import tomlkit
 from click.testing import CliRunner
 
 from mjsim.cli.main import main
-from mjsim.resources import examples
+from mjsim.io.resources import examples
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 BROWSER = next((p for p in map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome")) if p), None)

@@ -23,7 +23,7 @@ from mjsim.campaign.new import _TEMPLATE
 from mjsim.cli import common
 from mjsim.cli.main import _COMMANDS, main
 from mjsim.effects import registry
-from mjsim.resources import examples
+from mjsim.io.resources import examples
 
 # -- mjsim new campaign ----------------------------------------------------------------------------------------------------------------
 
@@ -57,7 +57,7 @@ def test_the_template_explains_its_keys_and_what_is_commented_out_is_right_too(t
     if name == "campaign.toml":
         before, after = tomlkit.parse(text)["test"], read_campaign(tmp_path / "c").tests
         keys = {k for t in before for k in t}
-        assert keys >= {k for ks in schema.NEEDED.values() for k in ks} and keys <= set(schema.TestTable.model_fields)
+        assert keys >= {k for ks in schema.NEEDED.values() for k in ks} and keys <= set(schema.BallBarTable.model_fields)
     else:
         before, after = tomlkit.parse(text)["effect"], mjsim.read_machine(tmp_path / "c" / name).effects
     assert len(after) == len(before) + 2

@@ -8,16 +8,17 @@ import pytest
 
 from mjsim.campaign.files import read_campaign
 from mjsim.effects import registry
-from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import make
-from mjsim.engine import callback, mjmodel
-from mjsim.engine.drive import STEP, SUBSTEPS
-from mjsim.engine.plant import STAGES, build
-from mjsim.engine.simulate import _prepare, simulate
 from mjsim.errors import SimulationError
-from mjsim.kinematics import AXES
-from mjsim.motion import TestMotion
-from mjsim.resources import examples
+from mjsim.io.resources import examples
+from mjsim.machine.chain import AXES
+from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.model import build
+from mjsim.machine.plant import STAGES
+from mjsim.simulation import callback, mjmodel
+from mjsim.simulation.axes import AxesMotion
+from mjsim.simulation.drive import STEP, SUBSTEPS
+from mjsim.simulation.multibody import _prepare, simulate
 
 FEED = 6000.0
 
@@ -72,7 +73,7 @@ def test_multibody_equals_independent_axes(machine, bare, tests):
         equipped = build_up(machine)
         plant = build(equipped)
         for s in simulate(equipped, tests):
-            alone = TestMotion(s.test)
+            alone = AxesMotion(s.test)
             np.testing.assert_array_equal(alone.time, s.time)
             np.testing.assert_allclose(alone.commands, s.command, rtol=0, atol=1e-15)
             assert np.abs(alone.reading(plant) - s.deviation).max() < limit, s.test.name
@@ -88,7 +89,7 @@ def test_the_campaigns_of_the_examples(m1):
     assert len(chosen) == 2
     plant = build(loaded(m1))
     for s in simulate(loaded(m1), chosen):
-        assert np.abs(TestMotion(s.test).reading(plant) - s.deviation).max() < 1e-10
+        assert np.abs(AxesMotion(s.test).reading(plant) - s.deviation).max() < 1e-10
 
 
 def test_what_is_left_out_of_the_model_changes_nothing(machine, tests, monkeypatch):
@@ -110,9 +111,9 @@ def test_what_is_left_out_of_the_model_changes_nothing(machine, tests, monkeypat
 def test_a_light_motion_is_the_same_motion(machine, tests):
     plant = build(loaded(machine))
     for test in tests[::2]:
-        light = TestMotion(test, keep=1, light=True)
+        light = AxesMotion(test, keep=1, light=True)
         for _ in range(2):
-            assert np.array_equal(light.reading(plant, 5), TestMotion(test).reading(plant, 5))
+            assert np.array_equal(light.reading(plant, 5), AxesMotion(test).reading(plant, 5))
             assert not {"time", "commands"} & set(vars(light))
 
 
@@ -218,7 +219,7 @@ def test_forces_are_what_the_motors_give(machine, bare, cone):
 def test_joints_stand_where_the_motors_are(m1, bare, cone):
     """With no effect at all the multibody model follows the drives to rounding."""
     s = simulate(bare(m1), [cone(15, 10, (50, 20, 155), FEED)])[0]
-    load = TestMotion(s.test).load(build(bare(m1)))
+    load = AxesMotion(s.test).load(build(bare(m1)))
     assert np.abs(load - s.position).max() < 1e-12
 
 
@@ -289,7 +290,7 @@ def test_python_effect_equals_the_compiled_one(m1, own_effects, cone):
     python = simulate(own, [test])[0]
     assert np.ptp(native.deviation - simulate(m1, [test])[0].deviation) > 3e-6
     assert np.abs(native.deviation - python.deviation).max() < 1e-10
-    assert np.abs(TestMotion(test).reading(build(own)) - python.deviation).max() < 1e-10
+    assert np.abs(AxesMotion(test).reading(build(own)) - python.deviation).max() < 1e-10
     again = simulate(own, [test])[0]
     assert identical(python, again)
 
@@ -306,7 +307,7 @@ def test_python_effect_sees_the_same_rates_either_way(m1, own_effects, cone):
     test = cone(15, 10, (50, 20, 155), 12000, name="short", sensitive="parallel")
     own = m1.with_effect(make("by_rates.X", amplitude_um=5.0))
     python = simulate(own, [test])[0]
-    alone = TestMotion(test)
+    alone = AxesMotion(test)
     assert np.abs(alone.load(build(own)) - alone.load(build(m1))).max(axis=0)[:3].min() > 0.5e-6
     assert np.abs(alone.reading(build(own)) - python.deviation).max() < 1e-9
 
@@ -327,7 +328,7 @@ def test_vibration_has_its_phase_in_every_test(m1, bare, cone):
     assert STAGES[-1] == "vibration"
     test = cone(15, 10, (50, 20, 155), 12000, started=33.0)
     wave = make("vibration.Y", amplitude_um=3.0, frequency_Hz=7.0)
-    motion = TestMotion(test)
+    motion = AxesMotion(test)
     rigid = motion.load(build(bare(m1)))[:, 1]
     for phases, phase in (({}, 0.0), ({test.name: 0.4}, 0.4)):
         plant = build(bare(m1).with_effect(wave.with_phases(phases)))
@@ -343,7 +344,7 @@ def test_shipped_discretisation():
 
 def test_compiled_code_older_than_a_source_is_dropped(tmp_path):
     """A change of one module must reach the callback, which has that module's code compiled in."""
-    from mjsim.engine import forget_stale_code
+    from mjsim.simulation import forget_stale_code
 
     cache = tmp_path / "__pycache__"
     cache.mkdir()

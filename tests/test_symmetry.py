@@ -8,9 +8,9 @@ import pytest
 import mjsim
 from mjsim.campaign.files import read_campaign
 from mjsim.effects.registry import make
-from mjsim.engine.simulate import simulate
-from mjsim.kinematics import AXES
-from mjsim.resources import examples
+from mjsim.io.resources import examples
+from mjsim.machine.chain import AXES
+from mjsim.simulation.multibody import simulate
 
 FEED = 6000.0
 NM = 1e-9

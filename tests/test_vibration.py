@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import read_machine
 from mjsim.effects.registry import make
-from mjsim.engine.plant import build
-from mjsim.inference.problem import Problem
-from mjsim.inference.vibration import is_news, phased, put_back, separate
-from mjsim.machine.files import read_machine
-from mjsim.resources import examples
+from mjsim.estimation.problem import Problem
+from mjsim.estimation.vibration import is_news, phased, put_back, separate
+from mjsim.io.resources import examples
+from mjsim.machine.model import build
 
 TESTS = ("circle-xy-ccw", "circle-xy-cw", "cone15-parallel-ccw")
 
@@ -91,7 +91,7 @@ def test_a_vibration_that_the_machine_has_gets_its_phases(healthy):
     with_phases = phased(problem, known)
     assert set(with_phases.effect("vibration.X").phases) == set(TESTS)
     with_it, without = ([r for r in problem.readings(build(m))] for m in (with_phases, machine))
-    from mjsim.inference.nuisance import fit_nuisance
+    from mjsim.estimation.nuisance import fit_nuisance
 
     nuisance = fit_nuisance(problem, without)
     spread = [np.sqrt(np.mean(np.concatenate(problem.residual(r, nuisance)) ** 2)) for r in (with_it, without)]

@@ -12,13 +12,13 @@ from independent import kato2013
 from motions import load
 
 import mjsim
+from mjsim.campaign.machine_file import read_machine, write_machine
 from mjsim.effects.registry import make
-from mjsim.engine.plant import build
-from mjsim.engine.simulate import simulate
-from mjsim.engine.transmission import transmit
 from mjsim.errors import InputError
-from mjsim.machine.files import read_machine, write_machine
-from mjsim.motion import TestMotion
+from mjsim.machine.model import build
+from mjsim.simulation.axes import AxesMotion
+from mjsim.simulation.multibody import simulate
+from mjsim.simulation.transmission import transmit
 
 DEG = np.pi / 180.0
 SHAPE = {"depth_deg": 0.003, "centre_deg": 30.0, "width_deg": 4.0}
@@ -32,7 +32,7 @@ TESTS = ("rotary-a-tangential-centre-ccw", "rotary-a-tangential-centre-cw", "con
 @pytest.fixture(scope="module")
 def motion(cone):
     """A whole cone test: A goes up and down between 15° and 75° twice."""
-    return TestMotion(cone(45, 30, (60, 30, 155), feed=8000, revolutions=2))
+    return AxesMotion(cone(45, 30, (60, 30, 155), feed=8000, revolutions=2))
 
 
 @pytest.fixture(scope="module")

@@ -11,10 +11,10 @@ import numpy as np
 
 from mjsim.animation.encode import ERROR
 from mjsim.animation.layout import BASE, DPI
-from mjsim.compare import Comparison, TestComparison
 from mjsim.plots import style
 from mjsim.plots.polar import PolarTrace, division_um, draw_polar, scale_text
 from mjsim.units import DEG, UM
+from mjsim.workflow.compare import ComparedTest, Comparison
 
 #: Points of one residual at most, and rows of the list of models.
 POINTS, ROWS = 1500, 9
@@ -142,7 +142,7 @@ class Board:
         self._moving += [self._dot, self._now, self._name, *self._rows]
 
 
-def _curves(ladder: list[TestComparison]) -> tuple[np.ndarray, np.ndarray]:
+def _curves(ladder: list[ComparedTest]) -> tuple[np.ndarray, np.ndarray]:
     """Plot angles (rad) and residuals (µm) of one test under every model, (models, points); the same samples in each."""
     stride = max(1, math.ceil(len(ladder[0].phi) / POINTS))
     shift = 0.0 if ladder[0].test.kind == "rotary" else math.pi

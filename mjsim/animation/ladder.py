@@ -8,14 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim import files
 from mjsim.animation import encode
 from mjsim.animation.board import Board
 from mjsim.animation.movie import Format
 from mjsim.campaign.model import Campaign
-from mjsim.compare import Comparison, Progress, compare, silent
 from mjsim.errors import InputError
-from mjsim.ladder import machine_of_step, read_history
+from mjsim.io import files
+from mjsim.progress import Progress, silent
+from mjsim.workflow.compare import Comparison, compare
+from mjsim.workflow.history import machine_of_step, read_history
 
 #: Polar plots in one picture at most, and how long a model stands and gives way to the next, s.
 MOST_TESTS, STAND, CHANGE = 9, 1.5, 1.0

@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from mjsim import files
 from mjsim.animation import encode, gl
 from mjsim.animation.layout import INSET, MARGIN, Layout, label, parse_size
 from mjsim.animation.panel import Panel
 from mjsim.animation.story import Story, tell
 from mjsim.campaign.model import Campaign
-from mjsim.compare import Progress, silent
 from mjsim.errors import InputError
+from mjsim.io import files
 from mjsim.machine.model import Machine
-from mjsim.workflow import machine_of
+from mjsim.progress import Progress, silent
+from mjsim.workflow.edit import machine_of
 
 #: What is chosen per kind of file when the user does not: size, frames per second, and the longest video (s).
 DEFAULTS = {".mp4": ("1280x720", 25.0, 20.0), ".gif": ("800x450", 10.0, 8.0)}
@@ -124,7 +124,7 @@ def animate(
         raise InputError(f"{campaign.folder / 'campaign.toml'}: no test {test!r}; it has: {names}")
     gl.chosen()
     from mjsim.animation.scene import Stage, cameras
-    from mjsim.nc.program import Program
+    from mjsim.ballbar.program import Program
 
     if camera not in cameras():
         raise InputError(f"no camera {camera!r}; allowed: {', '.join(cameras())}")

@@ -14,9 +14,9 @@ from PIL import Image, ImageDraw
 from mjsim.animation.encode import ERROR
 from mjsim.animation.layout import DPI, PANEL, Layout, fitted, font
 from mjsim.animation.story import Story
-from mjsim.kinematics import AXES, LINEAR
-from mjsim.output import conditions
+from mjsim.machine.chain import AXES, LINEAR
 from mjsim.plots import style
+from mjsim.plots.output import conditions
 from mjsim.plots.polar import PolarTrace, draw_polar, scale_text
 from mjsim.units import DEG, MM, UM
 

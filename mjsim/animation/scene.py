@@ -12,10 +12,10 @@ import mujoco
 import numpy as np
 
 from mjsim.animation.gl import advice, chosen, make_context
-from mjsim.campaign.model import Test
+from mjsim.ballbar.measurement import BallBarTest
 from mjsim.errors import InputError
-from mjsim.kinematics import AXES
-from mjsim.resources import model_file
+from mjsim.io.resources import model_file
+from mjsim.machine.chain import AXES
 
 #: The camera that follows the bar; all others are the model's.
 BAR = "bar"
@@ -62,7 +62,7 @@ class Stage:
     Everything else has its true size.
     """
 
-    def __init__(self, test: Test, width: int, height: int, shadows: bool = False):
+    def __init__(self, test: BallBarTest, width: int, height: int, shadows: bool = False):
         """For pictures of up to ``width`` x ``height`` pixels; ``shadows`` in those of the whole machine, at twice the computing.
 
         Raises:

@@ -7,18 +7,20 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mjsim.campaign.model import Campaign, Test
-from mjsim.checking.gate import checked_problem
-from mjsim.compare import Progress, overlay, silent
-from mjsim.engine.drive import STEP
-from mjsim.engine.simulate import Simulation, simulate
+from mjsim.ballbar.iso230 import least_squares_circle
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.ballbar.program import Program
+from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
-from mjsim.inference.vibration import phased
+from mjsim.estimation.mistakes.gate import checked_problem
+from mjsim.estimation.vibration import phased
 from mjsim.machine.model import Machine
-from mjsim.measure.iso230 import least_squares_circle
-from mjsim.nc.program import Program
+from mjsim.progress import Progress, silent
+from mjsim.simulation.drive import STEP
+from mjsim.simulation.multibody import Simulation, simulate
 from mjsim.threads import one_blas_thread
 from mjsim.units import UM
+from mjsim.workflow.compare import overlay
 
 #: Largest magnified error over the bar's length, when the factor is chosen.
 FILL = 0.2
@@ -61,7 +63,7 @@ class Story:
 
     campaign: str
     machine: Machine
-    test: Test
+    test: BallBarTest
     simulation: Simulation
     traces: tuple[Signal, ...]
     error: Signal
@@ -100,9 +102,9 @@ def _plain(factor: float) -> str:
 
 @one_blas_thread
 def tell(
-    campaign: Campaign, machine: Machine, test: Test, magnify: float | None = None, threads: int = 2, progress: Progress = silent
+    campaign: Campaign, machine: Machine, test: BallBarTest, magnify: float | None = None, threads: int = 2, progress: Progress = silent
 ) -> Story:
-    """Simulate a test, and compare it as :func:`mjsim.compare` does where it was measured.
+    """Simulate a test, and compare it as :func:`mjsim.workflow.compare` does where it was measured.
 
     Args:
         magnify: factor of the error; chosen (1, 2, 5, 10 …) so that the largest error is a fifth of the bar, when ``None``.
@@ -128,7 +130,7 @@ def tell(
     return Story(campaign.name, machine, test, simulation, traces, error, measured, magnify)
 
 
-def _compared(campaign: Campaign, machine: Machine, test: Test, threads: int, progress: Progress):
+def _compared(campaign: Campaign, machine: Machine, test: BallBarTest, threads: int, progress: Progress):
     """All measured tests count, so that the nuisances, and the residual, are those of ``mjsim compare``."""
     problem = checked_problem(campaign, machine, threads)
     count = [0]
@@ -156,7 +158,7 @@ def _simulated(s: Simulation):
     return (trace,), trace
 
 
-def _centre(test: Test, phi: np.ndarray, deviation: np.ndarray):
+def _centre(test: BallBarTest, phi: np.ndarray, deviation: np.ndarray):
     """Eccentricity of a circle, or the mean of an arc, as a function of φ (m)."""
     try:
         if test.kind == "rotary":

@@ -19,9 +19,9 @@ from mjsim.batch.describe import versions
 from mjsim.batch.recipe import Recipe
 from mjsim.batch.workshop import Job, Outcome, Workshop
 from mjsim.effects import registry
-from mjsim.engine import callback
 from mjsim.errors import InputError, SimulationError
 from mjsim.machine.model import Machine
+from mjsim.simulation import callback
 from mjsim.threads import one_blas_thread
 
 #: Seconds after which a scheduler that does not answer is given up.

@@ -27,8 +27,8 @@ from mjsim.batch.describe import describe, difference, result_columns, schema, t
 from mjsim.batch.sweep import Sweep
 from mjsim.batch.workshop import Outcome
 from mjsim.errors import InputError
-from mjsim.files import check_writable, write_whole
-from mjsim.inputs import file_bytes, is_file
+from mjsim.io.files import check_writable, write_whole
+from mjsim.io.inputs import file_bytes, is_file
 
 #: Largest description, bytes, and the names of the data set's files.
 _LARGEST, _NAME = 50_000_000, re.compile(r"part-s?\d{1,9}\.parquet", re.ASCII)

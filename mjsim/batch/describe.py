@@ -13,7 +13,7 @@ import pyarrow as pa
 import mjsim
 from mjsim.batch.sweep import Sweep
 from mjsim.campaign.files import test_table
-from mjsim.resources import model_file
+from mjsim.io.resources import model_file
 
 #: Columns of the results beside the run's parameters -> type, unit, meaning.
 RESULT_COLUMNS = {

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from queue import SimpleQueue
 
 from mjsim.batch.workshop import Job, Outcome, Workshop
-from mjsim.engine import callback
+from mjsim.simulation import callback
 from mjsim.threads import one_blas_thread
 
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mjsim.campaign.machine_file import DRIVE_KEYS
 from mjsim.effects import registry
-from mjsim.effects.base import Effect
 from mjsim.errors import InputError
-from mjsim.inference.calibration import SHEET, calibrated
-from mjsim.machine.files import DRIVE_KEYS
+from mjsim.estimation.calibration import SHEET, calibrated
+from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 
 #: Unit of a drive's number as it is shown, by key of machine.toml.

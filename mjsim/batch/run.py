@@ -12,14 +12,14 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mjsim.ballbar.program import Program
 from mjsim.batch.dataset import Folder
 from mjsim.batch.local import run_local
 from mjsim.batch.sweep import Sweep, read_sweep
 from mjsim.batch.workshop import Job, Outcome, Workshop
-from mjsim.engine import callback
-from mjsim.engine.drive import STEP
-from mjsim.motion import TAIL
-from mjsim.nc.program import Program
+from mjsim.simulation import callback
+from mjsim.simulation.axes import TAIL
+from mjsim.simulation.drive import STEP
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from mjsim.campaign.schema import Table, TestTable, Text
+from mjsim.campaign.schema import BallBarTable, Table, Text
 
 #: A value that is varied: whatever its bounds are, differences and ratios of two such numbers are finite.
 Value = Annotated[float, Field(ge=-1e15, le=1e15, allow_inf_nan=False)]
@@ -35,7 +35,7 @@ class SweepTable(Table):
     campaign: Text | None = None
     tests: Any = "all"  # or a list of names; checked where the names are known
     machine: Text | None = None
-    test: list[TestTable] = Field(default_factory=list)
+    test: list[BallBarTable] = Field(default_factory=list)
     vary: list[VaryTable] = Field(default_factory=list)
     traces: bool = False
     every_ms: Annotated[int, Field(ge=1, le=10_000)] | None = None

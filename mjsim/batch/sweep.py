@@ -9,18 +9,18 @@ from pathlib import Path
 
 import numpy as np
 
+from mjsim.ballbar.measurement import BallBarTest
 from mjsim.batch.design import Design, check_design, make_design
 from mjsim.batch.recipe import Recipe, Target, sheet_columns, value_of
 from mjsim.batch.schema import SweepTable
 from mjsim.batch.targets import check_drive_value, target_of, varied_test
 from mjsim.batch.workshop import Job
 from mjsim.campaign.files import read_campaign
-from mjsim.campaign.model import Test
+from mjsim.campaign.machine_file import read_machine
 from mjsim.errors import InputError
-from mjsim.inputs import shown
-from mjsim.machine.files import read_machine
+from mjsim.io.inputs import shown
+from mjsim.io.toml import check, parse, read_text
 from mjsim.machine.model import Machine
-from mjsim.toml import check, parse, read_text
 
 #: Every so many ms a trace is kept where the file does not say it: the rate of a ball bar.
 EVERY_MS = 5
@@ -44,7 +44,7 @@ class Sweep:
     data: dict
     recipe: Recipe
     design: Design
-    tests: tuple[Test, ...]
+    tests: tuple[BallBarTest, ...]
     every: int
     inputs: dict[str, str]
     _tables: tuple[tuple[Path, dict], ...] = field(repr=False)
@@ -80,7 +80,7 @@ class Sweep:
         sheet = None if self.design.sheet is None else self.design.sheet[run]
         return Job(run, test, self.test_of(run, test), self.design.values[run], sheet)
 
-    def test_of(self, run: int, test: int) -> Test:
+    def test_of(self, run: int, test: int) -> BallBarTest:
         """Test number ``test`` as it is in one run.
 
         Raises:
@@ -131,7 +131,7 @@ def _near(path: Path, key: str, name: str) -> Path:
     return path.parent / name
 
 
-def _tests(path: Path, table: SweepTable, data: dict) -> tuple[tuple[Test, ...], tuple[tuple[Path, dict], ...], Path]:
+def _tests(path: Path, table: SweepTable, data: dict) -> tuple[tuple[BallBarTest, ...], tuple[tuple[Path, dict], ...], Path]:
     """Tests, where each stands (file and table), and the machine file."""
     named = None if table.machine is None else _near(path, "machine", table.machine)
     if table.campaign is None:

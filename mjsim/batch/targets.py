@@ -8,15 +8,15 @@ from typing import Annotated, Any
 
 from pydantic import TypeAdapter, ValidationError
 
+from mjsim.ballbar.measurement import BallBarTest
 from mjsim.batch.recipe import DRIVE_UNITS, Target
 from mjsim.campaign.files import test_of
-from mjsim.campaign.model import Test
-from mjsim.campaign.schema import DriveTable, TestTable
+from mjsim.campaign.schema import BallBarTable, DriveTable
 from mjsim.effects import registry
 from mjsim.errors import InputError
-from mjsim.kinematics import AXES
+from mjsim.io.toml import check
+from mjsim.machine.chain import AXES
 from mjsim.machine.model import Machine
-from mjsim.toml import check
 
 #: What of a test can be varied -> unit and meaning.
 TEST_VALUES = {
@@ -88,7 +88,7 @@ def _annotated(field: Any) -> Any:
     return Annotated[(field.annotation, *field.metadata)] if field.metadata else field.annotation
 
 
-def varied_test(file: Path, place: str, table: dict, changes: dict[str, float]) -> Test:
+def varied_test(file: Path, place: str, table: dict, changes: dict[str, float]) -> BallBarTest:
     """The test of a ``[[test]]`` table of ``file`` with some of :data:`TEST_VALUES` changed.
 
     Args:
@@ -107,7 +107,7 @@ def varied_test(file: Path, place: str, table: dict, changes: dict[str, float]) 
         else:
             table[key] = value
     try:
-        return test_of(file, check(file, TestTable, table))
+        return test_of(file, check(file, BallBarTable, table))
     except InputError as error:
         if not changes:
             raise

@@ -1,6 +1,6 @@
 """Runs of a sweep, one by one and as fast as their MuJoCo steps: everything that runs have in common is made once.
 
-A run gives bit for bit the reading that :func:`mjsim.engine.simulate.simulate` gives. What is shared: the commands of a test, the
+A run gives bit for bit the reading that :func:`mjsim.simulation.multibody.simulate` gives. What is shared: the commands of a test, the
 compiled structure of a model (a run only rewrites its numbers), MuJoCo's data and the buffers of a thread.
 """
 
@@ -16,17 +16,18 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.ballbar.program import Program
 from mjsim.batch.figures import FIGURES, Circle, distance
 from mjsim.batch.recipe import Recipe
-from mjsim.campaign.model import Test
-from mjsim.engine import mjmodel
-from mjsim.engine.bodies import own_inertia
-from mjsim.engine.plant import Plant, build
-from mjsim.engine.simulate import BALLS, check_warnings, not_finite, sensor, set_at_rest
-from mjsim.engine.stability import check_stable
 from mjsim.errors import EffectTimeout, InputError, SimulationError
-from mjsim.motion import delayed_commands, own_effects, time_grid
-from mjsim.nc.program import Program
+from mjsim.machine.bodies import own_inertia
+from mjsim.machine.model import build
+from mjsim.machine.plant import Plant
+from mjsim.simulation import mjmodel
+from mjsim.simulation.axes import delayed_commands, own_effects, time_grid
+from mjsim.simulation.multibody import BALLS, check_warnings, not_finite, sensor, set_at_rest
+from mjsim.simulation.stability import check_stable
 from mjsim.units import DEG, UM
 
 _STATE = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
@@ -39,7 +40,7 @@ class Job:
 
     run: int
     test: int
-    conditions: Test
+    conditions: BallBarTest
     values: np.ndarray
     sheet: np.ndarray | None
 
@@ -66,7 +67,7 @@ class TestPlan:
 
     __test__ = False
 
-    def __init__(self, test: Test) -> None:
+    def __init__(self, test: BallBarTest) -> None:
         self.test = test
         self.program = Program(test)
         self.time = time_grid(self.program)
@@ -101,7 +102,7 @@ class _Kept:
 
 
 class Workshop:
-    """Runs jobs of one sweep from any number of threads, inside :func:`mjsim.engine.callback.installed`.
+    """Runs jobs of one sweep from any number of threads, inside :func:`mjsim.simulation.callback.installed`.
 
     Args:
         recipe: makes a run's machine. every: keep every so many ms of a trace; 0 keeps none.
@@ -112,7 +113,7 @@ class Workshop:
         self._plans, self._structures = _Kept(4), _Kept(16)
         self._mine = threading.local()
 
-    def plan(self, test: Test) -> TestPlan:
+    def plan(self, test: BallBarTest) -> TestPlan:
         """What the runs of ``test`` share."""
         return self._plans.get(repr(test), lambda: TestPlan(test))
 
@@ -136,7 +137,7 @@ class Workshop:
         """Reading of one test, (n,) m, in a buffer of the calling thread that its next run overwrites.
 
         Raises:
-            SimulationError: as :func:`mjsim.engine.simulate.simulate`.
+            SimulationError: as :func:`mjsim.simulation.multibody.simulate`.
         """
         check_stable(plant)
         key = mjmodel.structure(plant)
@@ -144,7 +145,7 @@ class Workshop:
         model = mjmodel.with_numbers(base, plant, own)
         data = self._data(key, base)
         mujoco.mj_resetData(model, data)
-        ops = plant.op_table(plan.test)
+        ops = plant.op_table(plan.test.name, plan.test.started)
         sent, control = self._controls(plan, plant)
         mjmodel.set_test(model, plan.test, sent[0, :5], ops)
         set_at_rest(model, data, plan.test, ops, sent[0])

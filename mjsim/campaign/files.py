@@ -6,20 +6,21 @@ import os
 from pathlib import Path
 from typing import Any
 
-from mjsim.campaign.model import Campaign, Instrument, Test, Trace
-from mjsim.campaign.schema import DIRECTIONS, NEEDED, OPTIONAL, CampaignTable, TestTable
+from mjsim.ballbar.kinds import KINDS
+from mjsim.ballbar.measurement import BallBarTest, Instrument, Trace
+from mjsim.ballbar.program import ROTARY_MARGIN, Program, driven_by
+from mjsim.campaign.model import Campaign
+from mjsim.campaign.schema import DIRECTIONS, NEEDED, OPTIONAL, BallBarTable, CampaignTable
 from mjsim.campaign.span import explain
 from mjsim.campaign.traces import read_trace
 from mjsim.errors import InputError
-from mjsim.inputs import inside, is_file, shown
-from mjsim.nc.kinds import KINDS
+from mjsim.io.inputs import inside, is_file, shown
+from mjsim.io.toml import check, parse
 from mjsim.nc.limits import check_travel, model_limits
-from mjsim.nc.program import ROTARY_MARGIN, Program, driven_by
 from mjsim.nc.read import read_nc
-from mjsim.toml import check, parse
 from mjsim.units import DEG, MM, UM
 
-#: Keys that belong to single kinds of tests: attribute of :class:`Test`, and unit of numbers that have one.
+#: Keys that belong to single kinds of tests: attribute of :class:`BallBarTest`, and unit of numbers that have one.
 _SPECIFIC: dict[str, tuple[str, float | None]] = {
     "half_apex_deg": ("half_apex", DEG),
     "inclination_deg": ("inclination", DEG),
@@ -94,7 +95,7 @@ def _inside(file: Path, folder: Path, name: str, key: str, outside: bool = False
     return target
 
 
-def check_span(path: Path, test: Test, trace: Trace, tests: tuple[Test, ...] = ()) -> None:
+def check_span(path: Path, test: BallBarTest, trace: Trace, tests: tuple[BallBarTest, ...] = ()) -> None:
     """Refuse a trace whose times are none of its test's program; ``path`` is what the message names, ``tests`` all of the campaign.
 
     Raises:
@@ -118,7 +119,7 @@ def check_span(path: Path, test: Test, trace: Trace, tests: tuple[Test, ...] = (
     )
 
 
-def spans_fit(test: Test, begin: float, end: float) -> bool:
+def spans_fit(test: BallBarTest, begin: float, end: float) -> bool:
     """Whether a trace from ``begin`` to ``end`` s can be of the test: its program's measured part, or that with a gap at an end."""
     first, last = Program(test).measured_span
     inside = begin >= first - 0.5 and end <= last + 0.5
@@ -127,7 +128,7 @@ def spans_fit(test: Test, begin: float, end: float) -> bool:
     return inside and (abs(have - want) <= slack or (have > 0.6 * want and 0 < want - have < LARGEST_GAP))
 
 
-def test_of(file: Path, t: TestTable) -> Test:
+def test_of(file: Path, t: BallBarTable) -> BallBarTest:
     """The test that a ``[[test]]`` table of ``file`` describes.
 
     Raises:
@@ -151,7 +152,7 @@ def test_of(file: Path, t: TestTable) -> Test:
         value = getattr(t, key)
         if value is not None:
             given[attribute] = value if unit is None else value * unit
-    test = Test(
+    test = BallBarTest(
         name=t.name,
         kind=t.kind,
         table_ball=(x, y, z),
@@ -169,7 +170,7 @@ def test_of(file: Path, t: TestTable) -> Test:
     return test if t.program is None else _driven(file, place, test, t)
 
 
-def _check_duration(place: str, test: Test) -> None:
+def _check_duration(place: str, test: BallBarTest) -> None:
     program = Program(test)
     first, last = program.ends
     begin, end = program.measured_ends
@@ -186,7 +187,7 @@ def _check_duration(place: str, test: Test) -> None:
         )
 
 
-def _driven(file: Path, place: str, test: Test, t: TestTable) -> Test:
+def _driven(file: Path, place: str, test: BallBarTest, t: BallBarTable) -> BallBarTest:
     """The test with the motion that its NC file commands."""
     path = _inside(file, file.parent, t.program or "", f"{place} program")
     nc = read_nc(path, t.program_dialect or "fanuc", tuple(t.program_reversed or ()), bool(t.program_rollover))
@@ -194,7 +195,7 @@ def _driven(file: Path, place: str, test: Test, t: TestTable) -> Test:
     return driven_by(test, nc.motion, str(path))
 
 
-def test_table(test: Test) -> dict:
+def test_table(test: BallBarTest) -> dict:
     """A test as a ``[[test]]`` table of campaign.toml has it; what is not measured yet has no trace, no time and no program."""
     out: dict = {"name": test.name, "kind": test.kind}
     for key in (*NEEDED[test.kind], *OPTIONAL[test.kind]):

@@ -10,7 +10,7 @@ import shutil
 from pathlib import Path
 
 from mjsim.errors import InputError
-from mjsim.files import check_writable
+from mjsim.io.files import check_writable
 
 _TEMPLATE = Path(__file__).resolve().parent / "template"
 _FILES = {"campaign.toml": "campaign.toml", "machine.toml": "machine.toml", "README.md": "traces/README.md"}

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
-from mjsim.nc.kinds import KINDS
+from mjsim.ballbar.kinds import KINDS
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -51,7 +51,7 @@ class InstrumentTable(Table):
     sample_rate_Hz: Annotated[float, Field(ge=0.1, le=1e6)] = 200.0
 
 
-class TestTable(Table):
+class BallBarTable(Table):
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=100)]
     kind: Annotated[str, AfterValidator(_one_of(*KINDS))]
     table_ball_mm: Annotated[list[Length], Field(min_length=3, max_length=3)]
@@ -80,7 +80,7 @@ class CampaignTable(Table):
     machine: str = "machine.toml"
     measured_on: datetime.date | None = None
     instrument: InstrumentTable = InstrumentTable()
-    test: Annotated[list[TestTable], Field(min_length=1, max_length=1000)]
+    test: Annotated[list[BallBarTable], Field(min_length=1, max_length=1000)]
 
 
 #: Keys that each kind needs, and the ones that it may have besides the common ones.

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from mjsim.campaign.model import Test
-from mjsim.nc.program import Program
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.ballbar.program import Program
 
 #: Durations that differ by less than this share, and starts by less than this many s (triggers, margins), are the same.
 _SAME, _START = 0.02, 0.3
@@ -38,7 +38,7 @@ class ClockMistake:
         return self.kind in ("time_unit", "origin") or (self.kind == "feed" and abs(math.remainder(self.value * 60e3, _ROUND)) < 1e-6)
 
 
-def explain(test: Test, first: float, last: float) -> ClockMistake | None:
+def explain(test: BallBarTest, first: float, last: float) -> ClockMistake | None:
     """Why a trace that runs from ``first`` to ``last`` s does not fit its test's program; ``None`` where nothing ordinary explains it."""
     begin, end = Program(test).measured_span
     have, want = last - first, end - begin
@@ -75,15 +75,15 @@ def explain(test: Test, first: float, last: float) -> ClockMistake | None:
     return ClockMistake("feed", feed, f"it {told}")
 
 
-def _span(test: Test, feed: float) -> tuple[float, float]:
+def _span(test: BallBarTest, feed: float) -> tuple[float, float]:
     return Program(replace(test, feed=feed)).measured_span
 
 
-def _lead(test: Test, feed: float) -> float:
+def _lead(test: BallBarTest, feed: float) -> float:
     return _span(test, feed)[0]
 
 
-def _feed(test: Test, duration: float) -> float:
+def _feed(test: BallBarTest, duration: float) -> float:
     """The feed (m/s) at which the measured part takes ``duration`` s."""
     low, high = test.feed / _MOST, test.feed * _MOST
     for _ in range(60):

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.campaign.model import Instrument, Trace
+from mjsim.ballbar.measurement import Instrument, Trace
 from mjsim.errors import InputError
-from mjsim.inputs import file_bytes, shown
+from mjsim.io.inputs import file_bytes, shown
 from mjsim.units import UM
 
 _HEADER = ["time_s", "deviation_um"]

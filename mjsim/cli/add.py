@@ -23,7 +23,7 @@ def command(campaign, effect, machine, threads, as_is, as_json, quiet) -> None:
     Example: mjsim add examples/hidden-backlash backlash.A
     """
     from mjsim.campaign.files import read_campaign
-    from mjsim.workflow import add
+    from mjsim.workflow.edit import add
 
     c = read_campaign(campaign, as_is=as_is)
     with common.progress_bar(quiet) as progress:

@@ -70,7 +70,7 @@ def command(
 
             chosen()  # before anything imports MuJoCo, which fails where MUJOCO_GL names what is missing
             from mjsim.animation.movie import animate
-            from mjsim.machine.files import read_machine
+            from mjsim.campaign.machine_file import read_machine
 
             m = read_machine(machine) if machine else None
             film = animate(

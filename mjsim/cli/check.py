@@ -28,8 +28,8 @@ def command(campaign, machine, fix, threads, as_json, quiet) -> None:
     Example: mjsim check my-machine
              mjsim check my-machine --fix my-machine-corrected
     """
-    from mjsim.checking.check import check, write_corrected
-    from mjsim.machine.files import read_machine
+    from mjsim.campaign.machine_file import read_machine
+    from mjsim.workflow.check import check, write_corrected
 
     result = check(campaign, read_machine(machine) if machine else None, common.cores(threads))
     files = write_corrected(result, fix) if fix and result.mistakes else []

@@ -29,11 +29,11 @@ def command(campaign, machine, out, no_plots, force, threads, as_is, as_json, qu
     Example: mjsim compare examples/hidden-backlash
     """
     from mjsim.campaign.files import read_campaign
-    from mjsim.compare import compare
-    from mjsim.files import check_writable
     from mjsim.importing.features import circles_of, imported_features
-    from mjsim.output import comparison_plots, plot_files
-    from mjsim.workflow import machine_of
+    from mjsim.io.files import check_writable
+    from mjsim.plots.output import comparison_plots, plot_files
+    from mjsim.workflow.compare import compare
+    from mjsim.workflow.edit import machine_of
 
     c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)

@@ -27,7 +27,7 @@ def command(out, threads, as_json, quiet) -> None:
     """
     from mjsim.cli.diagnose import show as show_diagnosis
     from mjsim.cli.history import show as show_ladder
-    from mjsim.demo import prepare, walk
+    from mjsim.report.demo import prepare, walk
 
     folder = prepare(out)
     common.say(

@@ -30,13 +30,13 @@ def command(campaign, machine, write, max_effects, force, threads, as_is, as_jso
     Example: mjsim diagnose examples/hidden-backlash --write fitted.toml
     """
     from mjsim.campaign.files import read_campaign
-    from mjsim.diagnose import diagnose, write_effect_file
+    from mjsim.campaign.machine_file import write_machine
     from mjsim.errors import InputError
-    from mjsim.files import check_writable
     from mjsim.importing.features import circles_of, imported_features
-    from mjsim.machine.files import write_machine
-    from mjsim.output import unexplained_plot
-    from mjsim.workflow import machine_of
+    from mjsim.io.files import check_writable
+    from mjsim.plots.output import unexplained_plot
+    from mjsim.workflow.diagnose import diagnose, write_effect_file
+    from mjsim.workflow.edit import machine_of
 
     c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)

@@ -29,8 +29,8 @@ def command(campaign, machine, names, out, decimal_comma, force, threads, as_is,
     Example: mjsim export examples/hidden-backlash --out tables
     """
     from mjsim.campaign.files import read_campaign
-    from mjsim.export import export
-    from mjsim.workflow import machine_of
+    from mjsim.workflow.edit import machine_of
+    from mjsim.workflow.export import export
 
     c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)

@@ -22,9 +22,9 @@ def command(campaign, out, force, as_json, quiet) -> None:
     """
     from mjsim.campaign.files import read_campaign
     from mjsim.errors import InputError
-    from mjsim.files import check_writable
-    from mjsim.ladder import read_history
-    from mjsim.output import ladder_plot
+    from mjsim.io.files import check_writable
+    from mjsim.plots.output import ladder_plot
+    from mjsim.workflow.history import read_history
 
     c = read_campaign(campaign, traces=False)
     steps = read_history(c)

@@ -35,11 +35,11 @@ def pitch_error(campaign, axis, machine, per_direction, write, out, no_plots, fo
     Example: mjsim identify pitch-error examples/kato2013 --axis C
     """
     from mjsim.campaign.files import read_campaign
-    from mjsim.files import check_writable
-    from mjsim.identification.identify import identified_machine, identify_pitch_errors, testable_axes
-    from mjsim.machine.files import write_machine
-    from mjsim.output import pitch_plot_files, pitch_plots
-    from mjsim.workflow import machine_of
+    from mjsim.campaign.machine_file import write_machine
+    from mjsim.estimation.pitch.identify import identified_machine, identify_pitch_errors, testable_axes
+    from mjsim.io.files import check_writable
+    from mjsim.plots.output import pitch_plot_files, pitch_plots
+    from mjsim.workflow.edit import machine_of
 
     c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)

@@ -36,11 +36,11 @@ def command(files, campaign, preview, no_check, show, force, as_json, quiet, **g
                  --feed 1000 --length 100 --table-ball 0 0 155 --preview
     """
     from mjsim.errors import InputError
-    from mjsim.files import check_writable
     from mjsim.importing.b5r import looks_like_xml
     from mjsim.importing.features import import_features, imported_features, read_features
     from mjsim.importing.importer import import_traces
     from mjsim.importing.into_campaign import campaign_file
+    from mjsim.io.files import check_writable
 
     if not files and not show:
         raise click.UsageError("Missing argument 'FILES...' (or --show)")

@@ -77,8 +77,8 @@ def _value(row: dict) -> str:
 def model_effects(campaign) -> dict:
     """Effects of the campaign's machine; none where it cannot be read, as an import needs no machine."""
     from mjsim.campaign.files import read_campaign
+    from mjsim.campaign.machine_file import read_machine
     from mjsim.errors import InputError
-    from mjsim.machine.files import read_machine
 
     try:
         return {e.id: e.values for e in read_machine(read_campaign(campaign, traces=False).machine_file).effects}

@@ -55,10 +55,10 @@ def command() -> None:
 @common.options
 def write(campaign, name, out, limit, max_speed, force, machine, as_json, quiet, **how) -> None:
     """Write a test of CAMPAIGN as an NC program."""
-    from mjsim.files import check_writable
+    from mjsim.io.files import check_writable
     from mjsim.nc.dialects import FEEDS
     from mjsim.nc.write import write_nc
-    from mjsim.workflow import machine_of
+    from mjsim.workflow.edit import machine_of
 
     c, test = options.find_test(campaign, name)
     m = machine_of(c, machine)
@@ -99,10 +99,10 @@ def read(file, dialect, turned, rollover, limit, max_speed, campaign, name, out,
     Example: mjsim nc read cone.nc --campaign examples/healthy \\
                  --test cone15-x50-ccw
     """
-    from mjsim.files import check_writable, write_whole
-    from mjsim.nc.follow import deviation
+    from mjsim.ballbar.follow import deviation
+    from mjsim.ballbar.program import Program, driven_by
+    from mjsim.io.files import check_writable, write_whole
     from mjsim.nc.limits import check_travel, speed_warnings
-    from mjsim.nc.program import Program, driven_by
     from mjsim.nc.read import motion_csv, read_nc
 
     if (campaign is None) != (name is None):
@@ -157,7 +157,7 @@ def axes_json(motion) -> dict:
     """Travel and speed of each axis: from, to, min, max in mm or °; slowest, mean and fastest block in mm/min or °/min."""
     import numpy as np
 
-    from mjsim.kinematics import AXES
+    from mjsim.machine.chain import AXES
     from mjsim.nc.limits import scale
 
     rows = {}

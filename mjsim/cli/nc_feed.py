@@ -34,7 +34,7 @@ def command(campaign, name, program, cycle_ms, block_ms, whole_cycles, out, plot
     """
     from dataclasses import replace
 
-    from mjsim.files import check_writable, together, write_whole
+    from mjsim.io.files import check_writable, together, write_whole
     from mjsim.nc.control import Control, feed_report
     from mjsim.nc.read import parse_nc, read_nc
     from mjsim.nc.write import nc_program

@@ -31,8 +31,8 @@ def command(campaign, machine, between, threads, as_is, as_json, quiet) -> None:
     Example: mjsim plan examples/two-candidates --between servo_gain.C servo_delay.C
     """
     from mjsim.campaign.files import read_campaign
-    from mjsim.plan import plan
-    from mjsim.workflow import machine_of
+    from mjsim.workflow.edit import machine_of
+    from mjsim.workflow.plan import plan
 
     c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)

@@ -21,7 +21,7 @@ def command(campaign, effect, machine, threads, as_json, quiet) -> None:
     """
     from mjsim.campaign.files import read_campaign
     from mjsim.cli.add import change_json, show_change
-    from mjsim.workflow import remove
+    from mjsim.workflow.edit import remove
 
     c = read_campaign(campaign)
     with common.progress_bar(quiet) as progress:

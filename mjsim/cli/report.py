@@ -36,9 +36,9 @@ def command(campaigns, out, machine, max_effects, no_diagnose, force, threads, a
     Example: mjsim report examples/hidden-backlash -o report.html
     """
     from mjsim.campaign.files import read_campaign
-    from mjsim.files import check_writable, write_whole
+    from mjsim.io.files import check_writable, write_whole
     from mjsim.report.write import check_same_machine, report
-    from mjsim.workflow import machine_of
+    from mjsim.workflow.edit import machine_of
 
     read = [read_campaign(c, as_is=as_is) for c in campaigns]
     machines = [machine_of(c, machine) for c in read]

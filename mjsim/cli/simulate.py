@@ -27,11 +27,11 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
     Example: mjsim simulate examples/hidden-backlash --out simulated
     """
     from mjsim.campaign.files import read_campaign
-    from mjsim.engine.simulate import simulate
     from mjsim.errors import InputError
-    from mjsim.files import check_writable, together, write_whole
-    from mjsim.output import polar_of_simulation, simulation_csv, simulation_summary
-    from mjsim.workflow import machine_of
+    from mjsim.io.files import check_writable, together, write_whole
+    from mjsim.plots.output import polar_of_simulation, simulation_csv, simulation_summary
+    from mjsim.simulation.multibody import simulate
+    from mjsim.workflow.edit import machine_of
 
     c = read_campaign(campaign, traces=False)
     m = machine_of(c, machine)

@@ -1,10 +1,7 @@
 """Location errors of the rotary axes (ISO 230-7)."""
 
-import mujoco
-import numpy as np
-
-from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
+from mjsim.machine.effect import Effect, Parameter
 
 _SHIFT = (Parameter("value_um", "displacement of the centreline", -5000.0, 5000.0, neutral=0.0, scale=10.0),)
 _TILT = (Parameter("value_urad", "rotation of the centreline", -5000.0, 5000.0, neutral=0.0, scale=20.0),)
@@ -39,18 +36,5 @@ class AxisLocation(Effect):
     def _value(self):
         return self.si(self.parameters_of(self.subject)[0].name)
 
-    def act(self, plant):
+    def apply(self, plant):
         plant.geometry.location[self.subject] = self._value
-
-    def edit_spec(self, spec):
-        body_name, edit, i = _WHERE[self.subject]
-        body = spec.body(body_name)
-        if edit == "shift":
-            body.pos = body.pos + np.eye(3)[i] * self._value
-            return
-        turn, out = np.zeros(4), np.zeros(4)
-        mujoco.mju_axisAngle2Quat(turn, np.eye(3)[i], self._value)
-        # the axis named second in the catalogue's product turns last: EB0C after EA0C, EC0A after EB0A
-        order = (turn, body.quat) if self.subject in ("EB0C", "EC0A") else (body.quat, turn)
-        mujoco.mju_mulQuat(out, *map(np.asarray, order))
-        body.quat = out

@@ -1,9 +1,9 @@
 """Backlash: play between motor side and load side."""
 
-from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
-from mjsim.engine.plant import PLAY
-from mjsim.kinematics import AXES, ROTARY
+from mjsim.machine.chain import AXES, ROTARY
+from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.plant import PLAY
 
 _ROTARY = (Parameter("width_deg", "full width b of the play", 0.0, 1.0, neutral=0.0, scale=0.001),)
 _LINEAR = (Parameter("width_um", "full width b of the play (lost motion)", 0.0, 1000.0, neutral=0.0, scale=2.0),)
@@ -23,6 +23,6 @@ class Backlash(Effect):
     def parameters_of(cls, subject):
         return _ROTARY if subject in ROTARY else _LINEAR
 
-    def act(self, plant):
+    def apply(self, plant):
         name = self.parameters_of(self.subject)[0].name
         plant.add_op("backlash", PLAY, self.subject, 0.5 * self.si(name))

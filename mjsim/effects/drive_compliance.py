@@ -2,9 +2,9 @@
 
 import math
 
-from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
-from mjsim.kinematics import AXES, ROTARY
+from mjsim.machine.chain import AXES, ROTARY
+from mjsim.machine.effect import Effect, Parameter
 
 _DAMPING = Parameter("damping_ratio", "of the load on the spring with the motor held", 1e-3, 2.0, default=0.05, scale=0.05)
 _ROTARY = (
@@ -42,5 +42,5 @@ class DriveCompliance(Effect):
     def seeds(cls, subject):
         return [{cls.parameters_of(subject)[0].name: cls.parameters_of(subject)[0].scale, "damping_ratio": 0.05}]
 
-    def act(self, plant):
+    def apply(self, plant):
         plant.add_spring(self.subject, self.si(self.parameters_of(self.subject)[0].name), self.values["damping_ratio"])

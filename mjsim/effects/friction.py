@@ -2,9 +2,9 @@
 
 from typing import ClassVar
 
-from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
-from mjsim.kinematics import AXES
+from mjsim.machine.chain import AXES
+from mjsim.machine.effect import Effect, Parameter
 
 #: Stribeck velocities from which a diagnosis starts, rad/s on the motor: sticking that fades at once, and up to ordinary feeds.
 _STRIBECK = (0.3, 2.0, 10.0)
@@ -40,7 +40,7 @@ class Friction(Effect):
         stribeck = ("coulomb_Nm", "static_ratio", "stribeck_velocity_rad_per_s")
         return [(self, ("coulomb_Nm", "presliding_rad")), *((e, stribeck) for e in slow_fast)]
 
-    def act(self, plant):
+    def apply(self, plant):
         axis = plant.axes[self.subject]
         axis.coulomb, axis.presliding = self.si("coulomb_Nm"), self.si("presliding_rad")
         if self.values["static_ratio"] > 1.0:

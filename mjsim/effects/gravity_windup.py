@@ -2,9 +2,9 @@
 
 import math
 
-from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
-from mjsim.engine.plant import SINE
+from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.plant import SINE
 
 
 @register
@@ -22,5 +22,5 @@ class GravityWindup(Effect):
 
     free = ("amplitude_deg", "phase_deg")
 
-    def act(self, plant):
+    def apply(self, plant):
         plant.add_op("gravity_windup", SINE, "A", self.si("amplitude_deg"), 1.0, math.radians(self.values["phase_deg"]), 0.0)

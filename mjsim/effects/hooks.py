@@ -12,9 +12,9 @@ from functools import partial, wraps
 from typing import Any
 
 from mjsim.effects import guard
-from mjsim.effects.base import Effect
 from mjsim.effects.results import CHECKS, Unusable, wrong
 from mjsim.errors import EffectTimeout, InputError, SimulationError
+from mjsim.machine.effect import Effect
 
 #: Texts that say what an effect is.
 _TEXTS = ("title", "definition", "source", "signature")

@@ -2,10 +2,10 @@
 
 import math
 
-from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
-from mjsim.engine.plant import SINE
-from mjsim.kinematics import AXES, ROTARY
+from mjsim.machine.chain import AXES, ROTARY
+from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.plant import SINE
 from mjsim.units import DEG, UM
 
 _ROTARY = (
@@ -31,7 +31,7 @@ class PitchError(Effect):
     def parameters_of(cls, subject):
         return _ROTARY if subject in ROTARY else _LINEAR
 
-    def act(self, plant):
+    def apply(self, plant):
         rotary = self.subject in ROTARY
         for order, amplitude, phase in self.values["components"]:
             if amplitude:

@@ -2,9 +2,9 @@
 
 import math
 
-from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
-from mjsim.engine.plant import SINE
+from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.plant import SINE
 
 
 @register
@@ -28,7 +28,7 @@ class RadialErrorMotion(Effect):
         """Orders -6 to 6; the order itself is a whole number and stays."""
         return [{"amplitude_um": 1.0, "order": float(k)} for k in range(-6, 7) if k]
 
-    def act(self, plant):
+    def apply(self, plant):
         a, k, phase = self.si("amplitude_um"), self.values["order"], math.radians(self.values["phase_deg"])
         plant.add_op("straightness", SINE, "EXC", a, k, phase + 0.5 * math.pi, 0.0, source="C")
         plant.add_op("straightness", SINE, "EYC", a, k, phase, 0.0, source="C")

@@ -11,14 +11,14 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from mjsim.effects import guard
-from mjsim.effects.base import Effect
 from mjsim.effects.hooks import check_class, guard_class
 from mjsim.errors import InputError
-from mjsim.inputs import is_file
+from mjsim.io.inputs import is_file
+from mjsim.machine.effect import Effect
 
 _E = TypeVar("_E", bound=Effect)
 _REGISTRY: dict[str, type[Effect]] = {}
-_NOT_EFFECTS = {"base", "confine", "guard", "hooks", "motion", "registry", "results"}
+_NOT_EFFECTS = {"confine", "guard", "hooks", "last_resort", "registry", "results"}
 
 
 def register(cls: type[_E]) -> type[_E]:

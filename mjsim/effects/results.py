@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mjsim.effects.base import Effect, Parameter
+from mjsim.machine.effect import Effect, Parameter
 
 #: A position error beyond this, m or rad, is no error of a machine; mostly it is one in other units.
 _LARGEST = 1.0
@@ -150,7 +150,7 @@ def _act(value: Any, effect: Effect, plant: Any) -> None:
 CHECKS: dict[str, Callable[..., Any]] = {
     "__init__": _init,
     "position_error": _position_error,
-    "act": _act,
+    "apply": _act,
     "seeds": _seeds,
     "free_of": _free_of,
     "parameters_of": _parameters_of,

@@ -1,9 +1,9 @@
 """Scale error of a linear axis (ISO 230-1, linear positioning error growing with travel)."""
 
-from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
-from mjsim.engine.plant import SCALE
-from mjsim.kinematics import LINEAR
+from mjsim.machine.chain import LINEAR
+from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.plant import SCALE
 
 
 @register
@@ -16,5 +16,5 @@ class ScaleError(Effect):
     source = "ISO 230-1 (linear positioning error motion, first order)"
     signature = "An ellipse along the axes on circles; grows with the travel of the axis."
 
-    def act(self, plant):
+    def apply(self, plant):
         plant.add_op("scale_error", SCALE, self.subject, self.si("ppm"))

@@ -1,8 +1,8 @@
 """A command that arrives later than the other axes'."""
 
-from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
-from mjsim.kinematics import AXES
+from mjsim.machine.chain import AXES
+from mjsim.machine.effect import Effect, Parameter
 
 
 @register
@@ -16,5 +16,5 @@ class ServoDelay(Effect):
     signature = "Like a difference of Kpp: v·delay along the axis' motion."
     quasi_static = False
 
-    def act(self, plant):
+    def apply(self, plant):
         plant.axes[self.subject].delay += self.si("delay_ms")

@@ -1,7 +1,7 @@
 """Squareness between linear axes (ISO 230-1)."""
 
-from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
+from mjsim.machine.effect import Effect, Parameter
 
 
 @register
@@ -14,11 +14,5 @@ class Squareness(Effect):
     source = "ISO 230-1 (perpendicularity of axes of linear motion)"
     signature = "A two-lobed ellipse at 45° on circles of that plane."
 
-    def act(self, plant):
+    def apply(self, plant):
         plant.geometry.squareness[self.subject] = self.si("angle_urad")
-
-    def edit_model(self, model):
-        """Turns the joint axis. The compiler would normalise it and so scale the travel by 1 + α²/2."""
-        joint, row, sign = {"XY": ("Y", 0, 1.0), "YZ": ("Z", 1, -1.0), "ZX": ("Z", 0, 1.0)}[self.subject]
-        # the Y slide carries the table: moving it by +α is moving the spindle ball by −α relative to it
-        model.joint(joint).axis[row] += sign * self.si("angle_urad")

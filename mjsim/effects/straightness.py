@@ -1,8 +1,8 @@
 """Straightness errors of the linear axes (ISO 230-1 component errors)."""
 
-from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
-from mjsim.engine.plant import POLYNOMIAL
+from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.plant import POLYNOMIAL
 from mjsim.units import UM
 
 #: Travel over which the coefficients are given, m.
@@ -28,7 +28,7 @@ class Straightness(Effect):
     def seeds(cls, subject):
         return [{"quadratic_um": 2.0, "cubic_um": 0.0}]
 
-    def act(self, plant):
+    def apply(self, plant):
         _, direction, axis = self.subject
         plant.add_op(
             "straightness", POLYNOMIAL, direction, self.values["quadratic_um"] * UM, self.values["cubic_um"] * UM, _REFERENCE, source=axis

@@ -1,9 +1,9 @@
 """Thermal drift between spindle and table."""
 
-from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
-from mjsim.engine.plant import SETTLE
-from mjsim.kinematics import LINEAR
+from mjsim.machine.chain import LINEAR
+from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.plant import SETTLE
 
 
 @register
@@ -25,5 +25,5 @@ class ThermalDrift(Effect):
     def seeds(cls, subject):
         return [{"amplitude_um": 5.0, "time_constant_s": t} for t in (60.0, 180.0, 500.0, 1500.0, 5000.0)]
 
-    def act(self, plant):
+    def apply(self, plant):
         plant.add_op("thermal_drift", SETTLE, self.subject, self.si("amplitude_um"), self.si("time_constant_s"))

@@ -2,9 +2,9 @@
 
 import math
 
-from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
-from mjsim.engine.plant import SINE
+from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.plant import SINE
 
 
 @register
@@ -28,7 +28,7 @@ class TiltErrorMotion(Effect):
         """Orders -6 to 6; the order itself is a whole number and stays."""
         return [{"amplitude_urad": 5.0, "order": float(k)} for k in range(-6, 7) if k]
 
-    def act(self, plant):
+    def apply(self, plant):
         a, k, phase = self.si("amplitude_urad"), self.values["order"], math.radians(self.values["phase_deg"])
         plant.add_op("straightness", SINE, "EAC", a, k, phase + 0.5 * math.pi, 0.0, source="C")
         plant.add_op("straightness", SINE, "EBC", a, k, phase, 0.0, source="C")

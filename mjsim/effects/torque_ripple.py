@@ -2,9 +2,9 @@
 
 import math
 
-from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
-from mjsim.kinematics import AXES
+from mjsim.machine.chain import AXES
+from mjsim.machine.effect import Effect, Parameter
 
 
 @register
@@ -29,5 +29,5 @@ class TorqueRipple(Effect):
         """None: the order is found by the spectrum over the axis position."""
         return []
 
-    def act(self, plant):
+    def apply(self, plant):
         plant.axes[self.subject].ripple = (self.si("amplitude_Nm"), self.values["order"], math.radians(self.values["phase_deg"]))

@@ -1,8 +1,8 @@
 """Velocity feedforward of a drive."""
 
-from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
-from mjsim.kinematics import AXES
+from mjsim.machine.chain import AXES
+from mjsim.machine.effect import Effect, Parameter
 
 
 @register
@@ -17,5 +17,5 @@ class VelocityFeedforward(Effect):
     quasi_static = False
     least = 0.1
 
-    def act(self, plant):
+    def apply(self, plant):
         plant.axes[self.subject].feedforward += self.values["ratio"]

@@ -2,9 +2,9 @@
 
 from typing import ClassVar
 
-from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
-from mjsim.kinematics import AXES
+from mjsim.machine.chain import AXES
+from mjsim.machine.effect import Effect, Parameter
 
 
 @register
@@ -19,5 +19,5 @@ class VelocityGain(Effect):
     quasi_static = False
     tolerances: ClassVar = {"ratio": 0.02}
 
-    def act(self, plant):
+    def apply(self, plant):
         plant.axes[self.subject].velocity_gain *= self.values["ratio"]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
-from mjsim.engine.plant import VIBRATE
-from mjsim.kinematics import LINEAR
+from mjsim.machine.chain import LINEAR
+from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.plant import VIBRATE
 
 
 @register
@@ -41,6 +41,6 @@ class Vibration(Effect):
     def replaced(self, **values):
         return super().replaced(**values).with_phases(self.phases)
 
-    def act(self, plant):
+    def apply(self, plant):
         rate = 2.0 * math.pi * self.values["frequency_Hz"]
         plant.add_op("vibration", VIBRATE, self.subject, self.si("amplitude_um"), rate, phases=self.phases)

@@ -1,9 +1,9 @@
 """A worn stretch of a worm wheel, on both flanks of its teeth or on one."""
 
-from mjsim.effects.base import Effect, Parameter
 from mjsim.effects.registry import register
-from mjsim.engine.plant import BUMP
-from mjsim.kinematics import ROTARY
+from mjsim.machine.chain import ROTARY
+from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.plant import BUMP
 
 
 @register
@@ -35,6 +35,6 @@ class WormWear(Effect):
         centres = range(-20, 101, 4) if subject == "A" else range(0, 360, 10)
         return [{"depth_deg": 0.001, "centre_deg": float(c), "width_deg": w} for w in (2.0, 5.0, 12.0) for c in centres]
 
-    def act(self, plant):
+    def apply(self, plant):
         shape = self.si("depth_deg"), self.si("centre_deg"), self.si("width_deg")
         plant.add_op("worm_wear", BUMP, self.subject, *shape, self.way)

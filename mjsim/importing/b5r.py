@@ -17,7 +17,7 @@ import defusedxml.ElementTree
 from defusedxml import DefusedXmlException
 
 from mjsim.errors import InputError
-from mjsim.inputs import file_bytes, is_file
+from mjsim.io.inputs import file_bytes, is_file
 
 _LARGEST = 10_000_000
 #: Data type -> unit as it is shown. The factors to other units are left to whoever converts.

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from mjsim.campaign.model import Test, Trace
-from mjsim.engine.simulate import simulate
+from mjsim.ballbar.measurement import BallBarTest, Trace
+from mjsim.ballbar.program import Program
 from mjsim.errors import InputError, SimulationError
 from mjsim.importing.units import LENGTH
 from mjsim.machine.model import Machine
-from mjsim.nc.program import Program
+from mjsim.simulation.multibody import simulate
 from mjsim.units import UM
 
 #: RMS, about the mean, that a ball bar's trace can have, m: below is less than noise, above more than its range.
@@ -25,7 +25,7 @@ _STRANGE, _EXPLAINED = 10.0, 4.0
 _UNMODELLED = 0.5 * UM
 
 
-def spread(test: Test, time: np.ndarray, deviation: np.ndarray) -> float:
+def spread(test: BallBarTest, time: np.ndarray, deviation: np.ndarray) -> float:
     """RMS of a trace (m) without what the set-up alone makes of it: its mean and its eccentricity."""
     phi = Program(test).phi(time)
     basis = np.column_stack([np.ones_like(phi), np.cos(phi), np.sin(phi)])
@@ -33,7 +33,7 @@ def spread(test: Test, time: np.ndarray, deviation: np.ndarray) -> float:
     return float(np.sqrt(np.mean(rest**2)))
 
 
-def expected(machine: Machine, test: Test) -> float | None:
+def expected(machine: Machine, test: BallBarTest) -> float | None:
     """The same of the model's reading, m; ``None`` where the model cannot be simulated."""
     try:
         (s,) = simulate(machine, [test], 1)
@@ -44,7 +44,7 @@ def expected(machine: Machine, test: Test) -> float | None:
     return spread(test, s.time[keep], s.deviation[keep])
 
 
-def questions(test: Test, trace: Trace, unit: str, machine: Machine | None = None) -> list[str]:
+def questions(test: BallBarTest, trace: Trace, unit: str, machine: Machine | None = None) -> list[str]:
     """What has to be asked about a trace; empty where nothing is strange.
 
     Args:

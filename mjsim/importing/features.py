@@ -13,10 +13,10 @@ from pydantic import TypeAdapter
 
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
-from mjsim.files import check_writable, write_all
 from mjsim.importing.b5r import Feature, Imported, read_b5r
 from mjsim.importing.into_campaign import campaign_file, test_name
-from mjsim.inputs import file_bytes
+from mjsim.io.files import check_writable, write_all
+from mjsim.io.inputs import file_bytes
 from mjsim.units import unit_of
 
 #: Feature -> the effects that cause it in mjsim's catalogue. {a}, {b}: first and second axis of the plane; {own}, {other}: the axis

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from mjsim.campaign.schema import TestTable
+from mjsim.campaign.schema import BallBarTable
 from mjsim.importing.units import unit_named
 
 _LINE = re.compile(r"^\W*([A-Za-z][A-Za-z _-]*?)\s*(?:\(([^)]*)\)|\[([^\]]*)\])?\s*[:=;,\t]\s*(.+?)\s*[;,\t]*$")
@@ -32,7 +32,7 @@ def test_keys(header: tuple[str, ...]) -> dict:
 
 
 def _read(name: str, unit: str, text: str) -> dict:
-    if name in TestTable.model_fields:
+    if name in BallBarTable.model_fields:
         if name in _PLAIN:
             return {name: text}
         if name == "revolutions":

@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from mjsim.campaign.model import Instrument, Test, Trace
+from mjsim.ballbar.measurement import BallBarTest, Instrument, Trace
+from mjsim.ballbar.program import Program
+from mjsim.campaign.machine_file import read_machine
 from mjsim.errors import InputError
-from mjsim.files import check_writable
 from mjsim.importing import into_campaign as into
 from mjsim.importing.checks import questions
 from mjsim.importing.header import test_keys
 from mjsim.importing.reading import Options, read_columns
 from mjsim.importing.table import read_table
 from mjsim.importing.timing import place
-from mjsim.machine.files import read_machine
-from mjsim.nc.program import Program
+from mjsim.io.files import check_writable
 from mjsim.units import DEG, UM
 
 
@@ -36,7 +36,7 @@ class ImportedTrace:
 
     source: Path
     file: Path
-    test: Test
+    test: BallBarTest
     added: bool
     trace: Trace
     unit: str

@@ -13,15 +13,16 @@ import numpy as np
 import tomlkit
 from tomlkit.items import AoT
 
+from mjsim.ballbar.measurement import BallBarTest, Instrument, Trace
 from mjsim.campaign.files import campaign_from, check_span
-from mjsim.campaign.model import Campaign, Instrument, Test, Trace
+from mjsim.campaign.model import Campaign
 from mjsim.campaign.schema import NEEDED
 from mjsim.campaign.traces import saturated
 from mjsim.errors import InputError
-from mjsim.files import check_writable, write_all
 from mjsim.importing.names import OPTION
-from mjsim.inputs import inside, is_file, shown
-from mjsim.toml import parse, read_text
+from mjsim.io.files import check_writable, write_all
+from mjsim.io.inputs import inside, is_file, shown
+from mjsim.io.toml import parse, read_text
 from mjsim.units import UM
 
 #: Order of the keys in a new table.
@@ -41,7 +42,7 @@ class Entry:
         text: campaign.toml as it will be.
     """
 
-    test: Test
+    test: BallBarTest
     file: Path
     added: bool
     text: str
@@ -99,7 +100,7 @@ def entry(file: Path, text: str, name: str, keys: dict, header: dict, source: Pa
     return Entry(test, _trace_file(file, test), added, out)
 
 
-def _trace_file(file: Path, test: Test) -> Path:
+def _trace_file(file: Path, test: BallBarTest) -> Path:
     path = file.parent / (test.trace or f"traces/{test.name}.csv")
     place = f'{file}: [[test]] "{test.name}" trace = {shown(test.trace)}'
     if Path(test.trace or "").is_absolute() or not inside(file.parent, path):
@@ -138,7 +139,7 @@ def _append(document: tomlkit.TOMLDocument, new: dict) -> None:
     tables.append(table)
 
 
-def checked_trace(source: Path, test: Test, time: np.ndarray, deviation: np.ndarray, instrument: Instrument) -> Trace:
+def checked_trace(source: Path, test: BallBarTest, time: np.ndarray, deviation: np.ndarray, instrument: Instrument) -> Trace:
     """The trace as reading it back will give it.
 
     Raises:

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.campaign.model import Test
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
 from mjsim.importing.table import Table
 from mjsim.importing.units import QUANTITIES, bare, factor, unit_of_column
-from mjsim.nc.program import Program
 from mjsim.units import DEG, MM, UM
 
 #: What headers call a column, without its unit, lower case.
@@ -84,7 +84,7 @@ class Recording:
     notes: tuple[str, ...]
 
 
-def read_columns(table: Table, test: Test, o: Options) -> Recording:
+def read_columns(table: Table, test: BallBarTest, o: Options) -> Recording:
     """Time or angle, and deviation, of a table.
 
     Raises:
@@ -153,7 +153,7 @@ def _finite(table: Table, i: int, quantity: str) -> np.ndarray:
     return x
 
 
-def _time_factor(table: Table, i: int, test: Test, o: Options, notes: list[str]) -> float:
+def _time_factor(table: Table, i: int, test: BallBarTest, o: Options, notes: list[str]) -> float:
     unit = o.time_unit or unit_of_column(table.names[i], table.units[i], "time")
     if unit is None:
         lasts, have = Program(test).duration, float(np.ptp(table.values[:, i]))
@@ -168,7 +168,7 @@ def _time_factor(table: Table, i: int, test: Test, o: Options, notes: list[str])
     return factor(unit, "time")
 
 
-def _angle_factor(table: Table, i: int, test: Test, o: Options, notes: list[str]) -> float:
+def _angle_factor(table: Table, i: int, test: BallBarTest, o: Options, notes: list[str]) -> float:
     unit = o.angle_unit or unit_of_column(table.names[i], table.units[i], "angle")
     if unit is None:
         whole, have = abs(np.subtract(*Program(test).measured_ends)), float(np.ptp(np.unwrap(table.values[:, i], period=360.0)))
@@ -183,7 +183,7 @@ def _angle_factor(table: Table, i: int, test: Test, o: Options, notes: list[str]
     return factor(unit, "angle")
 
 
-def _deviation(table: Table, i: int | None, test: Test, o: Options, notes: list[str]) -> tuple[np.ndarray, str]:
+def _deviation(table: Table, i: int | None, test: BallBarTest, o: Options, notes: list[str]) -> tuple[np.ndarray, str]:
     assert i is not None
     raw = table.values[:, i]
     if not np.isfinite(raw).any():

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.campaign.model import Test
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.ballbar.paths import peripheral_radius
+from mjsim.ballbar.program import OVERLAP, Program
 from mjsim.errors import InputError
 from mjsim.importing.even import evenly, quantum
 from mjsim.importing.reading import Options, Recording
-from mjsim.nc.paths import peripheral_radius
-from mjsim.nc.program import OVERLAP, Program
 from mjsim.units import DEG
 
 #: A trace may reach so far beyond the measured part without being cut: the trigger is not exact. In s, and as an angle.
@@ -22,7 +22,7 @@ _JITTER = 0.5 * DEG
 _TURN = 2 * np.pi
 
 
-def place(path: Path, recording: Recording, test: Test, o: Options) -> tuple[np.ndarray, np.ndarray, list[str]]:
+def place(path: Path, recording: Recording, test: BallBarTest, o: Options) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Program times (n,) s, deviations (n,) m, and what was concluded.
 
     Raises:
@@ -111,7 +111,7 @@ def _cut(time: np.ndarray, deviation: np.ndarray, span: tuple[float, float], edg
     return time[keep], deviation[keep]
 
 
-def _angles(path: Path, r: Recording, test: Test, o: Options, notes: list[str]) -> tuple[np.ndarray, np.ndarray]:
+def _angles(path: Path, r: Recording, test: BallBarTest, o: Options, notes: list[str]) -> tuple[np.ndarray, np.ndarray]:
     """Signed φ (n,) rad in the order of the motion, and the deviations in that order."""
     assert r.angle is not None
     a = np.unwrap(r.angle - o.angle_zero)

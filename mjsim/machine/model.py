@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from mjsim.effects.base import Effect
 from mjsim.errors import InputError
+from mjsim.machine.chain import AXES
+from mjsim.machine.effect import Effect
+from mjsim.machine.plant import AxisPlant, Plant
 
 #: One standard deviation of the data sheet (relative). Controller settings are exact numbers in the control; what hangs on
 #: the motor and the mechanics is not. Source: campaign format, "data sheet".
@@ -80,3 +82,19 @@ class Machine:
     def with_drive(self, axis: str, **changes: float) -> Machine:
         """A machine with some numbers of one drive changed."""
         return replace(self, drives={**self.drives, axis: replace(self.drives[axis], **changes)})
+
+
+def build(machine: Machine) -> Plant:
+    """The plant of a machine. Neutral effects are left out, so that off is bit-identical to absent."""
+    axes = {
+        a: AxisPlant(d.gear, d.position_gain, d.velocity_gain, d.integral_time, d.inertia, d.viscous, d.gravity)
+        for a, d in ((a, machine.drives[a]) for a in AXES)
+    }
+    plant = Plant(axes)
+    for effect in machine.effects:
+        if effect.is_neutral:
+            continue
+        effect.apply(plant)
+        if effect.in_python:
+            plant.python_effects.append(effect)
+    return plant

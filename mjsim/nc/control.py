@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjsim.campaign.model import Test
+from mjsim.ballbar.commanded import Commanded
+from mjsim.ballbar.follow import check_path, unwrapped
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.ballbar.paths import peripheral_radius
+from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
-from mjsim.kinematics import AXES, INDEX, LINEAR, reading
-from mjsim.nc.commanded import Commanded
-from mjsim.nc.follow import check_path, unwrapped
+from mjsim.machine.chain import AXES, INDEX, LINEAR, reading
 from mjsim.nc.limits import scale
-from mjsim.nc.paths import peripheral_radius
-from mjsim.nc.program import Program
 from mjsim.units import DEG, MM, UM
 
 #: Places within a piece of straight motion at which it is looked at.
@@ -146,7 +146,7 @@ class FeedReport:
         return text.getvalue()
 
 
-def feed_report(test: Test, motion: Commanded, control: Control | None = None, name: str = "NC program") -> FeedReport:
+def feed_report(test: BallBarTest, motion: Commanded, control: Control | None = None, name: str = "NC program") -> FeedReport:
     """Simulate the interpolation of a test's NC program.
 
     Args:

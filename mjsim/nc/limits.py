@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mjsim.ballbar.commanded import Commanded
 from mjsim.errors import InputError
-from mjsim.kinematics import AXES, INDEX, LINEAR
-from mjsim.nc.commanded import Commanded
-from mjsim.resources import model_file
+from mjsim.io.resources import model_file
+from mjsim.machine.chain import AXES, INDEX, LINEAR
 from mjsim.units import DEG, MM
 
 

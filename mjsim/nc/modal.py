@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mjsim.errors import InputError
-from mjsim.kinematics import AXES
+from mjsim.machine.chain import AXES
 from mjsim.nc.dialects import Dialect
 from mjsim.nc.gcode import GCodeError, Line
 

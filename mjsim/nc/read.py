@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from mjsim.ballbar.commanded import Commanded
 from mjsim.errors import InputError
-from mjsim.inputs import file_bytes
-from mjsim.kinematics import AXES, LINEAR
-from mjsim.nc.commanded import Commanded
+from mjsim.io.inputs import file_bytes
+from mjsim.machine.chain import AXES, LINEAR
 from mjsim.nc.dialects import dialect as find_dialect
 from mjsim.nc.gcode import GCodeError, parse_line
 from mjsim.nc.limits import scale

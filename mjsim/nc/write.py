@@ -7,19 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.campaign.model import Test
+from mjsim.ballbar.commanded import Commanded
+from mjsim.ballbar.kinds import KINDS
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.ballbar.paths import peripheral_radius
+from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
-from mjsim.files import write_whole
-from mjsim.kinematics import AXES, ROTARY, machine_to_work
-from mjsim.nc.commanded import Commanded
+from mjsim.io.files import write_whole
+from mjsim.machine.chain import AXES, ROTARY, machine_to_work
 from mjsim.nc.dialects import FEEDS, Dialect, dialect
-from mjsim.nc.kinds import KINDS
 from mjsim.nc.limits import Limits, check_travel, model_limits, scale, speed_warnings
-from mjsim.nc.paths import peripheral_radius
-from mjsim.nc.program import Program
 from mjsim.units import DEG, MM
 
-#: Signs of :meth:`mjsim.nc.kinds.base.Kind.words` that controls do not know.
+#: Signs of :meth:`mjsim.ballbar.kinds.base.Kind.words` that controls do not know.
 _PLAIN = {ord("°"): " deg", ord("θ"): "half apex", ord("β"): "inclination"}
 #: Angle from block to block, degrees (the paper's programs have "minute line segments"; assumed).
 STEP_DEG = 0.1
@@ -65,7 +65,7 @@ class Written:
     warnings: list[str]
 
 
-def nc_program(test: Test, options: Options | None = None, limits: Limits | None = None, machine: str = "") -> Written:
+def nc_program(test: BallBarTest, options: Options | None = None, limits: Limits | None = None, machine: str = "") -> Written:
     """The NC program of a test. The same test and options give the same text.
 
     Args:
@@ -95,7 +95,12 @@ def nc_program(test: Test, options: Options | None = None, limits: Limits | None
 
 
 def write_nc(
-    test: Test, path: Path | str, options: Options | None = None, limits: Limits | None = None, machine: str = "", force: bool = False
+    test: BallBarTest,
+    path: Path | str,
+    options: Options | None = None,
+    limits: Limits | None = None,
+    machine: str = "",
+    force: bool = False,
 ) -> Written:
     """Write the NC program of a test into a file, whole or not at all.
 
@@ -110,7 +115,7 @@ def write_nc(
     return written
 
 
-def _feed(o: Options, d: Dialect, test: Test) -> str:
+def _feed(o: Options, d: Dialect, test: BallBarTest) -> str:
     feed = o.feed or d.feeds[0]
     if feed not in FEEDS:
         raise InputError(f"unknown F convention {feed!r}; allowed: {', '.join(FEEDS)}")
@@ -134,7 +139,7 @@ def _feed(o: Options, d: Dialect, test: Test) -> str:
     return feed
 
 
-def _blocks(test: Test, o: Options, feed: str, decimals: int) -> tuple[np.ndarray, Commanded, np.ndarray]:
+def _blocks(test: BallBarTest, o: Options, feed: str, decimals: int) -> tuple[np.ndarray, Commanded, np.ndarray]:
     """φ of the points, the motion of the printed numbers, and these numbers (n + 1, 5) in mm and degrees."""
     program = Program(test)
     first, last = program.ends
@@ -152,7 +157,7 @@ def _blocks(test: Test, o: Options, feed: str, decimals: int) -> tuple[np.ndarra
     return phi, Commanded(seconds, printed * _UNITS, feed == "tcp"), printed
 
 
-def _feed_words(printed: np.ndarray, seconds: np.ndarray, o: Options, d: Dialect, feed: str, test: Test) -> list[str]:
+def _feed_words(printed: np.ndarray, seconds: np.ndarray, o: Options, d: Dialect, feed: str, test: BallBarTest) -> list[str]:
     digits = d.feed_decimals if o.feed_decimals is None else o.feed_decimals
     if feed == "tcp":  # modal: one F for the whole path
         return [f" F{test.feed / MM * 60:.{digits}f}", *[""] * (len(seconds) - 1)]

@@ -9,9 +9,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjsim.compare import Progress, silent
 from mjsim.errors import InputError
-from mjsim.files import check_writable, write_all
+from mjsim.io.files import check_writable, write_all
 from mjsim.paper.contents import POLAR, VELOCITY_RUNS
 from mjsim.paper.draw import polar_figure, velocity_figure
 from mjsim.paper.machine import PaperMachine, paper_machine
@@ -19,6 +18,7 @@ from mjsim.paper.numbers import RUNS, Number, numbers
 from mjsim.paper.pitch import curves_sheet, spectra_sheet
 from mjsim.paper.runs import Traces
 from mjsim.plots.save import encode
+from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 
 if TYPE_CHECKING:

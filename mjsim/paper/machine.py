@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.model import Campaign
-from mjsim.compare import Progress, silent
-from mjsim.effects.base import Effect
-from mjsim.identification.identify import identify_pitch_errors
-from mjsim.identification.result import PitchIdentification
-from mjsim.machine.files import read_machine
+from mjsim.estimation.pitch.identify import identify_pitch_errors
+from mjsim.estimation.pitch.result import PitchIdentification
+from mjsim.io.resources import examples
+from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
-from mjsim.resources import examples
+from mjsim.progress import Progress, silent
 
 #: The example campaign that stands for the paper's measurements.
 EXAMPLE = "kato2013"

@@ -9,8 +9,8 @@ from importlib.resources import files
 import numpy as np
 from scipy.signal import find_peaks
 
-from mjsim.kinematics import AXES, machine_to_work
-from mjsim.nc.paths import PATHS
+from mjsim.ballbar.paths import PATHS
+from mjsim.machine.chain import AXES, machine_to_work
 from mjsim.paper.machine import PaperMachine
 from mjsim.paper.runs import ANGLE, HEIGHT, LENGTH, Run, Traces
 from mjsim.units import DEG, MM, UM

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.campaign.model import Test
-from mjsim.compare import Progress, silent
-from mjsim.engine.simulate import Simulation, simulate
-from mjsim.kinematics import AXES, ROTARY
-from mjsim.measure.iso230 import least_squares_circle
+from mjsim.ballbar.iso230 import least_squares_circle
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.machine.chain import AXES, ROTARY
 from mjsim.paper.machine import PaperMachine
+from mjsim.progress import Progress, silent
+from mjsim.simulation.multibody import Simulation, simulate
 from mjsim.units import DEG, MM, UM
 
 #: Plot angles of every trace, ° (the paper's plots call 180° what its appendix calls φ = 0).
@@ -43,9 +43,9 @@ class Run:
         """The run with the cone's centre ``offset`` mm along X or Y."""
         return cls(cause, theta, x=offset) if along == "X" else cls(cause, theta, y=offset)
 
-    def test(self) -> Test:
+    def test(self) -> BallBarTest:
         """The test, one revolution CCW."""
-        return Test(
+        return BallBarTest(
             name=f"{self.cause} {self.theta}° ({self.x:g}, {self.y:g}) {self.method}",
             kind="cone_frustum",
             table_ball=(self.x * MM, self.y * MM, HEIGHT),
@@ -78,7 +78,7 @@ class Traces:
         for run in sorted(wanted):
             by_cause.setdefault(run.cause, []).append(run)
 
-        def one(_: Test) -> None:
+        def one(_: BallBarTest) -> None:
             count[0] += 1
             progress("simulating the paper's tests", count[0], len(wanted))
 

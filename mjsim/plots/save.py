@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mjsim.errors import InputError
-from mjsim.files import write_whole
+from mjsim.io.files import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,13 +7,12 @@ import platform
 from importlib.metadata import version
 from typing import Any
 
-from mjsim.compare import Comparison, Progress, TestComparison, silent
-from mjsim.diagnose import Diagnosis
-from mjsim.inference.problem import Problem
-from mjsim.machine.files import machine_document
+from mjsim.ballbar.iso230 import BidirectionalFigures, CircularFigures
+from mjsim.campaign.machine_file import machine_document
+from mjsim.estimation.problem import Problem
 from mjsim.machine.model import Machine
-from mjsim.measure.iso230 import BidirectionalFigures, CircularFigures
-from mjsim.output import conditions, polar_traces, residual_trace
+from mjsim.plots.output import conditions, polar_traces, residual_trace
+from mjsim.progress import Progress, silent
 from mjsim.report.content import BidirectionalRow, ModelRow, ReportContent, SetUpRow, TestSection, WhatIf
 from mjsim.report.evidence import findings, next_test_sentence, rest_percent, untestable
 from mjsim.report.models import Model, basis, ladder, prepared
@@ -21,6 +20,8 @@ from mjsim.report.page import render
 from mjsim.report.traces import test_traces
 from mjsim.report.whatif import what_if
 from mjsim.units import DEG, UM
+from mjsim.workflow.compare import ComparedTest, Comparison
+from mjsim.workflow.diagnose import Diagnosis
 
 _SENTENCE = {
     "identified": "The effects below are missing from the machine's model; no other effect of the catalogue explains the data as well.",
@@ -156,7 +157,7 @@ def _tuples(figures: dict) -> dict[str, Any]:
     return {k: tuple(v) if isinstance(v, list) else v for k, v in figures.items()}
 
 
-def _section(before: TestComparison, after: TestComparison, noise: float, changed: bool) -> TestSection:
+def _section(before: ComparedTest, after: ComparedTest, noise: float, changed: bool) -> TestSection:
     angle = after.worst_phi / DEG + (0.0 if after.test.kind == "rotary" else 180.0)
     return TestSection(
         name=before.test.name,

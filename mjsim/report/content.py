@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from mjsim.measure.iso230 import BidirectionalFigures, CircularFigures
+from mjsim.ballbar.iso230 import BidirectionalFigures, CircularFigures
 from mjsim.plots.polar import PolarTrace
 from mjsim.plots.residual import ResidualTrace
 

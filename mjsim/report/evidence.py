@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from mjsim.diagnose import DiagnosedEffect, Diagnosis
 from mjsim.effects import registry
-from mjsim.inference.criteria import THRESHOLD
-from mjsim.inference.problem import Problem
-from mjsim.kinematics import AXES, ROTARY
+from mjsim.estimation.criteria import THRESHOLD
+from mjsim.estimation.problem import Problem
+from mjsim.machine.chain import AXES, ROTARY
 from mjsim.report.content import Finding, NotTestable, ParameterRow, Rejected
 from mjsim.units import UM, unit_of
+from mjsim.workflow.diagnose import DiagnosedEffect, Diagnosis
 
 #: Gain, in thresholds, from which a finding is called certain, and from which clear.
 CERTAIN, CLEAR = 10.0, 2.0

@@ -6,19 +6,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjsim.campaign.model import Test
-from mjsim.compare import Comparison, Progress, overlay, silent
-from mjsim.diagnose import Diagnosis
-from mjsim.engine.plant import build
-from mjsim.engine.simulate import Reading, Simulation, reading_of, simulate_each
-from mjsim.inference.fit import with_effects
-from mjsim.inference.nuisance import fit_nuisance
-from mjsim.inference.problem import Problem
-from mjsim.inference.vibration import phased
-from mjsim.kinematics import reading
-from mjsim.machine.model import Machine
-from mjsim.motion import time_grid
-from mjsim.nc.program import Program
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.ballbar.program import Program
+from mjsim.estimation.fit import with_effects
+from mjsim.estimation.nuisance import fit_nuisance
+from mjsim.estimation.problem import Problem
+from mjsim.estimation.vibration import phased
+from mjsim.machine.chain import reading
+from mjsim.machine.model import Machine, build
+from mjsim.progress import Progress, silent
+from mjsim.simulation.axes import time_grid
+from mjsim.simulation.multibody import Reading, Simulation, reading_of, simulate_each
+from mjsim.workflow.compare import Comparison, overlay
+from mjsim.workflow.diagnose import Diagnosis
 
 KINEMATICS, SIMULATION = "kinematics", "full simulation"
 
@@ -42,7 +42,7 @@ def prepared(result: Diagnosis, threads: int = 2) -> Problem:
     return problem
 
 
-def rigid(test: Test) -> Simulation:
+def rigid(test: BallBarTest) -> Simulation:
     """A test on ideal axes: every axis stands where its command is."""
     program = Program(test)
     time = time_grid(program)
@@ -55,7 +55,7 @@ def run(problem: Problem, machine: Machine, stage: str, threads: int = 2, progre
     """All tests in the multibody model, with progress."""
     count = [0]
 
-    def done(_: Test) -> None:
+    def done(_: BallBarTest) -> None:
         count[0] += 1
         progress(stage, count[0], len(problem.tests))
 

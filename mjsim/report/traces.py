@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from mjsim.compare import TestComparison
+from mjsim.ballbar.iso230 import least_squares_circle
+from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
-from mjsim.kinematics import AXES, LINEAR
-from mjsim.measure.iso230 import least_squares_circle
-from mjsim.nc.program import Program
-from mjsim.output import residual_trace
+from mjsim.machine.chain import AXES, LINEAR
+from mjsim.plots.output import residual_trace
 from mjsim.plots.residual import reversal_angles
 from mjsim.units import DEG, MM, UM
+from mjsim.workflow.compare import ComparedTest
 
 #: Samples per turn that are kept, about; axis positions are given at this many instants, in between they are interpolated.
 PER_TURN, POSITIONS = 1000, 181
 
 
-def test_traces(models: list[TestComparison], start: int, noise: float) -> dict:
+def test_traces(models: list[ComparedTest], start: int, noise: float) -> dict:
     """One test under every model of the ladder.
 
     Args:
@@ -61,7 +61,7 @@ def kept(phi: np.ndarray, signal: np.ndarray, per_turn: int = PER_TURN) -> np.nd
     return np.array(sorted(keep))
 
 
-def _centre(t: TestComparison, deviation: np.ndarray) -> list[int]:
+def _centre(t: ComparedTest, deviation: np.ndarray) -> list[int]:
     good = t.valid
     if t.test.kind != "rotary":
         try:
@@ -71,7 +71,7 @@ def _centre(t: TestComparison, deviation: np.ndarray) -> list[int]:
     return _whole(np.array([0.0, 0.0, deviation[good].mean()]) / UM, 1e3)
 
 
-def _positions(t: TestComparison) -> dict:
+def _positions(t: ComparedTest) -> dict:
     program = Program(t.test)
     time = np.linspace(*program.measured_span, POSITIONS)
     q = program.commands(time) / [MM if a in LINEAR else DEG for a in AXES]

@@ -8,15 +8,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 
+from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.files import test_table
-from mjsim.campaign.model import Test
-from mjsim.compare import Comparison
-from mjsim.diagnose import DiagnosedEffect, Diagnosis
 from mjsim.effects import registry
-from mjsim.effects.base import Effect
-from mjsim.kinematics import ROTARY
+from mjsim.machine.chain import ROTARY
+from mjsim.machine.effect import Effect
 from mjsim.report.content import plain
 from mjsim.units import UM, unit_of
+from mjsim.workflow.compare import Comparison
+from mjsim.workflow.diagnose import DiagnosedEffect, Diagnosis
 
 #: 95 % interval of a circular error from the noise σ of one sample: it is the difference of two extremes, each with one sample's noise.
 _TWO_EXTREMES = 1.96 * math.sqrt(2.0)
@@ -142,7 +142,7 @@ def _um(x: float) -> float:
     return round(float(x / UM), 4)
 
 
-def _conditions(t: Test) -> dict:
+def _conditions(t: BallBarTest) -> dict:
     return {k: v for k, v in test_table(t).items() if k not in ("setup", "revolutions")}
 
 

@@ -1,7 +1,7 @@
 """What would be gained by repairing one cause: the final model simulated without it.
 
 Causes are ranked as ball-bar software ranks them, by what each makes of the whole error. The order comes from the drives alone
-(:mod:`mjsim.motion`, which agrees with the multibody model to far below 0.1 µm); the leading rows are then simulated in full.
+(:mod:`mjsim.simulation.axes`, which agrees with the multibody model to far below 0.1 µm); the leading rows are then simulated in full.
 """
 
 from __future__ import annotations
@@ -11,22 +11,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.campaign.model import Test
-from mjsim.compare import Progress, silent
-from mjsim.engine.drive import STEP
-from mjsim.engine.plant import AxisPlant, build
+from mjsim.ballbar.iso230 import least_squares_circle
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
-from mjsim.inference.problem import Problem
-from mjsim.inference.samples import GRID_STEPS
-from mjsim.inference.vibration import phased
-from mjsim.kinematics import AXES
-from mjsim.machine.model import Machine
-from mjsim.measure.iso230 import least_squares_circle
-from mjsim.motion import time_grid
-from mjsim.nc.program import Program
+from mjsim.estimation.problem import Problem
+from mjsim.estimation.samples import GRID_STEPS
+from mjsim.estimation.vibration import phased
+from mjsim.machine.chain import AXES
+from mjsim.machine.model import Machine, build
+from mjsim.machine.plant import AxisPlant
+from mjsim.progress import Progress, silent
 from mjsim.report.content import RepairRow, WhatIf
 from mjsim.report.models import SIMULATION, run
 from mjsim.report.remedies import Remedy, remedy
+from mjsim.simulation.axes import time_grid
+from mjsim.simulation.drive import STEP
 from mjsim.units import UM
 
 DRIVES = "drives alone"
@@ -111,7 +111,7 @@ def what_if(
         full: rows at the top that are simulated in the multibody model; with more than one, all repairs together are as well.
 
     Raises:
-        SimulationError: see :func:`mjsim.engine.simulate.simulate`.
+        SimulationError: see :func:`mjsim.simulation.multibody.simulate`.
     """
     machine = phased(problem, machine)
     every = causes(machine, given, found)
@@ -154,7 +154,7 @@ def _all_repaired(machine: Machine, given: Machine, every: list[Cause]) -> Machi
     return machine
 
 
-def _row(tests: tuple[Test, ...], cause: Cause, after: _Errors, before: _Errors, how: str) -> RepairRow:
+def _row(tests: tuple[BallBarTest, ...], cause: Cause, after: _Errors, before: _Errors, how: str) -> RepairRow:
     gain = before.rms_um - after.rms_um
     return RepairRow(
         cause.name,
@@ -171,7 +171,7 @@ def _row(tests: tuple[Test, ...], cause: Cause, after: _Errors, before: _Errors,
     )
 
 
-def _circle(tests: tuple[Test, ...], before: list[float], after: list[float]) -> tuple[str, float | None, float | None]:
+def _circle(tests: tuple[BallBarTest, ...], before: list[float], after: list[float]) -> tuple[str, float | None, float | None]:
     """Name of the circular test whose G falls most, by how much [µm] and per cent; empty where there is no such test."""
     falls = [(b - a, b, t.name) for t, b, a in zip(tests, before, after, strict=True) if t.kind != "rotary"]
     if not falls:
@@ -191,7 +191,7 @@ def _of_simulation(problem: Problem, machine: Machine, threads: int, progress: P
     return _errors(problem.tests, [(time_grid(Program(r.test)), r.deviation) for r in readings])
 
 
-def _errors(tests: tuple[Test, ...], readings: list[tuple[np.ndarray, np.ndarray]]) -> _Errors:
+def _errors(tests: tuple[BallBarTest, ...], readings: list[tuple[np.ndarray, np.ndarray]]) -> _Errors:
     squares, seconds, spans = 0.0, 0.0, []
     for test, (time, reading) in zip(tests, readings, strict=True):
         program = Program(test)
@@ -204,7 +204,7 @@ def _errors(tests: tuple[Test, ...], readings: list[tuple[np.ndarray, np.ndarray
     return _Errors(round((squares / seconds) ** 0.5 / UM, 4), spans)
 
 
-def about_circle(test: Test, phi: np.ndarray, reading: np.ndarray) -> np.ndarray:
+def about_circle(test: BallBarTest, phi: np.ndarray, reading: np.ndarray) -> np.ndarray:
     """Readings (n,) m less their least-squares circle; less their mean for a rotary test, whose balls do not describe a circle."""
     if test.kind != "rotary":
         try:

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from datetime import date
 
 from mjsim.campaign.model import Campaign
-from mjsim.checking.gate import checked_problem
-from mjsim.compare import Comparison, Progress, compare, silent
-from mjsim.diagnose import Diagnosis, diagnose
 from mjsim.errors import InputError
-from mjsim.kinematics import AXES
+from mjsim.estimation.mistakes.gate import checked_problem
+from mjsim.machine.chain import AXES
 from mjsim.machine.model import Machine
+from mjsim.progress import Progress, silent
 from mjsim.report import build, page, trend
+from mjsim.workflow.compare import Comparison, compare
+from mjsim.workflow.diagnose import Diagnosis, diagnose
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,56 @@
+"""The motion that the blocks of an NC program command: straight lines from point to point, each with its duration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mjsim.machine.chain import work_to_machine
+
+
+@dataclass(frozen=True, eq=False)
+class Commanded:
+    """Points and block times. All axes of a block move in proportion, as a control interpolates linearly.
+
+    Attributes:
+        seconds: (n,) duration of each block by its F, s, above 0.
+        points: (n + 1, 5) where the blocks begin and end: X, Y, Z (m), A, C (rad).
+        tip: whether X, Y, Z of ``points`` are the tool tip's in the work frame (tool centre point control), which the control turns
+            into axis positions all along a block; otherwise they are axis positions.
+    """
+
+    seconds: np.ndarray
+    points: np.ndarray
+    tip: bool = False
+
+    @cached_property
+    def knots(self) -> np.ndarray:
+        """Time at every point, (n + 1,) s, from 0."""
+        return np.concatenate([[0.0], np.cumsum(self.seconds)])
+
+    @property
+    def duration(self) -> float:
+        """Sum of the block times, s: no acceleration at the ends."""
+        return float(self.knots[-1])
+
+    @cached_property
+    def axes(self) -> np.ndarray:
+        """Axis positions at the points, (n + 1, 5) m and rad."""
+        return self._machine(self.points)
+
+    def at(self, time: np.ndarray) -> np.ndarray:
+        """Axis positions (n, 5) m and rad at ``time`` (n,) s of block time, held at both ends."""
+        time = np.asarray(time, float)
+        return self._machine(np.column_stack([np.interp(time, self.knots, column) for column in self.points.T]))
+
+    def speeds(self) -> np.ndarray:
+        """Mean speed of every axis in every block, (n, 5) m/s and rad/s, signed."""
+        return np.diff(self.axes, axis=0) / self.seconds[:, None]
+
+    def _machine(self, points: np.ndarray) -> np.ndarray:
+        if not self.tip:
+            return points
+        A, C = points[:, 3], points[:, 4]
+        return np.column_stack([work_to_machine(A, C, points[:, :3]), A, C])

@@ -1,0 +1,172 @@
+"""Reading machine.toml, and writing it back with the user's comments and order kept."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomlkit
+from tomlkit.items import AoT, InlineTable, Table
+
+from mjsim.campaign.schema import MachineTable
+from mjsim.effects import registry
+from mjsim.errors import InputError
+from mjsim.io.files import write_whole
+from mjsim.io.inputs import shown
+from mjsim.io.toml import check, parse, read_text
+from mjsim.machine.chain import AXES, LINEAR
+from mjsim.machine.effect import Effect
+from mjsim.machine.model import Drive, Machine
+from mjsim.units import MM
+
+#: Attribute of a drive -> its key in machine.toml.
+DRIVE_KEYS = {
+    "position_gain": "position_gain_per_s",
+    "velocity_gain": "velocity_gain_Nms_per_rad",
+    "integral_time": "integral_time_s",
+    "inertia": "inertia_kgm2",
+    "viscous": "viscous_Nms_per_rad",
+    "gravity": "gravity_Nm",
+}
+
+
+def read_machine(path: str | Path, text: str | None = None) -> Machine:
+    """Read a machine file, or ``text`` as if it stood there.
+
+    Raises:
+        InputError: names the file, the table and key, what was found and what is allowed.
+    """
+    path = Path(path)
+    table = check(path, MachineTable, parse(path, text))
+    drives = {}
+    for axis in AXES:
+        d = getattr(table.drive, axis)
+        want, other = ("lead_mm", "worm_teeth") if axis in LINEAR else ("worm_teeth", "lead_mm")
+        if getattr(d, other) is not None:
+            raise InputError(
+                f"{path}: [drive.{axis}] unknown key {other!r}; a {'linear' if axis in LINEAR else 'rotary'} axis has {want!r}"
+            )
+        if getattr(d, want) is None:
+            raise InputError(f"{path}: [drive.{axis}]: the key {want!r} is missing")
+        gear = 2 * np.pi / (d.lead_mm * MM) if axis in LINEAR else d.worm_teeth
+        drives[axis] = Drive(axis, gear, **{k: getattr(d, v) for k, v in DRIVE_KEYS.items()})
+    effects: list[Effect] = []
+    files: dict[str, str] = {}
+    for number, entry in enumerate(table.effect, start=1):
+        effect = _effect(path, number, dict(entry), files)
+        if any(effect.key == e.key for e in effects):
+            raise InputError(f'{path}: [[effect]] "{effect.id}" appears twice; allowed: once (or one per direction)')
+        effects.append(effect)
+    return Machine(table.name, drives, tuple(effects), path, table.configuration, files)
+
+
+def _effect(path: Path, number: int, entry: dict[str, Any], files: dict[str, str]) -> Effect:
+    effect_id, source = entry.pop("id", None), entry.pop("file", None)
+    if not isinstance(effect_id, str):
+        raise InputError(f"{path}: [[effect]] number {number}: the key 'id' is missing or not a text")
+    if len(effect_id) > 200 or not effect_id.isprintable():
+        raise InputError(f"{path}: [[effect]] number {number}: id = {shown(effect_id)} is no effect's name")
+    if source is not None and (not isinstance(source, str) or not source.strip() or not source.isprintable()):
+        raise InputError(f"{path}: [[effect]] number {number}: file = {shown(source)}; allowed: the path of a Python file (.py)")
+    try:
+        if source is not None:
+            cls = registry.load_file(path.parent / str(source))
+            files[effect_id] = str(source)
+            kind, _, subject = effect_id.partition(".")
+            if kind != cls.kind:
+                raise InputError(f"id {effect_id!r} does not belong to {source}, which defines {cls.kind!r}")
+            if subject not in cls.subjects:
+                raise InputError(f"unknown effect {effect_id!r}; {kind} exists for: {', '.join(cls.subjects)}")
+        else:
+            cls, subject = registry.effect_class(effect_id)
+        allowed = [p.name for p in cls.parameters_of(subject)]
+        for name, value in entry.items():
+            if name not in allowed:
+                raise InputError(f"effect {effect_id}: unknown parameter {shown(name)}; allowed: {', '.join(allowed) or 'none'}")
+            if isinstance(value, int) and abs(value) > 1e300:
+                raise InputError(f"effect {effect_id}: {name} is a whole number of more than 300 digits, which is out of bounds")
+        return cls(subject, **entry)
+    except InputError as error:
+        raise InputError(f"{path}: [[effect]] number {number}: {error}") from None
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, float):
+        return float(f"{value:.9g}")
+    if isinstance(value, list):
+        return [_rounded(v) for v in value]
+    return value
+
+
+def machine_document(machine: Machine, original: Path) -> str:
+    """TOML text of ``machine`` made by editing the text of ``original``, so that comments and order stay."""
+    former = read_text(original)
+    document = tomlkit.parse(former)
+    base = read_machine(original)
+    for axis in AXES:
+        for attribute, key in DRIVE_KEYS.items():
+            value = getattr(machine.drives[axis], attribute)
+            if value != getattr(base.drives[axis], attribute):
+                document["drive"][axis][key] = _rounded(value)
+    if "effect" not in document:
+        document.append("effect", tomlkit.aot())
+    tables = document["effect"]
+    keys = {e.key: e for e in machine.effects}
+    for index in reversed(range(len(base.effects))):
+        effect = keys.get(base.effects[index].key)
+        if effect is None:
+            del tables[index]
+            continue
+        for name, value in effect.values.items():
+            if base.effects[index].values.get(name) != value:
+                tables[index][name] = _rounded(value)
+    have = {e.key for e in base.effects}
+    for effect in machine.effects:
+        if effect.key not in have:
+            inline = not isinstance(tables, AoT)
+            if not inline and len(tables) and not tables[-1].as_string().endswith("\n\n"):
+                tables[-1].add(tomlkit.nl())
+            tables.append(_new_table(effect, machine, inline))
+    text = tomlkit.dumps(document)
+    return text.replace("\r\n", "\n").replace("\n", "\r\n") if "\r\n" in former else text
+
+
+def _new_table(effect: Effect, machine: Machine, inline: bool) -> Table | InlineTable:
+    table = tomlkit.inline_table() if inline else tomlkit.table()
+    table["id"] = effect.id
+    if effect.id in machine.effect_files:
+        table["file"] = machine.effect_files[effect.id]
+    for name, value in effect.values.items():
+        table[name] = _rounded(value)
+    return table
+
+
+def machine_text(machine: Machine, original: Path, folder: Path) -> str:
+    """TOML text of ``machine`` as a file in ``folder``: as :func:`machine_document`, effect files named relative to ``folder``."""
+    text = machine_document(machine, original)
+    here, there = Path(original).resolve().parent, Path(folder).resolve()
+    if machine.effect_files and here != there:
+        document = tomlkit.parse(text)
+        for table in document["effect"]:
+            if "file" in table and not Path(table["file"]).is_absolute():
+                table["file"] = os.path.relpath(here / table["file"], there)
+        text = tomlkit.dumps(document)
+    return text
+
+
+def write_machine(machine: Machine, original: Path, target: Path, force: bool = False) -> None:
+    """Write ``machine`` to ``target`` as an edit of ``original``; the file appears whole or not at all.
+
+    Effect files that ``original`` names relative to itself are named by their full path in another folder.
+    """
+    text = machine_document(machine, original)
+    here, there = Path(original).resolve().parent, Path(target).resolve().parent
+    if machine.effect_files and here != there:
+        document = tomlkit.parse(text)
+        for table in document["effect"]:
+            if "file" in table:
+                table["file"] = str(here / table["file"])
+        text = tomlkit.dumps(document)
+    write_whole(target, text, force=force)

@@ -1,0 +1,110 @@
+"""A ready-to-edit effect file in the form of an unexplained rest."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mjsim.estimation.generic import TABLE, Term
+from mjsim.machine.chain import AXES, LINEAR, ROTARY
+
+_ARGUMENT = {
+    "position": "motion.position[:, AXIS]",
+    "direction": "motion.position[:, AXIS]",
+    "velocity": "motion.velocity[:, AXIS]",
+    "acceleration": "motion.acceleration[:, AXIS]",
+    "torque": "motion.torque[:, AXIS]",
+    "time_since_reversal": "np.log10(np.maximum(motion.since_reversal[:, AXIS], 0.02))",
+    "clock_time": "motion.clock",
+}
+_UNIT = {
+    "velocity": ("m/s", "rad/s"),
+    "acceleration": ("m/s²", "rad/s²"),
+    "torque": ("N·m", "N·m"),
+    "time_since_reversal": ("log10 of s", "log10 of s"),
+    "clock_time": ("s", "s"),
+}
+
+_TEMPLATE = '''"""{summary}
+
+Written by mjsim from the measurement: an empirical curve, not an explanation. Replace the curve by the physics you suspect, rename
+the effect, and try it with `mjsim add CAMPAIGN {file_name}`.
+"""
+
+import numpy as np
+
+import mjsim
+
+{columns}
+#: {variable} at which the curve is given, {unit}
+KNOTS = np.array([{knots}])
+#: what is added to {target} there, {size}
+VALUES = np.array([{values}])
+
+
+@mjsim.register
+class {class_name}(mjsim.Effect):
+    kind = "{kind}"
+    subjects = ("{subject}",)
+    title = "{title}"
+    parameters = (mjsim.Parameter("gain", "factor on the curve", -10.0, 10.0, neutral=0.0, scale=1.0),)
+    definition = "{target} + gain · curve({variable})"
+    source = "empirical, from this campaign"
+    signature = "{signature}"
+
+    def position_error(self, motion):
+        x = {argument}
+        size = self.values["gain"] * {sign}np.interp(x, KNOTS, VALUES{period})
+        out = np.zeros_like(motion.position)
+        {act}
+        return out
+'''
+
+_ON_AXIS = "out[:, MOVED] = size"
+#: The work moves one way in the table's frame: seen from the machine, the spindle moves the other way.
+_ON_TABLE = """a, c = motion.position[:, 3], motion.position[:, 4]
+        x0, y0, z0 = np.eye(3)[MOVED]
+        x1, y1 = x0 * np.cos(c) - y0 * np.sin(c), x0 * np.sin(c) + y0 * np.cos(c)
+        out[:, :3] = -size[:, None] * np.column_stack([x1, y1 * np.cos(a) - z0 * np.sin(a), y1 * np.sin(a) + z0 * np.cos(a)])"""
+
+
+def effect_source(term: Term, values: np.ndarray, summary: str, file_name: str) -> str:
+    """Python text of an effect that adds an empirical curve.
+
+    Args:
+        term: on what it depends and what it moves. values: (n,) at the term's knots, m or rad. file_name: for its own doc string.
+    """
+    on_table = term.moves in TABLE
+    kind = f"unexplained_{term.variable}" + ("" if term.axis == term.moves else f"_moves_{term.moves.replace(' ', '_').lower()}")
+    unit = _UNIT.get(term.variable, ("m", "rad"))[0 if term.axis in LINEAR else 1]
+    target = "the work on the table, along " + term.moves[-1] if on_table else f"the {term.moves} axis"
+    columns = f"AXIS = {AXES.index(term.axis)}  # column of the {term.axis} axis in X, Y, Z, A, C\n" if term.axis else ""
+    moved = TABLE.index(term.moves) if on_table else AXES.index(term.moves)
+    columns += f"MOVED = {moved}  # {'direction x, y, z of the work frame' if on_table else f'column of the {term.moves} axis'}"
+    knots, period = term.knots, ""
+    if term.period:
+        period = f", period={term.period:.12g}"
+    return _TEMPLATE.format(
+        summary=summary,
+        file_name=file_name,
+        columns=columns,
+        variable=term.variable.replace("_", " ") + (f" of {term.axis}" if term.axis else ""),
+        unit=unit,
+        target=target,
+        size="rad" if term.moves in ROTARY else "m",
+        knots=_numbers(knots),
+        values=_numbers(values),
+        class_name="".join(w.capitalize() for w in kind.split("_")),
+        kind=kind,
+        subject=term.axis or term.moves,
+        title=f"Unexplained error of {target}",
+        signature=summary.replace('"', "'"),
+        argument=_ARGUMENT[term.variable],
+        sign="np.sign(motion.velocity[:, AXIS]) * " if term.signed else "",
+        period=period,
+        act=_ON_TABLE if on_table else _ON_AXIS,
+    )
+
+
+def _numbers(x: np.ndarray) -> str:
+    lines = [", ".join(f"{v:.6g}" for v in x[i : i + 8]) for i in range(0, len(x), 8)]
+    return "\n    " + ",\n    ".join(lines) + ",\n"

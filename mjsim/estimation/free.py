@@ -1,0 +1,125 @@
+"""Free parameters of an effect as a vector: amplitude and phase as Cartesian pairs, everything else as it is."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mjsim.machine.effect import Effect
+
+
+class FreeEffect:
+    """An effect whose ``names`` are fitted.
+
+    The vector is scaled so that one unit is the parameter's typical size. An ``amplitude_*`` with a free ``phase_deg`` becomes
+    (a cos φ, a sin φ), and so does every component of a pitch error: the reading is linear in those.
+    """
+
+    def __init__(self, effect: Effect, names: tuple[str, ...]) -> None:
+        self.effect, self.names = effect, tuple(names)
+        self.specs = {p.name: p for p in effect.parameters_of(effect.subject)}
+        self.amplitude = next((n for n in names if n.startswith("amplitude_")), None)
+        self.polar = self.amplitude is not None and "phase_deg" in names
+
+    @property
+    def neutral(self) -> np.ndarray:
+        """The vector's linear entries when the effect is off: leading parameters, or the two of an amplitude with its phase."""
+        if self.polar:
+            return np.zeros(2)
+        return np.array([p.encode(p.neutral) for p in (self.specs[n] for n in self.names) if p.neutral is not None])
+
+    @property
+    def linear(self) -> list[int]:
+        """Which entries of the vector the reading is linear in, for a single-phase effect or leading parameters."""
+        if self.polar:
+            return [0, 1]
+        return [i for i, n in enumerate(self.names) if self.specs[n].neutral is not None]
+
+    @property
+    def vector(self) -> np.ndarray:
+        """Present values, scaled."""
+        out: list[float] = []
+        v = self.effect.values
+        for n in self.names:
+            scale = self.specs[n].scale
+            if n == "components":
+                for _, a, phase in v[n]:
+                    out += [a * math.cos(math.radians(phase)) / scale, a * math.sin(math.radians(phase)) / scale]
+            elif self.polar and n == self.amplitude:
+                phase = math.radians(v["phase_deg"])
+                out += [v[n] * math.cos(phase) / scale, v[n] * math.sin(phase) / scale]
+            elif not (self.polar and n == "phase_deg"):
+                out.append(self.specs[n].encode(v[n]))
+        return np.array(out)
+
+    def at(self, vector: np.ndarray) -> Effect:
+        """The effect with the vector's values, clipped to the parameters' bounds."""
+        values, i = {}, 0
+        for n in self.names:
+            p = self.specs[n]
+            if n == "components":
+                rows = []
+                for order, _, _ in self.effect.values[n]:
+                    c, s = vector[i] * p.scale, vector[i + 1] * p.scale
+                    rows.append([order, min(math.hypot(c, s), p.upper), math.degrees(math.atan2(s, c))])
+                    i += 2
+                values[n] = rows
+            elif self.polar and n == self.amplitude:
+                c, s = vector[i] * p.scale, vector[i + 1] * p.scale
+                values[n] = min(math.hypot(c, s), p.upper)
+                values["phase_deg"] = math.degrees(math.atan2(s, c))
+                i += 2
+            elif not (self.polar and n == "phase_deg"):
+                values[n] = float(p.decode(vector[i]))
+                i += 1
+        return self.effect.replaced(**values)
+
+    def nudged(self, j: int, step: float) -> tuple[Effect, float]:
+        """The effect with the ``j``-th entry of its vector moved by about ``step``, the other way at a bound; and by how much it moved."""
+        v = self.vector
+        for sign in (1.0, -1.0):
+            moved = v.copy()
+            moved[j] += sign * step
+            effect = self.at(moved)
+            change = float(FreeEffect(effect, self.names).vector[j] - v[j])
+            if abs(change) > 1e-9:
+                break
+        return effect, change
+
+    def interval(self, vector: np.ndarray, covariance: np.ndarray, z: float = 1.96) -> dict:
+        """95 % intervals in the file's units, per parameter; for components two tables, lower and upper."""
+        out, i = {}, 0
+        for n in self.names:
+            p = self.specs[n]
+            if n == "components":
+                low, high = [], []
+                for order, _, _ in self.effect.values[n]:
+                    a, sa, phase, sp = _polar(vector[i : i + 2], covariance[i : i + 2, i : i + 2])
+                    low.append([order, max(0.0, (a - z * sa) * p.scale), phase - z * sp])
+                    high.append([order, (a + z * sa) * p.scale, phase + z * sp])
+                    i += 2
+                out[n] = [low, high]
+            elif self.polar and n == self.amplitude:
+                a, sa, phase, sp = _polar(vector[i : i + 2], covariance[i : i + 2, i : i + 2])
+                out[n] = [max(0.0, (a - z * sa) * p.scale), (a + z * sa) * p.scale]
+                out["phase_deg"] = [phase - z * sp, phase + z * sp]
+                i += 2
+            elif not (self.polar and n == "phase_deg"):
+                sd = math.sqrt(max(covariance[i, i], 0.0))
+                ends = vector[i] - z * sd, vector[i] + z * sd
+                out[n] = sorted(p.decode(x) for x in ends) if p.inverse else [x * p.scale for x in ends]
+                i += 1
+        return out
+
+
+def _polar(v: np.ndarray, c: np.ndarray) -> tuple[float, float, float, float]:
+    """Amplitude and phase (deg) with standard deviations from a Cartesian pair and its covariance."""
+    a = max(float(np.hypot(*v)), 1e-12)
+    along, across = v / a, np.array([-v[1], v[0]]) / a
+    return (
+        a,
+        math.sqrt(max(along @ c @ along, 0.0)),
+        math.degrees(math.atan2(v[1], v[0])),
+        math.degrees(math.sqrt(max(across @ c @ across, 0.0)) / a),
+    )

@@ -1,0 +1,210 @@
+"""Generic terms: a free curve of one variable of one axis, displacing that axis, another one, or the table.
+
+They stand for causes that nobody listed. Displacements of other axes are included because machines do that: a slide's acceleration
+yaws its neighbour, a float of the table lifts the work.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mjsim.estimation.fit import Fit
+from mjsim.estimation.problem import Problem
+from mjsim.estimation.samples import GRID, GRID_STEPS
+from mjsim.machine.chain import AXES, LINEAR, ROTARY
+from mjsim.machine.model import build
+from mjsim.machine.motion import Motion
+from mjsim.simulation.tracker import MotionTracker
+from mjsim.units import UM
+
+#: Knots of the free curve of each variable.
+KNOTS = {"position": 36, "direction": 24, "velocity": 12, "acceleration": 12, "torque": 10, "time_since_reversal": 10, "clock_time": 24}
+_PER_TURN = 24  # of a rotary axis' position counted over all turns
+_FINE = 720  # of one turn, where single teeth are to be seen
+_IN_LEAD = 12  # of a linear axis' position within one turn of its screw
+#: Periods of the clock that are tried, s.
+_CLOCK_PERIODS = np.geomspace(15.0, 900.0, 60)
+#: The variable along a motion; ``i`` is the axis' column.
+VALUE = {
+    "position": lambda m, i: m.position[:, i],
+    "direction": lambda m, i: m.position[:, i],
+    "velocity": lambda m, i: m.velocity[:, i],
+    "acceleration": lambda m, i: m.acceleration[:, i],
+    "torque": lambda m, i: m.torque[:, i],
+    "time_since_reversal": lambda m, i: np.log10(np.maximum(m.since_reversal[:, i], 0.02)),
+}
+#: Directions of the table ball in the work frame.
+TABLE = ("table x", "table y", "table z")
+#: What a coefficient of 1 is: 10 µrad or 1 µm.
+ROTARY_UNIT, LINEAR_UNIT = 1e-5, UM
+
+
+@dataclass
+class Term:
+    """One generic term.
+
+    Attributes:
+        axis: whose motion it depends on (empty for the clock). moves: the axis that it displaces, or one of :data:`TABLE`.
+        variable: as in the JSON of diagnose. knots: (k,) of the variable, SI. period: of the variable, SI, or ``None``.
+        columns: per test (m, k) block means, m per unit of :attr:`unit`. signed: times the direction of motion.
+        gain, coefficients (k,), their covariance (k, k): of the fit, once it is made.
+    """
+
+    axis: str
+    moves: str
+    variable: str
+    knots: np.ndarray
+    period: float | None
+    columns: list[np.ndarray]
+    gain: float = 0.0
+    coefficients: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    covariance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def signed(self) -> bool:
+        return self.variable in ("direction", "time_since_reversal")
+
+    @property
+    def unit(self) -> float:
+        """Size of a coefficient of 1, m or rad."""
+        return ROTARY_UNIT if self.moves in ROTARY else LINEAR_UNIT
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """The axes concerned: where it comes from, and what it moves if that is another axis."""
+        own = (self.axis,) if self.axis else ()
+        return own if self.moves in (self.axis, *TABLE) else (*own, self.moves)
+
+    @property
+    def price(self) -> float:
+        """What chance explains at most with so many coefficients, about."""
+        n = self.columns[0].shape[1]
+        return n + 5.0 * np.sqrt(2.0 * n)
+
+
+class Generic:
+    """Makes generic terms for one fitted model: the variables of every test at its blocks."""
+
+    def __init__(self, problem: Problem, fit: Fit) -> None:
+        self.problem, self.fit = problem, fit
+        self.plant = build(fit.machine)
+        self.motions: list[Motion] = problem.map(self._motion)
+        self.sensitivities = problem.map(self._sensitivity)
+
+    def _motion(self, k: int) -> Motion:
+        """Commanded motion of test ``k`` at its blocks' centres."""
+        m, s = self.problem.motions[k], self.problem.samples[k]
+        tracker = MotionTracker(GRID, m.test.started, self.plant)
+        fine = tracker.follow(m.time[::GRID_STEPS], np.ascontiguousarray(m.commands[::GRID_STEPS]))
+        at = s.centre - self.problem.shift(k, self.fit.nuisance)
+        place = np.clip(np.searchsorted(fine.time, at), 0, len(fine.time) - 1)
+        return Motion(*(getattr(fine, n)[place] for n in Motion.__dataclass_fields__))
+
+    def _sensitivity(self, k: int) -> dict[str, np.ndarray]:
+        s, shift = self.problem.samples[k], self.problem.shift(k, self.fit.nuisance)
+        sens = self.problem.sensitivity[k]
+        rows = np.column_stack([sens.axes, sens.table])
+        return {name: s.sample(rows[:, i], shift) for i, name in enumerate((*AXES, *TABLE))}
+
+    def moving(self) -> list[str]:
+        """Axes that move in some test."""
+        return [a for i, a in enumerate(AXES) if any(np.ptp(m.position[:, i]) > 0.0 for m in self.motions)]
+
+    def own(self) -> Iterator[Term]:
+        """Terms of an axis in its own direction."""
+        for axis in self.moving():
+            yield from self.of(axis, axis)
+
+    def across(self) -> Iterator[Term]:
+        """Terms that displace something else: linear axes, and for the turning table the work on it."""
+        for axis in self.moving():
+            for other in LINEAR:
+                if other != axis:
+                    yield from self.of(axis, other)
+            if axis in ROTARY:
+                for direction in TABLE:
+                    yield from self.of(axis, direction)
+
+    def clock(self, waves: bool) -> Iterator[Term]:
+        """Terms of the campaign clock: a free curve, and with ``waves`` those of one period, per linear axis."""
+        times = [m.clock for m in self.motions]
+        lo, hi = min(t.min() for t in times), max(t.max() for t in times)
+        for moves in LINEAR:
+            yield from self._term("", moves, "clock_time", np.linspace(lo, hi, KNOTS["clock_time"]), None, times)
+            for period in _CLOCK_PERIODS if waves else ():
+                yield from self._term("", moves, "clock_time", np.arange(4) * (period / 4), float(period), times)
+
+    def of(self, axis: str, moves: str) -> Iterator[Term]:
+        """All terms of one axis' motion that displace ``moves``."""
+        i = AXES.index(axis)
+        for variable in VALUE:
+            x = [VALUE[variable](m, i) for m in self.motions]
+            lo, hi = min(v.min() for v in x), max(v.max() for v in x)
+            if hi - lo < 1e-9:
+                continue
+            count = KNOTS[variable] if moves == axis else min(KNOTS[variable], 18)
+            in_turns = variable in ("position", "direction")
+            if in_turns and axis in ROTARY and hi - lo > 1.9 * np.pi:
+                yield from self._term(axis, moves, variable, np.arange(count) * (2 * np.pi / count), 2 * np.pi, x)
+                turns = (hi - lo) / (2 * np.pi)
+                if variable == "position" and moves == axis and turns > 1.1:  # a count that is not taken modulo one turn
+                    yield from self._term(axis, moves, variable, np.linspace(lo, hi, int(_PER_TURN * turns)), None, x)
+            else:
+                yield from self._term(axis, moves, variable, np.linspace(lo, hi, count), None, x)
+            if variable == "position" and axis in LINEAR:
+                lead = 2 * np.pi / self.fit.base.drives[axis].gear
+                if hi - lo > 1.5 * lead:
+                    yield from self._term(axis, moves, variable, np.arange(_IN_LEAD) * (lead / _IN_LEAD), lead, x)
+
+    def fine(self, axis: str) -> Iterator[Term]:
+        """The position of a rotary axis in steps of half a degree: waves of single teeth, on a part of the wheel if need be."""
+        i = AXES.index(axis)
+        x = [m.position[:, i] for m in self.motions]
+        if max(np.ptp(v) for v in x) > 1.9 * np.pi:
+            yield from self._term(axis, axis, "position", np.arange(_FINE) * (2 * np.pi / _FINE), 2 * np.pi, x)
+        else:
+            lo, hi = min(v.min() for v in x), max(v.max() for v in x)
+            yield from self._term(axis, axis, "position", np.linspace(lo, hi, int(_FINE * (hi - lo) / (2 * np.pi)) + 2), None, x)
+
+    def finer(self, term: Term, factor: int) -> Iterator[Term]:
+        """The same term with ``factor`` times as many knots."""
+        if not term.axis:
+            return
+        i = AXES.index(term.axis)
+        n, first, last = factor * len(term.knots), term.knots[0], term.knots[-1]
+        knots = first + np.arange(n) * (term.period / n) if term.period else np.linspace(first, last, n)
+        yield from self._term(term.axis, term.moves, term.variable, knots, term.period, [VALUE[term.variable](m, i) for m in self.motions])
+
+    def _term(
+        self, axis: str, moves: str, variable: str, knots: np.ndarray, period: float | None, values: list[np.ndarray]
+    ) -> Iterator[Term]:
+        if not any(np.abs(s[moves]).max() > 1e-6 for s in self.sensitivities):
+            return
+        term = Term(axis, moves, variable, knots, period, [])
+
+        def columns(k: int) -> np.ndarray:
+            weight = self.sensitivities[k][moves] * term.unit
+            if term.signed:
+                weight = weight * np.sign(self.motions[k].velocity[:, AXES.index(axis)])
+            return hats(values[k], knots, period) * weight[:, None]
+
+        term.columns = self.problem.map(columns)
+        yield term
+
+
+def hats(x: np.ndarray, knots: np.ndarray, period: float | None) -> np.ndarray:
+    """Piecewise-linear basis (n, len(knots)) on equally spaced ``knots``; wrapped when there is a period."""
+    step = knots[1] - knots[0]
+    u = (x - knots[0]) / step
+    n = len(knots)
+    u = np.mod(u, n) if period else np.clip(u, 0, n - 1)
+    i = np.floor(u).astype(int)
+    f = u - i
+    out = np.zeros((len(x), n))
+    rows = np.arange(len(x))
+    out[rows, i % n] += 1 - f
+    out[rows, (i + 1) % n if period else np.minimum(i + 1, n - 1)] += f
+    return out

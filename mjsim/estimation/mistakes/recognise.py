@@ -1,0 +1,114 @@
+"""Recognise a wrong sign, unit or direction, and exchanged traces, from the data.
+
+Each test is compared with what the machine as given would have measured, and with what it would have measured had the mistake been
+made. A mistake is named only where the files as they are do not fit at all and the corrected ones do, so that no fault of the machine
+passes for one: such a fault leaves most reversals as they are, or does not make another reading fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjsim.campaign.model import Campaign
+from mjsim.estimation.mistakes.evidence import Spikes, Variant
+from mjsim.estimation.mistakes.mistakes import Mistake, turned, unit_of
+from mjsim.estimation.mistakes.single import BETTER, FITS, one_by_one
+from mjsim.estimation.mistakes.state import State
+from mjsim.estimation.problem import Problem
+from mjsim.estimation.samples import make_samples
+from mjsim.machine.model import Machine, build
+from mjsim.threads import one_blas_thread
+
+#: A test that fits so much better as given contradicts a mistake of all tests.
+_CONTRADICTS = 0.2
+#: So much agreement still says something of sign and size; sizes that differ by more than this factor are not of the same mistake.
+_LEANS, _SAME_SIZE = 0.15, 4.0
+
+
+@dataclass(frozen=True)
+class TestEvidence:
+    """What was found about one test: ``factor`` and ``agreement`` of its spikes (``None`` where the model has none)."""
+
+    __test__ = False
+
+    name: str
+    factor: float | None
+    agreement: float | None
+
+
+@dataclass(frozen=True)
+class Findings:
+    """Result of :func:`recognise`."""
+
+    mistakes: tuple[Mistake, ...]
+    tests: tuple[TestEvidence, ...]
+
+
+@one_blas_thread
+def recognise(campaign: Campaign, machine: Machine, threads: int = 2) -> Findings:
+    """Look for mistakes in a measured campaign.
+
+    Args:
+        campaign: with at least one measured test. machine: the model as given; what is wrong with the machine may be missing in it.
+    """
+    return look(Problem(campaign, machine, threads, outliers=False, keep_motions=False), machine)
+
+
+def look(problem: Problem, machine: Machine) -> Findings:
+    """The same for a problem whose samples are as given."""
+    plant = build(machine)
+    readings = problem.readings(plant)
+    variants = [Variant(t, readings[k], problem.sensitivity[k]) for k, t in enumerate(problem.tests)]
+    traces = make_samples(problem.tests, problem.campaign.traces)
+    state = State(variants, traces, [1.0] * len(traces))
+    given = [state.seen(v, s) for v, s in zip(variants, traces, strict=True)]
+    tests = tuple(
+        TestEvidence(v.test.name, f.factor if f.visible else None, f.agreement if f.visible else None)
+        for v, f in zip(variants, given, strict=True)
+    )
+    other: dict[int, Variant] = {}
+
+    def reversed_run(k: int) -> Variant:
+        if k not in other:
+            other[k] = Variant.of(turned(variants[k].test), plant)
+        return other[k]
+
+    everywhere = _everywhere(state, given, reversed_run)
+    mistakes = (everywhere,) if everywhere else tuple(one_by_one(state, reversed_run))
+    return Findings(mistakes, tests)
+
+
+def _everywhere(state: State, given: list[Spikes], reversed_run: Callable[[int], Variant]) -> Mistake | None:
+    """A mistake that all tests share: some show it, none contradicts."""
+    names = tuple(v.test.name for v in state.variants)
+    seen = [k for k, g in enumerate(given) if g.visible]
+    fits = {k: state.fit(state.part(k)) or 0.0 for k in seen}
+    if not seen:
+        return None
+    strong = {k: known for k in seen if abs(given[k].agreement) >= FITS and (known := unit_of(given[k].factor))}
+    if strong and max(fits.values()) < FITS - 0.1 and len(set(strong.values())) == 1:
+        factor, unit = next(iter(strong.values()))
+        weak = [given[k].factor for k in seen if k not in strong and abs(given[k].agreement) > _LEANS]
+        typical = float(np.median([given[k].factor for k in strong]))
+        if any(not 1 / _SAME_SIZE < f / typical < _SAME_SIZE for f in weak):
+            return None
+        kind = "sign" if not unit else "unit" if factor > 0 else "sign_and_unit"
+        where = f"{len(strong)} test{'s' if len(strong) > 1 else ''}"
+        evidence = f"at the axes' reversals in {where} the readings are {typical:.3g} times what friction leaves there"
+        return Mistake(kind, names, evidence, every=True, factor=factor, unit=unit)
+    runs = [k for k in seen if state.variants[k].test.kind != "rotary"]
+    if len(runs) < 2 or all(fits[k] >= FITS for k in runs):
+        return None
+    after = {k: state.fit((reversed_run(k), state.traces[k], 1.0)) or 0.0 for k in runs}
+    better = [k for k in runs if after[k] >= FITS and after[k] - fits[k] >= BETTER]
+    if len(better) < 2 or any(fits[k] >= FITS and fits[k] - after[k] >= _CONTRADICTS for k in runs):
+        return None
+    evidence = (
+        f"the axes' reversals in {len(better)} tests agree with the other direction, correlation "
+        f"{np.median([after[k] for k in better]):.2f} instead of {np.median([fits[k] for k in better]):.2f}"
+    )
+    every = tuple(v.test.name for v in state.variants if v.test.kind != "rotary")
+    return Mistake("direction", every, evidence, every=True)

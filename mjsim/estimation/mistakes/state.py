@@ -1,0 +1,64 @@
+"""The tests of a campaign as they are believed to be, and how well they fit: their reversals and their set-ups."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from mjsim.estimation.mistakes.evidence import Spikes, Variant, disagreement, spikes
+from mjsim.estimation.mistakes.mistakes import unit_of
+from mjsim.estimation.samples import Samples
+
+#: A test as it may have been run: its variant, its trace, and what the trace is multiplied with.
+Part = tuple[Variant, Samples, float]
+#: A set-up whose tests disagree by more than this, m, and by less than this share of it when one test is corrected, has a mistake in
+#: it; corrected, they must agree to the last figure, m.
+DISAGREE, SHARE, AGREE = 3e-6, 0.2, 3e-6
+
+
+@dataclass
+class State:
+    """The tests as they are believed to be."""
+
+    variants: list[Variant]
+    traces: list[Samples]
+    factors: list[float]
+    _known: dict = field(default_factory=dict)
+
+    def part(self, k: int) -> Part:
+        return self.variants[k], self.traces[k], self.factors[k]
+
+    def seen(self, variant: Variant, s: Samples, factor: float = 1.0) -> Spikes:
+        key = (id(variant), id(s))
+        if key not in self._known:
+            self._known[key] = spikes(variant, s)
+        found = self._known[key]
+        return replace(found, factor=factor * found.factor, agreement=float(np.sign(factor)) * found.agreement)
+
+    def fit(self, part: Part) -> float | None:
+        """Agreement of a test's spikes, zero where their size is no machine's; ``None`` where there are none to see."""
+        found = self.seen(*part)
+        if not found.visible:
+            return None
+        known = unit_of(found.factor)
+        return found.agreement if known is not None and not known[1] else 0.0
+
+    def quarrels(self, k: int) -> bool:
+        """Whether the set-up of test ``k`` leaves much more than its tests do on their own: else no correction makes it agree."""
+        members = self.members(k)
+        together = self.together(k, {})
+        if together <= DISAGREE:
+            return False
+        alone = float(np.sqrt(sum(disagreement([self.part(j)]) ** 2 for j in members if j != k)))
+        return alone < SHARE * together
+
+    def together(self, k: int, parts: dict[int, Part]) -> float:
+        """Disagreement (m) of the set-up of test ``k`` with some tests changed; zero where the test is alone in it."""
+        members = self.members(k)
+        return disagreement([parts.get(j, self.part(j)) for j in members]) if len(members) > 1 else 0.0
+
+    def members(self, k: int) -> list[int]:
+        """Tests of the set-up of test ``k``."""
+        setup = self.variants[k].test.setup
+        return [j for j, v in enumerate(self.variants) if v.test.setup == setup]

@@ -1,0 +1,36 @@
+"""Effects that act in one direction of motion only, such as a worm wheel that is worn on one flank.
+
+They are no seeds of their own: where one direction has a dent, the same dent in both explains about half of it, so that the best seeds
+of the whole effect say where to look. Where the effect is in the model already, what it leaves may be the difference of the two
+directions, at its own place.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mjsim.estimation.criteria import THRESHOLD
+from mjsim.estimation.fit import Fit
+from mjsim.estimation.signatures import Candidate, Projector, SignatureBank
+
+Row = tuple[float, np.ndarray, Candidate]
+
+#: Seeds of one effect that are tried in each direction, the best first, and what acting in both they must explain.
+_SEEDS, _LEAST = 3, 0.5 * THRESHOLD
+
+
+def one_way_rows(fit: Fit, bank: SignatureBank, rows: list[Row]) -> list[Row]:
+    """Gain, coefficients and candidate in each direction of motion, for the fitted effects and the best of ``rows`` (best first) of every
+    effect that knows directions. A direction in which the model has the effect already is left out."""
+    have = {e.key for e in fit.machine.effects}
+    whole = [Candidate(f.effect, f.names) for f in fit.effects if not f.effect.scanned]
+    tried: dict[str, int] = {}
+    for gain, _, c in rows:
+        if gain < _LEAST:
+            break
+        if c.effect.one_way() and tried.setdefault(c.id, 0) < _SEEDS:
+            tried[c.id] += 1
+            whole.append(c)
+    ways = [Candidate(effect, c.names) for c in whole for effect in c.effect.one_way() if effect.key not in have]
+    gains = Projector(fit).gains([bank.problem.whiten(bank.columns(c)) for c in ways])
+    return [(*gain, c) for gain, c in zip(gains, ways, strict=True)]

@@ -1,0 +1,193 @@
+"""Pitch errors of the rotary axes from tangential three-axis tests (paper, section 2.3)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mjsim.ballbar.paths import peripheral_radius
+from mjsim.ballbar.program import ROTARY_MARGIN
+from mjsim.campaign.model import Campaign
+from mjsim.effects import registry
+from mjsim.errors import InputError
+from mjsim.estimation.mistakes.gate import checked_problem
+from mjsim.estimation.nuisance import fit_nuisance
+from mjsim.estimation.pitch import joint
+from mjsim.estimation.pitch.curve import components_of
+from mjsim.estimation.pitch.model import PitchModel, State
+from mjsim.estimation.pitch.result import PitchIdentification
+from mjsim.estimation.pitch.summary import direction
+from mjsim.estimation.pitch.ways import BAND, HIGHEST, Way, tangential, ways_of
+from mjsim.machine.effect import Effect
+from mjsim.machine.model import Machine
+from mjsim.progress import Progress, silent
+from mjsim.threads import one_blas_thread
+from mjsim.units import DEG, UM
+
+#: Lengths of averaging blocks, s: short where the highest order passes fast.
+_BLOCKS = (0.010, 0.020, 0.040)
+#: Teeth that the arc must cover, so that the tooth order stands apart from what lies below it.
+TEETH = 4
+
+
+def identify_pitch_error(
+    campaign: Campaign, machine: Machine, axis: str, progress: Progress = silent, threads: int = 2
+) -> PitchIdentification:
+    """Pitch errors of one rotary axis; :func:`identify_pitch_errors` does both in one go.
+
+    Raises:
+        InputError: the campaign has no measured tangential test of the axis, or its arc is too short.
+    """
+    return identify_pitch_errors(campaign, machine, (axis,), threads=threads, progress=progress)[axis]
+
+
+@one_blas_thread
+def identify_pitch_errors(
+    campaign: Campaign,
+    machine: Machine,
+    axes: tuple[str, ...] = ("A", "C"),
+    per_direction: bool = False,
+    threads: int = 2,
+    progress: Progress = silent,
+) -> dict[str, PitchIdentification]:
+    """Pitch errors of rotary axes: components per direction, against the noise floor, with 95 % intervals.
+
+    All tests of the campaign help to tie set-up, triggers and data sheet; the components are chosen on the tangential tests. The
+    machine's own pitch errors of these axes are left out and found anew.
+
+    Args:
+        axes: of A and C. per_direction: keep CW and CCW apart even where they agree.
+
+    Raises:
+        InputError: the campaign has no measured tangential test of an axis, or its arc is too short.
+    """
+    for axis in axes:
+        _check(campaign, machine, axis)
+    tested = tuple(a for a in ("A", "C") if a in axes or _testable(campaign, machine, a))
+    bare = machine
+    for axis in tested:
+        bare = bare.without(f"pitch_error.{axis}")
+    progress("reading the tests", 0, 5)
+    problem = checked_problem(campaign, bare, threads, block=_block(campaign, tested))
+    model = PitchModel(problem, bare)
+    ways = [w for a in tested for w in ways_of(problem, a, machine.drives[a].gear)]
+    model.use = sorted(k for w in ways for k in w.tests)
+    progress("choosing components", 1, 5)
+    state = model.start(fit_nuisance(problem, model.readings))
+    state = joint.searched(model, state, ways)
+    if not any(s.test.repeats for s in problem.samples):
+        joint.refined_noise(model, state)
+        state = joint.searched(model, model.fit(state, 4), ways)
+    progress("fitting all tests", 2, 5)
+    state = joint.joined(model, state, ways)
+    progress("comparing the directions", 3, 5)
+    common = dict.fromkeys(tested, False)
+    for axis in tested:
+        if not per_direction and len([w for w in ways if w.axis == axis]) == 2:
+            one = joint.shared(model, state, axis)
+            if one is not None:
+                state, common[axis] = one, True
+    progress("drawing up the result", 4, 5)
+    return {a: _result(model, state, [w for w in ways if w.axis == a], a, common[a]) for a in axes}
+
+
+def identified_machine(machine: Machine, results: dict[str, PitchIdentification]) -> Machine:
+    """``machine`` with the pitch errors that were found in place of those it had."""
+    for axis, result in results.items():
+        keys = {e.key for e in result.effects}
+        for e in machine.effects:
+            if e.id == f"pitch_error.{axis}" and e.key not in keys:
+                machine = machine.without(e.key)
+        for e in result.effects:
+            machine = machine.with_effect(e)
+    return machine
+
+
+def testable_axes(campaign: Campaign) -> tuple[str, ...]:
+    """The rotary axes that have a measured tangential test.
+
+    Raises:
+        InputError: none has.
+    """
+    axes = tuple(a for a in ("A", "C") if tangential_tests(campaign, a))
+    if not axes:
+        raise InputError(
+            f'{campaign.folder / "campaign.toml"}: no measured tangential test of A or C; needed: a [[test]] with kind = "rotary", '
+            f'axis = "C" (or "A"), sensitive_direction = "tangential" and a trace, best in both directions'
+        )
+    return axes
+
+
+def _block(campaign: Campaign, axes: tuple[str, ...]) -> float:
+    """The longest block that still shows the highest order in the fastest tangential test, s."""
+    fastest = max(t.feed / peripheral_radius(t) / (2 * np.pi) for a in axes for t in tangential_tests(campaign, a))
+    return max((b for b in _BLOCKS if b * fastest * HIGHEST < BAND), default=_BLOCKS[0])
+
+
+def tangential_tests(campaign: Campaign, axis: str) -> list:
+    """The measured tangential tests of one rotary axis."""
+    return [t for t in campaign.measured if tangential(t, axis)]
+
+
+def _arc(test) -> float:
+    return abs(test.stop - test.start) - 2 * ROTARY_MARGIN
+
+
+def _needed(machine: Machine, axis: str) -> float:
+    return TEETH * 2 * np.pi / machine.drives[axis].gear
+
+
+def _testable(campaign: Campaign, machine: Machine, axis: str) -> bool:
+    tests = tangential_tests(campaign, axis)
+    return bool(tests) and min(_arc(t) for t in tests) >= _needed(machine, axis)
+
+
+def _check(campaign: Campaign, machine: Machine, axis: str) -> None:
+    tests = tangential_tests(campaign, axis)
+    file = campaign.folder / "campaign.toml"
+    if not tests:
+        raise InputError(
+            f'{file}: no measured tangential test of axis {axis}; needed: a [[test]] with kind = "rotary", axis = "{axis}", '
+            f'sensitive_direction = "tangential" and a trace, best in both directions'
+        )
+    needed, teeth = _needed(machine, axis), machine.drives[axis].gear
+    for t in tests:
+        if _arc(t) < needed:
+            raise InputError(
+                f"{file}: test {t.name!r} measures {_arc(t) / DEG:.1f}° of {axis}; to tell the tooth order {teeth:g} from what lies below "
+                f"it, from_deg and to_deg must be {(needed + 2 * ROTARY_MARGIN) / DEG:.1f}° apart or more"
+            )
+
+
+def _result(model: PitchModel, state: State, ways: list[Way], axis: str, common: bool) -> PitchIdentification:
+    directions = {w.way: direction(model, state, w) for w in ways}
+    effects = _effects(axis, state, ways, common)
+    notes = []
+    if len(ways) == 1:
+        notes.append(f"only {ways[0].way} was measured; nothing is known about the other direction")
+    for k in (k for w in ways for k in w.tests):
+        s = model.problem.samples[k]
+        if not s.valid.all():
+            notes.append(f"{s.test.name}: {int((~s.valid).sum())} of {len(s.valid)} samples left out as missing or disturbed")
+    left_out = [t.name for k, t in enumerate(model.problem.tests) if k not in model.use]
+    if left_out:
+        notes.append(
+            f"not used, since the machine file does not explain them (mjsim diagnose says what it lacks): {', '.join(left_out)}; "
+            f"the phases would be more certain with them"
+        )
+    if any(k in model.frozen for w in ways for k in w.tests):
+        notes.append(
+            "the machine file does not explain the friction glitches or the slow part of these tests; they were taken out, but do not "
+            "help to tie the start of the recording"
+        )
+    noise = model.problem.noise
+    return PitchIdentification(axis, directions, common, effects, noise.rms / UM, noise.source, tuple(notes))
+
+
+def _effects(axis: str, state: State, ways: list[Way], common: bool) -> tuple[Effect, ...]:
+    cls, subject = registry.effect_class(f"pitch_error.{axis}")
+    out = []
+    for w in ways[:1] if common else ways:
+        rows = [[t.order, t.amplitude_deg, t.phase_deg] for t in components_of(state, w)]
+        if rows:
+            out.append(cls(subject, components=rows, **({} if common else {"direction": w.way})))
+    return tuple(out)

@@ -1,0 +1,186 @@
+"""Joint least squares: the components of both axes and both directions together with set-up, triggers and data sheet."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from mjsim.estimation.pitch.components import chosen, threshold
+from mjsim.estimation.pitch.curve import at_reversals, terms_of
+from mjsim.estimation.pitch.model import PitchModel, State
+from mjsim.estimation.pitch.noise import residual_noise
+from mjsim.estimation.pitch.terms import Fault, Term, Wave
+from mjsim.estimation.pitch.ways import Way
+from mjsim.estimation.samples import GRID, GRID_STEPS
+
+#: Rounds of choosing and fitting at most.
+_ROUNDS = 6
+#: A test that the model explains no better than this (mean square of its whitened residuals) is left out.
+_EXPLAINED = 1.5
+#: So many waves below the tooth order in one test, and its machine file no longer says when the axes were where.
+_SLOW_WAVES = 4
+#: A whole order is taken for the order where it lies within so many standard deviations, and these are below the second number.
+_SIGMAS, _SHARP = 3.5, 0.12
+#: Chance of calling different what is the same in both directions.
+_DIFFERENT = 0.01
+
+
+def searched(model: PitchModel, state: State, ways: list[Way], rounds: int = _ROUNDS) -> State:
+    """Terms are added while the residual asks for them, everything refitted after each round; then what has become needless goes."""
+    for _ in range(rounds):
+        new = [t for w in ways for t in chosen(model, state, w)]
+        if not new:
+            break
+        new = [replace(t, free_order=True) if isinstance(t, Wave) and t.test is None else t for t in new]
+        state = model.fit(replace(state, terms=state.terms + tuple(new)), 5)
+    return pruned(model, state)
+
+
+def pruned(model: PitchModel, state: State) -> State:
+    """Without the terms that the data do not ask for: each must be worth the threshold that let it in, everything else refitted."""
+    limit = threshold(1000)
+    needed: set[int] = set()  # counted from the end, which dropping an earlier one leaves as it is
+    while True:
+        count = len(state.terms)
+        worth = {
+            i: _evidence(t, state.covariance[b, b])
+            for i, (t, b) in enumerate(zip(state.terms, state.blocks, strict=True))
+            if count - i not in needed
+        }
+        i = min(worth, key=lambda j: worth[j], default=None)
+        if i is None or worth[i] > limit:
+            return state
+        trial = model.fit(replace(state, terms=state.terms[:i] + state.terms[i + 1 :]), 4)
+        if trial.objective - state.objective < limit:
+            state, needed = trial, {n for n in needed if n <= count - i - 1} | {n - 1 for n in needed if n > count - i}
+        else:
+            needed.add(count - i)
+
+
+def _evidence(t: Wave | Fault, covariance: np.ndarray) -> float:
+    """Squared distance of a term's size from zero, in standard deviations."""
+    v = np.array([t.c, t.s]) if isinstance(t, Wave) else np.array([t.height])
+    return float(v @ np.linalg.solve(covariance[: len(v), : len(v)], v))
+
+
+def refined_noise(model: PitchModel, state: State) -> None:
+    """Where no test repeats, the noise is taken from the floor of what is left."""
+    if any(s.test.repeats for s in model.problem.samples):
+        return
+    try:
+        model.problem.noise = residual_noise(model, state)
+    except ValueError:
+        return
+
+
+def joined(model: PitchModel, state: State, ways: list[Way]) -> State:
+    """The chosen terms fitted to all tests of the campaign that the machine explains.
+
+    Ordinary tests tie the triggers and the data sheet. A machine that lacks another effect fails in some of them; such a failure
+    bends the triggers, so those tests are left out, the worst first.
+    """
+    rotary = set(model.use)
+    state = _freeze(model, state, ways)
+    model.use = list(range(len(model.problem.tests)))
+    state = model.fit(state, 6)
+    while True:
+        misfit = model.misfit(state)
+        others = [k for k in model.use if k not in rotary and misfit[k] > _EXPLAINED]
+        if not others:
+            break
+        worst = max(misfit[k] for k in others)
+        model.use = [k for k in model.use if k not in others or misfit[k] < 0.3 * worst]
+        state = model.fit(state, 6)
+    model.recentred(state)
+    state = model.fit(state, 4)
+    state = searched(model, state, ways, 2)
+    return snapped(model, state, ways)
+
+
+def _freeze(model: PitchModel, state: State, ways: list[Way]) -> State:
+    """Tests in which the machine does not explain its reversals, or much that is slow, bear no witness of their trigger.
+
+    Their glitches and slow parts are described by terms, which would move with any trigger: only the prior and the other tests know
+    it. It goes back to where the prior has it, and the phases with it.
+    """
+    layout = model.problem.layout
+    for w in ways:
+        turned = False
+        for k in w.tests:
+            name = model.problem.tests[k].name
+            slow = sum(isinstance(t, Wave) and t.test == name for t in state.terms)
+            if slow < _SLOW_WAVES and not any(isinstance(t, Fault) and at_turn(model, w, t) for t in terms_of(state, w)):
+                continue
+            shift = model.problem.shift(k, state.nuisance)
+            model.frozen[k] = shift
+            nuisance = state.nuisance.copy()
+            nuisance[layout.trigger(name)] = 0.0
+            state = replace(state, nuisance=nuisance)
+            if not turned:
+                speed = np.median(np.gradient(model.position[k][w.axis], GRID))
+                moved = tuple(_moved_along(t, float(speed) * shift) if t in terms_of(state, w) else t for t in state.terms)
+                state, turned = replace(state, terms=moved), True
+    return state
+
+
+def _moved_along(t: Term, distance: float) -> Term:
+    """The term as it is where positions are larger by ``distance`` rad."""
+    if isinstance(t, Fault):
+        return replace(t, centre=t.centre + distance)
+    phase, size = np.arctan2(t.s, t.c) - t.order * distance, np.hypot(t.c, t.s)
+    return replace(t, c=float(size * np.cos(phase)), s=float(size * np.sin(phase)))
+
+
+def at_turn(model: PitchModel, way: Way, fault: Fault) -> bool:
+    """Whether a local fault stands where a linear axis turns back in some test of its way: a glitch that the machine lacks."""
+    for k in way.tests:
+        time = model.problem.motions[k].time[::GRID_STEPS]
+        near = np.abs((model.position[k][way.axis] - fault.centre + np.pi) % (2 * np.pi) - np.pi) < 0.5 * fault.width
+        if near.any() and at_reversals(model, k, time[near]).any():
+            return True
+    return False
+
+
+def snapped(model: PitchModel, state: State, ways: list[Way]) -> State:
+    """Orders that can be told to be whole numbers are held there; the others stay free."""
+    centre = {(w.axis, w.way): np.mean([model.position[k][w.axis].mean() for k in w.tests]) for w in ways}
+    terms = []
+    for t, b in zip(state.terms, state.blocks, strict=True):
+        if isinstance(t, Wave) and t.free_order:
+            sd, whole = float(np.sqrt(state.covariance[b, b][2, 2])), round(t.order)
+            if sd < _SHARP and abs(t.order - whole) < max(_SIGMAS * sd, 0.02):
+                phase = np.arctan2(t.s, t.c) + (t.order - whole) * centre[t.axis, t.way]
+                size = np.hypot(t.c, t.s)
+                t = replace(t, order=float(whole), c=float(size * np.cos(phase)), s=float(size * np.sin(phase)), free_order=False)
+        terms.append(t)
+    return model.fit(replace(state, terms=tuple(terms)), 5)
+
+
+def shared(model: PitchModel, state: State, axis: str) -> State | None:
+    """The state with one set of waves for both directions of an axis, or ``None`` where the directions differ."""
+    mine = [t for t in state.terms if isinstance(t, Wave) and t.axis == axis and t.test is None]
+    if not mine or any(t.free_order for t in mine):
+        return None
+    sets = {way: {t.order: t for t in mine if t.way == way} for way in ("CW", "CCW")}
+    # the cheap test first: what only one direction has, or has much larger, is no common component
+    for n in {t.order for t in mine}:
+        sizes = [np.hypot(s[n].c, s[n].s) if n in s else 0.0 for s in sets.values()]
+        if min(sizes) < 0.5 * max(sizes):
+            return None
+    rest = tuple(t for t in state.terms if t not in mine)
+    both = [
+        Wave(axis, "", n, *(0.5 * (sets["CW"][n].c + sets["CCW"][n].c), 0.5 * (sets["CW"][n].s + sets["CCW"][n].s)))
+        for n in sorted(sets["CW"])
+    ]
+    # phases of the two directions may stand apart by the trigger: the fit finds the triggers that bring them together
+    trial = model.fit(replace(state, terms=rest + tuple(both)), 12)
+    separate = state.objective
+    return trial if trial.objective - separate < chi2.ppf(1.0 - _DIFFERENT, 2 * len(both)) else None
+
+
+def trigger_places(model: PitchModel) -> np.ndarray:
+    """Places of the triggers in the parameter vector."""
+    layout = model.problem.layout
+    return np.arange(layout.length + 1, layout.size)

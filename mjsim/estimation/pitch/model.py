@@ -1,0 +1,222 @@
+"""The campaign's readings as a machine, its set-up and terms of the rotary axes; Gauss-Newton over all of them.
+
+Nuisances (ball offsets, length, triggers) and the data sheet have their priors, as in :mod:`mjsim.estimation`; terms are free.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numba import njit
+
+from mjsim.estimation.calibration import SHEET, calibrated
+from mjsim.estimation.pitch.terms import Term
+from mjsim.estimation.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, Problem
+from mjsim.estimation.samples import GRID, GRID_STEPS
+from mjsim.machine.chain import AXES, ROTARY
+from mjsim.machine.model import Machine, build
+from mjsim.simulation.transmission import BLEND
+
+#: Prior width of a term's numbers, in their units: wide, it only keeps the equations regular.
+_WIDE = 1e4
+#: Largest trigger, prior standard deviations.
+_TRIGGER_LIMIT = 5.0
+
+
+@njit(cache=True, nogil=True)
+def _shares(x: np.ndarray, blend: float, way: float) -> np.ndarray:
+    """How much of a term acts that belongs to one direction of motion, (n,) 0 to 1: it comes in over ``blend`` of travel."""
+    out = np.zeros(len(x))
+    last = 0.0
+    for i in range(1, len(x)):
+        step = (x[i] - x[i - 1]) * way
+        last = min(1.0, max(0.0, last + (abs(step) if step > 0.0 else -abs(step)) / blend)) if step != 0.0 else last
+        out[i] = last
+    return out
+
+
+@dataclass
+class State:
+    """Where a fit stands: nuisances and data sheet in prior standard deviations, and the terms.
+
+    ``covariance`` is that of nuisances, sheet and terms, in this order; ``blocks`` says where each term stands in it.
+    """
+
+    nuisance: np.ndarray
+    tau: np.ndarray
+    terms: tuple[Term, ...] = ()
+    objective: float = np.inf
+    covariance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def blocks(self) -> list[slice]:
+        """Place of every term's numbers in the parameter vector."""
+        out, at = [], len(self.nuisance) + len(self.tau)
+        for t in self.terms:
+            out.append(slice(at, at + t.size))
+            at += t.size
+        return out
+
+
+class PitchModel:
+    """Readings of a problem's tests for a machine without pitch errors, plus terms.
+
+    Attributes:
+        problem: the campaign. machine: its machine. use: the tests (indices) that count. weight: (tests,) of each test's
+        residuals, 1 or, where it cannot be explained, 0. kept: dictionaries' columns. frozen: test
+        -> trigger (s) at which the machine's own part of the reading is held, where that part is no witness of the trigger.
+    """
+
+    def __init__(self, problem: Problem, machine: Machine) -> None:
+        self.problem, self.machine = problem, machine
+        self.use = list(range(len(problem.tests)))
+        self.weight = np.ones(len(problem.tests))
+        self.held = np.zeros(len(SHEET))
+        self.kept: dict = {}
+        self.frozen: dict[int, float] = {}
+        self._sheet = problem.sheet_grids(machine)
+        self._linearise()
+
+    def _linearise(self) -> None:
+        plant = build(calibrated(self.machine, self.held))
+        p = self.problem
+        self.readings = p.readings(plant)
+        self.position = [{a: np.ascontiguousarray(m.motor(a, plant.axes[a], GRID_STEPS)) for a in ROTARY} for m in p.motions]
+        self.share = [
+            {(a, w): _shares(x, BLEND, sign) for a, x in q.items() for w, sign in (("CCW", 1.0), ("CW", -1.0))} for q in self.position
+        ]
+
+    def recentred(self, state: State) -> None:
+        """Simulate the drives at the fitted data sheet, which counted linearly until now."""
+        self.held = state.tau.copy()
+        self._linearise()
+
+    def start(self, nuisance: np.ndarray) -> State:
+        """A state without terms."""
+        return State(nuisance.copy(), np.zeros(len(SHEET)))
+
+    def _acts(self, k: int, t: Term) -> bool:
+        return (t.test is None or t.test == self.problem.tests[k].name) and (not t.way or bool(self.share[k][t.axis, t.way].any()))
+
+    def factor(self, k: int, t: Term) -> np.ndarray:
+        """Reading per rad of the term's axis while it turns the term's way, (n,) m on the GRID."""
+        sens = self.problem.sensitivity[k].axes[:, AXES.index(t.axis)]
+        return sens * self.share[k][t.axis, t.way] if t.way else sens
+
+    def terms_total(self, k: int, state: State) -> np.ndarray:
+        """What the terms add to the reading of one test, on the GRID, m."""
+        out = np.zeros(len(self.readings[k]))
+        for t in state.terms:
+            if self._acts(k, t):
+                out += self.factor(k, t) * t.value(self.position[k][t.axis])
+        return out
+
+    def total(self, k: int, state: State) -> np.ndarray:
+        """Modelled reading of one test on the GRID, m, without what the data sheet has moved since it was last simulated."""
+        return self.readings[k] + self.problem.offsets(k, state.nuisance) + self.terms_total(k, state)
+
+    def residual(self, k: int, state: State) -> np.ndarray:
+        """Measured less modelled block means of one test, m."""
+        s, shift = self.problem.samples[k], self.problem.shift(k, state.nuisance)
+        own = self.readings[k] + self.problem.offsets(k, state.nuisance)
+        moved = state.tau - self.held
+        if moved.any():
+            own = own + moved @ self._sheet[k]
+        terms = self.terms_total(k, state)
+        if k in self.frozen:
+            return s.mean - s.sample(own, self.frozen[k]) - s.sample(terms, shift)
+        return s.mean - s.sample(own + terms, shift)
+
+    def columns(self, k: int, state: State) -> np.ndarray:
+        """Derivatives of the modelled block means of one test, (m, parameters), m per unit."""
+        p = self.problem
+        s, shift = p.samples[k], p.shift(k, state.nuisance)
+        parts = [self._nuisance_columns(k, state)]
+        parts += [np.column_stack([s.sample(g, shift) if g.any() else np.zeros(len(s.centre)) for g in self._sheet[k]])]
+        for t in state.terms:
+            if self._acts(k, t):
+                f = self.factor(k, t)
+                parts.append(np.column_stack([s.sample(f * c, shift) for c in t.columns(self.position[k][t.axis])]))
+            else:
+                parts.append(np.zeros((len(s.centre), t.size)))
+        return np.hstack(parts)
+
+    def _nuisance_columns(self, k: int, state: State) -> np.ndarray:
+        p = self.problem
+        s, sens, shift = p.samples[k], p.sensitivity[k], p.shift(k, state.nuisance)
+        out = np.zeros((len(s.centre), p.layout.size))
+        at = p.layout.setup(p.tests[k].setup)
+        for j in range(3):
+            out[:, at + j] = s.sample(sens.table[:, j], shift) * TABLE_BALL
+            out[:, at + 3 + j] = s.sample(sens.spindle[:, j], shift) * SPINDLE_BALL
+        out[:, p.layout.length] = LENGTH
+        moving = self.terms_total(k, state)
+        if k not in self.frozen:
+            moving = moving + self.readings[k] + p.offsets(k, state.nuisance)
+        out[:, p.layout.trigger(p.tests[k].name)] = -s.sample(np.gradient(moving, GRID), shift) * TRIGGER
+        return out
+
+    def whitened(self, k: int, columns: np.ndarray) -> np.ndarray:
+        """Block columns of one test in standard deviations of the noise, weighted."""
+        out = self.problem.noise.whiten(self.problem.samples[k], columns)
+        return out if self.weight[k] == 1.0 else np.sqrt(self.weight[k]) * out
+
+    def cost(self, state: State) -> float:
+        """Squared whitened residuals and prior penalties."""
+        rest = self.problem.map(lambda k: self.whitened(k, self.residual(k, state)) if k in self.use else np.zeros(0))
+        return float(sum(r @ r for r in rest) + state.nuisance @ state.nuisance + state.tau @ state.tau)
+
+    def normal(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Normal matrix and gradient of the data alone."""
+
+        def one(k: int):
+            if k not in self.use:
+                return None
+            both = self.whitened(k, np.column_stack([self.columns(k, state), self.residual(k, state)]))
+            return both.T @ both
+
+        total = np.sum([m for m in self.problem.map(one) if m is not None], axis=0)
+        return total[:-1, :-1], total[:-1, -1]
+
+    def prior(self, state: State) -> np.ndarray:
+        n = len(state.nuisance) + len(state.tau)
+        return np.concatenate([np.ones(n), np.full(sum(t.size for t in state.terms), _WIDE**-2)])
+
+    def fit(self, state: State, iterations: int = 5) -> State:
+        """Least squares of everything from ``state`` on."""
+        state = replace(state, objective=self.cost(state))
+        for _ in range(iterations):
+            n, t = len(state.nuisance), len(state.tau)
+            matrix, gradient = self.normal(state)
+            now = np.concatenate([state.nuisance, state.tau, np.zeros(len(gradient) - n - t)])
+            prior = self.prior(state)
+            covariance = np.linalg.inv(matrix + np.diag(prior))
+            step = covariance @ (gradient - prior * now)
+            state = replace(state, covariance=covariance)
+            for scale in (1.0, 0.4, 0.1):
+                trial = self.stepped(state, scale * step)
+                trial.objective = self.cost(trial)
+                if trial.objective < state.objective:
+                    break
+            else:
+                break
+            gain = state.objective - trial.objective
+            state = trial
+            if gain < 0.05:
+                break
+        return state
+
+    def stepped(self, state: State, step: np.ndarray) -> State:
+        n, t = len(state.nuisance), len(state.tau)
+        nuisance = state.nuisance + step[:n]
+        first = self.problem.layout.length + 1
+        nuisance[first:] = np.clip(nuisance[first:], -_TRIGGER_LIMIT, _TRIGGER_LIMIT)
+        terms = tuple(term.moved(step[b]) for term, b in zip(state.terms, state.blocks, strict=True))
+        return replace(state, nuisance=nuisance, tau=state.tau + step[n : n + t], terms=terms)
+
+    def misfit(self, state: State) -> np.ndarray:
+        """Mean square of each test's whitened residuals, unweighted, (tests,): 1 where only noise is left."""
+        return np.array(
+            [float(np.mean(self.problem.noise.whiten(s, self.residual(k, state)) ** 2)) for k, s in enumerate(self.problem.samples)]
+        )

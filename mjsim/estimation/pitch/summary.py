@@ -1,0 +1,96 @@
+"""From a fitted state to what is said about one direction: components with intervals, curves, spectrum."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mjsim.estimation.pitch import joint
+from mjsim.estimation.pitch.alternating import alternate
+from mjsim.estimation.pitch.curve import components_of, curve, terms_of
+from mjsim.estimation.pitch.model import PitchModel, State
+from mjsim.estimation.pitch.parts import Component, LocalFault
+from mjsim.estimation.pitch.result import DirectionIdentification
+from mjsim.estimation.pitch.spectrum import spectrum
+from mjsim.estimation.pitch.terms import UNIT, Fault, Wave
+from mjsim.estimation.pitch.ways import Way
+from mjsim.estimation.problem import TRIGGER
+from mjsim.units import DEG, MM
+
+
+def direction(model: PitchModel, state: State, way: Way) -> DirectionIdentification:
+    """Everything about one axis turning one way."""
+    p = model.problem
+    line = curve(model, state, way, way.tests[0])
+    found = _components(model, state, way)
+    lines = spectrum(model, state, way, line)
+    sd = TRIGGER * np.sqrt(np.diag(state.covariance)[: p.layout.size])
+    faults = tuple(
+        LocalFault(t.centre / DEG, t.width / DEG, t.height * UNIT / DEG, joint.at_turn(model, way, t))
+        for t in terms_of(state, way)
+        if isinstance(t, Fault)
+    )
+    return DirectionIdentification(
+        way.axis,
+        way.way,
+        tuple(p.tests[k].name for k in way.tests),
+        way.arc / DEG,
+        way.resolution,
+        round(way.teeth),
+        line.position / DEG,
+        line.raw / DEG,
+        line.modified / DEG,
+        line.identified / DEG,
+        line.at_reversal,
+        lines.orders,
+        lines.amplitude,
+        lines.floor,
+        lines.limit,
+        found,
+        tuple(alternate(line, [c.order for c in found])),
+        faults,
+        {p.tests[k].name: float(1.96e3 * sd[p.layout.trigger(p.tests[k].name)]) for k in way.tests},
+        p.tests[way.tests[0]].feed * 60 / MM,
+        float(np.ptp(p.samples[way.tests[0]].centre)),
+    )
+
+
+def _components(model: PitchModel, state: State, way: Way) -> tuple[Component, ...]:
+    """The waves with their intervals; waves closer than the resolution are one component that cannot be taken apart."""
+    waves = components_of(state, way)
+    groups: list[list[Wave]] = []
+    for t in waves:
+        if groups and t.order - groups[-1][-1].order < 1.2 * way.resolution:
+            groups[-1].append(t)
+        else:
+            groups.append([t])
+    places = dict(zip(map(id, state.terms), state.blocks, strict=True))
+    triggers = joint.trigger_places(model)
+    out = []
+    for group in groups:
+        main = max(group, key=lambda t: t.amplitude_deg)
+        b = places[id(main)]
+        full = state.covariance[b, b]
+        across = state.covariance[b, triggers]
+        fixed = full - across @ np.linalg.solve(state.covariance[np.ix_(triggers, triggers)], across.T)
+        size, phase = 1.96 * _spread(main, full)
+        _, known = 1.96 * _spread(main, fixed)
+        ci = {
+            "amplitude_deg": (max(0.0, main.amplitude_deg - size), main.amplitude_deg + size),
+            "phase_deg": (main.phase_deg - phase, main.phase_deg + phase),
+        }
+        if main.free_order:
+            half = 1.96 * float(np.sqrt(full[2, 2]))
+            ci["order"] = (main.order - half, main.order + half)
+        multiple = abs(main.order / way.teeth - round(main.order / way.teeth)) * way.teeth < 0.5 * min(1.0, way.resolution)
+        rest = tuple(t.order for t in group if t is not main)
+        out.append(Component(main.order, main.amplitude_deg, main.phase_deg, ci, not main.free_order, float(known), bool(multiple), rest))
+    return tuple(out)
+
+
+def _spread(t: Wave, covariance: np.ndarray) -> np.ndarray:
+    """Standard deviations of amplitude and phase, both in degrees."""
+    v = np.array([t.c, t.s])
+    a = float(np.hypot(*v))
+    along, across = v / a, np.array([-v[1], v[0]]) / a
+    c = covariance[:2, :2]
+    return np.array([np.sqrt(max(along @ c @ along, 0.0)) * UNIT / DEG, np.degrees(np.sqrt(max(across @ c @ across, 0.0)) / a)])

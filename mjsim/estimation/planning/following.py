@@ -1,0 +1,120 @@
+"""The test that should follow a search."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from mjsim.campaign.files import test_table
+from mjsim.campaign.model import Campaign
+from mjsim.effects import registry
+from mjsim.errors import InputError
+from mjsim.estimation.free import FreeEffect
+from mjsim.estimation.planning.candidates import minutes
+from mjsim.estimation.planning.choose import ENOUGH, choose
+from mjsim.estimation.planning.separation import Explanation, Separation, Separator
+from mjsim.estimation.problem import Problem
+from mjsim.estimation.samples import Noise
+from mjsim.estimation.search import Search
+from mjsim.estimation.signatures import Projector
+from mjsim.estimation.testability import not_testable
+from mjsim.progress import Progress, silent
+from mjsim.units import UM
+
+#: How the absence of every further effect is named in ``between``.
+NOTHING = "nothing"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The next test.
+
+    Attributes:
+        between: ids of the two explanations; the second is ``"nothing"`` where a hidden effect shall be made to show.
+        choices: candidate tests, best first. reason: one sentence.
+    """
+
+    between: tuple[str, str]
+    choices: tuple[Separation, ...]
+    reason: str
+
+    @property
+    def best(self) -> Separation:
+        """The test to run."""
+        return self.choices[0]
+
+    @property
+    def decides(self) -> bool:
+        """Whether the best test is expected to decide."""
+        return self.best.deviance >= ENOUGH
+
+    def to_json(self, most: int = 5) -> dict:
+        """As ``next_test`` in the JSON of ``mjsim diagnose``, with the runners-up."""
+        return {
+            **_row(self.best, self.between),
+            "decides": self.decides,
+            "reason": self.reason,
+            "runners_up": [_row(s, self.between) for s in self.choices[1:most]],
+        }
+
+
+def _row(s: Separation, between: tuple[str, str]) -> dict:
+    return {
+        "between": list(between),
+        "test": test_table(s.test),
+        "difference_um": round(s.difference / UM, 3),
+        "separation": round(s.deviance**0.5, 1),
+        "minutes": round(minutes(s.test), 1),
+    }
+
+
+def plan_for(problem: Problem, search: Search, threads: int = 2, progress: Progress = silent, hidden: bool = True) -> Plan | None:
+    """The next test after a search: see :func:`plan`. ``hidden``: also where nothing is ambiguous, for what is not testable."""
+    length, args = problem.layout.length, (problem.campaign, problem.noise, problem.samples[0].block, threads, progress)
+    for f in search.found:
+        for other, fit in f.rivals.items():
+            mine = f.key.partition("[")[0]
+            pair = Explanation.of_fit(mine, search.fit, length), Explanation.of_fit(other, fit, length)
+            return best_of((mine, other), pair, *args)
+    if not hidden:
+        return None
+    for effect_id in not_testable(problem, Projector(search.start), search.bank):
+        cls, subject = registry.effect_class(effect_id)
+        if not cls.seeds(subject):
+            continue
+        here = Explanation.of_fit(NOTHING, search.fit, length)
+        there = replace(here, name=effect_id, effects=(*here.effects, typical(effect_id)))
+        return best_of((effect_id, NOTHING), (there, here), *args)
+    return None
+
+
+def best_of(
+    between: tuple[str, str],
+    explanations: tuple[Explanation, Explanation],
+    campaign: Campaign,
+    noise: Noise,
+    block: float,
+    threads: int,
+    progress: Progress,
+) -> Plan:
+    separator = Separator(*explanations, noise, block)
+    choices = choose(separator, campaign.tests, threads, progress)
+    a, b = between
+    what = f"makes {a} show" if b == NOTHING else f"separates {a} from {b}"
+    best = choices[0]
+    if best.deviance >= ENOUGH:
+        reason = f"Of {len(choices)} tests within reach this one {what} best per minute of machine time."
+    else:
+        reason = f"No test of {len(choices)} within reach {what} clearly; this one comes nearest."
+    return Plan(between, tuple(choices), reason)
+
+
+def typical(effect_id: str) -> FreeEffect:
+    """An effect at a typical size, whatever the machine has of it.
+
+    Raises:
+        InputError: its shape is free (a pitch error's order), so no size is typical.
+    """
+    cls, subject = registry.effect_class(effect_id)
+    if not cls.seeds(subject):
+        raise InputError(f"plan for {effect_id}: its orders are not known beforehand; measure any test in which its axis moves")
+    return FreeEffect(cls(subject, **cls.seeds(subject)[0]), cls.free_of(subject))

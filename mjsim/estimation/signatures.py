@@ -1,0 +1,204 @@
+"""Signatures: what each candidate effect would add to the readings, whitened, at the present model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from mjsim.effects import registry
+from mjsim.estimation.calibration import calibrated
+from mjsim.estimation.fit import Fit, with_effects
+from mjsim.estimation.free import FreeEffect
+from mjsim.estimation.problem import Problem
+from mjsim.estimation.samples import GRID_STEPS
+from mjsim.machine.chain import AXES
+from mjsim.machine.effect import Effect
+from mjsim.machine.model import Machine, build
+from mjsim.machine.plant import PLAY
+from mjsim.simulation.transmission import reading_change
+
+_SMALL = 0.05  # of a typical size
+
+
+@dataclass
+class Candidate:
+    """One effect that could be missing, at one starting point.
+
+    Attributes:
+        effect: at its seed. names: what is free.
+    """
+
+    effect: Effect
+    names: tuple[str, ...]
+
+    @property
+    def id(self) -> str:
+        return self.effect.id
+
+
+def seeds(machine: Machine) -> list[Candidate]:
+    """Starting points of the whole catalogue (and the user's effects in the machine), scanned families left out."""
+    out = []
+    for kind, cls in registry.kinds().items():
+        if cls.scanned:
+            continue
+        for subject in cls.subjects:
+            effect_id, names = f"{kind}.{subject}", cls.free_of(subject)
+            mine = [e for e in machine.effects if e.id == effect_id]
+            for present in mine:
+                out += [Candidate(present, names), *(Candidate(e, n) for e, n in present.variants())]
+            if all(e.key != effect_id for e in mine):  # one that acts in one direction leaves room for the other
+                out += [Candidate(cls(subject, **values), names) for values in cls.seeds(subject)]
+    return out
+
+
+class SignatureBank:
+    """Computes whitened signatures at one fitted model and keeps them.
+
+    Signatures of quasi-static effects hardly depend on what else is in the model, so one bank serves a whole diagnosis.
+    """
+
+    def __init__(self, problem: Problem, fit: Fit) -> None:
+        self.problem, self.fit = problem, fit
+        self._machine = fit.machine
+        self.plant = build(self._machine)
+        self.loads = problem.map(lambda k: np.ascontiguousarray(problem.motions[k].load(self.plant, GRID_STEPS)))
+        self.base_readings = problem.readings(self.plant)
+        self.candidates: list[Candidate] = []
+        self.matrix = np.zeros((problem.count, 0))
+        self.slices: list[slice] = []
+
+    def compute(self, candidates: list[Candidate], done: Callable[[], None] | None = None) -> None:
+        """Compute and keep the whitened columns of all candidates."""
+        widths = [self._moves(c)[1].shape[0] for c in candidates]
+        ends = np.cumsum([0, *widths])
+        self.slices = [slice(int(a), int(b)) for a, b in pairwise(ends)]
+        self.matrix = np.empty((self.problem.count, int(ends[-1])))
+        for c, s in zip(candidates, self.slices, strict=True):
+            self.matrix[:, s] = self.problem.whiten(self.columns(c))
+            if done:
+                done()
+        self.candidates = list(candidates)
+        self.own = [self.matrix[:, s].T @ self.matrix[:, s] for s in self.slices]
+
+    def columns(self, c: Candidate) -> list[np.ndarray]:
+        """Block-mean signatures per test, (m, k), m per typical size."""
+        present, moves = self._moves(c)
+        free = FreeEffect(c.effect, c.names)
+        v = free.vector
+        stateless = not present and self._stateless(c.effect)
+        changes_of = self.position_changes if stateless else self._reading_changes if c.effect.quasi_static else self._motor_changes
+        out: list[list[np.ndarray]] = [[] for _ in self.problem.tests]
+        for move in moves:
+            at = v + move if present else self._alone(free, v, move)
+            effect = free.at(at)
+            size = float(np.abs(move).max())
+            for k, d in enumerate(changes_of(effect)):
+                out[k].append(d / size)
+        return [np.column_stack(x) for x in out]
+
+    def _moves(self, c: Candidate) -> tuple[bool, np.ndarray]:
+        """Whether the model has the effect, and the small moves of its vector, one a row, that give its columns.
+
+        Where the model lacks it, only entries count that the reading is linear in: the leading size (and its quadrature); shapes come
+        with the refit.
+        """
+        free = FreeEffect(c.effect, c.names)
+        present = any(e.key == c.effect.key for e in self._machine.effects)
+        every = np.eye(len(free.vector)) * _SMALL
+        return present, every if present else every[free.linear]
+
+    @staticmethod
+    def _alone(free: FreeEffect, v: np.ndarray, move: np.ndarray) -> np.ndarray:
+        """Seed vector with its linear entries replaced by the small ``move``: neutral plus one small step."""
+        out = v.copy()
+        out[free.linear] = free.neutral + move[free.linear]
+        return out
+
+    def _stateless(self, effect: Effect) -> bool:
+        """Whether the effect is nothing but operations on positions without memory, but for the direction in which they last moved."""
+        if not effect.quasi_static or type(effect).position_error is not Effect.position_error:
+            return False
+        empty = build(self.fit.base.__class__(self.fit.base.name, self.fit.base.drives, (effect,)))
+        geometric = bool(empty.geometry.location or empty.geometry.squareness)
+        return bool(empty.ops) and not geometric and all(o.code != PLAY and o.out < 5 for o in empty.ops)
+
+    def position_changes(self, effect: Effect) -> list[np.ndarray]:
+        """Block means of what a :meth:`_stateless` effect changes, (m,) per test, m."""
+        p = self.problem
+        ops = build(self.fit.base.__class__(self.fit.base.name, self.fit.base.drives, (effect,))).op_table()
+
+        def one(k: int) -> np.ndarray:
+            s, motion = p.samples[k], p.motions[k]
+            grid = reading_change(ops, self.loads[k], motion.test.started + motion.time[::GRID_STEPS], p.sensitivity[k].axes)
+            return s.sample(grid, p.shift(k, self.fit.nuisance))
+
+        return p.map(one)
+
+    def _motor_changes(self, effect: Effect) -> list[np.ndarray]:
+        """Changes of drives: only the effect's own axis is simulated again."""
+        p, axis = self.problem, effect.subject
+        i = AXES.index(axis)
+        drive = build(self._with(effect)).axes[axis]
+
+        def one(k: int) -> np.ndarray:
+            s, motion = p.samples[k], p.motions[k]
+            if not motion.moves[i]:
+                return np.zeros(len(s.centre))
+            change = motion.motor(axis, drive, GRID_STEPS) - motion.motor(axis, self.plant.axes[axis], GRID_STEPS)
+            return s.sample(p.sensitivity[k].axes[:, i] * change, p.shift(k, self.fit.nuisance))
+
+        return p.map(one)
+
+    def _with(self, effect: Effect) -> Machine:
+        return calibrated(with_effects(self.fit.base, [*(f.effect for f in self.fit.effects), effect]), self.fit.tau)
+
+    def _reading_changes(self, effect: Effect) -> list[np.ndarray]:
+        return self.problem.difference(self.base_readings, self.problem.readings(build(self._with(effect))), self.fit.nuisance)
+
+
+class Projector:
+    """Gains of signatures on a fitted model, with everything that is already fitted projected out (priors kept)."""
+
+    def __init__(self, fit: Fit) -> None:
+        self.design, self.covariance, self.residual = fit.design, fit.covariance, fit.residual
+        self.step = fit.step  # what a further fit of the present model would still move
+
+    def normal(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Normal matrix (k, k) of the columns after projection, and their score (k,) on the residual."""
+        cross = self.design.T @ columns
+        return columns.T @ columns - cross.T @ (self.covariance @ cross), columns.T @ self.residual - cross.T @ self.step
+
+    def gain(self, columns: np.ndarray) -> tuple[float, np.ndarray]:
+        """Fall of the objective if the columns were fitted as well, and the coefficients (k,)."""
+        return _solve(*self.normal(columns))
+
+    def gains(self, columns: list[np.ndarray]) -> list[tuple[float, np.ndarray]]:
+        """:meth:`gain` of several candidates, each by itself; the design, which is large, is gone through once."""
+        if not columns:
+            return []
+        together = np.hstack(columns)
+        cross = self.design.T @ together
+        reduced, score = self.covariance @ cross, together.T @ self.residual - cross.T @ self.step
+        ends = np.cumsum([0, *(c.shape[1] for c in columns)])
+        return [_solve(c.T @ c - cross[:, a:b].T @ reduced[:, a:b], score[a:b]) for c, (a, b) in zip(columns, pairwise(ends), strict=True)]
+
+    def screen(self, bank: SignatureBank) -> list[tuple[float, np.ndarray, Candidate]]:
+        """Gain and coefficients of every candidate of the bank, best first."""
+        cross = self.design.T @ bank.matrix
+        reduced = self.covariance @ cross
+        score = bank.matrix.T @ self.residual - cross.T @ self.step
+        out = []
+        for c, s, own in zip(bank.candidates, bank.slices, bank.own, strict=True):
+            gain, x = _solve(own - cross[:, s].T @ reduced[:, s], score[s])
+            out.append((gain, x, c))
+        return sorted(out, key=lambda row: -row[0])
+
+
+def _solve(matrix: np.ndarray, score: np.ndarray) -> tuple[float, np.ndarray]:
+    matrix = matrix + np.eye(len(matrix)) * (1e-9 * np.trace(matrix) / len(matrix) + 1e-6)
+    x = np.linalg.solve(matrix, score)
+    return float(score @ x), x

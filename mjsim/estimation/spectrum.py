@@ -1,0 +1,107 @@
+"""Orders of a pitch error: a spectrum of the residual over the position of one axis."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mjsim.effects import registry
+from mjsim.estimation.fit import Fit
+from mjsim.estimation.problem import Problem
+from mjsim.estimation.signatures import Candidate, SignatureBank
+from mjsim.machine.chain import AXES, ROTARY
+
+#: Highest order that is looked for, per table turn or per screw turn.
+HIGHEST = {"A": 800, "C": 800, "X": 24, "Y": 24, "Z": 24}
+_BINS = 8192
+#: A motor's torque ripples at least about once per turn.
+_SLOWEST_RIPPLE = 0.95
+
+
+def orders(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: int = 6) -> dict[str, list[int]]:
+    """The ``count`` orders whose sine and cosine explain most of the residual: in both directions of motion (key ``""``), and for
+    rotary axes that turn both ways also in each alone (``"CCW"``, ``"CW"``).
+
+    Residual times sensitivity is gathered over the axis position (one turn) and transformed: this is the score of every order at
+    once. Its variance follows from the noise spectrum at the frequency at which the order passes. Nuisances are projected out
+    only afterwards, when the orders found are fitted.
+    """
+    i = AXES.index(axis)
+    turn = 2 * np.pi if axis in ROTARY else 2 * np.pi / fit.base.drives[axis].gear
+    highest = HIGHEST[axis]
+    rest = problem.residual(fit.readings, fit.nuisance)
+    gathered, variance = np.zeros((2, _BINS)), np.zeros((2, highest))
+    for k, s in enumerate(problem.samples):
+        q = bank.loads[k][:, i]
+        if np.ptp(q) < turn / highest:
+            continue
+        shift = problem.shift(k, fit.nuisance)
+        x, weight = s.sample(q, shift), s.sample(problem.sensitivity[k].axes[:, i], shift)
+        speed = np.gradient(x) / turn
+        score = _backward(problem, np.where(s.good, rest[k], 0.0))
+        place = (np.floor(x / turn * _BINS) % _BINS).astype(int)
+        for way, there in enumerate((speed > 0.0, speed <= 0.0)):
+            gathered[way] += np.bincount(place[there], (weight * score)[there], _BINS)
+            variance[way] += _variance(problem, highest, np.abs(speed[there]), weight[there])
+    ways = {"": (gathered.sum(axis=0), variance.sum(axis=0))}
+    if axis in ROTARY and all(v.any() for v in variance):
+        ways |= {"CCW": (gathered[0], variance[0]), "CW": (gathered[1], variance[1])}
+    out = {}
+    for name, (g, v) in ways.items():
+        gains = np.abs(np.fft.rfft(g)[1 : highest + 1]) ** 2 / np.maximum(v, 1e-30 + 1e-6 * v.max())
+        out[name] = [int(n) + 1 for n in np.argsort(-gains, kind="stable")[:count]]
+    return out
+
+
+def _backward(problem: Problem, rest: np.ndarray) -> np.ndarray:
+    """The residual weighted with the inverse noise covariance (generalised least squares): filtered forwards and backwards."""
+    taps = problem.noise.taps
+    whitened = np.convolve(rest, taps)[: len(rest)]
+    return np.convolve(whitened[::-1], taps)[: len(rest)][::-1]
+
+
+def _variance(problem: Problem, highest: int, speed: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Information about every order's amplitude, (highest,): by the noise at the frequency at which the order passes.
+
+    ``speed`` is in turns per block.
+    """
+    taps = problem.noise.taps
+    bins = np.minimum((speed * highest * 1.001 * 2).astype(int), 400)
+    power = np.bincount(bins, weight**2, 401)
+    centre = (np.arange(401) + 0.5) / (2 * highest * 1.001)
+    used = power > 0
+    f = np.arange(1, highest + 1)[:, None] * centre[used][None]
+    gain = np.abs(sum(taps[j] * np.exp(-2j * np.pi * f * j) for j in range(len(taps)))) ** 2
+    gain[f > 0.45] = 0.0  # beyond the blocks' band
+    return 0.5 * gain @ power[used]
+
+
+def spectral_candidates(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: int = 4) -> list[tuple[Candidate, np.ndarray]]:
+    """Candidates whose order is read off the spectrum of one axis, with whitened columns (count, 2): sine and cosine, per typical size.
+
+    Pitch errors at the ``count`` best orders (at half as many where they act in one direction only), and a torque ripple at the best
+    one: all make a wave of the axis position, but the drive passes a torque on differently at different speeds.
+    """
+    cls, subject = registry.effect_class(f"pitch_error.{axis}")
+    scale = cls.parameters_of(subject)[0].scale
+    present = {e.key: e for e in fit.machine.effects if e.id == f"pitch_error.{axis}"}
+    most = max((len(e.values["components"]) for e in present.values()), default=0)
+    found = orders(problem, fit, bank, axis, count + most)
+    out = []
+    for direction, numbers in found.items():
+        way = {"direction": direction} if direction else {}
+        own = present.get(cls(subject, components=[], **way).key)
+        have = {round(c[0]) for c in own.values["components"]} if own else set()
+        for order in [n for n in numbers if n not in have][: count // 2 if direction else count]:
+            sides = []
+            for phase in (0.0, 90.0):
+                effect = cls(subject, components=[[float(order), 0.05 * scale, phase]], **way)
+                sides.append([d / 0.05 for d in bank.position_changes(effect)])
+            columns = problem.whiten([np.column_stack(pair) for pair in zip(*sides, strict=True)])
+            out.append((Candidate(cls(subject, components=[[float(order), scale, 0.0]], **way), ("components",)), columns))
+    ripple, _ = registry.effect_class(f"torque_ripple.{axis}")
+    per_motor_turn = [n if axis not in ROTARY else n / fit.base.drives[axis].gear for n in found[""]]
+    fast = [n for n in per_motor_turn if n > _SLOWEST_RIPPLE]
+    if fast and not fit.machine.effect(f"torque_ripple.{axis}"):
+        seed = Candidate(ripple(subject, amplitude_Nm=ripple.parameters[0].scale, order=float(fast[0])), ripple.free)
+        out.append((seed, problem.whiten(bank.columns(seed))))
+    return out

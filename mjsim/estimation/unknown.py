@@ -1,0 +1,171 @@
+"""When the catalogue does not explain what is left: generic terms that say on what the rest depends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mjsim.estimation.criteria import VISIBLE, parameters, price
+from mjsim.estimation.effect_file import effect_source
+from mjsim.estimation.empirical import MANY, best_term, makeshift, visible
+from mjsim.estimation.fit import Fit
+from mjsim.estimation.generic import TABLE, Term
+from mjsim.estimation.problem import Problem
+from mjsim.estimation.search import Search
+from mjsim.machine.chain import ROTARY
+from mjsim.progress import Progress
+from mjsim.units import DEG, UM
+
+#: Share of what is named that the rest must be, for the named effects to be doubted.
+_NOTABLE = 0.02
+#: Share of a curve's power in one harmonic that makes this its period.
+_HARMONIC = 0.6
+#: Shapes of a curve with so many times the usual variance are hidden by the set-up.
+_HIDDEN = 30.0
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """Something repeatable that no catalogue effect explains.
+
+    Attributes:
+        axes, variable: on what it depends. period: in units of the variable (°, mm, s), or ``None``. rms: m. tests: where it shows.
+        angles: per test of ``tests``, φ (deg) where it is largest. summary: one sentence.
+        curve: knots of the variable, the empirical term there and its standard deviation (file units: mm, °, m/s ... and µm or °).
+        labels: of the curve's two axes. left: RMS of what remains beyond the empirical term, m.
+        source: text of an effect file in that form. effect_file, plot: where they were written, if they were.
+    """
+
+    axes: tuple[str, ...]
+    variable: str
+    period: float | None
+    rms: float
+    tests: tuple[str, ...]
+    angles: tuple[float, ...]
+    summary: str
+    curve: tuple[np.ndarray, np.ndarray, np.ndarray]
+    labels: tuple[str, str]
+    left: float = 0.0
+    source: str = ""
+    effect_file: str | None = None
+    plot: str | None = None
+
+    @property
+    def stem(self) -> str:
+        """Name of its files, without the ending."""
+        return _stem(self.axes)
+
+    def to_json(self) -> dict:
+        """As in the JSON of ``mjsim diagnose``."""
+        return {
+            "axes": list(self.axes),
+            "variable": self.variable,
+            "period": self.period,
+            "rms_um": round(self.rms / UM, 4),
+            "left_um": round(self.left / UM, 4),
+            "tests": list(self.tests),
+            "largest_at_phi_deg": [round(a, 1) for a in self.angles],
+            "summary": self.summary,
+            "effect_file": self.effect_file,
+            "plot": self.plot,
+        }
+
+
+def look_for_unknown(problem: Problem, search: Search, progress: Progress) -> tuple[Unexplained | None, Search]:
+    """What is left after the search, described by the generic term that explains most of it.
+
+    Where a single generic term does much better than all the named effects together, these were a makeshift: they are withdrawn.
+    """
+    progress("looking at the rest", 0, 1)
+    rest = best_term(problem, search.fit)
+    if search.found:
+        many = parameters(search.fit) >= MANY
+        if many or (rest is not None and rest.gain > _NOTABLE * (price(search.start) - price(search.fit))):
+            worms = {f.effect.subject for f in search.fit.effects if f.effect.scanned and f.effect.subject in ROTARY} if many else set()
+            alone = search.alone if search.alone and not worms else best_term(problem, search.start, worms)
+            if makeshift(problem, search.start, search.fit, alone, search.first):
+                search = replace(search, fit=search.start, found=[])
+                rest = alone
+    return (describe(problem, search.fit, rest) if rest else None), search
+
+
+_WORDS = {
+    "position": "position",
+    "direction": "direction of motion and position",
+    "velocity": "velocity",
+    "acceleration": "acceleration",
+    "torque": "motor's torque",
+    "time_since_reversal": "time since its last reversal",
+}
+
+
+def describe(problem: Problem, fit: Fit, term: Term) -> Unexplained:
+    """A fitted term in words, with its curve and its effect file."""
+    parts = visible(problem, fit, term)
+    rms = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+    rest = problem.residual(fit.readings, fit.nuisance)
+    left = float(np.sqrt(np.mean(np.concatenate([(r - p)[s.good] for r, p, s in zip(rest, parts, problem.samples, strict=True)]) ** 2)))
+    spread = [float(np.std(p)) for p in parts]
+    order = sorted((k for k in range(len(parts)) if spread[k] > VISIBLE * problem.noise.rms), key=lambda k: -spread[k])
+    where = tuple(float(np.degrees(problem.motions[k].program.phi(_worst_time(problem, fit, k, parts[k])))[0]) for k in order)
+    shows = tuple(problem.tests[k].name for k in order)
+    x, x_label, period = _file_units(term, fit)
+    factor, y_unit = (1.0 / DEG, "°") if term.moves in ROTARY else (1.0 / UM, "µm")
+    shown, spread_of = _seen(term)
+    size = shown * term.unit
+    power = np.sum([(c**2).sum(axis=0) for c in term.columns], axis=0)
+    curve = (x, np.where(power > 1e-4 * power.max(), size * factor, np.nan), spread_of * term.unit * factor)  # nan: no test goes there
+    source_of = f"depends on the {term.axis} axis' {_WORDS[term.variable]}" if term.axis else "follows the campaign's clock"
+    what = "the table" if term.moves in TABLE else f"the {term.moves} axis"
+    acts = (
+        f"acts on {what} and {source_of}"
+        if term.axis != term.moves
+        else f"acts on the {term.axis} axis and depends on its {_WORDS[term.variable]}"
+    )
+    repeats = f", repeating every {period:.4g} {x_label.rsplit('[', 1)[-1].rstrip(']')}" if period else ""
+    most = f" most in {shows[0]} near φ = {where[0]:.0f}°" if shows else ""
+    summary = (
+        f"Something that is not in the catalogue {acts}{repeats}: {rms / UM:.2f} µm RMS in the readings,{most}; "
+        f"{left / UM:.2f} µm stay after an empirical curve of that form."
+    )
+    axes = term.axes or (term.moves,)
+    source = effect_source(term, size, summary, f"{_stem(axes)}.py")
+    labels = (x_label, f"displacement of {what} [{y_unit}]")
+    return Unexplained(axes, term.variable, period, rms, shows, where, summary, curve, labels, left, source)
+
+
+def _stem(axes: tuple[str, ...]) -> str:
+    return f"unexplained_{'_'.join(axes)}"
+
+
+def _seen(term: Term) -> tuple[np.ndarray, np.ndarray]:
+    """The curve (k,) and its standard deviation without the shapes that set-up errors could take up as well (its level, above all)."""
+    variance, modes = np.linalg.eigh(term.covariance)
+    along = modes.T @ term.coefficients
+    kept = (variance < _HIDDEN * np.median(variance)) | (np.abs(along) > 3.0 * np.sqrt(np.abs(variance)))
+    return modes[:, kept] @ along[kept], np.sqrt(np.clip((modes[:, kept] ** 2) @ variance[kept], 0.0, None))
+
+
+def _worst_time(problem: Problem, fit: Fit, k: int, part: np.ndarray) -> np.ndarray:
+    s = problem.samples[k]
+    return s.centre[[int(np.argmax(np.abs(part - part.mean())))]] - problem.shift(k, fit.nuisance)
+
+
+def _file_units(term: Term, fit: Fit) -> tuple[np.ndarray, str, float | None]:
+    """Knots in the units that users read, the label of that axis of the plot, and the period in the same unit."""
+    rotary = term.axis in ROTARY
+    scale, unit = {
+        "velocity": (1 / DEG, "°/s") if rotary else (60e3, "mm/min"),
+        "acceleration": (1 / DEG, "°/s²") if rotary else (1e3, "mm/s²"),
+        "torque": (1.0, "N·m"),
+        "time_since_reversal": (1.0, "log₁₀ s"),
+        "clock_time": (1.0, "s"),
+    }.get(term.variable, (1 / DEG, "°") if rotary else (1e3, "mm"))
+    label = f"{term.axis} axis: {_WORDS[term.variable]} [{unit}]" if term.axis else f"campaign clock [{unit}]"
+    period = None if term.period is None else term.period * scale
+    if period and term.variable in ("position", "direction"):
+        power = np.abs(np.fft.rfft(term.coefficients)[1 : len(term.knots) // 3]) ** 2
+        if len(power) and power.max() > _HARMONIC * power.sum():
+            period /= int(np.argmax(power)) + 1
+    return term.knots * scale, label, period

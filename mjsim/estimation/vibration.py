@@ -1,0 +1,118 @@
+"""Vibration: lines of constant frequency in what does not repeat from one revolution to the next.
+
+A vibration's phase is free in every test, so it is a nuisance with a size: it is looked for before everything else, in single
+samples (blocks would average it away, :mod:`mjsim.estimation.lines`), and left out of the data while the other effects are searched.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mjsim.effects.vibration import Vibration
+from mjsim.estimation.lines import Line, amplitude_of, find, records_of
+from mjsim.estimation.nuisance import fit_nuisance
+from mjsim.estimation.problem import Problem
+from mjsim.machine.chain import LINEAR
+from mjsim.machine.effect import Effect
+from mjsim.machine.model import Machine, build
+
+#: Most vibrations of a machine that are looked for.
+_MOST = 4
+
+
+def residuals(problem: Problem, readings: list[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
+    """Measured less modelled, every sample, m; ``known`` parts are left out."""
+
+    def one(k: int) -> np.ndarray:
+        s = problem.samples[k]
+        return s.value - s.known - s.sample_all(readings[k] + problem.offsets(k, nuisance), problem.shift(k, nuisance))
+
+    return problem.map(one)
+
+
+def separate(problem: Problem, machine: Machine) -> tuple[Machine, list[Line]]:
+    """Take vibrations out of the problem's data: those in ``machine``, with the phases of the tests, and what else is found.
+
+    Returns:
+        The machine without vibrations, and all that were taken out.
+    """
+    rigid = without_vibrations(machine)
+    readings = problem.readings(build(rigid))
+    nuisance = fit_nuisance(problem, readings)
+    lines: list[Line] = []
+    while len(lines) < _MOST:
+        line = find(problem, residuals(problem, readings, nuisance), nuisance)
+        if line is None or any(_same(line.effect, other.effect) for other in lines):
+            break
+        lines.append(line)
+        take_out(problem, lines, nuisance)
+    left = [e for e in machine.effects if e.kind == "vibration" and not any(_same(e, line.effect) for line in lines)]
+    if left:
+        weak = phased(problem, replace(rigid, effects=(*rigid.effects, *left)), readings, nuisance)
+        lines += [Line(e, {}, (), 0.0) for e in weak.effects if e.kind == "vibration"]
+        take_out(problem, lines, nuisance)
+    return rigid, lines
+
+
+def without_vibrations(machine: Machine) -> Machine:
+    """The machine without its vibrations."""
+    return replace(machine, effects=tuple(e for e in machine.effects if e.kind != "vibration"))
+
+
+def is_news(line: Line, machine: Machine) -> bool:
+    """Whether ``machine`` lacks this vibration, or has it at another size (outside the interval and by more than a tenth)."""
+    for e in machine.effects:
+        if e.kind == "vibration" and _same(e, line.effect):
+            a, b = e.values["amplitude_um"], line.effect.values["amplitude_um"]
+            return bool(line.ci95) and abs(a - b) > 0.1 * b and not line.ci95["amplitude_um"][0] <= a <= line.ci95["amplitude_um"][1]
+    return True
+
+
+def _same(a: Effect, b: Effect) -> bool:
+    return a.subject == b.subject and abs(a.values["frequency_Hz"] - b.values["frequency_Hz"]) < 0.1
+
+
+def take_out(problem: Problem, lines: list[Line], nuisance: np.ndarray) -> None:
+    """Leave vibrations out of the problem's data; the noise is estimated again."""
+    for k, s in enumerate(problem.samples):
+        shift = problem.shift(k, nuisance)
+        s.take_out(sum((_wave(problem, k, line.effect, shift) for line in lines), np.zeros(len(s.time))))
+    problem.estimate_noise()
+
+
+def put_back(problem: Problem) -> None:
+    """Undo :func:`take_out`, but for the noise, which is the better one without vibrations."""
+    for s in problem.samples:
+        s.take_out(np.zeros(len(s.time)))
+
+
+def phased(problem: Problem, machine: Machine, readings: list[np.ndarray] | None = None, nuisance: np.ndarray | None = None) -> Machine:
+    """``machine`` with the phases that its vibrations have in the measured tests.
+
+    ``readings`` are simulated ones of the machine without vibrations, ``nuisance`` is fitted to them; both are made where missing.
+    """
+    waves = [e for e in machine.effects if isinstance(e, Vibration) and not e.is_neutral]
+    if not waves:
+        return machine
+    if readings is None:
+        readings = problem.readings(build(without_vibrations(machine)))
+    if nuisance is None:
+        nuisance = fit_nuisance(problem, readings)
+    rest = residuals(problem, readings, nuisance)
+    for effect in waves:
+        records = records_of(problem, rest, nuisance, False)
+        i, f = LINEAR.index(effect.subject), effect.values["frequency_Hz"]
+        effect = effect.with_phases({r.name: float(np.angle(amplitude_of(r, f, i)[0])) for r in records})
+        machine = machine.with_effect(effect)
+        rest = [r - _wave(problem, k, effect, problem.shift(k, nuisance)) for k, r in enumerate(rest)]
+    return machine
+
+
+def _wave(problem: Problem, k: int, effect, shift: float) -> np.ndarray:
+    """What a vibration adds to every sample of test ``k``, m."""
+    s = problem.samples[k]
+    w = 2.0 * np.pi * effect.values["frequency_Hz"]
+    weight = s.sample_all(problem.sensitivity[k].axes[:, LINEAR.index(effect.subject)], shift)
+    return weight * effect.si("amplitude_um") * np.sin(w * (s.time - shift) + effect.phases.get(s.test.name, 0.0))

@@ -1,0 +1,29 @@
+"""What a plain-Python effect may depend on: the axes' motion with its rates, reversals and motor torques."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What a plain-Python effect may depend on; arrays over n instants, which cannot be written into.
+
+    Attributes:
+        time: s from the program's start, (n,).
+        clock: s on the campaign clock, (n,).
+        position: load-side axis positions so far, (n, 5) m and rad, order X, Y, Z, A, C.
+        velocity, acceleration: their rates, (n, 5).
+        since_reversal: s since each axis last reversed or started to move, (n, 5).
+        torque: of each motor, N·m, less what gravity takes, (n, 5): J dω/dt + C ω + friction (paper, Fig. 2).
+    """
+
+    time: np.ndarray
+    clock: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    since_reversal: np.ndarray
+    torque: np.ndarray

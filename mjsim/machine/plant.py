@@ -1,0 +1,143 @@
+"""The plant: everything the compiled callback needs to know, collected from a machine's drives and effects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from mjsim.machine.bodies import bodies_scale, moving_bodies
+from mjsim.machine.chain import AXES, COLUMN, Geometry
+from mjsim.machine.motion import Motion
+
+#: Order in which position effects act, motor side to tool (effect catalogue).
+STAGES = ("pitch_error", "worm_wear", "backlash", "scale_error", "gravity_windup", "straightness", "user", "thermal_drift", "vibration")
+
+SINE, PLAY, BUMP, POLYNOMIAL, SCALE, SETTLE, VIBRATE = range(7)
+OP_SIZE = 10
+#: Column of an operation's stage in its row.
+STAGE = OP_SIZE - 1
+
+
+@dataclass
+class AxisPlant:
+    """One drive with every effect that changes it. SI, motor side; names as in :class:`mjsim.machine.model.Drive`.
+
+    ``coulomb`` = 0 is no friction; ``delay`` s; ``feedforward`` is the velocity feedforward's ratio; ``ripple`` is (amplitude
+    N·m, order per motor revolution, phase rad). ``load_inertia`` kg·m² (0: rigid), ``stiffness`` N·m/rad and ``damping`` N·m·s/rad
+    of an elastic transmission, all seen by the motor; ``inertia`` stays that of motor and load together.
+    """
+
+    gear: float
+    position_gain: float
+    velocity_gain: float
+    integral_time: float
+    inertia: float
+    viscous: float
+    gravity: float
+    feedforward: float = 0.0
+    delay: float = 0.0
+    coulomb: float = 0.0
+    presliding: float = 1.0
+    static_ratio: float = 1.0
+    stribeck_velocity: float = 0.0
+    ripple: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    load_inertia: float = 0.0
+    stiffness: float = 0.0
+    damping: float = 0.0
+
+    def key(self) -> tuple:
+        """Hashable identity of the drive's behaviour (for caching motions)."""
+        return tuple(vars(self).values())
+
+
+@dataclass(frozen=True)
+class Op:
+    """One elementary operation on an axis position: ``out`` is changed as a function of ``source`` (axis indices).
+
+    ``phases`` are those of a vibration, rad at the program's start, by test name.
+    """
+
+    stage: int
+    code: int
+    out: int
+    source: int
+    parameters: tuple[float, ...]
+    phases: dict[str, float] = field(default_factory=dict, compare=False)
+
+
+class PythonEffect(Protocol):
+    """An effect that is computed in plain Python, for a whole motion at once (:class:`mjsim.machine.effect.Effect`)."""
+
+    @property
+    def id(self) -> str: ...
+    def position_error(self, motion: Motion) -> np.ndarray | None: ...
+
+
+@dataclass
+class Plant:
+    """Drives, transmission operations in acting order, geometry, and the effects that are plain Python."""
+
+    axes: dict[str, AxisPlant]
+    ops: list[Op] = field(default_factory=list)
+    geometry: Geometry = field(default_factory=Geometry)
+    python_effects: list[PythonEffect] = field(default_factory=list)
+
+    @property
+    def width(self) -> int:
+        """Columns of a motion: the five axes, and the table's error motion where an effect has one."""
+        return 9 if any(op.out > 4 for op in self.ops) else 5
+
+    def whole_inertia(self) -> np.ndarray:
+        """J·gear² of every axis, (5,) kg and kg·m²: motor and moving bodies together."""
+        return np.array([self.axes[a].inertia * self.axes[a].gear ** 2 for a in AXES])
+
+    def add_spring(self, axis: str, stiffness: float, damping_ratio: float) -> None:
+        """Put the moving bodies of one axis behind a spring, ``stiffness`` N/m or N·m/rad at the load.
+
+        ``damping_ratio`` is that of the bodies on the spring with the motor held.
+        """
+        drive = self.axes[axis]
+        load = moving_bodies()[AXES.index(axis)] * bodies_scale(moving_bodies(), self.whole_inertia())
+        drive.load_inertia = load / drive.gear**2
+        drive.stiffness = stiffness / drive.gear**2
+        drive.damping = 2.0 * damping_ratio * float(np.sqrt(drive.stiffness * drive.load_inertia))
+
+    def add_op(self, stage: str, code: int, out: str, *parameters: float, source: str | None = None, phases: dict | None = None) -> None:
+        """Append an operation; operations of one stage keep the order of the effects."""
+        self.ops.append(Op(STAGES.index(stage), code, COLUMN[out], COLUMN[source or out], tuple(map(float, parameters)), phases or {}))
+
+    def sorted_ops(self) -> list[Op]:
+        """Operations in the order in which they act."""
+        return sorted(self.ops, key=lambda op: op.stage)
+
+    def unusable(self) -> str:
+        """What in here no simulation can use, for a message; empty where all is well. For what a user's own effect has put in."""
+        for name, axis in self.axes.items():
+            for key, value in vars(axis).items():
+                numbers = value if key == "ripple" else (value,)
+                if not np.all(np.isfinite(np.asarray(numbers, float))):
+                    return f"{key} = {value!r} into the {name} drive"
+            above = ("gear", "position_gain", "velocity_gain", "integral_time", "inertia", "presliding")
+            if wrong := [k for k in above if getattr(axis, k) <= 0.0]:
+                return f"{wrong[0]} = {getattr(axis, wrong[0]):g} into the {name} drive"
+        for op in self.ops:
+            if op.code not in range(VIBRATE + 1) or len(op.parameters) > STAGE - 3 or not np.all(np.isfinite(op.parameters)):
+                return f"an operation with code {op.code!r} and parameters {op.parameters!r} into the transmission"
+        return ""
+
+    def op_table(self, test: str = "", started: float = 0.0) -> np.ndarray:
+        """Operations as (n, OP_SIZE) numbers for the compiled code: code, out, source, parameters, stage.
+
+        Vibrations have the phases of ``test``, which began at ``started`` s on the campaign clock.
+        """
+        ops = self.sorted_ops()
+        table = np.zeros((len(ops), OP_SIZE))
+        for row, op in zip(table, ops, strict=True):
+            row[:3] = op.code, op.out, op.source
+            row[3 : 3 + len(op.parameters)] = op.parameters
+            row[STAGE] = op.stage
+            if op.code == VIBRATE and test:
+                row[5] = op.phases.get(test, 0.0) - op.parameters[1] * started
+        return table

@@ -1,0 +1,181 @@
+"""What simulations and comparisons look like as files: CSV, plots, ladder."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mjsim.ballbar.iso230 import circular_figures, least_squares_circle
+from mjsim.ballbar.kinds import KINDS
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.ballbar.program import Program
+from mjsim.errors import InputError
+from mjsim.io.files import together
+from mjsim.plots.curve import curve_figure
+from mjsim.plots.ladder import LadderStep, ladder_figure
+from mjsim.plots.overview import overview_figure
+from mjsim.plots.pitch import PitchCurves, PitchSpectrum, curves_figure, spectrum_figure
+from mjsim.plots.polar import PolarTrace, polar_figure
+from mjsim.plots.residual import ResidualTrace, residual_figure
+from mjsim.plots.save import save
+from mjsim.progress import Progress, silent
+from mjsim.simulation.multibody import Simulation
+from mjsim.units import DEG, MM, UM
+from mjsim.workflow.compare import ComparedTest, Comparison
+from mjsim.workflow.history import Step
+
+if TYPE_CHECKING:
+    from mjsim.estimation.pitch.result import DirectionIdentification, PitchIdentification
+    from mjsim.workflow.diagnose import Diagnosis
+
+
+def simulation_csv(s: Simulation) -> str:
+    """One simulated test as CSV, every 5 ms: time_s, phi_deg, deviation_um, commanded and actual axis positions (mm, °)."""
+    columns = s.columns()
+    data = np.column_stack(list(columns.values()))[::5]
+    text = io.StringIO()
+    np.savetxt(text, data, delimiter=",", header=",".join(columns), comments="", fmt=["%.3f", "%.6f", "%.4f"] + ["%.7f"] * 10)
+    return text.getvalue()
+
+
+def _span(program: Program, time: np.ndarray) -> np.ndarray:
+    lo, hi = program.measured_span
+    return (time >= lo) & (time <= hi)
+
+
+def simulation_summary(results: list[Simulation]) -> list[dict]:
+    """Per test: duration, extremes and, for full circles, G (µm), over the part that would be measured."""
+    rows = []
+    for s in results:
+        program = Program(s.test)
+        keep = _span(program, s.time)
+        row = {"name": s.test.name, "duration_s": round(program.duration, 3)}
+        try:
+            if s.test.kind != "rotary":
+                row |= {
+                    k: round(v, 4) for k, v in asdict(circular_figures(s.phi[keep], s.deviation[keep])).items() if not isinstance(v, tuple)
+                }
+        except InputError:
+            pass
+        rows.append(
+            row | {"max_um": round(float(s.deviation[keep].max() / UM), 4), "min_um": round(float(s.deviation[keep].min() / UM), 4)}
+        )
+    return rows
+
+
+def conditions(test) -> str:
+    """One line that says how a test was run."""
+    x, y, z = (v / MM for v in test.table_ball)
+    where = f"table ball ({x:g}, {y:g}, {z:g}) mm, L = {test.length / MM:g} mm, F = {test.feed * 60 / MM:g} mm/min"
+    return f"{KINDS[test.kind].words(test)}; {where}"
+
+
+def _centred(test, phi: np.ndarray, deviation: np.ndarray, valid: np.ndarray | None = None) -> np.ndarray:
+    """Deviation in µm without eccentricity (circles) or without its mean (partial arcs); invalid samples become gaps."""
+    good = np.ones(len(phi), bool) if valid is None else valid
+    try:
+        if test.kind == "rotary":
+            raise InputError("arc")
+        out = deviation - least_squares_circle(phi[good], deviation[good]).eccentricity_m(phi)
+    except InputError:
+        out = deviation - deviation[good].mean()
+    return np.where(good, out, np.nan) / UM
+
+
+def polar_of_simulation(s: Simulation, path: Path) -> None:
+    """Paper-style polar plot of one simulated test."""
+    keep = _span(Program(s.test), s.time)
+    phi = s.phi[keep][::5]
+    trace = PolarTrace("simulated", phi / DEG, _centred(s.test, phi, s.deviation[keep][::5]), "simulated", shift_deg=_shift(s.test))
+    save(polar_figure([trace], s.test.name, conditions(s.test)), path)
+
+
+def _shift(test) -> float:
+    return 0.0 if test.kind == "rotary" else 180.0
+
+
+def polar_traces(t: ComparedTest) -> list[PolarTrace]:
+    """Measured and simulated trace of a compared test, each about its own least-squares centre (ISO 230-4)."""
+    out = []
+    for name in ("measured", "simulated"):
+        out.append(PolarTrace(name, t.phi / DEG, _centred(t.test, t.phi, getattr(t, name), t.valid), name, shift_deg=_shift(t.test)))
+    return out
+
+
+def residual_trace(t: ComparedTest, noise: float) -> ResidualTrace:
+    """Residual of a compared test on angle, with axis reversals."""
+    return ResidualTrace(
+        t.test.name, t.phi / DEG, t.residual / UM, {a: list(p / DEG) for a, p in t.reversals.items()}, noise / UM, ~t.valid, _shift(t.test)
+    )
+
+
+def plot_files(tests: Iterable[BallBarTest], folder: Path) -> list[Path]:
+    """Files that :func:`comparison_plots` writes for these tests."""
+    return [folder / f"{name}.png" for name in ("overview", "residual", *(t.name for t in tests))]
+
+
+@together()
+def comparison_plots(result: Comparison, folder: Path, progress: Progress = silent) -> list[Path]:
+    """Polar plot per test, an overview, and the residuals; returns the files."""
+    overview, residual, *files = plot_files((t.test for t in result.tests), folder)
+    total = len(result.tests) + 2
+    for i, (t, path) in enumerate(zip(result.tests, files, strict=True)):
+        progress("plotting", i, total)
+        save(polar_figure(polar_traces(t), t.test.name, conditions(t.test)), path)
+    progress("plotting", total - 2, total)
+    save(
+        overview_figure([(t.test.name, polar_traces(t)) for t in result.tests], title=f"{result.campaign.name}: measured and simulated"),
+        overview,
+    )
+    progress("plotting", total - 1, total)
+    title = f"{result.campaign.name}: residual {result.rms / UM:.3f} µm RMS, noise {result.noise / UM:.3f} µm"
+    save(residual_figure([residual_trace(t, result.noise) for t in result.tests], title=title), residual)
+    return [overview, residual, *files]
+
+
+def unexplained_plot(result: Diagnosis, folder: Path) -> Diagnosis:
+    """The empirical term of an unexplained rest as a picture beside its effect file; the diagnosis that names the file."""
+    u = result.unexplained
+    if u is None:
+        return result
+    path = folder / f"{u.stem}.png"
+    title = f"{result.campaign.name}: {u.summary}"
+    save(curve_figure(*u.curve, u.labels, title, u.period), path)
+    return replace(result, unexplained=replace(u, plot=str(path)))
+
+
+def ladder_plot(steps: list[Step], path: Path) -> None:
+    """The error falling from model to model."""
+    save(ladder_figure([LadderStep(s.label, s.rms_um) for s in steps], steps[-1].noise_um, "Residual RMS of each model"), path)
+
+
+def pitch_plot_files(axes: Iterable[str], folder: Path) -> list[Path]:
+    """Files that :func:`pitch_plots` writes for these axes."""
+    return [folder / f"{what}-{a.lower()}.png" for a in axes for what in ("spectrum", "curves")]
+
+
+@together()
+def pitch_plots(name: str, results: dict[str, PitchIdentification], folder: Path) -> list[Path]:
+    """Spectra (paper, Fig. 3) and curves (Fig. 4) of identified pitch errors, per axis; returns the files."""
+    files = pitch_plot_files(results, folder)
+    for (axis, r), spectra, curves in zip(results.items(), files[::2], files[1::2], strict=True):
+        ways = r.directions.values()
+        save(spectrum_figure([pitch_spectrum(d) for d in ways], f"{name}: pitch errors of {axis}"), spectra)
+        save(curves_figure([pitch_curves(d) for d in ways], f"{name}: pitch-error curves of {axis}"), curves)
+    return files
+
+
+def pitch_spectrum(d: DirectionIdentification) -> PitchSpectrum:
+    """One direction's spectrum as it is drawn."""
+    named = [(c.order, c.amplitude_deg) for c in d.components]
+    return PitchSpectrum(f"{d.axis} {d.way}", d.orders, d.amplitude_deg, d.floor_deg, d.limit_deg, named, d.tooth_order)
+
+
+def pitch_curves(d: DirectionIdentification) -> PitchCurves:
+    """One direction's curves as they are drawn."""
+    return PitchCurves(f"{d.axis} {d.way}", d.position_deg, d.raw_deg, d.modified_deg, d.identified_deg)

@@ -1,0 +1,167 @@
+"""The MuJoCo model of a machine: the MJCF, the effects' native edits, the data sheet's inertias, the callback's parameters."""
+
+from __future__ import annotations
+
+import copy
+
+import mujoco
+import numpy as np
+
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.io.resources import model_file
+from mjsim.machine.bodies import bodies_scale, own_inertia
+from mjsim.machine.chain import AXES, ROTARY, Geometry
+from mjsim.machine.plant import OP_SIZE, Plant
+from mjsim.simulation import callback
+from mjsim.simulation.drive import AXIS_SIZE, STEP, SUBSTEPS, discretise, substeps_of
+
+#: Joints of the rotary table's own error motion, in the order in which they act (outermost first): tilt, then displacement.
+TABLE_JOINTS = ("EXC", "EYC", "EAC", "EBC")
+
+#: Squareness -> the joint that is turned, the coordinate of its axis that changes, and the sign.
+SQUARENESS = {"XY": ("Y", 0, 1.0), "YZ": ("Z", 1, -1.0), "ZX": ("Z", 0, 1.0)}
+
+
+def build_model(plant: Plant, step: float = STEP, substeps: int = SUBSTEPS) -> mujoco.MjModel:
+    """Compile the machine.
+
+    Args:
+        plant: drives, transmissions and effects.
+        step: MuJoCo's time step, s. substeps: drive sub-steps in it; stiff friction takes more.
+
+    Returns:
+        A model whose numeric ``mjsim`` holds everything the callback needs except the test (:func:`for_test`).
+    """
+    model = compile_structure(plant, step)
+    return with_numbers(model, plant, own_inertia(model), step, substeps)
+
+
+def structure(plant: Plant) -> tuple:
+    """What :func:`compile_structure` makes of a plant, as a key: plants of one key differ in nothing but :func:`with_numbers`."""
+    return len(plant.ops), plant.width, bool(plant.python_effects)
+
+
+def compile_structure(plant: Plant, step: float = STEP) -> mujoco.MjModel:
+    """The compiled bodies, joints and sizes of a plant, without its numbers."""
+    spec = mujoco.MjSpec.from_file(str(model_file()))
+    spec.option.timestep = step
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    spec.nuserdata = callback.userdata_size(len(plant.ops))
+    spec.add_numeric(name=callback.NUMERIC, data=np.zeros(callback.HEADER + 5 * AXIS_SIZE + len(plant.ops) * OP_SIZE))
+    if plant.width > len(AXES):
+        _add_table_joints(spec)
+    if plant.python_effects:
+        for a in AXES:  # five more controls, which move nothing by themselves
+            spec.add_actuator(name=f"{a} own effects", target=a, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    _strip(spec)
+    model = spec.compile()
+    model.actuator_gainprm[:] = 0.0
+    model.actuator_biasprm[:] = 0.0
+    return model
+
+
+def with_numbers(model: mujoco.MjModel, plant: Plant, own: np.ndarray, step: float = STEP, substeps: int = SUBSTEPS) -> mujoco.MjModel:
+    """A copy of ``model``, compiled of a plant of the same :func:`structure`, with the numbers of ``plant``.
+
+    ``own`` (5,) is :func:`mjsim.machine.bodies.own_inertia` of ``model``.
+    """
+    model = copy.copy(model)
+    if plant.geometry.location or plant.geometry.squareness:
+        _displace_axes(model, plant.geometry)
+        own = own_inertia(model)
+    if _balanced(model):
+        model.opt.gravity[:] = 0.0  # what is balanced body by body need not be computed twice at every step
+    _set_inertia(model, plant, own)
+    block = model.numeric(callback.NUMERIC).data
+    block[:] = _block(plant, plant.op_table(), step, substeps)
+    joints = AXES if plant.width == len(AXES) else (*AXES, *TABLE_JOINTS)
+    block[callback.N_JOINTS], block[callback.N_CONTROLS] = len(joints), model.nu
+    for i, name in enumerate(joints):
+        block[callback.JOINTS + i] = model.joint(name).dofadr[0]
+    return model
+
+
+def _block(plant: Plant, ops: np.ndarray, step: float, substeps: int) -> np.ndarray:
+    block = np.zeros(callback.HEADER + 5 * AXIS_SIZE + ops.size)
+    block[callback.STEP_], block[callback.N_OPS] = step, len(ops)
+    for i, a in enumerate(AXES):
+        at = callback.HEADER + i * AXIS_SIZE
+        block[callback.SUBSTEPS_ + i] = mine = substeps_of(plant.axes[a], step, substeps)
+        block[at : at + AXIS_SIZE] = discretise(plant.axes[a], step / mine)
+    block[callback.HEADER + 5 * AXIS_SIZE :] = ops.ravel()
+    assert ops.shape[1] == OP_SIZE
+    return block
+
+
+def _strip(spec: mujoco.MjSpec) -> None:
+    """Take out what is only looked at: MuJoCo would place it at every step, and every test's copy of the model would hold its meshes."""
+    spec.compiler.discardvisual = True  # the solids' inertia stays
+    for seen in (*spec.cameras, *spec.lights, *spec.tendons):
+        spec.delete(seen)
+
+
+def _balanced(model: mujoco.MjModel) -> bool:
+    """Whether gravity is compensated at every body that moves."""
+    return bool((model.body_gravcomp[model.body_weldid != 0] == 1.0).all())
+
+
+def _add_table_joints(spec: mujoco.MjSpec) -> None:
+    """Four joints between cradle and table for its error motion; the C joint stays innermost."""
+    table = spec.body("table")
+    old = spec.joint("C")
+    spin = {k: getattr(old, k) for k in ("axis", "armature")}
+    spec.delete(old)
+    slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
+    for name, kind, axis in (("EAC", hinge, [1, 0, 0]), ("EBC", hinge, [0, 1, 0]), ("EXC", slide, [1, 0, 0]), ("EYC", slide, [0, 1, 0])):
+        table.add_joint(name=name, type=kind, axis=axis)
+    table.add_joint(name="C", type=hinge, **spin)
+
+
+def _displace_axes(model: mujoco.MjModel, geometry: Geometry) -> None:
+    """Location errors move and turn the frames of the rotary axes, squareness turns the joints of the linear ones.
+
+    This is done in the compiled model: the compiler would normalise a turned joint axis and so scale its travel by 1 + α²/2.
+    """
+    for axis in ROTARY:
+        body = model.body(int(model.joint(axis).bodyid[0]))
+        shift, turn = geometry.displacement(axis)
+        body.pos[:] += shift
+        mujoco.mju_mat2Quat(body.quat, (rotation_of(body.quat) @ turn).ravel())
+    for name, (joint, row, sign) in SQUARENESS.items():
+        # the Y slide carries the table: moving it by +α is moving the spindle ball by −α relative to it
+        model.joint(joint).axis[row] += sign * geometry.squareness.get(name, 0.0)
+
+
+def rotation_of(quat: np.ndarray) -> np.ndarray:
+    """Rotation matrix (3, 3) of a unit quaternion (4,)."""
+    out = np.zeros(9)
+    mujoco.mju_quat2Mat(out, quat)
+    return out.reshape(3, 3)
+
+
+def _set_inertia(model: mujoco.MjModel, plant: Plant, own: np.ndarray) -> None:
+    """Bodies' own inertia plus armature add up to J·gear² (armature is never negative: solids are scaled down instead)."""
+    dofs = [model.joint(a).dofadr[0] for a in AXES]
+    want = plant.whole_inertia()
+    scale = bodies_scale(own, want)
+    if scale < 1.0:
+        model.body_mass *= scale
+        model.body_inertia *= scale
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+    model.dof_armature[dofs] = want - scale * own
+
+
+def for_test(model: mujoco.MjModel, test: BallBarTest, start: np.ndarray, ops: np.ndarray) -> mujoco.MjModel:
+    """A copy of ``model`` for one test: ball on the table, campaign clock, first command (5,), its operations (n, OP_SIZE)."""
+    model = copy.copy(model)
+    set_test(model, test, start, ops)
+    return model
+
+
+def set_test(model: mujoco.MjModel, test: BallBarTest, start: np.ndarray, ops: np.ndarray) -> None:
+    """As :func:`for_test`, in ``model`` itself."""
+    model.body("table_fixture").pos[:] = test.table_ball
+    block = model.numeric(callback.NUMERIC).data
+    block[callback.CLOCK] = test.started
+    block[callback.START : callback.START + 5] = start
+    block[callback.HEADER + 5 * AXIS_SIZE :] = ops.ravel()

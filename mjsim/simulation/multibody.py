@@ -1,0 +1,212 @@
+"""Simulation of ball-bar tests in the multibody model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.ballbar.program import Program
+from mjsim.errors import SimulationError
+from mjsim.machine.chain import AXES, LINEAR
+from mjsim.machine.model import Machine, build
+from mjsim.machine.plant import Plant
+from mjsim.simulation import callback, mjmodel
+from mjsim.simulation.axes import behind, own_effects, time_grid
+from mjsim.simulation.drive import STEP, SUBSTEPS
+from mjsim.simulation.stability import check_stable
+from mjsim.simulation.transmission import MEMORY, apply_ops
+from mjsim.units import DEG, MM, UM
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+T = TypeVar("T")
+#: Sensors at both ends of the bar.
+BALLS = ("spindle_ball_pos", "table_ball_pos")
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """One simulated test on the engine's time grid.
+
+    Attributes:
+        test: the test. time: (n,) s from the program's start. phi: (n,) rad.
+        command, position: commanded and actual (load-side) axis positions, (n, 5) m and rad, order X, Y, Z, A, C.
+        deviation: ball-bar reading, (n,) m, positive outward: distance of the two sites less the bar's length.
+    """
+
+    test: BallBarTest
+    time: np.ndarray
+    phi: np.ndarray
+    command: np.ndarray
+    position: np.ndarray
+    deviation: np.ndarray
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """Everything by name, (n,) each: time_s, phi_deg, deviation_um, then commanded and actual positions in mm and degrees."""
+        units = {a: ("mm", MM) if a in LINEAR else ("deg", DEG) for a in AXES}
+        out = {"time_s": self.time, "phi_deg": self.phi / DEG, "deviation_um": self.deviation / UM}
+        for what, q in (("command", self.command), ("actual", self.position)):
+            out |= {f"{a}_{what}_{name}": x * (1 / size) for (a, (name, size)), x in zip(units.items(), q.T, strict=True)}
+        return out
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """:meth:`columns` as a table, one row per instant."""
+        import pandas as pd
+
+        return pd.DataFrame(self.columns())
+
+
+def simulate(
+    machine: Machine,
+    tests: Iterable[BallBarTest],
+    threads: int = 2,
+    done: Callable[[BallBarTest], None] | None = None,
+    step: float = STEP,
+    substeps: int = SUBSTEPS,
+) -> list[Simulation]:
+    """Run tests of a machine in MuJoCo.
+
+    Args:
+        machine: drives and effects.
+        tests: what to run. threads: tests run side by side (the compiled callback holds no GIL).
+        done: called after each test, for progress. step, substeps: time discretisation, s and count.
+
+    Raises:
+        SimulationError: a drive is unstable, MuJoCo warned or a value is not finite.
+    """
+    return simulate_each(machine, tests, lambda s: s, threads, done, step, substeps)
+
+
+def simulate_each(
+    machine: Machine,
+    tests: Iterable[BallBarTest],
+    keep: Callable[[Simulation], T],
+    threads: int = 2,
+    done: Callable[[BallBarTest], None] | None = None,
+    step: float = STEP,
+    substeps: int = SUBSTEPS,
+) -> list[T]:
+    """As :func:`simulate`, but only what ``keep`` makes of each test stays in memory."""
+    plant = build(machine)
+    check_stable(plant)
+    model = mjmodel.build_model(plant, step, substeps)
+    tests = list(tests)
+
+    def one(test: BallBarTest) -> T:
+        result = keep(_run(model, plant, test, step))
+        if done:
+            done(test)
+        return result
+
+    with callback.installed(), ThreadPoolExecutor(max(1, min(threads, len(tests)))) as pool:
+        return list(pool.map(one, tests))
+
+
+class Reading(NamedTuple):
+    """What a comparison needs of a simulated test: ``deviation`` as in :class:`Simulation`."""
+
+    test: BallBarTest
+    deviation: np.ndarray
+
+
+def reading_of(s: Simulation) -> Reading:
+    """The reading alone, a thirteenth of a simulation's memory."""
+    return Reading(s.test, s.deviation)
+
+
+class Prepared(NamedTuple):
+    """One test at rest: program, time grid (n,), its commands (n, 5), controls (n, nu) at every instant, model and data."""
+
+    program: Program
+    time: np.ndarray
+    command: np.ndarray
+    sent: np.ndarray
+    model: mujoco.MjModel
+    data: mujoco.MjData
+
+
+def _prepare(model: mujoco.MjModel, plant: Plant, test: BallBarTest, step: float) -> Prepared:
+    program = Program(test)
+    time = time_grid(program) if step == STEP else np.arange(int(np.ceil((program.duration + 0.1) / step)) + 1) * step
+    command = program.commands(time)
+    sent = behind(program, time, command, plant)
+    ops = plant.op_table(test.name, test.started)
+    model = mjmodel.for_test(model, test, sent[0], ops)
+    data = mujoco.MjData(model)
+    if plant.python_effects:
+        sent = np.hstack([sent, own_effects(plant, test, time)])
+    set_at_rest(model, data, test, ops, sent[0])
+    return Prepared(program, time, command, sent, model, data)
+
+
+def set_at_rest(model: mujoco.MjModel, data: mujoco.MjData, test: BallBarTest, ops: np.ndarray, sent: np.ndarray) -> None:
+    """Put the joints of ``data`` where the machine rests on its first controls ``sent`` (nu,), with the operations ``ops`` of ``test``."""
+    first = np.zeros(callback.MAX_JOINTS)
+    first[:5] = sent[:5]
+    apply_ops(ops, np.zeros((len(ops), MEMORY)), first, test.started, True)
+    if len(sent) > 5:
+        first[:5] += sent[5:]
+    block = model.numeric(callback.NUMERIC).data
+    for i in range(int(block[callback.N_JOINTS])):
+        data.qpos[int(block[callback.JOINTS + i])] = first[i]
+
+
+def _run(model: mujoco.MjModel, plant: Plant, test: BallBarTest, step: float) -> Simulation:
+    program, time, command, sent, model, data = _prepare(model, plant, test, step)
+    _check_actuators(model)
+    control = np.vstack([sent[1:], sent[-1:]])
+    full = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    initial = np.zeros(mujoco.mj_stateSize(model, full))
+    mujoco.mj_getState(model, data, initial, full)
+    state, sensors = rollout.rollout(model, data, initial[None], control[None])
+    q = np.vstack([initial[1 : 1 + model.nq], state[0, :-1, 1 : 1 + model.nq]])
+    return _collect(program, time, command, model, data, q, sensors[0])
+
+
+def _check_actuators(model: mujoco.MjModel) -> None:
+    """The callback reads the controls as X, Y, Z, A, C."""
+    if [model.actuator(a).id for a in AXES] != list(range(5)):
+        raise SimulationError("five_axis.xml: the actuators must stand in the order X, Y, Z, A, C")
+
+
+def check_warnings(test: BallBarTest, data: mujoco.MjData) -> None:
+    """Refuse a run in which MuJoCo warned.
+
+    Raises:
+        SimulationError: it did.
+    """
+    for kind, warning in zip(mujoco.mjtWarning.__members__, data.warning, strict=False):
+        if warning.number:
+            raise SimulationError(
+                f"test {test.name}: MuJoCo gave up ({kind}): the bodies get forces that no machine has; "
+                "check gains, inertias and friction of the drives and the sizes of the effects"
+            )
+
+
+def not_finite(test: BallBarTest) -> SimulationError:
+    """What is wrong when a reading has numbers that are not finite."""
+    return SimulationError(f"test {test.name}: the simulated reading is not finite; check gains and inertias of the drives")
+
+
+def _collect(program: Program, time: np.ndarray, command: np.ndarray, model, data, q: np.ndarray, sensors) -> Simulation:
+    check_warnings(program.test, data)
+    bar = np.hstack([sensors[:, sensor(model, n)] for n in BALLS])
+    deviation = np.linalg.norm(bar[:, :3] - bar[:, 3:], axis=1) - program.test.length
+    if not np.isfinite(deviation).all():
+        raise not_finite(program.test)
+    position = q[:, [model.joint(a).qposadr[0] for a in AXES]]
+    return Simulation(program.test, time, program.phi(time), command, position, deviation)
+
+
+def sensor(model: mujoco.MjModel, name: str) -> slice:
+    """Where a position sensor's three numbers stand in the model's sensor data."""
+    s = model.sensor(name)
+    return slice(int(s.adr[0]), int(s.adr[0]) + 3)

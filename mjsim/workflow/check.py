@@ -1,0 +1,148 @@
+"""``mjsim check`` as functions: what is wrong with a campaign's files, and a corrected copy of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import tomlkit
+
+from mjsim.campaign.files import read_campaign, spans_fit
+from mjsim.campaign.machine_file import read_machine
+from mjsim.campaign.model import Campaign
+from mjsim.campaign.span import explain
+from mjsim.campaign.traces import read_trace
+from mjsim.errors import InputError
+from mjsim.estimation.mistakes.mistakes import Mistake, corrected, rewritten
+from mjsim.estimation.mistakes.recognise import TestEvidence, recognise
+from mjsim.importing.into_campaign import trace_bytes
+from mjsim.io.files import write_all
+from mjsim.io.toml import read_text
+from mjsim.machine.model import Machine
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """Mistakes of a campaign.
+
+    Attributes:
+        campaign: as read. mistakes: in the order in which they are put right. tests: how each test's reversals agree with the model
+            (times, feeds and turns put right). corrected: the campaign without the mistakes that have one remedy.
+    """
+
+    campaign: Campaign
+    mistakes: tuple[Mistake, ...]
+    tests: tuple[TestEvidence, ...]
+    corrected: Campaign
+
+    def to_json(self) -> dict:
+        """As ``mjsim check --json`` prints it."""
+        return {
+            "campaign": self.campaign.name,
+            "mistakes": [m.to_json() for m in self.mistakes],
+            "tests": [{"name": t.name, "size": t.factor, "agreement": t.agreement} for t in self.tests],
+        }
+
+
+def check(path: str | Path, machine: Machine | None = None, threads: int = 2) -> CheckResult:
+    """Look for a wrong unit, sign, direction or feed, exchanged traces and wrong clocks.
+
+    Args:
+        path: folder of the campaign, or its campaign.toml. machine: the model; ``None``: the campaign's.
+
+    Raises:
+        InputError: a file cannot be read at all, or no test has a trace.
+    """
+    campaign = read_campaign(path, spans=False)
+    if not campaign.measured:
+        raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; there is nothing to check")
+    machine = machine or read_machine(campaign.machine_file)
+    clocks = tuple(_clocks(campaign))
+    timed = corrected(campaign, clocks)
+    left = {name for m in clocks if not m.certain for name in m.tests}
+    usable = replace(timed, traces={n: t for n, t in timed.traces.items() if n not in left})
+    if not usable.measured:
+        return CheckResult(campaign, clocks, (), timed)
+    found = recognise(usable, machine, threads)
+    return CheckResult(campaign, (*clocks, *found.mistakes), found.tests, corrected(timed, found.mistakes))
+
+
+def _clocks(campaign: Campaign) -> list[Mistake]:
+    """Mistakes that the times show, of single tests or, where all share one, of all."""
+    spans = {t.name: (float(campaign.traces[t.name].time[0]), float(campaign.traces[t.name].time[-1])) for t in campaign.measured}
+    wrong = [t for t in campaign.measured if not spans_fit(t, *spans[t.name])]
+    out: list[Mistake] = []
+    for t in wrong:
+        partner = next(
+            (u for u in wrong if u is not t and spans_fit(u, *spans[t.name]) and spans_fit(t, *spans[u.name])),
+            None,
+        )
+        if partner is not None:
+            if partner.name > t.name:
+                out.append(Mistake("swapped", (t.name, partner.name), "each lasts as long as the other test's program"))
+            continue
+        mistake = explain(t, *spans[t.name])
+        if mistake is None:
+            begin, end = spans[t.name]
+            out.append(Mistake("unclear", (t.name,), f"it runs from {begin:.2f} to {end:.2f} s, which is not this test's program"))
+        else:
+            out.append(Mistake(mistake.kind, (t.name,), mistake.sentence, factor=mistake.value))
+    if len(out) == len(campaign.measured) > 1 and len({(m.kind, m.factor, m.evidence) for m in out}) == 1:
+        return [replace(out[0], tests=tuple(t.name for t in campaign.measured), every=True)]
+    return out
+
+
+def write_corrected(result: CheckResult, folder: str | Path) -> list[Path]:
+    """Write the campaign's files into a new folder, with the mistakes put right.
+
+    Raises:
+        InputError: a mistake leaves a choice, there is none, or the folder has files in it.
+    """
+    source, out = result.campaign.folder, Path(folder)
+    if not result.mistakes:
+        raise InputError(f"{source}: nothing to put right")
+    for m in result.mistakes:
+        if not m.certain:
+            raise InputError(f"{source / 'campaign.toml'}: {m.sentence}; put it right by hand, only you can tell")
+    if out.exists() and any(out.iterdir() if out.is_dir() else [out]):
+        raise InputError(f"{out}: exists; allowed: a new or empty folder for the corrected copy")
+    document = tomlkit.parse(read_text(source / "campaign.toml"))
+    tables = {str(t["name"]): t for t in document["test"]}
+    contents: dict[Path, str | bytes] = {}
+    for file in sorted(p for p in source.rglob("*") if p.is_file() and not p.is_relative_to(result.campaign.state_folder)):
+        contents[out / file.relative_to(source)] = file.read_bytes()
+    edits: dict[str, list[Mistake]] = {}
+    for m in result.mistakes:
+        _put_right(m, tables)
+        if m.kind in ("sign", "unit", "sign_and_unit", "time_unit", "origin"):
+            for name in m.tests:
+                edits.setdefault(str(tables[name]["trace"]), []).append(m)
+    for file, mistakes in edits.items():
+        raw = read_trace(source / file, replace(result.campaign.instrument, range=np.inf))
+        time, deviation = raw.time, np.where(raw.valid, raw.deviation, np.nan)
+        for m in mistakes:
+            time, deviation = rewritten(m, time, deviation)
+        contents[out / file] = trace_bytes(out / file, time, deviation)
+    if result.campaign.machine_file.is_file() and not result.campaign.machine_file.resolve().is_relative_to(source.resolve()):
+        document["machine"] = str(result.campaign.machine_file.resolve())
+    contents[out / "campaign.toml"] = tomlkit.dumps(document)
+    write_all(contents)
+    return list(contents)
+
+
+def _put_right(m: Mistake, tables: dict) -> None:
+    """What of a mistake stands in campaign.toml."""
+    if m.kind == "swapped":
+        a, b = (tables[name] for name in m.tests)
+        a["trace"], b["trace"] = str(b["trace"]), str(a["trace"])
+    for name in m.tests:
+        t = tables[name]
+        if m.kind == "direction" and t["kind"] == "rotary":
+            t["from_deg"], t["to_deg"] = float(t["to_deg"]), float(t["from_deg"])
+        elif m.kind == "direction":
+            t["direction"] = "CW" if t["direction"] == "CCW" else "CCW"
+        elif m.kind == "feed":
+            t["feed_mm_min"] = float(f"{m.factor * 60e3:.9g}")
+        elif m.kind == "revolutions":
+            t["revolutions"] = round(m.factor)

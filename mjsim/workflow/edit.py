@@ -1,0 +1,205 @@
+"""The commands as Python functions: ``add`` and ``remove`` an effect, with the ladder kept."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from mjsim.campaign.machine_file import read_machine
+from mjsim.campaign.model import Campaign
+from mjsim.effects import registry
+from mjsim.errors import InputError
+from mjsim.estimation.criteria import price
+from mjsim.estimation.fit import Fit, Fitter
+from mjsim.estimation.free import FreeEffect
+from mjsim.estimation.mistakes.gate import checked_problem
+from mjsim.estimation.one_way import one_way_rows
+from mjsim.estimation.problem import Problem
+from mjsim.estimation.search import Searcher
+from mjsim.estimation.signatures import Candidate, Projector, SignatureBank
+from mjsim.estimation.spectrum import spectral_candidates
+from mjsim.estimation.vibration import put_back, separate
+from mjsim.io.files import together
+from mjsim.machine.chain import AXES
+from mjsim.machine.effect import Effect
+from mjsim.machine.model import Machine
+from mjsim.progress import Progress, silent
+from mjsim.threads import one_blas_thread
+from mjsim.workflow import history as ladder
+from mjsim.workflow.compare import Comparison, compare
+
+
+@dataclass(frozen=True)
+class Change:
+    """What adding or removing an effect did: the effect, its 95 % intervals, and the comparisons before and after."""
+
+    effect: Effect
+    ci95: dict
+    before: Comparison
+    after: Comparison
+    machine: Machine
+
+
+def machine_of(campaign: Campaign, file: str | Path | None = None) -> Machine:
+    """The campaign's machine, or the one in ``file``."""
+    return read_machine(file if file is not None else campaign.machine_file)
+
+
+def resolve_effect(name: str) -> tuple[type[Effect], list[str], Path | None]:
+    """Class, possible subjects and source file of what the user names: an id, or the path of an effect file.
+
+    Raises:
+        InputError: there is no such effect, or the file is no effect file.
+    """
+    if name.endswith(".py") or "/" in name:
+        cls = registry.load_file(Path(name))
+        return cls, list(cls.subjects), Path(name).resolve()
+    cls, subject = registry.effect_class(name)
+    return cls, [subject], None
+
+
+def file_reference(source: Path, machine_file: Path) -> str:
+    """An effect file as a machine file names it: relative where it lies beside or below the machine file, so that both can move."""
+    folder = machine_file.resolve().parent
+    return source.relative_to(folder).as_posix() if source.is_relative_to(folder) else str(source)
+
+
+@one_blas_thread
+def add(
+    campaign: Campaign,
+    effect: str,
+    machine_file: str | Path | None = None,
+    threads: int = 2,
+    progress: Progress = silent,
+    record: bool = True,
+) -> Change:
+    """Fit an effect to the campaign and put it into the machine file.
+
+    The drives' data sheet is calibrated inside its tolerances during the fit, but not written: the file gets the effect only.
+
+    Args:
+        effect: id of the catalogue, or path of a Python file with one effect. record: write machine file and history.
+
+    Raises:
+        InputError: unknown effect, or one that this campaign cannot show.
+    """
+    machine = machine_of(campaign, machine_file)
+    cls, subjects, source = resolve_effect(effect)
+    _need_traces(campaign)
+    if record:
+        ladder.read_history(campaign)  # a damaged history stops us before the work
+    problem = checked_problem(campaign, machine, threads)
+    progress("fitting", 0, 1)
+    fitted_effect, ci95 = _fitted(problem, machine, cls, subjects)
+    if source is not None:
+        machine = replace(machine, effect_files={**machine.effect_files, fitted_effect.id: file_reference(source, machine.file)})
+    before = compare(campaign, machine, threads, progress, problem)
+    fitted = machine.with_effect(fitted_effect)
+    after = compare(campaign, fitted, threads, progress, problem)
+    change = Change(fitted_effect, ci95, before, after, fitted)
+    if record:
+        _record(campaign, "add", change, machine.file)
+    return change
+
+
+def remove(
+    campaign: Campaign, effect: str, machine_file: str | Path | None = None, threads: int = 2, progress: Progress = silent
+) -> Change:
+    """Take an effect out of the machine file again.
+
+    Raises:
+        InputError: the machine does not have it.
+    """
+    machine = machine_of(campaign, machine_file)
+    present = machine.effect(effect)
+    if present is None:
+        have = ", ".join(e.key for e in machine.effects) or "none"
+        raise InputError(f"{machine.path}: has no effect {effect!r}; it has: {have}")
+    _need_traces(campaign)
+    ladder.read_history(campaign)  # a damaged history stops us before the work
+    problem = Problem(campaign, machine, threads)
+    before = compare(campaign, machine, threads, progress, problem)
+    without = machine.without(present.key)
+    after = compare(campaign, without, threads, progress, problem)
+    change = Change(present, {}, before, after, without)
+    _record(campaign, "remove", change, machine.file)
+    return change
+
+
+def _need_traces(campaign: Campaign) -> None:
+    if not campaign.measured:
+        raise InputError(
+            f"{campaign.folder / 'campaign.toml'}: no test has a trace; the error before and after needs at least one measured test"
+        )
+
+
+def _record(campaign: Campaign, action: str, change: Change, path: Path) -> None:
+    steps = [ladder.step_of("start", "", path, change.before), ladder.step_of(action, change.effect.id, path, change.after)]
+    with together():
+        ladder.save_machine(change.machine, path, campaign)
+        ladder.record(campaign, steps)
+
+
+def _fitted(problem: Problem, machine: Machine, cls: type[Effect], subjects: list[str]) -> tuple[Effect, dict]:
+    """The effect at its best values on its best subject, with their 95 % intervals; vibrations are left out of the data meanwhile."""
+    rigid, lines = separate(problem, machine)
+    try:
+        if cls.kind == "vibration":
+            mine = [line for line in lines if line.effect.subject in subjects and line.ci95]
+            if not mine:
+                raise InputError(
+                    f"effect vibration.{'/'.join(subjects)}: no line of constant frequency along this axis stands out of the noise"
+                )
+            return mine[0].effect, mine[0].ci95
+        fitter = Fitter(problem, rigid)
+        best = min((fit_effect(problem, fitter, cls, s) for s in subjects), key=lambda f: f.objective)
+        free, block = best.effects[-1], best.block(len(best.effects) - 1)
+        return free.effect, free.interval(free.vector, best.covariance[block, block])
+    finally:
+        put_back(problem)
+
+
+def fit_effect(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str) -> Fit:
+    """Best fit of one effect over its starting points.
+
+    Raises:
+        InputError: the campaign cannot show it.
+    """
+    start = fitter.fit([], exact=False)
+    bank = SignatureBank(problem, start)
+    searcher = Searcher(fitter)
+    effect_id = f"{cls.kind}.{subject}"
+    silent_here = f"effect {effect_id} does not change any reading of this campaign; nothing to fit (which axes move in its tests?)"
+    if cls.scanned:
+        if subject in AXES and not any(np.ptp(m.commands[:, AXES.index(subject)]) for m in problem.motions):
+            raise InputError(silent_here)
+        fit, base = None, start
+        present = fitter.machine.effect(effect_id)
+        if present is not None and not present.is_neutral:  # its own components first, then what they leave
+            base = fit = fitter.fit([FreeEffect(present, cls.free_of(subject) or ("components",))], start=start, exact=False)
+        for _ in range(12):
+            rows = [
+                (*Projector(base).gain(w), c) for c, w in spectral_candidates(problem, base, bank, subject) if c.effect.key == effect_id
+            ]
+            gain, x, candidate = max(rows, key=lambda r: r[0], default=(0.0, None, None))
+            if gain <= 0.0 and fit is None:
+                raise InputError(silent_here)
+            if candidate is None or x is None or (fit is not None and gain < 40.0):
+                break
+            base = fit = fitter.fit(searcher.grown(base, candidate, x), start=base, exact=False)
+        return fitter.fit(base.effects, start=base)
+    present = fitter.machine.effect(effect_id)
+    names = cls.free_of(subject)
+    seeds = [Candidate(present, names)] if present else [Candidate(cls(subject, **v), names) for v in cls.seeds(subject)]
+    if not seeds:
+        seeds = [c for c, _ in spectral_candidates(problem, start, bank, subject) if c.effect.kind == cls.kind]
+    bank.compute(seeds)
+    if not bank.matrix.any():
+        raise InputError(silent_here)
+    rows = Projector(start).screen(bank)
+    best = {c.effect.key: (x, c) for _, x, c in sorted([*rows, *one_way_rows(start, bank, rows)], key=lambda r: r[0])}
+    trials = [fitter.fit(searcher.grown(start, c, x), start=start, exact=False) for x, c in best.values()]
+    trial = min(trials, key=price)
+    return fitter.fit(trial.effects, start=trial)

@@ -1,0 +1,75 @@
+"""The next test to run: the one that best separates what the data cannot tell apart, or makes a hidden effect show."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from mjsim.campaign.model import Campaign
+from mjsim.effects import registry
+from mjsim.errors import InputError
+from mjsim.estimation.fit import Fitter
+from mjsim.estimation.mistakes.gate import checked_problem
+from mjsim.estimation.planning.following import NOTHING, Plan, best_of, plan_for, typical
+from mjsim.estimation.planning.separation import Explanation
+from mjsim.estimation.samples import BLOCKS, usual_noise
+from mjsim.estimation.search import Searcher
+from mjsim.estimation.vibration import separate
+from mjsim.machine.model import Machine
+from mjsim.progress import Progress, silent
+from mjsim.threads import one_blas_thread
+from mjsim.workflow.edit import fit_effect
+
+
+@one_blas_thread
+def plan(
+    campaign: Campaign,
+    machine: Machine,
+    between: tuple[str, str] | None = None,
+    threads: int = 2,
+    progress: Progress = silent,
+) -> Plan | None:
+    """The next test to run.
+
+    Without ``between`` the campaign is diagnosed first: the first effect that has alternatives is separated from its first one; where
+    nothing is ambiguous, the first effect that is not testable is made to show. ``None`` where there is neither.
+
+    Args:
+        between: two effect ids, or one and ``"nothing"``.
+
+    Raises:
+        InputError: unknown effect; no traces and no ``between``.
+    """
+    ids = tuple(i for i in between or () if i != NOTHING)
+    for i in ids:
+        registry.effect_class(i)
+    if between is not None and (len(between) != 2 or not ids or len(set(between)) != 2):
+        raise InputError(f"plan between {' and '.join(between)}: allowed are two different effects, or one effect and {NOTHING!r}")
+    if between is not None and NOTHING in between:
+        between = (ids[0], NOTHING)
+    if not campaign.measured:
+        if between is None:
+            raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; say which effects to separate (--between A B)")
+        pair = _by_default(between[0], machine), _by_default(between[1], machine)
+        return best_of(between, pair, campaign, usual_noise(), BLOCKS[0], threads, progress)
+    progress("preparing", 0, 1)
+    problem = checked_problem(campaign, machine, threads)
+    rigid, _ = separate(problem, machine)
+    fitter = Fitter(problem, rigid)
+    if between is None:
+        search = Searcher(fitter, progress).run()
+        return plan_for(problem, search, threads, progress)
+    length = problem.layout.length
+    if NOTHING in between:
+        here = Explanation.of_fit(NOTHING, fitter.fit([], exact=False), length)
+        pair = replace(here, name=ids[0], effects=(typical(ids[0]),)), here
+    else:
+        first, second = (Explanation.of_fit(i, fit_effect(problem, fitter, *registry.effect_class(i)), length) for i in between)
+        pair = first, second
+    return best_of(between, pair, campaign, problem.noise, problem.samples[0].block, threads, progress)
+
+
+def _by_default(effect_id: str, machine: Machine) -> Explanation:
+    """An effect at its typical size on an unmeasured machine; nothing at all for :data:`NOTHING`."""
+    if effect_id == NOTHING:
+        return Explanation.of_priors(NOTHING, machine, [])
+    return Explanation.of_priors(effect_id, machine, [typical(effect_id)])
