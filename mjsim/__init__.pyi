@@ -19,6 +19,7 @@ from mjsim.importing.features import imported_features as imported_features
 from mjsim.importing.importer import import_trace as import_trace
 from mjsim.machine.effect import Effect as Effect
 from mjsim.machine.effect import Parameter as Parameter
+from mjsim.machine.motion import Motion as Motion
 from mjsim.nc.control import Control as Control
 from mjsim.nc.control import feed_report as feed_report
 from mjsim.nc.read import read_nc as read_nc
@@ -27,7 +28,6 @@ from mjsim.nc.write import write_nc as write_nc
 from mjsim.paper.figures import figures as figures
 from mjsim.report.write import report as report
 from mjsim.simulation.multibody import simulate as simulate
-from mjsim.simulation.tracker import Motion as Motion
 from mjsim.workflow.check import check as check
 from mjsim.workflow.check import write_corrected as write_corrected
 from mjsim.workflow.compare import compare as compare

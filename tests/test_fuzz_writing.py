@@ -386,7 +386,8 @@ def test_a_group_inside_a_group_belongs_to_it(tmp_path):
 def test_terminated_while_it_works(tmp_path):
     """The real process: SIGTERM in the middle of a long run ends it with one sentence, and its folder is as it was."""
     code = (
-        "import os, signal, sys, threading; from mjsim.cli.main import main; from mjsim.simulation import mjmodel; real = mjmodel.build_model\n"
+        "import os, signal, sys; from mjsim.cli.main import main\n"
+        "from mjsim.simulation import mjmodel; real = mjmodel.build_model\n"
         "def build(*a):\n    os.kill(os.getpid(), signal.SIGTERM)\n    return real(*a)\n"
         "mjmodel.build_model = build; sys.argv = ['mjsim', *sys.argv[1:]]; main()"
     )

@@ -298,11 +298,26 @@ def test_an_installed_package_that_fails_is_named(monkeypatch):
 # -- everything else that a class can override --------------------------------------------------------------------------------------
 
 HOOKS = {
-    "apply loops": ("    def apply(self, plant):\n        while True: pass\n", "apply did not end within 0.3 s (mine.py, line 16)"),
-    "apply raises": ("    def apply(self, plant):\n        plant.axes['Q']\n", "apply raised KeyError: 'Q' (mine.py, line 16)"),
-    "apply gives NaN": ("    def apply(self, plant):\n        plant.axes['A'].delay = float('nan')\n", "apply put delay = nan into the A drive"),
-    "apply takes the inertia": ("    def apply(self, plant):\n        plant.axes['A'].inertia = 0\n", "apply put inertia = 0 into the A drive"),
-    "apply adds what is none": ("    def apply(self, plant):\n        plant.add_op('user', 99, 'A', 1.0)\n", "an operation with code 99"),
+    "apply loops": (
+        "    def apply(self, plant):\n        while True: pass\n",
+        "apply did not end within 0.3 s (mine.py, line 16)",
+    ),
+    "apply raises": (
+        "    def apply(self, plant):\n        plant.axes['Q']\n",
+        "apply raised KeyError: 'Q' (mine.py, line 16)",
+    ),
+    "apply gives NaN": (
+        "    def apply(self, plant):\n        plant.axes['A'].delay = float('nan')\n",
+        "apply put delay = nan into the A drive",
+    ),
+    "apply takes the inertia": (
+        "    def apply(self, plant):\n        plant.axes['A'].inertia = 0\n",
+        "apply put inertia = 0 into the A drive",
+    ),
+    "apply adds what is none": (
+        "    def apply(self, plant):\n        plant.add_op('user', 99, 'A', 1.0)\n",
+        "an operation with code 99",
+    ),
     "a property loops": (
         "    @property\n    def is_neutral(self):\n        while True: pass\n", "is_neutral did not end within 0.3 s (mine.py, line 17)",
     ),

@@ -128,7 +128,7 @@ def test_every_part_is_in_the_architecture():
 
 
 def test_imports_go_one_way():
-    layers = _layers() | {"__init__": 0}  # the package itself: names and version
+    layers = _layers() | {"__init__": 99}  # the package itself: names and version
     wrong = [f"{m} imports {t}" for m, file in MODULES.items() for t in _imports(file) if layers[_part(t)] > layers[_part(m)]]
     assert not wrong, "\n".join(wrong)
 
