@@ -2,6 +2,7 @@
 
 import doctest
 import importlib
+import importlib.util
 import pkgutil
 import re
 import subprocess
@@ -77,3 +78,12 @@ def test_reference_lists_every_public_function():
         thing = getattr(mjsim, name)
         if callable(thing) and not isinstance(thing, type):
             assert f"{thing.__module__}.{thing.__name__}" in listed, name
+
+
+def test_the_catalogue_is_up_to_date():
+    """The page of effects says what the classes say, and every kind has its picture."""
+    spec = importlib.util.spec_from_file_location("build_catalogue", ROOT / "scripts" / "build_catalogue.py")
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    assert script.PAGE.read_text(encoding="utf-8") == script.page(), "run scripts/build_catalogue.py"
+    assert {f.stem for f in script.IMAGES.glob("*.svg")} == set(script.shipped()) == set(script.PANELS)
