@@ -123,36 +123,40 @@ def figure(curves: list[Curve]):
 TEXT = textwrap.dedent("""\
     # Speed
 
-    Written by `scripts/benchmark --write`; do not edit. {head}.
+    Written by `scripts/benchmark --write`. Do not edit this page. Measured on: {head}.
 
-    The ratio is that of the time to a bare `mujoco.rollout` of the shipped machine's model over the same number of 1 ms steps on one core,
-    timed in the same run: no drives, no effects, no commands, no files. Of a command the steps are those of one simulation of all its
-    tests. (In the first rows the bare rollout is of the model in question, which has four more joints with every effect on.) Ratios depend
-    little on the computer, seconds do.
+    The *ratio* is the time over the time of a bare `mujoco.rollout` of the shipped machine's model,
+    with the same number of 1 ms steps on one core, timed in the same run. The bare rollout has no
+    drives, no effects, no commands and no files. For a command, the steps are those of one simulation
+    of all its tests. In the first rows the bare rollout is of the model in question, which has four
+    more joints if every effect is on. Ratios depend little on the computer. Seconds do.
 
     {table}
 
     ![Time over the number of tests and of candidates, and memory over the number of tests](images/speed.png)
 
-    *Points: measured. Line: the power that fits them. Dotted: growth in proportion.*
+    *Points: measured. Line: the fitted power. Dotted: growth in proportion.*
 
-    ## What the time goes into
+    ## What takes the time
 
-    **A simulation.** Half and more is MuJoCo's own step: kinematics of ten bodies, mass matrix, bias forces. What is only looked at
-    (meshes, cameras, lights, the bar) is left out of the simulated model, and so is gravity where every moving body is balanced. The
-    rest is the callback: drives and friction in two sub-steps per axis, and the transmission's operations, most of them one sine or
-    exponential. Nothing of it is Python.
+    **A simulation.** Half of the time and more is the step of MuJoCo itself: kinematics of ten bodies,
+    mass matrix and bias forces. The simulated model leaves out what only serves to look at: meshes,
+    cameras, lights and the bar. It also leaves out gravity if every moving body is balanced. The rest
+    is the callback: drives and friction in two sub-steps for each axis, and the operations of the
+    transmission. Most of these are one sine or one exponential. No Python runs in it.
 
-    **Compare.** One simulation of every test, the fit of the nuisances, and the plots, which take about as long as the simulations. A
-    test's simulation is given up once its reading is there; what stays of a test is its trace, its reading on three grids and its residual.
-    The nuisances' equations are put together test by test, so that they grow with the tests, not with their square.
+    **Compare.** It simulates every test once, fits the nuisances and draws the plots. The plots take
+    about as long as the simulations. The simulation of a test is discarded as soon as its reading is
+    there. Its trace, its reading on three grids and its residual stay. The equations of the nuisances
+    are put together test by test. They grow with the number of tests, not with its square.
 
-    **Diagnose.** Signatures of some 300 candidate effects, each on all tests: quasi-static ones follow from one motion, a drive's effects
-    need its axis simulated anew. Then joint fits of the best. The memory is that of the whitened signatures, (blocks, candidates), and of
-    the data sheet's columns; it grows with the tests.
+    **Diagnose.** It computes the signatures of some 300 candidate effects on all tests. Signatures of
+    quasi-static effects follow from one motion. For effects of a drive, its axis is simulated again.
+    Then come joint fits of the best. The memory is that of the whitened signatures, (blocks,
+    candidates), and of the columns of the data sheet. It grows with the number of tests.
 
-    **The first command.** `scripts/setup` compiles what the commands use. After an update of the code Numba compiles the engine once more,
-    some ten seconds.
+    **The first command.** `scripts/setup` compiles what the commands use. After an update of the code,
+    Numba compiles the engine once more, which takes some ten seconds.
 
-    Sweeps have figures of their own ([sweeps](batch.md#speed)), and so have [animations](animation.md).
+    More figures: [sweeps](batch.md#speed) and [videos](animation.md).
     """)

@@ -73,8 +73,8 @@ INTRODUCTION = textwrap.dedent("""\
     Written by `scripts/build_catalogue.py` from the effect classes. Do not edit this page.
 
     An effect is one physical cause of motion error. Its id is `kind.SUBJECT`, for example `backlash.A`.
-    `mjsim effects` prints this list, and `mjsim effects backlash.A` prints one entry.
-    An effect that is missing here can be [written by you](how-to-effect.md).
+    `mjsim effects` prints this list, and `mjsim effects backlash.A` prints one entry. An effect that is
+    missing here can be [written by you](how-to-effect.md).
 
     **The pictures.** Each picture shows what the effect adds to the reading of the ball bar: a
     simulation with the effect minus a simulation without it, in the multibody model. The size of the
@@ -88,10 +88,10 @@ INTRODUCTION = textwrap.dedent("""\
     | cone | cone frustum 15°/10°, table ball 50 mm off the C axis in Y, 1000 mm/min, two revolutions counter-clockwise |
     | wide cone | cone frustum 45°/30°, table ball on the C axis, 1000 mm/min, two revolutions counter-clockwise |
 
-    **The columns.** *Off at* is the value that switches the effect off. A parameter without such a value
-    describes the shape of the effect. *Typical size* is the first step of a fit. *Allowed* are the bounds.
-    Terms are explained in the [glossary](glossary.md), symbols in the [theory](theory.md). "Paper" means
-    Kato, Tsutsumi and Sato (2013).
+    **The columns.** *Off at* is the value that switches the effect off. A parameter without such a
+    value describes the shape of the effect. *Typical size* is the first step of a fit. *Allowed* are
+    the bounds. Terms are explained in the [glossary](glossary.md), symbols in the [theory](theory.md).
+    "Paper" means Kato, Tsutsumi and Sato (2013).
     """)
 
 

@@ -2,10 +2,24 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections import Counter, defaultdict
 
 import numpy as np
 from scipy.stats import beta
+
+INTRODUCTION = """\
+This page has the figures of `scripts/benchmark_diagnosis` on the published half of its bank. The
+bank has campaigns of the generator in `tests/independent`. The generator shares no code with mjsim:
+it has its own kinematics, drives, instrument and noise. The other half of the bank was used for
+tuning and does not count here.
+
+- The *size* of a signature is its RMS over the campaign, after set-up and trigger errors are taken
+  out.
+- The *noise of the mean* is that of the mean of two revolutions (noise of a sample over √2).
+- *Separable* means that no other effect's signature has a cosine above 0.97 with that of the hidden
+  one.
+- Intervals are 95 % (Clopper-Pearson).""".splitlines()
 
 
 def truth(row: dict) -> list[str]:
@@ -80,6 +94,11 @@ def _covered(row: dict) -> list[bool]:
     return out
 
 
+def wrapped(text: str) -> list[str]:
+    """Prose in lines of at most 100 columns."""
+    return textwrap.wrap(text, 100, break_long_words=False, break_on_hyphens=False)
+
+
 def page(rows: list[dict], remark: str = "") -> str:
     """The page as Markdown."""
     by = defaultdict(list)
@@ -111,16 +130,15 @@ def page(rows: list[dict], remark: str = "") -> str:
     out = [
         "# How far the diagnosis can be trusted",
         "",
-        "Figures of `scripts/benchmark_diagnosis` on the published half of its bank: campaigns of the generator in `tests/independent`, "
-        "which shares no code with mjsim (own kinematics, drives, measurement chain). The other half was used for tuning and does not "
-        "count here. A signature's size is its RMS over the campaign after set-up and trigger errors are taken out; the noise of the "
-        "mean is that of the mean of two revolutions (sample noise over √2). *Separable*: no other effect's signature has a cosine "
-        "above 0.97 with the hidden one's. Intervals are 95 % (Clopper-Pearson).",
+        *INTRODUCTION,
         "",
-        f"{len(rows)} campaigns: " + ", ".join(f"{len(v)} {k}" for k, v in sorted(by.items())) + f"; {len(rows) - len(ok)} crashed. "
-        f"A diagnosis took {np.median(seconds):.0f} s (median) and at most {max(seconds):.0f} s on one core.",
+        *wrapped(
+            f"The page covers {len(rows)} campaigns: " + ", ".join(f"{len(v)} {k}" for k, v in sorted(by.items())) + ". "
+            f"{len(rows) - len(ok)} crashed. A diagnosis took {np.median(seconds):.0f} s (median) and at most {max(seconds):.0f} s "
+            "on one core."
+        ),
         "",
-        *([remark, ""] if remark else []),
+        *([line for part in remark.split("\n\n") for line in (*wrapped(part), "")] if remark else []),
         "| | measured | target |",
         "|---|---|---|",
         _line("false alarms on healthy machines", nulls, lambda r: r["result"]["verdict"] != "nothing_found", "at most 1 %"),
@@ -137,7 +155,7 @@ def page(rows: list[dict], remark: str = "") -> str:
         "",
         "## Detection",
         "",
-        "Share of single effects named, by the size of their signature in units of the noise of the mean:",
+        "Share of single effects that were named, by size in units of the noise of the mean:",
         "",
         "| size | named |",
         "|---|---|",
@@ -147,9 +165,9 @@ def page(rows: list[dict], remark: str = "") -> str:
         out.append(f"| {low} to {high} | {rate(sum(map(exact, inside)), len(inside))} |")
     out += [
         "",
-        "Smallest signature named and largest not named, µm RMS, per effect:",
+        "Smallest signature that was named and largest that was not, in µm RMS, for each effect:",
         "",
-        "| effect | named from | missed up to |",
+        "| effect | named from, µm RMS | missed up to, µm RMS |",
         "|---|---|---|",
     ]
     kinds = defaultdict(list)
@@ -162,7 +180,7 @@ def page(rows: list[dict], remark: str = "") -> str:
         "",
         "## Confusion",
         "",
-        "Single effects by kind: what was said instead of the truth, or beside it.",
+        "Single effects by kind: what the diagnosis said instead of the truth, or beside it.",
         "",
         "| hidden | said | times |",
         "|---|---|---|",
