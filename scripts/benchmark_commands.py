@@ -20,9 +20,10 @@ from benchmark_page import Curve, Row
 
 from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
-from mjsim.estimation import search, signatures
+from mjsim.estimation import signatures
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.problem import Problem
+from mjsim.estimation.selection import ModelSelection
 from mjsim.io.resources import examples
 from mjsim.simulation.axes import time_grid
 from mjsim.threads import one_blas_thread
@@ -135,15 +136,15 @@ def candidates() -> tuple[tuple[int, ...], tuple[float, ...], int]:
         campaign, n = read_campaign(folder), steps(folder)
         machine = machine_of(campaign)
         fitter = Fitter(Problem(campaign, machine, len(os.sched_getaffinity(0))), machine)
-        searcher = search.Searcher(fitter)
-        start, every = searcher.start(), signatures.seeds(machine)
+        selection = ModelSelection(fitter)
+        start, every = selection.start(), signatures.seeds(machine)
         counts, seconds = [], []
         for share in (8, 4, 2, 1):
             some = every[::share]
             begin = time.perf_counter()
             bank = signatures.SignatureBank(fitter.problem, start)
             bank.compute(some)
-            searcher.ranked(start, bank)
+            selection.ranked_candidates(start, bank)
             counts.append(len(some))
             seconds.append(time.perf_counter() - begin)
     return tuple(counts), tuple(seconds), n

@@ -22,11 +22,11 @@ from mjsim.ballbar.measurement import Trace
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.model import Campaign
-from mjsim.estimation.calibration import SHEET, calibrated
-from mjsim.estimation.criteria import possible
+from mjsim.estimation.criteria import is_feasible
+from mjsim.estimation.data_sheet import SHEET, calibrated
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, Problem
-from mjsim.estimation.search import THRESHOLD, Searcher
+from mjsim.estimation.selection import THRESHOLD, ModelSelection
 from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.io.resources import examples
 from mjsim.machine.chain import reading
@@ -75,11 +75,11 @@ def main() -> None:
         machine = machines[number % 2]
         problem = Problem(null_campaign(base, machine, rng), machine)
         fitter = Fitter(problem, machine)
-        searcher = Searcher(fitter)
-        start = searcher.start()
+        selection = ModelSelection(fitter)
+        start = selection.start()
         bank = SignatureBank(problem, start)
         bank.compute(seeds(machine))
-        best = [(round(r[0], 1), r[2].id) for r in searcher.ranked(start, bank) if possible(machine, r[1], r[2])][:3]
+        best = [(round(r[0], 1), r[2].id) for r in selection.ranked_candidates(start, bank) if is_feasible(machine, r[1], r[2])][:3]
         square = start.sum_squares / problem.count
         rows.append({"number": number, "tests": [t.name for t in problem.tests], "best": best, "mean_square": square})
         print(json.dumps(rows[-1]), flush=True)

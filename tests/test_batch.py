@@ -25,7 +25,7 @@ from mjsim.batch.figures import FIGURES
 from mjsim.batch.sweep import read_sweep
 from mjsim.cli.main import main
 from mjsim.errors import InputError
-from mjsim.estimation.calibration import SHEET
+from mjsim.estimation.data_sheet import SHEET
 from mjsim.io.resources import examples
 from mjsim.machine.model import TOLERANCE
 from mjsim.simulation import callback

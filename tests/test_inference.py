@@ -9,8 +9,8 @@ from mjsim.ballbar.measurement import BallBarTest, Trace
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.effects import registry
-from mjsim.estimation.free import FreeEffect
-from mjsim.estimation.outliers import mark_outliers, take_back
+from mjsim.estimation.effect_vector import EffectVector
+from mjsim.estimation.outliers import mark_outliers, readmit_outliers
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import Samples, estimate_noise, revolution_time
 from mjsim.io.resources import examples
@@ -86,20 +86,20 @@ def test_what_the_fitted_model_follows_was_no_knock():
     s.refresh()
     rest = s.value.copy()
     rest[2020:2040] += 8e-6
-    assert take_back(s, given, rest, 0.1e-6) == 1
+    assert readmit_outliers(s, given, rest, 0.1e-6) == 1
     assert not s.valid[2000:2060].any() and s.valid[4000:4060].all() and not s.valid[6000:6010].any()
     assert s.good[np.searchsorted(s.edges, 4030, "right") - 1]
     assert not s.good[np.searchsorted(s.edges, 2030, "right") - 1]
-    assert take_back(s, given, rest, 0.1e-6) == 0
+    assert readmit_outliers(s, given, rest, 0.1e-6) == 0
 
 
 def test_free_vector_round_trip():
     effect = registry.make("pitch_error.C", components=[[72, 0.0025, 30.0], [180, 0.0005, -120.0]])
-    free = FreeEffect(effect, ("components",))
+    free = EffectVector(effect, ("components",))
     back = free.at(free.vector).values["components"]
     assert np.allclose(back, effect.values["components"])
     wave = registry.make("radial_error_motion.C", amplitude_um=2.0, order=3.0, phase_deg=50.0)
-    free = FreeEffect(wave, wave.free)
+    free = EffectVector(wave, wave.free)
     assert free.at(free.vector).values == pytest.approx(wave.values)
     low, high = free.interval(free.vector, np.diag([1e-4, 1e-4]))["amplitude_um"]
     assert low == pytest.approx(2.0 - 1.96e-2) and high == pytest.approx(2.0 + 1.96e-2)
@@ -134,7 +134,7 @@ def test_nuisances_are_recovered_by_a_problem_of_known_offsets():
 
 def test_a_ball_in_another_seat_is_left_out_and_a_step_that_repeats_is_not():
     """A lasting jump: the shorter side goes. The machine's own steps come back in the other revolution and stay."""
-    from mjsim.estimation.outliers import cut_at, largest_jump
+    from mjsim.estimation.outliers import largest_jump, leave_out_shorter_side
 
     rng = np.random.default_rng(6)
     s = samples(rng, signal=3e-6)
@@ -143,7 +143,7 @@ def test_a_ball_in_another_seat_is_left_out_and_a_step_that_repeats_is_not():
     s.value = own + seat
     at = largest_jump(s, s.value, 0.1e-6)
     assert abs(at - 6000) < 20
-    cut_at(s, at, s.value.copy())
+    leave_out_shorter_side(s, at, s.value.copy())
     longer = s.valid[: 6000 - 100], s.valid[6000 + 100 :]
     assert longer[0].mean() + longer[1].mean() == pytest.approx(1.0, abs=0.02)
     assert s.valid.mean() > 0.5
@@ -154,7 +154,7 @@ def test_a_ball_in_another_seat_is_left_out_and_a_step_that_repeats_is_not():
 def test_a_stiffness_is_fitted_as_its_compliance():
     """Off is infinite for the file and zero for the fit; intervals come back in the file's unit, low to high."""
     soft = registry.make("drive_compliance.X", stiffness_N_per_um=50.0, damping_ratio=0.1)
-    free = FreeEffect(soft, soft.free_of("X"))
+    free = EffectVector(soft, soft.free_of("X"))
     assert free.vector == pytest.approx([2.0, 2.0])
     assert free.neutral == pytest.approx([0.0]) and free.linear == [0]
     assert free.at(np.array([4.0, 2.0])).values["stiffness_N_per_um"] == pytest.approx(25.0)
@@ -165,22 +165,22 @@ def test_a_stiffness_is_fitted_as_its_compliance():
 
 def test_a_generic_curve_finds_the_axis_and_the_variable():
     """A float of X with Y's speed, laid over a healthy campaign: the term says so, and so does the effect file it writes."""
-    from mjsim.estimation.empirical import best_term
+    from mjsim.estimation.curve_search import best_curve_term
     from mjsim.estimation.fit import Fitter
-    from mjsim.estimation.search import Searcher
-    from mjsim.estimation.unknown import describe
+    from mjsim.estimation.selection import ModelSelection
+    from mjsim.estimation.unexplained import describe
 
     campaign = read_campaign(examples() / "healthy")
     machine = read_machine(campaign.machine_file)
     tests = tuple(t for t in campaign.tests if t.name in ("circle-xy-ccw", "cone15-x50-ccw", "cone15-parallel-ccw"))
     problem = Problem(dataclasses.replace(campaign, tests=tests, traces={t.name: campaign.traces[t.name] for t in tests}), machine)
-    clean = Searcher(Fitter(problem, machine)).start()
-    assert best_term(problem, clean) is None
+    clean = ModelSelection(Fitter(problem, machine)).start()
+    assert best_curve_term(problem, clean) is None
     for s, m, sens in zip(problem.samples, problem.motions, problem.sensitivity, strict=True):
         speed = np.abs(np.gradient(m.commands[::5, 1], m.time[5]))
         s.take_out(-s.sample_all(sens.axes[:, 0] * 2e-6 * np.sqrt(speed / 0.0167), 0.0))
-    fit = Searcher(Fitter(problem, machine)).start()
-    term = best_term(problem, fit)
+    fit = ModelSelection(Fitter(problem, machine)).start()
+    term = best_curve_term(problem, fit)
     assert (term.axis, term.moves, term.variable) == ("Y", "X", "velocity")
     told = describe(problem, fit, term)
     assert told.axes == ("Y", "X") and told.variable == "velocity" and "X axis" in told.summary
@@ -192,18 +192,18 @@ def test_a_generic_curve_finds_the_axis_and_the_variable():
 def test_the_written_effect_does_what_its_term_did(moves, tmp_path):
     """The effect file of a term, simulated, changes the reading by what the term says."""
     from mjsim.effects.registry import load_file
+    from mjsim.estimation.curve_terms import CurveTerms
     from mjsim.estimation.effect_file import effect_source
     from mjsim.estimation.fit import Fitter
-    from mjsim.estimation.generic import Generic
-    from mjsim.estimation.search import Searcher
+    from mjsim.estimation.selection import ModelSelection
     from mjsim.machine.model import build
 
     campaign = read_campaign(examples() / "healthy")
     machine = read_machine(campaign.machine_file)
     tests = tuple(t for t in campaign.tests if t.name == "cone15-x50-ccw")
     problem = Problem(dataclasses.replace(campaign, tests=tests, traces={t.name: campaign.traces[t.name] for t in tests}), machine)
-    fit = Searcher(Fitter(problem, machine)).start()
-    term = next(t for t in Generic(problem, fit).of("C", moves) if t.variable == "position" and t.period)
+    fit = ModelSelection(Fitter(problem, machine)).start()
+    term = next(t for t in CurveTerms(problem, fit).of("C", moves) if t.variable == "position" and t.period)
     values = 3.0 * np.cos(term.knots) * term.unit
     path = tmp_path / "own.py"
     path.write_text(effect_source(term, values, "A test.", "own.py"))

@@ -10,7 +10,7 @@ import mjsim
 from mjsim.campaign.files import read_campaign, test_table
 from mjsim.cli.main import main
 from mjsim.effects.registry import make
-from mjsim.estimation.free import FreeEffect
+from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.planning.candidates import first_round, neighbours, reachable
 from mjsim.estimation.planning.choose import ENOUGH, worth
 from mjsim.estimation.planning.separation import Explanation, Separation, Separator
@@ -22,7 +22,7 @@ test_table.__test__ = False
 
 def explained(machine, effect_id, **values):
     effect = make(effect_id, **values)
-    return Explanation.of_priors(effect_id, machine, [FreeEffect(effect, effect.free_of(effect.subject))])
+    return Explanation.of_priors(effect_id, machine, [EffectVector(effect, effect.free_of(effect.subject))])
 
 
 def test_a_test_as_a_table_reads_back(tmp_path):
@@ -103,7 +103,7 @@ def test_unknown_or_equal_effects_are_refused():
 def test_nothing_may_be_named_first(monkeypatch, circle):
     """Without traces as with them: the plan makes the effect show."""
     made = Separation(circle("XY", (0, 0, 155)), 10 * ENOUGH, 1e-6)
-    monkeypatch.setattr("mjsim.estimation.planning.following.choose", lambda separator, tests, threads, progress: [made])
+    monkeypatch.setattr("mjsim.estimation.planning.next_test.choose", lambda separator, tests, threads, progress: [made])
     campaign = replace(read_campaign(examples() / "healthy", traces=False), traces={})
     plan = mjsim.plan(campaign, mjsim.read_machine(campaign.machine_file), between=("nothing", "squareness.XY"))
     assert plan.between == ("squareness.XY", "nothing") and "makes squareness.XY show" in plan.reason

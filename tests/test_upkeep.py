@@ -128,9 +128,7 @@ def test_every_part_is_in_the_architecture():
 def test_imports_go_one_way():
     layers = _layers()
     rooms = {m: file for m, file in MODULES.items() if m != "mjsim"}  # the package itself only hands names on
-    wrong = [
-        f"{m} imports {t}" for m, file in rooms.items() for t in _imports(file) - {"mjsim"} if layers[_part(t)] > layers[_part(m)]
-    ]
+    wrong = [f"{m} imports {t}" for m, file in rooms.items() for t in _imports(file) - {"mjsim"} if layers[_part(t)] > layers[_part(m)]]
     assert not wrong, "\n".join(wrong)
 
 

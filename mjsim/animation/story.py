@@ -12,7 +12,7 @@ from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
-from mjsim.estimation.mistakes.gate import checked_problem
+from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.vibration import phased
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent

@@ -10,7 +10,7 @@ from scipy.special import ndtri
 
 from mjsim.batch.schema import SweepTable, VaryTable
 from mjsim.errors import InputError
-from mjsim.estimation.calibration import SHEET
+from mjsim.estimation.data_sheet import SHEET
 
 #: Most simulations (runs times tests) of one sweep; more is taken for a slip.
 LARGEST = 1_000_000

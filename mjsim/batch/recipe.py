@@ -10,7 +10,7 @@ import numpy as np
 from mjsim.campaign.machine_file import DRIVE_KEYS
 from mjsim.effects import registry
 from mjsim.errors import InputError
-from mjsim.estimation.calibration import SHEET, calibrated
+from mjsim.estimation.data_sheet import SHEET, calibrated
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 

@@ -1,11 +1,11 @@
-"""What a candidate must satisfy: bounds, sizes that make sense, a price per parameter."""
+"""What a candidate must satisfy: bounds, sizes that make sense, a penalty per parameter."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit
-from mjsim.estimation.free import FreeEffect
 from mjsim.estimation.signatures import Candidate
 from mjsim.machine.effect import Effect, Parameter
 from mjsim.machine.model import Machine
@@ -26,21 +26,21 @@ ONE_WAY = 4.0
 _SLACK = 0.02
 
 
-def parameters(fit: Fit) -> int:
+def parameter_count(fit: Fit) -> int:
     """Number of free parameters of a model's effects."""
     return sum(len(f.vector) for f in fit.effects)
 
 
-def price(fit: Fit) -> float:
+def penalised_objective(fit: Fit) -> float:
     """Objective of a model with its free parameters, and the directions that its effects pick, paid for: the lower the better."""
-    return fit.objective + PRICE * parameters(fit) + ONE_WAY * sum(f.effect.way != 0.0 for f in fit.effects)
+    return fit.objective + PRICE * parameter_count(fit) + ONE_WAY * sum(f.effect.way != 0.0 for f in fit.effects)
 
 
-def possible(machine: Machine, x: np.ndarray, c: Candidate) -> bool:
+def is_feasible(machine: Machine, x: np.ndarray, c: Candidate) -> bool:
     """Whether the linear estimate lies within the parameter's bounds and above its least sensible size."""
     if c.effect.scanned:
         return True
-    free = FreeEffect(c.effect, c.names)
+    free = EffectVector(c.effect, c.names)
     if free.polar and free.amplitude is not None:
         p = free.specs[free.amplitude]
         return bool(np.hypot(x[0], x[1]) * p.scale <= p.upper)
@@ -56,7 +56,7 @@ def possible(machine: Machine, x: np.ndarray, c: Candidate) -> bool:
     return True
 
 
-def sensible(machine: Machine, free: FreeEffect) -> bool:
+def is_large_enough(machine: Machine, free: EffectVector) -> bool:
     """Whether a fitted effect is large enough to be a cause of its own, and outside what the data sheet allows anyway."""
     effect: Effect = free.effect
     present = machine.effect(effect.key)
@@ -72,14 +72,14 @@ def _departs(effect: Effect, p: Parameter, value: float, present: float | None) 
     return departure > 0.0 and departure >= effect.least and departure >= BEYOND_SHEET * effect.tolerances.get(p.name, 0.0) * abs(origin)
 
 
-def wald(machine: Machine, fit: Fit, index: int) -> float:
+def wald_statistic(machine: Machine, fit: Fit, index: int) -> float:
     """Squared distance of an effect's linear entries from off, in standard deviations: a lower bound of what dropping it costs."""
     f = fit.effects[index]
     block = fit.block(index)
     v = f.vector
     present = machine.effect(f.effect.key)
     if present is not None:
-        d = v - FreeEffect(present, f.names).vector if len(FreeEffect(present, f.names).vector) == len(v) else v
+        d = v - EffectVector(present, f.names).vector if len(EffectVector(present, f.names).vector) == len(v) else v
         keep = list(range(len(v)))
     elif f.polar or f.effect.scanned:
         d, keep = v, list(range(len(v) if f.effect.scanned else 2))

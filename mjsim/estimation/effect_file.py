@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mjsim.estimation.generic import TABLE, Term
+from mjsim.estimation.curve_terms import TABLE, CurveTerm
 from mjsim.machine.chain import AXES, LINEAR, ROTARY
 
 _ARGUMENT = {
@@ -67,7 +67,7 @@ _ON_TABLE = """a, c = motion.position[:, 3], motion.position[:, 4]
         out[:, :3] = -size[:, None] * np.column_stack([x1, y1 * np.cos(a) - z0 * np.sin(a), y1 * np.sin(a) + z0 * np.cos(a)])"""
 
 
-def effect_source(term: Term, values: np.ndarray, summary: str, file_name: str) -> str:
+def effect_source(term: CurveTerm, values: np.ndarray, summary: str, file_name: str) -> str:
     """Python text of an effect that adds an empirical curve.
 
     Args:

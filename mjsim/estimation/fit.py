@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mjsim.estimation.calibration import SHEET, calibrated
-from mjsim.estimation.free import FreeEffect
+from mjsim.estimation.data_sheet import SHEET, calibrated
+from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.nuisance import TRIGGER_LIMIT, fit_nuisance
 from mjsim.estimation.problem import Problem
 from mjsim.machine.effect import Effect
@@ -28,19 +28,19 @@ class Fit:
 
     Attributes:
         base: the user's machine with ``effects`` in it, data sheet as printed.
-        effects: the free effects at their fitted values. nuisance: (layout.size,). tau: (len(SHEET),) data-sheet moves;
+        effects: the free effects at their fitted values. nuisance: (layout.size,). sheet_deviation: (len(SHEET),) data-sheet moves;
         all three in prior standard deviations (effects: typical sizes).
         objective: squared whitened residuals plus prior penalties. sum_squares: without the penalties.
-        readings: simulated readings on the GRID, with the fitted effects and the data sheet moved by ``held`` (the rest of ``tau``
-        counts linearly where the fit is not exact).
+        readings: simulated readings on the GRID, with the fitted effects and the data sheet moved by ``held`` (the rest of
+        ``sheet_deviation`` counts linearly where the fit is not exact).
         residual: (count,) whitened. design: (count, p) whitened columns, order nuisance, sheet, effects.
         covariance: (p, p) of those parameters. step: (p,) Gauss-Newton step from here (near zero after convergence).
     """
 
     base: Machine
-    effects: list[FreeEffect]
+    effects: list[EffectVector]
     nuisance: np.ndarray
-    tau: np.ndarray
+    sheet_deviation: np.ndarray
     objective: float = np.inf
     sum_squares: float = np.inf
     held: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -53,11 +53,11 @@ class Fit:
     @property
     def machine(self) -> Machine:
         """The machine with the fitted effects and the calibrated data sheet."""
-        return calibrated(with_effects(self.base, [f.effect for f in self.effects]), self.tau)
+        return calibrated(with_effects(self.base, [f.effect for f in self.effects]), self.sheet_deviation)
 
     def block(self, index: int) -> slice:
         """Columns of the ``index``-th effect in design and covariance."""
-        start = len(self.nuisance) + len(self.tau) + sum(len(f.vector) for f in self.effects[:index])
+        start = len(self.nuisance) + len(self.sheet_deviation) + sum(len(f.vector) for f in self.effects[:index])
         return slice(start, start + len(self.effects[index].vector))
 
 
@@ -88,7 +88,7 @@ class Fitter:
         sheet = self.problem.sample_grids(grids, fit.nuisance)
         return sheet, self.problem.whiten(sheet)
 
-    def frozen_sheet(self, effects: list[FreeEffect]) -> np.ndarray:
+    def frozen_sheet(self, effects: list[EffectVector]) -> np.ndarray:
         """Data-sheet entries that an effect fits freely, so that they leave the calibration, (len(SHEET),) bool."""
         out = np.zeros(len(SHEET), bool)
         if not self.calibrate:
@@ -100,7 +100,9 @@ class Fitter:
                 out |= [p.axis == f.effect.subject and p.name in freed for p in SHEET]
         return out
 
-    def fit(self, effects: list[FreeEffect], start: Fit | None = None, iterations: int = 6, exact: bool = True, fresh: bool = True) -> Fit:
+    def fit(
+        self, effects: list[EffectVector], start: Fit | None = None, iterations: int = 6, exact: bool = True, fresh: bool = True
+    ) -> Fit:
         """Fit the given effects together with nuisances and data sheet.
 
         Args:
@@ -137,7 +139,7 @@ class Fitter:
         self._solve(now, frozen, white)
         return now
 
-    def _begin(self, effects: list[FreeEffect], start: Fit | None, frozen: np.ndarray, exact: bool, fresh: bool):
+    def _begin(self, effects: list[EffectVector], start: Fit | None, frozen: np.ndarray, exact: bool, fresh: bool):
         """The better of two beginnings: where ``start`` ended, or fresh nuisances and the data sheet as printed.
 
         A model that lacked an effect has bent nuisances and data sheet; with the effect in it, a fresh beginning is often nearer.
@@ -145,42 +147,42 @@ class Fitter:
         p = self.problem
         beginnings = []
         if start is not None:
-            beginnings.append((start.nuisance.copy(), np.where(frozen, 0.0, start.tau)))
-        if start is None or (fresh and (start.sum_squares > _SOUND * p.count or np.abs(start.tau).max() > _UPRIGHT)):
+            beginnings.append((start.nuisance.copy(), np.where(frozen, 0.0, start.sheet_deviation)))
+        if start is None or (fresh and (start.sum_squares > _SOUND * p.count or np.abs(start.sheet_deviation).max() > _UPRIGHT)):
             beginnings.append((None, np.zeros(len(SHEET))))
         made = []
-        for nuisance, tau in beginnings:
-            fit = Fit(self.machine, list(effects), np.zeros(p.layout.size) if nuisance is None else nuisance, tau)
+        for nuisance, sheet_deviation in beginnings:
+            fit = Fit(self.machine, list(effects), np.zeros(p.layout.size) if nuisance is None else nuisance, sheet_deviation)
             if nuisance is None:
                 fit.nuisance = fit_nuisance(p, p.readings(build(fit.machine)))
             sheet, white = self.sheet_at(fit)
-            self._evaluate(fit, fit.tau, exact, sheet)
-            made.append((fit, sheet, white, fit.tau.copy()))
+            self._evaluate(fit, fit.sheet_deviation, exact, sheet)
+            made.append((fit, sheet, white, fit.sheet_deviation.copy()))
         return min(made, key=lambda m: m[0].objective)
 
     def _moved(self, fit: Fit, step: np.ndarray) -> Fit:
-        n, t = len(fit.nuisance), len(fit.tau)
+        n, t = len(fit.nuisance), len(fit.sheet_deviation)
         effects, at = [], n + t
         for f in fit.effects:
             v = f.vector
-            effects.append(FreeEffect(f.at(v + step[at : at + len(v)]), f.names))
+            effects.append(EffectVector(f.at(v + step[at : at + len(v)]), f.names))
             at += len(v)
         nuisance = fit.nuisance + step[:n]
         first = self.problem.layout.length + 1
         nuisance[first:] = np.clip(nuisance[first:], -TRIGGER_LIMIT, TRIGGER_LIMIT)
-        return replace(fit, effects=effects, nuisance=nuisance, tau=fit.tau + step[n : n + t])
+        return replace(fit, effects=effects, nuisance=nuisance, sheet_deviation=fit.sheet_deviation + step[n : n + t])
 
     def _evaluate(self, fit: Fit, anchor: np.ndarray, exact: bool, sheet: list[np.ndarray]) -> None:
         p = self.problem
         machine = with_effects(self.machine, [f.effect for f in fit.effects])
-        fit.held = fit.tau if exact else anchor
+        fit.held = fit.sheet_deviation if exact else anchor
         fit.readings = p.readings(build(calibrated(machine, fit.held)))
         rest = p.residual(fit.readings, fit.nuisance)
         if not exact:
-            rest = [r - c @ (fit.tau - anchor) for r, c in zip(rest, sheet, strict=True)]
+            rest = [r - c @ (fit.sheet_deviation - anchor) for r, c in zip(rest, sheet, strict=True)]
         fit.residual = p.whiten(rest)
         fit.sum_squares = float(fit.residual @ fit.residual)
-        fit.objective = fit.sum_squares + float(fit.nuisance @ fit.nuisance + fit.tau @ fit.tau)
+        fit.objective = fit.sum_squares + float(fit.nuisance @ fit.nuisance + fit.sheet_deviation @ fit.sheet_deviation)
 
     def effect_columns(self, fit: Fit) -> list[np.ndarray]:
         """Derivative of the block means with respect to the effects' vectors, (m, k) per test, m per typical size."""
@@ -207,12 +209,14 @@ class Fitter:
         return self._step(fit, weight)
 
     def _prior(self, fit: Fit, weight: float) -> np.ndarray:
-        n = len(fit.nuisance) + len(fit.tau)
+        n = len(fit.nuisance) + len(fit.sheet_deviation)
         return np.concatenate([np.full(n, weight), np.full(fit.design.shape[1] - n, _WIDE**-2)])
 
     def _step(self, fit: Fit, weight: float) -> np.ndarray:
         """Gauss-Newton step with the design that ``fit`` has, be it from an earlier point."""
-        now = np.concatenate([fit.nuisance, fit.tau, np.zeros(fit.design.shape[1] - len(fit.nuisance) - len(fit.tau))])
+        now = np.concatenate(
+            [fit.nuisance, fit.sheet_deviation, np.zeros(fit.design.shape[1] - len(fit.nuisance) - len(fit.sheet_deviation))]
+        )
         fit.step = fit.covariance @ (fit.design.T @ fit.residual - self._prior(fit, weight) * now)
         return fit.step
 

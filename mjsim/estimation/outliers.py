@@ -69,7 +69,7 @@ def mark_outliers(s: Samples, residual: np.ndarray, noise: float) -> int:
     return count
 
 
-def take_back(s: Samples, given: np.ndarray, residual: np.ndarray, noise: float) -> int:
+def readmit_outliers(s: Samples, given: np.ndarray, residual: np.ndarray, noise: float) -> int:
     """Count stretches again that were left out as disturbances and that a model follows: where nothing repeats, a quick local fault of
     the machine looks like a knock until the model has it.
 
@@ -139,7 +139,7 @@ def largest_jump(s: Samples, residual: np.ndarray, noise: float) -> int | None:
     return max((at, at + lag), key=lambda k: abs(single[min(k, len(single) - 1)]))
 
 
-def cut_at(s: Samples, here: int, residual: np.ndarray) -> bool:
+def leave_out_shorter_side(s: Samples, here: int, residual: np.ndarray) -> bool:
     """Leave out the shorter side of a jump before sample ``here``.
 
     Returns:

@@ -13,9 +13,9 @@ import numpy as np
 
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.model import Campaign
-from mjsim.estimation.calibration import SHEET, calibrated
+from mjsim.estimation.data_sheet import SHEET, calibrated
 from mjsim.estimation.nuisance import fit_nuisance
-from mjsim.estimation.outliers import MOST_EVENTS, SAME_PLACE, cut_at, largest_jump, mark_outliers, take_back
+from mjsim.estimation.outliers import MOST_EVENTS, SAME_PLACE, largest_jump, leave_out_shorter_side, mark_outliers, readmit_outliers
 from mjsim.estimation.samples import GRID, GRID_STEPS, Samples, estimate_noise, make_samples
 from mjsim.machine.chain import AXES, BarSensitivity
 from mjsim.machine.model import Machine, build
@@ -121,10 +121,10 @@ class Problem:
             self.outliers[s.test.name] = mark_outliers(s, r, self.noise.rms)
         for _ in range(MOST_EVENTS):
             jumps = {k: at for k, s in enumerate(self.samples) if (at := largest_jump(s, rest[k], self.noise.rms)) is not None}
-            accidents = [k for k in jumps if not self._elsewhere(jumps, k)]
+            accidents = [k for k in jumps if not self._jumps_elsewhere(jumps, k)]
             for k in accidents:
-                if cut_at(self.samples[k], jumps[k], rest[k]):
-                    self._seated_anew(k)
+                if leave_out_shorter_side(self.samples[k], jumps[k], rest[k]):
+                    self._give_own_setup(k)
                 self.outliers[self.tests[k].name] += 1
             if not accidents:
                 break
@@ -138,23 +138,23 @@ class Problem:
             for k, s in enumerate(self.samples)
         ]
 
-    def take_back(self, readings: list[np.ndarray], nuisance: np.ndarray) -> bool:
+    def readmit_outliers(self, readings: list[np.ndarray], nuisance: np.ndarray) -> bool:
         """Count disturbances again that a fitted model follows; whether there were any. Fits made before have other rows then."""
         found = 0
         for s, given, r in zip(self.samples, self._given, self._rest(readings, nuisance), strict=True):
-            back = take_back(s, given, r, self.noise.rms)
+            back = readmit_outliers(s, given, r, self.noise.rms)
             self.outliers[s.test.name] = max(0, self.outliers[s.test.name] - back)
             found += back
         return found > 0
 
-    def _seated_anew(self, k: int) -> None:
+    def _give_own_setup(self, k: int) -> None:
         """Give the test, of which the part after a knock is kept, ball offsets of its own."""
         t = self.tests[k]
         tests = [*self.tests[:k], replace(t, setup=f"{t.name} after a knock"), *self.tests[k + 1 :]]
         self.tests = tuple(tests)
         self.layout = NuisanceLayout(tuple(dict.fromkeys(t.setup for t in tests)), tuple(t.name for t in tests))
 
-    def _elsewhere(self, jumps: dict[int, int], k: int) -> bool:
+    def _jumps_elsewhere(self, jumps: dict[int, int], k: int) -> bool:
         """Whether another test jumps at the same position of a rotary axis that moves there: then it is no accident."""
 
         def place(j: int) -> np.ndarray:

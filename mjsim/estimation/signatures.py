@@ -9,9 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from mjsim.effects import registry
-from mjsim.estimation.calibration import calibrated
+from mjsim.estimation.data_sheet import calibrated
+from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit, with_effects
-from mjsim.estimation.free import FreeEffect
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import GRID_STEPS
 from mjsim.machine.chain import AXES
@@ -87,13 +87,13 @@ class SignatureBank:
     def columns(self, c: Candidate) -> list[np.ndarray]:
         """Block-mean signatures per test, (m, k), m per typical size."""
         present, moves = self._moves(c)
-        free = FreeEffect(c.effect, c.names)
+        free = EffectVector(c.effect, c.names)
         v = free.vector
         stateless = not present and self._stateless(c.effect)
         changes_of = self.position_changes if stateless else self._reading_changes if c.effect.quasi_static else self._motor_changes
         out: list[list[np.ndarray]] = [[] for _ in self.problem.tests]
         for move in moves:
-            at = v + move if present else self._alone(free, v, move)
+            at = v + move if present else self._from_neutral(free, v, move)
             effect = free.at(at)
             size = float(np.abs(move).max())
             for k, d in enumerate(changes_of(effect)):
@@ -106,13 +106,13 @@ class SignatureBank:
         Where the model lacks it, only entries count that the reading is linear in: the leading size (and its quadrature); shapes come
         with the refit.
         """
-        free = FreeEffect(c.effect, c.names)
+        free = EffectVector(c.effect, c.names)
         present = any(e.key == c.effect.key for e in self._machine.effects)
         every = np.eye(len(free.vector)) * _SMALL
         return present, every if present else every[free.linear]
 
     @staticmethod
-    def _alone(free: FreeEffect, v: np.ndarray, move: np.ndarray) -> np.ndarray:
+    def _from_neutral(free: EffectVector, v: np.ndarray, move: np.ndarray) -> np.ndarray:
         """Seed vector with its linear entries replaced by the small ``move``: neutral plus one small step."""
         out = v.copy()
         out[free.linear] = free.neutral + move[free.linear]
@@ -154,7 +154,7 @@ class SignatureBank:
         return p.map(one)
 
     def _with(self, effect: Effect) -> Machine:
-        return calibrated(with_effects(self.fit.base, [*(f.effect for f in self.fit.effects), effect]), self.fit.tau)
+        return calibrated(with_effects(self.fit.base, [*(f.effect for f in self.fit.effects), effect]), self.fit.sheet_deviation)
 
     def _reading_changes(self, effect: Effect) -> list[np.ndarray]:
         return self.problem.difference(self.base_readings, self.problem.readings(build(self._with(effect))), self.fit.nuisance)

@@ -39,14 +39,14 @@ def orders(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: in
         speed = np.gradient(x) / turn
         score = _backward(problem, np.where(s.good, rest[k], 0.0))
         place = (np.floor(x / turn * _BINS) % _BINS).astype(int)
-        for way, there in enumerate((speed > 0.0, speed <= 0.0)):
-            gathered[way] += np.bincount(place[there], (weight * score)[there], _BINS)
-            variance[way] += _variance(problem, highest, np.abs(speed[there]), weight[there])
-    ways = {"": (gathered.sum(axis=0), variance.sum(axis=0))}
+        for sense, there in enumerate((speed > 0.0, speed <= 0.0)):
+            gathered[sense] += np.bincount(place[there], (weight * score)[there], _BINS)
+            variance[sense] += _variance(problem, highest, np.abs(speed[there]), weight[there])
+    per_direction = {"": (gathered.sum(axis=0), variance.sum(axis=0))}
     if axis in ROTARY and all(v.any() for v in variance):
-        ways |= {"CCW": (gathered[0], variance[0]), "CW": (gathered[1], variance[1])}
+        per_direction |= {"CCW": (gathered[0], variance[0]), "CW": (gathered[1], variance[1])}
     out = {}
-    for name, (g, v) in ways.items():
+    for name, (g, v) in per_direction.items():
         gains = np.abs(np.fft.rfft(g)[1 : highest + 1]) ** 2 / np.maximum(v, 1e-30 + 1e-6 * v.max())
         out[name] = [int(n) + 1 for n in np.argsort(-gains, kind="stable")[:count]]
     return out
@@ -88,16 +88,16 @@ def spectral_candidates(problem: Problem, fit: Fit, bank: SignatureBank, axis: s
     found = orders(problem, fit, bank, axis, count + most)
     out = []
     for direction, numbers in found.items():
-        way = {"direction": direction} if direction else {}
-        own = present.get(cls(subject, components=[], **way).key)
+        values = {"direction": direction} if direction else {}
+        own = present.get(cls(subject, components=[], **values).key)
         have = {round(c[0]) for c in own.values["components"]} if own else set()
         for order in [n for n in numbers if n not in have][: count // 2 if direction else count]:
             sides = []
             for phase in (0.0, 90.0):
-                effect = cls(subject, components=[[float(order), 0.05 * scale, phase]], **way)
+                effect = cls(subject, components=[[float(order), 0.05 * scale, phase]], **values)
                 sides.append([d / 0.05 for d in bank.position_changes(effect)])
             columns = problem.whiten([np.column_stack(pair) for pair in zip(*sides, strict=True)])
-            out.append((Candidate(cls(subject, components=[[float(order), scale, 0.0]], **way), ("components",)), columns))
+            out.append((Candidate(cls(subject, components=[[float(order), scale, 0.0]], **values), ("components",)), columns))
     ripple, _ = registry.effect_class(f"torque_ripple.{axis}")
     per_motor_turn = [n if axis not in ROTARY else n / fit.base.drives[axis].gear for n in found[""]]
     fast = [n for n in per_motor_turn if n > _SLOWEST_RIPPLE]

@@ -173,9 +173,9 @@ def pitch_plots(name: str, results: dict[str, PitchIdentification], folder: Path
 def pitch_spectrum(d: DirectionIdentification) -> PitchSpectrum:
     """One direction's spectrum as it is drawn."""
     named = [(c.order, c.amplitude_deg) for c in d.components]
-    return PitchSpectrum(f"{d.axis} {d.way}", d.orders, d.amplitude_deg, d.floor_deg, d.limit_deg, named, d.tooth_order)
+    return PitchSpectrum(f"{d.axis} {d.direction}", d.orders, d.amplitude_deg, d.floor_deg, d.limit_deg, named, d.tooth_order)
 
 
 def pitch_curves(d: DirectionIdentification) -> PitchCurves:
     """One direction's curves as they are drawn."""
-    return PitchCurves(f"{d.axis} {d.way}", d.position_deg, d.raw_deg, d.modified_deg, d.identified_deg)
+    return PitchCurves(f"{d.axis} {d.direction}", d.position_deg, d.raw_deg, d.modified_deg, d.identified_deg)

@@ -73,7 +73,7 @@ class Finding:
         sentence: how it shows. tests: names of the tests that show it.
         share_percent: its share of the squared error above the noise that the machine as given leaves.
         gain: fall of the squared residuals in units of the noise; threshold: gain that chance alone hardly reaches.
-        confidence: what these numbers mean, in words. rejected: the rival that came nearest.
+        confidence: what these numbers mean, in words. rejected: the competing model that came nearest.
     """
 
     effect_id: str

@@ -1,4 +1,7 @@
-"""The evidence for what a diagnosis found: parameters, shares, confidence in words that hang on numbers, rivals, what cannot be tested."""
+"""The evidence for what a diagnosis found.
+
+Parameters, shares, confidence in words that hang on numbers, competing models, and what cannot be tested.
+"""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def prepared(result: Diagnosis, threads: int = 2) -> Problem:
     problem = Problem(result.campaign, result.before.machine, threads)
     if any(problem.outliers.values()):
         readings = problem.readings(build(phased(problem, result.machine)))
-        problem.take_back(readings, fit_nuisance(problem, readings))
+        problem.readmit_outliers(readings, fit_nuisance(problem, readings))
     return problem
 
 

@@ -8,7 +8,7 @@ from datetime import date
 
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
-from mjsim.estimation.mistakes.gate import checked_problem
+from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.machine.chain import AXES
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent

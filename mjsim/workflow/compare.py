@@ -14,7 +14,7 @@ from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
-from mjsim.estimation.mistakes.gate import checked_problem
+from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.nuisance import fit_nuisance
 from mjsim.estimation.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, Problem
 from mjsim.estimation.samples import GRID_STEPS

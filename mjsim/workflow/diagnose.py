@@ -14,13 +14,13 @@ from mjsim.errors import InputError
 from mjsim.estimation.criteria import VISIBLE
 from mjsim.estimation.fit import Fitter, unabsorbed, with_effects
 from mjsim.estimation.lines import Line
-from mjsim.estimation.mistakes.gate import checked_problem
-from mjsim.estimation.planning.following import plan_for
+from mjsim.estimation.mistakes.checked_problem import checked_problem
+from mjsim.estimation.planning.next_test import plan_for
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.search import Search, Searcher
+from mjsim.estimation.selection import ModelSelection, Selection
 from mjsim.estimation.signatures import Projector
 from mjsim.estimation.testability import not_testable
-from mjsim.estimation.unknown import Unexplained, look_for_unknown
+from mjsim.estimation.unexplained import Unexplained, find_unexplained
 from mjsim.estimation.vibration import is_news, phased, put_back, separate
 from mjsim.io import files
 from mjsim.machine.chain import AXES
@@ -169,10 +169,10 @@ def diagnose(campaign: Campaign, machine: Machine, max_effects: int = 5, threads
         raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; a diagnosis needs measured tests")
     progress("preparing", 0, 1)
     problem = checked_problem(campaign, machine, threads)
-    search, unexplained, lines = _explain(problem, machine, max_effects, progress)
-    hidden = not_testable(problem, Projector(search.start), search.bank)
+    selection, unexplained, lines = _explain(problem, machine, max_effects, progress)
+    hidden = not_testable(problem, Projector(selection.start), selection.bank)
     found = sorted(
-        [*_found(problem, search), *(_vibration(problem, line) for line in lines if is_news(line, machine))], key=lambda f: -f[0]
+        [*_found(problem, selection), *(_vibration(problem, line) for line in lines if is_news(line, machine))], key=lambda f: -f[0]
     )
     put_back(problem)
 
@@ -190,7 +190,7 @@ def diagnose(campaign: Campaign, machine: Machine, max_effects: int = 5, threads
     for i in range(1, len(found)):
         part = phased(problem, with_effects(machine, [e.effect for _, e in found[:i]]))
         ladder.append(simulated(part, f"simulating with {i} effect{'s' if i > 1 else ''}"))
-    final = with_effects(search.fit.machine, [line.effect for line in lines])
+    final = with_effects(selection.fit.machine, [line.effect for line in lines])
     after = simulated(final, "simulating the fitted machine")
     ladder.append(after)
     effects = tuple(replace(e, rms_before=a.rms, rms_after=b.rms) for (_, e), a, b in zip(found, ladder, ladder[1:], strict=False))
@@ -198,7 +198,7 @@ def diagnose(campaign: Campaign, machine: Machine, max_effects: int = 5, threads
         verdict = "ambiguous" if any(e.alternatives for e in effects) else "identified"
     else:
         verdict = "unknown" if unexplained else "nothing_found"
-    following = plan_for(problem, search, threads, progress, hidden=False)
+    following = plan_for(problem, selection, threads, progress, hidden=False)
     named = {e.effect.id for e in effects} | {a for e in effects for a in e.alternatives}
     return Diagnosis(
         campaign,
@@ -212,29 +212,29 @@ def diagnose(campaign: Campaign, machine: Machine, max_effects: int = 5, threads
         after,
         tuple(ladder),
         next_test=following.to_json() if following else None,
-        trail=search.trail,
+        trail=selection.trail,
     )
 
 
-def _explain(problem: Problem, machine: Machine, max_effects: int, progress: Progress) -> tuple[Search, Unexplained | None, list[Line]]:
+def _explain(problem: Problem, machine: Machine, max_effects: int, progress: Progress) -> tuple[Selection, Unexplained | None, list[Line]]:
     """The search, with vibrations left out of the data, and what it leaves."""
     rigid, lines = separate(problem, machine)
     fitter = Fitter(problem, rigid)
-    search = Searcher(fitter, progress).run(max_effects)
-    unexplained, search = look_for_unknown(problem, search, progress)
-    if search.found and problem.take_back(search.fit.readings, search.fit.nuisance):
-        search = replace(search, fit=fitter.fit(search.fit.effects, start=search.fit))
-    return search, unexplained, lines
+    selection = ModelSelection(fitter, progress).run(max_effects)
+    unexplained, selection = find_unexplained(problem, selection, progress)
+    if selection.found and problem.readmit_outliers(selection.fit.readings, selection.fit.nuisance):
+        selection = replace(selection, fit=fitter.fit(selection.fit.effects, start=selection.fit))
+    return selection, unexplained, lines
 
 
-def _found(problem: Problem, search: Search) -> list[tuple[float, DiagnosedEffect]]:
+def _found(problem: Problem, selection: Selection) -> list[tuple[float, DiagnosedEffect]]:
     """Gain and entry of every effect of the search; errors are filled in by the full simulation."""
     out = []
-    for f in search.found:
-        at = next(j for j, g in enumerate(search.fit.effects) if g.effect.key == f.key)
-        free, block = search.fit.effects[at], search.fit.block(at)
-        ci = free.interval(free.vector, search.fit.covariance[block, block])
-        where = _where(problem, search, at)
+    for f in selection.found:
+        at = next(j for j, g in enumerate(selection.fit.effects) if g.effect.key == f.key)
+        free, block = selection.fit.effects[at], selection.fit.block(at)
+        ci = free.interval(free.vector, selection.fit.covariance[block, block])
+        where = _where(problem, selection, at)
         out.append((f.gain, DiagnosedEffect(free.effect, free.names, ci, 0.0, 0.0, f.alternatives, where, f.gain, f.rejected)))
     return out
 
@@ -246,16 +246,16 @@ def _vibration(problem: Problem, line: Line) -> tuple[float, DiagnosedEffect]:
     return line.gain, DiagnosedEffect(line.effect, line.effect.free, line.ci95, 0.0, 0.0, line.alternatives, tests, line.gain)
 
 
-def _where(problem: Problem, search: Search, index: int) -> tuple[str, ...]:
+def _where(problem: Problem, selection: Selection, index: int) -> tuple[str, ...]:
     """Tests in which an effect's part of the reading stands out of the noise (RMS above a quarter of it).
 
     A set-up error that takes some of it up in one test moves the others of that set-up as well; these show nothing of the effect.
     """
-    machine = search.fit.machine.without(search.fit.effects[index].effect.key)
-    original = search.fit.base.effect(search.fit.effects[index].effect.key)
+    machine = selection.fit.machine.without(selection.fit.effects[index].effect.key)
+    original = selection.fit.base.effect(selection.fit.effects[index].effect.key)
     if original is not None:
         machine = machine.with_effect(original)
-    parts = problem.difference(problem.readings(build(machine)), search.fit.readings, search.fit.nuisance)
-    left = unabsorbed(problem, search.fit, parts)
+    parts = problem.difference(problem.readings(build(machine)), selection.fit.readings, selection.fit.nuisance)
+    left = unabsorbed(problem, selection.fit, parts)
     least = VISIBLE * problem.noise.rms
     return tuple(t.name for t, *both in zip(problem.tests, parts, left, strict=True) if min(map(np.std, both)) > least)

@@ -11,13 +11,13 @@ from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
-from mjsim.estimation.criteria import price
+from mjsim.estimation.criteria import penalised_objective
+from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit, Fitter
-from mjsim.estimation.free import FreeEffect
-from mjsim.estimation.mistakes.gate import checked_problem
-from mjsim.estimation.one_way import one_way_rows
+from mjsim.estimation.mistakes.checked_problem import checked_problem
+from mjsim.estimation.one_direction import one_direction_rows
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.search import Searcher
+from mjsim.estimation.selection import ModelSelection
 from mjsim.estimation.signatures import Candidate, Projector, SignatureBank
 from mjsim.estimation.spectrum import spectral_candidates
 from mjsim.estimation.vibration import put_back, separate
@@ -169,7 +169,7 @@ def fit_effect(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str
     """
     start = fitter.fit([], exact=False)
     bank = SignatureBank(problem, start)
-    searcher = Searcher(fitter)
+    selection = ModelSelection(fitter)
     effect_id = f"{cls.kind}.{subject}"
     silent_here = f"effect {effect_id} does not change any reading of this campaign; nothing to fit (which axes move in its tests?)"
     if cls.scanned:
@@ -178,7 +178,7 @@ def fit_effect(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str
         fit, base = None, start
         present = fitter.machine.effect(effect_id)
         if present is not None and not present.is_neutral:  # its own components first, then what they leave
-            base = fit = fitter.fit([FreeEffect(present, cls.free_of(subject) or ("components",))], start=start, exact=False)
+            base = fit = fitter.fit([EffectVector(present, cls.free_of(subject) or ("components",))], start=start, exact=False)
         for _ in range(12):
             rows = [
                 (*Projector(base).gain(w), c) for c, w in spectral_candidates(problem, base, bank, subject) if c.effect.key == effect_id
@@ -188,7 +188,7 @@ def fit_effect(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str
                 raise InputError(silent_here)
             if candidate is None or x is None or (fit is not None and gain < 40.0):
                 break
-            base = fit = fitter.fit(searcher.grown(base, candidate, x), start=base, exact=False)
+            base = fit = fitter.fit(selection.extended(base, candidate, x), start=base, exact=False)
         return fitter.fit(base.effects, start=base)
     present = fitter.machine.effect(effect_id)
     names = cls.free_of(subject)
@@ -199,7 +199,7 @@ def fit_effect(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str
     if not bank.matrix.any():
         raise InputError(silent_here)
     rows = Projector(start).screen(bank)
-    best = {c.effect.key: (x, c) for _, x, c in sorted([*rows, *one_way_rows(start, bank, rows)], key=lambda r: r[0])}
-    trials = [fitter.fit(searcher.grown(start, c, x), start=start, exact=False) for x, c in best.values()]
-    trial = min(trials, key=price)
+    best = {c.effect.key: (x, c) for _, x, c in sorted([*rows, *one_direction_rows(start, bank, rows)], key=lambda r: r[0])}
+    trials = [fitter.fit(selection.extended(start, c, x), start=start, exact=False) for x, c in best.values()]
+    trial = min(trials, key=penalised_objective)
     return fitter.fit(trial.effects, start=trial)

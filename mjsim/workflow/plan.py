@@ -8,11 +8,11 @@ from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.estimation.fit import Fitter
-from mjsim.estimation.mistakes.gate import checked_problem
-from mjsim.estimation.planning.following import NOTHING, Plan, best_of, plan_for, typical
+from mjsim.estimation.mistakes.checked_problem import checked_problem
+from mjsim.estimation.planning.next_test import NOTHING, Plan, best_of, plan_for, typical
 from mjsim.estimation.planning.separation import Explanation
 from mjsim.estimation.samples import BLOCKS, usual_noise
-from mjsim.estimation.search import Searcher
+from mjsim.estimation.selection import ModelSelection
 from mjsim.estimation.vibration import separate
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
@@ -56,8 +56,8 @@ def plan(
     rigid, _ = separate(problem, machine)
     fitter = Fitter(problem, rigid)
     if between is None:
-        search = Searcher(fitter, progress).run()
-        return plan_for(problem, search, threads, progress)
+        selection = ModelSelection(fitter, progress).run()
+        return plan_for(problem, selection, threads, progress)
     length = problem.layout.length
     if NOTHING in between:
         here = Explanation.of_fit(NOTHING, fitter.fit([], exact=False), length)

@@ -24,7 +24,7 @@ _SHARP = 0.1
 #: Triggers that are tried, s: three standard deviations either way.
 _SHIFTS = np.arange(-12, 13) * GRID
 #: A model's spikes are visible from this RMS on, m: about the noise that is as sharp.
-VISIBLE = 0.06e-6
+VISIBLE_SPIKE = 0.06e-6
 #: Noise of a sample, m, against which the balls' priors are weighed.
 _NOISE = 0.1e-6
 #: What a model may leave in a test, m, and as how many independent values that counts: it must not drive the balls far from their priors.
@@ -86,7 +86,7 @@ def spikes(variant: Variant, s: Samples) -> Spikes:
         x = _sharp(s.sample(variant.reading, shift), width)[good]
         x = x - columns @ (fit @ x)
         xx, xy, yy = x @ x, x @ y, y @ y
-        if xx < len(x) * VISIBLE**2 or yy == 0.0:
+        if xx < len(x) * VISIBLE_SPIKE**2 or yy == 0.0:
             continue
         agreement = xy / np.sqrt(xx * yy)
         if abs(agreement) > abs(best.agreement):

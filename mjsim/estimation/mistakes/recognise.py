@@ -15,7 +15,7 @@ import numpy as np
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.mistakes.evidence import Spikes, Variant
 from mjsim.estimation.mistakes.mistakes import Mistake, turned, unit_of
-from mjsim.estimation.mistakes.single import BETTER, FITS, one_by_one
+from mjsim.estimation.mistakes.single import BETTER, FITS, single_mistakes
 from mjsim.estimation.mistakes.state import State
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import make_samples
@@ -54,17 +54,17 @@ def recognise(campaign: Campaign, machine: Machine, threads: int = 2) -> Finding
     Args:
         campaign: with at least one measured test. machine: the model as given; what is wrong with the machine may be missing in it.
     """
-    return look(Problem(campaign, machine, threads, outliers=False, keep_motions=False), machine)
+    return find_mistakes(Problem(campaign, machine, threads, outliers=False, keep_motions=False), machine)
 
 
-def look(problem: Problem, machine: Machine) -> Findings:
+def find_mistakes(problem: Problem, machine: Machine) -> Findings:
     """The same for a problem whose samples are as given."""
     plant = build(machine)
     readings = problem.readings(plant)
     variants = [Variant(t, readings[k], problem.sensitivity[k]) for k, t in enumerate(problem.tests)]
     traces = make_samples(problem.tests, problem.campaign.traces)
     state = State(variants, traces, [1.0] * len(traces))
-    given = [state.seen(v, s) for v, s in zip(variants, traces, strict=True)]
+    given = [state.spikes_of(v, s) for v, s in zip(variants, traces, strict=True)]
     tests = tuple(
         TestEvidence(v.test.name, f.factor if f.visible else None, f.agreement if f.visible else None)
         for v, f in zip(variants, given, strict=True)
@@ -76,12 +76,12 @@ def look(problem: Problem, machine: Machine) -> Findings:
             other[k] = Variant.of(turned(variants[k].test), plant)
         return other[k]
 
-    everywhere = _everywhere(state, given, reversed_run)
-    mistakes = (everywhere,) if everywhere else tuple(one_by_one(state, reversed_run))
+    everywhere = _shared_mistake(state, given, reversed_run)
+    mistakes = (everywhere,) if everywhere else tuple(single_mistakes(state, reversed_run))
     return Findings(mistakes, tests)
 
 
-def _everywhere(state: State, given: list[Spikes], reversed_run: Callable[[int], Variant]) -> Mistake | None:
+def _shared_mistake(state: State, given: list[Spikes], reversed_run: Callable[[int], Variant]) -> Mistake | None:
     """A mistake that all tests share: some show it, none contradicts."""
     names = tuple(v.test.name for v in state.variants)
     seen = [k for k, g in enumerate(given) if g.visible]

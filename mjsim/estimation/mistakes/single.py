@@ -42,14 +42,14 @@ class _Judged:
     evidence: str = ""
     by_setup: bool = False
 
-    def mistake(self, state: State, rivals: list[_Judged]) -> Mistake:
-        """The same as a mistake; with rivals, one of several tests has it."""
-        members = {k for j in (self, *rivals) for k in j.guess.parts}
+    def mistake(self, state: State, competing: list[_Judged]) -> Mistake:
+        """The same as a mistake; with competing models, one of several tests has it."""
+        members = {k for j in (self, *competing) for k in j.guess.parts}
         names = tuple(state.variants[k].test.name for k in sorted(members))
-        return Mistake(self.guess.kind, names, self.evidence, factor=self.guess.factor, unit=self.guess.unit, either=bool(rivals))
+        return Mistake(self.guess.kind, names, self.evidence, factor=self.guess.factor, unit=self.guess.unit, either=bool(competing))
 
 
-def one_by_one(state: State, reversed_run: Callable[[int], Variant]) -> list[Mistake]:
+def single_mistakes(state: State, reversed_run: Callable[[int], Variant]) -> list[Mistake]:
     """Mistakes of single tests or pairs, the clearest first, each with the former ones put right."""
     found: list[Mistake] = []
     touched: set[int] = set()
@@ -58,7 +58,7 @@ def one_by_one(state: State, reversed_run: Callable[[int], Variant]) -> list[Mis
         if not judged:
             break
         best = max(judged, key=lambda j: j.merit)
-        found.append(best.mistake(state, _rivals(state, best, judged)))
+        found.append(best.mistake(state, _equally_good(state, best, judged)))
         if found[-1].either:
             touched |= {k for j in judged for k in j.guess.parts}
             continue
@@ -68,7 +68,7 @@ def one_by_one(state: State, reversed_run: Callable[[int], Variant]) -> list[Mis
     return found
 
 
-def _rivals(state: State, best: _Judged, judged: list[_Judged]) -> list[_Judged]:
+def _equally_good(state: State, best: _Judged, judged: list[_Judged]) -> list[_Judged]:
     """Guesses about other tests of the same set-up that bring it to agree as well: which of them is wrong cannot be told."""
     if not best.by_setup:
         return []
@@ -92,7 +92,7 @@ def _suspects(state: State, touched: set[int]) -> list[int]:
     for k in set(range(len(state.variants))) - touched:
         fit = state.fit(state.part(k))
         strange = 0.0 < levels[k] < usual / _NOISE
-        if (fit is not None and fit < FITS) or strange or state.quarrels(k):
+        if (fit is not None and fit < FITS) or strange or state.disagrees(k):
             out.append(k)
     return out
 
@@ -100,8 +100,8 @@ def _suspects(state: State, touched: set[int]) -> list[int]:
 def _guesses(state: State, k: int, reversed_run: Callable[[int], Variant], touched: set[int]) -> list[_Guess]:
     variant, trace, _ = state.part(k)
     out = [_Guess("sign", {k: (variant, trace, -1.0)}, -1.0)]
-    seen = state.seen(variant, trace)
-    known = unit_of(seen.factor) if seen.visible and abs(seen.agreement) >= FITS else None if seen.visible else _by_noise(state, k)
+    found = state.spikes_of(variant, trace)
+    known = unit_of(found.factor) if found.visible and abs(found.agreement) >= FITS else None if found.visible else _by_noise(state, k)
     if known and known[1]:
         factor, unit = known
         out.append(_Guess("unit" if factor > 0 else "sign_and_unit", {k: (variant, trace, factor)}, factor, unit))
@@ -139,7 +139,7 @@ def _merit(state: State, k: int, guess: _Guess) -> _Judged:
         if after >= FITS:
             gains.append((after - before) / BETTER)
             texts.append(f"{after:.2f} instead of {before:.2f}")
-    before, after = state.together(k, {}), state.together(k, guess.parts)
+    before, after = state.disagreement_of(k, {}), state.disagreement_of(k, guess.parts)
     by_spikes = max(gains, default=0.0)
     if guess.kind == "swapped" and len(gains) < 2:
         by_spikes = 0.0  # either trace has to fit where it would belong

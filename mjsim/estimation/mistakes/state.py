@@ -29,7 +29,7 @@ class State:
     def part(self, k: int) -> Part:
         return self.variants[k], self.traces[k], self.factors[k]
 
-    def seen(self, variant: Variant, s: Samples, factor: float = 1.0) -> Spikes:
+    def spikes_of(self, variant: Variant, s: Samples, factor: float = 1.0) -> Spikes:
         key = (id(variant), id(s))
         if key not in self._known:
             self._known[key] = spikes(variant, s)
@@ -38,22 +38,22 @@ class State:
 
     def fit(self, part: Part) -> float | None:
         """Agreement of a test's spikes, zero where their size is no machine's; ``None`` where there are none to see."""
-        found = self.seen(*part)
+        found = self.spikes_of(*part)
         if not found.visible:
             return None
         known = unit_of(found.factor)
         return found.agreement if known is not None and not known[1] else 0.0
 
-    def quarrels(self, k: int) -> bool:
+    def disagrees(self, k: int) -> bool:
         """Whether the set-up of test ``k`` leaves much more than its tests do on their own: else no correction makes it agree."""
         members = self.members(k)
-        together = self.together(k, {})
-        if together <= DISAGREE:
+        disagreement_of = self.disagreement_of(k, {})
+        if disagreement_of <= DISAGREE:
             return False
         alone = float(np.sqrt(sum(disagreement([self.part(j)]) ** 2 for j in members if j != k)))
-        return alone < SHARE * together
+        return alone < SHARE * disagreement_of
 
-    def together(self, k: int, parts: dict[int, Part]) -> float:
+    def disagreement_of(self, k: int, parts: dict[int, Part]) -> float:
         """Disagreement (m) of the set-up of test ``k`` with some tests changed; zero where the test is alone in it."""
         members = self.members(k)
         return disagreement([parts.get(j, self.part(j)) for j in members]) if len(members) > 1 else 0.0

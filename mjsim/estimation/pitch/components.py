@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import median_filter
 
+from mjsim.estimation.pitch.directions import TurnDirection
 from mjsim.estimation.pitch.model import PitchModel, State
 from mjsim.estimation.pitch.terms import Fault, Term, Wave
-from mjsim.estimation.pitch.ways import Way
 
 #: Chance that noise alone names one component or more in one direction of one axis.
 FALSE_ALARM = 1e-3
@@ -40,21 +40,21 @@ def threshold(candidates: int, false_alarm: float = FALSE_ALARM) -> float:
 
 
 class Dictionary:
-    """Candidate terms of one way with their whitened columns, everything known projected out.
+    """Candidate terms of one direction with their whitened columns, everything known projected out.
 
     Attributes:
         terms: candidates. floor: (n,) by which the residual's own spectrum exceeds the noise model around each, at least 1.
         gain: (n,) fall of the squared residual by each.
     """
 
-    def __init__(self, model: PitchModel, state: State, way: Way) -> None:
-        self.model, self.state, self.way = model, state, way
-        self._at = {k: self._middles(k) for k in way.tests}
-        design = np.vstack([model.whitened(k, model.columns(k, state)) for k in way.tests])
-        rest = np.concatenate([model.whitened(k, model.residual(k, state)) for k in way.tests])
+    def __init__(self, model: PitchModel, state: State, direction: TurnDirection) -> None:
+        self.model, self.state, self.direction = model, state, direction
+        self._at = {k: self._middles(k) for k in direction.tests}
+        design = np.vstack([model.whitened(k, model.columns(k, state)) for k in direction.tests])
+        rest = np.concatenate([model.whitened(k, model.residual(k, state)) for k in direction.tests])
         prior = np.sqrt(model.prior(state))
-        n = len(state.nuisance) + len(state.tau)
-        now = np.concatenate([state.nuisance, state.tau, np.zeros(len(prior) - n)])
+        n = len(state.nuisance) + len(state.sheet_deviation)
+        now = np.concatenate([state.nuisance, state.sheet_deviation, np.zeros(len(prior) - n)])
         active = design.any(axis=0)
         q = np.linalg.qr(np.vstack([design[:, active], np.diag(prior[active])]))[0]
         rest = np.concatenate([rest, -(prior * now)[active]])
@@ -81,37 +81,37 @@ class Dictionary:
 
     def _middles(self, k: int) -> tuple[np.ndarray, np.ndarray]:
         """Position of the axis and reading per rad at the middle of every block of a test."""
-        m, w = self.model, self.way
+        m, w = self.model, self.direction
         s, shift = m.problem.samples[k], m.problem.shift(k, self.state.nuisance)
-        return s.sample(m.position[k][w.axis], shift), s.sample(m.factor(k, Wave(w.axis, w.way, 1.0)), shift)
+        return s.sample(m.position[k][w.axis], shift), s.sample(m.factor(k, Wave(w.axis, w.direction, 1.0)), shift)
 
     def _candidates(self) -> tuple[np.ndarray, list[Term], np.ndarray]:
-        """Orders of the waves, all candidates (those waves first) and their columns; kept for the next dictionary of this way.
+        """Orders of the waves, all candidates (those waves first) and their columns; kept for the next dictionary of this direction.
 
         A trigger that has moved meanwhile turns sine and cosine of a wave into each other, which leaves what they explain together.
         """
-        w, p, kept = self.way, self.model.problem, self.model.kept
-        key = (w.axis, w.way, id(p.noise), tuple(self.model.weight[list(w.tests)]))
+        w, p, kept = self.direction, self.model.problem, self.model.kept
+        key = (w.axis, w.direction, id(p.noise), tuple(self.model.weight[list(w.tests)]))
         if key not in kept:
             step = min(1.0, 0.75 * w.resolution)
             orders = np.arange(np.ceil(w.lowest / step) * step, w.highest(p.samples[0].block) + 1e-9, step)
-            terms: list[Term] = [Wave(w.axis, w.way, float(n)) for n in orders]
+            terms: list[Term] = [Wave(w.axis, w.direction, float(n)) for n in orders]
             low = np.arange(0.5 * w.resolution, w.lowest, 0.5 * w.resolution)
-            terms += [Wave(w.axis, w.way, float(n), test=p.tests[k].name) for k in w.tests for n in low]
+            terms += [Wave(w.axis, w.direction, float(n), test=p.tests[k].name) for k in w.tests for n in low]
             span = [self.model.position[k][w.axis] for k in w.tests]
             first, last = min(x.min() for x in span), max(x.max() for x in span)
             for width in (r * 2 * np.pi / w.teeth for r in _WIDTHS):
                 centres = np.arange(first + width, min(last, first + 2 * np.pi) - width, width)
-                terms += [Fault(w.axis, w.way, float(c), width) for c in centres]
+                terms += [Fault(w.axis, w.direction, float(c), width) for c in centres]
             kept[key] = orders, terms, self.columns(terms)
         return kept[key]
 
     def columns(self, terms: Sequence[Term]) -> np.ndarray:
-        """Whitened columns of terms of this way (waves two, faults one), rows as the residual's.
+        """Whitened columns of terms of this direction (waves two, faults one), rows as the residual's.
 
         A block's mean stands for its middle: good enough to choose by, the fit that follows takes the mean.
         """
-        m, w = self.model, self.way
+        m, w = self.model, self.direction
         blocks = []
         for k in w.tests:
             name, x, factor = m.problem.tests[k].name, *self._at[k]
@@ -200,9 +200,9 @@ def _pair_gain(b1, b2, g1, g2, g12, least) -> np.ndarray:
     return np.where(ok, (g2 * b1**2 - 2 * g12 * b1 * b2 + g1 * b2**2) / np.where(ok, det, 1.0), 0.0)
 
 
-def chosen(model: PitchModel, state: State, way: Way) -> list[Term]:
+def chosen(model: PitchModel, state: State, direction: TurnDirection) -> list[Term]:
     """Terms that the residual of ``state`` still asks for, the best first: none where only noise is left."""
-    d = Dictionary(model, state, way)
+    d = Dictionary(model, state, direction)
     out: list[Term] = []
     first = 0.0
     while len(out) < _MOST:

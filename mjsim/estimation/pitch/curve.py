@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mjsim.estimation.pitch.directions import TurnDirection
 from mjsim.estimation.pitch.model import PitchModel, State
 from mjsim.estimation.pitch.terms import Fault, Term, Wave
-from mjsim.estimation.pitch.ways import Way
 from mjsim.machine.chain import AXES
 
 #: Around a reversal of a linear axis its friction shows in the reading: from so long before the command turns to so long after, s.
@@ -26,17 +26,17 @@ class Curve:
     at_reversal: np.ndarray
 
 
-def terms_of(state: State, way: Way) -> list[Term]:
-    """The terms that act while the axis turns this way."""
-    return [t for t in state.terms if t.axis == way.axis and t.way in (way.way, "")]
+def terms_of(state: State, direction: TurnDirection) -> list[Term]:
+    """The terms that act while the axis turns in this direction."""
+    return [t for t in state.terms if t.axis == direction.axis and t.direction in (direction.direction, "")]
 
 
-def components_of(state: State, way: Way) -> list[Wave]:
-    """The waves of this way from the tooth order on, by order."""
-    return sorted((t for t in terms_of(state, way) if isinstance(t, Wave) and t.test is None), key=lambda t: t.order)
+def components_of(state: State, direction: TurnDirection) -> list[Wave]:
+    """The waves of this direction from the tooth order on, by order."""
+    return sorted((t for t in terms_of(state, direction) if isinstance(t, Wave) and t.test is None), key=lambda t: t.order)
 
 
-def curve(model: PitchModel, state: State, way: Way, k: int) -> Curve:
+def curve(model: PitchModel, state: State, direction: TurnDirection, k: int) -> Curve:
     """The curves of test ``k``: reading over radius against the position that the drive has reached when the sample was taken.
 
     What lies below the tooth order is described by cosines of half and whole periods over the arc, up to one resolution below the
@@ -45,14 +45,14 @@ def curve(model: PitchModel, state: State, way: Way, k: int) -> Curve:
     """
     p = model.problem
     s, shift = p.samples[k], p.shift(k, state.nuisance)
-    x = s.sample(model.position[k][way.axis], shift)
-    sens = s.sample(p.sensitivity[k].axes[:, AXES.index(way.axis)], shift)
+    x = s.sample(model.position[k][direction.axis], shift)
+    sens = s.sample(p.sensitivity[k].axes[:, AXES.index(direction.axis)], shift)
     good = s.good
     x, raw = x[good], (s.mean / sens)[good]
-    mine = [t for t in terms_of(state, way) if t.test in (None, p.tests[k].name)]
+    mine = [t for t in terms_of(state, direction) if t.test in (None, p.tests[k].name)]
     waves = [t for t in mine if isinstance(t, Wave) and t.test is None]
     u = (x - x.min()) / np.ptp(x)
-    slow = np.arange(int(2.0 * np.ptp(x) / (2 * np.pi) * way.lowest) + 1)
+    slow = np.arange(int(2.0 * np.ptp(x) / (2 * np.pi) * direction.lowest) + 1)
     low = np.column_stack([np.cos(np.pi * u[:, None] * slow), u])
     faults = [c for t in mine if isinstance(t, Fault) for c in t.columns(x)[:1]]
     fast = [c for t in waves for c in t.columns(x)[:2]]

@@ -9,14 +9,14 @@ from mjsim.ballbar.program import ROTARY_MARGIN
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
-from mjsim.estimation.mistakes.gate import checked_problem
+from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.nuisance import fit_nuisance
 from mjsim.estimation.pitch import joint
 from mjsim.estimation.pitch.curve import components_of
+from mjsim.estimation.pitch.directions import BAND, HIGHEST, TurnDirection, tangential, turn_directions
 from mjsim.estimation.pitch.model import PitchModel, State
 from mjsim.estimation.pitch.result import PitchIdentification
-from mjsim.estimation.pitch.summary import direction
-from mjsim.estimation.pitch.ways import BAND, HIGHEST, Way, tangential, ways_of
+from mjsim.estimation.pitch.summary import identified_direction
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
@@ -69,25 +69,25 @@ def identify_pitch_errors(
     progress("reading the tests", 0, 5)
     problem = checked_problem(campaign, bare, threads, block=_block(campaign, tested))
     model = PitchModel(problem, bare)
-    ways = [w for a in tested for w in ways_of(problem, a, machine.drives[a].gear)]
-    model.use = sorted(k for w in ways for k in w.tests)
+    directions = [w for a in tested for w in turn_directions(problem, a, machine.drives[a].gear)]
+    model.use = sorted(k for w in directions for k in w.tests)
     progress("choosing components", 1, 5)
     state = model.start(fit_nuisance(problem, model.readings))
-    state = joint.searched(model, state, ways)
+    state = joint.searched(model, state, directions)
     if not any(s.test.repeats for s in problem.samples):
         joint.refined_noise(model, state)
-        state = joint.searched(model, model.fit(state, 4), ways)
+        state = joint.searched(model, model.fit(state, 4), directions)
     progress("fitting all tests", 2, 5)
-    state = joint.joined(model, state, ways)
+    state = joint.joined(model, state, directions)
     progress("comparing the directions", 3, 5)
     common = dict.fromkeys(tested, False)
     for axis in tested:
-        if not per_direction and len([w for w in ways if w.axis == axis]) == 2:
+        if not per_direction and len([w for w in directions if w.axis == axis]) == 2:
             one = joint.shared(model, state, axis)
             if one is not None:
                 state, common[axis] = one, True
     progress("drawing up the result", 4, 5)
-    return {a: _result(model, state, [w for w in ways if w.axis == a], a, common[a]) for a in axes}
+    return {a: _result(model, state, [w for w in directions if w.axis == a], a, common[a]) for a in axes}
 
 
 def identified_machine(machine: Machine, results: dict[str, PitchIdentification]) -> Machine:
@@ -158,13 +158,13 @@ def _check(campaign: Campaign, machine: Machine, axis: str) -> None:
             )
 
 
-def _result(model: PitchModel, state: State, ways: list[Way], axis: str, common: bool) -> PitchIdentification:
-    directions = {w.way: direction(model, state, w) for w in ways}
-    effects = _effects(axis, state, ways, common)
+def _result(model: PitchModel, state: State, directions: list[TurnDirection], axis: str, common: bool) -> PitchIdentification:
+    found = {w.direction: identified_direction(model, state, w) for w in directions}
+    effects = _effects(axis, state, directions, common)
     notes = []
-    if len(ways) == 1:
-        notes.append(f"only {ways[0].way} was measured; nothing is known about the other direction")
-    for k in (k for w in ways for k in w.tests):
+    if len(directions) == 1:
+        notes.append(f"only {directions[0].direction} was measured; nothing is known about the other direction")
+    for k in (k for w in directions for k in w.tests):
         s = model.problem.samples[k]
         if not s.valid.all():
             notes.append(f"{s.test.name}: {int((~s.valid).sum())} of {len(s.valid)} samples left out as missing or disturbed")
@@ -174,20 +174,20 @@ def _result(model: PitchModel, state: State, ways: list[Way], axis: str, common:
             f"not used, since the machine file does not explain them (mjsim diagnose says what it lacks): {', '.join(left_out)}; "
             f"the phases would be more certain with them"
         )
-    if any(k in model.frozen for w in ways for k in w.tests):
+    if any(k in model.frozen for w in directions for k in w.tests):
         notes.append(
             "the machine file does not explain the friction glitches or the slow part of these tests; they were taken out, but do not "
             "help to tie the start of the recording"
         )
     noise = model.problem.noise
-    return PitchIdentification(axis, directions, common, effects, noise.rms / UM, noise.source, tuple(notes))
+    return PitchIdentification(axis, found, common, effects, noise.rms / UM, noise.source, tuple(notes))
 
 
-def _effects(axis: str, state: State, ways: list[Way], common: bool) -> tuple[Effect, ...]:
+def _effects(axis: str, state: State, directions: list[TurnDirection], common: bool) -> tuple[Effect, ...]:
     cls, subject = registry.effect_class(f"pitch_error.{axis}")
     out = []
-    for w in ways[:1] if common else ways:
+    for w in directions[:1] if common else directions:
         rows = [[t.order, t.amplitude_deg, t.phase_deg] for t in components_of(state, w)]
         if rows:
-            out.append(cls(subject, components=rows, **({} if common else {"direction": w.way})))
+            out.append(cls(subject, components=rows, **({} if common else {"direction": w.direction})))
     return tuple(out)

@@ -9,10 +9,10 @@ from scipy.stats import chi2
 
 from mjsim.estimation.pitch.components import chosen, threshold
 from mjsim.estimation.pitch.curve import at_reversals, terms_of
+from mjsim.estimation.pitch.directions import TurnDirection
 from mjsim.estimation.pitch.model import PitchModel, State
 from mjsim.estimation.pitch.noise import residual_noise
 from mjsim.estimation.pitch.terms import Fault, Term, Wave
-from mjsim.estimation.pitch.ways import Way
 from mjsim.estimation.samples import GRID, GRID_STEPS
 
 #: Rounds of choosing and fitting at most.
@@ -27,10 +27,10 @@ _SIGMAS, _SHARP = 3.5, 0.12
 _DIFFERENT = 0.01
 
 
-def searched(model: PitchModel, state: State, ways: list[Way], rounds: int = _ROUNDS) -> State:
+def searched(model: PitchModel, state: State, directions: list[TurnDirection], rounds: int = _ROUNDS) -> State:
     """Terms are added while the residual asks for them, everything refitted after each round; then what has become needless goes."""
     for _ in range(rounds):
-        new = [t for w in ways for t in chosen(model, state, w)]
+        new = [t for w in directions for t in chosen(model, state, w)]
         if not new:
             break
         new = [replace(t, free_order=True) if isinstance(t, Wave) and t.test is None else t for t in new]
@@ -75,14 +75,14 @@ def refined_noise(model: PitchModel, state: State) -> None:
         return
 
 
-def joined(model: PitchModel, state: State, ways: list[Way]) -> State:
+def joined(model: PitchModel, state: State, directions: list[TurnDirection]) -> State:
     """The chosen terms fitted to all tests of the campaign that the machine explains.
 
     Ordinary tests tie the triggers and the data sheet. A machine that lacks another effect fails in some of them; such a failure
     bends the triggers, so those tests are left out, the worst first.
     """
     rotary = set(model.use)
-    state = _freeze(model, state, ways)
+    state = _freeze(model, state, directions)
     model.use = list(range(len(model.problem.tests)))
     state = model.fit(state, 6)
     while True:
@@ -95,18 +95,18 @@ def joined(model: PitchModel, state: State, ways: list[Way]) -> State:
         state = model.fit(state, 6)
     model.recentred(state)
     state = model.fit(state, 4)
-    state = searched(model, state, ways, 2)
-    return snapped(model, state, ways)
+    state = searched(model, state, directions, 2)
+    return snapped(model, state, directions)
 
 
-def _freeze(model: PitchModel, state: State, ways: list[Way]) -> State:
+def _freeze(model: PitchModel, state: State, directions: list[TurnDirection]) -> State:
     """Tests in which the machine does not explain its reversals, or much that is slow, bear no witness of their trigger.
 
     Their glitches and slow parts are described by terms, which would move with any trigger: only the prior and the other tests know
     it. It goes back to where the prior has it, and the phases with it.
     """
     layout = model.problem.layout
-    for w in ways:
+    for w in directions:
         turned = False
         for k in w.tests:
             name = model.problem.tests[k].name
@@ -133,25 +133,25 @@ def _moved_along(t: Term, distance: float) -> Term:
     return replace(t, c=float(size * np.cos(phase)), s=float(size * np.sin(phase)))
 
 
-def at_turn(model: PitchModel, way: Way, fault: Fault) -> bool:
-    """Whether a local fault stands where a linear axis turns back in some test of its way: a glitch that the machine lacks."""
-    for k in way.tests:
+def at_turn(model: PitchModel, direction: TurnDirection, fault: Fault) -> bool:
+    """Whether a local fault stands where a linear axis turns back in some test of its direction: a glitch that the machine lacks."""
+    for k in direction.tests:
         time = model.problem.motions[k].time[::GRID_STEPS]
-        near = np.abs((model.position[k][way.axis] - fault.centre + np.pi) % (2 * np.pi) - np.pi) < 0.5 * fault.width
+        near = np.abs((model.position[k][direction.axis] - fault.centre + np.pi) % (2 * np.pi) - np.pi) < 0.5 * fault.width
         if near.any() and at_reversals(model, k, time[near]).any():
             return True
     return False
 
 
-def snapped(model: PitchModel, state: State, ways: list[Way]) -> State:
+def snapped(model: PitchModel, state: State, directions: list[TurnDirection]) -> State:
     """Orders that can be told to be whole numbers are held there; the others stay free."""
-    centre = {(w.axis, w.way): np.mean([model.position[k][w.axis].mean() for k in w.tests]) for w in ways}
+    centre = {(w.axis, w.direction): np.mean([model.position[k][w.axis].mean() for k in w.tests]) for w in directions}
     terms = []
     for t, b in zip(state.terms, state.blocks, strict=True):
         if isinstance(t, Wave) and t.free_order:
             sd, whole = float(np.sqrt(state.covariance[b, b][2, 2])), round(t.order)
             if sd < _SHARP and abs(t.order - whole) < max(_SIGMAS * sd, 0.02):
-                phase = np.arctan2(t.s, t.c) + (t.order - whole) * centre[t.axis, t.way]
+                phase = np.arctan2(t.s, t.c) + (t.order - whole) * centre[t.axis, t.direction]
                 size = np.hypot(t.c, t.s)
                 t = replace(t, order=float(whole), c=float(size * np.cos(phase)), s=float(size * np.sin(phase)), free_order=False)
         terms.append(t)
@@ -163,7 +163,7 @@ def shared(model: PitchModel, state: State, axis: str) -> State | None:
     mine = [t for t in state.terms if isinstance(t, Wave) and t.axis == axis and t.test is None]
     if not mine or any(t.free_order for t in mine):
         return None
-    sets = {way: {t.order: t for t in mine if t.way == way} for way in ("CW", "CCW")}
+    sets = {direction: {t.order: t for t in mine if t.direction == direction} for direction in ("CW", "CCW")}
     # the cheap test first: what only one direction has, or has much larger, is no common component
     for n in {t.order for t in mine}:
         sizes = [np.hypot(s[n].c, s[n].s) if n in s else 0.0 for s in sets.values()]

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numba import njit
 
-from mjsim.estimation.calibration import SHEET, calibrated
+from mjsim.estimation.data_sheet import SHEET, calibrated
 from mjsim.estimation.pitch.terms import Term
 from mjsim.estimation.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, Problem
 from mjsim.estimation.samples import GRID, GRID_STEPS
@@ -25,12 +25,12 @@ _TRIGGER_LIMIT = 5.0
 
 
 @njit(cache=True, nogil=True)
-def _shares(x: np.ndarray, blend: float, way: float) -> np.ndarray:
+def _shares(x: np.ndarray, blend: float, direction: float) -> np.ndarray:
     """How much of a term acts that belongs to one direction of motion, (n,) 0 to 1: it comes in over ``blend`` of travel."""
     out = np.zeros(len(x))
     last = 0.0
     for i in range(1, len(x)):
-        step = (x[i] - x[i - 1]) * way
+        step = (x[i] - x[i - 1]) * direction
         last = min(1.0, max(0.0, last + (abs(step) if step > 0.0 else -abs(step)) / blend)) if step != 0.0 else last
         out[i] = last
     return out
@@ -44,7 +44,7 @@ class State:
     """
 
     nuisance: np.ndarray
-    tau: np.ndarray
+    sheet_deviation: np.ndarray
     terms: tuple[Term, ...] = ()
     objective: float = np.inf
     covariance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
@@ -52,7 +52,7 @@ class State:
     @property
     def blocks(self) -> list[slice]:
         """Place of every term's numbers in the parameter vector."""
-        out, at = [], len(self.nuisance) + len(self.tau)
+        out, at = [], len(self.nuisance) + len(self.sheet_deviation)
         for t in self.terms:
             out.append(slice(at, at + t.size))
             at += t.size
@@ -89,7 +89,7 @@ class PitchModel:
 
     def recentred(self, state: State) -> None:
         """Simulate the drives at the fitted data sheet, which counted linearly until now."""
-        self.held = state.tau.copy()
+        self.held = state.sheet_deviation.copy()
         self._linearise()
 
     def start(self, nuisance: np.ndarray) -> State:
@@ -97,12 +97,17 @@ class PitchModel:
         return State(nuisance.copy(), np.zeros(len(SHEET)))
 
     def _acts(self, k: int, t: Term) -> bool:
-        return (t.test is None or t.test == self.problem.tests[k].name) and (not t.way or bool(self.share[k][t.axis, t.way].any()))
+        return (t.test is None or t.test == self.problem.tests[k].name) and (
+            not t.direction or bool(self.share[k][t.axis, t.direction].any())
+        )
+
+    def _turns(self, k: int, t: Term) -> bool:
+        return not t.direction or bool(self.share[k][t.axis, t.direction].any())
 
     def factor(self, k: int, t: Term) -> np.ndarray:
-        """Reading per rad of the term's axis while it turns the term's way, (n,) m on the GRID."""
+        """Reading per rad of the term's axis while it turns in the term's direction, (n,) m on the GRID."""
         sens = self.problem.sensitivity[k].axes[:, AXES.index(t.axis)]
-        return sens * self.share[k][t.axis, t.way] if t.way else sens
+        return sens * self.share[k][t.axis, t.direction] if t.direction else sens
 
     def terms_total(self, k: int, state: State) -> np.ndarray:
         """What the terms add to the reading of one test, on the GRID, m."""
@@ -120,7 +125,7 @@ class PitchModel:
         """Measured less modelled block means of one test, m."""
         s, shift = self.problem.samples[k], self.problem.shift(k, state.nuisance)
         own = self.readings[k] + self.problem.offsets(k, state.nuisance)
-        moved = state.tau - self.held
+        moved = state.sheet_deviation - self.held
         if moved.any():
             own = own + moved @ self._sheet[k]
         terms = self.terms_total(k, state)
@@ -165,7 +170,7 @@ class PitchModel:
     def cost(self, state: State) -> float:
         """Squared whitened residuals and prior penalties."""
         rest = self.problem.map(lambda k: self.whitened(k, self.residual(k, state)) if k in self.use else np.zeros(0))
-        return float(sum(r @ r for r in rest) + state.nuisance @ state.nuisance + state.tau @ state.tau)
+        return float(sum(r @ r for r in rest) + state.nuisance @ state.nuisance + state.sheet_deviation @ state.sheet_deviation)
 
     def normal(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Normal matrix and gradient of the data alone."""
@@ -180,16 +185,16 @@ class PitchModel:
         return total[:-1, :-1], total[:-1, -1]
 
     def prior(self, state: State) -> np.ndarray:
-        n = len(state.nuisance) + len(state.tau)
+        n = len(state.nuisance) + len(state.sheet_deviation)
         return np.concatenate([np.ones(n), np.full(sum(t.size for t in state.terms), _WIDE**-2)])
 
     def fit(self, state: State, iterations: int = 5) -> State:
         """Least squares of everything from ``state`` on."""
         state = replace(state, objective=self.cost(state))
         for _ in range(iterations):
-            n, t = len(state.nuisance), len(state.tau)
+            n, t = len(state.nuisance), len(state.sheet_deviation)
             matrix, gradient = self.normal(state)
-            now = np.concatenate([state.nuisance, state.tau, np.zeros(len(gradient) - n - t)])
+            now = np.concatenate([state.nuisance, state.sheet_deviation, np.zeros(len(gradient) - n - t)])
             prior = self.prior(state)
             covariance = np.linalg.inv(matrix + np.diag(prior))
             step = covariance @ (gradient - prior * now)
@@ -208,12 +213,12 @@ class PitchModel:
         return state
 
     def stepped(self, state: State, step: np.ndarray) -> State:
-        n, t = len(state.nuisance), len(state.tau)
+        n, t = len(state.nuisance), len(state.sheet_deviation)
         nuisance = state.nuisance + step[:n]
         first = self.problem.layout.length + 1
         nuisance[first:] = np.clip(nuisance[first:], -_TRIGGER_LIMIT, _TRIGGER_LIMIT)
         terms = tuple(term.moved(step[b]) for term, b in zip(state.terms, state.blocks, strict=True))
-        return replace(state, nuisance=nuisance, tau=state.tau + step[n : n + t], terms=terms)
+        return replace(state, nuisance=nuisance, sheet_deviation=state.sheet_deviation + step[n : n + t], terms=terms)
 
     def misfit(self, state: State) -> np.ndarray:
         """Mean square of each test's whitened residuals, unweighted, (tests,): 1 where only noise is left."""

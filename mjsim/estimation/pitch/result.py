@@ -19,7 +19,7 @@ _TRIGGER_S = 0.020
 
 @dataclass(frozen=True)
 class DirectionIdentification:
-    """One axis turning one way.
+    """One axis turning in one direction.
 
     Attributes:
         tests: names; the curves are those of the first. arc_deg, resolution (peaks per turn), tooth_order.
@@ -32,7 +32,7 @@ class DirectionIdentification:
     """
 
     axis: str
-    way: str
+    direction: str
     tests: tuple[str, ...]
     arc_deg: float
     resolution: float
@@ -86,8 +86,8 @@ class DirectionIdentification:
     def _remedy(self) -> str:
         if self.axis == "A":
             return "A cone-frustum test in the same campaign, in which A turns both ways,"
-        other = "CW" if self.way == "CCW" else "CCW"  # the table turns against the cone's sense
-        return f"A cone-frustum test in the same campaign, off centre and run {other} so that C turns {self.way},"
+        other = "CW" if self.direction == "CCW" else "CCW"  # the table turns against the cone's sense
+        return f"A cone-frustum test in the same campaign, off centre and run {other} so that C turns {self.direction},"
 
     @property
     def safe_feed_mm_min(self) -> float:
@@ -165,10 +165,16 @@ class PitchIdentification:
         import pandas as pd
 
         rows = []
-        for way, d in self.directions.items():
+        for direction, d in self.directions.items():
             for c in d.components:
                 bounds = {f"{k}_{end}": c.ci95[k][i] for k in ("amplitude_deg", "phase_deg") for i, end in enumerate(("low", "high"))}
-                row = {"axis": self.axis, "direction": way, "order": c.order, "amplitude_deg": c.amplitude_deg, "phase_deg": c.phase_deg}
+                row = {
+                    "axis": self.axis,
+                    "direction": direction,
+                    "order": c.order,
+                    "amplitude_deg": c.amplitude_deg,
+                    "phase_deg": c.phase_deg,
+                }
                 rows.append(row | bounds | {"multiple_of_teeth": c.multiple_of_teeth})
         return pd.DataFrame(rows)
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from mjsim.estimation.pitch.components import noise_excess, threshold
 from mjsim.estimation.pitch.curve import Curve
+from mjsim.estimation.pitch.directions import HIGHEST, TurnDirection
 from mjsim.estimation.pitch.model import PitchModel, State
 from mjsim.estimation.pitch.terms import UNIT, Wave
-from mjsim.estimation.pitch.ways import HIGHEST, Way
 from mjsim.units import DEG
 
 
@@ -31,11 +31,11 @@ def amplitude(position: np.ndarray, value: np.ndarray, orders: np.ndarray) -> np
     return 2.0 * np.abs(kernel @ (weight * value)) / weight.sum()
 
 
-def spectrum(model: PitchModel, state: State, way: Way, curve: Curve) -> Spectrum:
+def spectrum(model: PitchModel, state: State, direction: TurnDirection, curve: Curve) -> Spectrum:
     """Spectrum of one direction's modified curve at whole orders from 1 to the highest."""
     orders = np.arange(1.0, HIGHEST + 1.0)
-    columns = np.vstack([_whitened(model, state, way, k, orders) for k in way.tests])
-    rest = np.concatenate([model.whitened(k, model.residual(k, state)) for k in way.tests])
+    columns = np.vstack([_whitened(model, state, direction, k, orders) for k in direction.tests])
+    rest = np.concatenate([model.whitened(k, model.residual(k, state)) for k in direction.tests])
     own = 0.5 * np.einsum("ij,ij->j", columns, columns).reshape(-1, 2).sum(axis=1)
     own = np.maximum(own, 1e-9 * own.max())
     gain = ((rest @ columns) ** 2).reshape(-1, 2).sum(axis=1) / own
@@ -45,9 +45,12 @@ def spectrum(model: PitchModel, state: State, way: Way, curve: Curve) -> Spectru
     return Spectrum(orders, amplitude(curve.position, curve.modified, orders) / DEG, floor, limit)
 
 
-def _whitened(model: PitchModel, state: State, way: Way, k: int, orders: np.ndarray) -> np.ndarray:
+def _whitened(model: PitchModel, state: State, direction: TurnDirection, k: int, orders: np.ndarray) -> np.ndarray:
     """Sine and cosine of all orders, whitened, (rows, 2 m)."""
     s, shift = model.problem.samples[k], model.problem.shift(k, state.nuisance)
-    x, factor = s.sample(model.position[k][way.axis], shift), s.sample(model.factor(k, Wave(way.axis, way.way, 1.0)), shift)
+    x, factor = (
+        s.sample(model.position[k][direction.axis], shift),
+        s.sample(model.factor(k, Wave(direction.axis, direction.direction, 1.0)), shift),
+    )
     wave = UNIT * factor[:, None] * np.exp(1j * orders * x[:, None])
     return model.whitened(k, np.stack([wave.imag, wave.real], axis=2).reshape(len(x), -1))

@@ -7,35 +7,35 @@ import numpy as np
 from mjsim.estimation.pitch import joint
 from mjsim.estimation.pitch.alternating import alternate
 from mjsim.estimation.pitch.curve import components_of, curve, terms_of
+from mjsim.estimation.pitch.directions import TurnDirection
 from mjsim.estimation.pitch.model import PitchModel, State
 from mjsim.estimation.pitch.parts import Component, LocalFault
 from mjsim.estimation.pitch.result import DirectionIdentification
 from mjsim.estimation.pitch.spectrum import spectrum
 from mjsim.estimation.pitch.terms import UNIT, Fault, Wave
-from mjsim.estimation.pitch.ways import Way
 from mjsim.estimation.problem import TRIGGER
 from mjsim.units import DEG, MM
 
 
-def direction(model: PitchModel, state: State, way: Way) -> DirectionIdentification:
-    """Everything about one axis turning one way."""
+def identified_direction(model: PitchModel, state: State, direction: TurnDirection) -> DirectionIdentification:
+    """Everything about one axis turning in one direction."""
     p = model.problem
-    line = curve(model, state, way, way.tests[0])
-    found = _components(model, state, way)
-    lines = spectrum(model, state, way, line)
+    line = curve(model, state, direction, direction.tests[0])
+    found = _components(model, state, direction)
+    lines = spectrum(model, state, direction, line)
     sd = TRIGGER * np.sqrt(np.diag(state.covariance)[: p.layout.size])
     faults = tuple(
-        LocalFault(t.centre / DEG, t.width / DEG, t.height * UNIT / DEG, joint.at_turn(model, way, t))
-        for t in terms_of(state, way)
+        LocalFault(t.centre / DEG, t.width / DEG, t.height * UNIT / DEG, joint.at_turn(model, direction, t))
+        for t in terms_of(state, direction)
         if isinstance(t, Fault)
     )
     return DirectionIdentification(
-        way.axis,
-        way.way,
-        tuple(p.tests[k].name for k in way.tests),
-        way.arc / DEG,
-        way.resolution,
-        round(way.teeth),
+        direction.axis,
+        direction.direction,
+        tuple(p.tests[k].name for k in direction.tests),
+        direction.arc / DEG,
+        direction.resolution,
+        round(direction.teeth),
         line.position / DEG,
         line.raw / DEG,
         line.modified / DEG,
@@ -48,18 +48,18 @@ def direction(model: PitchModel, state: State, way: Way) -> DirectionIdentificat
         found,
         tuple(alternate(line, [c.order for c in found])),
         faults,
-        {p.tests[k].name: float(1.96e3 * sd[p.layout.trigger(p.tests[k].name)]) for k in way.tests},
-        p.tests[way.tests[0]].feed * 60 / MM,
-        float(np.ptp(p.samples[way.tests[0]].centre)),
+        {p.tests[k].name: float(1.96e3 * sd[p.layout.trigger(p.tests[k].name)]) for k in direction.tests},
+        p.tests[direction.tests[0]].feed * 60 / MM,
+        float(np.ptp(p.samples[direction.tests[0]].centre)),
     )
 
 
-def _components(model: PitchModel, state: State, way: Way) -> tuple[Component, ...]:
+def _components(model: PitchModel, state: State, direction: TurnDirection) -> tuple[Component, ...]:
     """The waves with their intervals; waves closer than the resolution are one component that cannot be taken apart."""
-    waves = components_of(state, way)
+    waves = components_of(state, direction)
     groups: list[list[Wave]] = []
     for t in waves:
-        if groups and t.order - groups[-1][-1].order < 1.2 * way.resolution:
+        if groups and t.order - groups[-1][-1].order < 1.2 * direction.resolution:
             groups[-1].append(t)
         else:
             groups.append([t])
@@ -81,7 +81,9 @@ def _components(model: PitchModel, state: State, way: Way) -> tuple[Component, .
         if main.free_order:
             half = 1.96 * float(np.sqrt(full[2, 2]))
             ci["order"] = (main.order - half, main.order + half)
-        multiple = abs(main.order / way.teeth - round(main.order / way.teeth)) * way.teeth < 0.5 * min(1.0, way.resolution)
+        multiple = abs(main.order / direction.teeth - round(main.order / direction.teeth)) * direction.teeth < 0.5 * min(
+            1.0, direction.resolution
+        )
         rest = tuple(t.order for t in group if t is not main)
         out.append(Component(main.order, main.amplitude_deg, main.phase_deg, ci, not main.free_order, float(known), bool(multiple), rest))
     return tuple(out)

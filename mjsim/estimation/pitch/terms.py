@@ -20,12 +20,12 @@ class Wave:
     """``c sin(N x) + s cos(N x)``, in units of :data:`UNIT`: amplitude hypot(c, s), phase atan2(s, c).
 
     Attributes:
-        axis: A or C. way: CW, CCW, or empty for both directions. order: N per turn of the axis.
+        axis: A or C. direction: CW, CCW, or empty for both directions. order: N per turn of the axis.
         free_order: whether the order is fitted as well. test: the only test it acts in (what is below the tooth order); None: all.
     """
 
     axis: str
-    way: str
+    direction: str
     order: float
     c: float = 0.0
     s: float = 0.0
@@ -65,7 +65,7 @@ class Fault:
     """``height exp(-((x - centre)/width)²/2)``, once per turn: a local fault such as a worn stretch of the wheel; height in UNIT, rad."""
 
     axis: str
-    way: str
+    direction: str
     centre: float
     width: float
     height: float = 0.0

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjsim.ballbar.measurement import BallBarTest
-from mjsim.estimation.calibration import SHEET, calibrated
+from mjsim.estimation.data_sheet import SHEET, calibrated
+from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit, with_effects
-from mjsim.estimation.free import FreeEffect
 from mjsim.estimation.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, sheet_grid, sheet_plants
 from mjsim.estimation.samples import BLOCKS, GRID_STEPS, Noise
 from mjsim.machine.model import Machine, build
@@ -36,8 +36,8 @@ class Explanation:
 
     name: str
     base: Machine
-    tau: np.ndarray
-    effects: tuple[FreeEffect, ...]
+    sheet_deviation: np.ndarray
+    effects: tuple[EffectVector, ...]
     covariance: np.ndarray
 
     @classmethod
@@ -45,10 +45,10 @@ class Explanation:
         """From a fit; ``length`` is the bar length's place among the nuisances."""
         n = len(fit.nuisance)
         keep = [length, *range(n, fit.covariance.shape[0])]
-        return cls(name, fit.base, fit.tau, tuple(fit.effects), fit.covariance[np.ix_(keep, keep)])
+        return cls(name, fit.base, fit.sheet_deviation, tuple(fit.effects), fit.covariance[np.ix_(keep, keep)])
 
     @classmethod
-    def of_priors(cls, name: str, machine: Machine, effects: list[FreeEffect]) -> Explanation:
+    def of_priors(cls, name: str, machine: Machine, effects: list[EffectVector]) -> Explanation:
         """From priors alone, where nothing was measured."""
         free = sum(len(f.vector) for f in effects)
         spread = np.concatenate([np.ones(1 + len(SHEET)), np.full(free, _OPEN**2)])
@@ -57,7 +57,7 @@ class Explanation:
     @property
     def machine(self) -> Machine:
         """The whole machine at the best estimate."""
-        return calibrated(with_effects(self.base, [f.effect for f in self.effects]), self.tau)
+        return calibrated(with_effects(self.base, [f.effect for f in self.effects]), self.sheet_deviation)
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class Separator:
             for j in range(len(f.vector)):
                 effect, change = f.nudged(j, _STEP)
                 effects = [g.effect if m != k else effect for m, g in enumerate(other.effects)]
-                there = motion.reading(build(calibrated(with_effects(other.base, effects), other.tau)), GRID_STEPS)
+                there = motion.reading(build(calibrated(with_effects(other.base, effects), other.sheet_deviation)), GRID_STEPS)
                 yield (there - base) / change if abs(change) > 1e-9 else np.zeros(len(base))
 
     def _whitened(self, columns: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ Row = tuple[float, np.ndarray, Candidate]
 _SEEDS, _LEAST = 3, 0.5 * THRESHOLD
 
 
-def one_way_rows(fit: Fit, bank: SignatureBank, rows: list[Row]) -> list[Row]:
+def one_direction_rows(fit: Fit, bank: SignatureBank, rows: list[Row]) -> list[Row]:
     """Gain, coefficients and candidate in each direction of motion, for the fitted effects and the best of ``rows`` (best first) of every
     effect that knows directions. A direction in which the model has the effect already is left out."""
     have = {e.key for e in fit.machine.effects}
@@ -31,6 +31,6 @@ def one_way_rows(fit: Fit, bank: SignatureBank, rows: list[Row]) -> list[Row]:
         if c.effect.one_way() and tried.setdefault(c.id, 0) < _SEEDS:
             tried[c.id] += 1
             whole.append(c)
-    ways = [Candidate(effect, c.names) for c in whole for effect in c.effect.one_way() if effect.key not in have]
-    gains = Projector(fit).gains([bank.problem.whiten(bank.columns(c)) for c in ways])
-    return [(*gain, c) for gain, c in zip(gains, ways, strict=True)]
+    directed = [Candidate(effect, c.names) for c in whole for effect in c.effect.one_way() if effect.key not in have]
+    gains = Projector(fit).gains([bank.problem.whiten(bank.columns(c)) for c in directed])
+    return [(*gain, c) for gain, c in zip(gains, directed, strict=True)]

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjsim.estimation.criteria import VISIBLE, parameters, price
+from mjsim.estimation.criteria import VISIBLE, parameter_count, penalised_objective
+from mjsim.estimation.curve_search import MANY, best_curve_term, is_overfit, visible
+from mjsim.estimation.curve_terms import TABLE, CurveTerm
 from mjsim.estimation.effect_file import effect_source
-from mjsim.estimation.empirical import MANY, best_term, makeshift, visible
 from mjsim.estimation.fit import Fit
-from mjsim.estimation.generic import TABLE, Term
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.search import Search
+from mjsim.estimation.selection import Selection
 from mjsim.machine.chain import ROTARY
 from mjsim.progress import Progress
 from mjsim.units import DEG, UM
@@ -72,22 +72,24 @@ class Unexplained:
         }
 
 
-def look_for_unknown(problem: Problem, search: Search, progress: Progress) -> tuple[Unexplained | None, Search]:
+def find_unexplained(problem: Problem, selection: Selection, progress: Progress) -> tuple[Unexplained | None, Selection]:
     """What is left after the search, described by the generic term that explains most of it.
 
-    Where a single generic term does much better than all the named effects together, these were a makeshift: they are withdrawn.
+    Where a single generic term does much better than all the named effects together, they only overfitted: they are withdrawn.
     """
     progress("looking at the rest", 0, 1)
-    rest = best_term(problem, search.fit)
-    if search.found:
-        many = parameters(search.fit) >= MANY
-        if many or (rest is not None and rest.gain > _NOTABLE * (price(search.start) - price(search.fit))):
-            worms = {f.effect.subject for f in search.fit.effects if f.effect.scanned and f.effect.subject in ROTARY} if many else set()
-            alone = search.alone if search.alone and not worms else best_term(problem, search.start, worms)
-            if makeshift(problem, search.start, search.fit, alone, search.first):
-                search = replace(search, fit=search.start, found=[])
-                rest = alone
-    return (describe(problem, search.fit, rest) if rest else None), search
+    rest = best_curve_term(problem, selection.fit)
+    if selection.found:
+        many = parameter_count(selection.fit) >= MANY
+        if many or (
+            rest is not None and rest.gain > _NOTABLE * (penalised_objective(selection.start) - penalised_objective(selection.fit))
+        ):
+            worms = {f.effect.subject for f in selection.fit.effects if f.effect.scanned and f.effect.subject in ROTARY} if many else set()
+            best_curve = selection.best_curve if selection.best_curve and not worms else best_curve_term(problem, selection.start, worms)
+            if is_overfit(problem, selection.start, selection.fit, best_curve, selection.first):
+                selection = replace(selection, fit=selection.start, found=[])
+                rest = best_curve
+    return (describe(problem, selection.fit, rest) if rest else None), selection
 
 
 _WORDS = {
@@ -100,7 +102,7 @@ _WORDS = {
 }
 
 
-def describe(problem: Problem, fit: Fit, term: Term) -> Unexplained:
+def describe(problem: Problem, fit: Fit, term: CurveTerm) -> Unexplained:
     """A fitted term in words, with its curve and its effect file."""
     parts = visible(problem, fit, term)
     rms = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
@@ -139,7 +141,7 @@ def _stem(axes: tuple[str, ...]) -> str:
     return f"unexplained_{'_'.join(axes)}"
 
 
-def _seen(term: Term) -> tuple[np.ndarray, np.ndarray]:
+def _seen(term: CurveTerm) -> tuple[np.ndarray, np.ndarray]:
     """The curve (k,) and its standard deviation without the shapes that set-up errors could take up as well (its level, above all)."""
     variance, modes = np.linalg.eigh(term.covariance)
     along = modes.T @ term.coefficients
@@ -152,7 +154,7 @@ def _worst_time(problem: Problem, fit: Fit, k: int, part: np.ndarray) -> np.ndar
     return s.centre[[int(np.argmax(np.abs(part - part.mean())))]] - problem.shift(k, fit.nuisance)
 
 
-def _file_units(term: Term, fit: Fit) -> tuple[np.ndarray, str, float | None]:
+def _file_units(term: CurveTerm, fit: Fit) -> tuple[np.ndarray, str, float | None]:
     """Knots in the units that users read, the label of that axis of the plot, and the period in the same unit."""
     rotary = term.axis in ROTARY
     scale, unit = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.mistakes.mistakes import Mistake
-from mjsim.estimation.mistakes.recognise import look
+from mjsim.estimation.mistakes.recognise import find_mistakes
 from mjsim.estimation.problem import Problem
 from mjsim.machine.model import Machine, build
 from mjsim.threads import one_blas_thread
@@ -22,7 +22,7 @@ def checked_problem(
     """
     problem = Problem(campaign, machine, threads, block, outliers=False, keep_motions=keep_motions)
     if not campaign.as_is:
-        refuse(campaign, look(problem, machine).mistakes)
+        refuse(campaign, find_mistakes(problem, machine).mistakes)
     problem.leave_out_outliers(build(machine))
     return problem
 
@@ -37,9 +37,9 @@ def refuse(campaign: Campaign, mistakes: tuple[Mistake, ...]) -> None:
         return
     said = "; ".join(m.sentence for m in mistakes[:2])
     more = f"; and {len(mistakes) - 2} more" if len(mistakes) > 2 else ""
-    way = (
+    remedy = (
         "which one, only you can tell"
         if any(m.either for m in mistakes)
         else f"`mjsim check {campaign.folder} --fix NEW-FOLDER` writes a corrected copy"
     )
-    raise InputError(f"{campaign.folder / 'campaign.toml'}: {said}{more}; {way}, --as-is takes the files as they are")
+    raise InputError(f"{campaign.folder / 'campaign.toml'}: {said}{more}; {remedy}, --as-is takes the files as they are")

@@ -9,7 +9,7 @@ import numpy as np
 from mjsim.machine.effect import Effect
 
 
-class FreeEffect:
+class EffectVector:
     """An effect whose ``names`` are fitted.
 
     The vector is scaled so that one unit is the parameter's typical size. An ``amplitude_*`` with a free ``phase_deg`` becomes
@@ -82,7 +82,7 @@ class FreeEffect:
             moved = v.copy()
             moved[j] += sign * step
             effect = self.at(moved)
-            change = float(FreeEffect(effect, self.names).vector[j] - v[j])
+            change = float(EffectVector(effect, self.names).vector[j] - v[j])
             if abs(change) > 1e-9:
                 break
         return effect, change

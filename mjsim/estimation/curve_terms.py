@@ -43,7 +43,7 @@ ROTARY_UNIT, LINEAR_UNIT = 1e-5, UM
 
 
 @dataclass
-class Term:
+class CurveTerm:
     """One generic term.
 
     Attributes:
@@ -79,13 +79,13 @@ class Term:
         return own if self.moves in (self.axis, *TABLE) else (*own, self.moves)
 
     @property
-    def price(self) -> float:
+    def chance_gain(self) -> float:
         """What chance explains at most with so many coefficients, about."""
         n = self.columns[0].shape[1]
         return n + 5.0 * np.sqrt(2.0 * n)
 
 
-class Generic:
+class CurveTerms:
     """Makes generic terms for one fitted model: the variables of every test at its blocks."""
 
     def __init__(self, problem: Problem, fit: Fit) -> None:
@@ -113,12 +113,12 @@ class Generic:
         """Axes that move in some test."""
         return [a for i, a in enumerate(AXES) if any(np.ptp(m.position[:, i]) > 0.0 for m in self.motions)]
 
-    def own(self) -> Iterator[Term]:
+    def own(self) -> Iterator[CurveTerm]:
         """Terms of an axis in its own direction."""
         for axis in self.moving():
             yield from self.of(axis, axis)
 
-    def across(self) -> Iterator[Term]:
+    def across(self) -> Iterator[CurveTerm]:
         """Terms that displace something else: linear axes, and for the turning table the work on it."""
         for axis in self.moving():
             for other in LINEAR:
@@ -128,7 +128,7 @@ class Generic:
                 for direction in TABLE:
                     yield from self.of(axis, direction)
 
-    def clock(self, waves: bool) -> Iterator[Term]:
+    def clock(self, waves: bool) -> Iterator[CurveTerm]:
         """Terms of the campaign clock: a free curve, and with ``waves`` those of one period, per linear axis."""
         times = [m.clock for m in self.motions]
         lo, hi = min(t.min() for t in times), max(t.max() for t in times)
@@ -137,7 +137,7 @@ class Generic:
             for period in _CLOCK_PERIODS if waves else ():
                 yield from self._term("", moves, "clock_time", np.arange(4) * (period / 4), float(period), times)
 
-    def of(self, axis: str, moves: str) -> Iterator[Term]:
+    def of(self, axis: str, moves: str) -> Iterator[CurveTerm]:
         """All terms of one axis' motion that displace ``moves``."""
         i = AXES.index(axis)
         for variable in VALUE:
@@ -159,7 +159,7 @@ class Generic:
                 if hi - lo > 1.5 * lead:
                     yield from self._term(axis, moves, variable, np.arange(_IN_LEAD) * (lead / _IN_LEAD), lead, x)
 
-    def fine(self, axis: str) -> Iterator[Term]:
+    def fine(self, axis: str) -> Iterator[CurveTerm]:
         """The position of a rotary axis in steps of half a degree: waves of single teeth, on a part of the wheel if need be."""
         i = AXES.index(axis)
         x = [m.position[:, i] for m in self.motions]
@@ -169,7 +169,7 @@ class Generic:
             lo, hi = min(v.min() for v in x), max(v.max() for v in x)
             yield from self._term(axis, axis, "position", np.linspace(lo, hi, int(_FINE * (hi - lo) / (2 * np.pi)) + 2), None, x)
 
-    def finer(self, term: Term, factor: int) -> Iterator[Term]:
+    def finer(self, term: CurveTerm, factor: int) -> Iterator[CurveTerm]:
         """The same term with ``factor`` times as many knots."""
         if not term.axis:
             return
@@ -180,10 +180,10 @@ class Generic:
 
     def _term(
         self, axis: str, moves: str, variable: str, knots: np.ndarray, period: float | None, values: list[np.ndarray]
-    ) -> Iterator[Term]:
+    ) -> Iterator[CurveTerm]:
         if not any(np.abs(s[moves]).max() > 1e-6 for s in self.sensitivities):
             return
-        term = Term(axis, moves, variable, knots, period, [])
+        term = CurveTerm(axis, moves, variable, knots, period, [])
 
         def columns(k: int) -> np.ndarray:
             weight = self.sensitivities[k][moves] * term.unit

@@ -16,16 +16,16 @@ BAND = 0.45
 
 
 @dataclass(frozen=True)
-class Way:
-    """One axis turning one way: its tests, and what their arc allows.
+class TurnDirection:
+    """One axis turning in one direction: its tests, and what their arc allows.
 
     Attributes:
-        axis: A or C. way: CW or CCW. tests: indices of its tangential tests, the longest arc first. teeth: of the worm wheel.
+        axis: A or C. direction: CW or CCW. tests: indices of its tangential tests, the longest arc first. teeth: of the worm wheel.
         arc: longest arc measured, rad. speed: of the fastest, turns per s.
     """
 
     axis: str
-    way: str
+    direction: str
     tests: tuple[int, ...]
     teeth: float
     arc: float
@@ -46,17 +46,17 @@ class Way:
         return min(float(HIGHEST), BAND / (block * self.speed))
 
 
-def ways_of(problem: Problem, axis: str, teeth: float) -> list[Way]:
+def turn_directions(problem: Problem, axis: str, teeth: float) -> list[TurnDirection]:
     """The directions in which tangential tests of an axis turned it, CW before CCW."""
     out = []
-    for way in ("CW", "CCW"):
-        mine = [k for k, t in enumerate(problem.tests) if tangential(t, axis) and (t.stop > t.start) == (way == "CCW")]
+    for direction in ("CW", "CCW"):
+        mine = [k for k, t in enumerate(problem.tests) if tangential(t, axis) and (t.stop > t.start) == (direction == "CCW")]
         if not mine:
             continue
         arcs = {k: _arc(problem, k, axis) for k in mine}
         mine.sort(key=lambda k: (-round(arcs[k], 2), problem.tests[k].feed))
         speed = max(arcs[k] / (2 * np.pi * np.ptp(problem.samples[k].centre)) for k in mine)
-        out.append(Way(axis, way, tuple(mine), teeth, arcs[mine[0]], speed))
+        out.append(TurnDirection(axis, direction, tuple(mine), teeth, arcs[mine[0]], speed))
     return out
 
 

@@ -8,13 +8,13 @@ from mjsim.campaign.files import test_table
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
-from mjsim.estimation.free import FreeEffect
+from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.planning.candidates import minutes
 from mjsim.estimation.planning.choose import ENOUGH, choose
 from mjsim.estimation.planning.separation import Explanation, Separation, Separator
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import Noise
-from mjsim.estimation.search import Search
+from mjsim.estimation.selection import Selection
 from mjsim.estimation.signatures import Projector
 from mjsim.estimation.testability import not_testable
 from mjsim.progress import Progress, silent
@@ -67,21 +67,21 @@ def _row(s: Separation, between: tuple[str, str]) -> dict:
     }
 
 
-def plan_for(problem: Problem, search: Search, threads: int = 2, progress: Progress = silent, hidden: bool = True) -> Plan | None:
+def plan_for(problem: Problem, selection: Selection, threads: int = 2, progress: Progress = silent, hidden: bool = True) -> Plan | None:
     """The next test after a search: see :func:`plan`. ``hidden``: also where nothing is ambiguous, for what is not testable."""
     length, args = problem.layout.length, (problem.campaign, problem.noise, problem.samples[0].block, threads, progress)
-    for f in search.found:
-        for other, fit in f.rivals.items():
+    for f in selection.found:
+        for other, fit in f.competing.items():
             mine = f.key.partition("[")[0]
-            pair = Explanation.of_fit(mine, search.fit, length), Explanation.of_fit(other, fit, length)
+            pair = Explanation.of_fit(mine, selection.fit, length), Explanation.of_fit(other, fit, length)
             return best_of((mine, other), pair, *args)
     if not hidden:
         return None
-    for effect_id in not_testable(problem, Projector(search.start), search.bank):
+    for effect_id in not_testable(problem, Projector(selection.start), selection.bank):
         cls, subject = registry.effect_class(effect_id)
         if not cls.seeds(subject):
             continue
-        here = Explanation.of_fit(NOTHING, search.fit, length)
+        here = Explanation.of_fit(NOTHING, selection.fit, length)
         there = replace(here, name=effect_id, effects=(*here.effects, typical(effect_id)))
         return best_of((effect_id, NOTHING), (there, here), *args)
     return None
@@ -108,7 +108,7 @@ def best_of(
     return Plan(between, tuple(choices), reason)
 
 
-def typical(effect_id: str) -> FreeEffect:
+def typical(effect_id: str) -> EffectVector:
     """An effect at a typical size, whatever the machine has of it.
 
     Raises:
@@ -117,4 +117,4 @@ def typical(effect_id: str) -> FreeEffect:
     cls, subject = registry.effect_class(effect_id)
     if not cls.seeds(subject):
         raise InputError(f"plan for {effect_id}: its orders are not known beforehand; measure any test in which its axis moves")
-    return FreeEffect(cls(subject, **cls.seeds(subject)[0]), cls.free_of(subject))
+    return EffectVector(cls(subject, **cls.seeds(subject)[0]), cls.free_of(subject))

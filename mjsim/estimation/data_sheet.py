@@ -28,9 +28,9 @@ class SheetParameter:
 SHEET: tuple[SheetParameter, ...] = tuple(SheetParameter(a, n, sd) for a in AXES for n, sd in TOLERANCE.items())
 
 
-def calibrated(machine: Machine, tau: np.ndarray) -> Machine:
-    """``machine`` with its data sheet moved by ``tau`` (len(SHEET),) standard deviations."""
-    for p, t in zip(SHEET, tau, strict=True):
+def calibrated(machine: Machine, sheet_deviation: np.ndarray) -> Machine:
+    """``machine`` with its data sheet moved by ``sheet_deviation`` (len(SHEET),) standard deviations."""
+    for p, t in zip(SHEET, sheet_deviation, strict=True):
         if t == 0.0:
             continue
         factor = max(1.0 + p.sd * t, 0.05)
