@@ -39,9 +39,9 @@ BUGS = (
     Bug(
         "kinematics",
         "the A axis' tilt about Y has the other sign",
-        "mjsim/kinematics.py",
-        'rotation("z", e["EC0A"]) @ rotation("y", e["EB0A"])',
-        'rotation("z", e["EC0A"]) @ rotation("y", -e["EB0A"])',
+        "mjsim/machine/kinematics.py",
+        "turn = rotation(error.along, value) @ turn",
+        'turn = rotation(error.along, -value if error.name == "EB0A" else value) @ turn',
         "test_kinematics test_model",
     ),
     Bug(

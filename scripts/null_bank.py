@@ -29,7 +29,7 @@ from mjsim.estimation.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, 
 from mjsim.estimation.selection import THRESHOLD, ModelSelection
 from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.io.resources import examples
-from mjsim.machine.chain import reading
+from mjsim.machine.kinematics import reading
 from mjsim.machine.model import Machine, build
 from mjsim.simulation.axes import AxesMotion
 
@@ -47,7 +47,7 @@ def null_campaign(campaign: Campaign, machine: Machine, rng: np.random.Generator
         q = motion.load(true)
         table, spindle = setups[t.setup]
         q[:, :3] += spindle
-        d = reading(q, np.asarray(t.table_ball) + table, t.length, true.geometry) + length
+        d = reading(true.chain, q, np.asarray(t.table_ball) + table, t.length, true.geometry) + length
         lo, hi = motion.program.measured_span
         time = np.arange(np.ceil(lo / 0.005), np.floor(hi / 0.005) + 1) * 0.005
         x = np.interp(time - np.clip(rng.normal(0, TRIGGER), -0.05, 0.05), motion.time, d)

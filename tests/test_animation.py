@@ -30,7 +30,8 @@ from mjsim.cli.main import main
 from mjsim.effects.registry import make
 from mjsim.errors import InputError
 from mjsim.io.resources import examples
-from mjsim.machine.chain import bar_vector
+from mjsim.machine.chain import FIVE_AXIS
+from mjsim.machine.kinematics import bar_vector
 from mjsim.workflow import history as ladder
 from mjsim.workflow.compare import compare
 
@@ -193,7 +194,7 @@ def test_the_balls_are_where_the_kinematics_puts_them(stage, story, camera, asid
     stretch = 0.02
     balls = stage.pose(position, stretch)
     vector = balls.spindle - balls.table
-    np.testing.assert_allclose(vector, bar_vector(position[None], story.test.table_ball)[0], atol=1e-12)
+    np.testing.assert_allclose(vector, bar_vector(FIVE_AXIS, position[None], story.test.table_ball)[0], atol=1e-12)
     along = vector / np.linalg.norm(vector)
     np.testing.assert_allclose(balls.ghost - balls.table, along * (story.test.length + stretch), atol=1e-12)
     image = stage.render(camera, 640, 480, balls, (), aside).astype(int)

@@ -109,7 +109,8 @@ def test_nuisances_are_recovered_by_a_problem_of_known_offsets():
     """A trace made from the machine's own reading with known ball offsets, bar length and trigger gives them back."""
     from mjsim.estimation.nuisance import fit_nuisance
     from mjsim.estimation.problem import LENGTH, TABLE_BALL, TRIGGER
-    from mjsim.machine.chain import reading
+    from mjsim.machine.chain import FIVE_AXIS
+    from mjsim.machine.kinematics import reading
     from mjsim.machine.model import build
     from mjsim.simulation.axes import AxesMotion
 
@@ -119,7 +120,7 @@ def test_nuisances_are_recovered_by_a_problem_of_known_offsets():
     motion = AxesMotion(test)
     q = motion.load(build(machine))
     offset = np.array([12e-6, -7e-6, 4e-6])
-    d = reading(q, np.asarray(test.table_ball) + offset, test.length) + 2e-6
+    d = reading(FIVE_AXIS, q, np.asarray(test.table_ball) + offset, test.length) + 2e-6
     lo, hi = motion.program.measured_span
     time = np.arange(np.ceil(lo / 0.005), np.floor(hi / 0.005)) * 0.005
     value = np.interp(time - 0.011, motion.time, d) + coloured(len(time), 0.05e-6, 0.05, 0.005, np.random.default_rng(5))

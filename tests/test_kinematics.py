@@ -1,11 +1,12 @@
-"""Three independent ways to the reading: MuJoCo's sites, mjsim.machine.chain, and the chain written out in 4 x 4 matrices here."""
+"""Three independent ways to the reading: MuJoCo's sites, mjsim.machine.kinematics, and the chain written out in 4 x 4 matrices here."""
 
 import mujoco
 import numpy as np
 import pytest
 
 from mjsim.effects.registry import make
-from mjsim.machine.chain import AXES, COLUMN, Geometry, bar_vector, reading, rotation, sensitivity, table_ball, work_to_machine
+from mjsim.machine.chain import AXES, COLUMN, FIVE_AXIS
+from mjsim.machine.kinematics import Geometry, bar_vector, reading, rotation, sensitivity, table_ball, work_to_machine
 from mjsim.machine.model import build
 from mjsim.simulation import mjmodel
 
@@ -92,14 +93,14 @@ def test_mujoco_agrees_with_every_geometric_effect_on(machine, bare):
     names = (*AXES, *MOTION)
     assert [COLUMN[n] for n in names] == list(range(9))
     got = sites(mjmodel.build_model(plant), q, names)
-    want = reading(q, BALL, LENGTH, plant.geometry)
+    want = reading(FIVE_AXIS, q, BALL, LENGTH, plant.geometry)
     assert np.abs(got - want).max() < NM
 
 
 def test_mujoco_agrees_on_the_ideal_machine(machine, bare):
     q = poses(1000, seed=1)[:, :5]
     got = sites(mjmodel.build_model(build(bare(machine))), q, AXES)
-    assert np.abs(got - reading(q, BALL, LENGTH)).max() < 1e-14
+    assert np.abs(got - reading(FIVE_AXIS, q, BALL, LENGTH)).max() < 1e-14
 
 
 @pytest.mark.parametrize("subject", [*LOCATION, *SQUARENESS])
@@ -112,18 +113,18 @@ def test_mujoco_agrees_effect_by_effect(m1, bare, subject):
     plant = build(bare(m1).with_effect(effect))
     q = poses(100, seed=3)[:, :5]
     got = sites(mjmodel.build_model(plant), q, AXES)
-    assert np.abs(got - reading(q, BALL, LENGTH, plant.geometry)).max() < NM
-    assert np.abs(got - reading(q, BALL, LENGTH)).max() > 10e-6  # and it does something
+    assert np.abs(got - reading(FIVE_AXIS, q, BALL, LENGTH, plant.geometry)).max() < NM
+    assert np.abs(got - reading(FIVE_AXIS, q, BALL, LENGTH)).max() > 10e-6  # and it does something
 
 
 def test_kinematics_agree_with_the_chain_written_out():
     q = poses(1000, seed=5)
-    got = reading(q, BALL, LENGTH, Geometry(LOCATION, SQUARENESS))
+    got = reading(FIVE_AXIS, q, BALL, LENGTH, Geometry(LOCATION, SQUARENESS))
     want = np.array([oracle(row, BALL, LENGTH, LOCATION, SQUARENESS) for row in q])
     assert np.abs(got - want).max() < 1e-12
     still = np.hstack([q[:, :5], np.zeros((1000, 4))])
     want = np.array([oracle(row, BALL, LENGTH, LOCATION, SQUARENESS) for row in still])
-    assert np.abs(reading(q[:, :5], BALL, LENGTH, Geometry(LOCATION, SQUARENESS)) - want).max() < 1e-12
+    assert np.abs(reading(FIVE_AXIS, q[:, :5], BALL, LENGTH, Geometry(LOCATION, SQUARENESS)) - want).max() < 1e-12
 
 
 @pytest.mark.parametrize("subject", [*LOCATION, *SQUARENESS])
@@ -133,7 +134,7 @@ def test_kinematics_agree_effect_by_effect(subject):
     q = poses(50, seed=6)
     geometry = Geometry({subject: LOCATION[subject]}, {}) if subject in LOCATION else Geometry({}, {subject: SQUARENESS[subject]})
     want = np.array([oracle(row, BALL, LENGTH, location, square) for row in q])
-    assert np.abs(reading(q, BALL, LENGTH, geometry) - want).max() < 1e-12
+    assert np.abs(reading(FIVE_AXIS, q, BALL, LENGTH, geometry) - want).max() < 1e-12
 
 
 def test_ideal_machine_is_equation_a9():
@@ -146,16 +147,13 @@ def test_ideal_machine_is_equation_a9():
             np.sin(c) * np.cos(a) * x + np.cos(c) * np.cos(a) * y - np.sin(a) * z,
             np.sin(c) * np.sin(a) * x + np.cos(c) * np.sin(a) * y + np.cos(a) * z,
         ]
-        np.testing.assert_allclose(work_to_machine(np.array([a]), np.array([c]), p)[0], want, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(work_to_machine(FIVE_AXIS, np.array([[0, 0, 0, a, c]]), p)[0], want, rtol=0, atol=1e-15)
 
 
 def test_rotation_matrices():
-    angle = np.array([0.0, 0.3, -2.0])
-    for axis in "xyz":
-        r = rotation(axis, angle)
-        assert r.shape == (3, 3, 3)
-        for k, a in enumerate(angle):
-            np.testing.assert_allclose(r[k], spin(axis, a)[:3, :3], rtol=0, atol=1e-15)
+    for along, axis in enumerate("xyz"):
+        for a in (0.0, 0.3, -2.0):
+            np.testing.assert_allclose(rotation(along, a), spin(axis, a)[:3, :3], rtol=0, atol=1e-15)
 
 
 # --- closed forms ---
@@ -164,7 +162,9 @@ def test_rotation_matrices():
 def test_neutral_geometry_is_the_ideal_machine():
     q = poses(200, seed=11)
     zero = Geometry(dict.fromkeys(LOCATION, 0.0), dict.fromkeys(SQUARENESS, 0.0))
-    np.testing.assert_allclose(reading(q[:, :5], BALL, LENGTH, zero), reading(q[:, :5], BALL, LENGTH), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(
+        reading(FIVE_AXIS, q[:, :5], BALL, LENGTH, zero), reading(FIVE_AXIS, q[:, :5], BALL, LENGTH), rtol=0, atol=1e-15
+    )
 
 
 def test_table_offset_seen_by_a_circle():
@@ -174,7 +174,7 @@ def test_table_offset_seen_by_a_circle():
     q[:, :3] = BALL + LENGTH * np.column_stack([np.cos(phi), np.sin(phi), 0 * phi])
     ex, ey, ez = e = np.array([30e-6, -20e-6, 50e-6])
     want = np.sqrt((LENGTH * np.cos(phi) - ex) ** 2 + (LENGTH * np.sin(phi) - ey) ** 2 + ez**2) - LENGTH
-    np.testing.assert_allclose(reading(q, BALL + e, LENGTH), want, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(reading(FIVE_AXIS, q, BALL + e, LENGTH), want, rtol=0, atol=1e-15)
 
 
 def test_offset_of_the_c_centreline_turns_with_nothing():
@@ -182,14 +182,14 @@ def test_offset_of_the_c_centreline_turns_with_nothing():
     c = np.linspace(-6, 6, 50)
     q = np.zeros((50, 5))
     q[:, 4] = c
-    shift = table_ball(q, BALL, Geometry({"EX0C": 3e-5, "EY0C": -4e-5})) - table_ball(q, BALL)
+    shift = table_ball(FIVE_AXIS, q, BALL, Geometry({"EX0C": 3e-5, "EY0C": -4e-5})) - table_ball(FIVE_AXIS, q, BALL)
     np.testing.assert_allclose(shift, np.tile([3e-5, -4e-5, 0], (50, 1)), rtol=0, atol=1e-16)
 
 
 def test_offset_of_the_a_centreline():
     """A displaced A centreline displaces the ball by the same vector at every A and C (the C axis goes with it)."""
     q = poses(50, seed=4)[:, :5]
-    shift = table_ball(q, BALL, Geometry({"EY0A": 3e-5, "EZ0A": -4e-5})) - table_ball(q, BALL)
+    shift = table_ball(FIVE_AXIS, q, BALL, Geometry({"EY0A": 3e-5, "EZ0A": -4e-5})) - table_ball(FIVE_AXIS, q, BALL)
     np.testing.assert_allclose(shift, np.tile([0, 3e-5, -4e-5], (50, 1)), rtol=0, atol=1e-16)
 
 
@@ -199,7 +199,7 @@ def test_tilted_c_axis_of_a_ball_on_the_axis():
     h, t = 0.155, 1e-3
     p = np.array([0.0, 0.0, h])
     for name, want in (("EB0C", [h * np.sin(t), 0, -h * (1 - np.cos(t))]), ("EA0C", [0, -h * np.sin(t), -h * (1 - np.cos(t))])):
-        np.testing.assert_allclose(table_ball(q, p, Geometry({name: t}))[0] - p, want, rtol=0, atol=1e-16)
+        np.testing.assert_allclose(table_ball(FIVE_AXIS, q, p, Geometry({name: t}))[0] - p, want, rtol=0, atol=1e-16)
 
 
 @pytest.mark.parametrize(("plane", "first", "second", "sign"), [("XY", 0, 1, -1), ("YZ", 1, 2, -1), ("ZX", 2, 0, 1)])
@@ -209,7 +209,7 @@ def test_squareness_on_a_circle(plane, first, second, sign):
     alpha = 50e-6
     q = np.zeros((361, 5))
     q[:, first], q[:, second] = LENGTH * np.cos(phi), LENGTH * np.sin(phi)
-    got = reading(q, np.zeros(3), LENGTH, Geometry({}, {plane: alpha}))
+    got = reading(FIVE_AXIS, q, np.zeros(3), LENGTH, Geometry({}, {plane: alpha}))
     np.testing.assert_allclose(got, sign * alpha * LENGTH * np.sin(phi) * np.cos(phi), rtol=0, atol=LENGTH * alpha**2)
 
 
@@ -221,19 +221,19 @@ def test_sensitivity_against_central_differences():
     q = poses(200, seed=12)[:, :5]
     # on the nominal bar: the spindle ball one bar away from the table ball
     u = rng.normal(size=(200, 3))
-    q[:, :3] = table_ball(q, BALL) + LENGTH * u / np.linalg.norm(u, axis=1)[:, None]
-    s = sensitivity(q, BALL)
+    q[:, :3] = table_ball(FIVE_AXIS, q, BALL) + LENGTH * u / np.linalg.norm(u, axis=1)[:, None]
+    s = sensitivity(FIVE_AXIS, q, BALL)
     h = 1e-6
     for k in range(5):
         d = np.zeros(5)
         d[k] = h
-        numeric = (reading(q + d, BALL, LENGTH) - reading(q - d, BALL, LENGTH)) / (2 * h)
+        numeric = (reading(FIVE_AXIS, q + d, BALL, LENGTH) - reading(FIVE_AXIS, q - d, BALL, LENGTH)) / (2 * h)
         np.testing.assert_allclose(s.axes[:, k], numeric, rtol=0, atol=1e-8)
     for k in range(3):
         d = np.eye(3)[k] * h
-        numeric = (reading(q, BALL + d, LENGTH) - reading(q, BALL - d, LENGTH)) / (2 * h)
+        numeric = (reading(FIVE_AXIS, q, BALL + d, LENGTH) - reading(FIVE_AXIS, q, BALL - d, LENGTH)) / (2 * h)
         np.testing.assert_allclose(s.table[:, k], numeric, rtol=0, atol=1e-8)
-    b = bar_vector(q, BALL)
+    b = bar_vector(FIVE_AXIS, q, BALL)
     np.testing.assert_allclose(s.spindle, b / np.linalg.norm(b, axis=1)[:, None], rtol=0, atol=1e-15)
     np.testing.assert_array_equal(s.axes[:, :3], s.spindle)
 
@@ -244,7 +244,7 @@ def test_perpendicular_method_does_not_see_z(cone):
     for theta, beta in ((15, 10), (45, 30)):
         test = cone(theta, beta, (50, -40, 155))
         q = Program(test).commands(np.linspace(0, 40, 2001))
-        s = sensitivity(q, np.array(test.table_ball))
+        s = sensitivity(FIVE_AXIS, q, np.array(test.table_ball))
         assert np.abs(s.axes[:, 2]).max() < 1e-12
         assert np.all(np.abs(s.axes[:, :2]).max(axis=0) > 0.3)
 
@@ -257,5 +257,5 @@ def test_the_compiled_reading_is_the_reference():
     q = rng.uniform(-1.0, 1.0, (400, 9)) * np.array([0.3, 0.3, 0.3, 2.0, 7.0, 1e-3, 1e-3, 1e-3, 1e-3])
     for columns in (5, 9):
         for geometry in (Geometry(), Geometry(LOCATION, SQUARENESS)):
-            want = reading(q[:, :columns], BALL, LENGTH, geometry)
-            np.testing.assert_allclose(compiled(q[:, :columns], BALL, LENGTH, geometry), want, rtol=0, atol=1e-14)
+            want = reading(FIVE_AXIS, q[:, :columns], BALL, LENGTH, geometry)
+            np.testing.assert_allclose(compiled(FIVE_AXIS, q[:, :columns], BALL, LENGTH, geometry), want, rtol=0, atol=1e-14)

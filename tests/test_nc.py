@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from mjsim.ballbar.feed import ACCELERATION, trapezoid
-from mjsim.ballbar.kinds.cone_frustum import tool_axis
 from mjsim.ballbar.paths import PATHS, peripheral_radius
 from mjsim.ballbar.program import Program
-from mjsim.machine.chain import bar_vector
+from mjsim.machine.chain import FIVE_AXIS
+from mjsim.machine.kinematics import aim, bar_vector
 
 DEG = np.pi / 180.0
 X, Y, Z, A, C = range(5)
@@ -173,7 +173,7 @@ def test_tool_axis_formula():
     d[:, 2] = np.abs(d[:, 2])
     d /= np.linalg.norm(d, axis=1)[:, None]
     for i, j, k in d:
-        a, c = (x[0] for x in tool_axis(*np.array([[i], [j], [k]])))
+        a, c = aim(FIVE_AXIS, np.array([[i, j, k]]))[0, 3:]
         assert a == pytest.approx(np.arccos(k), abs=1e-14)
         assert c == pytest.approx((1.0 if i >= 0 else -1.0) * np.arccos(j / np.hypot(i, j)), abs=1e-7)  # arccos is blunt at ±1
 
@@ -181,9 +181,9 @@ def test_tool_axis_formula():
 def test_c_keeps_its_value_on_the_pole():
     """Where the tool axis is the C axis, C is arbitrary; it must not jump."""
     angle = np.linspace(-0.3, 0.3, 61)
-    a, c = tool_axis(np.zeros(61), np.abs(np.sin(angle)), np.cos(angle))
+    a, c = aim(FIVE_AXIS, np.column_stack([np.zeros(61), np.abs(np.sin(angle)), np.cos(angle)])).T[3:]
     assert a[30] == 0 and np.all(c == 0)
-    a, c = tool_axis(np.full(3, 0.0), np.full(3, 0.0), np.ones(3))
+    a, c = aim(FIVE_AXIS, np.tile([0.0, 0.0, 1.0], (3, 1))).T[3:]
     assert np.all(a == 0) and np.isfinite(c).all()
 
 
@@ -233,7 +233,7 @@ def test_balls_are_one_bar_apart(cone, circle, turn):
     for test in all_tests(cone, circle, turn):
         program = Program(test)
         q = program.commands(np.linspace(-0.5, program.duration + 0.5, 4001))
-        d = np.linalg.norm(bar_vector(q, np.array(test.table_ball)), axis=1)
+        d = np.linalg.norm(bar_vector(FIVE_AXIS, q, np.array(test.table_ball)), axis=1)
         assert np.abs(d - test.length).max() < 1e-14, test
         assert np.isfinite(q).all()
 
@@ -243,7 +243,7 @@ def test_perpendicular_and_parallel(cone, theta, beta):
     """Perpendicular: the bar stays in the machine's XY plane. Parallel: it leaves it by the half apex angle."""
     for ball in ((0, 0, 155), (50, -80, 155)):
         square, level = (cone(theta, beta, ball, sensitive=s) for s in ("perpendicular", "parallel"))
-        up = [bar_vector(PATHS["cone_frustum"](t, PHI), np.array(t.table_ball))[:, 2] for t in (square, level)]
+        up = [bar_vector(FIVE_AXIS, PATHS["cone_frustum"](t, PHI), np.array(t.table_ball))[:, 2] for t in (square, level)]
         assert np.abs(up[0]).max() < 1e-14
         np.testing.assert_allclose(up[1], -0.1 * np.sin(theta * DEG), rtol=0, atol=1e-14)
 
@@ -265,7 +265,7 @@ def test_rotary_directions(turn, axis, ball):
     for sensitive in ("radial", "axial", "tangential"):
         test = turn(axis, 0, 80, ball, sensitive)
         phi = np.linspace(0, 80, 9) * DEG
-        bar = bar_vector(PATHS["rotary"](test, phi), np.array(test.table_ball)) / 0.1
+        bar = bar_vector(FIVE_AXIS, PATHS["rotary"](test, phi), np.array(test.table_ball)) / 0.1
         for f, b in zip(phi, bar, strict=True):
             p = rotation("z" if axis == "C" else "x", f) @ ball
             a = np.array([0, 0, 1.0] if axis == "C" else [1.0, 0, 0])

@@ -12,7 +12,8 @@ from mjsim.ballbar.follow import deviation
 from mjsim.ballbar.program import Program, driven_by
 from mjsim.errors import InputError
 from mjsim.io.resources import model_file
-from mjsim.machine.chain import AXES, machine_to_work, reading, work_to_machine
+from mjsim.machine.chain import AXES, FIVE_AXIS
+from mjsim.machine.kinematics import machine_to_work, reading, work_to_machine
 from mjsim.machine.model import build
 from mjsim.nc.control import Control, executed, feed_report
 from mjsim.nc.dialects import DIALECTS
@@ -72,7 +73,7 @@ def test_round_trip(tests, dialect, feed):
         np.testing.assert_array_equal(nc.motion.points, written.motion.points)
         meant = exact.copy()
         if feed == "tcp":
-            meant[:, :3] = machine_to_work(exact[:, 3], exact[:, 4], exact[:, :3])
+            meant[:, :3] = machine_to_work(FIVE_AXIS, exact, exact[:, :3])
         half = 0.5 * 10.0 ** -DIALECTS[dialect].decimals
         assert (np.abs(nc.motion.points - meant) <= 1.001 * half * UNITS).all()
         ideal = written.motion.seconds
@@ -256,7 +257,7 @@ def test_sinumerik_spellings():
     np.testing.assert_allclose(nc.motion.points / UNITS, [[1, 0, 0, 0, 350], [2, 0, 0, 0, 370]], atol=1e-9)
     assert nc.motion.seconds == pytest.approx([1.0])
     q = nc.motion.at(np.array([0.5]))[0]
-    np.testing.assert_allclose(q[:3], work_to_machine(q[3:4], q[4:], np.array([[1.5e-3, 0, 0]]))[0], atol=1e-15)
+    np.testing.assert_allclose(q[:3], work_to_machine(FIVE_AXIS, q[None], np.array([[1.5e-3, 0, 0]]))[0], atol=1e-15)
 
 
 REFUSED = {
@@ -480,7 +481,7 @@ def test_driven_programs_are_the_tests_own_ones(tests):
         np.testing.assert_allclose(driven.phi(time), own.phi(time), rtol=0, atol=3e-6)
         away = driven.commands(time) - own.commands(time)
         assert np.abs(away[:, :3]).max() < 2e-6 and np.abs(away[:, 3:]).max() < 2e-5, test
-        bar = reading(driven.commands(time), np.array(test.table_ball), test.length)
+        bar = reading(FIVE_AXIS, driven.commands(time), np.array(test.table_ball), test.length)
         assert np.abs(bar).max() < 1.5e-6
 
 

@@ -7,7 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from mjsim.machine.chain import work_to_machine
+from mjsim.machine.chain import FIVE_AXIS, Chain
+from mjsim.machine.kinematics import work_to_machine
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,14 +17,16 @@ class Commanded:
 
     Attributes:
         seconds: (n,) duration of each block by its F, s, above 0.
-        points: (n + 1, 5) where the blocks begin and end: X, Y, Z (m), A, C (rad).
-        tip: whether X, Y, Z of ``points`` are the tool tip's in the work frame (tool centre point control), which the control turns
+        points: (n + 1, axes) where the blocks begin and end, m and rad.
+        tip: whether the linear axes of ``points`` are the tool tip's in the work frame (tool centre point control), which the control turns
             into axis positions all along a block; otherwise they are axis positions.
+        chain: the machine's axes.
     """
 
     seconds: np.ndarray
     points: np.ndarray
     tip: bool = False
+    chain: Chain = FIVE_AXIS
 
     @cached_property
     def knots(self) -> np.ndarray:
@@ -37,20 +40,20 @@ class Commanded:
 
     @cached_property
     def axes(self) -> np.ndarray:
-        """Axis positions at the points, (n + 1, 5) m and rad."""
+        """Axis positions at the points, (n + 1, axes) m and rad."""
         return self._machine(self.points)
 
     def at(self, time: np.ndarray) -> np.ndarray:
-        """Axis positions (n, 5) m and rad at ``time`` (n,) s of block time, held at both ends."""
+        """Axis positions (n, axes) m and rad at ``time`` (n,) s of block time, held at both ends."""
         time = np.asarray(time, float)
         return self._machine(np.column_stack([np.interp(time, self.knots, column) for column in self.points.T]))
 
     def speeds(self) -> np.ndarray:
-        """Mean speed of every axis in every block, (n, 5) m/s and rad/s, signed."""
+        """Mean speed of every axis in every block, (n, axes) m/s and rad/s, signed."""
         return np.diff(self.axes, axis=0) / self.seconds[:, None]
 
     def _machine(self, points: np.ndarray) -> np.ndarray:
         if not self.tip:
             return points
-        A, C = points[:, 3], points[:, 4]
-        return np.column_stack([work_to_machine(A, C, points[:, :3]), A, C])
+        linear, rotary = self.chain.linear_columns, self.chain.rotary_columns
+        return np.hstack([work_to_machine(self.chain, points, points[:, linear]), points[:, rotary]])

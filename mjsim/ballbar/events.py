@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from mjsim.ballbar.program import Program
-from mjsim.machine.chain import AXES
 
 #: Extent within which a point counts as being at a reversal, rad of the test's angle.
 NEAR = np.radians(6.0)
@@ -20,7 +19,7 @@ def reversals(program: Program) -> dict[str, np.ndarray]:
     time = np.linspace(max(0.0, lo - _EDGE), min(program.duration, hi + _EDGE), 20001)
     q, phi = program.commands(time), program.phi(time)
     out = {}
-    for i, axis in enumerate(AXES):
+    for i, axis in enumerate(program.test.chain.letters):
         step = np.diff(q[:, i])
         step[np.abs(step) < 1e-12] = 0.0
         moving = np.flatnonzero(step)

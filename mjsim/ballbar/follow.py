@@ -13,7 +13,7 @@ from mjsim.ballbar.kinds import KINDS
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.paths import peripheral_radius
 from mjsim.errors import InputError
-from mjsim.machine.chain import INDEX, reading
+from mjsim.machine.kinematics import reading
 from mjsim.units import DEG, MM, UM
 
 #: How far the balls' distance may leave the bar's length, m: the sensor's range of an ordinary ball bar.
@@ -26,7 +26,7 @@ TOUCH = 0.01 * DEG
 
 
 def angle(test: BallBarTest, q: np.ndarray) -> np.ndarray:
-    """The test's angle φ (n,) rad, within a turn, at axis positions ``q`` (n, 5): the place of the spindle ball on its circle.
+    """The test's angle φ (n,) rad, within a turn, at axis positions ``q`` (n, axes): the place of the spindle ball on its circle.
 
     For rotary tests it is the rotary axis itself.
     """
@@ -34,7 +34,7 @@ def angle(test: BallBarTest, q: np.ndarray) -> np.ndarray:
 
 
 def unwrapped(test: BallBarTest, q: np.ndarray) -> np.ndarray:
-    """:func:`angle` along a motion ``q`` (n, 5) without jumps; circles begin within half a turn of φ = 0."""
+    """:func:`angle` along a motion ``q`` (n, axes) without jumps; circles begin within half a turn of φ = 0."""
     return angle(test, q) if test.kind == "rotary" else np.unwrap(angle(test, q))
 
 
@@ -65,7 +65,7 @@ class Followed:
         return self._profile[0]
 
     def commands(self, time: np.ndarray) -> np.ndarray:
-        """Axis commands (n, 5) m and rad at ``time`` (n,) s, held at both ends."""
+        """Axis commands (n, axes) m and rad at ``time`` (n,) s, held at both ends."""
         return self._motion.at(self._profile[1](time))
 
     @cached_property
@@ -105,13 +105,13 @@ def check_path(test: BallBarTest, motion: Commanded, span: tuple[float, float], 
         InputError: the balls leave the bar's range, φ turns back, or the measured part is not covered.
     """
     axes = motion.axes
-    off = reading(axes, np.asarray(test.table_ball), test.length)
+    off = reading(test.chain, axes, np.asarray(test.table_ball), test.length)
     worst = int(np.argmax(np.abs(off)))
     if abs(off[worst]) > RANGE:
         raise InputError(
             f'{name}: is no program of test "{test.name}": at point {worst + 1} of {len(axes)} the balls are '
             f"{(test.length + off[worst]) / MM:.3f} mm apart; allowed: the bar's {test.length / MM:g} ± {RANGE / MM:g} mm "
-            "(check the test, its table ball, the zero point, and the signs of A and C)"
+            f"(check the test, its table ball, the zero point, and the signs of {' and '.join(test.chain.rotary)})"
         )
     phi, (first, last) = unwrapped(test, axes), span
     sign = np.sign(last - first)
@@ -168,14 +168,15 @@ def deviation(driven: BallBarTest, nominal, times: int = 20001) -> dict:
     phi = motion.phi(own)
     q = motion.commands(own)
     off = q - nominal.path(phi)
-    off[:, 4] = (off[:, 4] + np.pi) % (2 * np.pi) - np.pi  # whole turns of C do not matter
+    table = driven.chain.index(driven.chain.table_axis)
+    off[:, table] = (off[:, table] + np.pi) % (2 * np.pi) - np.pi  # whole turns of the table do not matter
     off = np.abs(off).max(axis=0)
     sign = np.sign(phi[-1] - phi[0])
     late = own - own[0] - (np.interp(sign * phi, sign * nominal.phi(time), time) - lo)
-    bar = reading(q, np.asarray(driven.table_ball), driven.length)
+    bar = reading(driven.chain, q, np.asarray(driven.table_ball), driven.length)
     return {
-        "position_um": {a: float(off[i] / UM) for a, i in INDEX.items() if i < 3},
-        "angle_urad": {a: float(off[i] / 1e-6) for a, i in INDEX.items() if i >= 3},
+        "position_um": {a: float(off[driven.chain.index(a)] / UM) for a in driven.chain.linear},
+        "angle_urad": {a: float(off[driven.chain.index(a)] / 1e-6) for a in driven.chain.rotary},
         "time_ms": float(np.abs(late).max() * 1e3),
         "reading_um": [float(bar.min() / UM), float(bar.max() / UM)],
         "feed_mm_min": driven.feed / MM * 60,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjsim.ballbar.commanded import Commanded
+from mjsim.machine.chain import FIVE_AXIS, Chain
 
 
 @dataclass(frozen=True)
@@ -16,7 +17,7 @@ class BallBarTest:
     ``kind`` is cone_frustum, circular or rotary. ``sensitive`` is perpendicular or parallel (cone_frustum), tangential,
     radial or axial (rotary). ``start``/``stop`` are the rotary axis' ends, ``setup`` names the tests that share both balls'
     offsets, ``started`` is the clock time of the NC program's start in s. ``commanded`` is the motion of an NC file where one takes
-    the place of the test's own program.
+    the place of the test's own program. ``chain`` has the axes of the machine that runs the test.
     """
 
     name: str
@@ -27,8 +28,8 @@ class BallBarTest:
     half_apex: float = 0.0
     inclination: float = 0.0
     sensitive: str = "perpendicular"
-    plane: str = "XY"
-    axis: str = "C"
+    plane: str = FIVE_AXIS.planes[0]
+    axis: str = FIVE_AXIS.table_axis
     start: float = 0.0
     stop: float = 0.0
     direction: str = "CCW"
@@ -37,6 +38,7 @@ class BallBarTest:
     started: float = 0.0
     trace: str | None = None
     commanded: Commanded | None = None
+    chain: Chain = FIVE_AXIS
 
     @property
     def repeats(self) -> bool:

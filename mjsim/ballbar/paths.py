@@ -5,7 +5,7 @@ from __future__ import annotations
 from mjsim.ballbar.kinds import KINDS
 from mjsim.ballbar.measurement import BallBarTest
 
-#: Kind -> axis commands (n, 5) of a test at φ (n,) rad.
+#: Kind -> axis commands (n, axes) of a test at φ (n,) rad.
 PATHS = {name: kind.path for name, kind in KINDS.items()}
 
 

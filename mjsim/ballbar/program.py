@@ -67,13 +67,13 @@ class Program:
         return self._profile[1](time)
 
     def commands(self, time: np.ndarray) -> np.ndarray:
-        """Axis commands (n, 5): X, Y, Z (m), A, C (rad) at ``time`` (n,) s, held at both ends."""
+        """Axis commands (n, axes) m and rad at ``time`` (n,) s, held at both ends."""
         if self._followed:
             return self._followed.commands(time)
         return self.path(self.phi(time))
 
     def path(self, phi: np.ndarray) -> np.ndarray:
-        """Axis positions (n, 5), m and rad, of the test's own path at φ (n,) rad."""
+        """Axis positions (n, axes), m and rad, of the test's own path at φ (n,) rad."""
         return PATHS[self.test.kind](self.test, np.asarray(phi, float))
 
     @property
@@ -98,19 +98,20 @@ class Program:
         return lead, self.duration - lead
 
     def feed_words(self, phi: np.ndarray) -> np.ndarray:
-        """F of eq. A.11 for the blocks between successive φ (n,) rad: mm/min with dA, dC in degrees, (n - 1,)."""
+        """F of eq. A.11 for the blocks between successive φ (n,) rad: mm/min with angles in degrees, (n - 1,)."""
         q = self.path(phi)
-        d = np.diff(q * np.array([1e3, 1e3, 1e3, 1 / DEG, 1 / DEG]), axis=0)
+        d = np.diff(q * np.array([1 / DEG if a.rotary else 1e3 for a in self.test.chain.axes]), axis=0)
         length = abs(np.diff(phi)) * peripheral_radius(self.test)
         return np.linalg.norm(d, axis=1) / (length / self.test.feed / 60.0)
 
     def axis_velocity(self, phi: np.ndarray) -> np.ndarray:
-        """Axis velocities (n, 5), m/s and rad/s, at φ (n,) rad at the constant feed."""
+        """Axis velocities (n, axes), m/s and rad/s, at φ (n,) rad at the constant feed."""
         h = 1e-5
         path, t = PATHS[self.test.kind], self.test
         lo, hi = path(t, np.asarray(phi) - h), path(t, np.asarray(phi) + h)
         step = hi - lo
-        step[:, 4] = (step[:, 4] + np.pi) % (2 * np.pi) - np.pi
+        table = t.chain.index(t.chain.table_axis)
+        step[:, table] = (step[:, table] + np.pi) % (2 * np.pi) - np.pi
         sign = np.sign(self.ends[1] - self.ends[0])
         return sign * step / (2 * h) * t.feed / peripheral_radius(t)
 

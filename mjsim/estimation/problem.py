@@ -17,7 +17,8 @@ from mjsim.estimation.data_sheet import SHEET, calibrated
 from mjsim.estimation.nuisance import fit_nuisance
 from mjsim.estimation.outliers import MOST_EVENTS, SAME_PLACE, largest_jump, leave_out_shorter_side, mark_outliers, readmit_outliers
 from mjsim.estimation.samples import GRID, GRID_STEPS, Samples, estimate_noise, make_samples
-from mjsim.machine.chain import AXES, BarSensitivity
+from mjsim.machine.chain import AXES
+from mjsim.machine.kinematics import BarSensitivity
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant
 from mjsim.simulation.axes import AxesMotion

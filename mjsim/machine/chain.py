@@ -1,161 +1,251 @@
-"""Kinematic reference of the machine, written from the equations (not from the MJCF).
+"""A machine's kinematic chain: its axes and their order, and the names of its geometric errors.
 
-It is the oracle that MuJoCo's site distance is tested against, and the fast path that the diagnosis searches with.
-Sources: Kato, Tsutsumi, Sato 2013, eq. A.9; location errors of the rotary axes as in ISO 230-7 and ISO 230-1, composed
-as documented for the effect catalogue (``docs/theory.md``).
-
-Frames: the origin of work and machine frame is where the A and C centrelines intersect at X = Y = Z = A = C = 0.
-Axis positions are arrays ``q`` of shape (n, 5) in the order X, Y, Z (m), A, C (rad); four more columns, where present, are the
-rotary table's error motion (:data:`COLUMN`).
+This is the only module that spells out axis letters. Letters follow ISO 841: X, Y, Z (and U, V, W beside them) are linear, A, B, C turn
+about X, Y, Z. Error names follow ISO 230-1: ``EYX`` is the straightness error of X in the direction of Y, ``EC0A`` the rotation
+of the A axis' centreline about Z, ``EXC`` the radial error motion of C along X.
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
+from functools import cache, cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-AXES = ("X", "Y", "Z", "A", "C")
-LINEAR = ("X", "Y", "Z")
-ROTARY = ("A", "C")
-INDEX = {a: i for i, a in enumerate(AXES)}
-#: Columns of a motion: the five axes, then the rotary table's error motion in the cradle frame (m, m, rad, rad).
-COLUMN = {**INDEX, "EXC": 5, "EYC": 6, "EAC": 7, "EBC": 8}
+from mjsim.errors import InputError
+
+_ALONG, _BESIDE, _ABOUT = "XYZ", "UVW", "ABC"
+_CONFIGURATION = re.compile(rf"w-((?:[{_ALONG}{_BESIDE}{_ABOUT}]')*)b([{_ALONG}{_BESIDE}{_ABOUT}]*)-t")
+#: The rotary axis that carries the workpiece, and those that may tilt it.
+_TABLE, _TILTING = "C", ("A", "B")
+_EXAMPLE = "w-C'A'Y'bXZ-t"
 
 
-@dataclass
-class Geometry:
-    """Location errors and squareness. All zero is the ideal machine.
+class Axis(NamedTuple):
+    """One axis.
 
-    ``location`` holds metres and radians under the ISO names EX0C EY0C EA0C EB0C EY0A EZ0A EB0A EC0A;
-    ``squareness`` radians under XY YZ ZX.
+    Attributes:
+        letter: as ISO 841 names it.
+        along: coordinate along which it moves or about which it turns: 0, 1 or 2.
+        rotary: whether it turns.
     """
 
-    location: dict[str, float] = field(default_factory=dict)
-    squareness: dict[str, float] = field(default_factory=dict)
+    letter: str
+    along: int
+    rotary: bool
 
-    def displacement(self, axis: str) -> tuple[np.ndarray, np.ndarray]:
-        """Shift (3,) m and rotation (3, 3) of a rotary axis' frame, in the frame that carries it."""
-        e = {k: self.location.get(k, 0.0) for k in ("EX0C", "EY0C", "EA0C", "EB0C", "EY0A", "EZ0A", "EB0A", "EC0A")}
-        if axis == "C":
-            return np.array([e["EX0C"], e["EY0C"], 0.0]), rotation("y", e["EB0C"]) @ rotation("x", e["EA0C"])
-        return np.array([0.0, e["EY0A"], e["EZ0A"]]), rotation("z", e["EC0A"]) @ rotation("y", e["EB0A"])
+    @property
+    def direction(self) -> np.ndarray:
+        """Unit vector in machine coordinates, (3,)."""
+        return np.eye(3)[self.along]
 
-
-def rotation(axis: str, angle: np.ndarray | float) -> np.ndarray:
-    """Rotation matrices about a coordinate axis: (..., 3, 3) for an angle array of shape (...)."""
-    c, s = np.cos(angle), np.sin(angle)
-    one, zero = np.ones_like(c), np.zeros_like(c)
-    rows = {
-        "x": ((one, zero, zero), (zero, c, -s), (zero, s, c)),
-        "y": ((c, zero, s), (zero, one, zero), (-s, zero, c)),
-        "z": ((c, -s, zero), (s, c, zero), (zero, zero, one)),
-    }[axis]
-    return np.stack([np.stack(r, axis=-1) for r in rows], axis=-2)
+    @property
+    def across(self) -> tuple[int, int]:
+        """The two coordinates perpendicular to it, in their order."""
+        first, second = (i for i in range(3) if i != self.along)
+        return first, second
 
 
-def work_to_machine(A: np.ndarray, C: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Eq. A.9: machine coordinates (n, 3) of work-frame ``points`` (n, 3) or (3,) at A, C (n,) in rad.
+class LocationError(NamedTuple):
+    """A location error of a rotary axis: its centreline displaced (m) or turned (rad) in the frame that carries the axis.
 
-    >>> turned = work_to_machine(np.zeros(1), np.full(1, np.pi / 2), [0.1, 0.0, 0.155])  # C by 90°
-    >>> turned.round(6).tolist()
-    [[0.0, 0.1, 0.155]]
+    Attributes:
+        name: as ISO 230-1 names it.
+        axis: letter of the rotary axis.
+        along: coordinate along which it is displaced or about which it is turned: 0, 1 or 2.
+        rotation: whether it is turned.
     """
-    x, y, z = np.broadcast_arrays(*np.moveaxis(np.asarray(points, float), -1, 0))
-    ca, sa, cc, sc = np.cos(A), np.sin(A), np.cos(C), np.sin(C)
-    u, v = cc * x - sc * y, sc * x + cc * y
-    return np.stack([u + 0 * ca, ca * v - sa * z, sa * v + ca * z], axis=-1)
+
+    name: str
+    axis: str
+    along: int
+    rotation: bool
 
 
-def machine_to_work(A: np.ndarray, C: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Inverse of :func:`work_to_machine`: work coordinates (n, 3) of machine ``points`` (n, 3) at A, C (n,) in rad."""
-    x, y, z = np.moveaxis(np.asarray(points, float), -1, 0)
-    ca, sa, cc, sc = np.cos(A), np.sin(A), np.cos(C), np.sin(C)
-    v = ca * y + sa * z
-    return np.stack([cc * x + sc * v, cc * v - sc * x, ca * z - sa * y], axis=-1)
+class Squareness(NamedTuple):
+    """Squareness error α of two linear axes: the spindle ball moves by ``sign``·α·(position of ``axis``) along ``along``.
 
-
-def table_ball(q: np.ndarray, point: np.ndarray, geometry: Geometry | None = None) -> np.ndarray:
-    """Table-ball centre relative to the Y slide's frame, (n, 3) m, with all location errors and table motions.
-
-    ``p <- Rz(C) p``; displacement and tilt ``Rx Ry`` of the table's error motion; ``Ry(EB0C) Rx(EA0C) p + (EX0C, EY0C, 0)``;
-    ``Rx(A) p``; ``Rz(EC0A) Ry(EB0A) p + (0, EY0A, EZ0A)``.
+    Attributes:
+        name: the two axes.
+        axis: letter of the axis that is out of square.
+        along: coordinate of the displacement: 0, 1 or 2.
+        sign: +1 or −1.
     """
-    A, C = q[:, 3], q[:, 4]
-    moving = q.shape[1] > 5
-    if not moving and (geometry is None or not geometry.location):
-        return work_to_machine(A, C, point)
-    location = geometry.location if geometry else {}
-    e = {k: location.get(k, 0.0) for k in ("EX0C", "EY0C", "EA0C", "EB0C", "EY0A", "EZ0A", "EB0A", "EC0A")}
-    p = np.einsum("nij,j->ni", rotation("z", C), np.asarray(point, float))
-    if moving:
-        p[:, :2] += q[:, 5:7]
-        p = np.einsum("nij,njk,nk->ni", rotation("x", q[:, 7]), rotation("y", q[:, 8]), p)
-    p = p @ (rotation("y", e["EB0C"]) @ rotation("x", e["EA0C"])).T + [e["EX0C"], e["EY0C"], 0.0]
-    p = np.einsum("nij,nj->ni", rotation("x", A), p)
-    return p @ (rotation("z", e["EC0A"]) @ rotation("y", e["EB0A"])).T + [0.0, e["EY0A"], e["EZ0A"]]
+
+    name: str
+    axis: str
+    along: int
+    sign: float
 
 
-def bar_vector(q: np.ndarray, point: np.ndarray, geometry: Geometry | None = None) -> np.ndarray:
-    """Vector from the table ball to the spindle ball, (n, 3) m, in machine axes.
-
-    Args:
-        q: axis positions (n, 5) on the load side, m and rad.
-        point: table-ball centre in the work frame at A = C = 0, m.
-        geometry: location errors and squareness; ``None`` is the ideal machine.
-    """
-    s = q[:, :3]
-    if geometry is not None and geometry.squareness:
-        sq = geometry.squareness
-        s = s + np.stack(
-            [
-                -sq.get("XY", 0.0) * q[:, 1] + sq.get("ZX", 0.0) * q[:, 2],
-                -sq.get("YZ", 0.0) * q[:, 2],
-                np.zeros(len(q)),
-            ],
-            axis=1,
-        )
-    return s - table_ball(q, point, geometry)
+def axis_of(letter: str) -> Axis:
+    """The axis that ISO 841 names ``letter``."""
+    for letters, rotary in ((_ALONG, False), (_BESIDE, False), (_ABOUT, True)):
+        if letter in letters:
+            return Axis(letter, letters.index(letter), rotary)
+    raise InputError(f"axis {letter!r} is unknown; allowed: {', '.join(_ALONG + _BESIDE + _ABOUT)}")
 
 
-def reading(q: np.ndarray, point: np.ndarray, length: float, geometry: Geometry | None = None) -> np.ndarray:
-    """Ball-bar reading ``|OS - OT| - L`` in m, (n,), positive outward."""
-    return np.linalg.norm(bar_vector(q, point, geometry), axis=1) - length
+def is_rotary(letter: str) -> bool:
+    """Whether an axis turns. Texts that are no axis letter do not."""
+    return len(letter) == 1 and letter in _ABOUT
+
+
+def is_linear(letter: str) -> bool:
+    """Whether an axis moves along a line. Texts that are no axis letter do not."""
+    return len(letter) == 1 and letter in _ALONG + _BESIDE
 
 
 @dataclass(frozen=True)
-class BarSensitivity:
-    """First derivatives of the reading along a motion.
+class Chain:
+    """The axes of a machine from the workpiece to the tool. Made by :func:`chain_of`.
+
+    Arrays of axis positions have one column per axis: the linear axes X, Y, Z, then the rotary ones in the order of their letters
+    (:attr:`letters`). A linear position is that of the spindle relative to the table, whichever of the two moves.
 
     Attributes:
-        axes: (n, 5) per axis position, m/m and m/rad.
-        spindle: (n, 3) per spindle-ball offset in machine axes, m/m.
-        table: (n, 3) per table-ball offset in the work frame, m/m.
+        configuration: e.g. ``"w-C'A'Y'bXZ-t"``: workpiece, axes that carry it (marked by '), bed, axes that carry the tool, tool.
+        work: axes on the workpiece's side, from the workpiece to the bed.
+        tool: axes on the tool's side, from the bed to the tool.
     """
 
-    axes: np.ndarray
-    spindle: np.ndarray
-    table: np.ndarray
+    configuration: str
+    work: tuple[Axis, ...] = field(repr=False)
+    tool: tuple[Axis, ...] = field(repr=False)
+
+    @cached_property
+    def axes(self) -> tuple[Axis, ...]:
+        """All axes in the order of arrays."""
+        return tuple(sorted((*self.work, *self.tool), key=lambda a: (a.rotary, a.along)))
+
+    @cached_property
+    def letters(self) -> tuple[str, ...]:
+        """All axes' letters in the order of arrays."""
+        return tuple(a.letter for a in self.axes)
+
+    @cached_property
+    def linear(self) -> tuple[str, ...]:
+        """Letters of the linear axes."""
+        return tuple(a.letter for a in self.axes if not a.rotary)
+
+    @cached_property
+    def rotary(self) -> tuple[str, ...]:
+        """Letters of the rotary axes."""
+        return tuple(a.letter for a in self.axes if a.rotary)
+
+    @property
+    def count(self) -> int:
+        """Number of axes."""
+        return len(self.axes)
+
+    @cached_property
+    def linear_columns(self) -> slice:
+        """Columns of the linear axes in an array of axis positions."""
+        return slice(0, len(self.linear))
+
+    @cached_property
+    def rotary_columns(self) -> slice:
+        """Columns of the rotary axes in an array of axis positions."""
+        return slice(len(self.linear), self.count)
+
+    def index(self, letter: str) -> int:
+        """Column of an axis in an array of axis positions."""
+        return self.letters.index(letter)
+
+    def axis(self, letter: str) -> Axis:
+        """The axis with this letter."""
+        return self.axes[self.index(letter)]
+
+    def is_rotary(self, letter: str) -> bool:
+        """Whether an axis of this machine turns; subjects that are no axis do not."""
+        return letter in self.rotary
+
+    @cached_property
+    def turning(self) -> tuple[Axis, ...]:
+        """The rotary axes from the workpiece to the bed."""
+        return tuple(a for a in self.work if a.rotary)
+
+    @cached_property
+    def table_axis(self) -> str:
+        """The rotary axis that carries the workpiece; it can go round."""
+        return self.turning[0].letter
+
+    @cached_property
+    def tilt_axis(self) -> str:
+        """The rotary axis that tilts the table."""
+        return self.turning[1].letter
+
+    @cached_property
+    def table_motion(self) -> tuple[str, ...]:
+        """Error motion of the rotary table: displacement along two coordinates (m), tilt about them (rad)."""
+        across = self.turning[0].across
+        return tuple(f"E{letters[i]}{self.table_axis}" for letters in (_ALONG, _ABOUT) for i in across)
+
+    @cached_property
+    def columns(self) -> tuple[str, ...]:
+        """Columns of a motion: the axes, then the error motion of the rotary table."""
+        return (*self.letters, *self.table_motion)
+
+    @cached_property
+    def location_errors(self) -> tuple[LocationError, ...]:
+        """Location errors of the rotary axes, from the workpiece to the bed."""
+        return tuple(
+            LocationError(f"E{letters[i]}0{a.letter}", a.letter, i, letters == _ABOUT)
+            for a in self.turning
+            for letters in (_ALONG, _ABOUT)
+            for i in a.across
+        )
+
+    @cached_property
+    def straightness(self) -> tuple[str, ...]:
+        """Straightness errors of the linear axes: ``E``, direction, axis."""
+        return tuple(f"E{direction}{axis}" for axis in self.linear for direction in self.linear if direction != axis)
+
+    @cached_property
+    def squareness(self) -> tuple[Squareness, ...]:
+        """Squareness errors of the linear axes."""
+        x, y, z = self.linear
+        return Squareness(x + y, y, 0, -1.0), Squareness(y + z, z, 1, -1.0), Squareness(z + x, z, 0, 1.0)
+
+    @cached_property
+    def planes(self) -> tuple[str, ...]:
+        """Planes of two linear axes, named by both; angles in a plane count from the first to the second."""
+        return tuple(s.name for s in self.squareness)
 
 
-def sensitivity(q: np.ndarray, point: np.ndarray) -> BarSensitivity:
-    """Derivatives of the ideal machine's reading at axis positions ``q`` (n, 5)."""
-    A, C = q[:, 3], q[:, 4]
-    b = bar_vector(q, point)
-    u = b / np.linalg.norm(b, axis=1)[:, None]
-    ca, sa, cc, sc = np.cos(A), np.sin(A), np.cos(C), np.sin(C)
-    p = q[:, :3] - b
-    dA = np.stack([np.zeros(len(q)), -p[:, 2], p[:, 1]], axis=1)
-    x, y, _ = point
-    du, dv = -sc * x - cc * y, cc * x - sc * y
-    dC = np.stack([du, ca * dv, sa * dv], axis=1)
-    table = -np.stack(
-        [
-            u[:, 0] * cc + u[:, 1] * ca * sc + u[:, 2] * sa * sc,
-            -u[:, 0] * sc + u[:, 1] * ca * cc + u[:, 2] * sa * cc,
-            -u[:, 1] * sa + u[:, 2] * ca,
-        ],
-        axis=1,
-    )
-    axes = np.column_stack([u, -np.einsum("ni,ni->n", u, dA), -np.einsum("ni,ni->n", u, dC)])
-    return BarSensitivity(axes, u, table)
+@cache
+def chain_of(configuration: str) -> Chain:
+    """The kinematic chain that a configuration describes.
+
+    Args:
+        configuration: axes from the workpiece to the tool, e.g. ``"w-C'A'Y'bXZ-t"``.
+
+    Raises:
+        InputError: it is none, or a kind of machine that mjsim cannot compute.
+
+    >>> chain_of("w-C'B'X'bYZ-t").letters
+    ('X', 'Y', 'Z', 'B', 'C')
+    """
+    match = _CONFIGURATION.fullmatch(configuration)
+    work = tuple(axis_of(a) for a in match[1].replace("'", "")) if match else ()
+    tool = tuple(axis_of(a) for a in match[2]) if match else ()
+    letters = [a.letter for a in (*work, *tool)]
+    linear = sorted(a for a in letters if not is_rotary(a))
+    turning = [a.letter for a in work[:2]]
+    if not match or linear != list(_ALONG) or len(letters) != 5 or turning not in [[_TABLE, a] for a in _TILTING]:
+        raise InputError(
+            f"configuration {configuration[:40]!r} is unknown; allowed: a rotary table C on a tilting axis A or B, and each of X, Y, Z "
+            f'once on either side of the bed, e.g. "{_EXAMPLE}"'
+        )
+    return Chain(configuration, work, tool)
+
+
+#: The machine whose model ships.
+FIVE_AXIS = chain_of(_EXAMPLE)
+
+# for modules that do not yet take the chain from the machine
+AXES, LINEAR, ROTARY = FIVE_AXIS.letters, FIVE_AXIS.linear, FIVE_AXIS.rotary
+INDEX = {a: i for i, a in enumerate(AXES)}
+COLUMN = {a: i for i, a in enumerate(FIVE_AXIS.columns)}

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from mjsim.errors import InputError
-from mjsim.machine.chain import AXES
+from mjsim.machine.chain import FIVE_AXIS, Chain, chain_of
 from mjsim.machine.effect import Effect
 from mjsim.machine.plant import AxisPlant, Plant
 
@@ -51,8 +51,13 @@ class Machine:
     drives: dict[str, Drive]
     effects: tuple[Effect, ...] = ()
     path: Path | None = None
-    configuration: str = "w-C'A'Y'bXZ-t"
+    configuration: str = FIVE_AXIS.configuration
     effect_files: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def chain(self) -> Chain:
+        """The axes and their order."""
+        return chain_of(self.configuration)
 
     @property
     def file(self) -> Path:
@@ -88,9 +93,9 @@ def build(machine: Machine) -> Plant:
     """The plant of a machine. Neutral effects are left out, so that off is bit-identical to absent."""
     axes = {
         a: AxisPlant(d.gear, d.position_gain, d.velocity_gain, d.integral_time, d.inertia, d.viscous, d.gravity)
-        for a, d in ((a, machine.drives[a]) for a in AXES)
+        for a, d in ((a, machine.drives[a]) for a in machine.chain.letters)
     }
-    plant = Plant(axes)
+    plant = Plant(axes, chain=machine.chain)
     for effect in machine.effects:
         if effect.is_neutral:
             continue

@@ -8,7 +8,8 @@ from typing import Protocol
 import numpy as np
 
 from mjsim.machine.bodies import bodies_scale, moving_bodies
-from mjsim.machine.chain import AXES, COLUMN, Geometry
+from mjsim.machine.chain import FIVE_AXIS, Chain
+from mjsim.machine.kinematics import Geometry
 from mjsim.machine.motion import Motion
 
 #: Order in which position effects act, motor side to tool (effect catalogue).
@@ -83,15 +84,16 @@ class Plant:
     ops: list[Op] = field(default_factory=list)
     geometry: Geometry = field(default_factory=Geometry)
     python_effects: list[PythonEffect] = field(default_factory=list)
+    chain: Chain = FIVE_AXIS
 
     @property
     def width(self) -> int:
-        """Columns of a motion: the five axes, and the table's error motion where an effect has one."""
-        return 9 if any(op.out > 4 for op in self.ops) else 5
+        """Columns of a motion: the axes, and the table's error motion where an effect has one."""
+        return len(self.chain.columns) if any(op.out >= self.chain.count for op in self.ops) else self.chain.count
 
     def whole_inertia(self) -> np.ndarray:
-        """J·gear² of every axis, (5,) kg and kg·m²: motor and moving bodies together."""
-        return np.array([self.axes[a].inertia * self.axes[a].gear ** 2 for a in AXES])
+        """J·gear² of every axis, (axes,) kg and kg·m²: motor and moving bodies together."""
+        return np.array([self.axes[a].inertia * self.axes[a].gear ** 2 for a in self.chain.letters])
 
     def add_spring(self, axis: str, stiffness: float, damping_ratio: float) -> None:
         """Put the moving bodies of one axis behind a spring, ``stiffness`` N/m or N·m/rad at the load.
@@ -99,14 +101,15 @@ class Plant:
         ``damping_ratio`` is that of the bodies on the spring with the motor held.
         """
         drive = self.axes[axis]
-        load = moving_bodies()[AXES.index(axis)] * bodies_scale(moving_bodies(), self.whole_inertia())
+        load = moving_bodies()[self.chain.index(axis)] * bodies_scale(moving_bodies(), self.whole_inertia())
         drive.load_inertia = load / drive.gear**2
         drive.stiffness = stiffness / drive.gear**2
         drive.damping = 2.0 * damping_ratio * float(np.sqrt(drive.stiffness * drive.load_inertia))
 
     def add_op(self, stage: str, code: int, out: str, *parameters: float, source: str | None = None, phases: dict | None = None) -> None:
         """Append an operation; operations of one stage keep the order of the effects."""
-        self.ops.append(Op(STAGES.index(stage), code, COLUMN[out], COLUMN[source or out], tuple(map(float, parameters)), phases or {}))
+        column = self.chain.columns.index
+        self.ops.append(Op(STAGES.index(stage), code, column(out), column(source or out), tuple(map(float, parameters)), phases or {}))
 
     def sorted_ops(self) -> list[Op]:
         """Operations in the order in which they act."""

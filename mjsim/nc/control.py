@@ -17,7 +17,8 @@ from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.paths import peripheral_radius
 from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
-from mjsim.machine.chain import AXES, INDEX, LINEAR, reading
+from mjsim.machine.chain import Chain
+from mjsim.machine.kinematics import reading
 from mjsim.nc.limits import scale
 from mjsim.units import DEG, MM, UM
 
@@ -61,11 +62,11 @@ def executed(motion: Commanded, control: Control) -> Commanded:
         raise InputError(f"block time of {control.block_time * 1e3:g} ms; allowed: 0 to 10000")
     if control.whole_cycles and not control.cycle:
         raise InputError("blocks of whole cycles need an interpolation cycle; allowed: a cycle above 0 ms")
-    slowed = Commanded(block_times(motion, control), motion.points, motion.tip)
+    slowed = Commanded(block_times(motion, control), motion.points, motion.tip, motion.chain)
     if not control.cycle:
         return slowed
     count = int(np.ceil(slowed.duration / control.cycle - 1e-6))
-    return Commanded(np.full(count, control.cycle), slowed.at(np.arange(count + 1) * control.cycle))
+    return Commanded(np.full(count, control.cycle), slowed.at(np.arange(count + 1) * control.cycle), chain=motion.chain)
 
 
 @dataclass(frozen=True)
@@ -77,8 +78,9 @@ class FeedReport:
         reading: (n + 1,) m, of an ideal machine that follows the set-points: chord error and rounding of the positions.
         radius: of the circle, m. nominal: the test's feed, m/s.
         duration, ideal: s, of the whole program by its blocks, and by its path and feed. seconds: (shortest, mean) block, s.
-        jump: (5,) m/s and rad/s, largest change of each axis' speed from block to block (from cycle to cycle where there is one).
-        position: (5,) m and rad, largest deviation of each axis from the test's path at the same angle.
+        jump: (axes,) m/s and rad/s, largest change of each axis' speed from block to block (from cycle to cycle where there is one).
+        position: (axes,) m and rad, largest deviation of each axis from the test's path at the same angle.
+        chain: the machine's axes.
     """
 
     time: np.ndarray
@@ -91,6 +93,7 @@ class FeedReport:
     seconds: tuple[float, float]
     jump: np.ndarray
     position: np.ndarray
+    chain: Chain
 
     @property
     def feed(self) -> np.ndarray:
@@ -132,9 +135,9 @@ class FeedReport:
             "shortest_block_ms": self.seconds[0] * 1e3,
             "mean_block_ms": self.seconds[1] * 1e3,
             "reading_um": {k: float(f(self.reading) / UM) for k, f in (("min", np.min), ("mean", np.mean), ("max", np.max))},
-            "position_um": {a: float(self.position[i] / UM) for a, i in INDEX.items() if a in LINEAR},
-            "angle_urad": {a: float(self.position[i] / UM) for a, i in INDEX.items() if a not in LINEAR},
-            "speed_jump_per_min": {a: float(self.jump[i] / scale(a)) * 60.0 for i, a in enumerate(AXES)},
+            "position_um": {a: float(self.position[self.chain.index(a)] / UM) for a in self.chain.linear},
+            "angle_urad": {a: float(self.position[self.chain.index(a)] / UM) for a in self.chain.rotary},
+            "speed_jump_per_min": {a: float(x / scale(a)) * 60.0 for a, x in zip(self.chain.letters, self.jump, strict=True)},
         }
 
     def to_csv(self) -> str:
@@ -167,14 +170,15 @@ def feed_report(test: BallBarTest, motion: Commanded, control: Control | None = 
     inside = np.flatnonzero((sign * phi >= sign * first - 1e-9) & (sign * phi <= sign * last + 1e-9))
     part = slice(int(inside[0]), int(inside[-1]) + 1)
     off = q[part] - nominal.path(phi[part])
-    off[:, 4] = (off[:, 4] + np.pi) % (2 * np.pi) - np.pi  # whole turns of C do not matter
+    table = test.chain.index(test.chain.table_axis)
+    off[:, table] = (off[:, table] + np.pi) % (2 * np.pi) - np.pi  # whole turns of the table do not matter
     speeds = given.speeds()[part.start // _INSIDE : max(part.stop // _INSIDE, 1)]
     radius = peripheral_radius(test)
     blocks = block_times(motion, control)
     return FeedReport(
         fine[part],
         phi[part],
-        reading(q[part], np.asarray(test.table_ball), test.length),
+        reading(test.chain, q[part], np.asarray(test.table_ball), test.length),
         radius,
         test.feed,
         given.duration,
@@ -182,4 +186,5 @@ def feed_report(test: BallBarTest, motion: Commanded, control: Control | None = 
         (float(blocks.min()), float(blocks.mean())),
         np.abs(np.diff(speeds, axis=0)).max(axis=0, initial=0.0),
         np.abs(off).max(axis=0),
+        test.chain,
     )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjsim.errors import InputError
+from mjsim.machine.chain import Chain
 
 #: What the F word of a block means.
 FEEDS = {
@@ -26,9 +27,11 @@ class Dialect:
         decimals: of positions. feed_decimals: of F.
         largest_inverse: largest F of G93, 1/min.
         comment: what encloses a comment. upper: whether comments are in capitals.
-        units: G codes for mm, and for inches where F's meaning with them is clear. path: words of the preamble for continuous-path mode.
+        units: G codes for mm, and for inches where F's meaning with them is clear.
+        path: words of the preamble for continuous-path mode.
         tip_on, tip_off: blocks that switch tool centre point control.
-        weight: mm of path that a degree of A and of C count in G94 (1 where F is that of eq. A.11, 0 where F is X, Y, Z's alone).
+        weight: mm of path that a degree of a rotary axis counts in G94
+            (1 where F is that of eq. A.11, 0 where F is the linear axes' alone).
         strict_point: whether an axis word without a decimal point is ambiguous.
     """
 
@@ -47,10 +50,9 @@ class Dialect:
     weight: float = 1.0
     strict_point: bool = False
 
-    @property
-    def weights(self) -> np.ndarray:
-        """Weights (5,) of X, Y, Z, A, C in the length of a G94 block."""
-        return np.array([1.0, 1.0, 1.0, self.weight, self.weight])
+    def weights(self, chain: Chain) -> np.ndarray:
+        """Weights (axes,) of the axes in the length of a G94 block."""
+        return np.array([self.weight if a.rotary else 1.0 for a in chain.axes])
 
 
 _LIST = (

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
+from mjsim.machine.chain import FIVE_AXIS, Chain
+
 _FLAGS = re.ASCII | re.IGNORECASE
 _NUMBER = r"[+-]?(?:\d++\.?+\d*+|\.\d++)"
 #: Longest line, characters: controls read 80 to some hundred; longer ones would be searched in a time that grows with their square.
@@ -12,7 +14,7 @@ _LONGEST = 1000
 #: Largest number: more than any axis' travel, feed or code.
 _LARGEST = 1e9
 _WORD = re.compile(rf"\s*([A-Z])\s*=?\s*({_NUMBER})(?=[^\d.]|$)", _FLAGS)
-_SHORTEST = re.compile(rf"\b([AC])\s*=\s*DC\s*\(\s*({_NUMBER})\s*\)", _FLAGS)
+_SHORTEST = re.compile(rf"\b([A-Z])\s*=\s*DC\s*\(\s*({_NUMBER})\s*\)", _FLAGS)
 _FGROUP = re.compile(r"\bFGROUP\s*\(([^)]*)\)", _FLAGS)
 _FGREF = re.compile(rf"\bFGREF\s*\[\s*([A-Z])\s*\]\s*=\s*({_NUMBER})", _FLAGS)
 _KEYWORD = re.compile(r"\b(TRAORI|TRAFOOF)\b\s*(?:\(\s*\d?\s*\))?", _FLAGS)
@@ -44,11 +46,12 @@ class Line:
     radius: dict[str, float] = field(default_factory=dict)
 
 
-def parse_line(text: str, siemens: bool = False) -> Line:
+def parse_line(text: str, siemens: bool = False, chain: Chain = FIVE_AXIS) -> Line:
     """Words of one line of G-code.
 
     Args:
         text: the line. siemens: whether ``( )`` belongs to FGROUP, DC and TRAORI; otherwise it encloses a comment.
+        chain: the machine's axes.
 
     Raises:
         GCodeError: something in it is not understood.
@@ -63,10 +66,10 @@ def parse_line(text: str, siemens: bool = False) -> Line:
         rest = re.sub(r"\([^()]*\)", " ", rest)
     rest = rest.partition(";")[0]
     if siemens:
-        rest = _take(_FGROUP, rest, lambda m: setattr(line, "group", _axes(m[1])))
-        rest = _take(_FGREF, rest, lambda m: _radius(line, m[1].upper(), float(m[2])))
+        rest = _take(_FGROUP, rest, lambda m: setattr(line, "group", _axes(m[1], chain)))
+        rest = _take(_FGREF, rest, lambda m: _radius(line, m[1].upper(), float(m[2]), chain))
         rest = _take(_KEYWORD, rest, lambda m: setattr(line, "tip", m[1].upper() == "TRAORI"))
-        rest = _take(_SHORTEST, rest, lambda m: _add(line, m[1], m[2], shortest=True))
+        rest = _take(_SHORTEST, rest, lambda m: _shortest(line, m[1].upper(), m[2], chain))
     if "(" in rest or ")" in rest:
         raise GCodeError(f"{_shown(rest)!r} has a bracket without its other half, or a call; allowed: comments in ( ) or after ;")
     rest = rest.strip()
@@ -89,20 +92,27 @@ def _take(pattern: re.Pattern, text: str, use) -> str:
     return pattern.sub(" ", text)
 
 
-def _axes(text: str) -> tuple[str, ...]:
+def _axes(text: str, chain: Chain) -> tuple[str, ...]:
     names = tuple(a.strip().upper() for a in text.split(",") if a.strip())
-    if not set(names) <= set("XYZAC"):
-        raise GCodeError(f"FGROUP({text}); allowed: axes of X, Y, Z, A, C")
+    if not set(names) <= set(chain.letters):
+        raise GCodeError(f"FGROUP({text}); allowed: axes of {', '.join(chain.letters)}")
     return names
 
 
-def _radius(line: Line, axis: str, value: float) -> None:
-    if axis not in "AC" or value <= 0:
-        raise GCodeError(f"FGREF[{axis}]={value:g}; allowed: a radius above 0 of A or C")
+def _radius(line: Line, axis: str, value: float, chain: Chain) -> None:
+    if axis not in chain.rotary or value <= 0:
+        raise GCodeError(f"FGREF[{axis}]={value:g}; allowed: a radius above 0 of {' or '.join(chain.rotary)}")
     line.radius[axis] = value
 
 
-def _add(line: Line, letter: str, number: str, shortest: bool = False) -> None:
+def _shortest(line: Line, axis: str, number: str, chain: Chain) -> None:
+    if axis not in chain.rotary:
+        raise GCodeError(f"{axis}=DC({number}); allowed: DC of {' or '.join(chain.rotary)}")
+    _add(line, axis, number)
+    line.shortest.add(axis)
+
+
+def _add(line: Line, letter: str, number: str) -> None:
     letter, value = letter.upper(), float(number)
     if not abs(value) <= _LARGEST:
         raise GCodeError(f"{letter}{number[:20]}; allowed: numbers that a control can hold, up to {_LARGEST:g}")
@@ -116,8 +126,6 @@ def _add(line: Line, letter: str, number: str, shortest: bool = False) -> None:
         line.words[letter] = value
         if "." in number or value == 0.0:
             line.points.add(letter)
-        if shortest:
-            line.shortest.add(letter)
 
 
 def _shown(text: str) -> str:

@@ -11,27 +11,34 @@ import numpy as np
 from mjsim.ballbar.commanded import Commanded
 from mjsim.errors import InputError
 from mjsim.io.resources import model_file
-from mjsim.machine.chain import AXES, INDEX, LINEAR
+from mjsim.machine.chain import FIVE_AXIS, Chain, is_rotary
 from mjsim.units import DEG, MM
 
 
 def scale(axis: str) -> float:
     """SI per unit of an NC program: mm or degree."""
-    return MM if axis in LINEAR else DEG
+    return DEG if is_rotary(axis) else MM
 
 
 def unit(axis: str) -> str:
     """Unit of an axis in an NC program, as it follows a number."""
-    return " mm" if axis in LINEAR else "°"
+    return "°" if is_rotary(axis) else " mm"
 
 
 @dataclass(frozen=True)
 class Limits:
-    """``low`` and ``high`` (5,) m and rad, ``speed`` (5,) m/s and rad/s; infinite where there is no limit."""
+    """Travel and speed of every axis, infinite where there is no limit.
+
+    Attributes:
+        low, high: (axes,) m and rad.
+        speed: (axes,) m/s and rad/s; empty where no axis has a limit.
+        chain: the machine's axes.
+    """
 
     low: tuple[float, ...]
     high: tuple[float, ...]
-    speed: tuple[float, ...] = (np.inf,) * 5
+    speed: tuple[float, ...] = ()
+    chain: Chain = FIVE_AXIS
 
     def changed(self, travel: dict[str, tuple[float, float]], speed: dict[str, float]) -> Limits:
         """With other limits for some axes: ``travel`` (low, high) in mm or degrees, ``speed`` in mm/min or degrees/min.
@@ -39,23 +46,26 @@ class Limits:
         Raises:
             InputError: an interval is empty, or a speed is not above 0.
         """
-        low, high, fast = list(self.low), list(self.high), list(self.speed)
+        low, high, fast = list(self.low), list(self.high), list(self.speed or [np.inf] * self.chain.count)
         for axis, (a, b) in travel.items():
             if not a < b:
                 raise InputError(f"limit of {axis}: {a:g} to {b:g}{unit(axis)} is empty; allowed: the lower end first")
-            low[INDEX[axis]], high[INDEX[axis]] = a * scale(axis), b * scale(axis)
+            i = self.chain.index(axis)
+            low[i], high[i] = a * scale(axis), b * scale(axis)
         for axis, v in speed.items():
             if not v > 0:
                 raise InputError(f"speed limit of {axis}: {v:g}{unit(axis)}/min; allowed: above 0")
-            fast[INDEX[axis]] = v * scale(axis) / 60.0
+            fast[self.chain.index(axis)] = v * scale(axis) / 60.0
         return replace(self, low=tuple(low), high=tuple(high), speed=tuple(fast))
 
 
-def model_limits() -> Limits:
-    """Joint ranges of the machine model; a joint without a range turns without end."""
+def model_limits(chain: Chain = FIVE_AXIS) -> Limits:
+    """Joint ranges of the machine model; a joint without a range turns without end. Without limits where there is no model."""
+    if chain != FIVE_AXIS:
+        return Limits((-np.inf,) * chain.count, (np.inf,) * chain.count, chain=chain)
     root = ET.parse(model_file()).getroot()
     ranges = {j.get("name"): j.get("range") for j in root.iter("joint")}
-    ends = [tuple(map(float, text.split())) if (text := ranges[a]) else (-np.inf, np.inf) for a in AXES]
+    ends = [tuple(map(float, text.split())) if (text := ranges[a]) else (-np.inf, np.inf) for a in chain.letters]
     return Limits(tuple(e[0] for e in ends), tuple(e[1] for e in ends))
 
 
@@ -74,7 +84,8 @@ def check_travel(motion: Commanded, limits: Limits, place: Callable[[int], str])
         return
     first = int(np.flatnonzero((over > 1e-9).any(axis=1))[0])
     i = int(np.argmax(over[first]))
-    axis, s = AXES[i], scale(AXES[i])
+    axis = limits.chain.letters[i]
+    s = scale(axis)
     outside = motion.axes[:, i]
     worst = outside[int(np.argmax(np.maximum(low[i] - outside, outside - high[i])))]
     raise InputError(
@@ -88,7 +99,7 @@ def speed_warnings(motion: Commanded, limits: Limits, place: Callable[[int], str
     out = []
     speeds = np.abs(motion.speeds())
     slowed = "the control will slow these down"
-    for i, axis in enumerate(AXES):
+    for i, axis in enumerate(limits.chain.letters if limits.speed else ()):
         fastest = int(np.argmax(speeds[:, i]))
         if speeds[fastest, i] > limits.speed[i] * (1 + 1e-9):
             count = int((speeds[:, i] > limits.speed[i]).sum())

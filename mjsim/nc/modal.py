@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from mjsim.errors import InputError
-from mjsim.machine.chain import AXES
+from mjsim.machine.chain import Chain
 from mjsim.nc.dialects import Dialect
 from mjsim.nc.gcode import GCodeError, Line
 
 _IGNORED_G = {17, 18, 19, 40, 50, 61, 64, 69, 80, 5.1}
 _ZEROS = {54, 55, 56, 57, 58, 59}
 _ELSEWHERE = {28, 30, 53}
-_WORDS_WITH = {4: "PXUFS", 64: "PQ", 5.1: "QR", 43: "H", 43.4: "H", 28: "XYZAC", 30: "XYZACP", 53: "XYZAC"}
+#: Words that a G code may have beside the axes.
+_WORDS_WITH = {4: "PXUFS", 64: "PQ", 5.1: "QR", 43: "H", 43.4: "H", 30: "P"}
 
 
 class Modal:
@@ -24,17 +25,17 @@ class Modal:
         ended: the program's end has been read.
     """
 
-    def __init__(self, d: Dialect, reversed: tuple[str, ...], rollover: bool) -> None:
-        self.d, self.rollover = d, rollover
-        wrong = set(reversed) - {"A", "C"}
+    def __init__(self, d: Dialect, reversed: tuple[str, ...], rollover: bool, chain: Chain) -> None:
+        self.d, self.rollover, self.chain = d, rollover, chain
+        wrong = set(reversed) - set(chain.rotary)
         if wrong:
-            raise InputError(f"reversed axis {sorted(wrong)[0]!r}; allowed: A, C")
-        self.sign = np.array([-1.0 if a in reversed else 1.0 for a in AXES])
-        self.at = np.full(5, np.nan)  # mm and degrees; unknown until a word says it
+            raise InputError(f"reversed axis {sorted(wrong)[0]!r}; allowed: {', '.join(chain.rotary)}")
+        self.sign = np.array([-1.0 if a in reversed else 1.0 for a in chain.letters])
+        self.at = np.full(chain.count, np.nan)  # mm and degrees; unknown until a word says it
         self.motion, self.absolute, self.inch, self.mode = 0, True, False, 94
         self.tip = self.feed_tip = False
         self.feed: float | None = None
-        self.group, self.radius = np.ones(5), d.weights
+        self.group, self.radius = np.ones(chain.count), d.weights(chain)
         self.points: list[np.ndarray] = []
         self.seconds: list[float] = []
         self.lines: list[int] = []
@@ -57,12 +58,12 @@ class Modal:
         if special in _ELSEWHERE:
             self._pause(f"G{special:g}")
             self.at = self.at.copy()
-            for a in set(line.words) & set(AXES):
-                self.at[AXES.index(a)] = np.nan  # somewhere on the machine
+            for a in set(line.words) & set(self.chain.letters):
+                self.at[self.chain.index(a)] = np.nan  # somewhere on the machine
                 self.named.add(a)
         elif special == 4:
             self._pause("the dwell G4")
-        elif set(line.words) & set(AXES):
+        elif set(line.words) & set(self.chain.letters):
             self._move(line, number)
         elif "F" in line.words:
             self.feed = self._f(line)
@@ -99,16 +100,17 @@ class Modal:
     def _switch_tip(self, on: bool) -> None:
         if on != self.tip:
             self.tip, self.at = on, self.at.copy()
-            self.at[:3] = np.nan  # X, Y, Z mean something else from now on
+            self.at[self.chain.linear_columns] = np.nan  # the linear axes mean something else from now on
 
     def _check_words(self, line: Line, special: float | None) -> None:
-        allowed = {*"FSTHD"} | ({*"XYZAC"} if special != 4 else set()) | {w for g in line.g for w in _WORDS_WITH.get(g, "")}
+        axes = self.chain.letters
+        allowed = {*"FSTHD"} | (set(axes) if special != 4 else set()) | {w for g in line.g for w in _WORDS_WITH.get(g, "")}
         for letter in line.words:
             if letter not in allowed:
-                raise GCodeError(f"the word {letter}{line.words[letter]:g}; allowed: X Y Z A C F, and N S T H D, which move nothing")
+                raise GCodeError(f"the word {letter}{line.words[letter]:g}; allowed: {' '.join(axes)} F, and N S T H D, which move nothing")
         if self.d.strict_point and special != 4:
             for a in line.words:
-                if a not in line.points and (a in AXES or (a == "F" and self.mode == 93)):
+                if a not in line.points and (a in axes or (a == "F" and self.mode == 93)):
                     v = line.words[a]
                     raise GCodeError(
                         f"{a}{v:g} without a decimal point, which means {v:g} or {v:g} smallest increments as the control is set "
@@ -117,9 +119,9 @@ class Modal:
 
     def _groups(self, line: Line) -> None:
         if line.group is not None:
-            self.group = np.array([1.0 if a in line.group or not line.group else 0.0 for a in AXES])
+            self.group = np.array([1.0 if a in line.group or not line.group else 0.0 for a in self.chain.letters])
         for axis, radius in line.radius.items():
-            self.radius[AXES.index(axis)] = radius * np.pi / 180.0
+            self.radius[self.chain.index(axis)] = radius * np.pi / 180.0
 
     def _f(self, line: Line) -> float:
         f = line.words["F"]
@@ -142,9 +144,9 @@ class Modal:
         if self.seconds and self.tip != self.feed_tip:
             raise GCodeError("tool centre point control switched within the path; allowed: before the first or after the last feed block")
         if not self.seconds:
-            start = np.array([0.0 if np.isnan(v) and a not in self.named else v for a, v in zip(AXES, start, strict=True)])
+            start = np.array([0.0 if np.isnan(v) and a not in self.named else v for a, v in zip(self.chain.letters, start, strict=True)])
             end = np.where(np.isnan(end), start, end)
-        for a, v in zip(AXES, start, strict=True):
+        for a, v in zip(self.chain.letters, start, strict=True):
             if np.isnan(v):
                 raise GCodeError(f"a feed block before {a} has a known place; allowed: a G0 or G90 word of {a} first")
         if not self.seconds:
@@ -159,15 +161,15 @@ class Modal:
 
     def _target(self, line: Line) -> np.ndarray:
         end = self.at.copy()
-        for i, a in enumerate(AXES):
+        for i, a in enumerate(self.chain.letters):
             if a not in line.words:
                 continue
-            value = self.sign[i] * line.words[a] * (25.4 if self.inch and i < 3 else 1.0)
+            value = self.sign[i] * line.words[a] * (25.4 if self.inch and not self.chain.is_rotary(a) else 1.0)
             if not self.absolute:
                 if np.isnan(end[i]):
                     raise GCodeError(f"G91 with {a} before {a} has a known place; allowed: G90 with {a} first")
                 end[i] += value
-            elif a in line.shortest or (a == "C" and self.rollover):
+            elif a in line.shortest or (a == self.chain.table_axis and self.rollover):
                 before = 0.0 if np.isnan(end[i]) else end[i]
                 end[i] = value if np.isnan(end[i]) else before + (value - before + 180.0) % 360.0 - 180.0
             else:
@@ -184,13 +186,13 @@ class Modal:
             raise GCodeError("a feed block before any F of this mode; allowed: F first")
         if self.mode == 93:
             return 1.0 / self.feed
-        size = step / np.array([25.4] * 3 + [1.0] * 2) if self.inch else step
+        size = step / np.array([1.0 if a.rotary else 25.4 for a in self.chain.axes]) if self.inch else step
         if self.tip:
-            length = float(np.linalg.norm(size[:3]))
+            length = float(np.linalg.norm(size[self.chain.linear_columns]))
             if length == 0.0:
                 raise GCodeError("axes turn while the tool tip rests: F has no meaning with tool centre point control; allowed: G93")
         else:
-            length = float(np.linalg.norm(size * self.group * self.radius)) or float(np.linalg.norm(size[3:]))
+            length = float(np.linalg.norm(size * self.group * self.radius)) or float(np.linalg.norm(size[self.chain.rotary_columns]))
         return length / self.feed
 
     def _m(self, m: float) -> None:

@@ -11,14 +11,13 @@ import numpy as np
 from mjsim.ballbar.commanded import Commanded
 from mjsim.errors import InputError
 from mjsim.io.inputs import file_bytes
-from mjsim.machine.chain import AXES, LINEAR
+from mjsim.machine.chain import FIVE_AXIS, Chain, is_rotary
 from mjsim.nc.dialects import dialect as find_dialect
 from mjsim.nc.gcode import GCodeError, parse_line
 from mjsim.nc.limits import scale
 from mjsim.nc.modal import Modal
 
 _LARGEST = 20_000_000
-_UNITS = np.array([scale(a) for a in AXES])
 
 
 @dataclass(frozen=True)
@@ -43,45 +42,55 @@ class NCFile:
         return f"{self.path}, line {self.lines[i]}"
 
 
-def read_nc(path: Path | str, dialect: str = "fanuc", reversed: tuple[str, ...] = (), rollover: bool = False) -> NCFile:
+def read_nc(
+    path: Path | str, dialect: str = "fanuc", reversed: tuple[str, ...] = (), rollover: bool = False, chain: Chain = FIVE_AXIS
+) -> NCFile:
     """Read G-code as a commanded motion.
 
     Args:
         path: the file. dialect: whose F convention and spellings it has.
-        reversed: rotary axes (of A, C) whose command on the machine has the other sign.
-        rollover: C goes the short way to its absolute positions (programs with C within 0 to 360°).
+        reversed: rotary axes whose command on the machine has the other sign.
+        rollover: the table axis goes the short way to its absolute positions (programs with it within 0 to 360°).
+        chain: the machine's axes.
 
     Raises:
         InputError: names file, line, what was found and what is allowed.
     """
     path = Path(path)
-    return parse_nc(_text(path), path, dialect, reversed, rollover)
+    return parse_nc(_text(path), path, dialect, reversed, rollover, chain)
 
 
-def parse_nc(text: str, path: Path, dialect: str = "fanuc", reversed: tuple[str, ...] = (), rollover: bool = False) -> NCFile:
+def parse_nc(
+    text: str, path: Path, dialect: str = "fanuc", reversed: tuple[str, ...] = (), rollover: bool = False, chain: Chain = FIVE_AXIS
+) -> NCFile:
     """As :func:`read_nc` for a program's text; ``path`` is its name in messages."""
-    reader = Modal(find_dialect(dialect), tuple(reversed), rollover)
+    reader = Modal(find_dialect(dialect), tuple(reversed), rollover, chain)
     number = 0
     try:
         for number, line in enumerate(text.splitlines(), start=1):
-            reader.take(parse_line(line, reader.d.name == "siemens"), number)
+            reader.take(parse_line(line, reader.d.name == "siemens", chain), number)
             if reader.ended:
                 break
     except GCodeError as error:
         raise InputError(f"{path}, line {number}: {error}") from None
     if not reader.seconds:
         raise InputError(f"{path}: no block with a feed; allowed: an NC program with G1 blocks")
-    motion = Commanded(np.array(reader.seconds), np.array(reader.points) * _UNITS, reader.feed_tip)
+    motion = Commanded(np.array(reader.seconds), np.array(reader.points) * _units(chain), reader.feed_tip, chain)
     feed = " and ".join(f"G{k}" for k in sorted(reader.kinds))
-    return NCFile(path, dialect, motion, np.array(reader.lines), feed, tuple(a for a in AXES if a not in reader.named))
+    return NCFile(path, dialect, motion, np.array(reader.lines), feed, tuple(a for a in chain.letters if a not in reader.named))
 
 
 def motion_csv(motion: Commanded) -> str:
     """The motion at every point as CSV: time_s by the blocks, axis positions in mm and degrees."""
     text = io.StringIO()
-    header = ",".join(["time_s", *(f"{a}_{'mm' if a in LINEAR else 'deg'}" for a in AXES)])
-    np.savetxt(text, np.column_stack([motion.knots, motion.axes / _UNITS]), "%.7f", ",", header=header, comments="")
+    header = ",".join(["time_s", *(f"{a}_{'deg' if is_rotary(a) else 'mm'}" for a in motion.chain.letters)])
+    np.savetxt(text, np.column_stack([motion.knots, motion.axes / _units(motion.chain)]), "%.7f", ",", header=header, comments="")
     return text.getvalue()
+
+
+def _units(chain: Chain) -> np.ndarray:
+    """SI per unit of the program, (axes,)."""
+    return np.array([scale(a) for a in chain.letters])
 
 
 def _text(path: Path) -> str:

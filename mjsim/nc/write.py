@@ -14,7 +14,8 @@ from mjsim.ballbar.paths import peripheral_radius
 from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
 from mjsim.io.files import write_whole
-from mjsim.machine.chain import AXES, ROTARY, machine_to_work
+from mjsim.machine.chain import Chain
+from mjsim.machine.kinematics import machine_to_work
 from mjsim.nc.dialects import FEEDS, Dialect, dialect
 from mjsim.nc.limits import Limits, check_travel, model_limits, scale, speed_warnings
 from mjsim.units import DEG, MM
@@ -26,8 +27,6 @@ STEP_DEG = 0.1
 #: Most blocks of one program; five digits number them.
 MOST_BLOCKS = 99_998
 
-_UNITS = np.array([scale(a) for a in AXES])
-
 
 @dataclass(frozen=True)
 class Options:
@@ -36,7 +35,8 @@ class Options:
     Attributes:
         dialect: ``fanuc``, ``siemens`` or ``linuxcnc``. feed: ``a11``, ``inverse`` or ``tcp``; empty: the dialect's usual one.
         step_deg: angle φ from block to block, degrees. decimals, feed_decimals: of positions and of F; ``None``: the dialect's.
-        reversed: rotary axes whose command on the machine has the other sign. rollover: C written within 0 to 360°, short way round.
+        reversed: rotary axes whose command on the machine has the other sign.
+        rollover: the table axis written within 0 to 360°, short way round.
         number: program number (fanuc).
     """
 
@@ -84,13 +84,13 @@ def nc_program(test: BallBarTest, options: Options | None = None, limits: Limits
     def place(i: int) -> str:
         return f'test "{test.name}", block N{max(i, 1)} (φ = {phi[i] / DEG:.2f}°)'
 
-    limits = limits or model_limits()
+    limits = limits or model_limits(test.chain)
     check_travel(motion, limits, place)
     words = _feed_words(printed, motion.seconds, o, d, feed, test)
-    rows = _positions(printed, o, d, decimals)
+    rows = _positions(printed, test.chain, o, d, decimals)
     head = _comment_lines(test, o, d, feed, decimals, phi, motion, machine)
     body = [f"N{i} G1 {rows[i]}{words[i - 1]}" if i == 1 else f"N{i} {rows[i]}{words[i - 1]}" for i in range(1, len(rows))]
-    text = "\n".join([*head, *_start(rows[0], d, feed), *body, *_end(d, feed), ""])
+    text = "\n".join([*head, *_start(rows[0], test.chain, d, feed), *body, *_end(d, feed), ""])
     return Written(text, motion, feed, speed_warnings(motion, limits, place))
 
 
@@ -120,7 +120,7 @@ def _feed(o: Options, d: Dialect, test: BallBarTest) -> str:
     if feed not in FEEDS:
         raise InputError(f"unknown F convention {feed!r}; allowed: {', '.join(FEEDS)}")
     if feed not in d.feeds:
-        why = " (its G94 counts X, Y and Z only)" if feed == "a11" else ""
+        why = " (its G94 counts the linear axes only)" if feed == "a11" else ""
         raise InputError(f"F convention {feed!r} does not exist in the dialect {d.name}{why}; allowed: {', '.join(d.feeds)}")
     if feed == "tcp" and test.kind == "rotary":
         raise InputError(
@@ -128,7 +128,10 @@ def _feed(o: Options, d: Dialect, test: BallBarTest) -> str:
             "point control; allowed: a11, inverse"
         )
     if o.rollover and d.name == "linuxcnc":
-        raise InputError("C within 0 to 360° is not written for linuxcnc, whose wrapped axes take the sign for the direction; leave it out")
+        raise InputError(
+            f"{test.chain.table_axis} within 0 to 360° is not written for linuxcnc, whose wrapped axes take the sign for the direction; "
+            "leave it out"
+        )
     if not 1e-3 <= o.step_deg <= 10.0:
         raise InputError(f"angle step {o.step_deg:g}°; allowed: 0.001 to 10")
     if not 1 <= o.number <= 9999:
@@ -140,7 +143,7 @@ def _feed(o: Options, d: Dialect, test: BallBarTest) -> str:
 
 
 def _blocks(test: BallBarTest, o: Options, feed: str, decimals: int) -> tuple[np.ndarray, Commanded, np.ndarray]:
-    """φ of the points, the motion of the printed numbers, and these numbers (n + 1, 5) in mm and degrees."""
+    """φ of the points, the motion of the printed numbers, and these numbers (n + 1, axes) in mm and degrees."""
     program = Program(test)
     first, last = program.ends
     count = max(1, int(np.ceil(abs(last - first) / (o.step_deg * DEG) - 1e-9)))
@@ -149,12 +152,13 @@ def _blocks(test: BallBarTest, o: Options, feed: str, decimals: int) -> tuple[np
     phi = np.linspace(first, last, count + 1)
     q = program.path(phi)
     if feed == "tcp":
-        q[:, :3] = machine_to_work(q[:, 3], q[:, 4], q[:, :3])
-    printed = np.round(q / _UNITS, decimals)
+        q[:, test.chain.linear_columns] = machine_to_work(test.chain, q, q[:, test.chain.linear_columns])
+    units = np.array([scale(a) for a in test.chain.letters])
+    printed = np.round(q / units, decimals)
     if (np.diff(printed, axis=0) == 0).all(axis=1).any():
         raise InputError(f'test "{test.name}": blocks of {o.step_deg:g}° are no motion with {decimals} decimals; allowed: a larger step')
     seconds = np.full(count, abs(last - first) / count * peripheral_radius(test) / test.feed)
-    return phi, Commanded(seconds, printed * _UNITS, feed == "tcp"), printed
+    return phi, Commanded(seconds, printed * units, feed == "tcp", test.chain), printed
 
 
 def _feed_words(printed: np.ndarray, seconds: np.ndarray, o: Options, d: Dialect, feed: str, test: BallBarTest) -> list[str]:
@@ -176,24 +180,28 @@ def _feed_words(printed: np.ndarray, seconds: np.ndarray, o: Options, d: Dialect
     return [f" F{v:.{digits}f}" for v in values]
 
 
-def _positions(printed: np.ndarray, o: Options, d: Dialect, decimals: int) -> list[str]:
+def _positions(printed: np.ndarray, chain: Chain, o: Options, d: Dialect, decimals: int) -> list[str]:
     values = printed.copy()
     for axis in o.reversed:
-        values[:, AXES.index(axis)] *= -1.0
+        values[:, chain.index(axis)] *= -1.0
+    table, i = chain.table_axis, chain.index(chain.table_axis)
     if o.rollover:
-        values[:, 4] = np.round(values[:, 4] % 360.0, decimals) % 360.0
+        values[:, i] = np.round(values[:, i] % 360.0, decimals) % 360.0
     number = f"{{:.{decimals}f}}"
-    c = f"C=DC({number})" if o.rollover and d.name == "siemens" else f"C{number}"
-    form = " ".join([*(a + number for a in AXES[:4]), c])
+    words = [a + number for a in chain.letters]
+    if o.rollover and d.name == "siemens":
+        words[i] = f"{table}=DC({number})"
+    form = " ".join(words)
     return [form.format(*(row + 0.0)) for row in np.where(values == 0.0, 0.0, values)]  # no minus before a zero
 
 
 def _comment_lines(test, o: Options, d: Dialect, feed: str, decimals: int, phi, motion: Commanded, machine: str) -> list[str]:
     x, y, z = (f"{v / MM:g}" for v in test.table_ball)
     kind = KINDS[test.kind].words(test).translate(_PLAIN).encode("ascii", "replace").decode()
-    signs = ", ".join(f"{a}{'-' if a in o.reversed else '+'}" for a in ROTARY)
+    signs = ", ".join(f"{a}{'-' if a in o.reversed else '+'}" for a in test.chain.rotary)
+    axes, table = test.chain.letters, test.chain.table_axis
     said = {
-        "a11": "path of X Y Z A C, mm and deg alike, per min",
+        "a11": f"path of {' '.join(axes)}, mm and deg alike, per min",
         "inverse": "1/min of each block",
         "tcp": f"tool tip on workpiece, {test.feed / MM * 60:g} mm/min",
     }[feed]
@@ -205,8 +213,9 @@ def _comment_lines(test, o: Options, d: Dialect, feed: str, decimals: int, phi, 
         f"table ball X{x} Y{y} Z{z} mm, bar {test.length / MM:g} mm, feed {test.feed / MM * 60:g} mm/min",
         f"phi {phi[0] / DEG:g} to {phi[-1] / DEG:g} deg, {len(phi) - 1} blocks, step {abs(phi[1] - phi[0]) / DEG:.6g} deg, "
         f"{decimals} decimals, {motion.duration:.3f} s",
-        f"zero point: where the A and C centrelines meet. X Y Z: spindle ball centre, {where}",
-        f"F: {said}. rotary signs {signs}, C {'0 to 360' if o.rollover else 'unwrapped'}",
+        f"zero point: where the {' and '.join(test.chain.rotary)} centrelines meet. "
+        f"{' '.join(test.chain.linear)}: spindle ball centre, {where}",
+        f"F: {said}. rotary signs {signs}, {table} {'0 to 360' if o.rollover else 'unwrapped'}",
         "not tried on a real control: run it clear of everything first",
     ]
     begin, end = d.comment
@@ -215,16 +224,17 @@ def _comment_lines(test, o: Options, d: Dialect, feed: str, decimals: int, phi, 
     return ["%", f"O{o.number:04d}", *out] if d.name == "fanuc" else out
 
 
-def _start(first: str, d: Dialect, feed: str) -> list[str]:
+def _start(first: str, chain: Chain, d: Dialect, feed: str) -> list[str]:
     """Modal words, start point, a stop to put the ball bar in."""
     mode = "G93" if feed == "inverse" else "G94"
     if d.name == "siemens":
         lines = [f"G90 G17 G{d.units[0]} G40 G54", *d.path, mode]
         if feed == "a11":
-            lines += ["FGROUP(X,Y,Z,A,C)", f"FGREF[A]={180 / np.pi:.9f} FGREF[C]={180 / np.pi:.9f}"]
+            radii = " ".join(f"FGREF[{a}]={180 / np.pi:.9f}" for a in chain.rotary)
+            lines += [f"FGROUP({','.join(chain.letters)})", radii]
     else:
         lines = [f"G90 G17 G{d.units[0]} G40 G49 G80 G54", *d.path, mode]
-    tip = ["G0 A0. C0.", d.tip_on] if feed == "tcp" else []
+    tip = [f"G0 {' '.join(a + '0.' for a in chain.rotary)}", d.tip_on] if feed == "tcp" else []
     return [*lines, "M5", *tip, f"G0 {first}", "M0"]
 
 

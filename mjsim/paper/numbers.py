@@ -10,7 +10,8 @@ import numpy as np
 from scipy.signal import find_peaks
 
 from mjsim.ballbar.paths import PATHS
-from mjsim.machine.chain import AXES, machine_to_work
+from mjsim.machine.chain import AXES
+from mjsim.machine.kinematics import machine_to_work
 from mjsim.paper.machine import PaperMachine
 from mjsim.paper.runs import ANGLE, HEIGHT, LENGTH, Run, Traces
 from mjsim.units import DEG, MM, UM
@@ -95,7 +96,7 @@ def _circle_radius(traces: Traces, run: Run) -> float:
     s = traces.simulation(run)
     turn = (s.phi >= 0) & (s.phi <= 2 * np.pi)
     q = s.position[turn]
-    points = machine_to_work(q[:, 3], q[:, 4], q[:, :3])
+    points = machine_to_work(s.test.chain, q, q[:, :3])
     return float(np.linalg.norm(points - points.mean(axis=0), axis=1).mean()) / MM
 
 

@@ -12,7 +12,7 @@ from mjsim.estimation.fit import with_effects
 from mjsim.estimation.nuisance import fit_nuisance
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.vibration import phased
-from mjsim.machine.chain import reading
+from mjsim.machine.kinematics import reading
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
 from mjsim.simulation.axes import time_grid
@@ -47,7 +47,7 @@ def rigid(test: BallBarTest) -> Simulation:
     program = Program(test)
     time = time_grid(program)
     command = program.commands(time)
-    deviation = reading(command, np.asarray(test.table_ball), test.length)
+    deviation = reading(test.chain, command, np.asarray(test.table_ball), test.length)
     return Simulation(test, time, program.phi(time), command, command, deviation)
 
 

@@ -1,4 +1,4 @@
-"""The axes' motion without the multibody model: the same compiled drives, five independent axes.
+"""The axes' motion without the multibody model: the same compiled drives, axis by axis.
 
 The mass matrix of the balanced machine is diagonal, so this gives what the MuJoCo simulation gives (``tests/test_simulate.py``
 holds the difference); the diagnosis searches with it. Errors that are reported come from the MuJoCo simulation.
@@ -15,7 +15,7 @@ import numpy as np
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
 from mjsim.effects.hooks import guard_class
-from mjsim.machine.chain import AXES, BarSensitivity, sensitivity
+from mjsim.machine.kinematics import BarSensitivity, sensitivity
 from mjsim.machine.plant import AxisPlant, Plant
 from mjsim.simulation.bar import reading
 from mjsim.simulation.drive import STEP, discretise, run, substeps_of
@@ -32,19 +32,19 @@ def time_grid(program: Program) -> np.ndarray:
 
 
 def delayed_commands(program: Program, time: np.ndarray, plant: Plant) -> np.ndarray:
-    """Axis commands (n, 5) as the drives receive them, each with its own delay."""
+    """Axis commands (n, axes) as the drives receive them, each with its own delay."""
     return behind(program, time, program.commands(time), plant)
 
 
 def behind(program: Program, time: np.ndarray, commands: np.ndarray, plant: Plant) -> np.ndarray:
-    """As :func:`delayed_commands`, from the ``commands`` (n, 5) of ``time`` (n,) s; these themselves where no drive has a delay."""
-    delays = [plant.axes[a].delay for a in AXES]
+    """As :func:`delayed_commands`, from the ``commands`` (n, axes) of ``time`` (n,) s; these themselves where no drive has a delay."""
+    delays = [plant.axes[a].delay for a in plant.chain.letters]
     if not any(delays):
         return commands
     out = commands.copy()
     for delay in {d for d in delays if d}:
         moved = program.commands(time - delay)
-        for i in range(len(AXES)):
+        for i in range(len(delays)):
             if delays[i] == delay:
                 out[:, i] = moved[:, i]
     return out
@@ -59,7 +59,7 @@ def _driven(drive: AxisPlant, commands: np.ndarray, step: float) -> np.ndarray:
 
 
 def own_effects(plant: Plant, test: BallBarTest, time: np.ndarray) -> np.ndarray:
-    """What the user's plain-Python effects add to the axes, (n, 5) m and rad, at ``time`` (n,) s, evenly spaced.
+    """What the user's plain-Python effects add to the axes, (n, axes) m and rad, at ``time`` (n,) s, evenly spaced.
 
     They follow from the motion alone (the loop is closed on the motor, before them), so one call per test is enough.
 
@@ -69,18 +69,18 @@ def own_effects(plant: Plant, test: BallBarTest, time: np.ndarray) -> np.ndarray
     step = float(time[1] - time[0])
     commands = delayed_commands(Program(test), time, plant)
     q = np.empty((len(time), plant.width))
-    q[:, 5:] = 0.0
-    for i, a in enumerate(AXES):
+    q[:, plant.chain.count :] = 0.0
+    for i, a in enumerate(plant.chain.letters):
         q[:, i] = _driven(plant.axes[a], commands[:, i], step)
     ops = plant.op_table(test.name, test.started)
     if len(ops):
         q = transmit(ops, q, test.started + time)
-    return _added(plant, test, time, q[:, :5], step)
+    return _added(plant, test, time, q[:, : plant.chain.count], step)
 
 
 def _added(plant: Plant, test: BallBarTest, time: np.ndarray, q: np.ndarray, step: float) -> np.ndarray:
     motion = MotionTracker(step, test.started, plant).follow(time, q.copy())
-    total = np.zeros((len(time), 5))
+    total = np.zeros_like(q)
     for effect in plant.python_effects:
         guard_class(type(effect))  # pyright: ignore[reportArgumentType]  # also one that a script made without registering it
         moved = effect.position_error(motion)  # watched and checked, see mjsim.effects.hooks
@@ -105,7 +105,7 @@ class AxesMotion:
 
     def __post_init__(self) -> None:
         self.program = Program(self.test)
-        self._kept: dict[str, OrderedDict] = {a: OrderedDict() for a in AXES}
+        self._kept: dict[str, OrderedDict] = {a: OrderedDict() for a in self.test.chain.letters}
 
     @cached_property
     def time(self) -> np.ndarray:
@@ -114,12 +114,12 @@ class AxesMotion:
 
     @cached_property
     def commands(self) -> np.ndarray:
-        """Commands at ``time`` without delays, (n, 5) m and rad."""
+        """Commands at ``time`` without delays, (n, axes) m and rad."""
         return self.program.commands(self.time)
 
     @cached_property
     def moves(self) -> np.ndarray:
-        """Which axes move in this test, (5,) bool."""
+        """Which axes move in this test, (axes,) bool."""
         return np.ptp(self.commands, axis=0) > 0.0
 
     def motor(self, axis: str, drive: AxisPlant, every: int = 1) -> np.ndarray:
@@ -128,7 +128,7 @@ class AxesMotion:
         if key in kept:
             kept.move_to_end(key)
             return kept[key]
-        i = AXES.index(axis)
+        i = self.test.chain.index(axis)
         r = self.commands[:, i] if not drive.delay else self.program.commands(self.time - drive.delay)[:, i]
         # an axis that never moves stays: the integrator holds gravity
         out = np.ascontiguousarray((_driven(drive, r, STEP) if self.moves[i] else r)[::every])
@@ -138,22 +138,23 @@ class AxesMotion:
         return out
 
     def load(self, plant: Plant, every: int = 1) -> np.ndarray:
-        """Load-side axis positions (n, 5 or 9), m and rad, at every ``every``-th instant.
+        """Load-side axis positions, m and rad, at every ``every``-th instant.
 
-        Columns 5 to 8 are the table's error motion. A user's own effects see every instant;
+        (n, axes), or with the table's error motion behind where the plant has one. A user's own effects see every instant;
         play and direction see the given ones, which miss a turning point by less than 0.01 µm.
         """
         ops = plant.op_table(self.test.name, self.test.started)
         fine = 1 if plant.python_effects else every
         time = self.time[::fine]
         q = np.zeros((len(time), plant.width))
-        for i, a in enumerate(AXES):
+        for i, a in enumerate(plant.chain.letters):
             q[:, i] = self.motor(a, plant.axes[a], fine)
         clock = self.test.started + time
         if len(ops):
             q = transmit(ops, q, clock)
         if plant.python_effects:
-            q[:, :5] += _added(plant, self.test, time, q[:, :5], STEP)
+            axes = q[:, : plant.chain.count]
+            axes += _added(plant, self.test, time, axes, STEP)
         if self.light:
             for name in ("time", "commands"):
                 vars(self).pop(name, None)
@@ -161,8 +162,8 @@ class AxesMotion:
 
     def sensitivity(self, plant: Plant, every: int = 1) -> BarSensitivity:
         """The reading's derivatives at every ``every``-th instant, at the positions that the axes reach."""
-        return sensitivity(self.load(plant, every)[:, :5], np.asarray(self.test.table_ball))
+        return sensitivity(plant.chain, self.load(plant, every)[:, : plant.chain.count], np.asarray(self.test.table_ball))
 
     def reading(self, plant: Plant, every: int = 1) -> np.ndarray:
         """Ball-bar reading in m at every ``every``-th instant."""
-        return reading(self.load(plant, every), np.asarray(self.test.table_ball), self.test.length, plant.geometry)
+        return reading(plant.chain, self.load(plant, every), np.asarray(self.test.table_ball), self.test.length, plant.geometry)

@@ -10,7 +10,8 @@ import numpy as np
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.io.resources import model_file
 from mjsim.machine.bodies import bodies_scale, own_inertia
-from mjsim.machine.chain import AXES, ROTARY, Geometry
+from mjsim.machine.chain import AXES, FIVE_AXIS, ROTARY
+from mjsim.machine.kinematics import Geometry
 from mjsim.machine.plant import OP_SIZE, Plant
 from mjsim.simulation import callback
 from mjsim.simulation.drive import AXIS_SIZE, STEP, SUBSTEPS, discretise, substeps_of
@@ -124,7 +125,7 @@ def _displace_axes(model: mujoco.MjModel, geometry: Geometry) -> None:
     """
     for axis in ROTARY:
         body = model.body(int(model.joint(axis).bodyid[0]))
-        shift, turn = geometry.displacement(axis)
+        shift, turn = geometry.displacement(FIVE_AXIS, axis)
         body.pos[:] += shift
         mujoco.mju_mat2Quat(body.quat, (rotation_of(body.quat) @ turn).ravel())
     for name, (joint, row, sign) in SQUARENESS.items():

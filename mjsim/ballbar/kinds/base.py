@@ -25,11 +25,11 @@ class Kind(ABC):
 
     @abstractmethod
     def path(self, test: BallBarTest, phi: np.ndarray) -> np.ndarray:
-        """Axis commands (n, 5) m and rad, order X, Y, Z, A, C, at φ (n,) rad."""
+        """Axis commands (n, axes) m and rad, in the order of the test's chain, at φ (n,) rad."""
 
     @abstractmethod
     def angle(self, test: BallBarTest, q: np.ndarray) -> np.ndarray:
-        """φ (n,) rad, within a turn, at axis positions ``q`` (n, 5) on the path or near it: inverse of :meth:`path`."""
+        """φ (n,) rad, within a turn, at axis positions ``q`` (n, axes) on the path or near it: inverse of :meth:`path`."""
 
     def radius(self, test: BallBarTest) -> float:
         """Radius (m) of the circle on which the feed is programmed."""

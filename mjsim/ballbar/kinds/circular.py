@@ -11,25 +11,24 @@ from mjsim.ballbar.kinds.base import Kind
 if TYPE_CHECKING:
     from mjsim.ballbar.measurement import BallBarTest
 
-#: The two axes of a plane, φ counting from the first to the second.
-PLANES = {"XY": (0, 1), "YZ": (1, 2), "ZX": (2, 0)}
-
 
 class Circular(Kind):
+    """A circle in the plane of two linear axes, φ counting from the first to the second."""
+
     name = "circular"
     needed = ("plane", "direction")
 
     def path(self, test: BallBarTest, phi: np.ndarray) -> np.ndarray:
-        q = np.zeros((len(phi), 5))
-        q[:, :3] = test.table_ball
-        first, second = PLANES[test.plane]
+        q = np.zeros((len(phi), test.chain.count))
+        q[:, test.chain.linear_columns] = test.table_ball
+        first, second = map(test.chain.index, test.plane)
         q[:, first] += test.length * np.cos(phi)
         q[:, second] += test.length * np.sin(phi)
         return q
 
     def angle(self, test: BallBarTest, q: np.ndarray) -> np.ndarray:
-        first, second = PLANES[test.plane]
-        away = q[:, :3] - test.table_ball
+        first, second = map(test.chain.index, test.plane)
+        away = q[:, test.chain.linear_columns] - test.table_ball
         return np.arctan2(away[:, second], away[:, first])
 
     def words(self, test: BallBarTest) -> str:

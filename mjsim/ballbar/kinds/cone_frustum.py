@@ -7,26 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mjsim.ballbar.kinds.base import Kind
-from mjsim.machine.chain import machine_to_work, work_to_machine
+from mjsim.machine.kinematics import aim, machine_to_work, work_to_machine
 from mjsim.units import DEG
 
 if TYPE_CHECKING:
     from mjsim.ballbar.measurement import BallBarTest
-
-
-def tool_axis(i: np.ndarray, j: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A and C (rad, C unwrapped) that bring the work-frame direction (i, j, k) onto the spindle: eq. A.6 and A.7.
-
-    ``sgn(i)·arccos(j/√(i²+j²))`` is atan2(i, j). Where the direction is the C axis itself C is arbitrary: the neighbour's
-    value is kept.
-    """
-    A = np.arccos(np.clip(k, -1.0, 1.0))
-    pole = np.hypot(i, j) < 1e-12
-    C = np.arctan2(i, j)
-    if pole.any() and not pole.all():
-        at = np.flatnonzero(~pole)
-        C = C[at[np.searchsorted(at, np.arange(len(C))).clip(0, len(at) - 1)]]
-    return A, np.unwrap(C)
 
 
 class ConeFrustum(Kind):
@@ -48,11 +33,12 @@ class ConeFrustum(Kind):
         P, apex = P @ tilt.T + OT, tilt @ apex + OT
         T = apex - P
         T /= np.linalg.norm(T, axis=1)[:, None]
-        A, C = tool_axis(*T.T)
-        return np.column_stack([work_to_machine(A, C, P), A, C])
+        q = aim(test.chain, T)
+        q[:, test.chain.linear_columns] = work_to_machine(test.chain, q, P)
+        return q
 
     def angle(self, test: BallBarTest, q: np.ndarray) -> np.ndarray:
-        x, y, z = (machine_to_work(q[:, 3], q[:, 4], q[:, :3]) - test.table_ball).T
+        x, y, z = (machine_to_work(test.chain, q, q[:, test.chain.linear_columns]) - test.table_ball).T
         return np.arctan2(y, np.cos(test.inclination) * x - np.sin(test.inclination) * z)  # the circle leans by β about Y
 
     def radius(self, test: BallBarTest) -> float:

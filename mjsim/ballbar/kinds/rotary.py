@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mjsim.ballbar.kinds.base import Kind
-from mjsim.machine.chain import INDEX, work_to_machine
+from mjsim.machine.kinematics import work_to_machine
 from mjsim.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -27,19 +27,21 @@ class Rotary(Kind):
 
     def path(self, test: BallBarTest, phi: np.ndarray) -> np.ndarray:
         OT = np.asarray(test.table_ball)
-        a, flat = ([0.0, 0.0, 1.0], [1, 1, 0]) if test.axis == "C" else ([1.0, 0.0, 0.0], [0, 1, 1])
-        radial = OT * flat / np.linalg.norm(OT * flat)
-        bar = {"radial": radial, "axial": np.array(a), "tangential": np.cross(a, radial)}[test.sensitive]
-        zero = np.zeros_like(phi)
-        A, C = (zero, phi) if test.axis == "C" else (phi, zero)
-        return np.column_stack([work_to_machine(A, C, OT + test.length * bar), A, C])
+        axis = test.chain.axis(test.axis).direction
+        across = OT * (1.0 - axis)
+        radial = across / np.linalg.norm(across)
+        bar = {"radial": radial, "axial": axis, "tangential": np.cross(axis, radial)}[test.sensitive]
+        q = np.zeros((len(phi), test.chain.count))
+        q[:, test.chain.index(test.axis)] = phi
+        q[:, test.chain.linear_columns] = work_to_machine(test.chain, q, OT + test.length * bar)
+        return q
 
     def angle(self, test: BallBarTest, q: np.ndarray) -> np.ndarray:
-        return q[:, INDEX[test.axis]]
+        return q[:, test.chain.index(test.axis)]
 
     def radius(self, test: BallBarTest) -> float:
-        x, y, z = test.table_ball
-        return float(np.hypot(x, y) if test.axis == "C" else np.hypot(y, z))
+        first, second = test.chain.axis(test.axis).across
+        return float(np.hypot(test.table_ball[first], test.table_ball[second]))
 
     def words(self, test: BallBarTest) -> str:
         return f"{test.axis} from {test.start / DEG:g}° to {test.stop / DEG:g}°, {test.sensitive}"

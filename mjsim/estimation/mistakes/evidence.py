@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.estimation.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER
 from mjsim.estimation.samples import GRID, GRID_STEPS, Samples
-from mjsim.machine.chain import BarSensitivity
+from mjsim.machine.kinematics import BarSensitivity
 from mjsim.machine.plant import Plant
 from mjsim.simulation.axes import AxesMotion
 
