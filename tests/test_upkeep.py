@@ -11,6 +11,7 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 import mjsim
 
@@ -30,6 +31,12 @@ FORBIDDEN = {
 
 def run(*command):
     return subprocess.run([sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True)
+
+
+def run_script(name, *arguments):
+    """What a script of the repository prints."""
+    command = [sys.executable, ROOT / "scripts" / name, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
 
 def tracked():
@@ -169,10 +176,39 @@ def test_python_versions_are_declared_alike():
         assert f"Python {names[0]} to {names[-1]}" in (ROOT / page).read_text(), page
 
 
-def test_dependencies_are_pinned_with_a_reason_and_locked():
+def test_dependencies_are_ranges_with_a_reason_and_the_lock_has_one_version_of_each():
     text = (ROOT / "pyproject.toml").read_text()
-    locked = set(re.findall(r"^([\w.-]+==\S+)", (ROOT / "requirements.lock").read_text(), re.MULTILINE))
+    locked = dict(re.findall(r"^([\w.-]+)==([\w.]+)", (ROOT / "requirements.lock").read_text(), re.MULTILINE))
     project = PROJECT["project"]
-    for pin in [*project["dependencies"], *(p for extra in project["optional-dependencies"].values() for p in extra)]:
-        assert re.search(rf'"{re.escape(pin)}", *# \w', text), f"{pin}: no reason in pyproject.toml"
-        assert re.sub(r"\[.*\]", "", pin) in locked, f"{pin}: not in requirements.lock"
+    tables = [project["dependencies"], *project["optional-dependencies"].values(), *PROJECT["dependency-groups"].values()]
+    for requirement in (r for table in tables for r in table):
+        assert re.search(rf'"{re.escape(requirement)}", *# \w', text), f"{requirement}: no reason in pyproject.toml"
+        wanted = Requirement(requirement)
+        if wanted.name != "mjsim":
+            assert any(s.operator == ">=" for s in wanted.specifier), f"{requirement}: no lower bound"
+            assert not any(s.operator == "==" for s in wanted.specifier), f"{requirement}: a pin, which belongs into the lock"
+            assert locked[wanted.name] in wanted.specifier, f"{requirement}: requirements.lock has {locked[wanted.name]}"
+
+
+def test_the_lock_has_hashes_and_no_addresses():
+    text = (ROOT / "requirements.lock").read_text()
+    assert "://" not in text and "--index" not in text
+    for entry in re.split(r"(?m)^(?=\w)", text)[1:]:
+        assert "--hash=sha256:" in entry, entry
+
+
+@pytest.mark.parametrize("groups", [[], ["report"], ["all"], ["all", "build", "docs", "dev"]], ids=" ".join)
+def test_the_part_of_the_lock_that_a_group_needs(groups):
+    part = run_script("locked.py", *groups)
+    names = set(re.findall(r"^[\w.-]+(?===)", part, re.MULTILINE))
+    assert names >= {"mujoco", "numpy", "scipy", "numba", "llvmlite", "matplotlib", "trimesh", "pydantic-core"}
+    assert ("jinja2" in names, "markupsafe" in names) == 2 * (bool(groups),)
+    assert ("pandas" in names, "av" in names) == 2 * ("all" in groups,)
+    if "dev" in groups:
+        assert part.splitlines() == [line for line in (ROOT / "requirements.lock").read_text().splitlines() if line[:1] != "#"]
+
+
+def test_the_workflow_runs_every_python():
+    versions = re.search(r"python: \[(.*)\]", (ROOT / ".github" / "workflows" / "test.yml").read_text())[1]
+    minors = map(int, re.fullmatch(r">=3\.(\d+),<3\.(\d+)", PROJECT["project"]["requires-python"]).groups())
+    assert versions == ", ".join(f'"3.{minor}"' for minor in range(*minors))

@@ -12,6 +12,7 @@ import numpy as np
 from PIL import Image, ImageColor
 
 from mjsim.errors import InputError
+from mjsim.io.extras import need
 from mjsim.plots import style
 
 SUFFIXES = (".mp4", ".gif")
@@ -26,11 +27,13 @@ def kind_of(path: Path) -> str:
     """``.mp4`` or ``.gif``.
 
     Raises:
-        InputError: another suffix.
+        InputError: another suffix, or MP4 without its encoder.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"{path}: an animation is written as .mp4 or .gif, not as '{suffix or Path(path).name}'")
+    if suffix == ".mp4":
+        need("an .mp4 file", "video", "av")
     return suffix
 
 

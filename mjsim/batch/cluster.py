@@ -6,6 +6,7 @@ user's own travel as the text of their files.
 
 from __future__ import annotations
 
+import logging
 import math
 import tempfile
 import time
@@ -20,6 +21,7 @@ from mjsim.batch.recipe import Recipe
 from mjsim.batch.workshop import Job, Outcome, Workshop
 from mjsim.effects import registry
 from mjsim.errors import InputError, SimulationError
+from mjsim.io.extras import need
 from mjsim.machine.model import Machine
 from mjsim.simulation import callback
 from mjsim.threads import one_blas_thread
@@ -95,13 +97,10 @@ def connected(address: str) -> Iterator[Any]:
     Raises:
         InputError: the extra is not installed, no scheduler or worker is there, or versions differ.
     """
-    try:
-        import logging
+    need("--scheduler", "distributed", "distributed")
+    from distributed import Client
+    from distributed.comm.addressing import parse_address, parse_host_port
 
-        from distributed import Client
-        from distributed.comm.addressing import parse_address, parse_host_port
-    except ImportError:
-        raise InputError('--scheduler needs the extra "distributed": pip install "mjsim[distributed]"') from None
     for name in [n for n in logging.root.manager.loggerDict if n.startswith("distributed")]:
         logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters comes as an exception
     try:

@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import pyarrow as pa
+
+from mjsim.batch.arrow import pa
 
 
 def integers(values: Sequence[int] | np.ndarray) -> pa.Array:

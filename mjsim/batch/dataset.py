@@ -19,10 +19,9 @@ import re
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from mjsim.batch import columns
+from mjsim.batch.arrow import pa, pq
 from mjsim.batch.describe import describe, difference, result_columns, schema, trace_columns
 from mjsim.batch.sweep import Sweep
 from mjsim.batch.workshop import Outcome

@@ -8,9 +8,9 @@ from functools import cache
 
 import mujoco
 import numpy as np
-import pyarrow as pa
 
 import mjsim
+from mjsim.batch.arrow import pa
 from mjsim.batch.sweep import Sweep
 from mjsim.campaign.files import test_table
 from mjsim.io.resources import model_file

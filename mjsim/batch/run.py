@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjsim.ballbar.program import Program
+from mjsim.batch.arrow import pq
 from mjsim.batch.dataset import Folder
 from mjsim.batch.local import run_local
 from mjsim.batch.sweep import Sweep, read_sweep
@@ -180,8 +181,6 @@ class _Writer:
         self._progress(len(self._seen), self._total, self._stepped, self._all_steps)
 
     def result(self, sweep: Sweep, out: Path) -> BatchResult:
-        import pyarrow.parquet as pq
-
         errors = [pq.ParquetFile(f).read(columns=["error"])["error"] for f in out.glob("results/part-*")]
         failed = sum(len(e) - e.null_count for e in errors)
         spent = time.monotonic() - self._begun

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
+from mjsim.units import UM
 
 
 @click.command("demo")
@@ -27,18 +28,28 @@ def command(out, threads, as_json, quiet) -> None:
     """
     from mjsim.cli.diagnose import show as show_diagnosis
     from mjsim.cli.history import show as show_ladder
-    from mjsim.report.demo import prepare, walk
+    from mjsim.report.demo import first_look, prepare, walk
 
     folder = prepare(out)
     common.say(
         "A five-axis machine was measured with a ball bar in 13 tests. Something is wrong with it; its model does not know what.", quiet
     )
+    common.say("When mjsim runs for the first time, it compiles the simulation, which takes some ten seconds.", quiet)
+    with common.progress_bar(quiet) as progress:
+        given, picture = first_look(folder, common.cores(threads), progress)
+    difference = f"Measured and simulated differ by {given.rms / UM:.3f} µm RMS. The noise is {given.noise / UM:.3f} µm."
+    common.say(f"{difference}\npicture: {picture.resolve()}", quiet)
     with common.progress_bar(quiet) as progress:
         demo = walk(folder, common.cores(threads), progress)
     data = demo.diagnosis.to_json()
     if as_json:
         common.print_json(
-            {"report": str(demo.report), "diagnosis": data, "steps": [{**vars(s), "effects": list(s.effects)} for s in demo.steps]}
+            {
+                "report": str(demo.report) if demo.report else None,
+                "pictures": [str(picture), str(demo.picture)],
+                "diagnosis": data,
+                "steps": [{**vars(s), "effects": list(s.effects)} for s in demo.steps],
+            }
         )
         return
     if quiet:
@@ -46,4 +57,6 @@ def command(out, threads, as_json, quiet) -> None:
     show_diagnosis(data)
     click.echo("\nThe error ladder:")
     show_ladder(demo.steps)
-    click.echo(f"\nreport: {demo.report.resolve()}")
+    click.echo(f"\npictures: {picture.resolve()}")
+    click.echo(f"          {demo.picture.resolve()}")
+    click.echo(f"report:   {demo.report.resolve()}" if demo.report else demo.no_report)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mjsim.errors import InputError
+from mjsim.io.extras import need
 from mjsim.io.files import check_writable, write_all
 from mjsim.paper.contents import POLAR, VELOCITY_RUNS
 from mjsim.paper.draw import polar_figure, velocity_figure
@@ -37,6 +38,7 @@ class PaperFigures:
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row per printed number: group, name, printed, simulated, tolerance, note, agrees."""
+        need("to_dataframe", "dataframe", "pandas")
         import pandas as pd
 
         return pd.DataFrame([{**asdict(n), "agrees": n.agrees} for n in self.numbers])

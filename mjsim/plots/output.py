@@ -128,14 +128,17 @@ def comparison_plots(result: Comparison, folder: Path, progress: Progress = sile
         progress("plotting", i, total)
         save(polar_figure(polar_traces(t), t.test.name, conditions(t.test)), path)
     progress("plotting", total - 2, total)
-    save(
-        overview_figure([(t.test.name, polar_traces(t)) for t in result.tests], title=f"{result.campaign.name}: measured and simulated"),
-        overview,
-    )
+    overview_plot(result, overview)
     progress("plotting", total - 1, total)
     title = f"{result.campaign.name}: residual {result.rms / UM:.3f} µm RMS, noise {result.noise / UM:.3f} µm"
     save(residual_figure([residual_trace(t, result.noise) for t in result.tests], title=title), residual)
     return [overview, residual, *files]
+
+
+def overview_plot(result: Comparison, path: Path) -> None:
+    """All tests of a comparison in one picture."""
+    title = f"{result.campaign.name}: measured and simulated"
+    save(overview_figure([(t.test.name, polar_traces(t)) for t in result.tests], title=title), path)
 
 
 def unexplained_plot(result: Diagnosis, folder: Path) -> Diagnosis:

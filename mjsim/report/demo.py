@@ -13,9 +13,12 @@ from mjsim.campaign.machine_file import read_machine, write_machine
 from mjsim.errors import InputError
 from mjsim.io.files import check_writable, write_whole
 from mjsim.io.resources import examples
+from mjsim.plots.output import ladder_plot, overview_plot
 from mjsim.progress import Progress, silent
+from mjsim.report.build import build_report
+from mjsim.report.write import need_report
 from mjsim.workflow import history as ladder
-from mjsim.workflow.compare import Comparison
+from mjsim.workflow.compare import Comparison, compare
 from mjsim.workflow.diagnose import Diagnosis, diagnose
 
 EXAMPLE = "hidden-backlash"
@@ -23,12 +26,23 @@ EXAMPLE = "hidden-backlash"
 
 @dataclass(frozen=True)
 class Demo:
-    """What the walk-through produced: the working copy, the diagnosis, the ladder and the report."""
+    """What the walk-through produced.
+
+    Attributes:
+        folder: the working copy of the example.
+        diagnosis: of the machine as given.
+        steps: the ladder.
+        picture: the ladder's.
+        report: the page, or None.
+        no_report: why there is none.
+    """
 
     folder: Path
     diagnosis: Diagnosis
     steps: list[ladder.Step]
-    report: Path
+    picture: Path
+    report: Path | None
+    no_report: str = ""
 
 
 def prepare(out: Path) -> Path:
@@ -57,19 +71,21 @@ def prepare(out: Path) -> Path:
     return out
 
 
-def run(out: Path, threads: int = 2, progress: Progress = silent) -> Demo:
-    """Prepare ``out`` and run the walk-through in it.
-
-    Raises:
-        InputError: as :func:`prepare`.
-    """
-    return walk(prepare(out), threads, progress)
+def first_look(folder: Path, threads: int = 2, progress: Progress = silent) -> tuple[Comparison, Path]:
+    """Compare the campaign in a folder that :func:`prepare` has made; the comparison and its picture."""
+    campaign = read_campaign(folder)
+    result = compare(campaign, read_machine(campaign.machine_file), threads, progress)
+    picture = folder / "measured-and-simulated.png"
+    progress("plotting", 0, 1)
+    overview_plot(result, picture)
+    return result, picture
 
 
 def walk(folder: Path, threads: int = 2, progress: Progress = silent) -> Demo:
-    """Run the walk-through in a folder that :func:`prepare` has made."""
-    from mjsim.report.build import build_report
+    """Run the walk-through in a folder that :func:`prepare` has made: diagnose, add, ladder, report.
 
+    The report is left out where the extra "report" is not installed.
+    """
     campaign = read_campaign(folder)
     machine = read_machine(campaign.machine_file)
     result = diagnose(campaign, machine, threads=threads, progress=progress)
@@ -79,6 +95,12 @@ def walk(folder: Path, threads: int = 2, progress: Progress = silent) -> Demo:
     steps = [ladder.step_of(action, effect, original, c) for action, effect, c in rungs]
     ladder.record(campaign, steps)
     write_machine(result.machine, original, original, force=True)
+    picture = folder / "ladder.png"
+    ladder_plot(steps, picture)
+    try:
+        need_report()
+    except InputError as error:
+        return Demo(folder, result, steps, picture, None, str(error))
     report = folder / "report.html"
     write_whole(report, build_report(result, threads, progress, thorough=False), force=True)
-    return Demo(folder, result, steps, report)
+    return Demo(folder, result, steps, picture, report)

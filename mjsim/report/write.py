@@ -9,6 +9,7 @@ from datetime import date
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.mistakes.checked_problem import checked_problem
+from mjsim.io.extras import need
 from mjsim.machine.chain import AXES
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
@@ -23,6 +24,15 @@ class Report:
 
     html: str
     data: dict
+
+
+def need_report() -> None:
+    """Refuse to begin where the page's packages are missing.
+
+    Raises:
+        InputError: the extra "report" is not installed.
+    """
+    need("report", "report", "jinja2", "plotly")
 
 
 def report(
@@ -44,8 +54,9 @@ def report(
         diagnosed: look for missing effects; otherwise compare only.
 
     Raises:
-        InputError: no measured test, or campaigns of different machines.
+        InputError: no measured test, campaigns of different machines, or the extra is not installed.
     """
+    need_report()
     if isinstance(campaigns, Campaign) or len(campaigns) == 1:
         campaign = campaigns if isinstance(campaigns, Campaign) else campaigns[0]
         machine = machines if isinstance(machines, Machine) else machines[0]

@@ -14,6 +14,7 @@ from mujoco import rollout
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
 from mjsim.errors import SimulationError
+from mjsim.io.extras import need
 from mjsim.machine.chain import AXES, LINEAR
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant
@@ -59,6 +60,7 @@ class Simulation:
 
     def to_dataframe(self) -> pd.DataFrame:
         """:meth:`columns` as a table, one row per instant."""
+        need("to_dataframe", "dataframe", "pandas")
         import pandas as pd
 
         return pd.DataFrame(self.columns())

@@ -19,6 +19,7 @@ from mjsim.estimation.nuisance import fit_nuisance
 from mjsim.estimation.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, Problem
 from mjsim.estimation.samples import GRID_STEPS
 from mjsim.estimation.vibration import phased
+from mjsim.io.extras import need
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.simulation.drive import STEP
@@ -118,6 +119,7 @@ class Comparison:
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row per test: the entries of :meth:`to_json`, ISO 230-4 figures as columns ``measured_…``, ``simulated_…`` (µm)."""
+        need("to_dataframe", "dataframe", "pandas")
         import pandas as pd
 
         rows = []

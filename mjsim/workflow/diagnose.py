@@ -23,6 +23,7 @@ from mjsim.estimation.testability import not_testable
 from mjsim.estimation.unexplained import Unexplained, find_unexplained
 from mjsim.estimation.vibration import is_news, phased, put_back, separate
 from mjsim.io import files
+from mjsim.io.extras import need
 from mjsim.machine.chain import AXES
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
@@ -116,6 +117,7 @@ class Diagnosis:
 
         Components of a pitch error are parameters ``order 72 amplitude`` and ``order 72 phase``.
         """
+        need("to_dataframe", "dataframe", "pandas")
         import pandas as pd
 
         rows = []

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mjsim.estimation.pitch.parts import Alternation, Component, LocalFault
+from mjsim.io.extras import need
 from mjsim.machine.effect import Effect
 
 if TYPE_CHECKING:
@@ -162,6 +163,7 @@ class PitchIdentification:
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row per component: axis, direction, order, amplitude and phase (degrees) with their 95 % intervals, multiple_of_teeth."""
+        need("to_dataframe", "dataframe", "pandas")
         import pandas as pd
 
         rows = []
