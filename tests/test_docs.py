@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import mjsim
@@ -80,10 +81,35 @@ def test_reference_lists_every_public_function():
             assert f"{thing.__module__}.{thing.__name__}" in listed, name
 
 
-def test_the_catalogue_is_up_to_date():
-    """The page of effects says what the classes say, and every kind has its picture."""
-    spec = importlib.util.spec_from_file_location("build_catalogue", ROOT / "scripts" / "build_catalogue.py")
+def script_of(name):
+    spec = importlib.util.spec_from_file_location(name, ROOT / "scripts" / f"{name}.py")
     script = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(script)
+    return script
+
+
+def test_the_catalogue_is_up_to_date():
+    """The page of effects says what the classes say, and every kind has its picture."""
+    script = script_of("build_catalogue")
     assert script.PAGE.read_text(encoding="utf-8") == script.page(), "run scripts/build_catalogue.py"
     assert {f.stem for f in script.IMAGES.glob("*.svg")} == set(script.shipped()) == set(script.PANELS)
+
+
+def test_the_picture_of_the_rooms_is_up_to_date():
+    script = script_of("build_architecture")
+    assert script.mermaid() in script.PAGE.read_text(encoding="utf-8"), "run scripts/build_architecture.py"
+    assert script.PICTURE.is_file()
+
+
+@pytest.mark.parametrize("page", ["docs/how-to-effect.md", "CONTRIBUTING.md"])
+def test_the_effects_of_the_documentation_work(page):
+    """The class of each page moves its axis by its parameter."""
+    blocks = re.findall(r"(?:^    .*\n|^\n)+", (ROOT / page).read_text(encoding="utf-8"), re.MULTILINE)
+    names = {}
+    exec(re.sub(r"^    ", "", next(b for b in blocks if "@mjsim.register" in b), flags=re.MULTILINE), names)
+    (cls,) = [c for c in names.values() if isinstance(c, type)]
+    (parameter,) = cls.parameters
+    effect = cls(cls.subjects[0], **{parameter.name: 2.0})
+    q = np.linspace(-0.1, 0.1, 401)[:, None] * np.ones(5)
+    moved = effect.position_error(mjsim.Motion(q[:, 0], q[:, 0], q, q, q, q, q))
+    assert moved.shape == q.shape and np.abs(moved).max() == pytest.approx(effect.si(parameter.name), rel=1e-3)

@@ -16,9 +16,9 @@ from mjsim.campaign.machine_file import read_machine
 from mjsim.errors import InputError
 from mjsim.importing import into_campaign as into
 from mjsim.importing.checks import questions
+from mjsim.importing.formats import read_any
 from mjsim.importing.header import test_keys
 from mjsim.importing.reading import Options, read_columns
-from mjsim.importing.table import read_table
 from mjsim.importing.timing import place
 from mjsim.io.files import check_writable
 from mjsim.units import DEG, UM
@@ -103,7 +103,7 @@ def import_traces(
     instrument = known.instrument if known else Instrument()
     out, contents = [], {}
     for source in map(Path, files):
-        table = read_table(source, o.separator, o.decimal, o.rows)
+        table = read_any(source, o)
         name = test or into.test_name(source)
         entry = into.entry(file, text, name, dict(keys or {}), test_keys(table.header), source)
         if entry.file in contents:
