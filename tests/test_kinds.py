@@ -1,6 +1,8 @@
 """What holds for every kind of test; the template of a new campaign has one of each."""
 
+import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +12,7 @@ import mjsim
 from mjsim.ballbar.kinds import KINDS
 from mjsim.ballbar.program import Program
 from mjsim.campaign import files
-from mjsim.importing.names import OPTION
+from mjsim.importing.names import options
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.kinematics import machine_to_work, reading
 from mjsim.plots.output import conditions
@@ -43,6 +45,36 @@ def test_the_angle_is_the_paths_inverse(tests, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
+def test_the_other_direction_is_the_same_path(tests, kind):
+    test = tests[1][kind]
+    back = KINDS[kind].turned(test)
+    assert KINDS[kind].turned(back) == test
+    ends = Program(test).ends, Program(back).ends
+    assert ends[0][1] - ends[0][0] == pytest.approx(-(ends[1][1] - ends[1][0]), abs=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_proposed_tests_are_tests_of_the_kind_with_names_of_their_own(kind):
+    proposed = [replace(t, feed=0.02) for t in KINDS[kind].proposals(FIVE_AXIS, 0.1, 0.155)]
+    proposed += [v for t in proposed[:2] for v in KINDS[kind].variations(t)]
+    assert proposed and {t.kind for t in proposed} == {kind}
+    different = {str(files.test_table(t)) for t in proposed}
+    assert len({KINDS[kind].short_name(t) for t in proposed}) == len(different)
+    for t in proposed:
+        assert re.fullmatch(r"[a-z][a-z0-9-]*[a-z0-9]", KINDS[kind].short_name(t)) and not KINDS[kind].wrong(t)
+        q = KINDS[kind].path(t, np.linspace(*Program(t).ends, 361))
+        assert np.abs(reading(FIVE_AXIS, q, np.array(t.table_ball), t.length)).max() < 1e-12
+
+
+def test_no_module_asks_for_a_kind_by_its_name():
+    """What depends on the kind is asked of the kind."""
+    package = Path(mjsim.__file__).parent
+    names = re.compile(r"""[=!]=\s*["'](rotary|circular|cone_frustum)["']""")
+    found = [f"{f.name}: {m[0]}" for f in package.rglob("*.py") if f.parent.name != "kinds" for m in names.finditer(f.read_text())]
+    assert not found
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_the_feed_is_the_one_on_the_circle(tests, kind):
     """Arc of the spindle ball as the table sees it, or of the table ball about the axis: radius times angle."""
     test = tests[1][kind]
@@ -65,9 +97,9 @@ def test_a_test_written_and_read_is_the_same(tests, kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_keys_are_explained_and_have_options(tests, kind):
-    keys = (*KINDS[kind].needed, *KINDS[kind].optional)
+    keys = [k.name for k in KINDS[kind].keys]
     assert set(keys) <= set(tests[2][kind])
     page = (DOCS / "campaign-format.md").read_text()
     for key in keys:
-        assert f"`{key}`" in page and key in OPTION
+        assert f"`{key}`" in page and key in options()
     assert f"`{kind}`" in page and conditions(tests[1][kind])

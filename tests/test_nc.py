@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mjsim.ballbar.feed import ACCELERATION, trapezoid
-from mjsim.ballbar.paths import PATHS, peripheral_radius
+from mjsim.ballbar.kinds import KINDS, kind_of
 from mjsim.ballbar.program import Program
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.kinematics import aim, bar_vector
@@ -41,7 +41,7 @@ def rotation(axis, angle):
 @pytest.mark.parametrize("sensitive", ["perpendicular", "parallel"])
 def test_travel_of_a(paper, cone, theta, beta, sensitive):
     said = paper["axis_travel"][f"A_range_deg_{theta}_{beta}"]
-    q = PATHS["cone_frustum"](cone(theta, beta, (30, -20, 155), sensitive=sensitive), np.linspace(0, 2 * np.pi, 3601))
+    q = KINDS["cone_frustum"].path(cone(theta, beta, (30, -20, 155), sensitive=sensitive), np.linspace(0, 2 * np.pi, 3601))
     assert np.ptp(q[:, A]) / DEG == pytest.approx(said["value"], abs=said["tolerance"])
 
 
@@ -51,14 +51,14 @@ def test_travel_of_c(paper, cone, direction, revolutions):
     said = paper["axis_travel"]["C_range_deg_per_revolution"]
     phi = np.linspace(0, 2 * np.pi * revolutions, 3600 * revolutions + 1) * (1 if direction == "CCW" else -1)
     for theta, beta in ((15, 10), (45, 30)):
-        c = PATHS["cone_frustum"](cone(theta, beta, (0, 0, 155), direction=direction, revolutions=revolutions), phi)[:, C]
+        c = KINDS["cone_frustum"].path(cone(theta, beta, (0, 0, 155), direction=direction, revolutions=revolutions), phi)[:, C]
         assert abs(c[-1] - c[0]) / DEG / revolutions == pytest.approx(said["value"], abs=said["tolerance"])
         assert np.all(np.diff(c) * (c[-1] - c[0]) > 0)  # it never turns back
         assert np.abs(np.diff(c)).max() < 1 * DEG  # unwrapped: no jump of a turn
 
 
 def test_c_swings_where_the_cone_leans_more_than_it_opens(cone):
-    q = PATHS["cone_frustum"](cone(15, 30, (0, 0, 155)), np.linspace(0, 2 * np.pi, 3601))
+    q = KINDS["cone_frustum"].path(cone(15, 30, (0, 0, 155)), np.linspace(0, 2 * np.pi, 3601))
     assert abs(q[-1, C] - q[0, C]) < 1e-9
     assert np.ptp(q[:, C]) < np.pi
     assert len(np.flatnonzero(np.diff(np.sign(np.diff(q[:, C]))))) == 2
@@ -66,8 +66,8 @@ def test_c_swings_where_the_cone_leans_more_than_it_opens(cone):
 
 def test_radius_of_the_measurement_circle(paper, cone):
     said = paper["axis_travel"]["measurement_circle_radius_mm_45"]
-    assert peripheral_radius(cone(45, 30, (0, 0, 155))) * 1e3 == pytest.approx(said["value"], abs=said["tolerance"])
-    assert peripheral_radius(cone(45, 30, (0, 0, 155), sensitive="parallel")) == 0.1
+    assert KINDS["cone_frustum"].radius(cone(45, 30, (0, 0, 155))) * 1e3 == pytest.approx(said["value"], abs=said["tolerance"])
+    assert KINDS["cone_frustum"].radius(cone(45, 30, (0, 0, 155), sensitive="parallel")) == 0.1
 
 
 @pytest.mark.parametrize("axis", ["X", "Y", "A"])
@@ -160,7 +160,7 @@ def test_commands_written_out(cone, theta, beta, sensitive):
         a = np.arccos(k)
         c = (1.0 if i >= 0 else -1.0) * np.arccos(j / np.hypot(i, j))
         xyz = rotation("x", a) @ rotation("z", c) @ p
-        got = PATHS["cone_frustum"](test, np.array([phi]))[0]
+        got = KINDS["cone_frustum"].path(test, np.array([phi]))[0]
         np.testing.assert_allclose(got[:3] * 1e3, xyz, rtol=0, atol=1e-10)
         assert got[3] == pytest.approx(a, abs=1e-12)
         assert (got[4] - c + np.pi) % (2 * np.pi) - np.pi == pytest.approx(0, abs=1e-12)
@@ -192,7 +192,7 @@ def test_tool_axis_stands_on_the_spindle(cone, sensitive):
     """The cone's generating line, turned by C and then A, is the spindle's direction +Z."""
     for theta, beta in ((15, 10), (45, 30), (10, 25)):
         test = cone(theta, beta, (20, 10, 155), sensitive=sensitive)
-        q = PATHS["cone_frustum"](test, PHI[::90])
+        q = KINDS["cone_frustum"].path(test, PHI[::90])
         th, be = theta * DEG, beta * DEG
         for phi, (*_, a, c) in zip(PHI[::90], q, strict=True):
             line = np.array([-np.sin(th) * np.cos(phi), -np.sin(th) * np.sin(phi), np.cos(th)])  # towards the apex
@@ -205,7 +205,7 @@ def test_feed_words(cone, direction):
     """Eq. A.10 and A.11, block by block, with the chord between the points as the distance L_W."""
     test = cone(15, 10, (50, 20, 155), direction=direction)
     phi = np.arange(0, 360.05, 0.1) * DEG * (1 if direction == "CCW" else -1)
-    q = PATHS["cone_frustum"](test, phi)
+    q = KINDS["cone_frustum"].path(test, phi)
     R = 100.0 * np.cos(15 * DEG)
     for n in (0, 900, 1777, 3599):
         dx, dy, dz = (q[n + 1, :3] - q[n, :3]) * 1e3
@@ -243,7 +243,7 @@ def test_perpendicular_and_parallel(cone, theta, beta):
     """Perpendicular: the bar stays in the machine's XY plane. Parallel: it leaves it by the half apex angle."""
     for ball in ((0, 0, 155), (50, -80, 155)):
         square, level = (cone(theta, beta, ball, sensitive=s) for s in ("perpendicular", "parallel"))
-        up = [bar_vector(FIVE_AXIS, PATHS["cone_frustum"](t, PHI), np.array(t.table_ball))[:, 2] for t in (square, level)]
+        up = [bar_vector(FIVE_AXIS, KINDS["cone_frustum"].path(t, PHI), np.array(t.table_ball))[:, 2] for t in (square, level)]
         assert np.abs(up[0]).max() < 1e-14
         np.testing.assert_allclose(up[1], -0.1 * np.sin(theta * DEG), rtol=0, atol=1e-14)
 
@@ -251,7 +251,7 @@ def test_perpendicular_and_parallel(cone, theta, beta):
 @pytest.mark.parametrize(("plane", "axes"), [("XY", (X, Y)), ("YZ", (Y, Z)), ("ZX", (Z, X))])
 def test_circular(circle, plane, axes):
     test = circle(plane, (10, 20, 155))
-    q = PATHS["circular"](test, PHI)
+    q = KINDS["circular"].path(test, PHI)
     want = np.zeros((len(PHI), 5))
     want[:, :3] = test.table_ball
     want[:, axes[0]] += 0.1 * np.cos(PHI)
@@ -265,7 +265,7 @@ def test_rotary_directions(turn, axis, ball):
     for sensitive in ("radial", "axial", "tangential"):
         test = turn(axis, 0, 80, ball, sensitive)
         phi = np.linspace(0, 80, 9) * DEG
-        bar = bar_vector(FIVE_AXIS, PATHS["rotary"](test, phi), np.array(test.table_ball)) / 0.1
+        bar = bar_vector(FIVE_AXIS, KINDS["rotary"].path(test, phi), np.array(test.table_ball)) / 0.1
         for f, b in zip(phi, bar, strict=True):
             p = rotation("z" if axis == "C" else "x", f) @ ball
             a = np.array([0, 0, 1.0] if axis == "C" else [1.0, 0, 0])
@@ -324,7 +324,7 @@ def test_measured_span_of_whole_revolutions(cone, circle, direction, feed):
         phi = program.phi(np.array([0.0, first, last, program.duration]))
         np.testing.assert_allclose(phi / DEG, sign * np.array([-10.0, 0.0, 720.0, 730.0]), rtol=0, atol=1e-9)
         middle = np.linspace(first + 0.6, last - 0.6, 500)
-        speed = np.gradient(program.phi(middle), middle) * peripheral_radius(test)
+        speed = np.gradient(program.phi(middle), middle) * kind_of(test).radius(test)
         np.testing.assert_allclose(speed * 60e3, sign * feed, rtol=1e-6)
 
 

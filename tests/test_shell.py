@@ -17,6 +17,7 @@ import tomlkit
 from commands import refused, run
 
 import mjsim
+from mjsim.ballbar.kinds import KINDS, all_keys
 from mjsim.campaign import schema
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.new import _TEMPLATE
@@ -40,7 +41,7 @@ def test_a_new_campaign_runs_at_once(tmp_path):
     ]
     campaign = read_campaign(folder)
     assert (campaign.name, mjsim.read_machine(campaign.machine_file).name) == ("my machine", "my machine")
-    assert {t.kind for t in campaign.tests} == set(schema.NEEDED) and not campaign.measured
+    assert {t.kind for t in campaign.tests} == set(KINDS) and not campaign.measured
     result = run("simulate", folder, "--test", "rotary-c-tangential-ccw", "--out", folder / "out", "--no-plots", "--json")
     assert result.exit_code == 0, result.output
     (row,) = json.loads(result.stdout)["tests"]
@@ -57,7 +58,7 @@ def test_the_template_explains_its_keys_and_what_is_commented_out_is_right_too(t
     if name == "campaign.toml":
         before, after = tomlkit.parse(text)["test"], read_campaign(tmp_path / "c").tests
         keys = {k for t in before for k in t}
-        assert keys >= {k for ks in schema.NEEDED.values() for k in ks} and keys <= set(schema.BallBarTable.model_fields)
+        assert keys >= set(all_keys()) and keys <= set(schema.ball_bar_table().model_fields)
     else:
         before, after = tomlkit.parse(text)["effect"], mjsim.read_machine(tmp_path / "c" / name).effects
     assert len(after) == len(before) + 2

@@ -11,6 +11,7 @@ import numpy as np
 
 from mjsim.animation.encode import ERROR
 from mjsim.animation.layout import BASE, DPI
+from mjsim.ballbar.kinds import kind_of
 from mjsim.plots import style
 from mjsim.plots.polar import PolarTrace, division_um, draw_polar, scale_text
 from mjsim.units import DEG, UM
@@ -145,7 +146,7 @@ class Board:
 def _curves(ladder: list[ComparedTest]) -> tuple[np.ndarray, np.ndarray]:
     """Plot angles (rad) and residuals (µm) of one test under every model, (models, points); the same samples in each."""
     stride = max(1, math.ceil(len(ladder[0].phi) / POINTS))
-    shift = 0.0 if ladder[0].test.kind == "rotary" else math.pi
+    shift = math.radians(kind_of(ladder[0].test).plot_offset_deg)
     phi = np.array([t.phi[::stride] + shift for t in ladder])
     value = np.array([np.where(t.valid, t.residual / UM, np.nan)[::stride] for t in ladder])
     return phi, value

@@ -14,6 +14,7 @@ from PIL import Image, ImageDraw
 from mjsim.animation.encode import ERROR
 from mjsim.animation.layout import DPI, PANEL, Layout, fitted, font
 from mjsim.animation.story import Story
+from mjsim.ballbar.kinds import kind_of
 from mjsim.machine.chain import AXES, LINEAR
 from mjsim.plots import style
 from mjsim.plots.output import conditions
@@ -33,7 +34,7 @@ class Panel:
     def __init__(self, story: Story, layout: Layout, speed: float):
         """``speed``: seconds of test per second of video, which is written beside the time."""
         self.story, self.layout, self.speed = story, layout, speed
-        self._shift = 0.0 if story.test.kind == "rotary" else 180.0
+        self._shift = kind_of(story.test).plot_offset_deg
         self._figure = style.new_figure(PANEL / DPI, _HEIGHT / DPI)
         self._figure.set_dpi(DPI * layout.scale)
         x, y, side = _PLOT
@@ -121,8 +122,8 @@ class Panel:
     def _numbers(self, draw: ImageDraw.ImageDraw, time: float) -> None:
         story, px = self.story, self.layout.px
         phi = float(story.program.phi(np.array([time]))[0]) / DEG
-        angle = phi if story.test.kind == "rotary" else (phi + 180.0) % 360.0
-        name = story.test.axis if story.test.kind == "rotary" else "angle"
+        angle = (phi + self._shift) % 360.0 if kind_of(story.test).goes_round else phi
+        name = kind_of(story.test).turns(story.test) or "angle"
         rows = [(f"time (× {style.number(round(self.speed, 1))})", f"{time:.2f} s", style.INK), (name, f"{angle:.1f}°", style.INK)]
         rows += [(s.name, _micro(s.at(time)), _COLOURS[s.name]) for s in story.traces]
         if story.measured:

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 
 from mjsim.animation.gl import advice, chosen, make_context
+from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.errors import InputError
 from mjsim.io.resources import model_file
@@ -80,7 +81,7 @@ class Stage:
         self.data = mujoco.MjData(self.model)
         self.test, self.shadows = test, shadows
         #: The frame in which the trail stands still: the table, where the bar goes round in the work's frame.
-        self.carrier = self.model.body("y_slide" if test.kind == "rotary" else "table").id
+        self.carrier = self.model.body("table" if kind_of(test).moves_on_table else "y_slide").id
         self._joints = np.array([self.model.joint(a).qposadr[0] for a in AXES])
         with advice(chosen()):  # without a display, GLFW's context fails only here
             self._gpu = mujoco.MjrContext(self.model, mujoco.mjtFontScale.mjFONTSCALE_100.value)

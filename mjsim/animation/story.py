@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mjsim.ballbar.iso230 import least_squares_circle
+from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
 from mjsim.campaign.model import Campaign
@@ -161,7 +162,7 @@ def _simulated(s: Simulation):
 def _centre(test: BallBarTest, phi: np.ndarray, deviation: np.ndarray):
     """Eccentricity of a circle, or the mean of an arc, as a function of φ (m)."""
     try:
-        if test.kind == "rotary":
+        if not kind_of(test).goes_round:
             raise InputError("an arc")
         return least_squares_circle(phi, deviation).eccentricity_m
     except InputError:

@@ -6,6 +6,7 @@ import numpy as np
 
 from mjsim.animation.scene import BLUE, RED, Line, Stage
 from mjsim.animation.story import Story
+from mjsim.ballbar.kinds import kind_of
 
 #: Points of the trail per second of a usual turn (36 s) and the most that are shown at once: one turn of a circle.
 POINTS = 180
@@ -16,7 +17,7 @@ class Trail:
 
     def __init__(self, story: Story, stage: Stage):
         begin, end = story.program.measured_span
-        turns = 1 if story.test.kind == "rotary" else story.test.revolutions
+        turns = story.test.revolutions if kind_of(story.test).goes_round else 1
         n = POINTS * turns + 1
         self.time = np.linspace(begin, end, n)
         self._stage = stage

@@ -9,9 +9,8 @@ import numpy as np
 
 from mjsim.ballbar.commanded import Commanded
 from mjsim.ballbar.feed import ACCELERATION, trapezoid
-from mjsim.ballbar.kinds import KINDS
+from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.paths import peripheral_radius
 from mjsim.errors import InputError
 from mjsim.machine.kinematics import reading
 from mjsim.units import DEG, MM, UM
@@ -28,14 +27,14 @@ TOUCH = 0.01 * DEG
 def angle(test: BallBarTest, q: np.ndarray) -> np.ndarray:
     """The test's angle φ (n,) rad, within a turn, at axis positions ``q`` (n, axes): the place of the spindle ball on its circle.
 
-    For rotary tests it is the rotary axis itself.
+    For a kind that does not go round it is the command that turns.
     """
-    return KINDS[test.kind].angle(test, q)
+    return kind_of(test).angle(test, q)
 
 
 def unwrapped(test: BallBarTest, q: np.ndarray) -> np.ndarray:
     """:func:`angle` along a motion ``q`` (n, axes) without jumps; circles begin within half a turn of φ = 0."""
-    return angle(test, q) if test.kind == "rotary" else np.unwrap(angle(test, q))
+    return np.unwrap(angle(test, q)) if kind_of(test).goes_round else angle(test, q)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +76,7 @@ class Followed:
         """φ (n,) rad at ``time`` (n,) s."""
         inside = self._profile[1](time)
         phi = angle(self.test, self._motion.at(inside))
-        if self.test.kind == "rotary":
+        if not kind_of(self.test).goes_round:
             return phi
         turn = 2 * np.pi
         return phi + turn * np.round((np.interp(inside, self._motion.knots, self.knots) - phi) / turn)
@@ -141,7 +140,7 @@ def follow(test: BallBarTest, motion: Commanded, span: tuple[float, float], name
     """
     phi, sign = check_path(test, motion, span, name), np.sign(span[1] - span[0])
     begin, end = np.interp(sign * np.array(span), sign * phi, motion.knots)
-    feed = abs(span[1] - span[0]) * peripheral_radius(test) / float(end - begin)
+    feed = abs(span[1] - span[0]) * kind_of(test).radius(test) / float(end - begin)
     if abs(feed / test.feed - 1.0) > FEED_TOLERANCE:
         raise InputError(
             f"{name}: its mean feed is {feed / MM * 60:.6g} mm/min on the circle; "

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,10 +15,11 @@ from mjsim.machine.chain import FIVE_AXIS, Chain
 class BallBarTest:
     """One ball-bar test. Lengths in m, angles in rad, feed in m/s; names as in ``campaign.toml``.
 
-    ``kind`` is cone_frustum, circular or rotary. ``sensitive`` is perpendicular or parallel (cone_frustum), tangential,
-    radial or axial (rotary). ``start``/``stop`` are the rotary axis' ends, ``setup`` names the tests that share both balls'
-    offsets, ``started`` is the clock time of the NC program's start in s. ``commanded`` is the motion of an NC file where one takes
-    the place of the test's own program. ``chain`` has the axes of the machine that runs the test.
+    ``kind`` is a name of :data:`mjsim.ballbar.kinds.KINDS`: cone_frustum, circular, rotary or one of the user's own. ``sensitive`` is
+    perpendicular or parallel (cone_frustum), tangential, radial or axial (rotary). ``start``/``stop`` are the ends of a kind that does
+    not go round, ``setup`` names the tests that share both balls' offsets, ``started`` is the clock time of the NC program's start in s.
+    ``commanded`` is the motion of an NC file where one takes the place of the test's own program. ``chain`` has the axes of the machine
+    that runs the test. ``more`` holds the keys that only one's own kinds have, SI.
     """
 
     name: str
@@ -39,11 +41,7 @@ class BallBarTest:
     trace: str | None = None
     commanded: Commanded | None = None
     chain: Chain = FIVE_AXIS
-
-    @property
-    def repeats(self) -> bool:
-        """Whether the trace goes over the same path at least twice, so that its noise can be told from the machine."""
-        return self.kind != "rotary" and self.revolutions >= 2
+    more: Mapping[str, float | int | str] = field(default_factory=dict, hash=False)
 
 
 @dataclass(frozen=True)

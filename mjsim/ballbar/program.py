@@ -10,14 +10,9 @@ import numpy as np
 from mjsim.ballbar.commanded import Commanded
 from mjsim.ballbar.feed import ACCELERATION, trapezoid
 from mjsim.ballbar.follow import Followed, follow
+from mjsim.ballbar.kinds import Kind, kind_of
 from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.paths import PATHS, peripheral_radius
 from mjsim.units import DEG
-
-#: Run-in and run-out of cone_frustum and circular tests, rad.
-OVERLAP = 10.0 * DEG
-#: Both ends that a rotary trace leaves out, rad.
-ROTARY_MARGIN = 2.0 * DEG
 
 
 @dataclass(frozen=True)
@@ -32,6 +27,11 @@ class Program:
     test: BallBarTest
     acceleration: float = ACCELERATION
 
+    @property
+    def kind(self) -> Kind:
+        """The test's kind."""
+        return kind_of(self.test)
+
     @cached_property
     def _followed(self) -> Followed | None:
         return None if self.test.commanded is None else Followed(self.test, self.acceleration)
@@ -39,16 +39,12 @@ class Program:
     @cached_property
     def ends(self) -> tuple[float, float]:
         """φ (rad) at which the test's own program begins and ends, at rest."""
-        t = self.test
-        if t.kind == "rotary":
-            return t.start, t.stop
-        sign = 1.0 if t.direction == "CCW" else -1.0
-        return -sign * OVERLAP, sign * (2 * np.pi * t.revolutions + OVERLAP)
+        return self.kind.ends(self.test)
 
     @cached_property
     def _profile(self):
         first, last = self.ends
-        radius = peripheral_radius(self.test)
+        radius = self.kind.radius(self.test)
         duration, travel = trapezoid(abs(last - first) * radius, self.test.feed, self.acceleration)
         sign = np.sign(last - first)
         return duration, lambda time: first + sign * travel(time) / radius
@@ -61,7 +57,7 @@ class Program:
         return self._profile[0]
 
     def phi(self, time: np.ndarray) -> np.ndarray:
-        """Signed angle φ (rad) at ``time`` (n,) s; for rotary tests the rotary axis' command."""
+        """Signed angle φ (rad) at ``time`` (n,) s; the command that turns, for a kind that does not go round."""
         if self._followed:
             return self._followed.phi(time)
         return self._profile[1](time)
@@ -74,24 +70,24 @@ class Program:
 
     def path(self, phi: np.ndarray) -> np.ndarray:
         """Axis positions (n, axes), m and rad, of the test's own path at φ (n,) rad."""
-        return PATHS[self.test.kind](self.test, np.asarray(phi, float))
+        return self.kind.path(self.test, np.asarray(phi, float))
 
     @property
     def measured_ends(self) -> tuple[float, float]:
         """φ (rad) between which the trace is recorded."""
         first, last = self.ends
-        margin = np.sign(last - first) * (ROTARY_MARGIN if self.test.kind == "rotary" else OVERLAP)
+        margin = np.sign(last - first) * self.kind.margin
         return first + margin, last - margin
 
     @cached_property
     def measured_span(self) -> tuple[float, float]:
-        """Program times (s) between which the trace is recorded: whole revolutions, or all but 2° at both ends."""
+        """Program times (s) between which the trace is recorded: all but the kind's margin at both ends."""
         if self._followed:
             begin, end = map(self._followed.time_of, self.measured_ends)
             return begin, end
         first, last = self.ends
-        margin = (ROTARY_MARGIN if self.test.kind == "rotary" else OVERLAP) * peripheral_radius(self.test)
-        length = abs(last - first) * peripheral_radius(self.test)
+        margin = self.kind.margin * self.kind.radius(self.test)
+        length = abs(last - first) * self.kind.radius(self.test)
         feed = min(self.test.feed, float(np.sqrt(self.acceleration * length)))
         ramp = feed / self.acceleration
         lead = margin / feed + 0.5 * ramp if margin > 0.5 * feed * ramp else float(np.sqrt(2 * margin / self.acceleration))
@@ -101,19 +97,19 @@ class Program:
         """F of eq. A.11 for the blocks between successive φ (n,) rad: mm/min with angles in degrees, (n - 1,)."""
         q = self.path(phi)
         d = np.diff(q * np.array([1 / DEG if a.rotary else 1e3 for a in self.test.chain.axes]), axis=0)
-        length = abs(np.diff(phi)) * peripheral_radius(self.test)
+        length = abs(np.diff(phi)) * self.kind.radius(self.test)
         return np.linalg.norm(d, axis=1) / (length / self.test.feed / 60.0)
 
     def axis_velocity(self, phi: np.ndarray) -> np.ndarray:
         """Axis velocities (n, axes), m/s and rad/s, at φ (n,) rad at the constant feed."""
         h = 1e-5
-        path, t = PATHS[self.test.kind], self.test
+        path, t = self.kind.path, self.test
         lo, hi = path(t, np.asarray(phi) - h), path(t, np.asarray(phi) + h)
         step = hi - lo
         table = t.chain.index(t.chain.table_axis)
         step[:, table] = (step[:, table] + np.pi) % (2 * np.pi) - np.pi
         sign = np.sign(self.ends[1] - self.ends[0])
-        return sign * step / (2 * h) * t.feed / peripheral_radius(t)
+        return sign * step / (2 * h) * t.feed / self.kind.radius(t)
 
 
 def driven_by(test: BallBarTest, motion: Commanded, name: str = "NC program") -> BallBarTest:

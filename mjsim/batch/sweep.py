@@ -17,6 +17,7 @@ from mjsim.batch.targets import check_drive_value, target_of, varied_test
 from mjsim.batch.workshop import Job
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
+from mjsim.campaign.schema import with_tests
 from mjsim.errors import InputError
 from mjsim.io.inputs import shown
 from mjsim.io.toml import check, parse, read_text
@@ -107,7 +108,7 @@ def read_sweep(path: str | Path) -> Sweep:
     """
     path = Path(path)
     text, data = read_text(path), parse(path)
-    table = check(path, SweepTable, data)
+    table = check(path, with_tests(SweepTable), data)
     if (table.campaign is None) == (not table.test):
         found = "both campaign and [[test]]" if table.test else "neither campaign nor [[test]]"
         raise InputError(f"{path}: has {found}; allowed: one of the two, to say which tests are run")

@@ -11,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.batch.recipe import DRIVE_UNITS, Target
 from mjsim.campaign.files import test_of
-from mjsim.campaign.schema import BallBarTable, DriveTable
+from mjsim.campaign.schema import DriveTable, ball_bar_table
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.io.toml import check
@@ -107,7 +107,7 @@ def varied_test(file: Path, place: str, table: dict, changes: dict[str, float]) 
         else:
             table[key] = value
     try:
-        return test_of(file, check(file, BallBarTable, table))
+        return test_of(file, check(file, ball_bar_table(), table))
     except InputError as error:
         if not changes:
             raise

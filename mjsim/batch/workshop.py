@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
+from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
 from mjsim.batch.figures import FIGURES, Circle, distance
@@ -77,7 +78,7 @@ class TestPlan:
         lo, hi = self.program.measured_span
         keep = np.flatnonzero((self.time >= lo) & (self.time <= hi))
         self.span = slice(int(keep[0]), int(keep[-1]) + 1)
-        self.circle = Circle(self.phi[self.span], test.kind != "rotary")
+        self.circle = Circle(self.phi[self.span], kind_of(test).goes_round)
 
 
 def shifted(sent: np.ndarray) -> np.ndarray:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from mjsim.ballbar.kinds import KINDS
+from mjsim.ballbar.kinds import KINDS, all_keys, kind_of
 from mjsim.ballbar.measurement import BallBarTest, Instrument, Trace
-from mjsim.ballbar.program import ROTARY_MARGIN, Program, driven_by
+from mjsim.ballbar.program import Program, driven_by
 from mjsim.campaign.model import Campaign
-from mjsim.campaign.schema import DIRECTIONS, NEEDED, OPTIONAL, BallBarTable, CampaignTable
+from mjsim.campaign.schema import BallBarTable, CampaignTable, with_tests
 from mjsim.campaign.span import explain
 from mjsim.campaign.traces import read_trace
 from mjsim.errors import InputError
@@ -18,22 +19,9 @@ from mjsim.io.inputs import inside, is_file, shown
 from mjsim.io.toml import check, parse
 from mjsim.nc.limits import check_travel, model_limits
 from mjsim.nc.read import read_nc
-from mjsim.units import DEG, MM, UM
+from mjsim.units import MM, UM
 
-#: Keys that belong to single kinds of tests: attribute of :class:`BallBarTest`, and unit of numbers that have one.
-_SPECIFIC: dict[str, tuple[str, float | None]] = {
-    "half_apex_deg": ("half_apex", DEG),
-    "inclination_deg": ("inclination", DEG),
-    "sensitive_direction": ("sensitive", None),
-    "plane": ("plane", None),
-    "axis": ("axis", None),
-    "from_deg": ("start", DEG),
-    "to_deg": ("stop", DEG),
-    "direction": ("direction", None),
-    "revolutions": ("revolutions", None),
-}
-
-
+_ATTRIBUTES = {f.name for f in fields(BallBarTest)}
 #: A test's program may last so long, s, and its measured part has to last so long (assumed): 1 ms of it is one step.
 LONGEST, SHORTEST = 7200.0, 0.1
 #: Longest stretch that may be missing at an end of a trace, s (assumed); more is taken for another feed or another test.
@@ -65,7 +53,7 @@ def campaign_from(file: Path, data: dict, traces: bool = True, as_is: bool = Fal
     Raises:
         InputError: as :func:`read_campaign`.
     """
-    table = check(file, CampaignTable, data)
+    table = check(file, with_tests(CampaignTable), data)
     folder = file.parent
     tests = tuple(test_of(file, t) for t in table.test)
     names = [t.name for t in tests]
@@ -135,23 +123,26 @@ def test_of(file: Path, t: BallBarTable) -> BallBarTest:
         InputError: a key is missing, belongs to another kind, or its NC program does not fit.
     """
     place = f'{file}: [[test]] "{t.name}"'
-    for key in NEEDED[t.kind]:
+    kind = KINDS[t.kind]
+    for key in kind.needed:
         if getattr(t, key) is None:
-            raise InputError(f"{place}: the key {key!r} is missing; {t.kind} needs {', '.join(NEEDED[t.kind])}")
-    for key in set(_SPECIFIC) - set(NEEDED[t.kind]) - set(OPTIONAL[t.kind]):
+            raise InputError(f"{place}: the key {key!r} is missing; {t.kind} needs {', '.join(kind.needed)}")
+    for key in set(all_keys()) - {k.name for k in kind.keys}:
         if getattr(t, key) is not None:
             raise InputError(f"{place}: the key {key!r} does not belong to {t.kind}")
-    if t.kind in DIRECTIONS and t.sensitive_direction not in DIRECTIONS[t.kind]:
-        raise InputError(f"{place}: sensitive_direction = {t.sensitive_direction!r}; allowed for {t.kind}: {', '.join(DIRECTIONS[t.kind])}")
+    for key in kind.keys:
+        if key.words and getattr(t, key.name) not in (None, *key.words):
+            raise InputError(f"{place}: {key.name} = {getattr(t, key.name)!r}; allowed for {t.kind}: {', '.join(key.words)}")
     x, y, z = (p * MM for p in t.table_ball_mm)
     for key in ("program_dialect", "program_reversed", "program_rollover"):
         if t.program is None and getattr(t, key) is not None:
             raise InputError(f"{place}: the key {key!r} needs program, the NC file that it describes")
     given: dict[str, Any] = {}
-    for key, (attribute, unit) in _SPECIFIC.items():
-        value = getattr(t, key)
+    more: dict[str, Any] = {}
+    for key in kind.keys:
+        value = getattr(t, key.name)
         if value is not None:
-            given[attribute] = value if unit is None else value * unit
+            (given if key.attribute in _ATTRIBUTES else more)[key.attribute] = value if key.unit is None else value * key.unit
     test = BallBarTest(
         name=t.name,
         kind=t.kind,
@@ -161,10 +152,11 @@ def test_of(file: Path, t: BallBarTable) -> BallBarTest:
         setup=t.setup or t.name,
         started=t.started_s,
         trace=t.trace,
+        more=more,
         **given,
-        **KINDS[t.kind].derived(given),
+        **kind.derived(given),
     )
-    if wrong := KINDS[t.kind].wrong(test):
+    if wrong := kind.wrong(test):
         raise InputError(f"{place}: {wrong}")
     _check_duration(place, test)
     return test if t.program is None else _driven(file, place, test, t)
@@ -172,13 +164,6 @@ def test_of(file: Path, t: BallBarTable) -> BallBarTest:
 
 def _check_duration(place: str, test: BallBarTest) -> None:
     program = Program(test)
-    first, last = program.ends
-    begin, end = program.measured_ends
-    if (end - begin) * (last - first) <= 0.0:
-        raise InputError(
-            f"{place}: from_deg and to_deg are {abs(last - first) / DEG:g}° apart; allowed: more than "
-            f"{2 * ROTARY_MARGIN / DEG:g}°, as both ends of the turn are left out"
-        )
     lo, hi = program.measured_span
     if not program.duration <= LONGEST or not hi - lo >= SHORTEST:
         raise InputError(
@@ -198,10 +183,9 @@ def _driven(file: Path, place: str, test: BallBarTest, t: BallBarTable) -> BallB
 def test_table(test: BallBarTest) -> dict:
     """A test as a ``[[test]]`` table of campaign.toml has it; what is not measured yet has no trace, no time and no program."""
     out: dict = {"name": test.name, "kind": test.kind}
-    for key in (*NEEDED[test.kind], *OPTIONAL[test.kind]):
-        attribute, unit = _SPECIFIC[key]
-        value = getattr(test, attribute)
-        out[key] = value if unit is None else _plain(value / unit)
+    for key in kind_of(test).keys:
+        value = key.of(test)
+        out[key.name] = value if key.unit is None else _plain(value / key.unit)
     out |= {
         "table_ball_mm": [_plain(x / MM) for x in test.table_ball],
         "bar_length_mm": _plain(test.length / MM),

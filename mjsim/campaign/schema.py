@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable
-from typing import Annotated, Any, Literal
+from collections.abc import Callable, Iterable
+from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model
 from pydantic_core import PydanticCustomError
 
-from mjsim.ballbar.kinds import KINDS
+from mjsim.ballbar.kinds import KINDS, all_keys
+from mjsim.ballbar.kinds.base import Key
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -20,10 +21,11 @@ def _printable(text: str) -> str:
     return text
 
 
-def _one_of(*allowed: str) -> Callable[[str], str]:
+def _one_of(words: Callable[[], Iterable[str]]) -> Callable[[str], str]:
     """As ``Literal``, for words that are not known before the program runs."""
 
     def check(text: str) -> str:
+        allowed = list(words())
         if text not in allowed:
             *most, last = map(repr, allowed)
             raise PydanticCustomError("literal_error", "allowed: {words}", {"words": f"{', '.join(most)} or {last}"})
@@ -34,9 +36,8 @@ def _one_of(*allowed: str) -> Callable[[str], str]:
 
 #: What is shown on terminals and in plots.
 Text = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_printable)]
-#: A length of the set-up, an angle of a rotary axis, a time on the campaign's clock: far more than any machine has (assumed).
+#: A length of the set-up, a time on the campaign's clock: far more than any machine has (assumed).
 Length = Annotated[float, Field(ge=-10_000, le=10_000, allow_inf_nan=False)]
-Angle = Annotated[float, Field(ge=-36_000, le=36_000, allow_inf_nan=False)]
 Clock = Annotated[float, Field(ge=-1e10, le=1e10, allow_inf_nan=False)]
 
 
@@ -52,8 +53,10 @@ class InstrumentTable(Table):
 
 
 class BallBarTable(Table):
+    """The keys that every ``[[test]]`` may have. :func:`ball_bar_table` has those of single kinds as well."""
+
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=100)]
-    kind: Annotated[str, AfterValidator(_one_of(*KINDS))]
+    kind: Annotated[str, AfterValidator(_one_of(lambda: KINDS))]
     table_ball_mm: Annotated[list[Length], Field(min_length=3, max_length=3)]
     bar_length_mm: Annotated[float, Field(ge=20, le=1000)]
     feed_mm_min: Annotated[float, Field(gt=0, le=100000)]
@@ -64,15 +67,18 @@ class BallBarTable(Table):
     program_rollover: bool | None = None
     setup: Annotated[str, Field(max_length=200), AfterValidator(_printable)] | None = None
     started_s: Clock = 0.0
-    half_apex_deg: Annotated[float, Field(gt=0, lt=90)] | None = None
-    inclination_deg: Annotated[float, Field(ge=0, lt=90)] | None = None
-    sensitive_direction: Annotated[str, AfterValidator(_one_of(*(d for k in KINDS.values() for d in k.directions)))] | None = None
-    plane: Literal["XY", "YZ", "ZX"] | None = None
-    axis: Literal["A", "C"] | None = None
-    from_deg: Angle | None = None
-    to_deg: Angle | None = None
-    direction: Literal["CW", "CCW"] | None = None
-    revolutions: Annotated[int, Field(ge=1, le=100)] | None = None
+
+
+def ball_bar_table() -> type[BallBarTable]:
+    """What a ``[[test]]`` table may contain, whatever its kind."""
+    fields: dict[str, Any] = {name: (_type(keys) | None, None) for name, keys in all_keys().items()}
+    return create_model("BallBarTable", __base__=BallBarTable, **fields)
+
+
+def _type(keys: list[Key]) -> Any:
+    """The type of a key that several kinds may have: texts may be any of their words."""
+    words = dict.fromkeys(w for k in keys for w in k.words)
+    return Annotated[str, AfterValidator(_one_of(lambda: words))] if words else keys[0].type
 
 
 class CampaignTable(Table):
@@ -83,11 +89,13 @@ class CampaignTable(Table):
     test: Annotated[list[BallBarTable], Field(min_length=1, max_length=1000)]
 
 
-#: Keys that each kind needs, and the ones that it may have besides the common ones.
-NEEDED = {name: kind.needed for name, kind in KINDS.items()}
-OPTIONAL = {name: kind.optional for name, kind in KINDS.items()}
-#: What ``sensitive_direction`` may be, for the kinds that have it.
-DIRECTIONS = {name: kind.directions for name, kind in KINDS.items() if kind.directions}
+_T = TypeVar("_T", bound=Table)
+
+
+def with_tests(schema: type[_T]) -> type[_T]:
+    """A schema with ``[[test]]`` tables, whose keys are those of the kinds known by now."""
+    field = schema.model_fields["test"]
+    return create_model(schema.__name__, __base__=schema, test=(list[ball_bar_table()], field))  # pyright: ignore[reportInvalidTypeForm]
 
 
 class DriveTable(Table):

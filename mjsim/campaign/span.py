@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
 
@@ -57,7 +58,7 @@ def explain(test: BallBarTest, first: float, last: float) -> ClockMistake | None
     if test.commanded is not None:
         return None
     turns = round(test.revolutions * have / want)
-    if test.kind != "rotary" and turns >= 1 and turns != test.revolutions:
+    if kind_of(test).goes_round and turns >= 1 and turns != test.revolutions:
         b, e = Program(replace(test, revolutions=turns)).measured_span
         if abs(have / (e - b) - 1.0) < _SAME / 4 and abs(first - b) < abs(first - _lead(test, _feed(test, have))):
             return ClockMistake("revolutions", turns, f"it has {turns} revolution{'s' if turns > 1 else ''}, set revolutions = {turns}")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from mjsim.ballbar.kinds import KINDS
 from mjsim.cli import common
 from mjsim.cli.import_show import show_features
 
@@ -67,7 +68,7 @@ def show(data: dict) -> None:
     for t in data["tests"]:
         iso = t["iso230_4"]
         g = [f"{iso[k]['circular_error_um']:.2f}" if iso else "–" for k in ("measured", "simulated")]
-        angle = t["worst_phi_deg"] if t["kind"] == "rotary" else t["worst_plot_angle_deg"]
+        angle = t["worst_plot_angle_deg"] if KINDS[t["kind"]].goes_round else t["worst_phi_deg"]
         reverses = t["worst_event"].removeprefix("reversal of ")
         rows.append(
             [t["name"], f"{t['rms_um']:.3f}", f"{t['max_um']:.2f}", *g, f"{angle:.0f}°", "–" if reverses == t["worst_event"] else reverses]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from mjsim.ballbar.kinds import kind_of
 from mjsim.cli import common
 from mjsim.cli.import_show import show_features
 
@@ -79,7 +80,7 @@ def _identifiable(campaign, data: dict) -> list[str]:
     rest = data["unexplained"]
     if not rest or rest["variable"] != "position":
         return []
-    tests = {t.axis for t in campaign.measured if t.kind == "rotary" and t.sensitive == "tangential"}
+    tests = {kind_of(t).turns(t) for t in campaign.measured if t.sensitive == "tangential"}
     return [axis for axis in rest["axes"] if axis in tests]
 
 

@@ -49,7 +49,7 @@ def command(files, campaign, preview, no_check, show, force, as_json, quiet, **g
     tables = [f for f in files if f not in other]
     campaign_file(campaign)
     if other and (keys or name):
-        option = "--test" if name else import_options.OPTION[next(iter(keys))]
+        option = "--test" if name else import_options.options()[next(iter(keys))]
         raise InputError(f"{other[0]}: brings no trace, so that {option} has no meaning; allowed: --preview, --show, --force")
     # features are read, and their places looked at, before anything is written: one wrong file stops all
     read = read_features(campaign, other)

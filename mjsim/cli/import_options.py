@@ -4,33 +4,34 @@ from __future__ import annotations
 
 import click
 
-from mjsim.campaign.schema import DIRECTIONS, NEEDED
+from mjsim.ballbar.kinds import KINDS, all_keys
 from mjsim.cli import common
 from mjsim.cli.nc_options import kept
-from mjsim.importing.names import OPTION
+from mjsim.importing.names import options
 
 
-def _key(name: str, **more):
-    return click.option(OPTION[name], name, **more)
+def _common(name: str, **more):
+    return click.option(options()[name], name, **more)
+
+
+def _specific():
+    """Options for the keys that belong to some kinds of tests only, as the kinds describe them."""
+    for name, keys in all_keys().items():
+        words = list(dict.fromkeys(w for k in keys for w in k.words))
+        kinds = [k.name for k in KINDS.values() if name in (key.name for key in k.keys)]
+        value = click.Choice(words) if words else common.NUMBER if keys[0].unit is not None else int
+        yield click.option(keys[0].flag, name, type=value, help=f"{', '.join(kinds)}: {keys[0].help[:1].lower()}{keys[0].help[1:]}")
 
 
 test = kept(
     click.option("--test", "name", shell_complete=common.test_names, help="Its test in campaign.toml (default: the file's name)."),
-    _key("kind", type=click.Choice(sorted(NEEDED)), help="For a new test, as all below down to --started."),
-    _key("plane", type=click.Choice(["XY", "YZ", "ZX"]), help="circular: its plane."),
-    _key("axis", type=click.Choice(["A", "C"]), help="rotary: the axis."),
-    _key("from_deg", type=common.NUMBER, help="rotary: command at the start, °."),
-    _key("to_deg", type=common.NUMBER, help="rotary: command at the end, °."),
-    _key("half_apex_deg", type=common.NUMBER, help="cone_frustum: half apex angle, °."),
-    _key("inclination_deg", type=common.NUMBER, help="cone_frustum: inclination, °."),
-    _key("sensitive_direction", type=click.Choice([d for ds in DIRECTIONS.values() for d in ds]), help="How the bar stands."),
-    _key("direction", type=click.Choice(["CCW", "CW"]), help="circular, cone_frustum."),
-    _key("revolutions", type=int, help="circular, cone_frustum (default 2)."),
-    _key("table_ball_mm", nargs=3, type=common.NUMBER, metavar="X Y Z", default=None, help="Table ball, mm from where A and C meet."),
-    _key("bar_length_mm", type=common.NUMBER, help="Length of the bar, mm."),
-    _key("feed_mm_min", type=common.NUMBER, help="Feed on the circle, mm/min."),
-    _key("setup", help="Word that tests of one set-up share."),
-    _key("started_s", type=common.NUMBER, help="Start on the campaign's clock, s."),
+    _common("kind", type=click.Choice(sorted(KINDS)), help="For a new test, as all below down to --started."),
+    *_specific(),
+    _common("table_ball_mm", nargs=3, type=common.NUMBER, metavar="X Y Z", default=None, help="Table ball, mm from where A and C meet."),
+    _common("bar_length_mm", type=common.NUMBER, help="Length of the bar, mm."),
+    _common("feed_mm_min", type=common.NUMBER, help="Feed on the circle, mm/min."),
+    _common("setup", help="Word that tests of one set-up share."),
+    _common("started_s", type=common.NUMBER, help="Start on the campaign's clock, s."),
 )
 columns = kept(
     click.option("--time", metavar="COLUMN", help="Column of the time: name or number from 1."),
@@ -61,7 +62,7 @@ def read(given: dict):
     from mjsim.units import DEG
 
     name = given.pop("name")
-    keys = {k: given.pop(k) for k in OPTION}
+    keys = {k: given.pop(k) for k in options() if k in given}
     keys = {k: list(v) if isinstance(v, tuple) else v for k, v in keys.items() if v is not None}
     inward = given.pop("sign") == "inward"
     zero, start = given.pop("angle_zero") * DEG, given.pop("start_angle")

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.special import gammaincc
 
+from mjsim.ballbar.kinds import kind_of
 from mjsim.effects.vibration import Vibration
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import revolution_time
@@ -87,7 +88,7 @@ def records_of(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray, r
         weight = np.column_stack([s.sample_all(problem.sensitivity[k].axes[:, i], shift) for i in range(3)])
         x = np.where(valid, rest[k], 0.0)
         if repeats:
-            if not s.test.repeats:
+            if not kind_of(s.test).repeats(s.test):
                 continue
             lag = round(revolution_time(s.test) / dt)
             n = len(x) - lag

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import binary_dilation, median_filter
 
+from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.program import Program
 from mjsim.estimation.samples import Samples, revolution_time
 
@@ -40,7 +41,7 @@ def mark_outliers(s: Samples, residual: np.ndarray, noise: float) -> int:
         Number of disturbances found.
     """
     dt = float(np.median(np.diff(s.time)))
-    repeats = s.test.repeats
+    repeats = kind_of(s.test).repeats(s.test)
     rest = np.where(s.valid, residual - _followed(residual, WINDOW, dt), 0.0)
     scale = max(noise, 1.4826 * float(np.median(np.abs(rest[s.valid]))))
     high = np.abs(rest) > (HEIGHT if repeats else HEIGHT_ALONE) * scale
@@ -124,7 +125,7 @@ def largest_jump(s: Samples, residual: np.ndarray, noise: float) -> int | None:
     """
     dt = float(np.median(np.diff(s.time)))
     n = max(3, round(SIDE / dt))
-    if not s.test.repeats:
+    if not kind_of(s.test).repeats(s.test):
         short = _jumps(residual, s.valid, max(3, n // 4))
         at = int(np.argmax(np.abs(short)))
         usual = float(np.quantile(np.abs(short), 0.9))

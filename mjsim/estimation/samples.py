@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numba import njit
 
+from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import BallBarTest, Trace
-from mjsim.ballbar.paths import peripheral_radius
 from mjsim.simulation.drive import STEP
 
 #: Simulated readings are kept at this spacing, s (every fifth step; linear band far above the bar's).
@@ -171,7 +171,7 @@ class Noise:
 
 def revolution_time(test: BallBarTest) -> float:
     """Duration of one revolution at the constant feed, s."""
-    return 2 * np.pi * peripheral_radius(test) / test.feed
+    return 2 * np.pi * kind_of(test).radius(test) / test.feed
 
 
 def _delayed(x: np.ndarray, delay: float, taps: int = 32) -> np.ndarray:
@@ -222,7 +222,7 @@ def estimate_noise(samples: list[Samples], resolution: float, order: int = 5) ->
     Tests with two revolutions or more give half-differences; their median spectrum over the tests counts, so that one test with
     something that does not repeat does not raise the floor. Without any, 0.1 µm with the usual colour is assumed.
     """
-    repeated = [s for s in samples if s.test.repeats]
+    repeated = [s for s in samples if kind_of(s.test).repeats(s.test)]
     if not repeated:
         return usual_noise(samples[0].block, resolution)
     lags = np.arange(order + 1)

@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
+from mjsim.ballbar.kinds import kind_of
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.importing.b5r import Feature, Imported, read_b5r
@@ -155,7 +156,7 @@ def leading(parameters: Mapping[str, Any]) -> str:
 
 def circles_of(campaign: Campaign, comparison: Mapping[str, Any]) -> list[tuple[str, str, str, float]]:
     """The argument ``circles`` of :func:`beside` from a comparison's JSON."""
-    planes = {t.name: (t.plane, t.direction) for t in campaign.tests if t.kind == "circular"}
+    planes = {t.name: (plane, t.direction) for t in campaign.tests if (plane := kind_of(t).plane(t))}
     out = [
         (*planes[t["name"]], t["name"], t["iso230_4"]["measured"]["circular_error_um"])
         for t in comparison["tests"]

@@ -4,18 +4,27 @@ from __future__ import annotations
 
 import re
 
-from mjsim.campaign.schema import BallBarTable
+from mjsim.ballbar.kinds import all_keys
+from mjsim.campaign.schema import ball_bar_table
 from mjsim.importing.units import unit_named
+from mjsim.machine.chain import FIVE_AXIS
 
-_LINE = re.compile(r"^\W*([A-Za-z][A-Za-z _-]*?)\s*(?:\(([^)]*)\)|\[([^\]]*)\])?\s*[:=;,\t]\s*(.+?)\s*[;,\t]*$")
+_NAME = "A-Za-zÄÖÜäöüß"
+_LINE = re.compile(rf"^\W*([{_NAME}][{_NAME} _-]*?)\s*(?:\(([^)]*)\)|\[([^\]]*)\])?\s*[:=;,\t]\s*(.+?)\s*[;,\t]*$")
 _SPACES, _LONGEST = re.compile(r" {2,}"), 300
 _VALUE = re.compile(r"^([+-]?\d+(?:[.,]\d+)?)\s*(\S*)$")
 _FEEDS = {"mm/min": 1.0, "m/min": 1000.0, "in/min": 25.4, "inch/min": 25.4, "ipm": 25.4}
-#: What headers call a key, without its unit.
-_FEED = {"feed", "feedrate", "feed rate", "programmed feedrate"}
-_LENGTH = {"radius", "bar length", "ballbar length", "ball bar length", "nominal length", "test radius"}
-_PLANE, _WAY = {"plane", "test plane"}, {"direction", "run direction"}
-_PLAIN = ("kind", "plane", "direction", "axis", "sensitive_direction", "setup")
+#: What English and German headers call a key, without its unit; in lower case.
+_FEED = {"feed", "feedrate", "feed rate", "programmed feedrate", "vorschub", "programmierter vorschub", "vorschubgeschwindigkeit"}
+_LENGTH = {
+    "radius", "bar length", "ballbar length", "ball bar length", "nominal length", "test radius",
+    "messradius", "kreisradius", "nennlänge", "stablänge",
+}  # fmt: skip
+_PLANE, _WAY = {"plane", "test plane", "ebene", "messebene"}, {"direction", "run direction", "richtung", "drehrichtung"}
+_WAYS = {
+    "cw": "CW", "im uhrzeigersinn": "CW", "uhrzeigersinn": "CW",
+    "ccw": "CCW", "gegen den uhrzeigersinn": "CCW", "gegenuhrzeigersinn": "CCW",
+}  # fmt: skip
 
 
 def test_keys(header: tuple[str, ...]) -> dict:
@@ -32,18 +41,13 @@ def test_keys(header: tuple[str, ...]) -> dict:
 
 
 def _read(name: str, unit: str, text: str) -> dict:
-    if name in BallBarTable.model_fields:
-        if name in _PLAIN:
-            return {name: text}
-        if name == "revolutions":
-            return {name: int(text)} if text.isdigit() and text.isascii() and len(text) < 9 else {}
-        number = _VALUE.match(text)
-        return {name: float(number[1].replace(",", "."))} if number and not number[2] and name != "table_ball_mm" else {}
+    if name in ball_bar_table().model_fields:
+        return _own(name, text)
     word, number = name.lower().replace("_", " "), _VALUE.match(text)
-    if word in _PLANE and text.upper() in ("XY", "YZ", "ZX"):  # XZ is seen from behind: which way its circle turns is not said
+    if word in _PLANE and text.upper() in FIVE_AXIS.planes:  # XZ is seen from behind: which way its circle turns is not said
         return {"plane": text.upper()}
-    if word in _WAY and text.upper() in ("CW", "CCW"):
-        return {"direction": text.upper()}
+    if word in _WAY and text.lower() in _WAYS:
+        return {"direction": _WAYS[text.lower()]}
     if number:
         value, unit = float(number[1].replace(",", ".")), (number[2] or unit).lower()
         if word in _FEED and unit in _FEEDS:
@@ -51,3 +55,14 @@ def _read(name: str, unit: str, text: str) -> dict:
         if word in _LENGTH and unit_named(unit, "deviation") in ("mm", "inch"):
             return {"bar_length_mm": round(value * (25.4 if unit_named(unit, "deviation") == "inch" else 1.0), 6)}
     return {}
+
+
+def _own(name: str, text: str) -> dict:
+    """A key of campaign.toml itself."""
+    keys = all_keys().get(name)
+    if name in ("kind", "setup") or (keys and keys[0].words):
+        return {name: text}
+    if keys and keys[0].unit is None:
+        return {name: int(text)} if text.isdigit() and text.isascii() and len(text) < 9 else {}
+    number = _VALUE.match(text)
+    return {name: float(number[1].replace(",", "."))} if number and not number[2] and name != "table_ball_mm" else {}

@@ -13,24 +13,25 @@ import numpy as np
 import tomlkit
 from tomlkit.items import AoT
 
+from mjsim.ballbar.kinds import KINDS, all_keys
 from mjsim.ballbar.measurement import BallBarTest, Instrument, Trace
 from mjsim.campaign.files import campaign_from, check_span
 from mjsim.campaign.model import Campaign
-from mjsim.campaign.schema import NEEDED
 from mjsim.campaign.traces import saturated
 from mjsim.errors import InputError
-from mjsim.importing.names import OPTION
+from mjsim.importing.names import options
 from mjsim.io.files import check_writable, write_all
 from mjsim.io.inputs import inside, is_file, shown
 from mjsim.io.toml import parse, read_text
 from mjsim.units import UM
 
-#: Order of the keys in a new table.
-_ORDER = (
-    "name", "trace", "setup", "started_s", "kind", "plane", "axis", "from_deg", "to_deg", "half_apex_deg", "inclination_deg",
-    "sensitive_direction", "direction", "revolutions", "table_ball_mm", "bar_length_mm", "feed_mm_min",
-)  # fmt: skip
+_BEFORE = ("name", "trace", "setup", "started_s", "kind")
 _COMMON = ("table_ball_mm", "bar_length_mm", "feed_mm_min")
+
+
+def _order() -> list[str]:
+    """Order of the keys in a new table."""
+    return [*_BEFORE, *all_keys(), *_COMMON]
 
 
 @dataclass(frozen=True)
@@ -81,16 +82,16 @@ def entry(file: Path, text: str, name: str, keys: dict, header: dict, source: Pa
     table = next((t for t in tables if t.get("name") == name), None)
     if table is not None:
         if keys:
-            options = ", ".join(OPTION[k] for k in keys)
+            given = ", ".join(options()[k] for k in keys)
             raise InputError(
-                f'{file}: [[test]] "{name}" is there already and says how it was run; leave out {options}, or give another --test'
+                f'{file}: [[test]] "{name}" is there already and says how it was run; leave out {given}, or give another --test'
             )
         added = "trace" not in table
         if added:
             table["trace"] = f"traces/{name}.csv"
     else:
         added = True
-        new = _complete(file, name, {**{k: v for k, v in header.items() if k in _ORDER}, **keys}, source)
+        new = _complete(file, name, {**{k: v for k, v in header.items() if k in _order()}, **keys}, source)
         _append(document, new)
     out = tomlkit.dumps(document)
     if "\r\n" in text:
@@ -113,17 +114,19 @@ def _trace_file(file: Path, test: BallBarTest) -> Path:
 def _complete(file: Path, name: str, keys: dict, source: Path) -> dict:
     """The keys of a new table; what is missing is asked for by its options."""
     kind = keys.get("kind")
-    if kind is None and "plane" in keys:
-        kind = keys["kind"] = "circular"
-    if kind not in NEEDED:
+    specific = set(keys) & set(all_keys())
+    possible = [k.name for k in KINDS.values() if specific and specific <= {key.name for key in k.keys}]
+    if kind is None and len(possible) == 1:  # a plane is given: a circle
+        kind = keys["kind"] = possible[0]
+    if kind not in KINDS:
         raise InputError(
-            f'{source}: test "{name}" is not in {file}; say how it was run: --kind {" or ".join(sorted(NEEDED))} and what belongs to it '
+            f'{source}: test "{name}" is not in {file}; say how it was run: --kind {" or ".join(sorted(KINDS))} and what belongs to it '
             "(--plane, --direction, --feed, --length, --table-ball …), or name a test of the campaign with --test"
         )
-    missing = [OPTION[k] for k in (*NEEDED[kind], *_COMMON) if k not in keys]
+    missing = [options()[k] for k in (*KINDS[kind].needed, *_COMMON) if k not in keys]
     if missing:
         raise InputError(f'{source}: test "{name}" is new in {file}; {kind} needs {", ".join(missing)} as well')
-    return {"name": name, "trace": f"traces/{name}.csv", **{k: keys[k] for k in _ORDER if k in keys}}
+    return {"name": name, "trace": f"traces/{name}.csv", **{k: keys[k] for k in _order() if k in keys}}
 
 
 def _append(document: tomlkit.TOMLDocument, new: dict) -> None:
@@ -132,7 +135,7 @@ def _append(document: tomlkit.TOMLDocument, new: dict) -> None:
     tables = document["test"]
     inline = not isinstance(tables, AoT)
     table = tomlkit.inline_table() if inline else tomlkit.table()
-    for key in sorted(new, key=_ORDER.index):
+    for key in sorted(new, key=_order().index):
         table[key] = new[key]
     if not inline and len(tables) and not tables[-1].as_string().endswith("\n\n"):
         tables[-1].add(tomlkit.nl())

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
-#: Key -> option.
-OPTION = {
-    "kind": "--kind", "plane": "--plane", "axis": "--axis", "from_deg": "--from", "to_deg": "--to", "half_apex_deg": "--half-apex",
-    "inclination_deg": "--inclination", "sensitive_direction": "--sensitive", "direction": "--direction",
-    "revolutions": "--revolutions", "table_ball_mm": "--table-ball", "bar_length_mm": "--length", "feed_mm_min": "--feed",
-    "setup": "--setup", "started_s": "--started",
-}  # fmt: skip
+from mjsim.ballbar.kinds import all_keys
+
+
+def options() -> dict[str, str]:
+    """Key -> option, in the order of a ``[[test]]`` table: those of single kinds lie between ``kind`` and the table ball."""
+    return {
+        "kind": "--kind",
+        **{name: keys[0].flag for name, keys in all_keys().items()},
+        "table_ball_mm": "--table-ball",
+        "bar_length_mm": "--length",
+        "feed_mm_min": "--feed",
+        "setup": "--setup",
+        "started_s": "--started",
+    }

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.paths import peripheral_radius
-from mjsim.ballbar.program import OVERLAP, Program
+from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
 from mjsim.importing.even import evenly, quantum
 from mjsim.importing.reading import Options, Recording
@@ -30,7 +30,7 @@ def place(path: Path, recording: Recording, test: BallBarTest, o: Options) -> tu
     """
     notes: list[str] = []
     program = Program(test)
-    if recording.angle is None and (o.start_angle is None or test.kind == "rotary"):
+    if recording.angle is None and (o.start_angle is None or not kind_of(test).goes_round):
         _grows(path, recording)
         assert recording.time is not None
         time = _clock(path, recording.time, program, o, notes)
@@ -43,7 +43,7 @@ def place(path: Path, recording: Recording, test: BallBarTest, o: Options) -> tu
             phi, deviation = _from_start_angle(path, recording, program, o)
         phi, deviation = _into_range(phi, deviation, program, notes)
         time = times_of(program, phi)
-        step = quantum(recording.angle / DEG) * DEG * peripheral_radius(test) / test.feed if recording.angle is not None else 0.0
+        step = quantum(recording.angle / DEG) * DEG * kind_of(test).radius(test) / test.feed if recording.angle is not None else 0.0
     return *evenly(time, deviation, step, notes), notes
 
 
@@ -52,7 +52,7 @@ def _from_start_angle(path: Path, r: Recording, program: Program, o: Options) ->
     _grows(path, r)
     assert r.time is not None and o.start_angle is not None
     sign = np.sign(program.ends[1] - program.ends[0])
-    return o.start_angle + sign * (r.time - r.time[0]) * program.test.feed / peripheral_radius(program.test), r.deviation
+    return o.start_angle + sign * (r.time - r.time[0]) * program.test.feed / program.kind.radius(program.test), r.deviation
 
 
 def times_of(program: Program, phi: np.ndarray) -> np.ndarray:
@@ -89,7 +89,7 @@ def _clock(path: Path, time: np.ndarray, program: Program, o: Options, notes: li
             clock = "program"
         elif abs(have - want) <= 0.02 * want + 0.1:
             clock = "trace"
-            where = "φ = 0" if program.test.kind != "rotary" else f"{program.measured_ends[0] / DEG:g}°"
+            where = "φ = 0" if program.kind.goes_round else f"{program.measured_ends[0] / DEG:g}°"
             notes.append(f"first sample taken for {where}: the trace lasts as long as the measured part (--clock program)")
         elif have > want and -0.5 <= time[0] <= lo and time[-1] <= program.duration + 0.5:
             clock = "program"
@@ -148,11 +148,11 @@ def _into_range(phi: np.ndarray, deviation: np.ndarray, program: Program, notes:
     begin, end = program.measured_ends
     sign, whole = np.sign(end - begin), abs(end - begin)
     ahead = sign * (phi - begin)
-    if program.test.kind == "rotary":
+    if not program.kind.goes_round:
         ahead = ahead - _TURN * np.round(ahead[0] / _TURN)
     else:
-        ahead = ahead - _TURN * np.floor((ahead[0] + OVERLAP) / _TURN)
-        if ahead[0] > OVERLAP and ahead[-1] > whole + EDGE_ANGLE:
+        ahead = ahead - _TURN * np.floor((ahead[0] + program.kind.margin) / _TURN)
+        if ahead[0] > program.kind.margin and ahead[-1] > whole + EDGE_ANGLE:
             over = (ahead > whole) & (ahead - whole < ahead[0])
             stay = ahead <= whole
             notes.append(

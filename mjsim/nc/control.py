@@ -13,8 +13,8 @@ import numpy as np
 
 from mjsim.ballbar.commanded import Commanded
 from mjsim.ballbar.follow import check_path, unwrapped
+from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.paths import peripheral_radius
 from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
 from mjsim.machine.chain import Chain
@@ -173,7 +173,7 @@ def feed_report(test: BallBarTest, motion: Commanded, control: Control | None = 
     table = test.chain.index(test.chain.table_axis)
     off[:, table] = (off[:, table] + np.pi) % (2 * np.pi) - np.pi  # whole turns of the table do not matter
     speeds = given.speeds()[part.start // _INSIDE : max(part.stop // _INSIDE, 1)]
-    radius = peripheral_radius(test)
+    radius = kind_of(test).radius(test)
     blocks = block_times(motion, control)
     return FeedReport(
         fine[part],

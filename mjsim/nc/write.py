@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from mjsim.ballbar.commanded import Commanded
-from mjsim.ballbar.kinds import KINDS
+from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.paths import peripheral_radius
 from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
 from mjsim.io.files import write_whole
@@ -122,9 +121,9 @@ def _feed(o: Options, d: Dialect, test: BallBarTest) -> str:
     if feed not in d.feeds:
         why = " (its G94 counts the linear axes only)" if feed == "a11" else ""
         raise InputError(f"F convention {feed!r} does not exist in the dialect {d.name}{why}; allowed: {', '.join(d.feeds)}")
-    if feed == "tcp" and test.kind == "rotary":
+    if feed == "tcp" and not kind_of(test).moves_on_table:
         raise InputError(
-            f'test "{test.name}": in a rotary test the spindle ball rests relative to the table, so that F has no meaning with tool centre '
+            f'test "{test.name}": the spindle ball rests relative to the table, so that F has no meaning with tool centre '
             "point control; allowed: a11, inverse"
         )
     if o.rollover and d.name == "linuxcnc":
@@ -157,7 +156,7 @@ def _blocks(test: BallBarTest, o: Options, feed: str, decimals: int) -> tuple[np
     printed = np.round(q / units, decimals)
     if (np.diff(printed, axis=0) == 0).all(axis=1).any():
         raise InputError(f'test "{test.name}": blocks of {o.step_deg:g}° are no motion with {decimals} decimals; allowed: a larger step')
-    seconds = np.full(count, abs(last - first) / count * peripheral_radius(test) / test.feed)
+    seconds = np.full(count, abs(last - first) / count * kind_of(test).radius(test) / test.feed)
     return phi, Commanded(seconds, printed * units, feed == "tcp", test.chain), printed
 
 
@@ -197,7 +196,7 @@ def _positions(printed: np.ndarray, chain: Chain, o: Options, d: Dialect, decima
 
 def _comment_lines(test, o: Options, d: Dialect, feed: str, decimals: int, phi, motion: Commanded, machine: str) -> list[str]:
     x, y, z = (f"{v / MM:g}" for v in test.table_ball)
-    kind = KINDS[test.kind].words(test).translate(_PLAIN).encode("ascii", "replace").decode()
+    kind = kind_of(test).words(test).translate(_PLAIN).encode("ascii", "replace").decode()
     signs = ", ".join(f"{a}{'-' if a in o.reversed else '+'}" for a in test.chain.rotary)
     axes, table = test.chain.letters, test.chain.table_axis
     said = {

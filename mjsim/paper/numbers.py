@@ -9,7 +9,7 @@ from importlib.resources import files
 import numpy as np
 from scipy.signal import find_peaks
 
-from mjsim.ballbar.paths import PATHS
+from mjsim.ballbar.program import Program
 from mjsim.machine.chain import AXES
 from mjsim.machine.kinematics import machine_to_work
 from mjsim.paper.machine import PaperMachine
@@ -80,7 +80,7 @@ def _travel(traces: Traces) -> dict:
         run, i = Run("none", theta), AXES.index(axis)
         s = traces.simulation(run)
         turn = (s.phi >= 0) & (s.phi <= 2 * np.pi)
-        said = PATHS["cone_frustum"](run.test(), np.append(phi, 2 * np.pi))[:, i]
+        said = Program(run.test()).path(np.append(phi, 2 * np.pi))[:, i]
         return round(float(np.ptp(said)) / DEG, 9), f"of the command; the simulated axis covers {np.ptp(s.position[turn, i]) / DEG:.3f}°"
 
     return {

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjsim.ballbar.iso230 import least_squares_circle
+from mjsim.ballbar.kinds.cone_frustum import ConeFrustum
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.machine.chain import AXES, ROTARY
 from mjsim.paper.machine import PaperMachine
@@ -47,7 +48,7 @@ class Run:
         """The test, one revolution CCW."""
         return BallBarTest(
             name=f"{self.cause} {self.theta}° ({self.x:g}, {self.y:g}) {self.method}",
-            kind="cone_frustum",
+            kind=ConeFrustum.name,
             table_ball=(self.x * MM, self.y * MM, HEIGHT),
             length=LENGTH,
             feed=FEED,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mjsim.ballbar.iso230 import circular_figures, least_squares_circle
-from mjsim.ballbar.kinds import KINDS
+from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
@@ -56,7 +56,7 @@ def simulation_summary(results: list[Simulation]) -> list[dict]:
         keep = _span(program, s.time)
         row = {"name": s.test.name, "duration_s": round(program.duration, 3)}
         try:
-            if s.test.kind != "rotary":
+            if kind_of(s.test).goes_round:
                 row |= {
                     k: round(v, 4) for k, v in asdict(circular_figures(s.phi[keep], s.deviation[keep])).items() if not isinstance(v, tuple)
                 }
@@ -72,14 +72,14 @@ def conditions(test) -> str:
     """One line that says how a test was run."""
     x, y, z = (v / MM for v in test.table_ball)
     where = f"table ball ({x:g}, {y:g}, {z:g}) mm, L = {test.length / MM:g} mm, F = {test.feed * 60 / MM:g} mm/min"
-    return f"{KINDS[test.kind].words(test)}; {where}"
+    return f"{kind_of(test).words(test)}; {where}"
 
 
 def _centred(test, phi: np.ndarray, deviation: np.ndarray, valid: np.ndarray | None = None) -> np.ndarray:
     """Deviation in µm without eccentricity (circles) or without its mean (partial arcs); invalid samples become gaps."""
     good = np.ones(len(phi), bool) if valid is None else valid
     try:
-        if test.kind == "rotary":
+        if not kind_of(test).goes_round:
             raise InputError("arc")
         out = deviation - least_squares_circle(phi[good], deviation[good]).eccentricity_m(phi)
     except InputError:
@@ -91,27 +91,25 @@ def polar_of_simulation(s: Simulation, path: Path) -> None:
     """Paper-style polar plot of one simulated test."""
     keep = _span(Program(s.test), s.time)
     phi = s.phi[keep][::5]
-    trace = PolarTrace("simulated", phi / DEG, _centred(s.test, phi, s.deviation[keep][::5]), "simulated", shift_deg=_shift(s.test))
+    shift = kind_of(s.test).plot_offset_deg
+    trace = PolarTrace("simulated", phi / DEG, _centred(s.test, phi, s.deviation[keep][::5]), "simulated", shift_deg=shift)
     save(polar_figure([trace], s.test.name, conditions(s.test)), path)
-
-
-def _shift(test) -> float:
-    return 0.0 if test.kind == "rotary" else 180.0
 
 
 def polar_traces(t: ComparedTest) -> list[PolarTrace]:
     """Measured and simulated trace of a compared test, each about its own least-squares centre (ISO 230-4)."""
-    out = []
-    for name in ("measured", "simulated"):
-        out.append(PolarTrace(name, t.phi / DEG, _centred(t.test, t.phi, getattr(t, name), t.valid), name, shift_deg=_shift(t.test)))
-    return out
+    shift = kind_of(t.test).plot_offset_deg
+    return [
+        PolarTrace(name, t.phi / DEG, _centred(t.test, t.phi, getattr(t, name), t.valid), name, shift_deg=shift)
+        for name in ("measured", "simulated")
+    ]
 
 
 def residual_trace(t: ComparedTest, noise: float) -> ResidualTrace:
     """Residual of a compared test on angle, with axis reversals."""
-    return ResidualTrace(
-        t.test.name, t.phi / DEG, t.residual / UM, {a: list(p / DEG) for a, p in t.reversals.items()}, noise / UM, ~t.valid, _shift(t.test)
-    )
+    events = {a: list(p / DEG) for a, p in t.reversals.items()}
+    shift = kind_of(t.test).plot_offset_deg
+    return ResidualTrace(t.test.name, t.phi / DEG, t.residual / UM, events, noise / UM, ~t.valid, shift)
 
 
 def plot_files(tests: Iterable[BallBarTest], folder: Path) -> list[Path]:

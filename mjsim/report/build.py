@@ -8,6 +8,7 @@ from importlib.metadata import version
 from typing import Any
 
 from mjsim.ballbar.iso230 import BidirectionalFigures, CircularFigures
+from mjsim.ballbar.kinds import kind_of
 from mjsim.campaign.machine_file import machine_document
 from mjsim.estimation.problem import Problem
 from mjsim.machine.model import Machine
@@ -158,7 +159,7 @@ def _tuples(figures: dict) -> dict[str, Any]:
 
 
 def _section(before: ComparedTest, after: ComparedTest, noise: float, changed: bool) -> TestSection:
-    angle = after.worst_phi / DEG + (0.0 if after.test.kind == "rotary" else 180.0)
+    angle = after.worst_phi / DEG + kind_of(after.test).plot_offset_deg
     return TestSection(
         name=before.test.name,
         conditions=conditions(before.test),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mjsim.ballbar.iso230 import least_squares_circle
+from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
 from mjsim.machine.chain import AXES, LINEAR
@@ -63,7 +64,7 @@ def kept(phi: np.ndarray, signal: np.ndarray, per_turn: int = PER_TURN) -> np.nd
 
 def _centre(t: ComparedTest, deviation: np.ndarray) -> list[int]:
     good = t.valid
-    if t.test.kind != "rotary":
+    if kind_of(t.test).goes_round:
         try:
             return _whole(np.append(least_squares_circle(t.phi[good], deviation[good]).centre_m, 0.0) / UM, 1e3)
         except InputError:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjsim.ballbar.iso230 import least_squares_circle
+from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
@@ -173,7 +174,7 @@ def _row(tests: tuple[BallBarTest, ...], cause: Cause, after: _Errors, before: _
 
 def _circle(tests: tuple[BallBarTest, ...], before: list[float], after: list[float]) -> tuple[str, float | None, float | None]:
     """Name of the circular test whose G falls most, by how much [µm] and per cent; empty where there is no such test."""
-    falls = [(b - a, b, t.name) for t, b, a in zip(tests, before, after, strict=True) if t.kind != "rotary"]
+    falls = [(b - a, b, t.name) for t, b, a in zip(tests, before, after, strict=True) if kind_of(t).goes_round]
     if not falls:
         return "", None, None
     fall, whole, name = max(falls, key=lambda f: f[0])
@@ -205,8 +206,8 @@ def _errors(tests: tuple[BallBarTest, ...], readings: list[tuple[np.ndarray, np.
 
 
 def about_circle(test: BallBarTest, phi: np.ndarray, reading: np.ndarray) -> np.ndarray:
-    """Readings (n,) m less their least-squares circle; less their mean for a rotary test, whose balls do not describe a circle."""
-    if test.kind != "rotary":
+    """Readings (n,) m less their least-squares circle; less their mean for a test that does not go round."""
+    if kind_of(test).goes_round:
         try:
             circle = least_squares_circle(phi, reading)
             return reading - circle.eccentricity_m(phi) - circle.radius_error_m

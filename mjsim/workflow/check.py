@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import tomlkit
 
-from mjsim.campaign.files import read_campaign, spans_fit
+from mjsim.ballbar.kinds import kind_of
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.campaign.files import read_campaign, spans_fit, test_table
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.model import Campaign
 from mjsim.campaign.span import explain
@@ -114,7 +116,7 @@ def write_corrected(result: CheckResult, folder: str | Path) -> list[Path]:
         contents[out / file.relative_to(source)] = file.read_bytes()
     edits: dict[str, list[Mistake]] = {}
     for m in result.mistakes:
-        _put_right(m, tables)
+        _put_right(m, tables, {t.name: t for t in result.campaign.tests})
         if m.kind in ("sign", "unit", "sign_and_unit", "time_unit", "origin"):
             for name in m.tests:
                 edits.setdefault(str(tables[name]["trace"]), []).append(m)
@@ -131,17 +133,18 @@ def write_corrected(result: CheckResult, folder: str | Path) -> list[Path]:
     return list(contents)
 
 
-def _put_right(m: Mistake, tables: dict) -> None:
+def _put_right(m: Mistake, tables: dict, tests: dict[str, BallBarTest]) -> None:
     """What of a mistake stands in campaign.toml."""
     if m.kind == "swapped":
         a, b = (tables[name] for name in m.tests)
         a["trace"], b["trace"] = str(b["trace"]), str(a["trace"])
     for name in m.tests:
         t = tables[name]
-        if m.kind == "direction" and t["kind"] == "rotary":
-            t["from_deg"], t["to_deg"] = float(t["to_deg"]), float(t["from_deg"])
-        elif m.kind == "direction":
-            t["direction"] = "CW" if t["direction"] == "CCW" else "CCW"
+        if m.kind == "direction":
+            before, after = test_table(tests[name]), test_table(kind_of(tests[name]).turned(tests[name]))
+            for key in before:
+                if after[key] != before[key]:
+                    t[key] = after[key]
         elif m.kind == "feed":
             t["feed_mm_min"] = float(f"{m.factor * 60e3:.9g}")
         elif m.kind == "revolutions":

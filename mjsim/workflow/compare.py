@@ -10,6 +10,7 @@ import numpy as np
 
 from mjsim.ballbar.events import event_at, reversals
 from mjsim.ballbar.iso230 import BidirectionalFigures, CircularFigures, bidirectional_figures, circular_figures
+from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
 from mjsim.campaign.model import Campaign
@@ -102,7 +103,7 @@ class Comparison:
                     "samples_saturated": self.campaign.traces[t.test.name].saturated if t.test.name in self.campaign.traces else 0,
                     "outliers": t.outliers,
                     "worst_phi_deg": _r(t.worst_phi / DEG, 1),
-                    "worst_plot_angle_deg": _r((t.worst_phi / DEG + (0 if t.test.kind == "rotary" else 180)) % 360, 1),
+                    "worst_plot_angle_deg": _r((t.worst_phi / DEG + kind_of(t.test).plot_offset_deg) % 360, 1),
                     "worst_event": t.worst_event,
                     "trigger_ms": _r(t.trigger * 1e3, 2),
                     "iso230_4": t.iso,
@@ -219,7 +220,7 @@ def _smooth(x: np.ndarray, n: int = 9) -> np.ndarray:
 
 
 def _iso(test: BallBarTest, phi: np.ndarray, measured: np.ndarray, simulated: np.ndarray) -> dict:
-    if test.kind == "rotary":
+    if not kind_of(test).goes_round:
         return {}
     try:
         return {name: _rounded(circular_figures(phi, d)) for name, d in (("measured", measured), ("simulated", simulated))}
@@ -240,7 +241,7 @@ def _pairs(tests: list[ComparedTest]) -> list[dict]:
                 getattr(a.test, n) == getattr(b.test, n)
                 for n in ("kind", "table_ball", "length", "feed", "half_apex", "inclination", "sensitive", "plane", "setup")
             )
-            if a.test.kind != "rotary" and same and a.test.direction == "CCW" and b.test.direction == "CW":
+            if kind_of(a.test).goes_round and same and a.test.direction == "CCW" and b.test.direction == "CW":
                 row: dict = {"ccw": a.test.name, "cw": b.test.name}
                 try:
                     for name in ("measured", "simulated"):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mjsim.ballbar.iso230 import circular_figures
-from mjsim.ballbar.kinds import KINDS
+from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import Trace
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
@@ -88,7 +88,8 @@ def figure_rows(result: Comparison, names: Sequence[str]) -> list[list[str]]:
     for t in result.tests:
         if t.test.name not in names:
             continue
-        place = KINDS[t.test.kind].place(t.test)
+        kind = kind_of(t.test)
+        place = kind.plane(t.test) or kind.turns(t.test)
         how = [t.test.name, t.test.kind, place, t.test.direction, f"{t.test.feed / MM * 60:g}", f"{t.test.length / MM:g}"]
         rest = [str(len(t.valid)), str(int((~t.valid).sum())), f"{t.rms / UM:.4f}", f"{t.maximum / UM:.4f}", f"{result.noise / UM:.4f}"]
         rows.append([*how, *rest, f"{t.trigger * 1e3:.3f}", *(c for what in ("measured", "simulated") for c in _iso(t, what))])

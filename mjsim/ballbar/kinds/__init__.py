@@ -1,9 +1,11 @@
-"""Kinds of ball-bar tests, one per file; a new one is entered here."""
+"""Kinds of ball-bar tests, one per file of this folder; every file here is loaded."""
 
-from mjsim.ballbar.kinds.base import Kind
-from mjsim.ballbar.kinds.circular import Circular
-from mjsim.ballbar.kinds.cone_frustum import ConeFrustum
-from mjsim.ballbar.kinds.rotary import Rotary
+import pkgutil
+from importlib import import_module
 
-#: Name in campaign.toml -> kind.
-KINDS: dict[str, Kind] = {kind.name: kind for kind in (ConeFrustum(), Circular(), Rotary())}
+from mjsim.ballbar.kinds.base import KINDS, Kind, all_keys, kind_of, register
+
+for _module in pkgutil.iter_modules(__path__):
+    import_module(f"{__name__}.{_module.name}")
+
+__all__ = ["KINDS", "Kind", "all_keys", "kind_of", "register"]

@@ -1,27 +1,82 @@
-"""What a kind of ball-bar test is: the keys that it has in a campaign, its path, and the words for it."""
+"""What a kind of ball-bar test is: its keys in a campaign, its path, its words, and the tests of it that could be measured next."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
+from pydantic import Field
 
-if TYPE_CHECKING:
-    from mjsim.ballbar.measurement import BallBarTest
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.machine.chain import Chain
+from mjsim.units import DEG, MM
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key of a ``[[test]]`` table that belongs to some kinds of tests only.
+
+    Attributes:
+        name: as in campaign.toml; it ends in its unit.
+        attribute: attribute of :class:`BallBarTest` that holds the value. A name that is none of them becomes an entry of
+            ``BallBarTest.more``.
+        unit: SI per unit of the file; ``None`` for texts and counts.
+        type: what the value may be: ``float``, ``int`` or ``str``, with pydantic's bounds.
+        words: what a text may be.
+        needed: whether every test of the kind has to have the key.
+        option: of ``mjsim import``.
+        help: of that option.
+    """
+
+    name: str
+    attribute: str
+    unit: float | None = None
+    type: Any = str
+    words: tuple[str, ...] = ()
+    needed: bool = True
+    option: str = ""
+    help: str = ""
+
+    @property
+    def flag(self) -> str:
+        """The option of ``mjsim import`` that gives the key."""
+        return self.option or "--" + self.name.replace("_", "-")
+
+    def of(self, test: BallBarTest) -> Any:
+        """The test's value, SI."""
+        return test.more[self.attribute] if self.attribute in test.more else getattr(test, self.attribute)
+
+
+#: An angle in degrees: far more than any axis turns (assumed).
+Angle = Annotated[float, Field(ge=-36_000, le=36_000, allow_inf_nan=False)]
+
+DIRECTION = Key("direction", "direction", words=("CW", "CCW"), help="Which way round.")
+REVOLUTIONS = Key(
+    "revolutions", "revolutions", type=Annotated[int, Field(ge=1, le=100)], needed=False, help="Whole revolutions (default 2)."
+)
+FROM = Key("from_deg", "start", DEG, Angle, option="--from", help="Command at the start, °.")
+TO = Key("to_deg", "stop", DEG, Angle, option="--to", help="Command at the end, °.")
 
 
 class Kind(ABC):
-    """One kind of test. Its angle φ goes round in whole revolutions from φ = 0, except for ``rotary``.
+    """One kind of test. Its angle φ goes round in whole revolutions from φ = 0; for a kind that does not, see :class:`Arc`.
 
-    Class attributes: ``name`` as in campaign.toml; ``needed`` and ``optional`` keys beside the common ones; ``directions`` that
-    ``sensitive_direction`` may have, empty where the key does not belong to the kind.
+    Class attributes:
+        name: as in campaign.toml.
+        keys: of its ``[[test]]`` table, beside the ones that all kinds have, in their order there.
+        goes_round: the path is a closed circle that is repeated in revolutions. Such a test has ISO 230-4 figures.
+        margin: of φ at both ends of the program that is not measured, rad: run-in and run-out.
+        moves_on_table: the spindle ball moves relative to the table. Where it rests there, a feed of the tool centre point has no meaning.
     """
 
     name: ClassVar[str]
-    needed: ClassVar[tuple[str, ...]]
-    optional: ClassVar[tuple[str, ...]] = ("revolutions",)
-    directions: ClassVar[tuple[str, ...]] = ()
+    keys: ClassVar[tuple[Key, ...]]
+    goes_round: ClassVar[bool] = True
+    margin: ClassVar[float] = 10.0 * DEG
+    moves_on_table: ClassVar[bool] = True
 
     @abstractmethod
     def path(self, test: BallBarTest, phi: np.ndarray) -> np.ndarray:
@@ -31,17 +86,44 @@ class Kind(ABC):
     def angle(self, test: BallBarTest, q: np.ndarray) -> np.ndarray:
         """φ (n,) rad, within a turn, at axis positions ``q`` (n, axes) on the path or near it: inverse of :meth:`path`."""
 
-    def radius(self, test: BallBarTest) -> float:
-        """Radius (m) of the circle on which the feed is programmed."""
-        return test.length
-
     @abstractmethod
     def words(self, test: BallBarTest) -> str:
         """How the test goes, without what all kinds have: ball, bar and feed."""
 
-    def place(self, test: BallBarTest) -> str:
-        """The plane or the axis, where the kind has one."""
+    def radius(self, test: BallBarTest) -> float:
+        """Radius (m) of the circle on which the feed is programmed."""
+        return test.length
+
+    def plane(self, test: BallBarTest) -> str:
+        """The plane of two linear axes in which the test runs (XY, YZ, ZX); empty where it runs in none."""
         return ""
+
+    def turns(self, test: BallBarTest) -> str:
+        """The rotary axis that the test turns alone; empty where there is none."""
+        return ""
+
+    @property
+    def needed(self) -> tuple[str, ...]:
+        """Names of the keys that a test of the kind has to have."""
+        return tuple(k.name for k in self.keys if k.needed)
+
+    @property
+    def plot_offset_deg(self) -> float:
+        """Angle of a polar plot less φ. The paper draws φ = 0 of a circle at 180°."""
+        return 180.0 if self.goes_round else 0.0
+
+    def repeats(self, test: BallBarTest) -> bool:
+        """Whether the trace goes over the same path at least twice, so that its noise can be told from the machine."""
+        return self.goes_round and test.revolutions >= 2
+
+    def ends(self, test: BallBarTest) -> tuple[float, float]:
+        """φ (rad) at which the program begins and ends, at rest."""
+        sign = 1.0 if test.direction == "CCW" else -1.0
+        return -sign * self.margin, sign * (2 * np.pi * test.revolutions + self.margin)
+
+    def turned(self, test: BallBarTest) -> BallBarTest:
+        """The same path in the other direction."""
+        return replace(test, direction="CW" if test.direction == "CCW" else "CCW")
 
     def derived(self, given: dict[str, Any]) -> dict[str, Any]:
         """Attributes of :class:`BallBarTest` that follow from the ones ``given`` in the file."""
@@ -50,3 +132,82 @@ class Kind(ABC):
     def wrong(self, test: BallBarTest) -> str:
         """What is wrong with a test whose keys are right one by one; empty where nothing is."""
         return ""
+
+    def short_name(self, test: BallBarTest) -> str:
+        """Name of a proposed test, without its feed: letters, digits, ``_ . + -``."""
+        return f"{self.name}-{place_name(test)}-{test.direction.lower()}".replace("_", "-")
+
+    def proposals(self, chain: Chain, length: float, height: float) -> Iterator[BallBarTest]:
+        """Tests of this kind that a plan looks at first; feed and name are put in later.
+
+        Args:
+            chain: the machine's axes.
+            length: of the bar, m.
+            height: Z of the table ball, m.
+        """
+        yield from ()
+
+    def variations(self, test: BallBarTest) -> Iterator[BallBarTest]:
+        """Tests that differ from ``test`` in one condition of this kind's own: not in feed or direction, which all kinds have."""
+        yield from ()
+
+
+class Arc(Kind):
+    """A kind that goes from ``start`` to ``stop`` once: φ is the command that turns. It needs :data:`FROM` and :data:`TO` in its keys."""
+
+    goes_round = False
+    margin = 2.0 * DEG
+
+    def ends(self, test: BallBarTest) -> tuple[float, float]:
+        return test.start, test.stop
+
+    def turned(self, test: BallBarTest) -> BallBarTest:
+        return replace(test, start=test.stop, stop=test.start, direction="CCW" if test.start > test.stop else "CW")
+
+    def derived(self, given: dict[str, Any]) -> dict[str, Any]:
+        return {"direction": "CCW" if given["stop"] > given["start"] else "CW", "revolutions": 1}
+
+    def wrong(self, test: BallBarTest) -> str:
+        if test.start == test.stop:
+            return f"from_deg and to_deg are both {test.start / DEG:g}; the axis would not turn"
+        if abs(test.stop - test.start) <= 2 * self.margin:
+            return (
+                f"from_deg and to_deg are {abs(test.stop - test.start) / DEG:g}° apart; allowed: more than {2 * self.margin / DEG:g}°, "
+                "as both ends of the turn are left out"
+            )
+        return ""
+
+
+def place_name(test: BallBarTest) -> str:
+    """Where the table ball is, as a part of a name: ``centre``, ``x50``, ``x100-y50neg``."""
+
+    def part(letter: str, value: float) -> str:
+        mm = round(value / MM)
+        return f"{letter}{abs(mm)}{'neg' if mm < 0 else ''}" if mm else ""
+
+    return "-".join(p for p in map(part, "xy", test.table_ball[:2]) if p) or "centre"
+
+
+#: Name in campaign.toml -> kind.
+KINDS: dict[str, Kind] = {}
+_K = TypeVar("_K", bound=Kind)
+
+
+def register(cls: type[_K]) -> type[_K]:
+    """Class decorator: makes a kind of test known under its ``name``."""
+    KINDS[cls.name] = cls()
+    return cls
+
+
+def kind_of(test: BallBarTest) -> Kind:
+    """The kind of a test."""
+    return KINDS[test.kind]
+
+
+def all_keys() -> dict[str, list[Key]]:
+    """Name -> the keys of that name, one for each kind that has it."""
+    out: dict[str, list[Key]] = {}
+    for kind in KINDS.values():
+        for key in kind.keys:
+            out.setdefault(key.name, []).append(key)
+    return out

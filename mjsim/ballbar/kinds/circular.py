@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 import numpy as np
 
-from mjsim.ballbar.kinds.base import Kind
+from mjsim.ballbar.kinds.base import DIRECTION, REVOLUTIONS, Key, Kind, register
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.machine.chain import FIVE_AXIS, Chain
 
-if TYPE_CHECKING:
-    from mjsim.ballbar.measurement import BallBarTest
 
-
+@register
 class Circular(Kind):
     """A circle in the plane of two linear axes, φ counting from the first to the second."""
 
     name = "circular"
-    needed = ("plane", "direction")
+    keys = (Key("plane", "plane", words=FIVE_AXIS.planes, help="Its plane."), DIRECTION, REVOLUTIONS)
 
     def path(self, test: BallBarTest, phi: np.ndarray) -> np.ndarray:
         q = np.zeros((len(phi), test.chain.count))
@@ -34,5 +34,12 @@ class Circular(Kind):
     def words(self, test: BallBarTest) -> str:
         return f"circle {test.plane}, {test.direction}"
 
-    def place(self, test: BallBarTest) -> str:
+    def plane(self, test: BallBarTest) -> str:
         return test.plane
+
+    def short_name(self, test: BallBarTest) -> str:
+        return f"circle-{test.plane.lower()}-{test.direction.lower()}"
+
+    def proposals(self, chain: Chain, length: float, height: float) -> Iterator[BallBarTest]:
+        for plane in chain.planes:
+            yield BallBarTest("", self.name, (0.0, 0.0, height), length, 0.0, plane=plane, chain=chain)

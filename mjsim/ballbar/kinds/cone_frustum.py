@@ -2,28 +2,45 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import product
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
-from mjsim.ballbar.kinds.base import Kind
+from mjsim.ballbar.kinds.base import DIRECTION, REVOLUTIONS, Key, Kind, place_name, register
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.machine.chain import Chain
 from mjsim.machine.kinematics import aim, machine_to_work, work_to_machine
-from mjsim.units import DEG
+from mjsim.units import DEG, MM
 
-if TYPE_CHECKING:
-    from mjsim.ballbar.measurement import BallBarTest
+_HALF_APEX = Key("half_apex_deg", "half_apex", DEG, Annotated[float, Field(gt=0, lt=90)], option="--half-apex", help="Half apex angle, °.")
+_INCLINATION = Key(
+    "inclination_deg", "inclination", DEG, Annotated[float, Field(ge=0, lt=90)], option="--inclination", help="Inclination, °."
+)
+_SENSITIVE = Key("sensitive_direction", "sensitive", words=("perpendicular", "parallel"), option="--sensitive", help="How the bar stands.")
+
+#: Half apex and inclination of the cones that a plan looks at, rad: the paper's two, one that passes close to the table's axis (C turns
+#: fast there), and one on which C swings to and fro.
+_CONES = tuple((a * DEG, b * DEG) for a, b in ((15, 10), (45, 30), (20, 17), (10, 25)))
+#: Offsets of the table ball that a plan looks at, m: the first round's places, then along X or Y.
+_PLACES = ((0.0, 0.0), (0.1, 0.0), (0.0, 0.1), (-0.1, 0.0), (0.0, -0.1))
+_OFFSETS = tuple(o * MM for o in (-200, -100, -50, 50, 100, 200))
 
 
+@register
 class ConeFrustum(Kind):
     name = "cone_frustum"
-    needed = ("half_apex_deg", "inclination_deg", "sensitive_direction", "direction")
-    directions = ("perpendicular", "parallel")
+    keys = (_HALF_APEX, _INCLINATION, _SENSITIVE, DIRECTION, REVOLUTIONS)
 
     def path(self, test: BallBarTest, phi: np.ndarray) -> np.ndarray:
         """Eq. A.1 to A.9."""
         L, theta, beta = test.length, test.half_apex, test.inclination
         if test.sensitive == "perpendicular":
-            P = np.stack([L * np.cos(theta) * np.cos(phi), L * np.cos(theta) * np.sin(phi), np.full_like(phi, L * np.sin(theta))], 1)
+            r = L * np.cos(theta)
+            P = np.stack([r * np.cos(phi), r * np.sin(phi), np.full_like(phi, L * np.sin(theta))], 1)
             apex = np.array([0.0, 0.0, L / np.sin(theta)])
         else:
             P = np.stack([L * np.cos(phi), L * np.sin(phi), np.zeros_like(phi)], 1)
@@ -45,4 +62,24 @@ class ConeFrustum(Kind):
         return test.length * float(np.cos(test.half_apex)) if test.sensitive == "perpendicular" else test.length
 
     def words(self, test: BallBarTest) -> str:
-        return f"cone frustum θ = {test.half_apex / DEG:g}°, β = {test.inclination / DEG:g}°, {test.sensitive}, {test.direction}"
+        cone = f"cone frustum θ = {test.half_apex / DEG:g}°, β = {test.inclination / DEG:g}°"
+        return f"{cone}, {test.sensitive}, {test.direction}"
+
+    def short_name(self, test: BallBarTest) -> str:
+        cone = f"cone{round(test.half_apex / DEG)}-{round(test.inclination / DEG)}"
+        return f"{cone}-{place_name(test)}-{test.sensitive}-{test.direction.lower()}"
+
+    def proposals(self, chain: Chain, length: float, height: float) -> Iterator[BallBarTest]:
+        for (half, tilt), sensitive, (x, y) in product(_CONES, _SENSITIVE.words, _PLACES):
+            ball, cone = (x, y, height), {"half_apex": half, "inclination": tilt}
+            yield BallBarTest("", self.name, ball, length, 0.0, sensitive=sensitive, **cone, chain=chain)
+
+    def variations(self, test: BallBarTest) -> Iterator[BallBarTest]:
+        x, y, z = test.table_ball
+        for half, tilt in _CONES:
+            if (half, tilt) != (test.half_apex, test.inclination):
+                yield replace(test, half_apex=half, inclination=tilt)
+        yield replace(test, sensitive="parallel" if test.sensitive == "perpendicular" else "perpendicular")
+        for o in _OFFSETS:
+            yield replace(test, table_ball=(o, y, z))
+            yield replace(test, table_ball=(x, o, z))

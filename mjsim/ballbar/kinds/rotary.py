@@ -2,28 +2,29 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
 
 import numpy as np
 
-from mjsim.ballbar.kinds.base import Kind
+from mjsim.ballbar.kinds.base import FROM, TO, Arc, Key, place_name, register
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.machine.chain import FIVE_AXIS, Chain
 from mjsim.machine.kinematics import work_to_machine
 from mjsim.units import DEG, MM
 
-if TYPE_CHECKING:
-    from mjsim.ballbar.measurement import BallBarTest
+_AXIS = Key("axis", "axis", words=FIVE_AXIS.rotary, help="The axis.")
+_WORDS = ("tangential", "radial", "axial")
+_SENSITIVE = Key("sensitive_direction", "sensitive", words=_WORDS, option="--sensitive", help="How the bar stands.")
 
 #: The table ball must be so far from the axis, m.
 _NEAREST = 1e-3
 
 
-class Rotary(Kind):
-    """Its φ is the axis' command from ``start`` to ``stop``: no circle that is gone round, so plots and figures treat it apart."""
-
+@register
+class Rotary(Arc):
     name = "rotary"
-    needed = ("axis", "from_deg", "to_deg", "sensitive_direction")
-    optional = ()
-    directions = ("tangential", "radial", "axial")
+    keys = (_AXIS, FROM, TO, _SENSITIVE)
+    moves_on_table = False
 
     def path(self, test: BallBarTest, phi: np.ndarray) -> np.ndarray:
         OT = np.asarray(test.table_ball)
@@ -46,16 +47,22 @@ class Rotary(Kind):
     def words(self, test: BallBarTest) -> str:
         return f"{test.axis} from {test.start / DEG:g}° to {test.stop / DEG:g}°, {test.sensitive}"
 
-    def place(self, test: BallBarTest) -> str:
+    def turns(self, test: BallBarTest) -> str:
         return test.axis
 
-    def derived(self, given: dict[str, Any]) -> dict[str, Any]:
-        return {"direction": "CCW" if given["stop"] > given["start"] else "CW", "revolutions": 1}
-
     def wrong(self, test: BallBarTest) -> str:
-        if test.start == test.stop:
-            return f"from_deg and to_deg are both {test.start / DEG:g}; the axis would not turn"
-        if self.radius(test) < _NEAREST:
-            at = [float(f"{p / MM:.9g}") for p in test.table_ball]
-            return f"table_ball_mm = {at} lies on the {test.axis} axis; allowed: at least 1 mm away from it"
-        return ""
+        if (wrong := super().wrong(test)) or self.radius(test) >= _NEAREST:
+            return wrong
+        at = [float(f"{p / MM:.9g}") for p in test.table_ball]
+        return f"table_ball_mm = {at} lies on the {test.axis} axis; allowed: at least 1 mm away from it"
+
+    def short_name(self, test: BallBarTest) -> str:
+        way = "cw" if test.stop < test.start else "ccw"
+        return f"rotary-{test.axis.lower()}-{test.sensitive}-{way}-{place_name(test)}"
+
+    def proposals(self, chain: Chain, length: float, height: float) -> Iterator[BallBarTest]:
+        turn = {chain.table_axis: (0.1, 0.0, 2 * np.pi), chain.tilt_axis: (0.0, -20 * DEG, 90 * DEG)}
+        for sensitive in _WORDS:
+            for axis, (x, start, stop) in turn.items():
+                ends = {"axis": axis, "start": start, "stop": stop, "revolutions": 1}
+                yield BallBarTest("", self.name, (x, 0.0, height), length, 0.0, sensitive=sensitive, **ends, chain=chain)

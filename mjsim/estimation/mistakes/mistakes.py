@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjsim.ballbar.measurement import BallBarTest, Trace
+from mjsim.ballbar.kinds import kind_of
+from mjsim.ballbar.measurement import Trace
 from mjsim.campaign.model import Campaign
 
 #: What a unit's readings have to be multiplied with when they were taken for µm.
@@ -82,13 +83,6 @@ class Mistake:
         }
 
 
-def turned(test: BallBarTest) -> BallBarTest:
-    """The test in the other direction."""
-    if test.kind == "rotary":
-        return replace(test, start=test.stop, stop=test.start, direction="CCW" if test.start > test.stop else "CW")
-    return replace(test, direction="CW" if test.direction == "CCW" else "CCW")
-
-
 def unit_of(factor: float) -> tuple[float, str] | None:
     """What measured over expected size says of sign and unit: the correcting factor and the unit ("" for µm); ``None``: neither."""
     sign = math.copysign(1.0, factor)
@@ -119,7 +113,7 @@ def corrected(campaign: Campaign, mistakes: tuple[Mistake, ...]) -> Campaign:
         if not m.certain:
             continue
         if m.kind == "direction":
-            tests |= {name: turned(tests[name]) for name in m.tests}
+            tests |= {name: kind_of(tests[name]).turned(tests[name]) for name in m.tests}
         elif m.kind == "swapped":
             a, b = m.tests
             traces[a], traces[b] = traces[b], traces[a]

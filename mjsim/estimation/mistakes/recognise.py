@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mjsim.ballbar.kinds import kind_of
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.mistakes.evidence import Spikes, Variant
-from mjsim.estimation.mistakes.mistakes import Mistake, turned, unit_of
+from mjsim.estimation.mistakes.mistakes import Mistake, unit_of
 from mjsim.estimation.mistakes.single import BETTER, FITS, single_mistakes
 from mjsim.estimation.mistakes.state import State
 from mjsim.estimation.problem import Problem
@@ -73,7 +74,7 @@ def find_mistakes(problem: Problem, machine: Machine) -> Findings:
 
     def reversed_run(k: int) -> Variant:
         if k not in other:
-            other[k] = Variant.of(turned(variants[k].test), plant)
+            other[k] = Variant.of(kind_of(variants[k].test).turned(variants[k].test), plant)
         return other[k]
 
     everywhere = _shared_mistake(state, given, reversed_run)
@@ -99,7 +100,7 @@ def _shared_mistake(state: State, given: list[Spikes], reversed_run: Callable[[i
         where = f"{len(strong)} test{'s' if len(strong) > 1 else ''}"
         evidence = f"at the axes' reversals in {where} the readings are {typical:.3g} times what friction leaves there"
         return Mistake(kind, names, evidence, every=True, factor=factor, unit=unit)
-    runs = [k for k in seen if state.variants[k].test.kind != "rotary"]
+    runs = [k for k in seen if kind_of(state.variants[k].test).goes_round]
     if len(runs) < 2 or all(fits[k] >= FITS for k in runs):
         return None
     after = {k: state.fit((reversed_run(k), state.traces[k], 1.0)) or 0.0 for k in runs}
@@ -110,5 +111,5 @@ def _shared_mistake(state: State, given: list[Spikes], reversed_run: Callable[[i
         f"the axes' reversals in {len(better)} tests agree with the other direction, correlation "
         f"{np.median([after[k] for k in better]):.2f} instead of {np.median([fits[k] for k in better]):.2f}"
     )
-    every = tuple(v.test.name for v in state.variants if v.test.kind != "rotary")
+    every = tuple(v.test.name for v in state.variants if kind_of(v.test).goes_round)
     return Mistake("direction", every, evidence, every=True)

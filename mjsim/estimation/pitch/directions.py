@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.estimation.problem import Problem
 
@@ -62,7 +63,7 @@ def turn_directions(problem: Problem, axis: str, teeth: float) -> list[TurnDirec
 
 def tangential(test: BallBarTest, axis: str) -> bool:
     """Whether a test measures the axis in the tangential direction."""
-    return test.kind == "rotary" and test.axis == axis and test.sensitive == "tangential"
+    return kind_of(test).turns(test) == axis and test.sensitive == "tangential"
 
 
 def _arc(problem: Problem, k: int, axis: str) -> float:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mjsim.ballbar.paths import peripheral_radius
-from mjsim.ballbar.program import ROTARY_MARGIN
+from mjsim.ballbar.kinds import kind_of
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
@@ -74,7 +73,7 @@ def identify_pitch_errors(
     progress("choosing components", 1, 5)
     state = model.start(fit_nuisance(problem, model.readings))
     state = joint.searched(model, state, directions)
-    if not any(s.test.repeats for s in problem.samples):
+    if not any(kind_of(s.test).repeats(s.test) for s in problem.samples):
         joint.refined_noise(model, state)
         state = joint.searched(model, model.fit(state, 4), directions)
     progress("fitting all tests", 2, 5)
@@ -119,7 +118,7 @@ def testable_axes(campaign: Campaign) -> tuple[str, ...]:
 
 def _block(campaign: Campaign, axes: tuple[str, ...]) -> float:
     """The longest block that still shows the highest order in the fastest tangential test, s."""
-    fastest = max(t.feed / peripheral_radius(t) / (2 * np.pi) for a in axes for t in tangential_tests(campaign, a))
+    fastest = max(t.feed / kind_of(t).radius(t) / (2 * np.pi) for a in axes for t in tangential_tests(campaign, a))
     return max((b for b in _BLOCKS if b * fastest * HIGHEST < BAND), default=_BLOCKS[0])
 
 
@@ -129,7 +128,7 @@ def tangential_tests(campaign: Campaign, axis: str) -> list:
 
 
 def _arc(test) -> float:
-    return abs(test.stop - test.start) - 2 * ROTARY_MARGIN
+    return abs(test.stop - test.start) - 2 * kind_of(test).margin
 
 
 def _needed(machine: Machine, axis: str) -> float:
@@ -154,7 +153,7 @@ def _check(campaign: Campaign, machine: Machine, axis: str) -> None:
         if _arc(t) < needed:
             raise InputError(
                 f"{file}: test {t.name!r} measures {_arc(t) / DEG:.1f}° of {axis}; to tell the tooth order {teeth:g} from what lies below "
-                f"it, from_deg and to_deg must be {(needed + 2 * ROTARY_MARGIN) / DEG:.1f}° apart or more"
+                f"it, from_deg and to_deg must be {(needed + 2 * kind_of(t).margin) / DEG:.1f}° apart or more"
             )
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2
 
+from mjsim.ballbar.kinds import kind_of
 from mjsim.estimation.pitch.components import chosen, threshold
 from mjsim.estimation.pitch.curve import at_reversals, terms_of
 from mjsim.estimation.pitch.directions import TurnDirection
@@ -67,7 +68,7 @@ def _evidence(t: Wave | Fault, covariance: np.ndarray) -> float:
 
 def refined_noise(model: PitchModel, state: State) -> None:
     """Where no test repeats, the noise is taken from the floor of what is left."""
-    if any(s.test.repeats for s in model.problem.samples):
+    if any(kind_of(s.test).repeats(s.test) for s in model.problem.samples):
         return
     try:
         model.problem.noise = residual_noise(model, state)

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 
 from mjsim.ballbar.measurement import BallBarTest
+from mjsim.campaign.files import test_table
 from mjsim.estimation.planning.candidates import first_round, minutes, neighbours, reachable
 from mjsim.estimation.planning.separation import Separation, Separator
 from mjsim.progress import Progress, silent
@@ -27,7 +28,7 @@ def choose(separator: Separator, tests: tuple[BallBarTest, ...], threads: int = 
     Args:
         tests: the campaign's tests (bar, height of the table ball, what the axes are known to reach).
     """
-    seen: dict[tuple, Separation] = {}
+    seen: dict[str, Separation] = {}
 
     def evaluate(candidates: Iterable[BallBarTest], stage: str) -> None:
         fresh = {key(t): t for t in candidates if key(t) not in seen and reachable(t, tests)}
@@ -36,8 +37,8 @@ def choose(separator: Separator, tests: tuple[BallBarTest, ...], threads: int = 
             if progress:
                 progress(stage, n + 1, len(fresh))
 
-    def key(t: BallBarTest) -> tuple:
-        return (t.kind, t.table_ball, t.feed, t.half_apex, t.inclination, t.sensitive, t.plane, t.axis, t.start, t.stop, t.direction)
+    def key(t: BallBarTest) -> str:
+        return str({k: v for k, v in test_table(t).items() if k not in ("name", "setup")})
 
     with ThreadPoolExecutor(threads) as pool:
         evaluate(first_round(tests), "planning: all kinds of tests")
