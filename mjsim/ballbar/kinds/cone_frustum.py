@@ -71,8 +71,8 @@ class ConeFrustum(Kind):
 
     def proposals(self, chain: Chain, length: float, height: float) -> Iterator[BallBarTest]:
         for (half, tilt), sensitive, (x, y) in product(_CONES, _SENSITIVE.words, _PLACES):
-            ball, cone = (x, y, height), {"half_apex": half, "inclination": tilt}
-            yield BallBarTest("", self.name, ball, length, 0.0, sensitive=sensitive, **cone, chain=chain)
+            test = BallBarTest("", self.name, (x, y, height), length, 0.0, chain=chain)
+            yield replace(test, half_apex=half, inclination=tilt, sensitive=sensitive)
 
     def variations(self, test: BallBarTest) -> Iterator[BallBarTest]:
         x, y, z = test.table_ball

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -64,5 +65,5 @@ class Rotary(Arc):
         turn = {chain.table_axis: (0.1, 0.0, 2 * np.pi), chain.tilt_axis: (0.0, -20 * DEG, 90 * DEG)}
         for sensitive in _WORDS:
             for axis, (x, start, stop) in turn.items():
-                ends = {"axis": axis, "start": start, "stop": stop, "revolutions": 1}
-                yield BallBarTest("", self.name, (x, 0.0, height), length, 0.0, sensitive=sensitive, **ends, chain=chain)
+                test = BallBarTest("", self.name, (x, 0.0, height), length, 0.0, revolutions=1, chain=chain)
+                yield replace(test, sensitive=sensitive, axis=axis, start=start, stop=stop)
