@@ -1,21 +1,24 @@
 """The report page: says what it was given, escapes it, loads nothing, is the same every time."""
 
 import dataclasses
+import html
 import html.parser
 import json
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from mjsim.ballbar.iso230 import BidirectionalFigures, circular_figures
 from mjsim.campaign.model import Campaign
+from mjsim.effects import registry
 from mjsim.effects.registry import make
 from mjsim.errors import InputError
 from mjsim.plots.polar import PolarTrace
 from mjsim.plots.residual import ResidualTrace
 from mjsim.plots.trend import TrendSeries, trend_figure
-from mjsim.report import numbers, trend, whatif
+from mjsim.report import answer, numbers, trend, whatif
 from mjsim.report.content import (
     BidirectionalRow,
     Finding,
@@ -30,8 +33,8 @@ from mjsim.report.content import (
     WhatIf,
 )
 from mjsim.report.evidence import confidence
-from mjsim.report.page import at, render, render_trend, script_json
-from mjsim.report.traces import kept
+from mjsim.report.page import asset, at, render, render_trend, script_json
+from mjsim.report.traces import kept, steps
 from mjsim.report.write import check_same_machine
 
 PHI = np.linspace(0.0, 720.0, 1441)
@@ -160,15 +163,13 @@ def test_page_is_well_formed_and_loads_nothing():
 
 
 def test_a_page_with_plots_brings_its_scripts_with_it():
-    from plotly.offline import get_plotlyjs
-
     page, still = render(_drawn()), render(_content())
     assert {"button", "select", "input", "noscript"} <= _checked(page).tags - _checked(still).tags
-    assert page.count(get_plotlyjs()) == 1 and get_plotlyjs() not in still
+    for script in map(asset, ("common.js", "plot.js", "report.js")):
+        assert page.count(script) == 1 and script not in still
     assert not re.search(r"<script[^>]*\bsrc=", page)
-    own = page.replace(get_plotlyjs(), "")
-    assert "fetch(" not in own and "XMLHttpRequest" not in own and "import(" not in own
-    assert len(own) < 400_000
+    assert "fetch(" not in page and "XMLHttpRequest" not in page and "import(" not in page
+    assert len(page) < 300_000
 
 
 def test_hostile_names_are_escaped_everywhere():
@@ -305,6 +306,105 @@ def test_thinned_traces_keep_every_glitch():
     assert len(index) < 1100 and index[0] == 0 and index[-1] == 29999
     assert {777, 12345, 29000} <= set(index.tolist())
     assert kept(phi[:100], signal[:100]).tolist() == list(range(100))
+
+
+def test_steps_of_a_list_add_up_to_it():
+    values = [1200, 1201, None, 1199, None, None, 1200]
+    packed = steps(values)
+    assert packed == [1200, 1, None, -2, None, None, 1]
+    assert [None if d is None else sum(x for x in packed[: i + 1] if x is not None) for i, d in enumerate(packed)] == values
+    assert steps([]) == []
+
+
+# -- the answer --------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("effect", "said"),
+    [
+        (make("servo_gain.C", ratio=1.0308), "position gain about 3.1 % too high"),
+        (make("servo_gain.X", ratio=0.97), "position gain about 3.0 % too low"),
+        (make("backlash.A", width_deg=0.00199), "backlash of about 0.0020°"),
+        (make("backlash.X", width_um=12.34), "backlash of about 12 µm"),
+        (make("servo_delay.Y", delay_ms=-0.5), "command delay of about −0.50 ms"),
+        (make("velocity_feedforward.X", ratio=0.05), "velocity feedforward of about 5.0 %"),
+        (make("pitch_error.C", components=[[72, 0.001, 0.0], [1, -0.0012, 0.0]]), "pitch error of about 0.0012° at order 1 and 1 more"),
+        (make("worm_wear.A", depth_deg=0.002, centre_deg=30.0, width_deg=3.0), "worm wear of about 0.0020°"),
+    ],
+)
+def test_the_answer_names_cause_and_size(effect, said):
+    assert answer.sized(effect) == said
+
+
+def test_the_answer_compares_with_the_machine_file(m1):
+    former = m1.effect("friction.Y")
+    torque = former.values["coulomb_Nm"]
+    assert answer.sized(former.replaced(coulomb_Nm=1.5 * torque), former).endswith("(about 50 % above the machine file's)")
+    assert answer.sized(former.replaced(coulomb_Nm=0.8 * torque), former).endswith("(about 20 % below the machine file's)")
+
+
+def test_every_effect_of_the_catalogue_has_a_name_in_the_answer():
+    kinds = registry.kinds()
+    assert set(kinds) <= set(answer._WORDS)
+    for kind, cls in kinds.items():
+        leading = answer._WORDS[kind][1]
+        assert all(any(p.name.startswith(leading) for p in cls.parameters_of(s)) for s in cls.subjects), kind
+
+
+def _found(effect, alternatives=()):
+    return SimpleNamespace(effect=effect, alternatives=alternatives)
+
+
+NEXT = {
+    "test": {"kind": "cone_frustum", "table_ball_mm": [0.0, 100.0, 155.0], "feed_mm_min": 4000.0},
+    "minutes": 4.3,
+    "decides": True,
+}
+
+
+@pytest.mark.parametrize(
+    ("verdict", "effects", "following", "lines", "sentence"),
+    [
+        (
+            "ambiguous", [_found(make("servo_gain.C", ratio=1.0308), ("servo_delay.C",))], NEXT,
+            ["C axis: position gain about 3.1 % too high, or a command delay of C."],
+            "These 7 tests cannot decide. Next: one 4-minute test (cone, Y 100 mm, 4000 mm/min).",
+        ),
+        (
+            "ambiguous", [_found(make("servo_delay.C", delay_ms=0.5), ("servo_gain.C", "backlash.C"))], NEXT | {"decides": False},
+            ["C axis: command delay of about 0.50 ms, or a wrong position gain of C, or backlash of C."],
+            "These 7 tests cannot decide. No test within reach decides. The best is one of 4 minutes (cone, Y 100 mm, 4000 mm/min).",
+        ),
+        (
+            "identified", [_found(make("backlash.A", width_deg=0.002)), _found(make("squareness.XY", angle_urad=21.4))], None,
+            ["A axis: backlash of about 0.0020°.", "XY: squareness error of about 21 µrad."],
+            "No other effect of the catalogue explains the measurement as well.",
+        ),
+        (
+            "nothing_found", [], None, ["No effect is missing from the machine's model."],
+            "The model explains the measurement down to the noise and the data sheet's tolerances.",
+        ),
+    ],
+)  # fmt: skip
+def test_the_first_box_names_the_answer(m1, verdict, effects, following, lines, sentence):
+    before = SimpleNamespace(machine=m1, tests=range(7))
+    result = SimpleNamespace(effects=effects, before=before, unexplained=None, verdict=verdict, next_test=following)
+    assert answer.headlines(result) == lines
+    assert answer.explained(result) == sentence
+    page = html.unescape(_plain(render(_content(answer=lines, verdict_sentence=sentence))))
+    assert " ".join(lines) in page and sentence in page
+
+
+def test_a_gain_does_not_treat_an_open_cause_as_decided():
+    content = _content()
+    row = dataclasses.replace(content.what_if.rows[0], instead=("servo_delay.A",))
+    page = _plain(render(dataclasses.replace(content, what_if=dataclasses.replace(content.what_if, rows=[row]))))
+    assert "gained by the best single repair, backlash.A, if that is the cause" in page
+    assert "the cause could also be servo_delay.A" in page and "Some causes are open" in page
+    assert "if that is the cause" not in _plain(render(content)) and "Some causes are open" not in _plain(render(content))
+
+
+# -- repairs -----------------------------------------------------------------------------------------------------------------------
 
 
 def test_lags_that_differ_are_a_cause_and_can_be_matched(quiet):

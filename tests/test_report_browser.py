@@ -96,7 +96,7 @@ def browser():
 def watched(browser, made):
     w = Watched(browser, made[0], viewport={"width": 1280, "height": 900})
     w.page.locator("#cards .card").first.scroll_into_view_if_needed()
-    w.page.wait_for_selector(".card .polar .scatterlayer path.js-line")
+    w.page.wait_for_selector(".card .polar path[data-name]")
     yield w
     w.check()
     w.page.close()
@@ -159,7 +159,7 @@ def test_names_of_the_user_stay_text(watched):
 def test_steps_through_the_models(watched, made):
     page, models = watched.page, made[1]["models"]
     last = len(models) - 1
-    simulated = "document.querySelector('.card .polar').data.find(t => t.name === 'simulated').r.slice(0, 50)"
+    simulated = "document.querySelector('.card .polar [data-name=simulated]').getAttribute('d')"
 
     def at(k):
         assert page.inner_text("#model-name") == f"{k + 1} of {last + 1}: {models[k]['label']}"
@@ -196,16 +196,16 @@ def test_tests_and_traces_can_be_toggled(watched):
     assert page.locator(".card:visible").count() == 0
     page.click("#tests-all")
     assert page.locator(".card:visible").count() == 2
-    visible = "document.querySelector('.card .polar').data.filter(t => t.visible !== false && t.name).map(t => t.name)"
+    visible = "[...document.querySelectorAll('.card:first-child .polar [data-name]')].map(e => e.dataset.name)"
     page.locator(".card").first.scroll_into_view_if_needed()
-    page.wait_for_selector(".card .polar .scatterlayer path.js-line")
+    page.wait_for_selector(".card .polar path[data-name]")
     page.uncheck("#traces-shown input[name='measured']")
     assert "measured" not in page.evaluate(visible) and "simulated" in page.evaluate(visible)
     page.check("#traces-shown input[name='measured']")
     page.check("#traces-shown input[name='former']")
     assert {"measured", "simulated", "previous model"} <= set(page.evaluate(visible))
     page.uncheck("#traces-shown input[name='former']")
-    marks = "document.querySelector('.card .residual-plot').layout.shapes.filter(s => s.name).map(s => s.name)"
+    marks = "[...document.querySelectorAll('.card:first-child .residual-plot [data-axis]')].map(e => e.dataset.axis)"
     assert "A" in page.evaluate(marks)
     page.uncheck("#traces-shown input[name='events']")
     assert page.evaluate(marks) == []
@@ -214,14 +214,30 @@ def test_tests_and_traces_can_be_toggled(watched):
 
 def test_zoom_and_reset(watched):
     page = watched.page
-    radius = "document.querySelector('.card .polar')._fullLayout.polar.radialaxis.range"
-    before = page.evaluate(radius)
+    page.locator(".card").first.scroll_into_view_if_needed()
+    trace = "document.querySelector('.card .{} path[data-name]').getAttribute('d')"
+    rings = "document.querySelectorAll('.card .polar')[0].querySelectorAll('[data-ring]').length"
+    division = page.locator(".card .polar .division").first
+    before, polar = division.text_content(), page.evaluate(trace.format("polar"))
     page.select_option("#division", "20")
-    wide = page.evaluate(radius)
-    assert wide[1] == pytest.approx(80.0) and wide[1] > before[1]
+    assert division.text_content() == "1 div.: 20 µm" != before
+    assert page.evaluate(rings) == 9 and page.evaluate(trace.format("polar")) != polar
     page.click("#reset")
-    page.wait_for_selector(".card .polar .scatterlayer path.js-line")
-    assert page.evaluate(radius) == pytest.approx(before)
+    page.wait_for_selector(".card .polar path[data-name]")
+    assert division.text_content() == before and page.evaluate(trace.format("polar")) == polar
+    for plot in ("polar", "residual-plot"):
+        whole = page.evaluate(trace.format(plot))
+        host = page.locator(f".card .{plot}").first
+        for back in (host.dblclick, lambda: page.click("#reset")):
+            host.scroll_into_view_if_needed()
+            box = host.bounding_box()
+            page.mouse.move(box["x"] + 0.4 * box["width"], box["y"] + 0.4 * box["height"])
+            page.mouse.down()
+            page.mouse.move(box["x"] + 0.6 * box["width"], box["y"] + 0.6 * box["height"])
+            page.mouse.up()
+            assert page.evaluate(trace.format(plot)) != whole
+            back()
+            assert page.evaluate(trace.format(plot)) == whole
 
 
 def test_hover_says_angle_deviation_positions_and_event(watched):
@@ -231,7 +247,7 @@ def test_hover_says_angle_deviation_positions_and_event(watched):
     box = plot.bounding_box()
     page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"])
     page.mouse.move(box["x"] + 0.52 * box["width"], box["y"] + 0.5 * box["height"])
-    text = page.wait_for_selector(".residual-plot .hoverlayer .hovertext").text_content()
+    text = page.wait_for_selector(".residual-plot .tip").text_content()
     for said in ("°", "µm", "X ", "mm", "reverses"):
         assert said in text, text
     polar = page.locator(".card .polar").first
@@ -242,7 +258,7 @@ def test_hover_says_angle_deviation_positions_and_event(watched):
         away = (0.1 + 0.006 * k) * box["height"]
         page.mouse.move(box["x"] + 0.5 * box["width"] + 0.7 * away, box["y"] + 0.5 * box["height"] - 0.7 * away)
         page.wait_for_timeout(60)
-        found = page.locator(".polar .hoverlayer .hovertext")
+        found = page.locator(".polar .tip")
         if found.count():
             text = found.first.text_content()
             break
@@ -303,14 +319,14 @@ def test_trend_of_two_campaigns(browser, campaigns, tmp_path):
     assert by_name["backlash.A width_deg"]["verdict"] == "cannot be said"  # a machine file has no intervals
     assert by_name[f"G {TESTS[0]}"]["verdict"] == "within uncertainty"  # the same trace twice
     w = Watched(browser, tmp_path / "trend.html", viewport={"width": 1280, "height": 900})
-    w.page.wait_for_selector(".trend-plot .scatterlayer")
+    w.page.wait_for_selector(".trend-plot path[data-name]", state="attached")
     shown = w.page.evaluate("[...document.querySelectorAll('[data-json]')].map(e => [e.dataset.json, e.textContent])")
     assert len(shown) > 20
     for pointer, text in shown:
         there = value(data, pointer)
         decimals = len(text.partition(".")[2])
         assert text == "–" if there is None else number(text) == pytest.approx(there, abs=0.5001 * 10.0**-decimals), pointer
-    visible = "document.querySelector('[data-group=figure]').data.filter(t => t.visible).map(t => t.name)"
+    visible = "[...document.querySelectorAll('[data-group=figure] path[data-name]')].map(e => e.dataset.name)"
     before = w.page.evaluate(visible)
     w.page.uncheck(f"input[name='{before[0]}']")
     assert w.page.evaluate(visible) == before[1:]

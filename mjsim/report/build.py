@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
+from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
 
@@ -14,6 +15,7 @@ from mjsim.estimation.problem import Problem
 from mjsim.machine.model import Machine
 from mjsim.plots.output import conditions, polar_traces, residual_trace
 from mjsim.progress import Progress, silent
+from mjsim.report.answer import explained, headlines
 from mjsim.report.content import BidirectionalRow, ModelRow, ReportContent, SetUpRow, TestSection, WhatIf
 from mjsim.report.evidence import findings, next_test_sentence, rest_percent, untestable
 from mjsim.report.models import Model, basis, ladder, prepared
@@ -23,13 +25,6 @@ from mjsim.report.whatif import what_if
 from mjsim.units import DEG, UM
 from mjsim.workflow.compare import ComparedTest, Comparison
 from mjsim.workflow.diagnose import Diagnosis
-
-_SENTENCE = {
-    "identified": "The effects below are missing from the machine's model; no other effect of the catalogue explains the data as well.",
-    "ambiguous": "Effects are missing from the machine's model, but these tests cannot tell all of them from their rivals.",
-    "unknown": "Something repeatable is left that no effect of the catalogue explains.",
-    "nothing_found": "The model explains the measurement down to the noise and the data sheet's tolerances.",
-}
 
 
 def build_report(result: Diagnosis, threads: int = 2, progress: Progress = silent, thorough: bool = True) -> str:
@@ -41,14 +36,18 @@ def diagnosed(result: Diagnosis, threads: int = 2, progress: Progress = silent, 
     """Everything the page says about a diagnosed campaign.
 
     Args:
+        result: the diagnosis.
+        threads: tests simulated side by side.
+        progress: told what is being done.
         date: printed as it is.
-        thorough: simulate every step of the ladder and the three best repairs in the multibody model; otherwise the last effect shares
+        thorough: simulate every step of the ladder and the three best repairs in the multibody model. Otherwise the last effect shares
             its step with the calibrated data sheet and only the best repair is simulated in full.
     """
     problem = prepared(result, threads)
     models, start = ladder(result, problem, threads, progress, apart=thorough)
     keys = {e.effect.key for e in result.effects}
-    repairs = what_if(problem, result.machine, result.before.machine, keys, threads, progress, full=3 if thorough else 1)
+    repairs = what_if(problem, result.after, result.before.machine, keys, threads, progress, full=3 if thorough else 1)
+    repairs = _opened(repairs, {e.effect.key: e.alternatives for e in result.effects})
     base = _content(models, start, problem, result.machine, repairs, date)
     rest = rest_percent(result)
     return ReportContent(
@@ -56,7 +55,8 @@ def diagnosed(result: Diagnosis, threads: int = 2, progress: Progress = silent, 
             **base,
             "title": f"{result.campaign.name}: ball-bar diagnosis",
             "verdict": result.verdict,
-            "verdict_sentence": _SENTENCE[result.verdict],
+            "answer": headlines(result),
+            "verdict_sentence": explained(result),
             "findings": findings(result),
             "unexplained": result.unexplained.summary if result.unexplained else _rest(rest),
             "curve": (*u.curve, u.labels, u.summary, u.period) if (u := result.unexplained) else None,
@@ -67,23 +67,30 @@ def diagnosed(result: Diagnosis, threads: int = 2, progress: Progress = silent, 
     )
 
 
+def _opened(repairs: WhatIf | None, alternatives: dict[str, tuple[str, ...]]) -> WhatIf | None:
+    """The repairs, each with the effects that the tests cannot tell from its cause."""
+    if repairs is None:
+        return None
+    return replace(repairs, rows=[replace(r, instead=alternatives.get(r.cause, ())) for r in repairs.rows])
+
+
 def _rest(percent: float | None) -> str:
     if percent is None:
         return ""
     size = "Less than 0.1" if percent < 0.1 else f"{percent:.1f}"
-    return f"{size} % of the squared error above the noise stays; it does not point to a cause."
+    return f"{size} % of the squared error above the noise is left. It does not point to a cause."
 
 
 def compared(problem: Problem, given: Comparison, threads: int = 2, progress: Progress = silent, date: str = "") -> ReportContent:
     """Everything the page says about a campaign that was compared with its machine and not diagnosed."""
     models = basis(problem, given, threads, progress)
-    repairs = what_if(problem, given.machine, given.machine, (), threads, progress)
+    repairs = what_if(problem, given, given.machine, (), threads, progress)
     base = _content(models, len(models) - 1, problem, given.machine, repairs, date)
     return ReportContent(
         **base,
         title=f"{given.campaign.name}: ball-bar comparison",
         verdict=None,
-        verdict_sentence="Compared with the machine as given; not diagnosed.",
+        verdict_sentence="The campaign was compared with the machine as given. It was not diagnosed.",
         findings=[],
     )
 
@@ -131,7 +138,6 @@ def _content(models: list[Model], start: int, problem: Problem, final: Machine, 
             ("MuJoCo", version("mujoco")),
             ("numpy", version("numpy")),
             ("Python", platform.python_version()),
-            ("plotly (inside this page)", version("plotly")),
             ("seed", "none: no random numbers are drawn"),
             ("final machine, SHA-256", hashlib.sha256(text.encode()).hexdigest()),
         ],

@@ -73,7 +73,7 @@ class Finding:
         sentence: how it shows. tests: names of the tests that show it.
         share_percent: its share of the squared error above the noise that the machine as given leaves.
         gain: fall of the squared residuals in units of the noise; threshold: gain that chance alone hardly reaches.
-        confidence: what these numbers mean, in words. rejected: the competing model that came nearest.
+        confidence: what these numbers mean, in words. rejected: the competing effect that came nearest.
     """
 
     effect_id: str
@@ -102,6 +102,7 @@ class RepairRow:
         rms_um: RMS of the machine's deviation without it [µm]. gain_um, gain_percent: how much that is less.
         tests_um: circular error G (arcs: peak to valley) of each test without it [µm]; empty for ``drives alone``.
         circle: the circular test whose G falls most; circle_um, circle_percent: by how much. Reversal spikes show there, not in an RMS.
+        instead: ids of the effects that these tests cannot tell from this cause. The gain holds only if it is the cause.
     """
 
     cause: str
@@ -117,6 +118,7 @@ class RepairRow:
     circle: str = ""
     circle_um: float | None = None
     circle_percent: float | None = None
+    instead: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -200,7 +202,8 @@ class ReportContent:
     Attributes:
         title: heading of the page.
         summary: (name, text) pairs on machine and campaign: configuration, number of tests, instrument and so on.
-        verdict: as in the output of ``mjsim diagnose``; None before a diagnosis. verdict_sentence: the result in a sentence or two.
+        verdict: as in the output of ``mjsim diagnose``; None before a diagnosis. verdict_sentence: how sure the answer is.
+        answer: the answer, one line per cause; empty before a diagnosis.
         models: the ladder, from rigid kinematics to the final model. start: index of the machine as given.
         findings: missing effects in the order of their contribution.
         tests: one section each.
@@ -223,6 +226,7 @@ class ReportContent:
     models: Sequence[ModelRow]
     findings: Sequence[Finding]
     tests: Sequence[TestSection]
+    answer: Sequence[str] = ()
     start: int = 0
     noise_um: float | None = None
     noise_source: str = ""

@@ -1,7 +1,4 @@
-"""The evidence for what a diagnosis found.
-
-Parameters, shares, confidence in words that hang on numbers, competing models, and what cannot be tested.
-"""
+"""The evidence for what a diagnosis found: parameters, shares, confidence in words, competing effects, what cannot be tested."""
 
 from __future__ import annotations
 
@@ -11,6 +8,7 @@ from mjsim.effects import registry
 from mjsim.estimation.criteria import THRESHOLD
 from mjsim.estimation.problem import Problem
 from mjsim.machine.chain import AXES, ROTARY
+from mjsim.report.answer import short_test
 from mjsim.report.content import Finding, NotTestable, ParameterRow, Rejected
 from mjsim.units import UM, unit_of
 from mjsim.workflow.diagnose import DiagnosedEffect, Diagnosis
@@ -41,7 +39,7 @@ def _finding(e: DiagnosedEffect, data: dict, explainable: float) -> Finding:
         data["rms_before_um"],
         data["rms_after_um"],
         e.alternatives,
-        f"{e.effect.signature} {'' if e.tests else 'Shows in no single test above a quarter of the noise.'}".strip(),
+        f"{e.effect.signature} {'' if e.tests else 'No single test shows it above a quarter of the noise.'}".strip(),
         e.tests,
         None if share is None else round(share, 1),
         float(f"{e.gain:.6g}"),
@@ -81,7 +79,7 @@ def confidence(gain: float, alternatives: tuple[str, ...]) -> str:
     size = f"{ratio:,.0f}".replace(",", "\u202f") if ratio >= 10.0 else f"{ratio:.1f}"
     text = f"That something is missing is {how}: the gain is {size} times what chance alone reaches once in a thousand campaigns."
     if alternatives:
-        return f"{text} What it is stays open: these data fit {' and '.join(alternatives)} as well."
+        return f"{text} Its kind is open: these tests fit {' and '.join(alternatives)} as well."
     return text
 
 
@@ -93,13 +91,13 @@ def untestable(ids: tuple[str, ...], problem: Problem) -> list[NotTestable]:
     for effect_id in ids:
         cls, subject = registry.effect_class(effect_id)
         if subject in AXES and not moves[subject]:
-            why = f"{subject} moves in no test"
+            why = f"{subject} does not move in any test"
         elif subject in AXES and not seen[subject]:
-            why = f"the bar stands across {subject} in every test"
+            why = f"the bar is at right angles to the motion of {subject} in every test"
         elif cls.quasi_static:
-            why = "the free ball offsets, bar length and triggers take up what it does here"
+            why = "the fitted ball offsets, bar length and trigger shifts look the same here"
         else:
-            why = "at these feeds it hardly changes the reading, or set-up and data sheet may take up what it does"
+            why = "it hardly changes the reading at these feeds, or the fitted set-up and data sheet look the same"
         out.append(NotTestable(effect_id, f"{cls.title}: {why}."))
     return out
 
@@ -109,10 +107,12 @@ def next_test_sentence(following: dict | None) -> str:
     if following is None:
         return ""
     a, b = following["between"]
-    decides = "" if following["decides"] else ", which is not enough to decide"
+    decides = "" if following["decides"] else " This is not enough to decide."
+    test, minutes = following["test"], following["minutes"]
     return (
-        f"To tell {a} from {b}: {following['test']['name']}, {following['minutes']:g} min on the machine with mounting. Expected "
-        f"difference {following['difference_um']:.2f} µm RMS{decides}. mjsim plan prints it as a table for campaign.toml."
+        f"To tell {a} from {b}, measure {test['name']} ({short_test(test)}). It takes {minutes:g} min with mounting. "
+        f"The two differ by {following['difference_um']:.2f} µm RMS there.{decides} "
+        "mjsim plan prints this test as a table for campaign.toml."
     )
 
 

@@ -69,7 +69,7 @@ def basis(problem: Problem, given: Comparison, threads: int = 2, progress: Progr
     out = [
         Model(
             "rigid kinematics",
-            "Ideal axes: only the set-up's errors (ball positions, bar length, triggers) are fitted.",
+            "Ideal axes. Only ball positions, bar length and trigger shifts are fitted.",
             KINEMATICS,
             ideal,
         )
@@ -78,10 +78,10 @@ def basis(problem: Problem, given: Comparison, threads: int = 2, progress: Progr
     if effects:
         bare = replace(machine, effects=())
         drives = overlay(problem, bare, run(problem, bare, "simulating the drives alone", threads, progress))
-        out.append(Model("+ drives", "Servo loops of all axes, without friction or any other effect.", SIMULATION, drives))
-        out.append(Model("machine as given", f"The machine file as it is: with {effects}.", SIMULATION, given))
+        out.append(Model("+ drives", "The servo loops of all axes, without friction and other effects.", SIMULATION, drives))
+        out.append(Model("machine as given", f"The machine file as it is, with {effects}.", SIMULATION, given))
     else:
-        out.append(Model("machine as given", "Servo loops of all axes; the machine file names no effects.", SIMULATION, given))
+        out.append(Model("machine as given", "The servo loops of all axes. The machine file has no effects.", SIMULATION, given))
     return out
 
 
@@ -98,18 +98,18 @@ def ladder(
     found = [e.effect for e in result.effects]
     for i, effect in enumerate(found):
         last = i == len(found) - 1
-        text = f"{effect.title}, {_values(effect)}, data sheet as given."
+        text = f"{effect.title}: {_values(effect)}. Data sheet as given."
         if not last:
             out.append(Model(f"+ {effect.key}", text, SIMULATION, result.rungs[i + 1]))
         elif apart:
             whole = phased(problem, with_effects(result.before.machine, found))
             comparison = overlay(problem, whole, run(problem, whole, "simulating the data sheet as given", threads, progress))
             out.append(Model(f"+ {effect.key}", text, SIMULATION, comparison))
-    inside = "drive and friction numbers calibrated inside the data sheet's tolerances"
+    inside = "Drive and friction values are adjusted within the data sheet's tolerances"
     if found and not apart:
-        out.append(Model(f"+ {found[-1].key}", f"{found[-1].title}, {_values(found[-1])}; {inside}.", SIMULATION, result.after))
+        out.append(Model(f"+ {found[-1].key}", f"{found[-1].title}: {_values(found[-1])}. {inside}.", SIMULATION, result.after))
     else:
-        out.append(Model("data sheet calibrated", f"The final model: {inside}.", SIMULATION, result.after))
+        out.append(Model("data sheet calibrated", f"The final model. {inside}.", SIMULATION, result.after))
     return out, start
 
 

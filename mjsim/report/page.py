@@ -13,7 +13,7 @@ from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 from mjsim.plots import curve, ladder, overview, polar, residual, trend
-from mjsim.plots.save import DPI, encode
+from mjsim.plots.save import DPI
 from mjsim.report import numbers
 from mjsim.report.content import ParameterRow, ReportContent, TestSection
 
@@ -32,16 +32,16 @@ _GROUPS = (
     (
         "figure",
         "Circular errors after ISO 230-4",
-        "Measured, of full circles that all campaigns share under the same conditions, with the 95 % interval that follows from the noise.",
+        "Measured on the full circles that all campaigns have under the same conditions. The 95 % interval follows from the noise.",
     ),
     (
         "parameter",
         "Effects over time",
-        "Parameters of the effects that were found, with 95 % intervals; an effect that was not found counts as zero.",
+        "Parameters of the effects found, with 95 % intervals. An effect that was not found counts as zero.",
     ),
 )
 #: Colours of a printed figure: a few hues and their mixtures with white.
-_COLOURS = 160
+_COLOURS = 32
 KINDS = {"adjust": "adjust", "compensate": "compensate", "maintain": "maintain", "share": "share only"}
 
 
@@ -59,12 +59,13 @@ def render(content: ReportContent) -> str:
         "report.html",
         content.to_json(),
         content.traces,
-        ("common.js", "report.js"),
+        ("common.js", "plot.js", "report.js"),
         last=len(content.models) - 1,
         verdict=VERDICTS.get(content.verdict or ""),
         removed=_removed(content),
         best_repair=_best_repair(content),
         full_rows=[i for i, r in enumerate(content.what_if.rows) if r.tests_um] if content.what_if else [],
+        open_causes=bool(content.what_if and any(r.instead for r in content.what_if.rows)),
         kinds=KINDS,
         ladder_image=_ladder_image(content),
         curve_image=data_uri(curve.curve_figure(*content.curve)) if content.curve else None,
@@ -90,7 +91,7 @@ def render_trend(content: TrendContent) -> str:
         "trend.html",
         content.to_json(),
         [],
-        ("common.js", "trend.js"),
+        ("common.js", "plot.js", "trend.js"),
         groups=_GROUPS,
         images=images,
         verdicts=VERDICTS,
@@ -109,8 +110,11 @@ def page(template: str, data: dict, traces: Any, scripts: tuple[str, ...], **mor
     """A page of the report family.
 
     Args:
-        template: file in ``assets``. data: the page's JSON; in the template ``c`` is the same. traces: data of the interactive plots;
-            None leaves plots and scripts out. scripts: files in ``assets`` that run after plotly. more: further names for the template.
+        template: file in ``assets``.
+        data: the page's JSON; in the template ``c`` is the same.
+        traces: data of the interactive plots; None leaves plots and scripts out.
+        scripts: files in ``assets``, in the order in which they run.
+        more: further names for the template.
     """
     import jinja2
     from markupsafe import Markup
@@ -139,7 +143,7 @@ def page(template: str, data: dict, traces: Any, scripts: tuple[str, ...], **mor
         css=Markup(asset("style.css")),
         data=Markup(script_json(data)),
         traces=None if traces is None else Markup(script_json(traces)),
-        scripts=() if traces is None else tuple(Markup(text) for text in (_plotly(), *map(asset, scripts))),
+        scripts=() if traces is None else tuple(Markup(asset(name)) for name in scripts),
         **more,
     )
 
@@ -176,10 +180,8 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and value - value != 0.0 else value
 
 
-def data_uri(figure: Figure, kind: str = "png") -> str:
-    """The figure as the value of an ``img`` element's ``src``; PNG with a palette, more than which no line drawing needs."""
-    if kind == "svg":
-        return f"data:image/svg+xml;base64,{base64.b64encode(encode(figure, kind)).decode('ascii')}"
+def data_uri(figure: Figure) -> str:
+    """The figure as the value of an ``img`` element's ``src``: a PNG with a palette, which is enough for a line drawing."""
     import numpy as np
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
@@ -194,18 +196,11 @@ def data_uri(figure: Figure, kind: str = "png") -> str:
     return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"
 
 
-def _plotly() -> str:
-    """Plotly's script, as the package brings it."""
-    from plotly.offline import get_plotlyjs
-
-    return get_plotlyjs()
-
-
 def _ladder_image(content: ReportContent) -> str | None:
     if not content.models:
         return None
     steps = [ladder.LadderStep(row.label, row.rms_um) for row in content.models]
-    return data_uri(ladder.ladder_figure(steps, content.noise_um), "svg")
+    return data_uri(ladder.ladder_figure(steps, content.noise_um))
 
 
 def _overview_image(content: ReportContent) -> str | None:

@@ -25,28 +25,30 @@ class Remedy:
 
 _REMEDIES = {
     "axis_location": Remedy("compensate", "", "Measure the rotary axis' centre line again and enter it in the control's kinematics."),
-    "backlash": Remedy("adjust", "backlash", "Adjust the worm mesh or the preload; until then the control's backlash compensation."),
+    "backlash": Remedy("adjust", "backlash", "Adjust the worm mesh or the preload. Until then, use the control's backlash compensation."),
     "drive_compliance": Remedy("maintain", "lateral play", "Check coupling, bearings and nut or worm for stiffness."),
-    "friction": Remedy("share", "reversal spikes", "Every drive has friction; lubrication and friction compensation reduce it."),
-    "gravity_windup": Remedy("adjust", "", "Adjust the counterbalance, or compensate for it by a table over the tilting angle."),
-    "pitch_error": Remedy("compensate", "cyclic error", "Enter a pitch-error compensation table; check how worm or encoder are seated."),
+    "friction": Remedy("share", "reversal spikes", "Every drive has friction. Lubrication and friction compensation reduce it."),
+    "gravity_windup": Remedy("adjust", "", "Adjust the counterbalance, or enter a compensation table over the tilting angle."),
+    "pitch_error": Remedy(
+        "compensate", "cyclic error", "Enter a pitch-error compensation table. Check how the worm or the encoder is seated."
+    ),
     "radial_error_motion": Remedy("maintain", "", "Check the table's bearing and its seat."),
-    "scale_error": Remedy("compensate", "scale mismatch", "Correct the axis' scale by linear compensation; check temperatures."),
+    "scale_error": Remedy("compensate", "scale mismatch", "Correct the axis' scale by linear compensation. Check temperatures."),
     "servo_delay": Remedy("adjust", "servo mismatch", "Match interpolation delays and filters of the axes in the control."),
     "servo_gain": Remedy("adjust", "servo mismatch", "Set the position gain to that of the other axes in the control."),
     "squareness": Remedy("adjust", "squareness", "Align the guideways, or enter a squareness compensation."),
     "straightness": Remedy("compensate", "straightness", "Align the guideway, or enter a straightness compensation table."),
-    "thermal_drift": Remedy("maintain", "", "Warm the machine up before measuring and cutting; check cooling and thermal compensation."),
+    "thermal_drift": Remedy("maintain", "", "Warm the machine up before measuring and cutting. Check cooling and thermal compensation."),
     "tilt_error_motion": Remedy("maintain", "", "Check the table's bearing, its preload and clamping."),
-    "torque_ripple": Remedy("maintain", "cyclic error", "Check motor and drive; torque-ripple compensation of the drive."),
+    "torque_ripple": Remedy("maintain", "cyclic error", "Check motor and drive. Use the drive's torque-ripple compensation."),
     "velocity_feedforward": Remedy("adjust", "servo mismatch", "Set the same feedforward on all axes in the control."),
     "velocity_gain": Remedy("adjust", "reversal spikes", "Tune the velocity loop in the drive."),
-    "vibration": Remedy("maintain", "vibration", "Find what vibrates at this frequency: foundation, pump, spindle, a neighbour."),
+    "vibration": Remedy("maintain", "vibration", "Find what vibrates at this frequency: foundation, pump, spindle or another machine."),
     "viscous_friction": Remedy("maintain", "", "Check lubrication, seals and temperature of the axis."),
-    "worm_wear": Remedy("maintain", "", "Replace or re-cut the worn worm wheel; until then a compensation table."),
+    "worm_wear": Remedy("maintain", "", "Replace or re-cut the worn worm wheel. Until then, use a compensation table."),
 }
 
 
 def remedy(kind: str) -> Remedy:
     """The remedy for an effect of that kind; an effect of the user's own counts as one that can be repaired."""
-    return _REMEDIES.get(kind, Remedy("maintain", "", "An effect of your own: what removes it is not in the catalogue."))
+    return _REMEDIES.get(kind, Remedy("maintain", "", "Your own effect. The catalogue has no remedy for it."))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mjsim.ballbar.iso230 import least_squares_circle
@@ -28,7 +30,7 @@ def test_traces(models: list[ComparedTest], start: int, noise: float) -> dict:
         ``phi`` (n,) in 0.01°; ``measured`` (n,) and ``models`` (k, n) in 0.001 µm, measured with None where a sample is left out;
         ``centre``: the eccentricity [a, b, c] in 0.001 µm that is taken out, a cos φ + b sin φ + c, of the measured trace and of every
         model's; ``shift`` plot angle minus φ [°]; ``full``: a whole circle; ``events`` [axis, plot angle °]; ``axes``: φ in 0.01° and
-        the commanded positions of X, Y, Z [0.01 mm], A, C [0.01°]; ``noise`` [µm].
+        the commanded positions of X, Y, Z [0.01 mm], A, C [0.01°]; ``noise`` [µm]. The long lists are :func:`steps`.
     """
     t = models[start]
     keep = kept(t.phi, t.residual)
@@ -37,9 +39,9 @@ def test_traces(models: list[ComparedTest], start: int, noise: float) -> dict:
     traces = [t.measured, *(m.simulated for m in models)]
     return {
         "name": t.test.name,
-        "phi": _whole(t.phi[keep] / DEG, 100.0),
-        "measured": measured,
-        "models": [_whole(m.simulated[keep] / UM, 1e3) for m in models],
+        "phi": steps(_whole(t.phi[keep] / DEG, 100.0)),
+        "measured": steps(measured),
+        "models": [steps(_whole(m.simulated[keep] / UM, 1e3)) for m in models],
         "centre": [_centre(t, x) for x in traces],
         "shift": trace.shift_deg,
         "full": bool(trace.full_circle()),
@@ -76,8 +78,17 @@ def _positions(t: ComparedTest) -> dict:
     program = Program(t.test)
     time = np.linspace(*program.measured_span, POSITIONS)
     q = program.commands(time) / [MM if a in LINEAR else DEG for a in AXES]
-    return {"phi": _whole(program.phi(time) / DEG, 100.0), **{a: _whole(q[:, i], 100.0) for i, a in enumerate(AXES)}}
+    return {"phi": steps(_whole(program.phi(time) / DEG, 100.0)), **{a: steps(_whole(q[:, i], 100.0)) for i, a in enumerate(AXES)}}
 
 
 def _whole(x: np.ndarray, factor: float) -> list[int]:
     return np.round(np.asarray(x) * factor).astype(int).tolist()
+
+
+def steps(values: Sequence[int | None]) -> list[int | None]:
+    """Every number less the one before it, which takes half the characters; the first as it is, None where there is none."""
+    out, before = [], 0
+    for value in values:
+        out.append(None if value is None else value - before)
+        before = before if value is None else value
+    return out

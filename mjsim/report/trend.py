@@ -116,11 +116,10 @@ def _sentence(figures: list[Series], parameters: list[Series]) -> str:
     moved = [s for s in figures if s.verdict in CHANGED]
     if moved:
         most = max(moved, key=lambda s: abs(s.change or 0.0))
-        parts.append(f"{len(moved)} of {len(figures)} circular errors changed, most of all {most.name}, by {most.change:+.2f} µm")
-    what = "; ".join(parts)
-    return (
-        f"Beyond its uncertainty between the first and the last campaign: {what}." if parts else "Nothing changed beyond its uncertainty."
-    )
+        parts.append(f"{len(moved)} of {len(figures)} circular errors changed, {most.name} the most ({most.change:+.2f} µm)")
+    if not parts:
+        return "Nothing changed by more than its uncertainty."
+    return f"Between the first and the last campaign: {', '.join(parts)}. These changes exceed their uncertainty."
 
 
 def _campaign(r: Diagnosis | Comparison, before: Comparison) -> CampaignRow:

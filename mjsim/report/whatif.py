@@ -1,12 +1,13 @@
 """What would be gained by repairing one cause: the final model simulated without it.
 
 Causes are ranked as ball-bar software ranks them, by what each makes of the whole error. The order comes from the drives alone
-(:mod:`mjsim.simulation.axes`, which agrees with the multibody model to far below 0.1 µm); the leading rows are then simulated in full.
+(:mod:`mjsim.simulation.axes`, which agrees with the multibody model to far below 0.1 µm). The best repairs are then simulated in full;
+what nobody can repair is not, since it only fills the table.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,7 @@ from mjsim.report.remedies import Remedy, remedy
 from mjsim.simulation.axes import time_grid
 from mjsim.simulation.drive import STEP
 from mjsim.units import UM
+from mjsim.workflow.compare import Comparison
 
 DRIVES = "drives alone"
 ALL = "all repairs together"
@@ -70,8 +72,8 @@ def causes(machine: Machine, given: Machine, found: Collection[str] = ()) -> lis
         out.append(Cause(effect.key, effect.title, remedy(effect.kind), machine.without(effect.key)))
         former = given.effect(effect.key)
         if effect.kind == "friction" and effect.key in found and former is not None:
-            what = Remedy("maintain", "reversal spikes", "Off what the machine file says: check lubrication, seals, covers and preload.")
-            out.append(Cause(f"{effect.key}{_FORMER}", "Friction off its former value", what, machine.with_effect(former)))
+            what = Remedy("maintain", "reversal spikes", "It differs from the machine file. Check lubrication, seals, covers and preload.")
+            out.append(Cause(f"{effect.key}{_FORMER}", "Friction differs from the machine file", what, machine.with_effect(former)))
     lags = {a: lag(drive) for a, drive in build(machine).axes.items()}
     if max(lags.values()) - min(lags.values()) > _LAG:
         spread = ", ".join(f"{a} {lags[a] * 1e3:.2f}" for a in AXES)
@@ -98,49 +100,58 @@ def _matched(machine: Machine, lags: dict[str, float]) -> Machine:
 
 def what_if(
     problem: Problem,
-    machine: Machine,
+    final: Comparison,
     given: Machine,
     found: Collection[str] = (),
     threads: int = 2,
     progress: Progress = silent,
     full: int = 3,
 ) -> WhatIf | None:
-    """Every cause in ``machine`` repaired alone, the best repair first, and all repairs together; None when there is no cause.
+    """Repair every cause in a machine alone, the best repair first, then all repairs together.
 
     Args:
-        machine: the final model. given: the machine as the user has it. found: keys of the effects that a diagnosis found.
-        full: rows at the top that are simulated in the multibody model; with more than one, all repairs together are as well.
+        problem: the campaign.
+        final: the machine in question, simulated.
+        given: the machine as the user has it.
+        found: keys of the effects that a diagnosis found.
+        threads: tests simulated side by side.
+        progress: told what is being done.
+        full: the best repairs that are simulated in the multibody model. With more than one, all repairs together are as well.
+
+    Returns:
+        None when there is nothing to take out.
 
     Raises:
         SimulationError: see :func:`mjsim.simulation.multibody.simulate`.
     """
-    machine = phased(problem, machine)
+    machine = phased(problem, final.machine)
     every = causes(machine, given, found)
     if not every:
         return None
-    base = {DRIVES: _of_drives(problem, machine), SIMULATION: _of_simulation(problem, machine, threads, progress)}
+    known = final.readings if machine is final.machine else ()
+    simulated = _of_readings(problem, known) if known else _of_simulation(problem, machine, threads, progress)
+    base = {DRIVES: _of_drives(problem, machine), SIMULATION: simulated}
     progress("repairing one by one", 0, len(every))
     rows = [_row(problem.tests, c, _of_drives(problem, c.machine), base[DRIVES], DRIVES) for c in every]
     by_name = {c.name: c for c in every}
     for _ in range(len(every)):
         rows.sort(key=lambda r: -r.gain_um)
-        at = next((i for i, r in enumerate(rows[:full]) if r.how == DRIVES), None)
+        repairs = [i for i, r in enumerate(rows) if r.kind != "share"]
+        at = next((i for i in repairs[:full] if rows[i].how == DRIVES), None)
         if at is None:
             break
         c = by_name[rows[at].cause]
-        rows[at] = _row(problem.tests, c, _of_simulation(problem, c.machine, threads, progress), base[SIMULATION], SIMULATION)
-    repaired = _all_repaired(machine, given, every)
+        rows[at] = _row(problem.tests, c, _of_simulation(problem, c.machine, threads, progress), simulated, SIMULATION)
     if sum(r.kind != "share" for r in rows) > 1:
-        together = Cause(
-            ALL,
-            "Everything above that can be repaired; what stays, servo loops and friction make of these paths",
-            Remedy("adjust", "", ""),
-            repaired,
-        )
-        how = SIMULATION if full > 1 else DRIVES
-        after = _of_simulation(problem, repaired, threads, progress) if full > 1 else _of_drives(problem, repaired)
-        rows.append(_row(problem.tests, together, after, base[how], how))
-    return WhatIf(base[SIMULATION].rms_um, base[SIMULATION].tests_um, rows)
+        rows.append(_together(problem, _all_repaired(machine, given, every), base, full > 1, threads, progress))
+    return WhatIf(simulated.rms_um, simulated.tests_um, rows)
+
+
+def _together(problem: Problem, repaired: Machine, base: dict[str, _Errors], full: bool, threads: int, progress: Progress) -> RepairRow:
+    title = "Everything above that can be repaired. What stays comes from the servo loops and from friction."
+    how = SIMULATION if full else DRIVES
+    after = _of_simulation(problem, repaired, threads, progress) if full else _of_drives(problem, repaired)
+    return _row(problem.tests, Cause(ALL, title, Remedy("adjust", "", ""), repaired), after, base[how], how)
 
 
 def _all_repaired(machine: Machine, given: Machine, every: list[Cause]) -> Machine:
@@ -188,8 +199,11 @@ def _of_drives(problem: Problem, machine: Machine) -> _Errors:
 
 
 def _of_simulation(problem: Problem, machine: Machine, threads: int, progress: Progress) -> _Errors:
-    readings = run(problem, machine, "simulating repairs", threads, progress)
-    return _errors(problem.tests, [(time_grid(Program(r.test)), r.deviation) for r in readings])
+    return _of_readings(problem, [r.deviation for r in run(problem, machine, "simulating repairs", threads, progress)])
+
+
+def _of_readings(problem: Problem, readings: Sequence[np.ndarray]) -> _Errors:
+    return _errors(problem.tests, [(time_grid(Program(t)), r) for t, r in zip(problem.tests, readings, strict=True)])
 
 
 def _errors(tests: tuple[BallBarTest, ...], readings: list[tuple[np.ndarray, np.ndarray]]) -> _Errors:

@@ -32,7 +32,7 @@ def need_report() -> None:
     Raises:
         InputError: the extra "report" is not installed.
     """
-    need("report", "report", "jinja2", "plotly")
+    need("report", "report", "jinja2", "PIL")
 
 
 def report(

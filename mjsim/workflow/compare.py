@@ -68,6 +68,7 @@ class Comparison:
         noise: RMS of one sample's noise, m, and ``noise_source``, where it comes from. rms, maximum: of all residuals, m.
         setups: table-ball and spindle-ball offsets per set-up (6,) m. length: bar-length offset, m.
         bidirectional: ISO 230-4 figures of pairs of tests in both directions, µm.
+        readings: simulated reading of each test on the engine's time grid, (n,) m, without nuisances.
     """
 
     campaign: Campaign
@@ -80,6 +81,7 @@ class Comparison:
     setups: dict[str, np.ndarray]
     length: float
     bidirectional: list[dict] = field(default_factory=list)
+    readings: tuple[np.ndarray, ...] = ()
 
     def to_json(self) -> dict:
         """Plain numbers in µm, degrees and ms, as ``mjsim compare --json`` prints them."""
@@ -212,6 +214,7 @@ def overlay(problem: Problem, machine: Machine, simulations: Sequence[Simulation
         setups,
         float(nuisance[problem.layout.length] * LENGTH),
         _pairs(tests),
+        tuple(s.deviation for s in simulations),
     )
 
 

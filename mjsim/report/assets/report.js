@@ -1,7 +1,7 @@
 // The report of one campaign: steps through the models, polar plots and residuals of the tests.
 "use strict";
 (() => {
-  const { look, font, config, fixed, niceStep, plainText, element, logTicks } = mjsim;
+  const { look, fixed, niceStep, element, logTicks, chip } = mjsim, { svg, ticks } = mjsim.plot;
   const data = mjsim.read("mjsim-numbers"), traces = mjsim.read("mjsim-traces");
   const byId = (id) => document.getElementById(id);
   const last = data.models.length - 1;
@@ -9,7 +9,11 @@
   const cards = [];
 
   // -- data of one test ----------------------------------------------------------------------------------------------
-  const unpack = (t) => {
+  // the page carries each number less the one before it
+  const whole = (steps) => { let sum = 0; return steps.map((d) => d === null ? null : (sum += d)); };
+  const unpack = (packed) => {
+    const axes = Object.fromEntries(Object.entries(packed.axes).map(([name, steps]) => [name, whole(steps)]));
+    const t = { ...packed, axes, phi: whole(packed.phi), measured: whole(packed.measured), models: packed.models.map(whole) };
     const phi = t.phi.map((p) => p / 100), rad = phi.map((p) => p * Math.PI / 180);
     const centred = (x, c) => x.map((v, i) => v === null ? null : (v - c[0] * Math.cos(rad[i]) - c[1] * Math.sin(rad[i]) - c[2]) / 1e3);
     const angle = phi.map((p) => t.full ? (((p + t.shift) % 360) + 360) % 360 : p + t.shift);
@@ -33,7 +37,7 @@
         if (away < near[1]) near = [axis, away];
       }
       const event = near[0] ? `${near[0]} reverses ${fixed(near[1], 1)}° away` : "no axis reverses";
-      return `${q.slice(0, 3).join("  ")} mm<br>${q.slice(3).join("  ")}<br>${event}`;
+      return [`${q.slice(0, 3).join("  ")} mm`, q.slice(3).join("  "), event];
     });
     return text;
   };
@@ -44,61 +48,67 @@
     const range = extent(t.measured, t.models[data.start], t.models[last]);
     return Math.max(0.1, niceStep(Math.max(-range[0], range[1], 1e-6) / 3.2));
   };
-  const hover = "%{theta:.1f}°, %{r:.2f} µm<br>%{text}<extra>%{fullData.name}</extra>";
-  const polarTraces = (t) => {
-    const former = Math.max(shown.model - 1, 0), circle = [...Array(121).keys()].map((i) => i * 3);
-    const line = (name, r, color, width, visible, dash) => ({
-      type: "scatterpolar", mode: "lines", name, theta: t.polar, r, text: t.text, hovertemplate: hover, visible, line: { color, width, dash: dash || "solid" },
-    });
-    return [
-      { type: "scatterpolar", mode: "lines", theta: circle, r: circle.map(() => 0), line: { color: look.nominal, width: 1 }, hoverinfo: "skip", showlegend: false },
-      line("measured", t.measured, look.measured, 1.5, shown.measured),
-      line("previous model", t.models[former], look.former, 1, shown.former, "dash"),
-      line("simulated", t.models[shown.model], look.simulated, 1.2, shown.simulated),
-    ];
-  };
-  const polarLayout = (t) => {
-    const step = division(t), range = extent(t.measured), inner = Math.max(5, Math.ceil(-range[0] / step) + 1), outer = Math.max(4, Math.ceil(range[1] / step));
-    const rings = [];
-    for (let k = -Math.min(inner, 12) + 1; k < Math.min(outer, 12); k++) rings.push(k * step);
-    return {
-      font, showlegend: false, margin: { l: 34, r: 34, t: 26, b: 34 }, paper_bgcolor: "#fff", hovermode: "closest", dragmode: "zoom",
-      annotations: [{ text: `1 div.: ${step} µm`, x: 1, y: -0.06, xref: "paper", yref: "paper", showarrow: false, xanchor: "right", font: { size: 11.5 } }],
-      polar: {
-        bgcolor: "#fff",
-        radialaxis: { range: [-Math.min(inner, 12) * step, Math.min(outer, 12) * step], tickvals: rings, ticktext: rings.map(() => ""), showline: false, ticks: "", gridcolor: look.grid, angle: 45 },
-        angularaxis: { direction: "counterclockwise", rotation: 0, dtick: 30, gridcolor: look.grid, linecolor: look.grid, ticks: "" },
-      },
+  const at = (radius, degrees) => [radius * Math.cos(degrees * Math.PI / 180), radius * Math.sin(degrees * Math.PI / 180)];
+  const polarPlot = (t) => {
+    const step = division(t), range = extent(t.measured);
+    const inner = Math.min(12, Math.max(5, Math.ceil(-range[0] / step) + 1)), outer = Math.min(12, Math.max(4, Math.ceil(range[1] / step)));
+    const rim = (inner + outer) * step;
+    const line = (name, values, colour, width, dash) => {
+      const spots = values.map((v, i) => v === null ? [null, null] : at(Math.max(0, v + inner * step), t.polar[i]));
+      const text = (i) => [name, `${fixed(t.angle[i], 1)}°, ${fixed(values[i], 2)} µm`, ...t.text[i]];
+      return { name, x: spots.map((s) => s[0]), y: spots.map((s) => s[1]), colour, width, dash, text };
     };
+    const grid = (place) => {
+      const ring = (k) => svg("circle", { cx: place.x(0), cy: place.y(0), r: place.x(k * step) - place.x(0), fill: "none", stroke: k === inner ? look.nominal : look.grid, "data-ring": k - inner });
+      const spoke = (degrees) => { const [x, y] = at(rim, degrees); return svg("line", { x1: place.x(0), y1: place.y(0), x2: place.x(x), y2: place.y(y), stroke: look.grid }); };
+      return [...[...Array(12).keys()].map((i) => spoke(30 * i)), ...[...Array(inner + outer).keys()].map((k) => ring(k + 1))];
+    };
+    const labels = (place) => {
+      const out = [svg("text", { x: place.width - 2, y: place.height - 4, "text-anchor": "end", class: "division" }, `1 div.: ${step} µm`)];
+      for (let degrees = 0; degrees < 360; degrees += 30) {
+        const [x, y] = at(rim, degrees), [px, py] = [place.x(x) + 17 * Math.cos(degrees * Math.PI / 180), place.y(y) - 14 * Math.sin(degrees * Math.PI / 180) + 4];
+        if (px > 0 && px < place.width && py > 0 && py < place.height) out.push(svg("text", { x: px, y: py, "text-anchor": "middle", fill: look.ink }, `${degrees}°`));
+      }
+      return out;
+    };
+    const lines = [];
+    if (shown.measured) lines.push(line("measured", t.measured, look.measured, 1.5));
+    if (shown.former) lines.push(line("previous model", t.models[Math.max(shown.model - 1, 0)], look.former, 1, "5 3"));
+    if (shown.simulated) lines.push(line("simulated", t.models[shown.model], look.simulated, 1.2));
+    return { margins: [24, 34, 24, 34], x: [-rim, rim], y: [-rim, rim], square: true, lines, under: grid, over: labels };
   };
-  const residualTraces = (t) => {
-    const r = t.residual[shown.model], x = [], y = [], text = [];
-    for (let i = 0; i < r.length; i++) {
-      if (i && Math.abs(t.angle[i] - t.angle[i - 1]) > 180) { x.push(null); y.push(null); text.push(""); }
-      x.push(t.angle[i]); y.push(r[i]); text.push(t.text[i]);
-    }
-    return [{ type: "scatter", mode: "lines", name: "residual", x, y, text, line: { color: look.measured, width: 0.9 }, hovertemplate: "%{x:.1f}°, %{y:.2f} µm<br>%{text}<extra>residual</extra>" }];
-  };
-  const spread = (angles, apart) => {
+  const spread = (places, apart) => {
     const out = [];
-    for (const a of angles) out.push(out.length && a - out[out.length - 1] < apart ? out[out.length - 1] + apart : a);
+    for (const p of places) out.push(out.length && p - out[out.length - 1] < apart ? out[out.length - 1] + apart : p);
     return out;
   };
-  const niceTurn = (least) => [1, 2, 5, 10, 15, 30, 45, 60, 90].find((s) => s >= least) || 180;
-  const residualLayout = (t, width) => {
+  const angleTicks = (low, high, px) => {
+    const least = (high - low) * 40 / px, step = [1, 2, 5, 10, 15, 30, 45, 60, 90].find((s) => s >= least) || 180;
+    return [...Array(Math.floor(high / step) - Math.ceil(low / step) + 1).keys()].map((k) => (Math.ceil(low / step) + k) * step).map((v) => [v, String(v)]);
+  };
+  const residualPlot = (t) => {
+    const r = t.residual[shown.model], x = [], y = [], index = [];
+    for (let i = 0; i < r.length; i++) {
+      if (i && Math.abs(t.angle[i] - t.angle[i - 1]) > 180) { x.push(null); y.push(null); index.push(i); }
+      x.push(t.angle[i]); y.push(r[i]); index.push(i);
+    }
     const [low, high] = t.full ? [0, 360] : [Math.min(...t.angle), Math.max(...t.angle)];
-    const range = extent(...(shown.common ? t.residual.slice(data.start) : []), t.residual[shown.model], [2.5 * t.noise]), limit = 1.06 * Math.max(-range[0], range[1]);
-    const marks = shown.events ? t.events.filter(([, a]) => a >= low && a <= high) : [], letters = spread(marks.map((m) => m[1]), (high - low) * 11 / width);
-    const line = (y) => ({ type: "line", xref: "paper", x0: 0, x1: 1, y0: y, y1: y, line: { color: look.edge, width: 0.8 } });
+    const range = extent(...(shown.common ? t.residual.slice(data.start) : []), r, [2.5 * t.noise]), limit = 1.06 * Math.max(-range[0], range[1]);
+    const marks = shown.events ? t.events.filter(([, a]) => a >= low && a <= high) : [];
+    const under = (place) => {
+      const edge = (v) => svg("line", { x1: place.left, x2: place.left + place.w, y1: place.y(v), y2: place.y(v), stroke: look.edge, "stroke-width": 0.8 });
+      const band = shown.noise ? [svg("rect", { x: place.left, width: place.w, y: place.y(2 * t.noise), height: place.y(-2 * t.noise) - place.y(2 * t.noise), fill: look.band }), edge(2 * t.noise), edge(-2 * t.noise)] : [];
+      const zero = svg("line", { x1: place.left, x2: place.left + place.w, y1: place.y(0), y2: place.y(0), stroke: look.nominal });
+      return [...band, zero, ...marks.map(([axis, a]) => svg("line", { x1: place.x(a), x2: place.x(a), y1: place.top, y2: place.top + place.h, stroke: look.axes[axis], "stroke-dasharray": "4 3", "data-axis": axis }))];
+    };
+    const over = (place) => {
+      const there = marks.filter(([, a]) => a >= place.view.x[0] && a <= place.view.x[1]), letters = spread(there.map(([, a]) => place.x(a)), 11);
+      return there.map(([axis], i) => svg("text", { x: letters[i], y: place.top - 5, "text-anchor": "middle", "font-weight": 700, fill: look.axes[axis] }, axis));
+    };
+    const text = (i) => ["residual", `${fixed(x[i], 1)}°, ${fixed(y[i], 2)} µm`, ...t.text[index[i]]];
     return {
-      font, showlegend: false, margin: { l: 46, r: 8, t: 18, b: 34 }, hovermode: "closest", dragmode: "zoom", plot_bgcolor: "#fff",
-      xaxis: { range: [low, high], dtick: niceTurn((high - low) * 34 / width), tickangle: 0, title: { text: "plot angle, °", standoff: 4, font }, showgrid: false, zeroline: false, linecolor: look.nominal, ticks: "outside", ticklen: 3 },
-      yaxis: { range: [-limit, limit], title: { text: "residual, µm", standoff: 4, font }, gridcolor: look.grid, zerolinecolor: look.nominal, nticks: 6 },
-      shapes: [
-        ...(shown.noise ? [{ type: "rect", xref: "paper", x0: 0, x1: 1, y0: -2 * t.noise, y1: 2 * t.noise, fillcolor: look.band, line: { width: 0 }, layer: "below" }, line(2 * t.noise), line(-2 * t.noise)] : []),
-        ...marks.map(([axis, a]) => ({ type: "line", yref: "paper", x0: a, x1: a, y0: 0, y1: 1, line: { color: look.axes[axis], width: 1, dash: "dash" }, name: axis })),
-      ],
-      annotations: marks.map(([axis], i) => ({ text: `<b>${axis}</b>`, x: letters[i], y: 1, yref: "paper", yanchor: "bottom", showarrow: false, font: { size: 11, color: look.axes[axis] } })),
+      margins: [18, 8, 36, 52], x: [low, high], y: [-limit, limit], xTicks: angleTicks, yTicks: (a, b) => ticks(a, b, 7), xTitle: "plot angle, °", yTitle: "residual, µm",
+      lines: [{ name: "residual", x, y, colour: look.measured, width: 0.9, text }], under, over, byX: true,
     };
   };
 
@@ -108,8 +118,8 @@
     card.number.textContent = fixed(m.tests_um[k], 2);
     card.number.dataset.json = `/models/${shown.model}/tests_um/${k}`;
     if (!t.text) t.text = places(t);
-    Plotly.react(card.polar, polarTraces(t), polarLayout(t), config);
-    Plotly.react(card.residual, residualTraces(t), residualLayout(t, Math.max(card.residual.clientWidth - 54, 120)), config);
+    mjsim.plot.draw(card.polar, polarPlot(t));
+    mjsim.plot.draw(card.residual, residualPlot(t));
   };
   const refresh = () => {
     for (const card of cards) {
@@ -120,20 +130,27 @@
 
   // -- models --------------------------------------------------------------------------------------------------------
   const drawLadder = () => {
-    const values = data.models.map((m) => m.rms_um), floor = Math.min(...values, data.noise_um) / 1.6, top = Math.max(...values) * 2;
-    const ticks = logTicks(floor, top), names = data.models.map((m) => plainText(m.label));
-    Plotly.react("ladder-plot", [
-      { type: "scatter", mode: "lines+markers+text", x: values.map((_, i) => i), y: values, text: values.map((v) => `${fixed(v, 2)} µm`), textposition: "top right", line: { shape: "hvh", color: look.nominal, width: 1.2 }, cliponaxis: false, hovertemplate: "%{customdata}<br>%{y:.3f} µm<extra></extra>", customdata: names,
-        marker: { size: values.map((_, i) => i === shown.model ? 15 : 9), color: values.map((_, i) => i === shown.model ? look.simulated : "#ffffff"), line: { color: look.simulated, width: 2 } } },
-    ], {
-      font, showlegend: false, margin: { l: 60, r: 84, t: 14, b: 44 }, hovermode: "closest", dragmode: false, plot_bgcolor: "#fff",
-      xaxis: { tickvals: values.map((_, i) => i), ticktext: names.map((name) => name.startsWith("+") ? name : name.replace(/ (?=\S*$)/, "<br>")), range: [-0.4, last + 0.5], showgrid: false, zeroline: false, fixedrange: true },
-      yaxis: { type: "log", range: [Math.log10(floor), Math.log10(top)], tickvals: ticks, ticktext: ticks.map(String), title: { text: "RMS residual, µm", font }, gridcolor: look.grid, fixedrange: true },
-      shapes: [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: data.noise_um, y1: data.noise_um, line: { color: look.former, width: 1, dash: "dash" } }],
-      annotations: [{ text: `noise floor<br>${fixed(data.noise_um, 2)} µm`, xref: "paper", x: 1.005, xanchor: "left", y: Math.log10(data.noise_um), showarrow: false, align: "left", font: { size: 11, color: look.former } }],
-    }, { ...config, displayModeBar: false });
-    if (!drawLadder.heard) byId("ladder-plot").on("plotly_click", (e) => step(e.points[0].x));
-    drawLadder.heard = true;
+    const values = data.models.map((m) => m.rms_um), log = values.map(Math.log10), noise = Math.log10(data.noise_um), x = [], y = [];
+    log.forEach((v, i) => { x.push(i - (i ? 0.5 : 0), i + (i < last ? 0.5 : 0)); y.push(v, v); });
+    const noiseLine = (place) => [svg("line", { x1: place.left, x2: place.left + place.w, y1: place.y(noise), y2: place.y(noise), stroke: look.former, "stroke-dasharray": "5 3" })];
+    const marks = (place) => {
+      const dots = values.map((v, i) => {
+        const now = i === shown.model, g = svg("g", { "data-step": i, class: "step" });
+        g.append(svg("circle", { cx: place.x(i), cy: place.y(log[i]), r: now ? 7 : 4.5, fill: now ? look.simulated : "#fff", stroke: look.simulated, "stroke-width": 2 }));
+        g.append(svg("text", { x: place.x(i), y: place.y(log[i]) - 12, "text-anchor": "middle", "font-weight": now ? 700 : 400 }, `${fixed(v, 2)} µm`));
+        g.addEventListener("click", () => step(i));
+        return g;
+      });
+      const beside = place.left + place.w + 6, row = (text, dy) => svg("text", { x: beside, y: place.y(noise) + dy, fill: look.former }, text);
+      return [...dots, row("noise floor", 0), row(`${fixed(data.noise_um, 2)} µm`, 13)];
+    };
+    const narrow = byId("ladder-plot").clientWidth < 130 * values.length;
+    mjsim.plot.draw(byId("ladder-plot"), {
+      margins: [24, 78, 40, 56], x: [-0.4, last + 0.4], y: [Math.min(...log, noise) - 0.2, Math.max(...log) + 0.15], fixed: true, yTitle: "RMS residual, µm",
+      xTicks: () => data.models.map((m, i) => [i, narrow ? String(i + 1) : m.label.startsWith("+") ? m.label : m.label.replace(/ (?=\S*$)/, "\n")]),
+      yTicks: (low, high) => logTicks(10 ** low, 10 ** high).map((v) => [Math.log10(v), String(Number(v.toPrecision(1)))]),
+      lines: [{ name: "ladder", x, y, colour: look.nominal, width: 1.2 }], under: noiseLine, over: marks,
+    });
   };
   const step = (to) => {
     shown.model = Math.min(last, Math.max(0, to));
@@ -159,17 +176,10 @@
   };
 
   // -- controls ------------------------------------------------------------------------------------------------------
-  const chip = (text, checked, change, name, colour, dashed) => {
-    const box = element("input", { type: "checkbox", checked, name });
-    box.addEventListener("change", () => change(box.checked));
-    const line = element("span", { className: "line" });
-    line.style.borderTop = `2px ${dashed ? "dashed" : "solid"} ${colour}`;
-    return element("label", {}, box, ...(colour ? [line] : []), text);
-  };
   const boxes = [];
   traces.forEach((packed, index) => {
     const test = unpack(packed), info = data.tests[index];
-    const polar = element("div", { className: "polar" }), residual = element("div", { className: "residual-plot" }), number = element("strong");
+    const polar = element("div", { className: "polar plot" }), residual = element("div", { className: "residual-plot plot" }), number = element("strong");
     polar.setAttribute("role", "img");
     polar.setAttribute("aria-label", `${test.name}: polar plot of measured and simulated deviation`);
     residual.setAttribute("role", "img");
@@ -197,7 +207,7 @@
   byId("reset").addEventListener("click", () => {
     shown.division = null;
     byId("division").value = "";
-    for (const card of cards) { if (card.polar.data) { Plotly.purge(card.polar); Plotly.purge(card.residual); } }
+    for (const card of cards) card.polar.zoomed = card.residual.zoomed = null;
     refresh();
   });
   byId("previous").addEventListener("click", () => step(shown.model - 1));

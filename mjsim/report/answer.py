@@ -1,0 +1,155 @@
+"""The answer in the report's first box: which axis, what is wrong with it, how much, and what to do next."""
+
+from __future__ import annotations
+
+import math
+
+from mjsim.estimation.unexplained import Unexplained
+from mjsim.machine.chain import AXES, ROTARY
+from mjsim.machine.effect import Effect
+from mjsim.machine.model import Machine
+from mjsim.report.numbers import fixed
+from mjsim.units import UM, unit_of
+from mjsim.workflow.diagnose import DiagnosedEffect, Diagnosis
+
+#: Kind of effect -> its name in a sentence, and the parameter that says how large it is.
+_WORDS = {
+    "axis_location": ("location error", "value"),
+    "backlash": ("backlash", "width"),
+    "drive_compliance": ("elastic drive", "stiffness"),
+    "friction": ("friction", "coulomb"),
+    "gravity_windup": ("wind-up under gravity", "amplitude"),
+    "pitch_error": ("pitch error", "components"),
+    "radial_error_motion": ("radial error motion", "amplitude"),
+    "scale_error": ("scale error", "ppm"),
+    "servo_delay": ("command delay", "delay"),
+    "servo_gain": ("position gain", "ratio"),
+    "squareness": ("squareness error", "angle"),
+    "straightness": ("straightness error", "quadratic"),
+    "thermal_drift": ("thermal drift", "amplitude"),
+    "tilt_error_motion": ("tilt error motion", "amplitude"),
+    "torque_ripple": ("torque ripple", "amplitude"),
+    "velocity_feedforward": ("velocity feedforward", "ratio"),
+    "velocity_gain": ("velocity gain", "ratio"),
+    "vibration": ("vibration", "amplitude"),
+    "viscous_friction": ("viscous friction", "ratio"),
+    "worm_wear": ("worm wear", "depth"),
+}
+
+
+def headlines(result: Diagnosis) -> list[str]:
+    """One line per missing effect, such as ``C axis: position gain about 3 % too high, or a command delay of C.``"""
+    lines = [_line(e, result.before.machine) for e in result.effects]
+    if result.unexplained:
+        lines.append(_unknown(result.unexplained))
+    return lines or ["No effect is missing from the machine's model."]
+
+
+#: What an unknown error depends on, in a sentence.
+_VARIABLES = {
+    "position": "its position",
+    "direction": "its direction and position",
+    "velocity": "its velocity",
+    "acceleration": "its acceleration",
+    "torque": "its motor's torque",
+    "time_since_reversal": "the time since its last reversal",
+    "clock_time": "the time of day",
+}
+
+
+def _unknown(rest: Unexplained) -> str:
+    axes = " and ".join(rest.axes)
+    return f"{axes} axis: an unknown error of {_short(rest.rms / UM)} µm RMS that depends on {_VARIABLES[rest.variable]}."
+
+
+def _line(found: DiagnosedEffect, given: Machine) -> str:
+    effect = found.effect
+    cause = f"{_place(effect.subject)}: {sized(effect, given.effect(effect.key))}"
+    others = [_named(effect_id) for effect_id in found.alternatives]
+    return f"{cause}{''.join(f', or {other}' for other in others)}."
+
+
+def _place(subject: str) -> str:
+    return f"{subject} axis" if subject in AXES else subject
+
+
+def _named(effect_id: str) -> str:
+    """An effect of which no size is known, such as ``a command delay of C``."""
+    kind, _, subject = effect_id.partition("[")[0].partition(".")
+    name = _WORDS.get(kind, (kind.replace("_", " "), ""))[0]
+    if name.endswith("gain"):
+        name = f"wrong {name}"
+    article = "an" if name[0] in "aeiou" else "a"
+    return f"{'' if kind in ('backlash', 'friction', 'viscous_friction', 'worm_wear') else article + ' '}{name} of {subject}"
+
+
+def sized(effect: Effect, former: Effect | None = None) -> str:
+    """An effect with its size in words, such as ``position gain about 3 % too high``.
+
+    Args:
+        effect: the effect as it was fitted.
+        former: the same effect as the machine file has it, if it does.
+    """
+    name, leading = _WORDS.get(effect.kind, (effect.title[0].lower() + effect.title[1:], ""))
+    direction = f" while it turns {effect.values['direction']}" if "direction" in effect.values else ""
+    parameter = next((p for p in effect.parameters_of(effect.subject) if leading and p.name.startswith(leading)), None)
+    if parameter is None:
+        return name + direction
+    value = effect.values[parameter.name]
+    if parameter.kind == "components":
+        return f"{name} {_components(value, '°' if effect.subject in ROTARY else 'µm')}{direction}"
+    if parameter.neutral == 1.0:
+        return f"{name} {_percent(value)}{direction}"
+    old = former.values.get(parameter.name) if former else None
+    change = f" ({_percent(value / old, 'above', 'below')} the machine file's)" if isinstance(old, float) and old else ""
+    size = f"{_short(100.0 * value)} %" if leading == "ratio" else f"{_short(value)} {unit_of(parameter.name)[1]}".replace(" °", "°")
+    return f"{name} {'with a stiffness ' if leading == 'stiffness' else ''}of about {size}{direction}{change}"
+
+
+def _components(rows: list, unit: str) -> str:
+    order, amplitude, _ = max(rows, key=lambda row: abs(row[1]))
+    more = f" and {len(rows) - 1} more" if len(rows) > 1 else ""
+    return f"of about {_short(abs(amplitude))} {unit} at order {order:g}{more}".replace(" °", "°")
+
+
+def _percent(ratio: float, above: str = "too high", below: str = "too low") -> str:
+    percent = 100.0 * (ratio - 1.0)
+    return f"about {_short(abs(percent))} % {above if percent > 0 else below}"
+
+
+def _short(value: float) -> str:
+    """Two significant digits, such as 0.0020, 3.1 or 4100."""
+    rounded = float(f"{value:.2g}")
+    decimals = max(0, 1 - math.floor(math.log10(abs(rounded)))) if rounded else 0
+    return fixed(rounded, decimals)
+
+
+def explained(result: Diagnosis) -> str:
+    """How sure the answer is, and what to do next, in short sentences."""
+    tests = len(result.before.tests)
+    many = f"These {tests} tests" if tests != 1 else "This one test"
+    if result.verdict == "ambiguous":
+        return f"{many} cannot decide. {_next(result.next_test)}".strip()
+    if result.verdict == "identified":
+        also = " The unknown error comes on top of that." if result.unexplained else ""
+        return f"No other effect of the catalogue explains the measurement as well.{also}"
+    if result.verdict == "unknown":
+        return "The error repeats. No effect of the catalogue explains it."
+    return "The model explains the measurement down to the noise and the data sheet's tolerances."
+
+
+def _next(following: dict | None) -> str:
+    if following is None:
+        return ""
+    minutes, short = round(following["minutes"]), short_test(following["test"])
+    if following["decides"]:
+        return f"Next: one {minutes}-minute test ({short})."
+    return f"No test within reach decides. The best is one of {minutes} minutes ({short})."
+
+
+def short_test(table: dict) -> str:
+    """A test's table as in campaign.toml, in a few words: kind, plane or axis, place of the table ball, feed."""
+    kind = table["kind"].partition("_")[0]
+    words = [" ".join(str(x) for x in (kind, table.get("plane"), table.get("axis")) if x)]
+    words += [f"{axis} {value:g} mm" for axis, value in zip("XY", table["table_ball_mm"], strict=False) if value]
+    return ", ".join([*words, f"{table['feed_mm_min']:g} mm/min"])
