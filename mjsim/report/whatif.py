@@ -143,14 +143,33 @@ def what_if(
         c = by_name[rows[at].cause]
         rows[at] = _row(problem.tests, c, _of_simulation(problem, c.machine, threads, progress), simulated, SIMULATION)
     if sum(r.kind != "share" for r in rows) > 1:
-        rows.append(_together(problem, _all_repaired(machine, given, every), base, full > 1, threads, progress))
+        repaired = _all_repaired(machine, given, every)
+        same = next((r for r in rows if r.how == SIMULATION and _alike(by_name[r.cause].machine, repaired)), None)
+        rows.append(_together(problem, repaired, base, full > 1, threads, progress, same))
     return WhatIf(simulated.rms_um, simulated.tests_um, rows)
 
 
-def _together(problem: Problem, repaired: Machine, base: dict[str, _Errors], full: bool, threads: int, progress: Progress) -> RepairRow:
+def _alike(a: Machine, b: Machine) -> bool:
+    """Whether two machines with the same drives have the same effects."""
+    return {e.key: e.values for e in a.effects} == {e.key: e.values for e in b.effects}
+
+
+def _together(
+    problem: Problem,
+    repaired: Machine,
+    base: dict[str, _Errors],
+    full: bool,
+    threads: int,
+    progress: Progress,
+    same: RepairRow | None,
+) -> RepairRow:
+    """All repairs in one row; ``same`` is the simulated row of a single repair that leaves the same machine, if there is one."""
     title = "Everything above that can be repaired. What stays comes from the servo loops and from friction."
     how = SIMULATION if full else DRIVES
-    after = _of_simulation(problem, repaired, threads, progress) if full else _of_drives(problem, repaired)
+    if same is not None and full:
+        after = _Errors(same.rms_um, list(same.tests_um))
+    else:
+        after = _of_simulation(problem, repaired, threads, progress) if full else _of_drives(problem, repaired)
     return _row(problem.tests, Cause(ALL, title, Remedy("adjust", "", ""), repaired), after, base[how], how)
 
 
