@@ -155,8 +155,8 @@ TEXT = textwrap.dedent("""\
     Then come joint fits of the best. The memory is that of the whitened signatures, (blocks,
     candidates), and of the columns of the data sheet. It grows with the number of tests.
 
-    **The first command.** Numba compiles the engine when a command first needs it, and once more after an
-    update of the code. This takes some ten seconds.
+    **The first command.** Numba compiles the engine when a command first needs it, and once more after
+    an update of the code. This takes some ten seconds.
 
     More figures: [sweeps](batch.md#speed) and [videos](animation.md).
     """)

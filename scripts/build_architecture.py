@@ -36,7 +36,7 @@ def imports() -> dict[str, set[str]]:
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("mjsim."):
                 out[room].add(room_of(node.module or ""))
     names = [room for room in out if room and room != "__init__"]
-    return {room: {r for r in out[room] if r in names or r == GROUND} - {room} for room in {*names, GROUND}}
+    return {room: {r for r in out[room] if r in names or r == GROUND} - {room} for room in sorted({*names, GROUND})}
 
 
 def reduced(graph: dict[str, set[str]]) -> dict[str, set[str]]:
@@ -80,7 +80,7 @@ def draw() -> None:
     axes.set(xlim=(-2.8, 2.8), ylim=(-0.6, top + 0.6))
     axes.axis("off")
     for room, to in graph.items():
-        for other in to:
+        for other in sorted(to):
             far = at[room][1] - at[other][1] > 1
             bend = "arc3,rad=0.25" if far and at[room][0] >= 0 else "arc3,rad=-0.25" if far else "arc3"
             (x, y), (u, v) = at[room], at[other]

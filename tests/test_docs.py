@@ -101,6 +101,18 @@ def test_the_picture_of_the_rooms_is_up_to_date():
     assert script.PICTURE.is_file()
 
 
+def test_prose_is_wrapped_at_100_columns():
+    pages = [p for p in PAGES if p.parent.name != "models"]
+    long = []
+    for page in pages:
+        fenced = False
+        for number, line in enumerate(page.read_text(encoding="utf-8").splitlines(), start=1):
+            fenced ^= line.startswith("```")
+            if len(line) > 100 and not fenced and not line.startswith(("|", "![", "    ", "<!--")) and line.count(" ") > 3:
+                long.append(f"{page.name}:{number}")
+    assert not long, "\n".join(long)
+
+
 @pytest.mark.parametrize("page", ["docs/how-to-effect.md", "CONTRIBUTING.md"])
 def test_the_effects_of_the_documentation_work(page):
     """The class of each page moves its axis by its parameter."""
