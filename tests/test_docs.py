@@ -101,6 +101,18 @@ def test_the_picture_of_the_rooms_is_up_to_date():
     assert script.PICTURE.is_file()
 
 
+def test_what_the_architecture_names_exists():
+    """Modules, and what they define, as ``estimation.fit`` or ``machine.model.build``."""
+    rooms = {p.name for p in (ROOT / "mjsim").iterdir() if p.is_dir()}
+    named = re.findall(r"`(\w+(?:\.\w+)+)`", (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8"))
+    named = [n for n in named if n.split(".")[0] in rooms]
+    assert len(named) > 5
+    for name in named:
+        module, _, last = f"mjsim.{name}".rpartition(".")
+        above = importlib.import_module(module)
+        assert hasattr(above, last) or importlib.util.find_spec(f"mjsim.{name}"), name
+
+
 def test_prose_is_wrapped_at_100_columns():
     pages = [p for p in PAGES if p.parent.name != "models"]
     long = []
