@@ -85,7 +85,7 @@ INTRODUCTION = textwrap.dedent("""\
     | test | what it is |
     |---|---|
     | circle | XY plane, radius 100 mm, 1000 mm/min, two revolutions counter-clockwise |
-    | cone | cone frustum 15°/10°, table ball 50 mm off the C axis in Y, 1000 mm/min, two revolutions counter-clockwise |
+    | cone | cone frustum 15°/10°, table ball 50 mm off C in Y, 1000 mm/min, two revolutions counter-clockwise |
     | wide cone | cone frustum 45°/30°, table ball on the C axis, 1000 mm/min, two revolutions counter-clockwise |
 
     **The columns.** *Off at* is the value that switches the effect off. A parameter without such a

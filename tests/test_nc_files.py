@@ -217,7 +217,7 @@ def test_time_of_a_block(case):
 WANTED = np.array([[10, 0, 5, 0, 0], [11.5, -0.5, 5, 0, 2], [11.5, -1, 5, -0.25, 2]], float)
 SPELLINGS = {
     "plain": "G90 G21 G94\nG0 X10. Y0. Z5. A0. C0.\nG1 X11.5 Y-.5 C2. F600\nY-1. A-.25\nM30\n",
-    "lower case, no spaces, numbers": "n10g90g21g94\nn20g0x10.y0.z5.a0.c0.\nn30g1x11.5y-.5c2.f600\nn40y-1.a-.25\nn50m30\n",
+    "lower case, no spaces, numbers": ("n10g90g21g94\nn20g0x10.y0.z5.a0.c0.\nn30g1x11.5y-.5c2.f600\nn40y-1.a-.25\nn50m30\n"),
     "blanks within words": "G90 G21\nG0 X 10. Y 0 Z+5. A0 C 0\nG01 X +11.5 Y -0.5 C2.0 F 600.\nY-1. A-0.25\n",
     "Windows": "G90\r\nG0 X10. Y0. Z5. A0. C0.\r\nG1 X11.5 Y-.5 C2. F600\r\nY-1. A-.25\r\nM2\r\n",
     "comments": "%\nO1234 (PART; ONE)\n(X99.) G90 (ABS) G0 X10. (A) Y0. Z5. A0. C0. ; G91 (\n"

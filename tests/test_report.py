@@ -43,7 +43,10 @@ HOSTILE = "<script src=\"http://evil.example/x.js\">alert('1')</script>"
 
 def _content(name="cone15-ccw", **changes):
     measured = 2.0 * np.cos(np.radians(2 * PHI))
-    polar = lambda factor: [PolarTrace("measured", PHI, measured), PolarTrace("simulated", PHI, factor * measured, "simulated")]  # noqa: E731
+
+    def polar(factor):
+        return [PolarTrace("measured", PHI, measured), PolarTrace("simulated", PHI, factor * measured, "simulated")]
+
     figures = lambda factor: circular_figures(np.radians(PHI), factor * measured * 1e-6)  # noqa: E731
     test = TestSection(
         name=name,

@@ -26,8 +26,8 @@ _UNIT = {
 
 _TEMPLATE = '''"""{summary}
 
-Written by mjsim from the measurement: an empirical curve, not an explanation. Replace the curve by the physics you suspect, rename
-the effect, and try it with `mjsim add CAMPAIGN {file_name}`.
+Written by mjsim from the measurement: an empirical curve, not an explanation. Replace the curve
+by the physics that you suspect, rename the effect, and try it with `mjsim add CAMPAIGN {file_name}`.
 """
 
 import numpy as np
@@ -64,7 +64,8 @@ _ON_AXIS = "out[:, MOVED] = size"
 _ON_TABLE = """a, c = motion.position[:, 3], motion.position[:, 4]
         x0, y0, z0 = np.eye(3)[MOVED]
         x1, y1 = x0 * np.cos(c) - y0 * np.sin(c), x0 * np.sin(c) + y0 * np.cos(c)
-        out[:, :3] = -size[:, None] * np.column_stack([x1, y1 * np.cos(a) - z0 * np.sin(a), y1 * np.sin(a) + z0 * np.cos(a)])"""
+        y2, z2 = y1 * np.cos(a) - z0 * np.sin(a), y1 * np.sin(a) + z0 * np.cos(a)
+        out[:, :3] = -size[:, None] * np.column_stack([x1, y2, z2])"""
 
 
 def effect_source(term: CurveTerm, values: np.ndarray, summary: str, file_name: str) -> str:

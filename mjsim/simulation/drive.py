@@ -10,7 +10,7 @@ sub-step where the velocity keeps its sign; ``tests/test_convergence.py`` holds 
 
 With an elastic transmission the load is a second mass on a spring, and two more states:
 
-    Jm dω/dt = τ − C ω − … − T,   Jl dω_l/dt = T,   T = k (θ − θ_l) + 2 ζ √(k Jl) (ω − ω_l)     (all on the motor's side)
+    Jm dω/dt = τ − C ω − … − T,   Jl dω_l/dt = T,   T = k (θ − θ_l) + 2 ζ √(k Jl) (ω − ω_l)    (all on the motor's side)
 """
 
 from __future__ import annotations
