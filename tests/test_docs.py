@@ -13,6 +13,11 @@ import numpy as np
 import pytest
 
 import mjsim
+from mjsim.ballbar.kinds import KINDS
+from mjsim.importing.formats import base as formats
+from mjsim.importing.reading import Options
+from mjsim.machine.chain import FIVE_AXIS
+from mjsim.machine.kinematics import reading
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), ROOT / "examples" / "README.md", ROOT / "models" / "README.md"])
@@ -125,15 +130,44 @@ def test_prose_is_wrapped_at_100_columns():
     assert not long, "\n".join(long)
 
 
+def code_of(page, words):
+    """The code block of a page that contains the words, as it runs; the names that it defines."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    block = next(b for b in re.findall(r"(?:^    .*\n|^\n)+", text, re.MULTILINE) if words in b)
+    names = {"__name__": "example"}
+    exec(re.sub(r"^    ", "", block, flags=re.MULTILINE), names)
+    return names
+
+
 @pytest.mark.parametrize("page", ["docs/how-to-effect.md", "CONTRIBUTING.md"])
 def test_the_effects_of_the_documentation_work(page):
     """The class of each page moves its axis by its parameter."""
-    blocks = re.findall(r"(?:^    .*\n|^\n)+", (ROOT / page).read_text(encoding="utf-8"), re.MULTILINE)
-    names = {}
-    exec(re.sub(r"^    ", "", next(b for b in blocks if "@mjsim.register" in b), flags=re.MULTILINE), names)
-    (cls,) = [c for c in names.values() if isinstance(c, type)]
+    cls = code_of(page, "@mjsim.register")["ScrewWave"]
     (parameter,) = cls.parameters
     effect = cls(cls.subjects[0], **{parameter.name: 2.0})
     q = np.linspace(-0.1, 0.1, 401)[:, None] * np.ones(5)
     moved = effect.position_error(mjsim.Motion(q[:, 0], q[:, 0], q, q, q, q, q))
     assert moved.shape == q.shape and np.abs(moved).max() == pytest.approx(effect.si(parameter.name), rel=1e-3)
+
+
+def test_the_test_kind_of_the_documentation_works():
+    before = dict(KINDS)
+    try:
+        kind = code_of("CONTRIBUTING.md", "class Latitude")["Latitude"]()
+        (test,) = kind.proposals(FIVE_AXIS, 0.1, 0.155)
+        phi = np.linspace(-0.1, 6.4, 500)
+        q = kind.path(test, phi)
+        assert np.abs(reading(FIVE_AXIS, q, np.array(test.table_ball), test.length)).max() < 1e-12
+        assert np.abs(np.unwrap(kind.angle(test, q)) - phi).max() < 1e-9
+    finally:
+        KINDS.clear()
+        KINDS.update(before)
+
+
+def test_the_file_format_of_the_documentation_works(monkeypatch, tmp_path):
+    monkeypatch.setattr(formats, "_FORMATS", {})
+    code_of("CONTRIBUTING.md", "class JSON")
+    file = tmp_path / "run.json"
+    file.write_text('{"t_ms": [0, 5, 10], "r_um": [0.1, 0.2, 0.3]}')
+    table = formats.read_any(file, Options())
+    assert table.names == ("time", "deviation") and table.values.shape == (3, 2)
