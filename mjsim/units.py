@@ -23,7 +23,17 @@ UNITS: dict[str, tuple[float, str]] = {
     "Hz": (1.0, "Hz"),
     "ppm": (1e-6, "ppm"),
     "s": (1.0, "s"),
+    "m": (1.0, "m"),
+    "m_per_s": (1.0, "m/s"),
+    "N": (1.0, "N"),
+    "N_per_m": (1.0, "N/m"),
+    "Nm_per_rad": (1.0, "N·m/rad"),
+    "kg": (1.0, "kg"),
+    "K": (1.0, "K"),
 }
+
+#: Names that a plain number may have, alone or as an ending: ratios, orders and counts.
+DIMENSIONLESS = ("ratio", "order", "gain", "factor", "share", "count", "exponent", "index")
 
 UM = 1e-6
 DEG = math.pi / 180.0

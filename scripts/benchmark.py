@@ -33,7 +33,7 @@ from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant
 from mjsim.simulation import callback, mjmodel
 from mjsim.simulation.drive import STEP, SUBSTEPS
-from mjsim.simulation.multibody import _prepare, simulate
+from mjsim.simulation.multibody import prepare, simulate
 
 ROOT = Path(__file__).resolve().parent.parent
 PARTS = ("simulate", "commands", "memory", "growth")
@@ -87,7 +87,7 @@ def timed(action: Callable[[], object]) -> tuple[float, float]:
 
 def steps_of(plant: Plant) -> tuple[Callable[[], object], Callable[[], object], int]:
     """Functions that run the test's MuJoCo steps with and without the callback, and the number of steps."""
-    _, grid, _, sent, model, data = _prepare(mjmodel.build_model(plant), plant, TEST, STEP)
+    _, grid, _, sent, model, data = prepare(mjmodel.build_model(plant), plant, TEST, STEP)
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS
     initial = np.zeros(mujoco.mj_stateSize(model, full))
     mujoco.mj_getState(model, data, initial, full)

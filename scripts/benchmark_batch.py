@@ -29,7 +29,7 @@ from mjsim.io.resources import examples
 from mjsim.machine.model import build
 from mjsim.simulation import mjmodel
 from mjsim.simulation.drive import STEP
-from mjsim.simulation.multibody import _prepare
+from mjsim.simulation.multibody import prepare
 
 SWEEP = """
 name = "benchmark"
@@ -56,7 +56,7 @@ def bare_rollouts(sweep: Sweep):
     full, made = mujoco.mjtState.mjSTATE_FULLPHYSICS, []
     for job in sweep.jobs():
         plant = build(sweep.recipe.machine(job.values, job.sheet))
-        *_, sent, model, data = _prepare(mjmodel.build_model(plant), plant, job.conditions, STEP)
+        *_, sent, model, data = prepare(mjmodel.build_model(plant), plant, job.conditions, STEP)
         initial = np.zeros(mujoco.mj_stateSize(model, full))
         mujoco.mj_getState(model, data, initial, full)
         made.append((model, data, initial[None], np.vstack([sent[1:], sent[-1:]])[None]))

@@ -20,9 +20,11 @@ from mjsim.campaign.machine_file import read_machine
 from mjsim.effects import registry
 from mjsim.io.resources import examples
 from mjsim.machine.chain import AXES
+from mjsim.simulation.cache import forget_stale_code
 from mjsim.simulation.multibody import simulate
 
 hypothesis.settings.load_profile("mjsim")
+forget_stale_code()
 os.environ.setdefault("MJSIM_TRACEBACK", "1")  # a fault of mjsim's own is shown as it is
 # A job started in the background ignores Ctrl-C, and so would the commands under test.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

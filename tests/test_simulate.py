@@ -18,7 +18,7 @@ from mjsim.machine.plant import STAGES
 from mjsim.simulation import callback, mjmodel
 from mjsim.simulation.axes import AxesMotion
 from mjsim.simulation.drive import STEP, SUBSTEPS
-from mjsim.simulation.multibody import _prepare, simulate
+from mjsim.simulation.multibody import prepare, simulate
 
 FEED = 6000.0
 
@@ -195,7 +195,7 @@ def test_forces_are_what_the_motors_give(machine, bare, cone):
         still = still.with_effect(effect)  # friction acts on the motor, not on the joint
     plant = build(still)
     model = mjmodel.build_model(plant)
-    _, time, _, sent, model, data = _prepare(model, plant, cone(15, 10, (50, 20, 155), FEED), STEP)
+    _, time, _, sent, model, data = prepare(model, plant, cone(15, 10, (50, 20, 155), FEED), STEP)
     force, motor = np.empty((len(time), 5)), np.empty((len(time), 5))
     dofs = [model.joint(a).dofadr[0] for a in AXES]
     callback.install()
@@ -344,12 +344,12 @@ def test_shipped_discretisation():
 
 def test_compiled_code_older_than_a_source_is_dropped(tmp_path):
     """A change of one module must reach the callback, which has that module's code compiled in."""
-    from mjsim.simulation import forget_stale_code
+    from mjsim.simulation.cache import forget_stale_code
 
     cache = tmp_path / "__pycache__"
     cache.mkdir()
     for name, when in (("a.py", 100), ("b.py", 200), ("__pycache__/a.old.nbi", 150), ("__pycache__/a.new.nbi", 250)):
         (tmp_path / name).touch()
         os.utime(tmp_path / name, (when, when))
-    forget_stale_code(tmp_path)
+    forget_stale_code(tmp_path, tmp_path)
     assert [p.name for p in cache.iterdir()] == ["a.new.nbi"]

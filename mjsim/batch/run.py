@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -92,10 +90,10 @@ def batch(
         KeyboardInterrupt: the user stopped it; finished runs are in ``out``.
     """
     sweep = sweep if isinstance(sweep, Sweep) else read_sweep(sweep)
-    with _interrupts() as interrupted, _cluster(scheduler) as client, Folder(sweep, Path(out), force) as folder:
+    with _cluster(scheduler) as client, Folder(sweep, Path(out), force) as folder:
         done = folder.done()
         steps = [step_count(sweep, i) for i in range(len(sweep.tests))]
-        writer = _Writer(folder, done, sweep.runs * len(sweep.tests), steps, sweep.runs, progress, interrupted)
+        writer = _Writer(folder, done, sweep.runs * len(sweep.tests), steps, sweep.runs, progress)
         jobs = (j for j in sweep.jobs() if (j.run, j.test) not in done)
         try:
             if not writer.left:
@@ -121,32 +119,11 @@ def _cluster(scheduler: str | None) -> AbstractContextManager[Any]:
     return connected(scheduler)
 
 
-@contextmanager
-def _interrupts() -> Iterator[threading.Event]:
-    """Set once the user has pressed Ctrl-C: Python drops an interrupt that arrives inside a destructor or a library's callback."""
-    event = threading.Event()
-    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-        yield event
-        return
-
-    def interrupt(number, frame):
-        event.set()
-        raise KeyboardInterrupt
-
-    former = signal.signal(signal.SIGINT, interrupt)
-    try:
-        yield event
-    finally:
-        signal.signal(signal.SIGINT, former or signal.default_int_handler)
-
-
 class _Writer:
-    """Counts outcomes and writes them as shards, each key once; once ``interrupted`` is set, the next outcome is the last."""
+    """Counts outcomes and writes them as shards, each key once."""
 
-    def __init__(
-        self, folder: Folder, done: set, total: int, steps: list[int], runs: int, progress: Progress, interrupted: threading.Event
-    ) -> None:
-        self._folder, self._seen, self._total, self._progress, self._interrupted = folder, set(done), total, progress, interrupted
+    def __init__(self, folder: Folder, done: set, total: int, steps: list[int], runs: int, progress: Progress) -> None:
+        self._folder, self._seen, self._total, self._progress = folder, set(done), total, progress
         self._steps, self._all_steps = steps, sum(steps) * runs
         self._stepped = sum(steps[t] for _, t in done)
         self._before, self._stepped_before = len(done), self._stepped
@@ -169,8 +146,6 @@ class _Writer:
         if now - self._flushed >= max(FLUSH_S, FLUSH_SHARE * (now - self._begun)):
             self.flush()
         self._tell()
-        if self._interrupted.is_set():
-            raise KeyboardInterrupt
 
     def flush(self) -> None:
         kept, self._kept = self._kept, []

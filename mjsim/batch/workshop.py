@@ -24,6 +24,7 @@ from mjsim.batch.recipe import Recipe
 from mjsim.errors import EffectTimeout, InputError, SimulationError
 from mjsim.machine.bodies import own_inertia
 from mjsim.machine.model import build
+from mjsim.machine.own import is_own
 from mjsim.machine.plant import Plant
 from mjsim.simulation import mjmodel
 from mjsim.simulation.axes import delayed_commands, own_effects, time_grid
@@ -113,6 +114,8 @@ class Workshop:
         self._recipe, self._every = recipe, every
         self._plans, self._structures = _Kept(4), _Kept(16)
         self._mine = threading.local()
+        #: Whether a run calls code of the user's own effects.
+        self.own_code = any(is_own(type(e)) for e in recipe.base.effects)
 
     def plan(self, test: BallBarTest) -> TestPlan:
         """What the runs of ``test`` share."""

@@ -70,6 +70,7 @@ def _effect(path: Path, number: int, entry: dict[str, Any], files: dict[str, str
         raise InputError(f"{path}: [[effect]] number {number}: id = {shown(effect_id)} is no effect's name")
     if source is not None and (not isinstance(source, str) or not source.strip() or not source.isprintable()):
         raise InputError(f"{path}: [[effect]] number {number}: file = {shown(source)}; allowed: the path of a Python file (.py)")
+    cls = None
     try:
         if source is not None:
             cls = registry.load_file(path.parent / str(source))
@@ -89,7 +90,8 @@ def _effect(path: Path, number: int, entry: dict[str, Any], files: dict[str, str
                 raise InputError(f"effect {effect_id}: {name} is a whole number of more than 300 digits, which is out of bounds")
         return cls(subject, **entry)
     except InputError as error:
-        raise InputError(f"{path}: [[effect]] number {number}: {error}") from None
+        hint = f"; `mjsim remove` takes {effect_id} out" if source is not None and cls is None else ""
+        raise InputError(f'{path}: [[effect]] "{effect_id}": {error}{hint}') from None
 
 
 def _rounded(value: Any) -> Any:
@@ -100,11 +102,11 @@ def _rounded(value: Any) -> Any:
     return value
 
 
-def machine_document(machine: Machine, original: Path) -> str:
-    """TOML text of ``machine`` made by editing the text of ``original``, so that comments and order stay."""
-    former = read_text(original)
+def machine_document(machine: Machine, original: Path, former: str | None = None) -> str:
+    """TOML text of ``machine`` made by editing the text of ``original`` (or ``former``), so that comments and order stay."""
+    former = read_text(original) if former is None else former
     document = tomlkit.parse(former)
-    base = read_machine(original)
+    base = read_machine(original, former)
     for axis in AXES:
         for attribute, key in DRIVE_KEYS.items():
             value = getattr(machine.drives[axis], attribute)
@@ -143,9 +145,9 @@ def _new_table(effect: Effect, machine: Machine, inline: bool) -> Table | Inline
     return table
 
 
-def machine_text(machine: Machine, original: Path, folder: Path) -> str:
+def machine_text(machine: Machine, original: Path, folder: Path, former: str | None = None) -> str:
     """TOML text of ``machine`` as a file in ``folder``: as :func:`machine_document`, effect files named relative to ``folder``."""
-    text = machine_document(machine, original)
+    text = machine_document(machine, original, former)
     here, there = Path(original).resolve().parent, Path(folder).resolve()
     if machine.effect_files and here != there:
         document = tomlkit.parse(text)
@@ -154,6 +156,16 @@ def machine_text(machine: Machine, original: Path, folder: Path) -> str:
                 table["file"] = os.path.relpath(here / table["file"], there)
         text = tomlkit.dumps(document)
     return text
+
+
+def text_without(path: Path, effect_id: str) -> str:
+    """Text of a machine file less the effects of one id, whether their files can be loaded or not; the same text where there is none."""
+    document = tomlkit.parse(read_text(path))
+    tables = document.get("effect", [])
+    for index in reversed(range(len(tables))):
+        if tables[index].get("id") == effect_id:
+            del tables[index]
+    return tomlkit.dumps(document)
 
 
 def write_machine(machine: Machine, original: Path, target: Path, force: bool = False) -> None:

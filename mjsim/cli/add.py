@@ -35,14 +35,16 @@ def command(campaign, effect, machine, threads, as_is, as_json, quiet) -> None:
     if quiet:
         return
     show_change("added", data)
-    common.say(f"{change.machine.path} now has it; `mjsim remove {campaign} {change.effect.id}` takes it out again", quiet)
+    common.say(f"{change.machine.path} now has it; `mjsim remove {campaign} {change.id}` takes it out again", quiet)
 
 
 def change_json(change) -> dict:
     """JSON of ``add`` and ``remove``."""
-    before, after = change.before.to_json(), change.after.to_json()
+    after = change.after.to_json()
+    unknown = {"rms_um": None, "tests": [{"rms_um": None}] * len(after["tests"])}
+    before = change.before.to_json() if change.before else unknown
     return {
-        "effect": {"id": change.effect.id, "parameters": change.effect.values, "ci95": change.ci95},
+        "effect": {"id": change.id, "parameters": change.effect.values if change.effect else {}, "ci95": change.ci95},
         "machine_file": str(change.machine.path),
         "noise_um": after["noise_um"],
         "rms_before_um": before["rms_um"],
@@ -62,9 +64,13 @@ def show_change(word: str, data: dict) -> None:
     click.echo(f"{word} {e['id']}")
     for line in parameter_lines(e["parameters"], e["ci95"]):
         common.paragraph(line, "  ")
-    rows = [[t["name"], f"{t['rms_before_um']:.3f}", f"{t['rms_after_um']:.3f}"] for t in data["tests"]]
+    rows = [[t["name"], _number(t["rms_before_um"]), _number(t["rms_after_um"])] for t in data["tests"]]
     click.echo()
     common.table(
-        ["test", "RMS before µm", "after µm"], [*rows, ["all tests", f"{data['rms_before_um']:.3f}", f"{data['rms_after_um']:.3f}"]]
+        ["test", "RMS before µm", "after µm"], [*rows, ["all tests", _number(data["rms_before_um"]), _number(data["rms_after_um"])]]
     )
     click.echo(f"\nnoise {data['noise_um']:.3f} µm")
+
+
+def _number(rms_um: float | None) -> str:
+    return "unknown" if rms_um is None else f"{rms_um:.3f}"

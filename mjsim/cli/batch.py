@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from mjsim.cli import common
+from mjsim.cli import common, signals
 
 
 @click.command("batch")
@@ -42,16 +42,19 @@ def command(sweep, out, scheduler, dry_run, force, threads, as_json, quiet) -> N
         with common.progress_bar(quiet, left=True) as bar:
 
             def progress(done: int, total: int, steps: int, all_steps: int) -> None:
+                signals.raise_again()
                 bar("simulating", round(total * steps / all_steps), total)  # a long test counts more, so that the time left is right
 
             result = batch(s, out, cores, scheduler, force, progress)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         common.say(f"mjsim: stopped; what is finished is in {out}, the same command goes on from there", False)
-        sys.exit(130)
+        sys.exit(signals.status(stop))
     if as_json:
         common.print_json(_summary(result))
     elif not quiet:
         _say(result)
+    if result.failed == result.runs * result.tests:
+        common.fail(f"every simulation of the sweep failed; the column 'error' of {out / 'results'} says why")
 
 
 def _summary(r) -> dict:

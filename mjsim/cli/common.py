@@ -7,11 +7,10 @@ import json
 import math
 import os
 import shutil
-import signal
 import sys
 import textwrap
-import threading
-from collections.abc import Callable, Iterator
+import warnings
+from collections.abc import Callable
 from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
@@ -19,6 +18,7 @@ from typing import NoReturn
 
 import click
 
+from mjsim.cli import signals
 from mjsim.errors import InputError, SimulationError, shortened
 
 #: Columns that output fits where stdout is no terminal.
@@ -34,14 +34,13 @@ def options(command: Callable) -> Callable:
 
     @wraps(command)
     def run(*args, **kwargs):
-        from mjsim.effects import last_resort
-
-        last_resort.wanted()
         for stream in (sys.stdout, sys.stderr):  # a terminal that has no µ, a folder's name that is no text
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="replace")
         try:
-            with _terminable():
+            with signals.caught(), warnings.catch_warnings():
+                if not sys.warnoptions:  # what numpy or a plotting library has to say is for developers (python -W default shows it)
+                    warnings.simplefilter("ignore")
                 return command(*args, **kwargs)
         except (InputError, SimulationError) as error:
             fail(str(error))
@@ -53,7 +52,7 @@ def options(command: Callable) -> Callable:
             fail("not enough memory for this; fewer or shorter tests, thinner traces or fewer --threads need less")
         except KeyboardInterrupt as stop:
             click.echo("mjsim: stopped; nothing half-written is left behind", err=True)
-            sys.exit(143 if isinstance(stop, _Terminated) else 130)
+            sys.exit(signals.status(stop))
         except click.exceptions.Exit:
             raise
         except click.ClickException:
@@ -61,31 +60,20 @@ def options(command: Callable) -> Callable:
         except Exception as fault:
             if os.environ.get(TRACEBACK):
                 raise
+            if line := _line_of_user(fault):
+                fail(f"{line}: raised {type(fault).__name__}: {fault}")
             _own_fault(fault)
 
     run = click.option("--quiet", is_flag=True, help="Print nothing but errors (and the JSON, with --json).")(run)
     return click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout and nothing else there.")(run)
 
 
-class _Terminated(KeyboardInterrupt):
-    """SIGTERM: the command ends as on Ctrl-C, so that what is half-written is taken away."""
+def _line_of_user(fault: Exception) -> str:
+    """File and line of a user's own effect that an error passed through last; empty where there is none."""
+    import traceback
 
-
-@contextmanager
-def _terminable() -> Iterator[None]:
-    """SIGTERM raises inside; only a process' main thread can have that."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def stop(number, frame):
-        raise _Terminated
-
-    former = signal.signal(signal.SIGTERM, stop)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, former or signal.SIG_DFL)
+    frames = [(f, n) for f, n in traceback.walk_tb(fault.__traceback__) if str(f.f_globals.get("__name__")).startswith("mjsim_user_")]
+    return f"{Path(frames[-1][0].f_code.co_filename).name}, line {frames[-1][1]}" if frames else ""
 
 
 def _own_fault(fault: Exception) -> NoReturn:

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import os
-import sys
-import warnings
 from importlib import import_module
 
 import click
 
+from mjsim.simulation.cache import forget_stale_code
+
 # numba's coloured error messages leave an escape sequence on the terminal at exit, whatever NO_COLOR says
 os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
-
-# what numpy or a plotting library has to say is for developers (python -W default shows it); what a user must know is an error's sentence
-if not sys.warnoptions:
-    warnings.simplefilter("ignore")
 
 _COMMANDS = {
     "demo": "The hidden-effect walk-through: watch the error fall.",
@@ -61,3 +57,4 @@ def main() -> None:
 
     Start with `mjsim demo`, then `mjsim compare FOLDER` and `mjsim diagnose FOLDER` on your own campaign.
     """
+    forget_stale_code()

@@ -34,7 +34,7 @@ def command(campaign, name, program, cycle_ms, block_ms, whole_cycles, out, plot
     """
     from dataclasses import replace
 
-    from mjsim.io.files import check_writable, together, write_whole
+    from mjsim.io.files import check_writable, write_all
     from mjsim.nc.control import Control, feed_report
     from mjsim.nc.read import parse_nc, read_nc
     from mjsim.nc.write import nc_program
@@ -51,18 +51,17 @@ def command(campaign, name, program, cycle_ms, block_ms, whole_cycles, out, plot
     report = feed_report(test, nc.motion, Control(cycle_ms * 1e-3, block_ms * 1e-3, whole_cycles), str(nc.path))
     data = {"test": test.name, "program": str(program) if program else None, "dialect": nc.dialect, "blocks": len(nc.motion.seconds)}
     data |= {"cycle_ms": cycle_ms, "block_ms": block_ms, "whole_cycles": whole_cycles, **report.to_json()}
-    with together():
-        if plot:
-            from mjsim.plots.feed import feed_figure
-            from mjsim.plots.save import save
+    pages: dict[Path, str | bytes] = {out: report.to_csv()} if out else {}
+    if plot:
+        from mjsim.plots.feed import feed_figure
+        from mjsim.plots.save import encoded
 
-            title = (
-                f"{test.name}: {len(nc.motion.seconds)} blocks, {data['mean_block_ms']:.3g} ms each; "
-                f"mean feed {data['mean_mm_min']:.1f} mm/min"
-            )
-            save(feed_figure(report.phi_deg, report.feed_mm_min, report.reading_um, data["nominal_mm_min"], title), plot, force)
-        if out:
-            write_whole(out, report.to_csv(), force)
+        title = (
+            f"{test.name}: {len(nc.motion.seconds)} blocks, {data['mean_block_ms']:.3g} ms each; mean feed {data['mean_mm_min']:.1f} mm/min"
+        )
+        figure = feed_figure(report.phi_deg, report.feed_mm_min, report.reading_um, data["nominal_mm_min"], title)
+        pages[plot] = encoded(figure, plot)
+    write_all(pages, force)
     if as_json:
         common.print_json(data | {"csv": str(out) if out else None, "plot": str(plot) if plot else None})
         return

@@ -28,8 +28,9 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
     """
     from mjsim.campaign.files import read_campaign
     from mjsim.errors import InputError
-    from mjsim.io.files import check_writable, together, write_whole
+    from mjsim.io.files import check_writable, together
     from mjsim.plots.output import polar_of_simulation, simulation_csv, simulation_summary
+    from mjsim.plots.save import encode
     from mjsim.simulation.multibody import simulate
     from mjsim.workflow.edit import machine_of
 
@@ -52,12 +53,12 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
 
         progress("simulating", 0, len(tests))
         results = simulate(m, tests, common.cores(threads), done)
-        with together():
+        with together(force) as write:
             for i, s in enumerate(results):
                 progress("writing", i, len(results))
-                write_whole(out / f"{s.test.name}.csv", simulation_csv(s), force=force)
+                write(out / f"{s.test.name}.csv", simulation_csv(s))
                 if not no_plots:
-                    polar_of_simulation(s, out / f"{s.test.name}.png")
+                    write(out / f"{s.test.name}.png", encode(polar_of_simulation(s), "png"))
     summary = simulation_summary(results)
     if as_json:
         common.print_json({"campaign": c.name, "machine": m.name, "out": str(out), "tests": summary})

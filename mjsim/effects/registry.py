@@ -3,34 +3,38 @@
 from __future__ import annotations
 
 import importlib
+import math
 import pkgutil
-from functools import cache, partial
+from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
-from mjsim.effects import guard
-from mjsim.effects.hooks import check_class, guard_class
-from mjsim.errors import InputError
+from mjsim.errors import InputError, SimulationError
 from mjsim.io.inputs import is_file
-from mjsim.machine.effect import Effect
+from mjsim.machine import own
+from mjsim.machine.effect import Effect, Parameter
+from mjsim.units import DIMENSIONLESS, UNITS, unit_of
 
 _E = TypeVar("_E", bound=Effect)
 _REGISTRY: dict[str, type[Effect]] = {}
-_NOT_EFFECTS = {"confine", "guard", "hooks", "last_resort", "registry", "results"}
+_NOT_EFFECTS = {"registry"}
+#: Texts that say what an effect is.
+_TEXTS = ("title", "definition", "source", "signature")
 
 
 def register(cls: type[_E]) -> type[_E]:
-    """Class decorator: makes an effect known under its ``kind``. A clash of names is refused.
+    """Class decorator: makes an effect known under its ``kind``.
 
-    What a class that is not mjsim's own overrides is watched from then on (:mod:`mjsim.effects.hooks`).
+    Raises:
+        InputError: a class attribute is not what :class:`Effect` says, or the kind is taken.
     """
-    check_class(cls)
+    if why := _wrong(cls):
+        raise InputError(f"effect class {cls.__name__}: {why}")
     other = _REGISTRY.get(cls.kind)
     if other is not None and other.__module__ != cls.__module__:
         raise InputError(f"effect kind {cls.kind!r} of {cls.__module__} is already taken by {other.__module__}; choose another kind")
-    guard_class(cls)
     _REGISTRY[cls.kind] = cls
     return cls
 
@@ -43,10 +47,12 @@ def _load_installed() -> None:
             importlib.import_module(f"mjsim.effects.{module.name}")
     for point in entry_points(group="mjsim.effects"):
         try:
-            guard.watched("", point.load, guard.LOAD_SHARE, f"effect {point.name!r}")
-        except (guard.Fault, InputError) as error:
+            point.load()
+        except Exception as error:
             package = point.dist.name if point.dist else "?"
-            raise InputError(f"effect {point.name!r} of the installed package {package}: {error}; mend or uninstall the package") from error
+            raise InputError(
+                f"effect {point.name!r} of the installed package {package}: {type(error).__name__}: {error}; mend or uninstall the package"
+            ) from error
 
 
 def kinds() -> dict[str, type[Effect]]:
@@ -70,32 +76,73 @@ def load_file(path: Path) -> type[Effect]:
     if path.suffix != ".py" or not is_file(path):
         raise InputError(f"effect file {path}: no such file; allowed: the path of a Python file (.py) that registers one effect")
     before = dict(_REGISTRY)
-    module = ModuleType(f"mjsim_user_{path.stem}")
+    module = ModuleType(f"{own.USER_MODULE}{path.stem}")
     module.__file__ = str(path)
     try:
-        guard.watched(str(path), partial(_run, path, module), guard.LOAD_SHARE, f"effect file {path}")
-    except InputError as error:
+        with own.running(f"effect file {path}", module.__name__):
+            exec(compile(path.read_bytes(), str(path), "exec"), module.__dict__)  # no __pycache__ beside the user's file
+        new = [cls for cls in _REGISTRY.values() if cls.__module__ == module.__name__ and before.get(cls.kind) is not cls]
+        if not new:
+            raise InputError(f"effect file {path}: no class has @mjsim.register above it")
+        if len(new) > 1:
+            names = ", ".join(cls.__name__ for cls in new)
+            raise InputError(f"effect file {path}: {len(new)} classes have @mjsim.register above them ({names}); allowed: one class a file")
+    except BaseException as error:
         restore(before)
-        raise InputError(f"effect file {path}: {error}") from None
-    except guard.Fault as fault:
-        restore(before)
-        raise InputError(f"effect file {path}: {_why(fault)}") from fault
-    new = [cls for cls in _REGISTRY.values() if cls.__module__ == module.__name__ and (before.get(cls.kind) is not cls)]
-    if len(new) != 1:
-        restore(before)
-        raise InputError(f"effect file {path}: {len(new)} effect classes registered; allowed: exactly one class with @register")
+        if isinstance(error, SimulationError):
+            raise InputError(str(error)) from error
+        raise
     return new[0]
 
 
-def _run(path: Path, module: ModuleType) -> None:
-    exec(compile(path.read_bytes(), str(path), "exec"), module.__dict__)  # no __pycache__ beside the user's file
+def _wrong(cls: type[Effect]) -> str:
+    """What is wrong with the attributes of an effect class, and what is allowed; nothing where all is well."""
+    for name in ("kind", "subjects", "parameters", *_TEXTS):
+        if not hasattr(cls, name):
+            return f"the class attribute {name!r} is missing"
+    if not isinstance(cls.kind, str) or not cls.kind.isidentifier():
+        return f"kind = {cls.kind!r}; allowed: a name of letters, digits and _"
+    named = isinstance(cls.subjects, (tuple, list)) and all(isinstance(s, str) and s.isidentifier() for s in cls.subjects)
+    if not named or not cls.subjects or len(set(cls.subjects)) < len(cls.subjects):
+        return f'subjects = {cls.subjects!r}; allowed: a tuple of different names such as ("X", "Y")'
+    for name in _TEXTS:
+        if not isinstance(getattr(cls, name), str):
+            return f"{name} = {getattr(cls, name)!r}; allowed: a text"
+    for subject in cls.subjects:
+        parameters = cls.parameters_of(subject)
+        if not isinstance(parameters, (tuple, list)) or not all(isinstance(p, Parameter) for p in parameters):
+            return f"parameters = {parameters!r}; allowed: a tuple of mjsim.Parameter"
+        if why := next(filter(None, map(_wrong_parameter, parameters)), ""):
+            return why
+        names = {p.name for p in parameters}
+        if not set(cls.free_of(subject)) <= names:
+            return f"free = {cls.free_of(subject)!r}; allowed: a tuple with names out of {', '.join(names)}"
+    return ""
 
 
-def _why(fault: guard.Fault) -> str:
-    where = "" if fault.line is None else f" (line {fault.line})"
-    if fault.timeout:
-        return f"{fault.what} while it was loaded{where}; mend it, or allow three times more with the variable {guard.VARIABLE}"
-    return f"{fault.what.removeprefix('raised ')}{where}"
+def _wrong_parameter(p: Parameter) -> str:
+    """What is wrong with a parameter, and what is allowed; nothing where all is well."""
+    if not isinstance(p.name, str) or not p.name.isidentifier():
+        return f"the parameter name {p.name!r}; allowed: a name of letters, digits and _"
+    if p.kind not in ("number", "components", "choice"):
+        return f"kind of the parameter {p.name} = {p.kind!r}; allowed: number, components, choice"
+    if p.kind == "choice" and not (p.choices and all(isinstance(c, str) for c in p.choices)):
+        return f"choices of the parameter {p.name} = {p.choices!r}; allowed: a tuple of texts"
+    if p.kind != "number":
+        return ""
+    if not unit_of(p.name)[1] and p.name.rpartition("_")[2] not in DIMENSIONLESS:
+        return (
+            f"the parameter name {p.name!r} has no unit; allowed endings: {', '.join('_' + u for u in UNITS)}, "
+            f"and for plain numbers: {', '.join(DIMENSIONLESS)}"
+        )
+    numbers = [x for x in (p.lower, p.upper, p.scale, p.neutral, p.default) if x is not None]
+    if not all(isinstance(x, (int, float)) and not math.isnan(x) for x in numbers):
+        return f"the parameter {p.name} has bounds, scale, neutral or default {numbers}; allowed: numbers"
+    if not 0.0 < p.scale < math.inf:
+        return f"scale of the parameter {p.name} = {p.scale:g}; allowed: above 0"
+    if not all(p.lower <= x <= p.upper for x in (p.lower, p.neutral, p.default) if x is not None):
+        return f"the parameter {p.name} has the bounds {p.lower:g} to {p.upper:g}; allowed: bounds around its neutral and default values"
+    return ""
 
 
 def restore(before: dict[str, type[Effect]]) -> None:

@@ -13,11 +13,13 @@ import numpy as np
 
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.model import Campaign
+from mjsim.effects import registry
 from mjsim.estimation.data_sheet import SHEET, calibrated
 from mjsim.estimation.nuisance import fit_nuisance
 from mjsim.estimation.outliers import MOST_EVENTS, SAME_PLACE, largest_jump, leave_out_shorter_side, mark_outliers, readmit_outliers
 from mjsim.estimation.samples import GRID, GRID_STEPS, Samples, estimate_noise, make_samples
 from mjsim.machine.chain import AXES
+from mjsim.machine.effect import Effect
 from mjsim.machine.kinematics import BarSensitivity
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant
@@ -100,7 +102,9 @@ class Problem:
         self.samples: list[Samples] = make_samples(self.tests, campaign.traces, block)
         self.estimate_noise()
         self.layout = NuisanceLayout(tuple(dict.fromkeys(t.setup for t in self.tests)), tuple(t.name for t in self.tests))
-        self._threads, self._pool = threads, ThreadPoolExecutor(threads)
+        # a user's plain-Python effect holds Python's lock, so that threads gain nothing, and has a time limit in the calling thread only
+        known = {*registry.kinds().values(), *map(type, machine.effects)}
+        self._threads = 1 if any(cls.position_error is not Effect.position_error for cls in known) else threads
         self.motions = [AxesMotion(t) if keep_motions else AxesMotion(t, keep=1, light=True) for t in self.tests]
         plant = build(machine)
         check_stable(plant)
@@ -168,7 +172,8 @@ class Problem:
         """``work(k)`` for every test on the problem's threads, in order."""
         if self._threads == 1:
             return [work(k) for k in range(len(self.tests))]
-        return list(self._pool.map(work, range(len(self.tests))))
+        with ThreadPoolExecutor(self._threads) as pool:
+            return list(pool.map(work, range(len(self.tests))))
 
     @property
     def count(self) -> int:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import secrets
-import shutil
 import stat
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from mjsim.errors import InputError
@@ -20,6 +17,10 @@ _DEEPEST = 200
 
 def check_writable(path: Path, force: bool = False) -> None:
     """Say before the work that :func:`write_whole` would refuse ``path``; writes nothing.
+
+    Args:
+        path: the file to be.
+        force: an existing file may be replaced.
 
     Raises:
         InputError: as :func:`write_whole`.
@@ -35,65 +36,48 @@ def check_writable(path: Path, force: bool = False) -> None:
 def write_whole(path: Path, content: str | bytes, force: bool = False) -> None:
     """Write ``content`` to a temporary neighbour and move it into place; links are followed and permissions kept.
 
+    Args:
+        path: the file; folders that it needs are made.
+        content: bytes, or text that becomes UTF-8.
+        force: replace an existing file.
+
     Raises:
         InputError: the file exists and ``force`` is false, it is no regular file, or the folder cannot be written.
     """
-    _check_free(path, force)
-    with together() as staged:
-        staged.append(_Neighbour(Path(path)))
-        staged[-1].make().write_bytes(content.encode("utf-8", "replace") if isinstance(content, str) else content)
+    write_all({path: content}, force)
 
 
 def write_all(contents: Mapping[Path, str | bytes], force: bool = False) -> None:
-    """Write several files: all of them, or none.
+    """Write several files; where one cannot be written, none is.
 
     Raises:
         InputError: as :func:`write_whole`, for any of them.
     """
-    with together():
+    with together(force) as write:
         for path, content in contents.items():
-            write_whole(path, content, force)
-
-
-_STAGED: ContextVar[list[_Neighbour] | None] = ContextVar("staged", default=None)
+            write(path, content)
 
 
 @contextmanager
-def together() -> Iterator[list[_Neighbour]]:
-    """What is written inside appears at the end of the block: all of it, or nothing where the block raises.
+def together(force: bool = False) -> Iterator[Callable[[Path, str | bytes], None]]:
+    """A function ``write(path, content)`` whose files appear at the end of the block; none of them where the block raises.
 
-    Every file stands beside its place before the first one is moved there, so that a full disk is found out in time; what was moved
-    is moved back where a later one cannot be. A block inside another one belongs to it.
+    Every file stands beside its place before the first one is moved there, so that a full disk is found out in time.
 
     Raises:
-        InputError: a file cannot be written.
+        InputError: as :func:`write_whole`, for any of them.
     """
-    outer = _STAGED.get()
-    if outer is not None:
-        yield outer
-        return
-    staged: list[_Neighbour] = []
-    token = _STAGED.set(staged)
-    now = None
-    try:
-        yield staged
-        for now in staged:
-            now.move()
-    except BaseException as error:  # also when the user stops the program: no temporary file stays behind
-        for one in reversed(staged):
-            one.undo()
-        if isinstance(error, OSError) and staged:
-            raise InputError(f"{(now or staged[-1]).shown}: cannot be written: {error.strerror or error}") from None
-        raise
-    finally:
-        _STAGED.reset(token)
-    try:
-        for one in staged:
-            one.forget()
-    except BaseException:  # everything is in its place: an interrupt ends the tidying up a little later
-        for one in staged:
-            one.forget()
-        raise
+    waiting: list[_Neighbour] = []
+
+    def write(path: Path, content: str | bytes) -> None:
+        _check_free(path, force)
+        waiting.append(_Neighbour(Path(path)))
+        waiting[-1].make().write_bytes(content.encode("utf-8", "replace") if isinstance(content, str) else content)
+
+    with _cleaned(waiting):
+        yield write
+        for one in waiting:
+            one.move()
 
 
 @contextmanager
@@ -105,15 +89,22 @@ def whole(path: Path, force: bool = False) -> Iterator[Path]:
     """
     _check_free(path, force)
     one = _Neighbour(Path(path))
-    try:
+    with _cleaned([one]):
         yield one.make()
         one.move()
+
+
+@contextmanager
+def _cleaned(waiting: list[_Neighbour]) -> Iterator[None]:
+    """Takes temporary files away where the block raises, also when the user stops the program; an OSError becomes a sentence."""
+    try:
+        yield
     except BaseException as error:
-        one.undo()
-        if isinstance(error, OSError):
-            raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+        for one in reversed(waiting):
+            one.remove()
+        if isinstance(error, OSError) and waiting:
+            raise InputError(f"{waiting[-1].shown}: cannot be written: {error.strerror or error}") from None
         raise
-    one.forget()
 
 
 def _check_free(path: Path, force: bool) -> None:
@@ -140,10 +131,8 @@ class _Neighbour:
 
     def __init__(self, shown: Path) -> None:
         self.shown, self.path = shown, Path(os.path.realpath(shown))
-        mark = f".{self.path.name[:80]}.{secrets.token_hex(6)}"
-        self._new, self._former = self.path.with_name(mark), self.path.with_name(mark + ".former")
+        self._new = self.path.with_name(f".{self.path.name[:80]}.{secrets.token_hex(6)}")
         self._folders: list[Path] = []
-        self._moving = False
 
     def make(self) -> Path:
         """The empty neighbour, and the folders that it needs."""
@@ -153,36 +142,17 @@ class _Neighbour:
         return self._new
 
     def move(self) -> None:
-        """Take the place; what stood there is kept until :meth:`forget`."""
-        there = self.path.exists()
-        os.chmod(self._new, self.path.stat().st_mode & 0o777 if there else 0o666 & ~_mask())
-        if there:
-            try:
-                os.link(self.path, self._former)
-            except OSError:  # a file system without hard links
-                shutil.copy2(self.path, self._former)
-        self._moving = True
+        """Take the place, with the permissions of the file that stood there."""
+        os.chmod(self._new, self.path.stat().st_mode & 0o777 if self.path.exists() else 0o666 & ~_mask())
         os.replace(self._new, self.path)
 
-    def undo(self) -> None:
-        """Everything as it was before."""
-        with contextlib.suppress(OSError):
-            if self._moving and not os.path.lexists(self._new):
-                if self._former.exists():
-                    os.replace(self._former, self.path)
-                else:
-                    self.path.unlink()
-        for file in (self._new, self._former):
-            with contextlib.suppress(OSError):
-                file.unlink(missing_ok=True)
+    def remove(self) -> None:
+        """Take the neighbour away, and the folders that were made for it and are empty."""
+        with suppress(OSError):
+            self._new.unlink(missing_ok=True)
         for folder in self._folders:
-            with contextlib.suppress(OSError):
+            with suppress(OSError):
                 folder.rmdir()
-
-    def forget(self) -> None:
-        """The former file is no longer needed."""
-        with contextlib.suppress(OSError):
-            self._former.unlink(missing_ok=True)
 
 
 def _mask() -> int:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from mjsim.errors import InputError
+from mjsim.machine import own
 from mjsim.machine.chain import FIVE_AXIS, Chain, chain_of
 from mjsim.machine.effect import Effect
 from mjsim.machine.plant import AxisPlant, Plant
@@ -99,7 +100,7 @@ def build(machine: Machine) -> Plant:
     for effect in machine.effects:
         if effect.is_neutral:
             continue
-        effect.apply(plant)
+        own.apply(effect, plant)
         if effect.in_python:
             plant.python_effects.append(effect)
     return plant

@@ -15,14 +15,14 @@ from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
-from mjsim.io.files import together
+from mjsim.io.files import write_all
 from mjsim.plots.curve import curve_figure
 from mjsim.plots.ladder import LadderStep, ladder_figure
 from mjsim.plots.overview import overview_figure
 from mjsim.plots.pitch import PitchCurves, PitchSpectrum, curves_figure, spectrum_figure
 from mjsim.plots.polar import PolarTrace, polar_figure
 from mjsim.plots.residual import ResidualTrace, residual_figure
-from mjsim.plots.save import save
+from mjsim.plots.save import encoded, save
 from mjsim.progress import Progress, silent
 from mjsim.simulation.multibody import Simulation
 from mjsim.units import DEG, MM, UM
@@ -30,6 +30,8 @@ from mjsim.workflow.compare import ComparedTest, Comparison
 from mjsim.workflow.history import Step
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from mjsim.estimation.pitch.result import DirectionIdentification, PitchIdentification
     from mjsim.workflow.diagnose import Diagnosis
 
@@ -87,13 +89,13 @@ def _centred(test, phi: np.ndarray, deviation: np.ndarray, valid: np.ndarray | N
     return np.where(good, out, np.nan) / UM
 
 
-def polar_of_simulation(s: Simulation, path: Path) -> None:
+def polar_of_simulation(s: Simulation) -> Figure:
     """Paper-style polar plot of one simulated test."""
     keep = _span(Program(s.test), s.time)
     phi = s.phi[keep][::5]
     shift = kind_of(s.test).plot_offset_deg
     trace = PolarTrace("simulated", phi / DEG, _centred(s.test, phi, s.deviation[keep][::5]), "simulated", shift_deg=shift)
-    save(polar_figure([trace], s.test.name, conditions(s.test)), path)
+    return polar_figure([trace], s.test.name, conditions(s.test))
 
 
 def polar_traces(t: ComparedTest) -> list[PolarTrace]:
@@ -117,26 +119,31 @@ def plot_files(tests: Iterable[BallBarTest], folder: Path) -> list[Path]:
     return [folder / f"{name}.png" for name in ("overview", "residual", *(t.name for t in tests))]
 
 
-@together()
 def comparison_plots(result: Comparison, folder: Path, progress: Progress = silent) -> list[Path]:
     """Polar plot per test, an overview, and the residuals; returns the files."""
     overview, residual, *files = plot_files((t.test for t in result.tests), folder)
     total = len(result.tests) + 2
+    pages = {}
     for i, (t, path) in enumerate(zip(result.tests, files, strict=True)):
         progress("plotting", i, total)
-        save(polar_figure(polar_traces(t), t.test.name, conditions(t.test)), path)
+        pages[path] = encoded(polar_figure(polar_traces(t), t.test.name, conditions(t.test)), path)
     progress("plotting", total - 2, total)
-    overview_plot(result, overview)
+    pages[overview] = encoded(_overview(result), overview)
     progress("plotting", total - 1, total)
     title = f"{result.campaign.name}: residual {result.rms / UM:.3f} µm RMS, noise {result.noise / UM:.3f} µm"
-    save(residual_figure([residual_trace(t, result.noise) for t in result.tests], title=title), residual)
+    pages[residual] = encoded(residual_figure([residual_trace(t, result.noise) for t in result.tests], title=title), residual)
+    write_all(pages, force=True)
     return [overview, residual, *files]
 
 
 def overview_plot(result: Comparison, path: Path) -> None:
     """All tests of a comparison in one picture."""
+    save(_overview(result), path)
+
+
+def _overview(result: Comparison) -> Figure:
     title = f"{result.campaign.name}: measured and simulated"
-    save(overview_figure([(t.test.name, polar_traces(t)) for t in result.tests], title=title), path)
+    return overview_figure([(t.test.name, polar_traces(t)) for t in result.tests], title=title)
 
 
 def unexplained_plot(result: Diagnosis, folder: Path) -> Diagnosis:
@@ -160,14 +167,15 @@ def pitch_plot_files(axes: Iterable[str], folder: Path) -> list[Path]:
     return [folder / f"{what}-{a.lower()}.png" for a in axes for what in ("spectrum", "curves")]
 
 
-@together()
 def pitch_plots(name: str, results: dict[str, PitchIdentification], folder: Path) -> list[Path]:
     """Spectra (paper, Fig. 3) and curves (Fig. 4) of identified pitch errors, per axis; returns the files."""
     files = pitch_plot_files(results, folder)
+    pages = {}
     for (axis, r), spectra, curves in zip(results.items(), files[::2], files[1::2], strict=True):
         ways = r.directions.values()
-        save(spectrum_figure([pitch_spectrum(d) for d in ways], f"{name}: pitch errors of {axis}"), spectra)
-        save(curves_figure([pitch_curves(d) for d in ways], f"{name}: pitch-error curves of {axis}"), curves)
+        pages[spectra] = encoded(spectrum_figure([pitch_spectrum(d) for d in ways], f"{name}: pitch errors of {axis}"), spectra)
+        pages[curves] = encoded(curves_figure([pitch_curves(d) for d in ways], f"{name}: pitch-error curves of {axis}"), curves)
+    write_all(pages, force=True)
     return files
 
 

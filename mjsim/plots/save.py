@@ -55,17 +55,28 @@ def _rounded(svg: bytes) -> bytes:
     return re.sub(rb' d="[^"]*"', path, svg)
 
 
-def save(figure: Figure, path: Path | str, force: bool = True) -> None:
-    """Write the figure as PNG or SVG, by the suffix of ``path``, whole or not at all.
-
-    Args:
-        force: replace a file that is there.
+def encoded(figure: Figure, path: Path | str) -> bytes:
+    """The figure as PNG or SVG, by the suffix of ``path``.
 
     Raises:
-        InputError: another suffix, a file in the way with ``force`` false, or a folder that cannot be written.
+        InputError: another suffix.
     """
     path = Path(path)
     kind = path.suffix.lower().removeprefix(".")
     if kind not in ("png", "svg"):
         raise InputError(f"{path}: a figure is written as .png or .svg, not as '{path.suffix or path.name}'")
-    write_whole(path, encode(figure, kind), force=force)
+    return encode(figure, kind)
+
+
+def save(figure: Figure, path: Path | str, force: bool = True) -> None:
+    """Write the figure as PNG or SVG, by the suffix of ``path``, whole or not at all.
+
+    Args:
+        figure: what is written.
+        path: ends in .png or .svg.
+        force: replace a file that is there.
+
+    Raises:
+        InputError: another suffix, a file in the way with ``force`` false, or a folder that cannot be written.
+    """
+    write_whole(Path(path), encoded(figure, path), force=force)

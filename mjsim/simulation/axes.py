@@ -14,7 +14,7 @@ import numpy as np
 
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
-from mjsim.effects.hooks import guard_class
+from mjsim.machine import own
 from mjsim.machine.kinematics import BarSensitivity, sensitivity
 from mjsim.machine.plant import AxisPlant, Plant
 from mjsim.simulation.bar import reading
@@ -64,7 +64,7 @@ def own_effects(plant: Plant, test: BallBarTest, time: np.ndarray) -> np.ndarray
     They follow from the motion alone (the loop is closed on the motor, before them), so one call per test is enough.
 
     Raises:
-        SimulationError: an effect raises, or gives something else than finite numbers of that shape.
+        SimulationError: an effect raises, or returns anything but finite numbers of that shape.
     """
     step = float(time[1] - time[0])
     commands = delayed_commands(Program(test), time, plant)
@@ -82,10 +82,7 @@ def _added(plant: Plant, test: BallBarTest, time: np.ndarray, q: np.ndarray, ste
     motion = MotionTracker(step, test.started, plant).follow(time, q.copy())
     total = np.zeros_like(q)
     for effect in plant.python_effects:
-        guard_class(type(effect))  # pyright: ignore[reportArgumentType]  # also one that a script made without registering it
-        moved = effect.position_error(motion)  # watched and checked, see mjsim.effects.hooks
-        if moved is not None:
-            total += moved
+        total += own.position_error(effect, motion)
     return total
 
 

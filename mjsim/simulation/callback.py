@@ -181,31 +181,30 @@ def uninstall() -> None:
 def installed() -> Iterator[None]:
     """The callback is MuJoCo's control callback inside.
 
-    It is one per process: the first of several users puts it in, the last takes it out.
+    It is one per process: the first of several users puts it in, the last takes it out. So is MuJoCo's warning handler, which is
+    silent inside unless somebody has set another: MuJoCo counts warnings in its data, where they become one sentence; as they are, they
+    would stand on stderr and in a file MUJOCO_LOG.TXT in the folder that the user happens to be in.
     """
     with _CHANGE:
-        _users.append(None)
+        _users.append(mujoco.get_mju_user_warning())
         if len(_users) == 1:
+            mujoco.set_mju_user_warning(_users[0] or _unheard)
             install()
     try:
         yield
     finally:
         with _CHANGE:
-            _users.pop()
+            former = _users.pop()
             if not _users:
                 uninstall()
+                mujoco.set_mju_user_warning(former)
 
 
 def _unheard(message: str) -> None:
     """A warning of MuJoCo's."""
 
 
-# MuJoCo counts warnings in its data, where they become one sentence; as they are, they would stand on stderr and in a file MUJOCO_LOG.TXT
-# in the folder that the user happens to be in.
-if mujoco.get_mju_user_warning() is None:
-    mujoco.set_mju_user_warning(_unheard)
-
-
-_CHANGE, _users = threading.Lock(), []
+_CHANGE = threading.Lock()
+_users: list = []
 
 _POINTER = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(control.address)

@@ -102,14 +102,17 @@ def simulate_each(
     model = mjmodel.build_model(plant, step, substeps)
     tests = list(tests)
 
-    def one(test: BallBarTest) -> T:
-        result = keep(_run(model, plant, test, step))
+    # in the calling thread, where calls of a user's own code have a time limit
+    own = [own_effects(plant, t, _grid(Program(t), step)) if plant.python_effects else None for t in tests]
+
+    def one(test: BallBarTest, added: np.ndarray | None) -> T:
+        result = keep(_run(prepare(model, plant, test, step, added)))
         if done:
             done(test)
         return result
 
     with callback.installed(), ThreadPoolExecutor(max(1, min(threads, len(tests)))) as pool:
-        return list(pool.map(one, tests))
+        return list(pool.map(one, tests, own))
 
 
 class Reading(NamedTuple):
@@ -135,16 +138,30 @@ class Prepared(NamedTuple):
     data: mujoco.MjData
 
 
-def _prepare(model: mujoco.MjModel, plant: Plant, test: BallBarTest, step: float) -> Prepared:
+def _grid(program: Program, step: float) -> np.ndarray:
+    """Instants of a simulation, (n,) s."""
+    return time_grid(program) if step == STEP else np.arange(int(np.ceil((program.duration + 0.1) / step)) + 1) * step
+
+
+def prepare(model: mujoco.MjModel, plant: Plant, test: BallBarTest, step: float = STEP, added: np.ndarray | None = None) -> Prepared:
+    """One test ready to be stepped.
+
+    Args:
+        model: of the plant, as :func:`mjsim.simulation.mjmodel.build_model` makes it.
+        plant: the machine's numbers.
+        test: what is run.
+        step: time step, s.
+        added: what the user's own effects add to the axes, (n, 5) m and rad; computed where it is left out.
+    """
     program = Program(test)
-    time = time_grid(program) if step == STEP else np.arange(int(np.ceil((program.duration + 0.1) / step)) + 1) * step
+    time = _grid(program, step)
     command = program.commands(time)
     sent = behind(program, time, command, plant)
     ops = plant.op_table(test.name, test.started)
     model = mjmodel.for_test(model, test, sent[0], ops)
     data = mujoco.MjData(model)
     if plant.python_effects:
-        sent = np.hstack([sent, own_effects(plant, test, time)])
+        sent = np.hstack([sent, own_effects(plant, test, time) if added is None else added])
     set_at_rest(model, data, test, ops, sent[0])
     return Prepared(program, time, command, sent, model, data)
 
@@ -161,8 +178,8 @@ def set_at_rest(model: mujoco.MjModel, data: mujoco.MjData, test: BallBarTest, o
         data.qpos[int(block[callback.JOINTS + i])] = first[i]
 
 
-def _run(model: mujoco.MjModel, plant: Plant, test: BallBarTest, step: float) -> Simulation:
-    program, time, command, sent, model, data = _prepare(model, plant, test, step)
+def _run(ready: Prepared) -> Simulation:
+    program, time, command, sent, model, data = ready
     _check_actuators(model)
     control = np.vstack([sent[1:], sent[-1:]])
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.campaign.machine_file import read_machine
+from mjsim.campaign.machine_file import machine_document, read_machine, text_without
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
@@ -21,7 +21,8 @@ from mjsim.estimation.selection import ModelSelection
 from mjsim.estimation.signatures import Candidate, Projector, SignatureBank
 from mjsim.estimation.spectrum import spectral_candidates
 from mjsim.estimation.vibration import put_back, separate
-from mjsim.io.files import together
+from mjsim.io.files import write_all
+from mjsim.io.toml import read_text
 from mjsim.machine.chain import AXES
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
@@ -33,11 +34,15 @@ from mjsim.workflow.compare import Comparison, compare
 
 @dataclass(frozen=True)
 class Change:
-    """What adding or removing an effect did: the effect, its 95 % intervals, and the comparisons before and after."""
+    """What adding or removing an effect did: the effect, its 95 % intervals, and the comparisons before and after.
 
-    effect: Effect
+    ``effect`` and ``before`` are missing where the file of a removed effect could not be loaded.
+    """
+
+    id: str
+    effect: Effect | None
     ci95: dict
-    before: Comparison
+    before: Comparison | None
     after: Comparison
     machine: Machine
 
@@ -98,9 +103,9 @@ def add(
     before = compare(campaign, machine, threads, progress, problem)
     fitted = machine.with_effect(fitted_effect)
     after = compare(campaign, fitted, threads, progress, problem)
-    change = Change(fitted_effect, ci95, before, after, fitted)
+    change = Change(fitted_effect.id, fitted_effect, ci95, before, after, fitted)
     if record:
-        _record(campaign, "add", change, machine.file)
+        _record(campaign, "add", change, machine.file, machine_document(fitted, machine.file))
     return change
 
 
@@ -112,7 +117,14 @@ def remove(
     Raises:
         InputError: the machine does not have it.
     """
-    machine = machine_of(campaign, machine_file)
+    path = Path(machine_file if machine_file is not None else campaign.machine_file)
+    try:
+        machine = read_machine(path)
+    except InputError:
+        text = text_without(path, effect)
+        if text == read_text(path):
+            raise
+        return _remove_unreadable(campaign, effect, read_machine(path, text), text, threads, progress)
     present = machine.effect(effect)
     if present is None:
         have = ", ".join(e.key for e in machine.effects) or "none"
@@ -123,8 +135,17 @@ def remove(
     before = compare(campaign, machine, threads, progress, problem)
     without = machine.without(present.key)
     after = compare(campaign, without, threads, progress, problem)
-    change = Change(present, {}, before, after, without)
-    _record(campaign, "remove", change, machine.file)
+    change = Change(present.id, present, {}, before, after, without)
+    _record(campaign, "remove", change, machine.file, machine_document(without, machine.file))
+    return change
+
+
+def _remove_unreadable(campaign: Campaign, effect_id: str, without: Machine, text: str, threads: int, progress: Progress) -> Change:
+    """Take out an effect whose file is gone or broken: the error before cannot be known."""
+    _need_traces(campaign)
+    ladder.read_history(campaign)
+    change = Change(effect_id, None, {}, None, compare(campaign, without, threads, progress), without)
+    _record(campaign, "remove", change, without.file, text)
     return change
 
 
@@ -135,11 +156,11 @@ def _need_traces(campaign: Campaign) -> None:
         )
 
 
-def _record(campaign: Campaign, action: str, change: Change, path: Path) -> None:
-    steps = [ladder.step_of("start", "", path, change.before), ladder.step_of(action, change.effect.id, path, change.after)]
-    with together():
-        ladder.save_machine(change.machine, path, campaign)
-        ladder.record(campaign, steps)
+def _record(campaign: Campaign, action: str, change: Change, path: Path, text: str) -> None:
+    """Write the machine file's new ``text`` and the history."""
+    start = [ladder.step_of("start", "", path, change.before)] if change.before else []
+    steps = ladder.with_steps(campaign, [*start, ladder.step_of(action, change.id, path, change.after, text)])
+    write_all({**ladder.changed_machine(text, path, campaign), ladder.history_file(campaign): steps}, force=True)
 
 
 def _fitted(problem: Problem, machine: Machine, cls: type[Effect], subjects: list[str]) -> tuple[Effect, dict]:

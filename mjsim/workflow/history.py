@@ -9,7 +9,7 @@ from pathlib import Path
 
 from pydantic import TypeAdapter
 
-from mjsim.campaign.machine_file import machine_document, machine_text, read_machine
+from mjsim.campaign.machine_file import machine_text, read_machine
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.io import files
@@ -74,8 +74,8 @@ def _sound(s: Step) -> bool:
     return all(0.0 <= x < 1e9 for x in numbers) and all(t.isprintable() and len(t) <= 300 for t in (s.effect, s.machine_file, *s.tests))
 
 
-def step_of(action: str, effect: str, machine_file: Path, comparison: Comparison) -> Step:
-    """A step from the comparison of the model that it led to."""
+def step_of(action: str, effect: str, machine_file: Path, comparison: Comparison, text: str | None = None) -> Step:
+    """A step from the comparison of the model that it led to; ``text`` in place of the machine file's, where that cannot be read."""
     return Step(
         action,
         effect,
@@ -84,7 +84,7 @@ def step_of(action: str, effect: str, machine_file: Path, comparison: Comparison
         round(comparison.rms / UM, 4),
         round(comparison.noise / UM, 4),
         {t.test.name: round(t.rms / UM, 4) for t in comparison.tests},
-        machine_text(comparison.machine, machine_file, comparison.campaign.folder),
+        machine_text(comparison.machine, machine_file, comparison.campaign.folder, text),
     )
 
 
@@ -104,21 +104,23 @@ def machine_of_step(campaign: Campaign, step: Step) -> Machine:
 
 def record(campaign: Campaign, steps: list[Step]) -> None:
     """Append steps; the first of them is dropped where the ladder already ends in the same model."""
+    files.write_whole(history_file(campaign), with_steps(campaign, steps), force=True)
+
+
+def with_steps(campaign: Campaign, steps: list[Step]) -> str:
+    """Text of the history with some more steps, as :func:`record` writes it."""
     have = read_history(campaign)
     if have and steps and steps[0].action == "start":
         if (have[-1].effects, have[-1].machine_file) == (steps[0].effects, steps[0].machine_file):
             steps = steps[1:]
     rows = [{**vars(s), "effects": list(s.effects)} for s in [*have, *steps]]
-    files.write_whole(history_file(campaign), json.dumps({"steps": rows}, indent=1), force=True)
+    return json.dumps({"steps": rows}, indent=1)
 
 
-def save_machine(machine: Machine, path: Path, campaign: Campaign) -> None:
-    """Write the machine in place of ``path`` (comments and order kept); the former text is kept beside the history."""
-    text = machine_document(machine, path)
-    former = path.read_bytes()
+def changed_machine(text: str, path: Path, campaign: Campaign) -> dict[Path, str | bytes]:
+    """The files of a changed machine: ``text`` in place of ``path``, and the former text beside the history."""
     folder = campaign.state_folder
     number = 1 + sum(1 for _ in folder.glob(f"{path.stem}.*.toml")) if folder.is_dir() else 1
     while os.path.lexists(folder / f"{path.stem}.{number:03d}.toml"):  # the user has taken an older one away
         number += 1
-    files.write_whole(folder / f"{path.stem}.{number:03d}.toml", former, force=True)
-    files.write_whole(path, text, force=True)
+    return {folder / f"{path.stem}.{number:03d}.toml": path.read_bytes(), path: text}
