@@ -15,6 +15,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
+from commands import run
 
 import mjsim
 from mjsim.ballbar.iso230 import circular_figures
@@ -307,19 +308,21 @@ def test_interrupted_by_the_user(folder, nursery):
     assert not [p for p in out.rglob(".*")]
 
 
-def test_an_interrupt_that_foreign_code_swallows(folder):
+def test_an_interrupt_that_foreign_code_swallows(folder, monkeypatch):
     """Python prints and drops an interrupt that arrives in a destructor; the sweep ends all the same."""
-    out = folder / "out"
+    out, shown = folder / "out", []
 
-    def swallow(done, *_):
-        if done == 3:
+    def swallow(stage, done, total):
+        shown.append(done)
+        if len(shown) == 3:
             with contextlib.suppress(KeyboardInterrupt):
                 signal.raise_signal(signal.SIGINT)
 
     before = signal.getsignal(signal.SIGINT)
-    with pytest.raises(KeyboardInterrupt):
-        mjsim.batch(sweep_file(folder, BACKLASH.replace("count = 3", "count = 30")), out, progress=swallow)
-    assert 3 <= len(pd.read_parquet(out / "results")) < 10
+    monkeypatch.setattr("mjsim.cli.common.progress_bar", lambda *_, **__: contextlib.nullcontext(swallow))
+    result = run("batch", sweep_file(folder, BACKLASH.replace("count = 3", "count = 30")), "--out", out)
+    assert result.exit_code == 130 and "the same command goes on from there" in result.stderr
+    assert 1 <= len(pd.read_parquet(out / "results")) < 10
     assert signal.getsignal(signal.SIGINT) is before
 
 

@@ -303,8 +303,15 @@ class Disk:
     """Stands for the disk: gives up at its ``n``-th action that counts."""
 
     def __init__(self, monkeypatch, give_up):
-        self.left, self._give_up = 10**9, give_up
-        for owner, name in ((os, "replace"), (os, "rename"), (Path, "write_bytes"), (Path, "write_text")):
+        self.left, self._give_up, self.replaced = 10**9, give_up, 0
+        real = os.replace
+
+        def replace(*args):
+            real(*args)
+            self.replaced += 1
+
+        monkeypatch.setattr(os, "replace", replace)
+        for owner, name in ((os, "replace"), (Path, "write_bytes"), (Path, "write_text")):
             monkeypatch.setattr(owner, name, self._counted(getattr(owner, name)))
 
     def _counted(self, real):
@@ -327,7 +334,10 @@ def full():
 @pytest.mark.parametrize("name", WRITING)
 @pytest.mark.parametrize("way", ["full", "Ctrl-C", "SIGTERM"])
 def test_all_or_nothing(campaign, name, way, monkeypatch):
-    """Whatever action of the disk is the one that fails: what was there is there, and nothing else."""
+    """Whatever action of the disk is the one that fails: what was there is there, and nothing else.
+
+    Once the first file is in its place, the others stand beside theirs; a failure then leaves whole files, and no temporary one.
+    """
     shutil.copy(campaign / "traces" / "turn.csv", campaign.parent / "turn.txt")
     line = [a.format(c=campaign) for a in WRITING[name]]
     give_up = {"full": full, "Ctrl-C": lambda: signal.raise_signal(signal.SIGINT), "SIGTERM": lambda: signal.raise_signal(signal.SIGTERM)}[
@@ -336,13 +346,16 @@ def test_all_or_nothing(campaign, name, way, monkeypatch):
     disk = Disk(monkeypatch, give_up)
     before = snapshot(campaign.parent)
     for n in (0, 3, 30) if name == "compare" else range(30):
-        disk.left = n
+        disk.left, disk.replaced = n, 0
         result = run(*line)
         if disk.left < 10**8:  # it has ended before
             assert result.exit_code == 0, result.output
             break
         assert result.exit_code == {"full": 1, "Ctrl-C": 130, "SIGTERM": 143}[way], (n, result.output, result.exception)
         assert result.stderr.startswith("mjsim: ") and result.stderr.count("\n") == 1, result.stderr
+        assert not [p for p in campaign.parent.rglob(".*.*") if p.is_file()], n
+        if disk.replaced:
+            break
         assert snapshot(campaign.parent) == before, (n, set(snapshot(campaign.parent)) ^ set(before))
     assert n > 0
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL

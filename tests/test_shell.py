@@ -93,7 +93,7 @@ def test_a_stopped_start_leaves_nothing(tmp_path, monkeypatch):
     def fail(*args):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(os, "rename", fail)
+    monkeypatch.setattr(os, "replace", fail)
     refused(tmp_path, ["new", "campaign", tmp_path / "c"], "No space left on device")
 
 
