@@ -93,13 +93,13 @@ def test_the_campaigns_of_the_examples(m1):
 
 
 def test_what_is_left_out_of_the_model_changes_nothing(machine, tests, monkeypatch):
-    """Without meshes, cameras and balanced gravity the reading is the same to rounding, and the model is a small one."""
+    """Without meshes, shapes to touch, tendon and balanced gravity the reading is the same to rounding, and the model is a small one."""
     equipped = wobbling(loaded(machine))
     small = mjmodel.build_model(build(equipped))
     lean = simulate(equipped, tests[:2])
     monkeypatch.setattr(mjmodel, "_strip", lambda spec: None)
     whole = mjmodel.build_model(build(equipped))
-    assert whole.nmesh > 20 and whole.ncam and whole.ntendon and not (small.nmesh or small.ncam or small.ntendon)
+    assert whole.nmesh > 20 and whole.ngeom > 20 and whole.ntendon and not (small.nmesh or small.ngeom or small.ntendon)
     np.testing.assert_array_equal(small.opt.gravity, 0.0)
     np.testing.assert_array_equal(small.body_inertia, whole.body_inertia)
     monkeypatch.setattr(mjmodel, "_balanced", lambda model: False)

@@ -28,7 +28,7 @@ from mjsim.machine.own import is_own
 from mjsim.machine.plant import Plant
 from mjsim.simulation import mjmodel
 from mjsim.simulation.axes import delayed_commands, own_effects, time_grid
-from mjsim.simulation.multibody import BALLS, check_warnings, not_finite, sensor, set_at_rest
+from mjsim.simulation.multibody import check_warnings, not_finite, sensor, set_at_rest
 from mjsim.simulation.stability import check_stable
 from mjsim.units import DEG, UM
 
@@ -162,7 +162,7 @@ class Workshop:
         )
         check_warnings(plan.test, data)
         out = self._buffer("deviation", n)
-        first, second = (sensor(model, name).start for name in BALLS)
+        first, second = (sensor(model, name).start for name in mjmodel.BALLS)
         if not distance(sensors, first, second, plan.test.length, out):
             raise not_finite(plan.test)
         return out

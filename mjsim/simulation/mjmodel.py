@@ -16,6 +16,9 @@ from mjsim.machine.plant import OP_SIZE, Plant
 from mjsim.simulation import callback
 from mjsim.simulation.drive import AXIS_SIZE, STEP, SUBSTEPS, discretise, substeps_of
 
+#: Sensors of the simulated model: where the two balls are.
+BALLS = ("spindle_ball_pos", "table_ball_pos")
+
 #: Joints of the rotary table's own error motion, in the order in which they act (outermost first): tilt, then displacement.
 TABLE_JOINTS = ("EXC", "EYC", "EAC", "EBC")
 
@@ -49,15 +52,12 @@ def compile_structure(plant: Plant, step: float = STEP) -> mujoco.MjModel:
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     spec.nuserdata = callback.userdata_size(len(plant.ops))
     spec.add_numeric(name=callback.NUMERIC, data=np.zeros(callback.HEADER + 5 * AXIS_SIZE + len(plant.ops) * OP_SIZE))
+    _strip(spec)
     if plant.width > len(AXES):
         _add_table_joints(spec)
-    if plant.python_effects:
-        for a in AXES:  # five more controls, which move nothing by themselves
-            spec.add_actuator(name=f"{a} own effects", target=a, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    _strip(spec)
+    _set_controls(spec, ("", " own effects") if plant.python_effects else ("",))
     model = spec.compile()
     model.actuator_gainprm[:] = 0.0
-    model.actuator_biasprm[:] = 0.0
     return model
 
 
@@ -95,10 +95,27 @@ def _block(plant: Plant, ops: np.ndarray, step: float, substeps: int) -> np.ndar
 
 
 def _strip(spec: mujoco.MjSpec) -> None:
-    """Take out what is only looked at: MuJoCo would place it at every step, and every test's copy of the model would hold its meshes."""
+    """Take out what is only looked at or touched: bodies do not touch one another in a ball-bar test.
+
+    MuJoCo would place it in every step, and every test's copy of the model would hold its meshes.
+    """
     spec.compiler.discardvisual = True  # the solids' inertia stays
-    for seen in (*spec.cameras, *spec.lights, *spec.tendons):
-        spec.delete(seen)
+    touching = [g for g in spec.geoms if g.contype or g.conaffinity]
+    other_sensors = [s for s in spec.sensors if s.name not in BALLS]
+    for unused in (*other_sensors, *spec.tendons, *spec.cameras, *spec.lights, *touching):
+        spec.delete(unused)
+
+
+def _set_controls(spec: mujoco.MjSpec, suffixes: tuple[str, ...]) -> None:
+    """Replace the viewer's actuators: one control per suffix and axis, in the order in which the callback reads them.
+
+    By themselves they move nothing.
+    """
+    for viewers in (*spec.actuators, *spec.keys):
+        spec.delete(viewers)
+    for suffix in suffixes:
+        for axis in AXES:
+            spec.add_actuator(name=axis + suffix, target=axis, trntype=mujoco.mjtTrn.mjTRN_JOINT)
 
 
 def _balanced(model: mujoco.MjModel) -> bool:

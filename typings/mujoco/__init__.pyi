@@ -94,7 +94,6 @@ class MjModel:
     nu: int
     nsensordata: int
     actuator_gainprm: np.ndarray
-    actuator_biasprm: np.ndarray
     body_gravcomp: np.ndarray
     body_mass: np.ndarray
     body_weldid: np.ndarray
@@ -146,6 +145,13 @@ class _SpecBody:
 class _SpecCamera:
     name: str
 
+class _SpecGeom:
+    contype: int
+    conaffinity: int
+
+class _SpecSensor:
+    name: str
+
 class _SpecCompiler:
     discardvisual: bool
 
@@ -162,6 +168,10 @@ class MjSpec:
     cameras: Sequence[_SpecCamera]
     lights: Sequence[object]
     tendons: Sequence[object]
+    actuators: Sequence[object]
+    keys: Sequence[object]
+    geoms: Sequence[_SpecGeom]
+    sensors: Sequence[_SpecSensor]
     @staticmethod
     def from_file(filename: str) -> MjSpec: ...
     def add_actuator(self, *, name: str, target: str, trntype: mjtTrn) -> object: ...
