@@ -18,7 +18,7 @@ import numpy as np
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
-from mjsim.io.resources import examples, model_file
+from mjsim.io.resources import examples, scene_file
 from mjsim.machine.chain import AXES
 from mjsim.plots import polar, style
 from mjsim.plots.output import ladder_plot, polar_traces, residual_trace
@@ -58,7 +58,7 @@ def machine_picture(test: BallBarTest, camera: str, size: int, phi_deg: float = 
     program = Program(test)
     time = np.linspace(*program.measured_span, 4001)
     command = program.commands(time)[int(np.argmin(np.abs(program.phi(time) - np.radians(phi_deg))))]
-    spec = mujoco.MjSpec.from_file(str(model_file()))
+    spec = mujoco.MjSpec.from_file(str(scene_file()))
     spec.visual.global_.offwidth, spec.visual.global_.offheight = size, size
     model = spec.compile()
     model.body("table_fixture").pos[:] = test.table_ball

@@ -23,7 +23,7 @@ from mjsim.errors import InputError
 from mjsim.importing.b5r import read_b5r
 from mjsim.importing.table import read_table
 from mjsim.io.files import check_writable, write_whole
-from mjsim.io.resources import model_file
+from mjsim.io.resources import model_file, scene_file
 from mjsim.nc.read import read_nc
 
 
@@ -240,7 +240,7 @@ def test_an_import_does_not_replace_what_is_no_trace(campaign, file):
 
 
 def test_no_command_takes_a_model_of_the_users():
-    """MJCF with includes and assets from anywhere is never read: the model is the one that is installed, and it has neither."""
+    """MJCF with includes and assets from anywhere is never read: the model is the one that is installed, which brings its own alone."""
 
     def options(command):
         if isinstance(command, click.Group):
@@ -251,9 +251,10 @@ def test_no_command_takes_a_model_of_the_users():
     assert not {"--model", "--mjcf", "--xml"} & set(options(main))
     import defusedxml.ElementTree
 
-    root = defusedxml.ElementTree.parse(model_file(), forbid_dtd=True).getroot()
-    assert not list(root.iter("include"))
-    for element in root.iter():
+    machine, scene = (defusedxml.ElementTree.parse(file, forbid_dtd=True).getroot() for file in (model_file(), scene_file()))
+    assert not list(machine.iter("include"))
+    assert [include.get("file") for include in scene.iter("include")] == [model_file().name]
+    for element in (*machine.iter(), *scene.iter()):
         for key in ("file", "meshdir", "texturedir", "assetdir"):
             if name := element.get(key):
                 assert (model_file().parent / name).resolve().is_relative_to(model_file().parent), name

@@ -15,7 +15,7 @@ from mjsim.animation.gl import advice, chosen, make_context
 from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.errors import InputError
-from mjsim.io.resources import model_file
+from mjsim.io.resources import scene_file
 from mjsim.machine.chain import AXES
 
 #: The camera that follows the bar; all others are the model's.
@@ -30,7 +30,7 @@ BAR_RADIUS, ERROR_RADIUS, BALL_RADIUS = 0.0028, 0.0045, 0.0075
 
 def cameras() -> list[str]:
     """Names of the cameras that a view can have."""
-    spec = mujoco.MjSpec.from_file(str(model_file()))
+    spec = mujoco.MjSpec.from_file(str(scene_file()))
     return [c.name for c in spec.cameras] + [BAR]
 
 
@@ -72,7 +72,7 @@ class Stage:
         self._context: Any = None
         self._gpu: Any = None
         self._context = make_context(width, height)
-        spec = mujoco.MjSpec.from_file(str(model_file()))
+        spec = mujoco.MjSpec.from_file(str(scene_file()))
         spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
         spec.visual.quality.offsamples, spec.visual.quality.shadowsize = 0, 1024
         spec.visual.global_.fovy = 34.0

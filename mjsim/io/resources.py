@@ -13,8 +13,13 @@ def _folder(packaged: str, in_repository: str) -> Path:
 
 
 def model_file() -> Path:
-    """``five_axis.xml``."""
+    """``five_axis.xml``: the machine alone."""
     return _folder("_models", "models") / "five_axis.xml"
+
+
+def scene_file() -> Path:
+    """``scene.xml``: the machine on a floor, with light, sky and cameras."""
+    return model_file().with_name("scene.xml")
 
 
 def examples() -> Path:

@@ -49,7 +49,7 @@ def compile_structure(plant: Plant, step: float = STEP) -> mujoco.MjModel:
     """The compiled bodies, joints and sizes of a plant, without its numbers."""
     spec = mujoco.MjSpec.from_file(str(model_file()))
     spec.option.timestep = step
-    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT) | int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
     spec.nuserdata = callback.userdata_size(len(plant.ops))
     spec.add_numeric(name=callback.NUMERIC, data=np.zeros(callback.HEADER + 5 * AXIS_SIZE + len(plant.ops) * OP_SIZE))
     _strip(spec)

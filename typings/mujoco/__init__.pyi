@@ -26,6 +26,7 @@ class mjtCatBit(_Enum):
 
 class mjtDisableBit(_Enum):
     mjDSBL_CONSTRAINT: mjtDisableBit
+    mjDSBL_EULERDAMP: mjtDisableBit
 
 class mjtFontScale(_Enum):
     mjFONTSCALE_100: mjtFontScale
