@@ -1,4 +1,4 @@
-"""Pictures of the README and the documentation, from the real code: docs/images/*.png.
+"""Pictures of the README, the documentation and the model's page, from the real code: docs/images/*.png, models/five_axis.png.
 
 Run it with the project's Python: ``.venv/bin/python scripts/build_figures.py``. Same code, same pictures.
 """
@@ -14,6 +14,7 @@ os.environ.setdefault("MUJOCO_GL", "egl")
 
 import mujoco
 import numpy as np
+from PIL import Image
 
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
@@ -29,6 +30,7 @@ from mjsim.workflow.compare import Comparison
 from mjsim.workflow.edit import Change, add
 
 IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
+MODEL_PICTURE = scene_file().with_name("five_axis.png")
 CAMPAIGN, EFFECT, TEST = "hidden-backlash", "backlash.A", "cone15-y50-ccw"
 
 
@@ -39,6 +41,7 @@ def main() -> None:
         change = add(campaign, EFFECT, record=False)
         test = next(t for t in campaign.tests if t.name == TEST)
         IMAGES.mkdir(parents=True, exist_ok=True)
+        model_picture(test)
         hero(change, machine_picture(test, "overview", 1400), machine_picture(test, "closeup", 700))
         steps = [
             ladder.step_of("start", "", campaign.machine_file, change.before),
@@ -69,6 +72,12 @@ def machine_picture(test: BallBarTest, camera: str, size: int, phi_deg: float = 
     with mujoco.Renderer(model, size, size) as renderer:
         renderer.update_scene(data, camera=camera)
         return renderer.render().copy()
+
+
+def model_picture(test: BallBarTest) -> None:
+    """The picture of models/README.md."""
+    picture = Image.fromarray(machine_picture(test, "overview", 1400)).resize((700, 700), Image.Resampling.LANCZOS)
+    picture.save(MODEL_PICTURE, optimize=True)
 
 
 def hero(change: Change, machine: np.ndarray, closeup: np.ndarray) -> None:
