@@ -18,8 +18,9 @@ from mjsim.importing.features import import_features as import_features
 from mjsim.importing.features import imported_features as imported_features
 from mjsim.importing.importer import import_trace as import_trace
 from mjsim.machine.effect import Effect as Effect
-from mjsim.machine.effect import Parameter as Parameter
+from mjsim.machine.hints import SearchHints as SearchHints
 from mjsim.machine.motion import Motion as Motion
+from mjsim.machine.parameter import Parameter as Parameter
 from mjsim.nc.control import Control as Control
 from mjsim.nc.control import feed_report as feed_report
 from mjsim.nc.read import read_nc as read_nc
@@ -46,6 +47,7 @@ __all__ = [
     "Motion",
     "NCOptions",
     "Parameter",
+    "SearchHints",
     "SimulationError",
     "__version__",
     "add",

@@ -21,6 +21,7 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.new import new_campaign
 from mjsim.effects.registry import kinds
+from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.effect import Effect, Parameter
 from mjsim.machine.model import Machine
 from mjsim.plots import style
@@ -103,7 +104,7 @@ def shipped() -> dict[str, type[Effect]]:
 def page() -> str:
     """The page as Markdown."""
     lines = [INTRODUCTION, "| kind | of | what it is |", "|---|---|---|"]
-    lines += [f"| [`{k}`](#{k}) | {', '.join(cls.subjects)} | {cls.title} |" for k, cls in shipped().items()]
+    lines += [f"| [`{k}`](#{k}) | {', '.join(cls.subjects_of(FIVE_AXIS))} | {cls.title} |" for k, cls in shipped().items()]
     for cls in shipped().values():
         lines += ["", *entry(cls)]
     return "\n".join(lines) + "\n"
@@ -116,7 +117,7 @@ def entry(cls: type[Effect]) -> list[str]:
     out = [
         f"## {cls.kind}",
         "",
-        f"**{cls.title}**, of {', '.join(cls.subjects)}.",
+        f"**{cls.title}**, of {', '.join(cls.subjects_of(FIVE_AXIS))}.",
         "",
         *wrapped(f"**Definition.** {cls.definition}"),
         "",
@@ -138,7 +139,7 @@ def entry(cls: type[Effect]) -> list[str]:
 def parameter_rows(cls: type[Effect]) -> list[str]:
     """A row of the table for every parameter; parameters of axes that differ from the first subject's follow with their axes."""
     sets: dict[tuple[Parameter, ...], list[str]] = {}
-    for subject in cls.subjects:
+    for subject in cls.subjects_of(FIVE_AXIS):
         sets.setdefault(cls.parameters_of(subject), []).append(subject)
     rows: dict[Parameter, list[str]] = {}
     for parameters, subjects in sets.items():
@@ -146,7 +147,7 @@ def parameter_rows(cls: type[Effect]) -> list[str]:
             rows.setdefault(p, []).extend(subjects)
     out = []
     for p, subjects in rows.items():
-        name = f"`{p.name}`" + ("" if len(subjects) == len(cls.subjects) else f" ({', '.join(subjects)})")
+        name = f"`{p.name}`" + ("" if len(subjects) == len(cls.subjects_of(FIVE_AXIS)) else f" ({', '.join(subjects)})")
         neutral = "empty list" if p.kind == "components" else "–" if p.neutral is None else number(p.neutral)
         size = "–" if p.kind == "choice" else number(p.scale)
         out.append(f"| {name} | {p.unit or '–'} | {neutral} | {size} | {allowed(p)} | {p.meaning} |")
@@ -172,7 +173,7 @@ def wrapped(text: str) -> list[str]:
 
 def panels(cls: type[Effect]) -> list[tuple[Effect, str]]:
     """Two effects of a kind at their typical size, each with the name of its test."""
-    first = cls.subjects[0]
+    first = cls.subjects_of(FIVE_AXIS)[0]
     return [(typical(cls, subject), test) for subject, test in PANELS.get(cls.kind, [(first, "circle"), (first, "cone")])]
 
 

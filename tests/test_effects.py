@@ -13,7 +13,7 @@ from mjsim.effects import registry
 from mjsim.effects.registry import make
 from mjsim.errors import InputError
 from mjsim.io.resources import examples
-from mjsim.machine.chain import AXES, COLUMN, LINEAR, ROTARY
+from mjsim.machine.chain import AXES, COLUMN, FIVE_AXIS, LINEAR, ROTARY
 from mjsim.machine.effect import Effect, Parameter
 from mjsim.machine.model import build
 from mjsim.simulation.axes import AxesMotion
@@ -98,15 +98,16 @@ def test_zero_amplitudes_are_absent(effect_id, direction, empty, short, absent):
 def test_metadata(kind):
     cls = registry.kinds()[kind]
     assert cls.kind == kind and kind.isidentifier()
+    subjects = cls.subjects_of(FIVE_AXIS)
     for text in (cls.title, cls.definition, cls.source, cls.signature):
         assert isinstance(text, str) and len(text.strip()) > 5
-    assert len(set(cls.subjects)) == len(cls.subjects) > 0
-    for subject in cls.subjects:
+    assert len(set(subjects)) == len(subjects) > 0
+    for subject in subjects:
         parameters = cls.parameters_of(subject)
         assert any(p.leading for p in parameters)
         names = [p.name for p in parameters]
         assert len(set(names)) == len(names)
-        assert set(cls.free_of(subject)) <= set(names) and cls.free_of(subject)
+        assert set(cls.search.free_of(parameters)) <= set(names) and cls.search.free_of(parameters)
         for p in parameters:
             assert p.meaning and p.scale > 0 and p.lower < p.upper
             for value in (p.neutral, p.default):
@@ -116,7 +117,7 @@ def test_metadata(kind):
                 assert p.choices
             if not p.leading and p.kind == "number" and p.default is None:
                 assert p.lower < p.upper  # required: the file must give it
-        for seed in cls.seeds(subject):
+        for seed in cls.search.seeds_of(parameters, subject, FIVE_AXIS):
             known = {n: v for n, v in typical(f"{kind}.{subject}").items() if n not in seed}
             assert isinstance(cls(subject, **known, **seed), cls)  # every seed is an allowed value
 
@@ -247,7 +248,7 @@ def test_clashing_kinds_are_refused(monkeypatch):
 
 def test_the_catalogue_holds_what_is_required():
     """Kinds and subjects of the effect catalogue."""
-    have = {k: set(c.subjects) for k, c in registry.kinds().items()}
+    have = {k: set(c.subjects_of(FIVE_AXIS)) for k, c in registry.kinds().items()}
     every, linear, rotary = set(AXES), set(LINEAR), set(ROTARY)
     required = {
         "friction": every, "viscous_friction": every, "servo_gain": every, "velocity_gain": every, "servo_delay": every,

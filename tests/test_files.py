@@ -11,6 +11,7 @@ from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.io.files import check_writable, write_whole
 from mjsim.io.resources import examples
+from mjsim.machine.chain import FIVE_AXIS
 
 MACHINE = (examples() / "hidden-backlash" / "machine.toml").read_text()
 
@@ -105,7 +106,7 @@ def test_every_effect_survives_the_file(file, effect_id):
         for p in cls.parameters_of(subject)
         if p.kind != "choice"
     }
-    values = {**needed, **next(iter(cls.seeds(subject)), {})}
+    values = {**needed, **next(iter(cls.search.seeds_of(cls.parameters_of(subject), subject, FIVE_AXIS)), {})}
     machine = read_machine(file)
     effect = cls(subject, **values)
     changed = machine.with_effect(effect)

@@ -99,7 +99,7 @@ def test_free_vector_round_trip():
     back = free.at(free.vector).values["components"]
     assert np.allclose(back, effect.values["components"])
     wave = registry.make("radial_error_motion.C", amplitude_um=2.0, order=3.0, phase_deg=50.0)
-    free = EffectVector(wave, wave.free)
+    free = EffectVector(wave, wave.search.free)
     assert free.at(free.vector).values == pytest.approx(wave.values)
     low, high = free.interval(free.vector, np.diag([1e-4, 1e-4]))["amplitude_um"]
     assert low == pytest.approx(2.0 - 1.96e-2) and high == pytest.approx(2.0 + 1.96e-2)
@@ -155,7 +155,7 @@ def test_a_ball_in_another_seat_is_left_out_and_a_step_that_repeats_is_not():
 def test_a_stiffness_is_fitted_as_its_compliance():
     """Off is infinite for the file and zero for the fit; intervals come back in the file's unit, low to high."""
     soft = registry.make("drive_compliance.X", stiffness_N_per_um=50.0, damping_ratio=0.1)
-    free = EffectVector(soft, soft.free_of("X"))
+    free = EffectVector(soft, soft.search.free_of(soft.parameters_of("X")))
     assert free.vector == pytest.approx([2.0, 2.0])
     assert free.neutral == pytest.approx([0.0]) and free.linear == [0]
     assert free.at(np.array([4.0, 2.0])).values["stiffness_N_per_um"] == pytest.approx(25.0)

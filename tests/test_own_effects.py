@@ -206,7 +206,10 @@ LOADED = {
     "a parameter in inches": (text().replace('"size_um"', '"size_inch"'), "parameter name 'size_inch' has no unit", "_mm"),
     "bounds the wrong way": (text().replace("0.0, 50.0", "50.0, 0.0"), "parameter size_um has the bounds 50 to 0"),
     "a scale of zero": (text().replace("neutral=0.0", "neutral=0.0, scale=0.0"), "scale of the parameter size_um"),
-    "free of what is not there": (text().replace('kind = "mine"', 'kind = "mine"; free = ("width",)'), "free = ('width',)", "size_um"),
+    "free of what is not there": (
+        text().replace('kind = "mine"', 'kind = "mine"; search = mjsim.SearchHints(free=("width",))'), "free = ('width',)", "size_um",
+    ),
+    "hints outside search": (text().replace("title =", "quasi_static = False; title ="), "search = mjsim.SearchHints(quasi_static="),
     "a title that is none": (text().replace('"of a test"', "None"), "title = None", "a text"),
 }  # fmt: skip
 

@@ -22,7 +22,7 @@ test_table.__test__ = False
 
 def explained(machine, effect_id, **values):
     effect = make(effect_id, **values)
-    return Explanation.of_priors(effect_id, machine, [EffectVector(effect, effect.free_of(effect.subject))])
+    return Explanation.of_priors(effect_id, machine, [EffectVector(effect, effect.search.free_of(effect.parameters_of(effect.subject)))])
 
 
 def test_a_test_as_a_table_reads_back(tmp_path):

@@ -25,6 +25,7 @@ from mjsim.cli import common
 from mjsim.cli.main import _COMMANDS, main
 from mjsim.effects import registry
 from mjsim.io.resources import examples
+from mjsim.machine.chain import FIVE_AXIS
 
 # -- mjsim new campaign ----------------------------------------------------------------------------------------------------------------
 
@@ -134,7 +135,7 @@ def test_completion_in_bash(command):
     healthy = examples() / "healthy"
     assert set(complete(command, "")) >= {"compare", "import", "export", "new", "completion"}
     assert complete(command, "simulate", "--te") == ["--test"]
-    assert complete(command, "add", healthy, "backlash.") == [f"backlash.{a}" for a in registry.kinds()["backlash"].subjects]
+    assert complete(command, "add", healthy, "backlash.") == [f"backlash.{a}" for a in registry.kinds()["backlash"].subjects_of(FIVE_AXIS)]
     assert complete(command, "effects", "squareness.Z") == ["squareness.ZX"]
     assert complete(command, "simulate", healthy, "--test", "circle") == ["circle-xy-ccw", "circle-xy-cw"]
     assert complete(command, "import", "--campaign", healthy, "--test", "circle-xy-cc") == ["circle-xy-ccw"]

@@ -22,14 +22,10 @@ class EncoderStep(mjsim.Effect):
         mjsim.Parameter("step_deg", "height of the step", -1.0, 1.0, neutral=0.0, scale=0.001),
         mjsim.Parameter("at_deg", "axis position of the step", -4000.0, 4000.0, scale=1.0),
     )
-    free = ("step_deg", "at_deg")
     definition = "x + step where x > at"
     source = "the curve of mjsim's empirical term; a lost count or a damaged line of the scale"
     signature = "A step wherever the axis passes one position, in both directions of motion."
-
-    @classmethod
-    def seeds(cls, subject):
-        return [{"step_deg": 0.001, "at_deg": -300.0}]
+    search = mjsim.SearchHints(free=("step_deg", "at_deg"), seeds=[{"step_deg": 0.001, "at_deg": -300.0}])
 
     def position_error(self, motion):
         i = AXES.index(self.subject)

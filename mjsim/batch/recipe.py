@@ -12,7 +12,7 @@ from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.estimation.data_sheet import SHEET, calibrated
 from mjsim.machine.effect import Effect
-from mjsim.machine.model import Machine
+from mjsim.machine.model import FRICTION_PARAMETERS, Machine
 
 #: Unit of a drive's number as it is shown, by key of machine.toml.
 DRIVE_UNITS = {
@@ -23,7 +23,6 @@ DRIVE_UNITS = {
     "viscous_Nms_per_rad": "N·m·s/rad",
     "gravity_Nm": "N·m",
 }
-_FRICTION = {"coulomb": "coulomb_Nm", "presliding": "presliding_rad"}
 _ATTRIBUTES = {key: attribute for attribute, key in DRIVE_KEYS.items()}
 
 
@@ -76,15 +75,15 @@ class Recipe:
 
 def _changed(machine: Machine, key: str, changes: dict[str, float]) -> Effect:
     present = machine.effect(key)
-    return registry.make(key, **changes) if present is None else present.replaced(**changes)
+    return registry.make(key, machine.chain, **changes) if present is None else present.replaced(**changes)
 
 
 def sheet_columns(machine: Machine) -> list[Target]:
     """The data sheet's numbers that an ensemble draws, as columns: all of :data:`SHEET` that ``machine`` has."""
     out = []
     for p in SHEET:
-        if p.name in _FRICTION:
-            friction, key = machine.effect(f"friction.{p.axis}"), _FRICTION[p.name]
+        if p.name in FRICTION_PARAMETERS:
+            friction, key = machine.effect(f"friction.{p.axis}"), FRICTION_PARAMETERS[p.name]
             if friction is not None and not friction.is_neutral:
                 unit = next(q.unit for q in friction.parameters if q.name == key)
                 out.append(Target(f"{friction.key}.{key}", "effect", friction.key, key, unit, f"data sheet, ± {100 * p.sd:g} %"))

@@ -15,7 +15,6 @@ from mjsim.campaign.schema import DriveTable, ball_bar_table
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.io.toml import check
-from mjsim.machine.chain import AXES
 from mjsim.machine.model import Machine
 
 #: What of a test can be varied -> unit and meaning.
@@ -41,8 +40,9 @@ def target_of(place: str, name: str, machine: Machine) -> Target:
     owner, _, key = name.rpartition(".")
     if name.startswith("drive."):
         axis = owner.removeprefix("drive.")
-        if axis not in AXES or key not in DRIVE_UNITS:
-            raise InputError(f"{place}: parameter = {name!r}; allowed: drive.<{', '.join(AXES)}>.<{', '.join(DRIVE_UNITS)}>")
+        if axis not in machine.chain.letters or key not in DRIVE_UNITS:
+            axes = ", ".join(machine.chain.letters)
+            raise InputError(f"{place}: parameter = {name!r}; allowed: drive.<{axes}>.<{', '.join(DRIVE_UNITS)}>")
         return Target(name, "drive", axis, key, DRIVE_UNITS[key], f"{key.split('_per_')[0]} of the {axis} drive, see the campaign format")
     if "." not in owner:
         kinds = [*registry.kinds(), *{e.kind for e in machine.effects}]
@@ -58,7 +58,7 @@ def target_of(place: str, name: str, machine: Machine) -> Target:
 def _effect_target(place: str, name: str, owner: str, key: str, machine: Machine) -> Target:
     present = machine.effect(owner)
     try:
-        cls, subject = (type(present), present.subject) if present is not None else registry.effect_class(owner)
+        cls, subject = (type(present), present.subject) if present is not None else registry.effect_class(owner, machine.chain)
     except InputError as error:
         raise InputError(f"{place}: parameter = {name!r}: {error}") from None
     parameters = {p.name: p for p in cls.parameters_of(subject)}

@@ -10,6 +10,7 @@ from typing import Any
 from mjsim.ballbar.kinds import KINDS, all_keys, kind_of
 from mjsim.ballbar.measurement import BallBarTest, Instrument, Trace
 from mjsim.ballbar.program import Program, driven_by
+from mjsim.campaign.machine_file import chain_in
 from mjsim.campaign.model import Campaign
 from mjsim.campaign.schema import BallBarTable, CampaignTable, with_tests
 from mjsim.campaign.span import explain
@@ -17,6 +18,7 @@ from mjsim.campaign.traces import read_trace
 from mjsim.errors import InputError
 from mjsim.io.inputs import inside, is_file, shown
 from mjsim.io.toml import check, parse
+from mjsim.machine.chain import FIVE_AXIS, Chain
 from mjsim.nc.limits import check_travel, model_limits
 from mjsim.nc.read import read_nc
 from mjsim.units import MM, UM
@@ -53,9 +55,11 @@ def campaign_from(file: Path, data: dict, traces: bool = True, as_is: bool = Fal
     Raises:
         InputError: as :func:`read_campaign`.
     """
-    table = check(file, with_tests(CampaignTable), data)
     folder = file.parent
-    tests = tuple(test_of(file, t) for t in table.test)
+    named = data.get("machine", CampaignTable.model_fields["machine"].default)
+    chain = chain_in(folder / named) if isinstance(named, str) else FIVE_AXIS
+    table = check(file, with_tests(CampaignTable, chain), data)
+    tests = tuple(test_of(file, t, chain) for t in table.test)
     names = [t.name for t in tests]
     for name in names:
         if names.count(name) > 1:
@@ -116,8 +120,13 @@ def spans_fit(test: BallBarTest, begin: float, end: float) -> bool:
     return inside and (abs(have - want) <= slack or (have > 0.6 * want and 0 < want - have < LARGEST_GAP))
 
 
-def test_of(file: Path, t: BallBarTable) -> BallBarTest:
-    """The test that a ``[[test]]`` table of ``file`` describes.
+def test_of(file: Path, t: BallBarTable, chain: Chain = FIVE_AXIS) -> BallBarTest:
+    """The test that a ``[[test]]`` table describes.
+
+    Args:
+        file: where it stands.
+        t: the table.
+        chain: axes of the machine.
 
     Raises:
         InputError: a key is missing, belongs to another kind, or its NC program does not fit.
@@ -131,8 +140,9 @@ def test_of(file: Path, t: BallBarTable) -> BallBarTest:
         if getattr(t, key) is not None:
             raise InputError(f"{place}: the key {key!r} does not belong to {t.kind}")
     for key in kind.keys:
-        if key.words and getattr(t, key.name) not in (None, *key.words):
-            raise InputError(f"{place}: {key.name} = {getattr(t, key.name)!r}; allowed for {t.kind}: {', '.join(key.words)}")
+        words = key.words_of(chain)
+        if words and getattr(t, key.name) not in (None, *words):
+            raise InputError(f"{place}: {key.name} = {getattr(t, key.name)!r}; allowed for {t.kind}: {', '.join(words)}")
     x, y, z = (p * MM for p in t.table_ball_mm)
     for key in ("program_dialect", "program_reversed", "program_rollover"):
         if t.program is None and getattr(t, key) is not None:
@@ -152,6 +162,7 @@ def test_of(file: Path, t: BallBarTable) -> BallBarTest:
         setup=t.setup or t.name,
         started=t.started_s,
         trace=t.trace,
+        chain=chain,
         more=more,
         **given,
         **kind.derived(given),
@@ -175,8 +186,8 @@ def _check_duration(place: str, test: BallBarTest) -> None:
 def _driven(file: Path, place: str, test: BallBarTest, t: BallBarTable) -> BallBarTest:
     """The test with the motion that its NC file commands."""
     path = _inside(file, file.parent, t.program or "", f"{place} program")
-    nc = read_nc(path, t.program_dialect or "fanuc", tuple(t.program_reversed or ()), bool(t.program_rollover))
-    check_travel(nc.motion, model_limits(), nc.place)
+    nc = read_nc(path, t.program_dialect or "fanuc", tuple(t.program_reversed or ()), bool(t.program_rollover), chain=test.chain)
+    check_travel(nc.motion, model_limits(test.chain), nc.place)
     return driven_by(test, nc.motion, str(path))
 
 

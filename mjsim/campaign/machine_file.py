@@ -10,13 +10,13 @@ import numpy as np
 import tomlkit
 from tomlkit.items import AoT, InlineTable, Table
 
-from mjsim.campaign.schema import MachineTable
+from mjsim.campaign.schema import machine_table
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.io.files import write_whole
 from mjsim.io.inputs import shown
 from mjsim.io.toml import check, parse, read_text
-from mjsim.machine.chain import AXES, LINEAR
+from mjsim.machine.chain import FIVE_AXIS, Chain, chain_of, is_rotary
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Drive, Machine
 from mjsim.units import MM
@@ -39,30 +39,51 @@ def read_machine(path: str | Path, text: str | None = None) -> Machine:
         InputError: names the file, the table and key, what was found and what is allowed.
     """
     path = Path(path)
-    table = check(path, MachineTable, parse(path, text))
+    data = parse(path, text)
+    chain = _chain(path, data)
+    table: Any = check(path, machine_table(chain), data)
     drives = {}
-    for axis in AXES:
+    for axis in chain.letters:
         d = getattr(table.drive, axis)
-        want, other = ("lead_mm", "worm_teeth") if axis in LINEAR else ("worm_teeth", "lead_mm")
+        want, other = ("worm_teeth", "lead_mm") if is_rotary(axis) else ("lead_mm", "worm_teeth")
         if getattr(d, other) is not None:
             raise InputError(
-                f"{path}: [drive.{axis}] unknown key {other!r}; a {'linear' if axis in LINEAR else 'rotary'} axis has {want!r}"
+                f"{path}: [drive.{axis}] unknown key {other!r}; a {'rotary' if is_rotary(axis) else 'linear'} axis has {want!r}"
             )
         if getattr(d, want) is None:
             raise InputError(f"{path}: [drive.{axis}]: the key {want!r} is missing")
-        gear = 2 * np.pi / (d.lead_mm * MM) if axis in LINEAR else d.worm_teeth
+        gear = d.worm_teeth if is_rotary(axis) else 2 * np.pi / (d.lead_mm * MM)
         drives[axis] = Drive(axis, gear, **{k: getattr(d, v) for k, v in DRIVE_KEYS.items()})
     effects: list[Effect] = []
     files: dict[str, str] = {}
     for number, entry in enumerate(table.effect, start=1):
-        effect = _effect(path, number, dict(entry), files)
+        effect = _effect(path, number, dict(entry), files, chain)
         if any(effect.key == e.key for e in effects):
             raise InputError(f'{path}: [[effect]] "{effect.id}" appears twice; allowed: once (or one per direction)')
         effects.append(effect)
     return Machine(table.name, drives, tuple(effects), path, table.configuration, files)
 
 
-def _effect(path: Path, number: int, entry: dict[str, Any], files: dict[str, str]) -> Effect:
+def _chain(path: Path, data: dict) -> Chain:
+    """The chain that ``configuration`` names in a machine file."""
+    configuration = data.get("configuration", FIVE_AXIS.configuration)
+    if not isinstance(configuration, str):
+        raise InputError(f"{path}: configuration = {shown(configuration)}; allowed: a text such as {FIVE_AXIS.configuration!r}")
+    try:
+        return chain_of(configuration)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def chain_in(path: Path) -> Chain:
+    """The chain of a machine file; the shipped machine's where the file cannot be read: who reads it whole says why."""
+    try:
+        return _chain(path, parse(path))
+    except InputError:
+        return FIVE_AXIS
+
+
+def _effect(path: Path, number: int, entry: dict[str, Any], files: dict[str, str], chain: Chain) -> Effect:
     effect_id, source = entry.pop("id", None), entry.pop("file", None)
     if not isinstance(effect_id, str):
         raise InputError(f"{path}: [[effect]] number {number}: the key 'id' is missing or not a text")
@@ -78,10 +99,10 @@ def _effect(path: Path, number: int, entry: dict[str, Any], files: dict[str, str
             kind, _, subject = effect_id.partition(".")
             if kind != cls.kind:
                 raise InputError(f"id {effect_id!r} does not belong to {source}, which defines {cls.kind!r}")
-            if subject not in cls.subjects:
-                raise InputError(f"unknown effect {effect_id!r}; {kind} exists for: {', '.join(cls.subjects)}")
+            if subject not in (allowed := cls.subjects_of(chain)):
+                raise InputError(f"unknown effect {effect_id!r}; {kind} exists for: {', '.join(allowed)}")
         else:
-            cls, subject = registry.effect_class(effect_id)
+            cls, subject = registry.effect_class(effect_id, chain)
         allowed = [p.name for p in cls.parameters_of(subject)]
         for name, value in entry.items():
             if name not in allowed:
@@ -107,7 +128,7 @@ def machine_document(machine: Machine, original: Path, former: str | None = None
     former = read_text(original) if former is None else former
     document = tomlkit.parse(former)
     base = read_machine(original, former)
-    for axis in AXES:
+    for axis in machine.chain.letters:
         for attribute, key in DRIVE_KEYS.items():
             value = getattr(machine.drives[axis], attribute)
             if value != getattr(base.drives[axis], attribute):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Callable, Iterable
+from functools import cache
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model
@@ -11,6 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from mjsim.ballbar.kinds import KINDS, all_keys
 from mjsim.ballbar.kinds.base import Key
+from mjsim.machine.chain import FIVE_AXIS, Chain
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -63,21 +65,23 @@ class BallBarTable(Table):
     trace: str | None = None
     program: str | None = None
     program_dialect: Literal["fanuc", "siemens", "linuxcnc"] | None = None
-    program_reversed: list[Literal["A", "C"]] | None = None
+    program_reversed: list[str] | None = None
     program_rollover: bool | None = None
     setup: Annotated[str, Field(max_length=200), AfterValidator(_printable)] | None = None
     started_s: Clock = 0.0
 
 
-def ball_bar_table() -> type[BallBarTable]:
-    """What a ``[[test]]`` table may contain, whatever its kind."""
-    fields: dict[str, Any] = {name: (_type(keys) | None, None) for name, keys in all_keys().items()}
+def ball_bar_table(chain: Chain = FIVE_AXIS) -> type[BallBarTable]:
+    """What a ``[[test]]`` table may contain on a machine with these axes, whatever its kind."""
+    fields: dict[str, Any] = {name: (_type(keys, chain) | None, None) for name, keys in all_keys().items()}
+    rotary = Annotated[str, AfterValidator(_one_of(lambda: chain.rotary))]
+    fields["program_reversed"] = (list[rotary] | None, None)
     return create_model("BallBarTable", __base__=BallBarTable, **fields)
 
 
-def _type(keys: list[Key]) -> Any:
+def _type(keys: list[Key], chain: Chain) -> Any:
     """The type of a key that several kinds may have: texts may be any of their words."""
-    words = dict.fromkeys(w for k in keys for w in k.words)
+    words = dict.fromkeys(w for k in keys for w in k.words_of(chain))
     return Annotated[str, AfterValidator(_one_of(lambda: words))] if words else keys[0].type
 
 
@@ -92,10 +96,10 @@ class CampaignTable(Table):
 _T = TypeVar("_T", bound=Table)
 
 
-def with_tests(schema: type[_T]) -> type[_T]:
-    """A schema with ``[[test]]`` tables, whose keys are those of the kinds known by now."""
+def with_tests(schema: type[_T], chain: Chain = FIVE_AXIS) -> type[_T]:
+    """A schema with ``[[test]]`` tables, whose keys are those of the kinds known by now, on a machine with these axes."""
     field = schema.model_fields["test"]
-    return create_model(schema.__name__, __base__=schema, test=(list[ball_bar_table()], field))  # pyright: ignore[reportInvalidTypeForm]
+    return create_model(schema.__name__, __base__=schema, test=(list[ball_bar_table(chain)], field))  # pyright: ignore[reportInvalidTypeForm]
 
 
 class DriveTable(Table):
@@ -109,16 +113,15 @@ class DriveTable(Table):
     gravity_Nm: Annotated[float, Field(ge=-1e4, le=1e4)] = 0.0
 
 
-class DrivesTable(Table):
-    X: DriveTable
-    Y: DriveTable
-    Z: DriveTable
-    A: DriveTable
-    C: DriveTable
-
-
-class MachineTable(Table):
-    name: Text
-    configuration: Literal["w-C'A'Y'bXZ-t"] = "w-C'A'Y'bXZ-t"
-    drive: DrivesTable
-    effect: Annotated[list[dict[str, Any]], Field(max_length=1000)] = []
+@cache
+def machine_table(chain: Chain) -> type[Table]:
+    """What a machine file with the axes of ``chain`` may contain; the keys of its ``drive`` table are these axes."""
+    axes: dict[str, Any] = {a: (DriveTable, ...) for a in chain.letters}
+    return create_model(
+        "MachineTable",
+        __base__=Table,
+        name=(Text, ...),
+        configuration=(str, FIVE_AXIS.configuration),
+        drive=(create_model("DrivesTable", __base__=Table, **axes), ...),
+        effect=(Annotated[list[dict[str, Any]], Field(max_length=1000)], []),
+    )

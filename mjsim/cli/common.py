@@ -120,8 +120,7 @@ def effect_ids(ctx: click.Context, param: click.Parameter, incomplete: str) -> l
 
     if "/" in incomplete or incomplete.startswith("~"):
         return [CompletionItem(incomplete, type="file")]
-    ids = [f"{kind}.{subject}" for kind, cls in registry.kinds().items() for subject in cls.subjects]
-    return [CompletionItem(i) for i in ids if i.startswith(incomplete)]
+    return [CompletionItem(i) for i in registry.all_ids() if i.startswith(incomplete)]
 
 
 def test_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:

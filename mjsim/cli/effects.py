@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from mjsim.cli import common
+from mjsim.machine.chain import FIVE_AXIS
 
 
 @click.command("effects")
@@ -25,7 +26,8 @@ def command(effect, as_json, quiet) -> None:
             common.print_json({"effects": [describe(cls, None) for cls in known.values()]})
             return
         if not quiet:
-            common.table(["kind", "of", "what it is"], [[k, " ".join(c.subjects), c.title] for k, c in known.items()], text=(0, 1, 2))
+            rows = [[k, " ".join(c.subjects_of(FIVE_AXIS)), c.title] for k, c in known.items()]
+            common.table(["kind", "of", "what it is"], rows, text=(0, 1, 2))
             common.say("an effect's id is kind.SUBJECT; `mjsim effects KIND` or `mjsim effects ID` tells more", quiet)
         return
     if "." in effect:
@@ -34,13 +36,13 @@ def command(effect, as_json, quiet) -> None:
         cls, subject = known[effect], None
     else:
         raise InputError(f"unknown effect {effect!r}; known kinds: {', '.join(known)}")
-    data = describe(cls, subject)
+    data, subjects = describe(cls, subject), cls.subjects_of(FIVE_AXIS)
     if as_json:
         common.print_json(data)
         return
     if quiet:
         return
-    common.paragraph(f"{data['id'] if subject else cls.kind}: {data['title']}" + ("" if subject else f" ({', '.join(cls.subjects)})"))
+    common.paragraph(f"{data['id'] if subject else cls.kind}: {data['title']}" + ("" if subject else f" ({', '.join(subjects)})"))
     click.echo()
     for word in ("definition", "source", "signature"):
         common.paragraph(f"{word}: {data[word]}")
@@ -50,10 +52,10 @@ def command(effect, as_json, quiet) -> None:
         for p in data["parameters"]
     ]
     common.table(["parameter", "unit", "neutral", "allowed", "meaning"], rows, text=(0, 1, 3, 4))
-    if subject is None and any(cls.parameters_of(s) != cls.parameters_of(cls.subjects[0]) for s in cls.subjects):
+    if subject is None and any(cls.parameters_of(s) != cls.parameters_of(subjects[0]) for s in subjects):
         click.echo()
         common.paragraph(
-            f"these are the parameters of {cls.kind}.{cls.subjects[0]}; other axes' can differ: mjsim effects {cls.kind}.{cls.subjects[-1]}"
+            f"these are the parameters of {cls.kind}.{subjects[0]}; other axes' can differ: mjsim effects {cls.kind}.{subjects[-1]}"
         )
 
 
@@ -65,10 +67,11 @@ def _allowed(p: dict) -> str:
 
 def describe(cls, subject: str | None) -> dict:
     """An effect class as plain data."""
+    subjects = cls.subjects_of(FIVE_AXIS)
     return {
-        "id": f"{cls.kind}.{subject}" if subject else f"{cls.kind}.{{{','.join(cls.subjects)}}}",
+        "id": f"{cls.kind}.{subject}" if subject else f"{cls.kind}.{{{','.join(subjects)}}}",
         "kind": cls.kind,
-        "subjects": list(cls.subjects),
+        "subjects": list(subjects),
         "title": cls.title,
         "definition": cls.definition,
         "source": cls.source,
@@ -85,6 +88,6 @@ def describe(cls, subject: str | None) -> dict:
                 "upper": p.upper,
                 "choices": list(p.choices),
             }
-            for p in cls.parameters_of(subject or cls.subjects[0])
+            for p in cls.parameters_of(subject or subjects[0])
         ],
     }

@@ -8,6 +8,7 @@ from mjsim.ballbar.kinds import KINDS, all_keys
 from mjsim.cli import common
 from mjsim.cli.nc_options import kept
 from mjsim.importing.names import options
+from mjsim.machine.chain import FIVE_AXIS
 
 
 def _common(name: str, **more):
@@ -17,7 +18,7 @@ def _common(name: str, **more):
 def _specific():
     """Options for the keys that belong to some kinds of tests only, as the kinds describe them."""
     for name, keys in all_keys().items():
-        words = list(dict.fromkeys(w for k in keys for w in k.words))
+        words = list(dict.fromkeys(w for k in keys for w in k.words_of(FIVE_AXIS)))
         kinds = [k.name for k in KINDS.values() if name in (key.name for key in k.keys)]
         value = click.Choice(words) if words else common.NUMBER if keys[0].unit is not None else int
         yield click.option(keys[0].flag, name, type=value, help=f"{', '.join(kinds)}: {keys[0].help[:1].lower()}{keys[0].help[1:]}")

@@ -1,27 +1,19 @@
 """Location errors of the rotary axes (ISO 230-7)."""
 
 from mjsim.effects.registry import register
-from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.chain import is_rotary
+from mjsim.machine.effect import Effect
+from mjsim.machine.parameter import Parameter
+from mjsim.machine.subjects import location_errors
 
 _SHIFT = (Parameter("value_um", "displacement of the centreline", -5000.0, 5000.0, neutral=0.0, scale=10.0),)
 _TILT = (Parameter("value_urad", "rotation of the centreline", -5000.0, 5000.0, neutral=0.0, scale=20.0),)
-#: subject -> (body, kind of edit, coordinate)
-_WHERE = {
-    "EX0C": ("table", "shift", 0),
-    "EY0C": ("table", "shift", 1),
-    "EA0C": ("table", "tilt", 0),
-    "EB0C": ("table", "tilt", 1),
-    "EY0A": ("cradle", "shift", 1),
-    "EZ0A": ("cradle", "shift", 2),
-    "EB0A": ("cradle", "tilt", 1),
-    "EC0A": ("cradle", "tilt", 2),
-}
 
 
 @register
 class AxisLocation(Effect):
     kind = "axis_location"
-    subjects = tuple(_WHERE)
+    subjects = location_errors
     title = "Location error of a rotary axis"
     parameters = _SHIFT
     definition = "p ← Ry(EB0C) Rx(EA0C) p + (EX0C, EY0C, 0) in the cradle; p ← Rz(EC0A) Ry(EB0A) p + (0, EY0A, EZ0A) on the slide"
@@ -30,11 +22,7 @@ class AxisLocation(Effect):
 
     @classmethod
     def parameters_of(cls, subject):
-        return _SHIFT if _WHERE[subject][1] == "shift" else _TILT
-
-    @property
-    def _value(self):
-        return self.si(self.parameters_of(self.subject)[0].name)
+        return _TILT if is_rotary(subject[1]) else _SHIFT
 
     def apply(self, plant):
-        plant.geometry.location[self.subject] = self._value
+        plant.geometry.location[self.subject] = self.si(self.parameters_of(self.subject)[0].name)

@@ -1,9 +1,11 @@
 """Backlash: play between motor side and load side."""
 
 from mjsim.effects.registry import register
-from mjsim.machine.chain import AXES, ROTARY
-from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.chain import is_rotary
+from mjsim.machine.effect import Effect
+from mjsim.machine.parameter import Parameter
 from mjsim.machine.plant import PLAY
+from mjsim.machine.subjects import every_axis
 
 _ROTARY = (Parameter("width_deg", "full width b of the play", 0.0, 1.0, neutral=0.0, scale=0.001),)
 _LINEAR = (Parameter("width_um", "full width b of the play (lost motion)", 0.0, 1000.0, neutral=0.0, scale=2.0),)
@@ -12,7 +14,7 @@ _LINEAR = (Parameter("width_um", "full width b of the play (lost motion)", 0.0, 
 @register
 class Backlash(Effect):
     kind = "backlash"
-    subjects = AXES
+    subjects = every_axis
     title = "Backlash of an axis"
     parameters = _ROTARY
     definition = "y ← clip(y, x − b/2, x + b/2), starting centred; x motor side, y load side"
@@ -21,7 +23,7 @@ class Backlash(Effect):
 
     @classmethod
     def parameters_of(cls, subject):
-        return _ROTARY if subject in ROTARY else _LINEAR
+        return _ROTARY if is_rotary(subject) else _LINEAR
 
     def apply(self, plant):
         name = self.parameters_of(self.subject)[0].name

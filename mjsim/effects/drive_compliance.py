@@ -3,8 +3,11 @@
 import math
 
 from mjsim.effects.registry import register
-from mjsim.machine.chain import AXES, ROTARY
-from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.chain import is_rotary
+from mjsim.machine.effect import Effect
+from mjsim.machine.hints import SearchHints
+from mjsim.machine.parameter import Parameter
+from mjsim.machine.subjects import every_axis
 
 _DAMPING = Parameter("damping_ratio", "of the load on the spring with the motor held", 1e-3, 2.0, default=0.05, scale=0.05)
 _ROTARY = (
@@ -20,7 +23,7 @@ _LINEAR = (
 @register
 class DriveCompliance(Effect):
     kind = "drive_compliance"
-    subjects = AXES
+    subjects = every_axis
     title = "Elastic transmission between motor and load"
     parameters = _ROTARY
     definition = (
@@ -28,19 +31,15 @@ class DriveCompliance(Effect):
     )
     source = "two-mass model of a feed drive (usual servo practice; not in the paper)"
     signature = "The load lags in proportion to its acceleration, and rings after reversals, when the motor breaks free."
-    quasi_static = False
+    search = SearchHints(
+        quasi_static=False,
+        free=("stiffness_Nm_per_urad", "stiffness_N_per_um", "damping_ratio"),
+        seeds=lambda subject, chain: [{p.name: p.scale for p in DriveCompliance.parameters_of(subject)}],
+    )
 
     @classmethod
     def parameters_of(cls, subject):
-        return _ROTARY if subject in ROTARY else _LINEAR
-
-    @classmethod
-    def free_of(cls, subject):
-        return tuple(p.name for p in cls.parameters_of(subject))
-
-    @classmethod
-    def seeds(cls, subject):
-        return [{cls.parameters_of(subject)[0].name: cls.parameters_of(subject)[0].scale, "damping_ratio": 0.05}]
+        return _ROTARY if is_rotary(subject) else _LINEAR
 
     def apply(self, plant):
         plant.add_spring(self.subject, self.si(self.parameters_of(self.subject)[0].name), self.values["damping_ratio"])

@@ -1,19 +1,32 @@
 """Friction torque on the motor (LuGre)."""
 
-from typing import ClassVar
-
 from mjsim.effects.registry import register
-from mjsim.machine.chain import AXES
-from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.effect import Effect
+from mjsim.machine.hints import SearchHints
+from mjsim.machine.parameter import Parameter
+from mjsim.machine.subjects import every_axis
 
 #: Stribeck velocities from which a diagnosis starts, rad/s on the motor: sticking that fades at once, and up to ordinary feeds.
 _STRIBECK = (0.3, 2.0, 10.0)
 
 
+def _variants(friction):
+    """The same friction with a break-away torque that is wrong."""
+    return [(friction.replaced(stribeck_velocity_rad_per_s=w), ("coulomb_Nm", "static_ratio")) for w in _STRIBECK]
+
+
+def _shapes(friction, present):
+    """Another presliding angle, or a friction that falls with the speed."""
+    sheet = present or friction
+    slow_fast = [sheet.replaced(static_ratio=1.5, stribeck_velocity_rad_per_s=w) for w in _STRIBECK]
+    stribeck = ("coulomb_Nm", "static_ratio", "stribeck_velocity_rad_per_s")
+    return [(friction, ("coulomb_Nm", "presliding_rad")), *((e, stribeck) for e in slow_fast)]
+
+
 @register
 class Friction(Effect):
     kind = "friction"
-    subjects = AXES
+    subjects = every_axis
     title = "Friction of a drive"
     parameters = (
         Parameter("coulomb_Nm", "Coulomb torque Tc on the motor", 0.0, 200.0, neutral=0.0, scale=0.1),
@@ -27,18 +40,13 @@ class Friction(Effect):
     )
     source = "Canudas de Wit et al. 1995 (LuGre); paper section 2.2 (f in Fig. 2); σ1 assumed"
     signature = "A quadrant glitch at each reversal of the axis; its height grows with Tc, its length with the presliding angle."
-    quasi_static = False
-    tolerances: ClassVar = {"coulomb_Nm": 0.05, "presliding_rad": 0.10, "static_ratio": 0.05}
-    free = ("coulomb_Nm",)
-
-    def variants(self):
-        return [(self.replaced(stribeck_velocity_rad_per_s=w), ("coulomb_Nm", "static_ratio")) for w in _STRIBECK]
-
-    def shapes(self, present):
-        sheet = present or self
-        slow_fast = [sheet.replaced(static_ratio=1.5, stribeck_velocity_rad_per_s=w) for w in _STRIBECK]
-        stribeck = ("coulomb_Nm", "static_ratio", "stribeck_velocity_rad_per_s")
-        return [(self, ("coulomb_Nm", "presliding_rad")), *((e, stribeck) for e in slow_fast)]
+    search = SearchHints(
+        quasi_static=False,
+        free=("coulomb_Nm",),
+        tolerances={"coulomb_Nm": 0.05, "presliding_rad": 0.10, "static_ratio": 0.05},
+        variants=_variants,
+        shapes=_shapes,
+    )
 
     def apply(self, plant):
         axis = plant.axes[self.subject]

@@ -3,24 +3,26 @@
 import math
 
 from mjsim.effects.registry import register
-from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.effect import Effect
+from mjsim.machine.hints import SearchHints
+from mjsim.machine.parameter import Parameter
 from mjsim.machine.plant import SINE
+from mjsim.machine.subjects import tilting_axes
 
 
 @register
 class GravityWindup(Effect):
     kind = "gravity_windup"
-    subjects = ("A",)
+    subjects = tilting_axes
     title = "Wind-up of the tilting axis under gravity"
     parameters = (
         Parameter("amplitude_deg", "unbalance torque times worm compliance", -0.1, 0.1, neutral=0.0, scale=0.001),
         Parameter("phase_deg", "direction of the unbalance", -360.0, 360.0, default=0.0, scale=10.0),
     )
-    definition = "x + amplitude·sin(A + phase)"
+    definition = "x + amplitude·sin(x + phase)"
     source = "effect catalogue; static moment equilibrium of an unbalanced cradle on a compliant worm"
     signature = "A slow wave tied to the tilt angle, largest where the cradle tilts far."
-
-    free = ("amplitude_deg", "phase_deg")
+    search = SearchHints(free=("amplitude_deg", "phase_deg"))
 
     def apply(self, plant):
-        plant.add_op("gravity_windup", SINE, "A", self.si("amplitude_deg"), 1.0, math.radians(self.values["phase_deg"]), 0.0)
+        plant.add_op("gravity_windup", SINE, self.subject, self.si("amplitude_deg"), 1.0, math.radians(self.values["phase_deg"]), 0.0)

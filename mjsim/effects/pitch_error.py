@@ -3,9 +3,12 @@
 import math
 
 from mjsim.effects.registry import register
-from mjsim.machine.chain import AXES, ROTARY
-from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.chain import is_rotary
+from mjsim.machine.effect import Effect
+from mjsim.machine.hints import SearchHints
+from mjsim.machine.parameter import Parameter
 from mjsim.machine.plant import SINE
+from mjsim.machine.subjects import every_axis
 from mjsim.units import DEG, UM
 
 _ROTARY = (
@@ -18,9 +21,8 @@ _LINEAR = (Parameter("components", "[order per screw turn, amplitude µm, phase 
 @register
 class PitchError(Effect):
     kind = "pitch_error"
-    subjects = AXES
-    scanned = True
-    free = ("components",)
+    subjects = every_axis
+    search = SearchHints(scanned=True, free=("components",))
     title = "Pitch error of a worm gear or ball screw"
     parameters = _ROTARY
     definition = "x + Σ W sin(N x + φ), N peaks per table turn (linear axes: per screw turn, 2π N x / lead)"
@@ -29,11 +31,12 @@ class PitchError(Effect):
 
     @classmethod
     def parameters_of(cls, subject):
-        return _ROTARY if subject in ROTARY else _LINEAR
+        return _ROTARY if is_rotary(subject) else _LINEAR
 
     def apply(self, plant):
-        rotary = self.subject in ROTARY
+        rotary = is_rotary(self.subject)
         for order, amplitude, phase in self.values["components"]:
             if amplitude:
                 wave = order if rotary else order * plant.axes[self.subject].gear
-                plant.add_op("pitch_error", SINE, self.subject, amplitude * (DEG if rotary else UM), wave, math.radians(phase), self.way)
+                size = amplitude * (DEG if rotary else UM)
+                plant.add_op("pitch_error", SINE, self.subject, size, wave, math.radians(phase), self.direction_sign)

@@ -14,7 +14,10 @@ from typing import Any, TypeVar
 from mjsim.errors import InputError, SimulationError
 from mjsim.io.inputs import is_file
 from mjsim.machine import own
-from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.chain import FIVE_AXIS, Chain
+from mjsim.machine.effect import Effect
+from mjsim.machine.hints import MOVED, SearchHints
+from mjsim.machine.parameter import Parameter
 from mjsim.units import DIMENSIONLESS, UNITS, unit_of
 
 _E = TypeVar("_E", bound=Effect)
@@ -61,9 +64,9 @@ def kinds() -> dict[str, type[Effect]]:
     return dict(sorted(_REGISTRY.items()))
 
 
-def all_ids() -> list[str]:
-    """Every ``kind.SUBJECT`` of the catalogue."""
-    return [f"{k}.{s}" for k, cls in kinds().items() for s in cls.subjects]
+def all_ids(chain: Chain = FIVE_AXIS) -> list[str]:
+    """Every ``kind.SUBJECT`` of the catalogue for a machine with these axes."""
+    return [f"{k}.{s}" for k, cls in kinds().items() for s in cls.subjects_of(chain)]
 
 
 def load_file(path: Path) -> type[Effect]:
@@ -102,21 +105,27 @@ def _wrong(cls: type[Effect]) -> str:
             return f"the class attribute {name!r} is missing"
     if not isinstance(cls.kind, str) or not cls.kind.isidentifier():
         return f"kind = {cls.kind!r}; allowed: a name of letters, digits and _"
-    named = isinstance(cls.subjects, (tuple, list)) and all(isinstance(s, str) and s.isidentifier() for s in cls.subjects)
-    if not named or not cls.subjects or len(set(cls.subjects)) < len(cls.subjects):
-        return f'subjects = {cls.subjects!r}; allowed: a tuple of different names such as ("X", "Y")'
+    if wrong := [name for name in MOVED if hasattr(cls, name)]:
+        return f"the class attribute {wrong[0]!r} is none; allowed: search = mjsim.SearchHints({wrong[0]}=...)"
+    subjects = cls.subjects_of(FIVE_AXIS) if callable(cls.subjects) else cls.subjects
+    named = isinstance(subjects, (tuple, list)) and all(isinstance(s, str) and s.isidentifier() for s in subjects)
+    if not named or not subjects or len(set(subjects)) < len(subjects):
+        return f"subjects = {subjects!r}; allowed: a tuple of different names such as {FIVE_AXIS.letters[:2]}"
+    if not isinstance(cls.search, SearchHints):
+        return f"search = {cls.search!r}; allowed: mjsim.SearchHints(...)"
     for name in _TEXTS:
         if not isinstance(getattr(cls, name), str):
             return f"{name} = {getattr(cls, name)!r}; allowed: a text"
-    for subject in cls.subjects:
+    known = set()
+    for subject in subjects:
         parameters = cls.parameters_of(subject)
         if not isinstance(parameters, (tuple, list)) or not all(isinstance(p, Parameter) for p in parameters):
             return f"parameters = {parameters!r}; allowed: a tuple of mjsim.Parameter"
         if why := next(filter(None, map(_wrong_parameter, parameters)), ""):
             return why
-        names = {p.name for p in parameters}
-        if not set(cls.free_of(subject)) <= names:
-            return f"free = {cls.free_of(subject)!r}; allowed: a tuple with names out of {', '.join(names)}"
+        known |= {p.name for p in parameters}
+    if not set(cls.search.free) <= known:
+        return f"free = {cls.search.free!r}; allowed: a tuple with names out of {', '.join(sorted(known))}"
     return ""
 
 
@@ -151,19 +160,33 @@ def restore(before: dict[str, type[Effect]]) -> None:
     _REGISTRY.update(before)
 
 
-def effect_class(effect_id: str) -> tuple[type[Effect], str]:
-    """Class and subject of an id; an unknown id raises an :class:`InputError` that lists what there is."""
+def effect_class(effect_id: str, chain: Chain = FIVE_AXIS) -> tuple[type[Effect], str]:
+    """Class and subject of an id.
+
+    Args:
+        effect_id: ``kind.SUBJECT``.
+        chain: axes of the machine.
+
+    Raises:
+        InputError: the id is unknown; the message lists what there is.
+    """
     kind, _, subject = effect_id.partition(".")
     known = kinds()
     if kind not in known:
         raise InputError(f"unknown effect {effect_id!r}; known kinds: {', '.join(known)}")
-    if subject not in known[kind].subjects:
-        raise InputError(f"unknown effect {effect_id!r}; {kind} exists for: {', '.join(known[kind].subjects)}")
+    subjects = known[kind].subjects_of(chain)
+    if subject not in subjects:
+        raise InputError(f"unknown effect {effect_id!r}; {kind} exists for: {', '.join(subjects)}")
     return known[kind], subject
 
 
-def make(effect_id: str, **values: Any) -> Effect:
+def make(effect_id: str, chain: Chain = FIVE_AXIS, **values: Any) -> Effect:
     """An effect by id.
+
+    Args:
+        effect_id: ``kind.SUBJECT``.
+        chain: axes of the machine.
+        **values: parameters.
 
     Raises:
         InputError: unknown id or parameter, or a value out of bounds.
@@ -171,5 +194,5 @@ def make(effect_id: str, **values: Any) -> Effect:
     >>> make("backlash.A", width_deg=0.002)
     backlash.A(width_deg=0.002)
     """
-    cls, subject = effect_class(effect_id)
+    cls, subject = effect_class(effect_id, chain)
     return cls(subject, **values)

@@ -1,15 +1,16 @@
 """Scale error of a linear axis (ISO 230-1, linear positioning error growing with travel)."""
 
 from mjsim.effects.registry import register
-from mjsim.machine.chain import LINEAR
-from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.effect import Effect
+from mjsim.machine.parameter import Parameter
 from mjsim.machine.plant import SCALE
+from mjsim.machine.subjects import linear_axes
 
 
 @register
 class ScaleError(Effect):
     kind = "scale_error"
-    subjects = LINEAR
+    subjects = linear_axes
     title = "Scale error of a linear axis"
     parameters = (Parameter("ppm", "relative error of the scale or screw", -2000.0, 2000.0, neutral=0.0, scale=20.0),)
     definition = "x·(1 + ppm·1e-6)"

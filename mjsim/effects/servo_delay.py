@@ -1,20 +1,22 @@
 """A command that arrives later than the other axes'."""
 
 from mjsim.effects.registry import register
-from mjsim.machine.chain import AXES
-from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.effect import Effect
+from mjsim.machine.hints import SearchHints
+from mjsim.machine.parameter import Parameter
+from mjsim.machine.subjects import every_axis
 
 
 @register
 class ServoDelay(Effect):
     kind = "servo_delay"
-    subjects = AXES
+    subjects = every_axis
     title = "Command delay of one axis"
     parameters = (Parameter("delay_ms", "delay of the axis command; negative: earlier", -50.0, 50.0, neutral=0.0, scale=0.1),)
     definition = "r(t) is replaced by r(t − delay)"
     source = "effect catalogue; dead time of the interpolator or drive bus"
     signature = "Like a difference of Kpp: v·delay along the axis' motion."
-    quasi_static = False
+    search = SearchHints(quasi_static=False)
 
     def apply(self, plant):
         plant.axes[self.subject].delay += self.si("delay_ms")

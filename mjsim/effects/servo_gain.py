@@ -1,16 +1,16 @@
 """Position-loop gain of a drive, as a ratio to the setting."""
 
-from typing import ClassVar
-
 from mjsim.effects.registry import register
-from mjsim.machine.chain import AXES
-from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.effect import Effect
+from mjsim.machine.hints import SearchHints
+from mjsim.machine.parameter import Parameter
+from mjsim.machine.subjects import every_axis
 
 
 @register
 class ServoGain(Effect):
     kind = "servo_gain"
-    subjects = AXES
+    subjects = every_axis
     title = "Position gain Kpp off its setting"
     parameters = (Parameter("ratio", "factor on Kpp", 0.5, 2.0, neutral=1.0, scale=0.01),)
     definition = "Kpp is multiplied by ratio"
@@ -19,8 +19,7 @@ class ServoGain(Effect):
         "The axis lags differently from the others, by v/Kpp·(1 − 1/ratio): ellipses on circles, "
         "inward or outward bulges where it moves fast."
     )
-    quasi_static = False
-    tolerances: ClassVar = {"ratio": 0.0003}
+    search = SearchHints(quasi_static=False, tolerances={"ratio": 0.0003})
 
     def apply(self, plant):
         plant.axes[self.subject].position_gain *= self.values["ratio"]

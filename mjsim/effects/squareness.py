@@ -1,13 +1,15 @@
 """Squareness between linear axes (ISO 230-1)."""
 
 from mjsim.effects.registry import register
-from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.effect import Effect
+from mjsim.machine.parameter import Parameter
+from mjsim.machine.subjects import axis_pairs
 
 
 @register
 class Squareness(Effect):
     kind = "squareness"
-    subjects = ("XY", "YZ", "ZX")
+    subjects = axis_pairs
     title = "Squareness error between two linear axes"
     parameters = (Parameter("angle_urad", "angle α off 90°", -5000.0, 5000.0, neutral=0.0, scale=20.0),)
     definition = "spindle ball relative to the table displaced: XY: ΔX = −α·Y; YZ: ΔY = −α·Z; ZX: ΔX = +α·Z"

@@ -1,8 +1,11 @@
 """Straightness errors of the linear axes (ISO 230-1 component errors)."""
 
 from mjsim.effects.registry import register
-from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.effect import Effect
+from mjsim.machine.hints import SearchHints
+from mjsim.machine.parameter import Parameter
 from mjsim.machine.plant import POLYNOMIAL
+from mjsim.machine.subjects import straightness_errors
 from mjsim.units import UM
 
 #: Travel over which the coefficients are given, m.
@@ -12,7 +15,7 @@ _REFERENCE = 0.1
 @register
 class Straightness(Effect):
     kind = "straightness"
-    subjects = ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
+    subjects = straightness_errors
     title = "Straightness error of a linear axis"
     parameters = (
         Parameter("quadratic_um", "bow over 100 mm of travel", -200.0, 200.0, neutral=0.0, scale=2.0),
@@ -21,12 +24,7 @@ class Straightness(Effect):
     definition = "displacement quadratic·(x/0.1 m)² + cubic·(x/0.1 m)³ in the first letter's direction, x the second letter's axis"
     source = "ISO 230-1 (straightness error motion), polynomial form assumed"
     signature = "Three-lobed (quadratic) or two- and four-lobed (cubic) shapes on circles; tied to the position of one axis."
-
-    free = ("quadratic_um", "cubic_um")
-
-    @classmethod
-    def seeds(cls, subject):
-        return [{"quadratic_um": 2.0, "cubic_um": 0.0}]
+    search = SearchHints(free=("quadratic_um", "cubic_um"), seeds=[{"quadratic_um": 2.0, "cubic_um": 0.0}])
 
     def apply(self, plant):
         _, direction, axis = self.subject

@@ -1,15 +1,17 @@
 """Thermal drift between spindle and table."""
 
 from mjsim.effects.registry import register
-from mjsim.machine.chain import LINEAR
-from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.effect import Effect
+from mjsim.machine.hints import SearchHints
+from mjsim.machine.parameter import Parameter
 from mjsim.machine.plant import SETTLE
+from mjsim.machine.subjects import linear_axes
 
 
 @register
 class ThermalDrift(Effect):
     kind = "thermal_drift"
-    subjects = LINEAR
+    subjects = linear_axes
     title = "Thermal drift between spindle and table"
     parameters = (
         Parameter("amplitude_um", "final displacement", -1000.0, 1000.0, neutral=0.0, scale=5.0),
@@ -18,12 +20,10 @@ class ThermalDrift(Effect):
     definition = "a (1 − exp(−t/τ)), t on the campaign clock"
     source = "ISO 230-3 (thermal drift); first-order warm-up assumed"
     signature = "The circle's centre wanders from revolution to revolution and from test to test, against the clock."
-
-    free = ("amplitude_um", "time_constant_s")
-
-    @classmethod
-    def seeds(cls, subject):
-        return [{"amplitude_um": 5.0, "time_constant_s": t} for t in (60.0, 180.0, 500.0, 1500.0, 5000.0)]
+    search = SearchHints(
+        free=("amplitude_um", "time_constant_s"),
+        seeds=[{"amplitude_um": 5.0, "time_constant_s": t} for t in (60.0, 180.0, 500.0, 1500.0, 5000.0)],
+    )
 
     def apply(self, plant):
         plant.add_op("thermal_drift", SETTLE, self.subject, self.si("amplitude_um"), self.si("time_constant_s"))

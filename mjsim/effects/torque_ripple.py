@@ -3,14 +3,16 @@
 import math
 
 from mjsim.effects.registry import register
-from mjsim.machine.chain import AXES
-from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.effect import Effect
+from mjsim.machine.hints import SearchHints
+from mjsim.machine.parameter import Parameter
+from mjsim.machine.subjects import every_axis
 
 
 @register
 class TorqueRipple(Effect):
     kind = "torque_ripple"
-    subjects = AXES
+    subjects = every_axis
     title = "Torque ripple of a motor"
     parameters = (
         Parameter("amplitude_Nm", "amplitude of the disturbance torque", 0.0, 100.0, neutral=0.0, scale=0.05),
@@ -20,14 +22,8 @@ class TorqueRipple(Effect):
     definition = "τ_disturbance = a sin(order·θm + phase)"
     source = "effect catalogue; cogging of permanent-magnet motors"
     signature = "A wave tied to the axis position whose height falls as the axis moves faster or slower than the loop's weak band."
-    quasi_static = False
-
-    free = ("amplitude_Nm", "phase_deg")
-
-    @classmethod
-    def seeds(cls, subject):
-        """None: the order is found by the spectrum over the axis position."""
-        return []
+    # no seeds: the order is found by the spectrum over the axis position
+    search = SearchHints(quasi_static=False, free=("amplitude_Nm", "phase_deg"), seeds=())
 
     def apply(self, plant):
         plant.axes[self.subject].ripple = (self.si("amplitude_Nm"), self.values["order"], math.radians(self.values["phase_deg"]))

@@ -1,21 +1,22 @@
 """Velocity feedforward of a drive."""
 
 from mjsim.effects.registry import register
-from mjsim.machine.chain import AXES
-from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.effect import Effect
+from mjsim.machine.hints import SearchHints
+from mjsim.machine.parameter import Parameter
+from mjsim.machine.subjects import every_axis
 
 
 @register
 class VelocityFeedforward(Effect):
     kind = "velocity_feedforward"
-    subjects = AXES
+    subjects = every_axis
     title = "Velocity feedforward"
     parameters = (Parameter("ratio", "share of dr/dt added to ω_ref", -1.0, 2.0, neutral=0.0, scale=0.05),)
     definition = "ω_ref + ratio·dr/dt"
     source = "usual servo practice; not in the paper"
     signature = "The axis' following error shrinks by ratio: it runs ahead of axes without feedforward."
-    quasi_static = False
-    least = 0.1
+    search = SearchHints(quasi_static=False, least=0.1)
 
     def apply(self, plant):
         plant.axes[self.subject].feedforward += self.values["ratio"]

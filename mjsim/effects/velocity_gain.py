@@ -1,23 +1,22 @@
 """Velocity-loop gain of a drive, as a ratio to the setting."""
 
-from typing import ClassVar
-
 from mjsim.effects.registry import register
-from mjsim.machine.chain import AXES
-from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.effect import Effect
+from mjsim.machine.hints import SearchHints
+from mjsim.machine.parameter import Parameter
+from mjsim.machine.subjects import every_axis
 
 
 @register
 class VelocityGain(Effect):
     kind = "velocity_gain"
-    subjects = AXES
+    subjects = every_axis
     title = "Velocity gain Kvp off its setting"
     parameters = (Parameter("ratio", "factor on Kvp", 0.1, 5.0, neutral=1.0, scale=0.05),)
     definition = "Kvp is multiplied by ratio"
     source = "paper Fig. 2 (Kvp)"
     signature = "Quadrant glitches change by 1/ratio in height, much like a change of friction."
-    quasi_static = False
-    tolerances: ClassVar = {"ratio": 0.02}
+    search = SearchHints(quasi_static=False, tolerances={"ratio": 0.02})
 
     def apply(self, plant):
         plant.axes[self.subject].velocity_gain *= self.values["ratio"]

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 
 from mjsim.effects.registry import register
-from mjsim.machine.chain import LINEAR
-from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.effect import Effect
+from mjsim.machine.hints import SearchHints
+from mjsim.machine.parameter import Parameter
 from mjsim.machine.plant import VIBRATE
+from mjsim.machine.subjects import linear_axes
 
 
 @register
@@ -16,9 +18,8 @@ class Vibration(Effect):
     machine file and is 0 where nothing was measured."""
 
     kind = "vibration"
-    subjects = LINEAR
-    scanned = True
-    free = ("amplitude_um", "frequency_Hz")
+    subjects = linear_axes
+    search = SearchHints(scanned=True, free=("amplitude_um", "frequency_Hz"))
     title = "Structural vibration at constant frequency"
     parameters = (
         Parameter("amplitude_um", "amplitude between spindle and table", 0.0, 1000.0, neutral=0.0, scale=1.0),

@@ -1,23 +1,22 @@
 """Viscous friction of a drive, as a ratio to the data sheet."""
 
-from typing import ClassVar
-
 from mjsim.effects.registry import register
-from mjsim.machine.chain import AXES
-from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.effect import Effect
+from mjsim.machine.hints import SearchHints
+from mjsim.machine.parameter import Parameter
+from mjsim.machine.subjects import every_axis
 
 
 @register
 class ViscousFriction(Effect):
     kind = "viscous_friction"
-    subjects = AXES
+    subjects = every_axis
     title = "Viscous friction off its data-sheet value"
     parameters = (Parameter("ratio", "factor on C", 0.0, 20.0, neutral=1.0, scale=0.5),)
     definition = "C is multiplied by ratio"
     source = "paper Fig. 2 (C); ratio assumed"
     signature = "A following error that grows with the axis' speed and fades within Ti; barely visible while the integrator has time."
-    quasi_static = False
-    tolerances: ClassVar = {"ratio": 0.1}
+    search = SearchHints(quasi_static=False, tolerances={"ratio": 0.1})
 
     def apply(self, plant):
         plant.axes[self.subject].viscous *= self.values["ratio"]

@@ -1,15 +1,23 @@
 """A worn stretch of a worm wheel, on both flanks of its teeth or on one."""
 
 from mjsim.effects.registry import register
-from mjsim.machine.chain import ROTARY
-from mjsim.machine.effect import Effect, Parameter
+from mjsim.machine.effect import Effect
+from mjsim.machine.hints import SearchHints
+from mjsim.machine.parameter import Parameter
 from mjsim.machine.plant import BUMP
+from mjsim.machine.subjects import rotary_axes
+
+
+def _seeds(subject, chain):
+    """A grid over the places and widths that a cradle or a turning table can show."""
+    centres = range(0, 360, 10) if subject == chain.table_axis else range(-20, 101, 4)
+    return [{"depth_deg": 0.001, "centre_deg": float(c), "width_deg": w} for w in (2.0, 5.0, 12.0) for c in centres]
 
 
 @register
 class WormWear(Effect):
     kind = "worm_wear"
-    subjects = ROTARY
+    subjects = rotary_axes
     title = "Local wear of a worm wheel"
     parameters = (
         Parameter("depth_deg", "depth of the worn stretch", -0.1, 0.1, neutral=0.0, scale=0.001),
@@ -26,15 +34,8 @@ class WormWear(Effect):
         "A local dent wherever the axis passes the worn stretch: in both directions of motion where both flanks are worn, "
         "in one where one flank is."
     )
-
-    free = ("depth_deg", "centre_deg", "width_deg")
-
-    @classmethod
-    def seeds(cls, subject):
-        """A grid over the places and widths that a cradle or a turning table can show."""
-        centres = range(-20, 101, 4) if subject == "A" else range(0, 360, 10)
-        return [{"depth_deg": 0.001, "centre_deg": float(c), "width_deg": w} for w in (2.0, 5.0, 12.0) for c in centres]
+    search = SearchHints(free=("depth_deg", "centre_deg", "width_deg"), seeds=_seeds)
 
     def apply(self, plant):
         shape = self.si("depth_deg"), self.si("centre_deg"), self.si("width_deg")
-        plant.add_op("worm_wear", BUMP, self.subject, *shape, self.way)
+        plant.add_op("worm_wear", BUMP, self.subject, *shape, self.direction_sign)

@@ -33,12 +33,12 @@ def parameter_count(fit: Fit) -> int:
 
 def penalised_objective(fit: Fit) -> float:
     """Objective of a model with its free parameters, and the directions that its effects pick, paid for: the lower the better."""
-    return fit.objective + PRICE * parameter_count(fit) + ONE_WAY * sum(f.effect.way != 0.0 for f in fit.effects)
+    return fit.objective + PRICE * parameter_count(fit) + ONE_WAY * sum(f.effect.direction_sign != 0.0 for f in fit.effects)
 
 
 def is_feasible(machine: Machine, x: np.ndarray, c: Candidate) -> bool:
     """Whether the linear estimate lies within the parameter's bounds and above its least sensible size."""
-    if c.effect.scanned:
+    if c.effect.search.scanned:
         return True
     free = EffectVector(c.effect, c.names)
     if free.polar and free.amplitude is not None:
@@ -51,7 +51,7 @@ def is_feasible(machine: Machine, x: np.ndarray, c: Candidate) -> bool:
         low, high = sorted((p.encode(p.lower), p.encode(p.upper)))
         if not low - _SLACK <= size <= high + _SLACK:
             return False
-        if c.effect.least and abs(p.decode(size) - (p.neutral or 0.0)) < c.effect.least:
+        if c.effect.search.least and abs(p.decode(size) - (p.neutral or 0.0)) < c.effect.search.least:
             return False
     return True
 
@@ -60,7 +60,7 @@ def is_large_enough(machine: Machine, free: EffectVector) -> bool:
     """Whether a fitted effect is large enough to be a cause of its own, and outside what the data sheet allows anyway."""
     effect: Effect = free.effect
     present = machine.effect(effect.key)
-    counted = [n for n in free.names if n in effect.tolerances or free.specs[n].neutral is not None]
+    counted = [n for n in free.names if n in effect.search.tolerances or free.specs[n].neutral is not None]
     return not counted or any(_departs(effect, free.specs[n], effect.values[n], present.values[n] if present else None) for n in counted)
 
 
@@ -68,8 +68,8 @@ def _departs(effect: Effect, p: Parameter, value: float, present: float | None) 
     origin = present if present is not None else p.neutral if p.neutral is not None else p.default
     if p.inverse:
         return value != origin
-    departure = abs(value - origin)
-    return departure > 0.0 and departure >= effect.least and departure >= BEYOND_SHEET * effect.tolerances.get(p.name, 0.0) * abs(origin)
+    departure, hints = abs(value - origin), effect.search
+    return departure > 0.0 and departure >= hints.least and departure >= BEYOND_SHEET * hints.tolerances.get(p.name, 0.0) * abs(origin)
 
 
 def wald_statistic(machine: Machine, fit: Fit, index: int) -> float:
@@ -81,8 +81,8 @@ def wald_statistic(machine: Machine, fit: Fit, index: int) -> float:
     if present is not None:
         d = v - EffectVector(present, f.names).vector if len(EffectVector(present, f.names).vector) == len(v) else v
         keep = list(range(len(v)))
-    elif f.polar or f.effect.scanned:
-        d, keep = v, list(range(len(v) if f.effect.scanned else 2))
+    elif f.polar or f.effect.search.scanned:
+        d, keep = v, list(range(len(v) if f.effect.search.scanned else 2))
     else:
         keep = f.linear
         d = v.copy()

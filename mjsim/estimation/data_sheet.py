@@ -7,9 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjsim.machine.chain import AXES
-from mjsim.machine.model import TOLERANCE, Machine
-
-_FRICTION = {"coulomb": "coulomb_Nm", "presliding": "presliding_rad"}
+from mjsim.machine.model import FRICTION_PARAMETERS, TOLERANCE, Machine
 
 
 @dataclass(frozen=True)
@@ -34,10 +32,10 @@ def calibrated(machine: Machine, sheet_deviation: np.ndarray) -> Machine:
         if t == 0.0:
             continue
         factor = max(1.0 + p.sd * t, 0.05)
-        if p.name in _FRICTION:
+        if p.name in FRICTION_PARAMETERS:
             friction = machine.effect(f"friction.{p.axis}")
             if friction is not None and not friction.is_neutral:
-                key = _FRICTION[p.name]
+                key = FRICTION_PARAMETERS[p.name]
                 machine = machine.with_effect(friction.replaced(**{key: friction.values[key] * factor}))
         else:
             machine = machine.with_drive(p.axis, **{p.name: getattr(machine.drives[p.axis], p.name) * factor})

@@ -11,7 +11,7 @@ from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.nuisance import TRIGGER_LIMIT, fit_nuisance
 from mjsim.estimation.problem import Problem
 from mjsim.machine.effect import Effect
-from mjsim.machine.model import Machine, build
+from mjsim.machine.model import FRICTION_PARAMETERS, Machine, build
 
 _STEP = 0.02  # of a parameter's typical size, for numerical derivatives
 #: Prior width of effect parameters in typical sizes: wide, it only keeps the equations regular.
@@ -80,7 +80,7 @@ class Fitter:
     def sheet_at(self, fit: Fit) -> tuple[list[np.ndarray], np.ndarray]:
         """Data-sheet columns per test and whitened, at the fit's triggers; simulated anew for axes whose drives the effects change."""
         grids = self._grids
-        axes = {f.effect.subject for f in fit.effects if not f.effect.quasi_static}
+        axes = {f.effect.subject for f in fit.effects if not f.effect.search.quasi_static}
         if axes and self.calibrate:
             mine = np.array([p.axis in axes for p in SHEET])[:, None]
             fresh = self.problem.sheet_grids(fit.machine, axes)
@@ -93,11 +93,9 @@ class Fitter:
         out = np.zeros(len(SHEET), bool)
         if not self.calibrate:
             return ~out
-        names = {"coulomb_Nm": "coulomb", "presliding_rad": "presliding"}
         for f in effects:
             if f.effect.kind == "friction":
-                freed = {names[n] for n in f.names if n in names}
-                out |= [p.axis == f.effect.subject and p.name in freed for p in SHEET]
+                out |= [p.axis == f.effect.subject and FRICTION_PARAMETERS.get(p.name) in f.names for p in SHEET]
         return out
 
     def fit(

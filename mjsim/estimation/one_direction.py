@@ -12,6 +12,7 @@ import numpy as np
 from mjsim.estimation.criteria import THRESHOLD
 from mjsim.estimation.fit import Fit
 from mjsim.estimation.signatures import Candidate, Projector, SignatureBank
+from mjsim.machine.effect import Effect
 
 Row = tuple[float, np.ndarray, Candidate]
 
@@ -19,18 +20,24 @@ Row = tuple[float, np.ndarray, Candidate]
 _SEEDS, _LEAST = 3, 0.5 * THRESHOLD
 
 
+def in_each_direction(effect: Effect) -> list[Effect]:
+    """The same effect acting in one direction of motion only, once per direction; empty where it has one already or knows none."""
+    directions = next((p.choices for p in effect.parameters_of(effect.subject) if p.name == "direction"), ())
+    return [] if "direction" in effect.values else [effect.replaced(direction=d) for d in directions]
+
+
 def one_direction_rows(fit: Fit, bank: SignatureBank, rows: list[Row]) -> list[Row]:
     """Gain, coefficients and candidate in each direction of motion, for the fitted effects and the best of ``rows`` (best first) of every
     effect that knows directions. A direction in which the model has the effect already is left out."""
     have = {e.key for e in fit.machine.effects}
-    whole = [Candidate(f.effect, f.names) for f in fit.effects if not f.effect.scanned]
+    whole = [Candidate(f.effect, f.names) for f in fit.effects if not f.effect.search.scanned]
     tried: dict[str, int] = {}
     for gain, _, c in rows:
         if gain < _LEAST:
             break
-        if c.effect.one_way() and tried.setdefault(c.id, 0) < _SEEDS:
+        if in_each_direction(c.effect) and tried.setdefault(c.id, 0) < _SEEDS:
             tried[c.id] += 1
             whole.append(c)
-    directed = [Candidate(effect, c.names) for c in whole for effect in c.effect.one_way() if effect.key not in have]
+    directed = [Candidate(effect, c.names) for c in whole for effect in in_each_direction(c.effect) if effect.key not in have]
     gains = Projector(fit).gains([bank.problem.whiten(bank.columns(c)) for c in directed])
     return [(*gain, c) for gain, c in zip(gains, directed, strict=True)]

@@ -143,7 +143,7 @@ class ModelSelection:
         """The best model with one effect (or one pitch-error component) more, or ``None``."""
         have = {f.effect.key for f in fit.effects}
         rows = [r for r in self.ranked_candidates(fit, bank) if r[0] > 0.5 * THRESHOLD]
-        rows = [r for r in rows if (r[2].effect.scanned if r[2].effect.key in have else new_allowed)]
+        rows = [r for r in rows if (r[2].effect.search.scanned if r[2].effect.key in have else new_allowed)]
         if not rows or rows[0][0] < THRESHOLD:
             return None
         shortlist = [r for r in rows if r[0] > 0.3 * rows[0][0]][:_SHORTLIST]
@@ -176,7 +176,7 @@ class ModelSelection:
         """``fit`` with the shapes of its effects free as well, where that pays: a wrong shape is easily taken for a second effect."""
         machine, near = self.fitter.machine, fit.sum_squares < _NEAR * self.problem.count
         for i, f in enumerate(fit.effects):
-            for j, (start, names) in enumerate(f.effect.shapes(machine.effect(f.effect.key))):
+            for j, (start, names) in enumerate(f.effect.search.shapes(f.effect, machine.effect(f.effect.key))):
                 attempt = (f.effect.key, j, len(fit.effects))
                 if set(names) == set(fit.effects[i].names) or attempt in self._tried:
                     continue
@@ -190,9 +190,9 @@ class ModelSelection:
 
     def _refit(self, effects: list[EffectVector], start: Fit, c: Candidate) -> Fit:
         """Joint fit with a candidate: exact where a drive changes, since drives bend the data sheet's linear columns."""
-        exact = not c.effect.quasi_static and start.sum_squares < _NEAR * self.problem.count
+        exact = not c.effect.search.quasi_static and start.sum_squares < _NEAR * self.problem.count
         fit = self.fitter.fit(effects, start=start, exact=exact, iterations=5 if exact else 4)
-        return fit if exact or c.effect.quasi_static else self._exact_refit(fit)
+        return fit if exact or c.effect.search.quasi_static else self._exact_refit(fit)
 
     def _exact_refit(self, fit: Fit, iterations: int = 6) -> Fit:
         """Exact refit of a model that comes near the data; while effects are missing the data sheet would be driven far off."""
@@ -205,7 +205,7 @@ class ModelSelection:
 
     def extended(self, fit: Fit, c: Candidate, x: np.ndarray) -> list[EffectVector]:
         """Free effects of ``fit`` and the candidate at its linear estimate ``x``."""
-        if c.effect.scanned:
+        if c.effect.search.scanned:
             same = next((f for f in fit.effects if f.effect.key == c.effect.key), None)
             scaled = EffectVector(c.effect, c.names).at(x).values["components"]
             if same is not None:
@@ -219,7 +219,7 @@ class ModelSelection:
         v = free.vector
         if any(e.key == c.effect.key for e in self.fitter.machine.effects):
             v = v + x
-        elif c.effect.scanned:
+        elif c.effect.search.scanned:
             v[: len(x)] = x
         else:
             v[free.linear] = free.neutral + x
@@ -285,7 +285,7 @@ class ModelSelection:
             for i, (_, x, c) in enumerate(close):
                 self.progress(f"{mine.effect.id} against {c.id}", i, len(close))
                 trial = self._refit(self.extended(without, c, x), without, c)
-                if c.effect.quasi_static and penalised_objective(trial) < penalised_objective(fit) + max(10 * RIVAL, 0.05 * gain):
+                if c.effect.search.quasi_static and penalised_objective(trial) < penalised_objective(fit) + max(10 * RIVAL, 0.05 * gain):
                     trial = self._exact_refit(trial)
                 if any(not is_large_enough(self.fitter.machine, f) for f in trial.effects):
                     continue

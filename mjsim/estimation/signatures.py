@@ -43,15 +43,17 @@ def seeds(machine: Machine) -> list[Candidate]:
     """Starting points of the whole catalogue (and the user's effects in the machine), scanned families left out."""
     out = []
     for kind, cls in registry.kinds().items():
-        if cls.scanned:
+        hints = cls.search
+        if hints.scanned:
             continue
-        for subject in cls.subjects:
-            effect_id, names = f"{kind}.{subject}", cls.free_of(subject)
+        for subject in cls.subjects_of(machine.chain):
+            effect_id, parameters = f"{kind}.{subject}", cls.parameters_of(subject)
+            names = hints.free_of(parameters)
             mine = [e for e in machine.effects if e.id == effect_id]
             for present in mine:
-                out += [Candidate(present, names), *(Candidate(e, n) for e, n in present.variants())]
+                out += [Candidate(present, names), *(Candidate(e, n) for e, n in hints.variants(present))]
             if all(e.key != effect_id for e in mine):  # one that acts in one direction leaves room for the other
-                out += [Candidate(cls(subject, **values), names) for values in cls.seeds(subject)]
+                out += [Candidate(cls(subject, **values), names) for values in hints.seeds_of(parameters, subject, machine.chain)]
     return out
 
 
@@ -90,7 +92,7 @@ class SignatureBank:
         free = EffectVector(c.effect, c.names)
         v = free.vector
         stateless = not present and self._stateless(c.effect)
-        changes_of = self.position_changes if stateless else self._reading_changes if c.effect.quasi_static else self._motor_changes
+        changes_of = self.position_changes if stateless else self._reading_changes if c.effect.search.quasi_static else self._motor_changes
         out: list[list[np.ndarray]] = [[] for _ in self.problem.tests]
         for move in moves:
             at = v + move if present else self._from_neutral(free, v, move)
@@ -120,7 +122,7 @@ class SignatureBank:
 
     def _stateless(self, effect: Effect) -> bool:
         """Whether the effect is nothing but operations on positions without memory, but for the direction in which they last moved."""
-        if not effect.quasi_static or type(effect).position_error is not Effect.position_error:
+        if not effect.search.quasi_static or type(effect).position_error is not Effect.position_error:
             return False
         empty = build(self.fit.base.__class__(self.fit.base.name, self.fit.base.drives, (effect,)))
         geometric = bool(empty.geometry.location or empty.geometry.squareness)

@@ -81,7 +81,7 @@ def spectral_candidates(problem: Problem, fit: Fit, bank: SignatureBank, axis: s
     Pitch errors at the ``count`` best orders (at half as many where they act in one direction only), and a torque ripple at the best
     one: all make a wave of the axis position, but the drive passes a torque on differently at different speeds.
     """
-    cls, subject = registry.effect_class(f"pitch_error.{axis}")
+    cls, subject = registry.effect_class(f"pitch_error.{axis}", fit.machine.chain)
     scale = cls.parameters_of(subject)[0].scale
     present = {e.key: e for e in fit.machine.effects if e.id == f"pitch_error.{axis}"}
     most = max((len(e.values["components"]) for e in present.values()), default=0)
@@ -98,10 +98,10 @@ def spectral_candidates(problem: Problem, fit: Fit, bank: SignatureBank, axis: s
                 sides.append([d / 0.05 for d in bank.position_changes(effect)])
             columns = problem.whiten([np.column_stack(pair) for pair in zip(*sides, strict=True)])
             out.append((Candidate(cls(subject, components=[[float(order), scale, 0.0]], **values), ("components",)), columns))
-    ripple, _ = registry.effect_class(f"torque_ripple.{axis}")
+    ripple, _ = registry.effect_class(f"torque_ripple.{axis}", fit.machine.chain)
     per_motor_turn = [n if axis not in ROTARY else n / fit.base.drives[axis].gear for n in found[""]]
     fast = [n for n in per_motor_turn if n > _SLOWEST_RIPPLE]
     if fast and not fit.machine.effect(f"torque_ripple.{axis}"):
-        seed = Candidate(ripple(subject, amplitude_Nm=ripple.parameters[0].scale, order=float(fast[0])), ripple.free)
+        seed = Candidate(ripple(subject, amplitude_Nm=ripple.parameters[0].scale, order=float(fast[0])), ripple.search.free)
         out.append((seed, problem.whiten(bank.columns(seed))))
     return out

@@ -32,13 +32,13 @@ def detection_limits(projector: Projector, bank: SignatureBank) -> dict[str, flo
 def not_testable(problem: Problem, projector: Projector, bank: SignatureBank) -> list[str]:
     """Ids that the set-up, the axes that move, or the other parameters hide in this campaign."""
     limits = detection_limits(projector, bank)
-    waves = [i for i in registry.all_ids() if i not in limits]
+    waves = [i for i in registry.all_ids(problem.tests[0].chain) if i not in limits]
     return sorted([i for i, limit in limits.items() if limit > LIMIT] + [i for i in waves if not _shows(problem, i)])
 
 
 def _shows(problem: Problem, effect_id: str) -> bool:
     """Whether a wave on the effect's axis reaches any reading: the axis is seen, and moves where the wave is one of its position."""
-    cls, subject = registry.effect_class(effect_id)
+    cls, subject = registry.effect_class(effect_id, problem.tests[0].chain)
     i = AXES.index(subject)
     return any(
         np.abs(s.axes[:, i]).max() > _SEEN[subject in ROTARY] and (cls.kind == "vibration" or m.moves[i])

@@ -84,7 +84,11 @@ def find_unexplained(problem: Problem, selection: Selection, progress: Progress)
         if many or (
             rest is not None and rest.gain > _NOTABLE * (penalised_objective(selection.start) - penalised_objective(selection.fit))
         ):
-            worms = {f.effect.subject for f in selection.fit.effects if f.effect.scanned and f.effect.subject in ROTARY} if many else set()
+            worms = (
+                {f.effect.subject for f in selection.fit.effects if f.effect.search.scanned and f.effect.subject in ROTARY}
+                if many
+                else set()
+            )
             best_curve = selection.best_curve if selection.best_curve and not worms else best_curve_term(problem, selection.start, worms)
             if is_overfit(problem, selection.start, selection.fit, best_curve, selection.first):
                 selection = replace(selection, fit=selection.start, found=[])

@@ -244,6 +244,8 @@ def chain_of(configuration: str) -> Chain:
 
 #: The machine whose model ships.
 FIVE_AXIS = chain_of(_EXAMPLE)
+#: One chain for each set of axes that a machine may have: what an effect may act on anywhere.
+CHAINS = (FIVE_AXIS, chain_of("w-C'B'X'bYZ-t"))
 
 # for modules that do not yet take the chain from the machine
 AXES, LINEAR, ROTARY = FIVE_AXIS.letters, FIVE_AXIS.linear, FIVE_AXIS.rotary

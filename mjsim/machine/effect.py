@@ -2,109 +2,60 @@
 
 A subclass names its parameters (unit in the name, bounds, the value that switches it off), says where it acts by overriding
 :meth:`Effect.apply` (drive, transmission, geometry), and is picked up everywhere by :func:`mjsim.effects.registry.register`.
+What a search for causes wants to know stands beside it, in ``search`` (:class:`mjsim.machine.hints.SearchHints`).
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from mjsim.errors import InputError
 from mjsim.io.inputs import shown
+from mjsim.machine.chain import CHAINS, Chain
+from mjsim.machine.hints import SearchHints
 from mjsim.machine.motion import Motion
+from mjsim.machine.parameter import Parameter
 from mjsim.machine.plant import Plant
-from mjsim.units import unit_of
 
 #: Most components of one effect: each is an operation in every step of a simulation.
 MOST_COMPONENTS = 1000
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """One parameter of an effect, in the units of its name.
+class Effect(ABC):
+    """One physical cause of motion error. ``values`` holds the parameters as the file gives them (units of their names).
 
     Attributes:
-        name: e.g. ``width_deg``; the unit is its ending.
-        meaning: one line.
-        lower, upper: allowed closed range.
-        neutral: the value that switches the effect off (leading parameters only).
-        default: value when the file leaves it out; ``None`` makes it required.
-        kind: ``number``, ``components`` (a list of [order, amplitude, phase_deg]) or ``choice``.
-        choices: allowed texts of a ``choice``.
-        scale: a typical size, in the same unit: the step of numerical derivatives and of searches.
-        inverse: fitted as its reciprocal (a stiffness is off at infinity; its compliance is off at zero).
-    """
+        kind: first half of the id.
+        subjects: second halves: a tuple, or a function of the machine's chain (:mod:`mjsim.machine.subjects`).
+        parameters: of every subject; where they differ, :meth:`parameters_of` says so.
+        title: one line for lists.
+        definition: the formula.
+        source: where the formula comes from.
+        signature: what one sees in the traces.
+        search: what a search for causes wants to know; by default it follows from the parameters.
 
-    name: str
-    meaning: str
-    lower: float = -1e9
-    upper: float = 1e9
-    neutral: float | None = None
-    default: Any = None
-    kind: str = "number"
-    choices: tuple[str, ...] = ()
-    scale: float = 1.0
-    inverse: bool = False
-
-    def encode(self, value: float) -> float:
-        """A value as fits see it, in typical sizes."""
-        return self.scale / value if self.inverse else value / self.scale
-
-    def decode(self, x: float) -> float:
-        """The value, inside its bounds, that fits see as ``x``."""
-        if self.inverse:
-            return max(self.scale / x, self.lower) if x > self.scale / self.upper else self.upper
-        return min(max(x * self.scale, self.lower), self.upper)
-
-    @property
-    def factor(self) -> float:
-        """Factor to SI."""
-        return unit_of(self.name)[0]
-
-    @property
-    def unit(self) -> str:
-        """Symbol of the unit, empty for ratios and orders."""
-        return unit_of(self.name)[1]
-
-    @property
-    def leading(self) -> bool:
-        """Whether this parameter's neutral value switches the whole effect off."""
-        return self.neutral is not None or self.kind == "components"
-
-
-class Effect(ABC):
-    """Base class. ``values`` holds the parameters as the file gives them (units of their names).
-
-    Class attributes to set: ``kind`` (first half of the id), ``subjects``, ``parameters``, ``title``, ``definition``,
-    ``source``, ``signature``. Raises :class:`InputError` for an unknown subject, parameter, or a value out of bounds.
+    Raises:
+        InputError: the subject or a parameter is unknown, missing, or a value is out of bounds.
     """
 
     kind: ClassVar[str]
-    subjects: ClassVar[tuple[str, ...]]
+    subjects: ClassVar[tuple[str, ...] | Callable[[Chain], tuple[str, ...]]]
     parameters: ClassVar[tuple[Parameter, ...]]
     title: ClassVar[str]
     definition: ClassVar[str]
     source: ClassVar[str]
     signature: ClassVar[str]
-    #: True where the whole effect can be found from the axes' motion without simulating the drive again.
-    quasi_static: ClassVar[bool] = True
-    #: Parameters that a diagnosis fits; the others keep their defaults.
-    free: ClassVar[tuple[str, ...]] = ()
-    #: A pitch error's orders are found by a spectrum, not by seeds.
-    scanned: ClassVar[bool] = False
-    #: Smallest departure of the leading parameter from neutral that makes sense as a cause of its own (assumed).
-    least: ClassVar[float] = 0.0
-    #: Relative standard deviation that the data sheet allows a parameter: inside four of it there is no effect.
-    tolerances: ClassVar[dict[str, float]] = {}
+    search: ClassVar[SearchHints] = SearchHints()
 
     def __init__(self, subject: str, **values: Any) -> None:
-        if subject not in self.subjects:
-            raise InputError(f"effect {self.kind}.{subject}: unknown subject {subject!r}; allowed: {', '.join(self.subjects)}")
+        if not any(subject in self.subjects_of(chain) for chain in CHAINS):
+            allowed = dict.fromkeys(s for chain in CHAINS for s in self.subjects_of(chain))
+            raise InputError(f"effect {self.kind}.{subject}: unknown subject {subject!r}; allowed: {', '.join(allowed)}")
         self.subject = subject
         specs = {p.name: p for p in self.parameters_of(subject)}
         for name in values:
@@ -120,40 +71,20 @@ class Effect(ABC):
                 raise InputError(f"effect {self.id}: parameter {name!r} is missing")
 
     @classmethod
+    def subjects_of(cls, chain: Chain) -> tuple[str, ...]:
+        """What the effect can act on in a machine with these axes."""
+        subjects = cls.subjects
+        return tuple(subjects(chain) if callable(subjects) else subjects)
+
+    @classmethod
     def parameters_of(cls, subject: str) -> tuple[Parameter, ...]:
         """Parameters for one subject (units can differ between linear and rotary axes)."""
         return cls.parameters
 
-    @classmethod
-    def free_of(cls, subject: str) -> tuple[str, ...]:
-        """Names that a diagnosis fits for one subject; by default the leading parameters."""
-        return cls.free or tuple(p.name for p in cls.parameters_of(subject) if p.leading)
-
-    @classmethod
-    def seeds(cls, subject: str) -> list[dict[str, Any]]:
-        """Starting values from which a diagnosis searches: leading parameters at a typical size off neutral."""
-        return [{p.name: p.neutral + p.scale for p in cls.parameters_of(subject) if p.neutral is not None}]
-
-    def variants(self) -> Sequence[tuple[Effect, tuple[str, ...]]]:
-        """Other ways in which this effect of the user's machine may be wrong: its values, and what is free then, beside ``free``."""
-        return []
-
-    def shapes(self, present: Effect | None) -> Sequence[tuple[Effect, tuple[str, ...]]]:
-        """Other shapes that a diagnosis tries once this effect is found, before it believes a second effect: where to start, what is free.
-
-        ``present`` is the effect as the user's machine has it, if it has.
-        """
-        return []
-
     @property
-    def way(self) -> float:
+    def direction_sign(self) -> float:
         """+1 where the effect acts only while its axis turns CCW (its coordinate grows), −1 for CW, 0 for both."""
         return {"CCW": 1.0, "CW": -1.0}.get(self.values.get("direction", ""), 0.0)
-
-    def one_way(self) -> list[Effect]:
-        """The same effect acting in one direction of motion only, once per direction; empty where it has one already or knows none."""
-        ways = next((p.choices for p in self.parameters_of(self.subject) if p.name == "direction"), ())
-        return [] if "direction" in self.values else [self.replaced(direction=way) for way in ways]
 
     @property
     def id(self) -> str:
@@ -225,7 +156,7 @@ class Effect(ABC):
         return type(self).position_error is not Effect.position_error
 
     def position_error(self, motion: Motion) -> np.ndarray | None:
-        """A user's own effect in plain Python: what it adds to the load side's axis positions, (n, 5) m and rad.
+        """A user's own effect in plain Python: what it adds to the load side's axis positions, (n, axes) m and rad.
 
         ``None`` (default) means the effect has no Python part. Called with arrays of any length n, in time order.
         """

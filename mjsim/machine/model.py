@@ -22,6 +22,8 @@ TOLERANCE = {
     "coulomb": 0.05,
     "presliding": 0.10,
 }
+#: Numbers of the data sheet that stand in the effect ``friction``, by the names of its parameters.
+FRICTION_PARAMETERS = {"coulomb": "coulomb_Nm", "presliding": "presliding_rad"}
 
 
 @dataclass(frozen=True)
@@ -91,13 +93,19 @@ class Machine:
 
 
 def build(machine: Machine) -> Plant:
-    """The plant of a machine. Neutral effects are left out, so that off is bit-identical to absent."""
+    """The plant of a machine. Neutral effects are left out, so that off is bit-identical to absent.
+
+    Raises:
+        InputError: an effect acts on what this machine does not have.
+    """
     axes = {
         a: AxisPlant(d.gear, d.position_gain, d.velocity_gain, d.integral_time, d.inertia, d.viscous, d.gravity)
         for a, d in ((a, machine.drives[a]) for a in machine.chain.letters)
     }
     plant = Plant(axes, chain=machine.chain)
     for effect in machine.effects:
+        if effect.subject not in (allowed := effect.subjects_of(machine.chain)):
+            raise InputError(f"effect {effect.id}: the machine has no {effect.subject}; allowed: {', '.join(allowed)}")
         if effect.is_neutral:
             continue
         own.apply(effect, plant)

@@ -94,7 +94,7 @@ def untestable(ids: tuple[str, ...], problem: Problem) -> list[NotTestable]:
             why = f"{subject} does not move in any test"
         elif subject in AXES and not seen[subject]:
             why = f"the bar is at right angles to the motion of {subject} in every test"
-        elif cls.quasi_static:
+        elif cls.search.quasi_static:
             why = "the fitted ball offsets, bar length and trigger shifts look the same here"
         else:
             why = "it hardly changes the reading at these feeds, or the fitted set-up and data sheet look the same"

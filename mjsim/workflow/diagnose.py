@@ -245,7 +245,7 @@ def _vibration(problem: Problem, line: Line) -> tuple[float, DiagnosedEffect]:
     i, size = AXES.index(line.effect.subject), line.effect.si("amplitude_um")
     spread = [size * np.sqrt(np.mean(s.axes[:, i] ** 2) / 2) for s in problem.sensitivity]
     tests = tuple(t.name for t, x in zip(problem.tests, spread, strict=True) if x > VISIBLE * problem.noise.rms)
-    return line.gain, DiagnosedEffect(line.effect, line.effect.free, line.ci95, 0.0, 0.0, line.alternatives, tests, line.gain)
+    return line.gain, DiagnosedEffect(line.effect, line.effect.search.free, line.ci95, 0.0, 0.0, line.alternatives, tests, line.gain)
 
 
 def _where(problem: Problem, selection: Selection, index: int) -> tuple[str, ...]:

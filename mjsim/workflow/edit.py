@@ -23,7 +23,7 @@ from mjsim.estimation.spectrum import spectral_candidates
 from mjsim.estimation.vibration import put_back, separate
 from mjsim.io.files import write_all
 from mjsim.io.toml import read_text
-from mjsim.machine.chain import AXES
+from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
@@ -52,16 +52,20 @@ def machine_of(campaign: Campaign, file: str | Path | None = None) -> Machine:
     return read_machine(file if file is not None else campaign.machine_file)
 
 
-def resolve_effect(name: str) -> tuple[type[Effect], list[str], Path | None]:
+def resolve_effect(name: str, chain: Chain) -> tuple[type[Effect], list[str], Path | None]:
     """Class, possible subjects and source file of what the user names: an id, or the path of an effect file.
+
+    Args:
+        name: the id, or the path.
+        chain: axes of the machine.
 
     Raises:
         InputError: there is no such effect, or the file is no effect file.
     """
     if name.endswith(".py") or "/" in name:
         cls = registry.load_file(Path(name))
-        return cls, list(cls.subjects), Path(name).resolve()
-    cls, subject = registry.effect_class(name)
+        return cls, list(cls.subjects_of(chain)), Path(name).resolve()
+    cls, subject = registry.effect_class(name, chain)
     return cls, [subject], None
 
 
@@ -91,7 +95,7 @@ def add(
         InputError: unknown effect, or one that this campaign cannot show.
     """
     machine = machine_of(campaign, machine_file)
-    cls, subjects, source = resolve_effect(effect)
+    cls, subjects, source = resolve_effect(effect, machine.chain)
     _need_traces(campaign)
     if record:
         ladder.read_history(campaign)  # a damaged history stops us before the work
@@ -191,15 +195,16 @@ def fit_effect(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str
     start = fitter.fit([], exact=False)
     bank = SignatureBank(problem, start)
     selection = ModelSelection(fitter)
-    effect_id = f"{cls.kind}.{subject}"
+    effect_id, chain = f"{cls.kind}.{subject}", fitter.machine.chain
     silent_here = f"effect {effect_id} does not change any reading of this campaign; nothing to fit (which axes move in its tests?)"
-    if cls.scanned:
-        if subject in AXES and not any(np.ptp(m.commands[:, AXES.index(subject)]) for m in problem.motions):
+    names = cls.search.free_of(cls.parameters_of(subject))
+    if cls.search.scanned:
+        if subject in chain.letters and not any(np.ptp(m.commands[:, chain.index(subject)]) for m in problem.motions):
             raise InputError(silent_here)
         fit, base = None, start
         present = fitter.machine.effect(effect_id)
         if present is not None and not present.is_neutral:  # its own components first, then what they leave
-            base = fit = fitter.fit([EffectVector(present, cls.free_of(subject) or ("components",))], start=start, exact=False)
+            base = fit = fitter.fit([EffectVector(present, names)], start=start, exact=False)
         for _ in range(12):
             rows = [
                 (*Projector(base).gain(w), c) for c, w in spectral_candidates(problem, base, bank, subject) if c.effect.key == effect_id
@@ -212,8 +217,8 @@ def fit_effect(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str
             base = fit = fitter.fit(selection.extended(base, candidate, x), start=base, exact=False)
         return fitter.fit(base.effects, start=base)
     present = fitter.machine.effect(effect_id)
-    names = cls.free_of(subject)
-    seeds = [Candidate(present, names)] if present else [Candidate(cls(subject, **v), names) for v in cls.seeds(subject)]
+    values = cls.search.seeds_of(cls.parameters_of(subject), subject, chain)
+    seeds = [Candidate(present, names)] if present else [Candidate(cls(subject, **v), names) for v in values]
     if not seeds:
         seeds = [c for c, _ in spectral_candidates(problem, start, bank, subject) if c.effect.kind == cls.kind]
     bank.compute(seeds)

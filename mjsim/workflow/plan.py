@@ -41,7 +41,7 @@ def plan(
     """
     ids = tuple(i for i in between or () if i != NOTHING)
     for i in ids:
-        registry.effect_class(i)
+        registry.effect_class(i, machine.chain)
     if between is not None and (len(between) != 2 or not ids or len(set(between)) != 2):
         raise InputError(f"plan between {' and '.join(between)}: allowed are two different effects, or one effect and {NOTHING!r}")
     if between is not None and NOTHING in between:
@@ -61,9 +61,10 @@ def plan(
     length = problem.layout.length
     if NOTHING in between:
         here = Explanation.of_fit(NOTHING, fitter.fit([], exact=False), length)
-        pair = replace(here, name=ids[0], effects=(typical(ids[0]),)), here
+        pair = replace(here, name=ids[0], effects=(typical(ids[0], machine.chain),)), here
     else:
-        first, second = (Explanation.of_fit(i, fit_effect(problem, fitter, *registry.effect_class(i)), length) for i in between)
+        fits = (fit_effect(problem, fitter, *registry.effect_class(i, machine.chain)) for i in between)
+        first, second = (Explanation.of_fit(i, fit, length) for i, fit in zip(between, fits, strict=True))
         pair = first, second
     return best_of(between, pair, campaign, problem.noise, problem.samples[0].block, threads, progress)
 
@@ -72,4 +73,4 @@ def _by_default(effect_id: str, machine: Machine) -> Explanation:
     """An effect at its typical size on an unmeasured machine; nothing at all for :data:`NOTHING`."""
     if effect_id == NOTHING:
         return Explanation.of_priors(NOTHING, machine, [])
-    return Explanation.of_priors(effect_id, machine, [typical(effect_id)])
+    return Explanation.of_priors(effect_id, machine, [typical(effect_id, machine.chain)])

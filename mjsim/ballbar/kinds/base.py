@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, TypeVar
 
@@ -25,7 +25,7 @@ class Key:
             ``BallBarTest.more``.
         unit: SI per unit of the file; ``None`` for texts and counts.
         type: what the value may be: ``float``, ``int`` or ``str``, with pydantic's bounds.
-        words: what a text may be.
+        words: what a text may be; a function of the machine's chain where it depends on the axes.
         needed: whether every test of the kind has to have the key.
         option: of ``mjsim import``.
         help: of that option.
@@ -35,7 +35,7 @@ class Key:
     attribute: str
     unit: float | None = None
     type: Any = str
-    words: tuple[str, ...] = ()
+    words: tuple[str, ...] | Callable[[Chain], tuple[str, ...]] = ()
     needed: bool = True
     option: str = ""
     help: str = ""
@@ -44,6 +44,10 @@ class Key:
     def flag(self) -> str:
         """The option of ``mjsim import`` that gives the key."""
         return self.option or "--" + self.name.replace("_", "-")
+
+    def words_of(self, chain: Chain) -> tuple[str, ...]:
+        """What a text may be on a machine with these axes; empty for numbers."""
+        return self.words(chain) if callable(self.words) else self.words
 
     def of(self, test: BallBarTest) -> Any:
         """The test's value, SI."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from mjsim.ballbar.kinds.base import DIRECTION, REVOLUTIONS, Key, Kind, register
 from mjsim.ballbar.measurement import BallBarTest
-from mjsim.machine.chain import FIVE_AXIS, Chain
+from mjsim.machine.chain import Chain
 
 
 @register
@@ -16,7 +16,7 @@ class Circular(Kind):
     """A circle in the plane of two linear axes, φ counting from the first to the second."""
 
     name = "circular"
-    keys = (Key("plane", "plane", words=FIVE_AXIS.planes, help="Its plane."), DIRECTION, REVOLUTIONS)
+    keys = (Key("plane", "plane", words=lambda chain: chain.planes, help="Its plane."), DIRECTION, REVOLUTIONS)
 
     def path(self, test: BallBarTest, phi: np.ndarray) -> np.ndarray:
         q = np.zeros((len(phi), test.chain.count))

@@ -70,7 +70,7 @@ class ConeFrustum(Kind):
         return f"{cone}-{place_name(test)}-{test.sensitive}-{test.direction.lower()}"
 
     def proposals(self, chain: Chain, length: float, height: float) -> Iterator[BallBarTest]:
-        for (half, tilt), sensitive, (x, y) in product(_CONES, _SENSITIVE.words, _PLACES):
+        for (half, tilt), sensitive, (x, y) in product(_CONES, _SENSITIVE.words_of(chain), _PLACES):
             test = BallBarTest("", self.name, (x, y, height), length, 0.0, chain=chain)
             yield replace(test, half_apex=half, inclination=tilt, sensitive=sensitive)
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from mjsim.ballbar.kinds.base import FROM, TO, Arc, Key, place_name, register
 from mjsim.ballbar.measurement import BallBarTest
-from mjsim.machine.chain import FIVE_AXIS, Chain
+from mjsim.machine.chain import Chain
 from mjsim.machine.kinematics import work_to_machine
 from mjsim.units import DEG, MM
 
-_AXIS = Key("axis", "axis", words=FIVE_AXIS.rotary, help="The axis.")
+_AXIS = Key("axis", "axis", words=lambda chain: chain.rotary, help="The axis.")
 _WORDS = ("tangential", "radial", "axial")
 _SENSITIVE = Key("sensitive_direction", "sensitive", words=_WORDS, option="--sensitive", help="How the bar stands.")
 

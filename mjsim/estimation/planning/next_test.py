@@ -17,6 +17,7 @@ from mjsim.estimation.samples import Noise
 from mjsim.estimation.selection import Selection
 from mjsim.estimation.signatures import Projector
 from mjsim.estimation.testability import not_testable
+from mjsim.machine.chain import Chain
 from mjsim.progress import Progress, silent
 from mjsim.units import UM
 
@@ -78,11 +79,10 @@ def plan_for(problem: Problem, selection: Selection, threads: int = 2, progress:
     if not hidden:
         return None
     for effect_id in not_testable(problem, Projector(selection.start), selection.bank):
-        cls, subject = registry.effect_class(effect_id)
-        if not cls.seeds(subject):
+        if not _seeds(effect_id, problem.tests[0].chain):
             continue
         here = Explanation.of_fit(NOTHING, selection.fit, length)
-        there = replace(here, name=effect_id, effects=(*here.effects, typical(effect_id)))
+        there = replace(here, name=effect_id, effects=(*here.effects, typical(effect_id, problem.tests[0].chain)))
         return best_of((effect_id, NOTHING), (there, here), *args)
     return None
 
@@ -108,13 +108,24 @@ def best_of(
     return Plan(between, tuple(choices), reason)
 
 
-def typical(effect_id: str) -> EffectVector:
+def _seeds(effect_id: str, chain: Chain) -> list[dict]:
+    """Typical values of an effect; none where its shape is free."""
+    cls, subject = registry.effect_class(effect_id, chain)
+    return cls.search.seeds_of(cls.parameters_of(subject), subject, chain)
+
+
+def typical(effect_id: str, chain: Chain) -> EffectVector:
     """An effect at a typical size, whatever the machine has of it.
+
+    Args:
+        effect_id: ``kind.SUBJECT``.
+        chain: axes of the machine.
 
     Raises:
         InputError: its shape is free (a pitch error's order), so no size is typical.
     """
-    cls, subject = registry.effect_class(effect_id)
-    if not cls.seeds(subject):
+    cls, subject = registry.effect_class(effect_id, chain)
+    seeds = _seeds(effect_id, chain)
+    if not seeds:
         raise InputError(f"plan for {effect_id}: its orders are not known beforehand; measure any test in which its axis moves")
-    return EffectVector(cls(subject, **cls.seeds(subject)[0]), cls.free_of(subject))
+    return EffectVector(cls(subject, **seeds[0]), cls.search.free_of(cls.parameters_of(subject)))

@@ -1,0 +1,57 @@
+"""Error motion of the rotary table, radial and tilt (ISO 230-7): a vector that goes round ``order`` times per table turn."""
+
+import math
+
+from mjsim.effects.registry import register
+from mjsim.machine.effect import Effect
+from mjsim.machine.hints import SearchHints
+from mjsim.machine.parameter import Parameter
+from mjsim.machine.plant import SINE
+from mjsim.machine.subjects import table_axis
+
+_SHAPE = (
+    Parameter("order", "cycles per table turn k", -50.0, 50.0, scale=1.0),
+    Parameter("phase_deg", "phase", -360.0, 360.0, default=0.0, scale=10.0),
+)
+
+
+def _hints(amplitude: str, size: float) -> SearchHints:
+    """Orders -6 to 6 are tried; the order itself is a whole number and stays."""
+    return SearchHints(free=(amplitude, "phase_deg"), seeds=[{amplitude: size, "order": float(k)} for k in range(-6, 7) if k])
+
+
+def _go_round(effect: Effect, plant, amplitude: float, first: str, second: str) -> None:
+    """Enter a vector with the components ``first`` (cosine) and ``second`` (sine)."""
+    order, phase = effect.values["order"], math.radians(effect.values["phase_deg"])
+    plant.add_op("straightness", SINE, first, amplitude, order, phase + 0.5 * math.pi, 0.0, source=effect.subject)
+    plant.add_op("straightness", SINE, second, amplitude, order, phase, 0.0, source=effect.subject)
+
+
+@register
+class RadialErrorMotion(Effect):
+    kind = "radial_error_motion"
+    subjects = table_axis
+    title = "Radial error motion of the rotary table"
+    parameters = (Parameter("amplitude_um", "radius of the motion", 0.0, 500.0, neutral=0.0, scale=1.0), *_SHAPE)
+    definition = "table displaced by a (cos(kC + φ), sin(kC + φ), 0) in the cradle frame"
+    source = "ISO 230-7 (radial error motion)"
+    signature = "Waves of k ± 1 per turn on cones and circles about C; of order 1 it hides in the ball's offset."
+    search = _hints("amplitude_um", 1.0)
+
+    def apply(self, plant):
+        _go_round(self, plant, self.si("amplitude_um"), *plant.chain.table_motion[:2])
+
+
+@register
+class TiltErrorMotion(Effect):
+    kind = "tilt_error_motion"
+    subjects = table_axis
+    title = "Tilt error motion of the rotary table"
+    parameters = (Parameter("amplitude_urad", "angle of the wobble", 0.0, 5000.0, neutral=0.0, scale=5.0), *_SHAPE)
+    definition = "table turned by a·cos(kC + φ) about cradle x and a·sin(kC + φ) about cradle y"
+    source = "ISO 230-7 (tilt error motion)"
+    signature = "As radial error motion, growing with the ball's height above the A centreline."
+    search = _hints("amplitude_urad", 5.0)
+
+    def apply(self, plant):
+        _go_round(self, plant, self.si("amplitude_urad"), *plant.chain.table_motion[2:])

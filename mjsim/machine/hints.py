@@ -1,0 +1,70 @@
+"""What a search for causes wants to know about an effect. An effect needs none of it: every hint has a default."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from mjsim.machine.chain import Chain
+from mjsim.machine.parameter import Parameter
+
+#: Values of parameters by name, from which a fit starts.
+Values = dict[str, Any]
+#: Effects from which a fit starts, each with the names of what is free.
+Starts = Sequence[tuple[Any, tuple[str, ...]]]
+
+
+#: What stood in the class of an effect before there were hints.
+MOVED = ("free", "seeds", "quasi_static", "scanned", "least", "tolerances", "variants", "shapes")
+
+
+def _none(*_: Any) -> Starts:
+    return []
+
+
+@dataclass(frozen=True)
+class SearchHints:
+    """How a diagnosis looks for an effect.
+
+    Attributes:
+        free: names of the parameters that are fitted; by default those that switch the effect off. Names that a subject does not have
+            are left out.
+        seeds: values from which fits start: a list, or a function of subject and chain. By default, the parameters that switch
+            the effect off are one typical size away from their neutral values.
+        quasi_static: whether the effect follows from the motion of the axes, without a new simulation of the drives.
+        scanned: whether its orders or frequencies are read off a spectrum instead of being fitted from seeds.
+        least: smallest departure of the leading parameter from neutral that makes sense as a cause of its own (assumed).
+        tolerances: relative standard deviation that the data sheet allows a parameter; within four of them there is no effect.
+        variants: function of the effect that the user's machine has already: other ways in which it may be wrong.
+        shapes: function of the effect found and the one that the user's machine has (or ``None``): other shapes that are tried
+            before a second effect is believed.
+    """
+
+    free: tuple[str, ...] = ()
+    seeds: Sequence[Values] | Callable[[str, Chain], Sequence[Values]] | None = None
+    quasi_static: bool = True
+    scanned: bool = False
+    least: float = 0.0
+    tolerances: Mapping[str, float] = field(default_factory=dict)
+    variants: Callable[[Any], Starts] = _none
+    shapes: Callable[[Any, Any], Starts] = _none
+
+    def free_of(self, parameters: Sequence[Parameter]) -> tuple[str, ...]:
+        """Names of the ``parameters`` (of one subject) that a diagnosis fits."""
+        if not self.free:
+            return tuple(p.name for p in parameters if p.leading)
+        known = {p.name for p in parameters}
+        return tuple(n for n in self.free if n in known)
+
+    def seeds_of(self, parameters: Sequence[Parameter], subject: str, chain: Chain) -> list[Values]:
+        """Values from which a diagnosis starts.
+
+        Args:
+            parameters: of the subject.
+            subject: what the effect acts on.
+            chain: axes of the machine.
+        """
+        if self.seeds is None:
+            return [{p.name: p.neutral + p.scale for p in parameters if p.neutral is not None}]
+        return list(self.seeds(subject, chain) if callable(self.seeds) else self.seeds)

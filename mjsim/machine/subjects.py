@@ -1,0 +1,45 @@
+"""What effects act on, as functions of the machine's chain, for the attribute ``subjects`` of an effect."""
+
+from __future__ import annotations
+
+from mjsim.machine.chain import Chain
+
+
+def every_axis(chain: Chain) -> tuple[str, ...]:
+    """All axes."""
+    return chain.letters
+
+
+def linear_axes(chain: Chain) -> tuple[str, ...]:
+    """Linear axes."""
+    return chain.linear
+
+
+def rotary_axes(chain: Chain) -> tuple[str, ...]:
+    """Rotary axes."""
+    return chain.rotary
+
+
+def table_axis(chain: Chain) -> tuple[str, ...]:
+    """The rotary axis that carries the workpiece."""
+    return (chain.table_axis,)
+
+
+def tilting_axes(chain: Chain) -> tuple[str, ...]:
+    """Rotary axes that are not vertical: gravity acts on what they carry."""
+    return tuple(a.letter for a in chain.axes if a.rotary and not a.direction[2])
+
+
+def axis_pairs(chain: Chain) -> tuple[str, ...]:
+    """Pairs of linear axes, as XY."""
+    return chain.planes
+
+
+def straightness_errors(chain: Chain) -> tuple[str, ...]:
+    """Straightness errors of the linear axes, as EYX: along Y, of the X axis."""
+    return chain.straightness
+
+
+def location_errors(chain: Chain) -> tuple[str, ...]:
+    """Location errors of the rotary axes, as EC0A: about Z, of the A axis."""
+    return tuple(e.name for e in chain.location_errors)
