@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from commands import as_json, ok, refused
 
+from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import Trace
 from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.span import explain
-from mjsim.estimation.mistakes.mistakes import UNITS, corrected, turned, unit_of
+from mjsim.estimation.mistakes.mistakes import UNITS, corrected, unit_of
 from mjsim.estimation.mistakes.recognise import recognise
 from mjsim.io.resources import examples
 from mjsim.workflow.check import check
@@ -101,7 +102,7 @@ def test_the_unit_of_a_trace_without_reversals_shows_in_its_noise(backlash):
 
 def test_direction(measured):
     campaign, machine = measured
-    wrong = replace(campaign, tests=tuple(turned(t) if t.name == ASYMMETRIC else t for t in campaign.tests))
+    wrong = replace(campaign, tests=tuple(kind_of(t).turned(t) if t.name == ASYMMETRIC else t for t in campaign.tests))
     (m,) = recognise(wrong, machine).mistakes
     assert (m.kind, m.tests) == ("direction", (ASYMMETRIC,))
     assert corrected(wrong, (m,)).tests == campaign.tests
@@ -109,7 +110,7 @@ def test_direction(measured):
 
 def test_direction_of_every_test(measured):
     campaign, machine = measured
-    wrong = replace(campaign, tests=tuple(t if t.kind == "rotary" else turned(t) for t in campaign.tests))
+    wrong = replace(campaign, tests=tuple(kind_of(t).turned(t) if kind_of(t).goes_round else t for t in campaign.tests))
     (m,) = recognise(wrong, machine).mistakes
     assert m.kind == "direction" and m.every
     assert set(m.tests) == {t.name for t in campaign.measured if t.kind != "rotary"}
@@ -124,7 +125,7 @@ def test_what_looks_the_same_is_not_named(measured):
 def test_one_of_two_tests_of_a_set_up(measured):
     """Two tests share their ball offsets: turning either of them makes them agree, and mjsim does not choose."""
     campaign, machine = measured
-    wrong = replace(campaign, tests=tuple(turned(t) if t.name == "cone45-x50-ccw" else t for t in campaign.tests))
+    wrong = replace(campaign, tests=tuple(kind_of(t).turned(t) if t.name == "cone45-x50-ccw" else t for t in campaign.tests))
     (m,) = recognise(wrong, machine).mistakes
     assert m.either and m.tests == ("cone15-x50-ccw", "cone45-x50-ccw") and " or " in m.sentence
     assert corrected(wrong, (m,)) == wrong

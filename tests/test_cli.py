@@ -126,6 +126,8 @@ COMPARE = {
     "noise_source",
     "rms_um",
     "max_um",
+    "not_measured",
+    "warnings",
     "tests",
     "setups",
     "length_um",

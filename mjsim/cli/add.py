@@ -11,13 +11,15 @@ from mjsim.cli import common
 @common.campaign_argument
 @click.argument("effect", shell_complete=common.effect_ids)
 @common.machine_option
+@click.option("--force", is_flag=True, help="Add the effect even if the residual gets larger with it.")
 @common.as_is_option
 @common.threads_option
 @common.options
-def command(campaign, effect, machine, threads, as_is, as_json, quiet) -> None:
+def command(campaign, effect, machine, force, threads, as_is, as_json, quiet) -> None:
     """Fit EFFECT (an id such as backlash.A, or the path of your own effect file) to CAMPAIGN and put it into the machine file.
 
-    Comments and order of the file stay; its former text is kept in the campaign's .mjsim folder.
+    Comments and order of the file stay. Its former text is kept in the campaign's .mjsim folder. An effect that makes the residual
+    larger is refused.
 
     \b
     Example: mjsim add examples/hidden-backlash backlash.A
@@ -27,7 +29,7 @@ def command(campaign, effect, machine, threads, as_is, as_json, quiet) -> None:
 
     c = read_campaign(campaign, as_is=as_is)
     with common.progress_bar(quiet) as progress:
-        change = add(c, effect, machine, common.cores(threads), progress)
+        change = add(c, effect, machine, common.cores(threads), progress, force=force)
     data = change_json(change)
     if as_json:
         common.print_json(data)

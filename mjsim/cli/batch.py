@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -10,15 +12,51 @@ import click
 from mjsim.cli import common, signals
 
 
+@dataclass(frozen=True)
+class Limit:
+    """A limit of a figure, as the user wrote it."""
+
+    text: str
+    figure: str
+    sign: str
+    value: float
+
+    def within(self, values):
+        """Which values (a pandas column) keep the limit; those that do not exist do not."""
+        return {"<=": values.le, "<": values.lt, ">=": values.ge, ">": values.gt}[self.sign](self.value)
+
+
+class _LimitType(click.ParamType):
+    name = "figure<=value"
+
+    def convert(self, value, param, ctx):
+        if isinstance(value, Limit):
+            return value
+        match = re.fullmatch(r"\s*(\w+)\s*(<=|>=|<|>)\s*([-+.\deE]+)\s*", value)
+        try:
+            if not match or match[1] not in _FIGURES:
+                raise ValueError
+            return Limit(value.strip(), match[1], match[2], float(match[3]))
+        except ValueError:
+            self.fail(f"{value!r}; allowed: one of {', '.join(_FIGURES)}, then <=, <, >= or >, then a number", param, ctx)
+
+
+_FIGURES = ("circular_error_um", "radial_max_um", "radial_min_um", "rms_um", "max_um", "min_um", "duration_s")
+LIMIT = _LimitType()
+
+
 @click.command("batch")
 @click.argument("sweep", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder of the results.")
 @click.option("--scheduler", metavar="ADDRESS", help="Run on the workers of this Dask scheduler.")
 @click.option("--dry-run", is_flag=True, help="Only say how many runs there are, and how long they take.")
+@click.option(
+    "--limit", "limits", type=LIMIT, multiple=True, help='Count the simulations within a limit, as in "circular_error_um<=6" (repeatable).'
+)
 @click.option("--force", is_flag=True, help="Start anew, whatever --out holds.")
 @common.threads_option
 @common.options
-def command(sweep, out, scheduler, dry_run, force, threads, as_json, quiet) -> None:
+def command(sweep, out, scheduler, dry_run, limits, force, threads, as_json, quiet) -> None:
     """Run a sweep: many machines through the same tests.
 
     SWEEP is a TOML file: tests, what is varied, and how. The result is a Parquet
@@ -50,9 +88,13 @@ def command(sweep, out, scheduler, dry_run, force, threads, as_json, quiet) -> N
         common.say(f"mjsim: stopped; what is finished is in {out}, the same command goes on from there", False)
         sys.exit(signals.status(stop))
     if as_json:
-        common.print_json(_summary(result))
+        summary = _summary(result)
+        if limits:
+            data = result.to_dataframe()
+            summary["within_limits"] = {x.text: int(x.within(data[x.figure]).sum()) for x in limits}
+        common.print_json(summary)
     elif not quiet:
-        _say(result)
+        _say(result, limits)
     if result.failed == result.runs * result.tests:
         common.fail(f"every simulation of the sweep failed; the column 'error' of {out / 'results'} says why")
 
@@ -73,7 +115,7 @@ def _summary(r) -> dict:
     }
 
 
-def _say(r) -> None:
+def _say(r, limits: list[Limit]) -> None:
     total = r.runs * r.tests
     if r.simulated:
         before = f" ({total - r.simulated} were there already)" if r.simulated < total else ""
@@ -85,7 +127,27 @@ def _say(r) -> None:
         common.paragraph(f"{r.runs} runs of {r.tests} test{'s' if r.tests > 1 else ''}: all were there already")
     if r.failed:
         common.paragraph(f"{r.failed} simulations have no figures; the column 'error' says why")
-    click.echo(f"pandas.read_parquet({str(r.out / 'results')!r})")
+    click.echo()
+    _results(r, limits)
+    click.echo()
+    common.paragraph(f"All columns: {r.out / 'results'} (Parquet; pandas.read_parquet reads it)")
+
+
+def _results(r, limits: list[Limit]) -> None:
+    """The results test by test: lowest, median and highest value of each figure over the runs; runs within the limits."""
+    data = r.to_dataframe()
+    shown = ["circular_error_um", "max_um", "min_um", *(x.figure for x in limits)]
+    rows = []
+    for test, part in data.groupby("test", sort=False):
+        for figure in dict.fromkeys(shown):
+            values = part[figure].dropna()
+            if len(values):
+                rows.append([str(test), figure, *(f"{v:.3f}" for v in (values.min(), values.median(), values.max()))])
+    common.table(["test", "figure", "lowest", "median", "highest"], rows, text=(0, 1))
+    for x in limits:
+        good = x.within(data[x.figure])
+        known = int(data[x.figure].notna().sum())
+        common.paragraph(f"{x.text}: {int(good.sum())} of {known} simulations" + (f" ({100 * good.sum() / known:.1f} %)" if known else ""))
 
 
 def _describe(s, cores: int, as_json: bool, quiet: bool) -> None:

@@ -20,9 +20,9 @@ from mjsim.cli import common
 def command(campaign, machine, fix, threads, as_json, quiet) -> None:
     """Look for what people get wrong in CAMPAIGN: unit, sign, direction, feed, clock, exchanged traces.
 
-    Friction leaves a spike where an axis reverses, and tests of one set-up share the balls' offsets: both tell whether a trace is what
-    campaign.toml says, whatever is wrong with the machine. Commands that compare traces with a model look as well and refuse what is
-    certainly wrong, unless they are told --as-is.
+    Friction leaves a spike where an axis reverses, and tests of one set-up share the balls' offsets. Both tell whether a trace is what
+    campaign.toml says, whatever is wrong with the machine. A test is "ok" only where its reversals show it. Commands that compare traces
+    with a model look as well. They refuse what is certainly wrong, unless they are told --as-is.
 
     \b
     Example: mjsim check my-machine
@@ -43,13 +43,22 @@ def command(campaign, machine, fix, threads, as_json, quiet) -> None:
     for t in data["tests"]:
         seen = t["agreement"] is not None
         wrong = [m["kind"].replace("_", " ") for m in data["mistakes"] if t["name"] in m["tests"]]
-        rows.append([t["name"], *([f"{t['size']:.3g}", f"{t['agreement']:.2f}"] if seen else ["–", "–"]), ", ".join(wrong) or "ok"])
+        asked = any(q.startswith(f"{t['name']}: ") for q in data["questions"])
+        finding = ", ".join(wrong) or ("duration" if asked else "no evidence" if t["evidence"] else "ok")
+        rows.append([t["name"], *([f"{t['size']:.3g}", f"{t['agreement']:.2f}"] if seen else ["–", "–"]), finding])
     common.table(["test", "size", "agreement", "finding"], rows, text=(0, 3))
     click.echo()
     common.paragraph(
-        "Size and agreement: what the trace shows at the axes' reversals, over what the model gives there, and their correlation; –: the "
-        "model shows nothing there."
+        "Size: what the trace shows at the axes' reversals, over what the model gives there. Agreement: their correlation. –: the model "
+        "shows nothing there."
     )
+    for t in data["tests"]:
+        if t["evidence"] and not any(t["name"] in m["tests"] for m in data["mistakes"]):
+            common.paragraph(f"{t['name']} cannot be checked: {t['evidence']}.")
+    for question in data["questions"]:
+        common.paragraph(question)
+    if data["not_measured"]:
+        common.paragraph(f"Not checked, because campaign.toml names no trace for them: {', '.join(data['not_measured'])}.")
     for m in data["mistakes"]:
         common.paragraph(m["sentence"])
     if files:
@@ -57,6 +66,7 @@ def command(campaign, machine, fix, threads, as_json, quiet) -> None:
     elif result.mistakes and all(m.certain for m in result.mistakes):
         common.say("--fix FOLDER writes a corrected copy", quiet)
     elif not result.mistakes:
-        common.paragraph("No mistake found.")
+        shown = sum(row[3] == "ok" for row in rows)
+        common.paragraph(f"No mistake found. The data show that {shown} of {len(rows)} tests are right.")
         if fix:
             common.say(f"nothing was written to {fix}", quiet)

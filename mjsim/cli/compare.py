@@ -55,6 +55,8 @@ def command(campaign, machine, out, no_plots, force, threads, as_is, as_json, qu
     if quiet:
         return
     show(data)
+    for warning in data["warnings"]:
+        common.say(f"warning: {warning}", quiet)
     if imported:
         click.echo("\nwhat the other system found:")
         show_features(imported, found, circles_of(c, data))
@@ -62,8 +64,37 @@ def command(campaign, machine, out, no_plots, force, threads, as_is, as_json, qu
         common.say(f"plots in {plots[0].parent}", quiet)
 
 
+def left_out_sentence(rows: list[dict], total: int) -> str:
+    """How much of the data was left out, and of which tests.
+
+    Args:
+        rows: ``test``, ``samples`` left out, ``of`` how many, ``disturbances`` found, samples at the sensor's stop (``saturated``).
+        total: samples of all tests.
+    """
+    out = sum(r["samples"] for r in rows)
+    parts = []
+    for r in rows:
+        knocks = r["disturbances"]
+        why = [f"{knocks} knock{'s' if knocks > 1 else ''}"] if knocks else []
+        why += [f"{r['saturated']} at the sensor's stop"] if r["saturated"] else []
+        share = f"{r['samples']} of {r['of']}"
+        parts.append(f"{r['test']} {share}" + (f" ({', '.join(why)})" if why else ""))
+    return f"Left out as disturbed or missing: {out} of {total} samples ({100.0 * out / total:.2g} %): {'; '.join(parts)}."
+
+
 def show(data: dict) -> None:
     """Tables of a comparison's JSON."""
+    if data["not_measured"]:
+        common.paragraph(f"Not compared, because campaign.toml names no trace for them: {', '.join(data['not_measured'])}.")
+    left = [
+        {"test": t["name"], "samples": t["samples_left_out"], "of": t["samples"], "disturbances": t["outliers"], "saturated": 0}
+        for t in data["tests"]
+        if t["samples_left_out"]
+    ]
+    if left:
+        common.paragraph(left_out_sentence(left, sum(t["samples"] for t in data["tests"])))
+    if data["not_measured"] or left:
+        click.echo()
     rows = []
     for t in data["tests"]:
         iso = t["iso230_4"]

@@ -8,6 +8,7 @@ import click
 
 from mjsim.ballbar.kinds import kind_of
 from mjsim.cli import common
+from mjsim.cli.compare import left_out_sentence
 from mjsim.cli.import_show import show_features
 
 
@@ -99,6 +100,8 @@ def show(data: dict) -> None:
         f"residual RMS {data['rms_before_um']:.3f} µm as given, "
         f"{data['rms_after_um']:.3f} µm with what was found; noise {data['noise_um']:.3f} µm"
     )
+    if data["left_out"]:
+        common.paragraph(left_out_sentence(data["left_out"], data["samples"]))
     for e in data["effects"]:
         click.echo(f"\n  {e['id']}   {e['rms_before_um']:.3f} → {e['rms_after_um']:.3f} µm")
         for line in parameter_lines(e["parameters"], e["ci95"]):
@@ -123,11 +126,6 @@ def show(data: dict) -> None:
             + ("" if following["decides"] else " (not enough to decide)")
             + "; `mjsim plan` prints it as a table for campaign.toml"
         )
-    if data["left_out"]:
-        click.echo()
-        stops = {r["test"]: f", {r['saturated']} at the sensor's stop" if r["saturated"] else "" for r in data["left_out"]}
-        parts = [f"{r['test']} ({r['disturbances'] or 'no'} knocks, {r['samples']} samples{stops[r['test']]})" for r in data["left_out"]]
-        common.paragraph(f"left out as disturbed or missing: {', '.join(parts)}")
     if data["not_testable"]:
         click.echo()
         common.paragraph(f"not testable with this campaign: {', '.join(data['not_testable'])}")

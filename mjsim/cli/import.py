@@ -24,13 +24,17 @@ from mjsim.cli.import_show import model_effects, show_features, show_traces
 def command(files, campaign, preview, no_check, show, force, as_json, quiet, **given) -> None:
     """Bring measurement FILES of other systems into a campaign.
 
-    Tables as text (CSV, TXT): separator, decimal sign, header and byte order mark are found; columns and units come from the header or from
-    options. The trace goes to traces/, and a test that campaign.toml does not have yet is added to it. Renishaw .b5r: header and
-    diagnosed features go to imported/ and are shown beside mjsim's findings; the recorded trace in them is not publicly documented and
-    has to come as an exported text.
+    Tables as text (CSV, TXT): separator, decimal sign and byte order mark are found. Columns and units come from the header or from
+    options. Feed, bar length, plane and direction are read from English and German headers. The trace goes to traces/; a test that
+    campaign.toml does not have yet is added. FILE=TEST names the test of each of several files.
+
+    Renishaw .b5r: header and diagnosed features go to imported/ and are shown beside mjsim's findings. How such a file stores the trace
+    is not published: export the trace as text and import that.
 
     \b
     Example: mjsim import run1.csv --campaign my-machine --test circle-xy-ccw
+             mjsim import a.csv=circle-xy-ccw b.csv=circle-xy-cw \\
+                 --campaign my-machine
              mjsim import run2.txt --campaign my-machine --angle 1
                  --deviation 2 --deviation-unit mm --plane YZ --direction CW
                  --feed 1000 --length 100 --table-ball 0 0 155 --preview
@@ -46,7 +50,9 @@ def command(files, campaign, preview, no_check, show, force, as_json, quiet, **g
         raise click.UsageError("Missing argument 'FILES...' (or --show)")
     name, keys, options = import_options.read(given)
     other = [f for f in files if looks_like_xml(f)]
-    tables = [f for f in files if f not in other]
+    tables = [_file_and_test(f) for f in files if f not in other]
+    if name and any(test for _, test in tables):
+        raise click.UsageError("--test and FILE=TEST exclude each other")
     campaign_file(campaign)
     if other and (keys or name):
         option = "--test" if name else import_options.options()[next(iter(keys))]
@@ -55,7 +61,11 @@ def command(files, campaign, preview, no_check, show, force, as_json, quiet, **g
     read = read_features(campaign, other)
     for path in () if preview else read:
         check_writable(path, force)
-    traces = import_traces(campaign, tables, name, keys, options, force, preview, not no_check) if tables else []
+    traces = (
+        import_traces(campaign, [f for f, _ in tables], name or [t for _, t in tables], keys, options, force, preview, not no_check)
+        if tables
+        else []
+    )
     if other and not preview:
         import_features(campaign, other, force)
     known = imported_features(campaign) if show else list(read.values())
@@ -73,3 +83,9 @@ def command(files, campaign, preview, no_check, show, force, as_json, quiet, **g
         common.say("preview: nothing was written", quiet)
     elif other:
         common.say(f"features kept in {Path(campaign_file(campaign)).parent / 'imported'}", quiet)
+
+
+def _file_and_test(given: Path) -> tuple[Path, str | None]:
+    """``FILE=TEST`` as a file and the name of its test; a file whose own name has a ``=`` stays one."""
+    file, equals, test = str(given).rpartition("=")
+    return (Path(file), test) if equals and file and test and not given.exists() else (given, None)

@@ -13,7 +13,8 @@ def show_traces(traces: list) -> None:
     """A summary of every imported trace."""
     for t in traces:
         d = t.to_json()
-        click.echo(f"{t.source.name} → test {d['test']}" + (" (new in campaign.toml)" if d["added"] else ""))
+        new = "a new test in campaign.toml" if d["new_test"] else "its trace is new in campaign.toml" if d["added"] else ""
+        click.echo(f"{t.source.name} → test {d['test']}" + (f" ({new})" if new else ""))
         missing = f", {d['samples_missing']} of them missing or beyond the range" if d["samples_missing"] else ""
         common.paragraph(
             f"{d['samples']} samples{missing}, {d['rate_Hz']:g} Hz; {d['duration_s']:.2f} s, the program {d['program_s']:.2f} s", "  "

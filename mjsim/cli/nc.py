@@ -55,6 +55,7 @@ def command() -> None:
 @common.options
 def write(campaign, name, out, limit, max_speed, force, machine, as_json, quiet, **how) -> None:
     """Write a test of CAMPAIGN as an NC program."""
+    from mjsim.ballbar.speed import speed_warnings as ordinary_speed_warnings
     from mjsim.io.files import check_writable
     from mjsim.nc.dialects import FEEDS
     from mjsim.nc.write import write_nc
@@ -72,7 +73,7 @@ def write(campaign, name, out, limit, max_speed, force, machine, as_json, quiet,
         "blocks": len(written.motion.seconds),
         "duration_s": written.motion.duration,
         "axes": axes_json(written.motion),
-        "warnings": written.warnings,
+        "warnings": [*written.warnings, *([] if max_speed else ordinary_speed_warnings(test))],
     }
     _show(data, f"{len(written.motion.seconds)} blocks, {written.motion.duration:.3f} s, F: {FEEDS[written.feed]}", as_json, quiet)
     if not as_json:

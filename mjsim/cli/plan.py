@@ -46,25 +46,46 @@ def command(campaign, machine, between, threads, as_is, as_json, quiet) -> None:
     if result is None:
         common.paragraph("Nothing to separate: no effect is ambiguous, and every effect of the catalogue is testable with this campaign.")
         return
-    show(result)
+    show(result, campaign)
 
 
-def show(result) -> None:
-    """A plan as text: the reason, the test as a table for campaign.toml, the runners-up."""
+def show(result, campaign) -> None:
+    """A plan as text: the verdict, the test as a table for campaign.toml, the runners-up, what to do next."""
     import tomlkit
 
     from mjsim.campaign.files import test_table
 
-    data = result.to_json()
-    common.paragraph(data["reason"])
+    data, name = result.to_json(), result.best.test.name
     a, b = data["between"]
+    verdict = "decides" if data["decides"] else "does not decide, but comes nearest"
+    aim = f"whether the machine has {a}" if b == "nothing" else f"between {a} and {b}"
     common.paragraph(
-        f"Expected difference between {a} and {b}: {data['difference_um']:.2f} µm RMS, {data['separation']:.0f} times the noise's "
-        f"standard deviation in all; {data['minutes']:.1f} min with handling. For campaign.toml:"
+        f"This test {verdict} {aim}: {name}. It takes {data['minutes']:.1f} min with handling. The expected difference is "
+        f"{data['difference_um']:.2f} µm RMS; separation over the whole test: {data['separation']:.0f} σ."
     )
+    common.paragraph(data["reason"])
+    speeds = ", ".join(f"{axis} {speed:.0f} {unit}" for axis, (speed, unit) in data["axis_speeds"].items())
+    common.paragraph(f"Highest axis speeds: {speeds}.")
     click.echo("\n[[test]]\n" + tomlkit.dumps(test_table(result.best.test)).rstrip() + "\n")
     rows = [data, *data["runners_up"]]
     common.table(
         ["test", "difference µm", "separation σ", "time min"],
         [[r["test"]["name"], f"{r['difference_um']:.2f}", f"{r['separation']:.0f}", f"{r['minutes']:.1f}"] for r in rows],
     )
+    if any(r["separation"] > data["separation"] for r in data["runners_up"]):
+        common.paragraph(
+            f"A separation of {data['enough']:.0f} σ decides, and {data['plenty']:.0f} σ are certain. More counts no further, so that "
+            "the shorter test is better; of tests alike the one that was looked at first comes first."
+        )
+    click.echo("\nNext:")
+    for number, step in enumerate(
+        (
+            f"Paste the table above into {campaign}/campaign.toml.",
+            f"mjsim nc {campaign} --test {name} -o {name}.nc",
+            "Run the program on the machine, and record it with the ball bar.",
+            f"mjsim import FILE --campaign {campaign} --test {name}",
+            f"mjsim diagnose {campaign}",
+        ),
+        start=1,
+    ):
+        click.echo(f"  {number}. {step}")

@@ -26,6 +26,7 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
     \b
     Example: mjsim simulate examples/hidden-backlash --out simulated
     """
+    from mjsim.ballbar.speed import range_warning, speed_warnings
     from mjsim.campaign.files import read_campaign
     from mjsim.errors import InputError
     from mjsim.io.files import check_writable, together
@@ -60,8 +61,9 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
                 if not no_plots:
                     write(out / f"{s.test.name}.png", encode(polar_of_simulation(s), "png"))
     summary = simulation_summary(results)
+    warnings = [w for s in results for w in (*speed_warnings(s.test), range_warning(s.test, s.deviation, c.instrument.range)) if w]
     if as_json:
-        common.print_json({"campaign": c.name, "machine": m.name, "out": str(out), "tests": summary})
+        common.print_json({"campaign": c.name, "machine": m.name, "out": str(out), "tests": summary, "warnings": warnings})
         return
     if quiet:
         return
@@ -78,4 +80,6 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
             for r in summary
         ],
     )
+    for warning in warnings:
+        common.say(f"warning: {warning}", quiet)
     common.say(f"written to {out}", quiet)

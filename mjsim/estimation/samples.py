@@ -240,4 +240,10 @@ def estimate_noise(samples: list[Samples], resolution: float, order: int = 5) ->
     ar = np.linalg.solve(R, r[1:])
     innovation = float(np.sqrt(max(r[0] - ar @ r[1:], 1e-3 * r[0])))
     rms = float(np.median(levels))
-    return Noise(rms, float(np.sqrt(r[0])), ar, innovation, f"half-differences of {len(repeated)} tests' revolutions")
+    return Noise(
+        rms,
+        float(np.sqrt(r[0])),
+        ar,
+        innovation,
+        f"from the difference between the two revolutions, in {len(repeated)} test{'s' if len(repeated) > 1 else ''}",
+    )

@@ -5,6 +5,8 @@ Nothing is corrected here: what looks wrong becomes a question that names the op
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mjsim.ballbar.measurement import BallBarTest, Trace
@@ -21,6 +23,8 @@ SMALLEST, LARGEST = 0.2 * UM, 1000.0 * UM
 _USUAL = (0.5 * UM, 100.0 * UM)
 #: A machine may err so many times more, or less, than its model before a unit is in question; a unit has to explain all but this much.
 _STRANGE, _EXPLAINED = 10.0, 4.0
+#: A trace may last so much longer or shorter than its test, as a ratio, without a question; a trigger is exact to some ms.
+_LASTS = 0.01
 #: What even a perfect model leaves, m: noise and small errors (assumed).
 _UNMODELLED = 0.5 * UM
 
@@ -44,13 +48,40 @@ def expected(machine: Machine, test: BallBarTest) -> float | None:
     return spread(test, s.time[keep], s.deviation[keep])
 
 
-def questions(test: BallBarTest, trace: Trace, unit: str, machine: Machine | None = None) -> list[str]:
+def duration_question(test: BallBarTest, trace: Trace, tests: Sequence[BallBarTest] = ()) -> str:
+    """What has to be asked where a trace does not last as long as its test; empty where it does.
+
+    Args:
+        test: the trace's test.
+        trace: as it is kept.
+        tests: of the campaign; those that last as long as the trace are named.
+    """
+    lasts = float(trace.time[-1] - trace.time[0])
+    begin, end = Program(test).measured_span
+    if abs(lasts - (end - begin)) <= _LASTS * (end - begin) + 0.1:
+        return ""
+    spans = {t.name: float(np.diff(Program(t).measured_span)[0]) for t in tests if t.name != test.name}
+    others = [name for name, span in spans.items() if abs(lasts - span) <= 0.5 * _LASTS * span]
+    other = f" The test {' or '.join(others[:3])} lasts as long." if others else ""
+    return (
+        f"the trace lasts {lasts:.2f} s, the test {end - begin:.2f} s ({100 * (lasts / (end - begin) - 1):+.1f} %).{other} "
+        "Is it the trace of this test, and is the feed right?"
+    )
+
+
+def questions(test: BallBarTest, trace: Trace, unit: str, machine: Machine | None = None, tests: Sequence[BallBarTest] = ()) -> list[str]:
     """What has to be asked about a trace; empty where nothing is strange.
 
     Args:
         test: the trace's test. trace: as it would be kept. unit: the one that it was read in, a key of
-            :data:`mjsim.importing.units.LENGTH`. machine: its model, for what is to be expected; ``None`` leaves that out.
+            :data:`mjsim.importing.units.LENGTH`. machine: its model, for what is to be expected; ``None`` leaves that out. tests: of the
+            campaign.
     """
+    duration = duration_question(test, trace, tests)
+    return [*([duration] if duration else []), *_size_questions(test, trace, unit, machine)]
+
+
+def _size_questions(test: BallBarTest, trace: Trace, unit: str, machine: Machine | None) -> list[str]:
     time, deviation = trace.time[trace.valid], trace.deviation[trace.valid]
     size = float(np.std(deviation))
     if not SMALLEST <= size <= LARGEST:

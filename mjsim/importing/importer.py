@@ -29,7 +29,8 @@ class ImportedTrace:
     """One trace as it was brought in, or as it would be.
 
     Attributes:
-        source: the measurement file. file: the trace's file in the campaign. test: its test; ``added`` whether campaign.toml got it.
+        source: the measurement file. file: the trace's file in the campaign. test: its test; ``added`` whether campaign.toml got it or
+            its ``trace``, ``new_test`` whether it got the test.
         trace: what was kept. unit: of the deviation in ``source``. notes: what was found and concluded. questions: what looks wrong.
         written: false for a preview.
     """
@@ -43,6 +44,7 @@ class ImportedTrace:
     notes: tuple[str, ...]
     questions: tuple[str, ...]
     written: bool
+    new_test: bool = False
 
     def to_json(self) -> dict:
         """Plain numbers in s, degrees and µm, as ``mjsim import --json`` prints them."""
@@ -54,6 +56,7 @@ class ImportedTrace:
             "test": self.test.name,
             "trace": str(self.file),
             "added": self.added,
+            "new_test": self.new_test,
             "written": self.written,
             "samples": len(t.time),
             "samples_missing": int((~t.valid).sum()),
@@ -76,7 +79,7 @@ class ImportedTrace:
 def import_traces(
     campaign: str | Path,
     files: Sequence[str | Path],
-    test: str | None = None,
+    test: str | Sequence[str | None] | None = None,
     keys: dict[str, Any] | None = None,
     options: Options | None = None,
     force: bool = False,
@@ -88,7 +91,7 @@ def import_traces(
     Args:
         campaign: a folder with a campaign.toml, or the path of one.
         files: tables as text, each with one run of one test.
-        test: the test's name, for a single file; otherwise the files' names are the tests'.
+        test: the test's name for a single file, or a name (or ``None``) for each file. Without one the file's name is the test's.
         keys: keys of the ``[[test]]`` table, as in campaign.toml, of tests that are not there yet; the files' headers come second.
         options: how the files are read. force: replace traces that are there. preview: write nothing.
         check: also compare the trace's size with what the campaign's model gives, which simulates the test.
@@ -98,16 +101,19 @@ def import_traces(
     """
     o = options or Options()
     file, text, known = into.read_document(Path(campaign))
-    if test is not None and len(files) > 1:
-        raise InputError(f"--test {test} names one test, {len(files)} files were given; allowed: one file, or no --test (the files' names)")
+    if isinstance(test, str) and len(files) > 1:
+        raise InputError(f"--test {test} names one test, {len(files)} files were given; allowed: FILE=TEST for each of them")
+    names = [test] * len(files) if test is None or isinstance(test, str) else test
     instrument = known.instrument if known else Instrument()
     out, contents = [], {}
-    for source in map(Path, files):
+    for source, given in zip(map(Path, files), names, strict=True):
         table = read_any(source, o)
-        name = test or into.test_name(source)
+        name = given or into.test_name(source)
         entry = into.entry(file, text, name, dict(keys or {}), test_keys(table.header), source)
         if entry.file in contents:
-            raise InputError(f"{source}: another of these files is test {name!r} as well; allowed: file names that differ")
+            raise InputError(
+                f"{source}: another of these files is test {name!r} as well; allowed: one file for each test (FILE=TEST names it)"
+            )
         if not preview:
             check_writable(entry.file, force)
         text = entry.text
@@ -117,10 +123,10 @@ def import_traces(
         notes = (*table.notes, *recording.notes, *placed, "a shorter bar is positive in the file: signs turned" if o.inward else "")
         if trace.saturated:
             notes = (*notes, f"{trace.saturated} samples of a sensor at its stop, or beyond its range: they count as missing")
-        asked = questions(entry.test, trace, recording.unit, _machine(file, text) if check else None)
+        asked = questions(entry.test, trace, recording.unit, _machine(file, text) if check else None, known.tests if known else ())
         contents[entry.file] = into.trace_bytes(entry.file, time, deviation)
         kept = (source, entry.file, entry.test, entry.added, trace, recording.unit, tuple(n for n in notes if n), tuple(asked))
-        out.append(ImportedTrace(*kept, written=not preview))
+        out.append(ImportedTrace(*kept, written=not preview, new_test=entry.new_test))
     if not preview:
         into.write(file, text, contents, force)
     return out

@@ -39,13 +39,17 @@ class Entry:
     """Where a trace goes.
 
     Attributes:
-        test: its test. file: the trace's file. added: whether campaign.toml gets a table, or a ``trace`` key, for it.
+        test: its test.
+        file: the trace's file.
+        added: whether campaign.toml gets a table, or a ``trace`` key, for it.
+        new_test: whether it gets a table.
         text: campaign.toml as it will be.
     """
 
     test: BallBarTest
     file: Path
     added: bool
+    new_test: bool
     text: str
 
 
@@ -98,7 +102,7 @@ def entry(file: Path, text: str, name: str, keys: dict, header: dict, source: Pa
         out = out.replace("\r\n", "\n").replace("\n", "\r\n")
     campaign = campaign_from(file, tomllib.loads(out), traces=False)
     test = next(t for t in campaign.tests if t.name == name)
-    return Entry(test, _trace_file(file, test), added, out)
+    return Entry(test, _trace_file(file, test), added, table is None, out)
 
 
 def _trace_file(file: Path, test: BallBarTest) -> Path:
@@ -118,12 +122,14 @@ def _complete(file: Path, name: str, keys: dict, source: Path) -> dict:
     possible = [k.name for k in KINDS.values() if specific and specific <= {key.name for key in k.keys}]
     if kind is None and len(possible) == 1:  # a plane is given: a circle
         kind = keys["kind"] = possible[0]
+    common = [options()[k] for k in _COMMON if k not in keys]
     if kind not in KINDS:
+        needs = [f"--kind {k.name} ({', '.join(options()[n] for n in k.needed if n not in keys)})" for k in KINDS.values()]
         raise InputError(
-            f'{source}: test "{name}" is not in {file}; say how it was run: --kind {" or ".join(sorted(KINDS))} and what belongs to it '
-            "(--plane, --direction, --feed, --length, --table-ball …), or name a test of the campaign with --test"
+            f'{source}: test "{name}" is not in {file}; say how it was run: {" or ".join(needs)}'
+            f"{', and ' + ', '.join(common) if common else ''}; or name a test of the campaign with --test"
         )
-    missing = [options()[k] for k in (*KINDS[kind].needed, *_COMMON) if k not in keys]
+    missing = [*(options()[k] for k in KINDS[kind].needed if k not in keys), *common]
     if missing:
         raise InputError(f'{source}: test "{name}" is new in {file}; {kind} needs {", ".join(missing)} as well')
     return {"name": name, "trace": f"traces/{name}.csv", **{k: keys[k] for k in _order() if k in keys}}

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+
+import numpy as np
 
 from mjsim.errors import InputError
 from mjsim.machine import own
@@ -88,7 +90,27 @@ class Machine:
         return replace(self, effects=tuple(e for e in self.effects if key not in (e.key, e.id)))
 
     def with_drive(self, axis: str, **changes: float) -> Machine:
-        """A machine with some numbers of one drive changed."""
+        """A machine with some numbers of one drive changed, as in ``with_drive(axis, position_gain=45.0)``.
+
+        Args:
+            axis: letter of the axis.
+            changes: attributes of :class:`Drive`, SI.
+
+        Raises:
+            InputError: there is no such axis or number, or its value is not possible.
+        """
+        if axis not in self.drives:
+            raise InputError(f"machine {self.name!r} has no axis {axis!r}; allowed: {', '.join(self.drives)}")
+        known = [f.name for f in fields(Drive) if f.name != "axis"]
+        for name, value in changes.items():
+            if name not in known:
+                near = next((k for k in known if name.startswith(k)), None)
+                hint = f"; it is called {near} here, SI" if near else ""
+                raise InputError(f"with_drive({axis!r}): unknown number {name!r}{hint}; allowed: {', '.join(known)}")
+            least = -np.inf if name == "gravity" else 0.0
+            if not np.isfinite(value) or value < least or (value == 0.0 and name not in ("viscous", "gravity")):
+                allowed = "a finite number" if name == "gravity" else "0 or more" if name == "viscous" else "above 0"
+                raise InputError(f"with_drive({axis!r}): {name} = {value:g}; allowed: {allowed}")
         return replace(self, drives={**self.drives, axis: replace(self.drives[axis], **changes)})
 
 

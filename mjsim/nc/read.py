@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -72,12 +73,18 @@ def parse_nc(
             if reader.ended:
                 break
     except GCodeError as error:
-        raise InputError(f"{path}, line {number}: {error}") from None
+        hint = " (it looks like a Siemens program: say --dialect siemens)" if dialect != "siemens" and _siemens(text, path) else ""
+        raise InputError(f"{path}, line {number}: {error}{hint}") from None
     if not reader.seconds:
         raise InputError(f"{path}: no block with a feed; allowed: an NC program with G1 blocks")
     motion = Commanded(np.array(reader.seconds), np.array(reader.points) * _units(chain), reader.feed_tip, chain)
     feed = " and ".join(f"G{k}" for k in sorted(reader.kinds))
     return NCFile(path, dialect, motion, np.array(reader.lines), feed, tuple(a for a in chain.letters if a not in reader.named))
+
+
+def _siemens(text: str, path: Path) -> bool:
+    """Whether a program is a Siemens one: by its file's ending, or by words that only such programs have."""
+    return path.suffix.lower() in (".mpf", ".spf") or bool(re.search(r"\bG7[01]0\b|\bTRAORI\b|\bFGROUP\b", text))
 
 
 def motion_csv(motion: Commanded) -> str:

@@ -13,7 +13,7 @@ from mujoco import rollout
 
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
-from mjsim.errors import SimulationError
+from mjsim.errors import InputError, SimulationError
 from mjsim.io.extras import need
 from mjsim.machine.chain import AXES, LINEAR
 from mjsim.machine.model import Machine, build
@@ -80,8 +80,11 @@ def simulate(
         done: called after each test, for progress. step, substeps: time discretisation, s and count.
 
     Raises:
+        InputError: ``tests`` is a single test instead of a list.
         SimulationError: a drive is unstable, MuJoCo warned or a value is not finite.
     """
+    if isinstance(tests, BallBarTest):
+        raise InputError(f"simulate takes a list of tests; pass [test] for the single test {tests.name!r}")
     return simulate_each(machine, tests, lambda s: s, threads, done, step, substeps)
 
 

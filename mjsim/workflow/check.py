@@ -18,6 +18,8 @@ from mjsim.campaign.traces import read_trace
 from mjsim.errors import InputError
 from mjsim.estimation.mistakes.mistakes import Mistake, corrected, rewritten
 from mjsim.estimation.mistakes.recognise import TestEvidence, recognise
+from mjsim.estimation.mistakes.single import FITS
+from mjsim.importing.checks import duration_question
 from mjsim.importing.into_campaign import trace_bytes
 from mjsim.io.files import write_all
 from mjsim.io.toml import read_text
@@ -43,8 +45,33 @@ class CheckResult:
         return {
             "campaign": self.campaign.name,
             "mistakes": [m.to_json() for m in self.mistakes],
-            "tests": [{"name": t.name, "size": t.factor, "agreement": t.agreement} for t in self.tests],
+            "tests": [{"name": t.name, "size": t.factor, "agreement": t.agreement, "evidence": evidence_of(t) or None} for t in self.tests],
+            "questions": list(self.questions),
+            "not_measured": [t.name for t in self.campaign.tests if t.name not in self.campaign.traces],
         }
+
+    @property
+    def questions(self) -> tuple[str, ...]:
+        """Traces that last longer or shorter than their tests: a sentence for each."""
+        named = {name for m in self.mistakes for name in m.tests}
+        tests = [t for t in self.campaign.measured if t.name not in named]
+        asked = (duration_question(t, self.campaign.traces[t.name], self.campaign.tests) for t in tests)
+        return tuple(f"{t.name}: {q}" for t, q in zip(tests, asked, strict=True) if q)
+
+
+#: The spikes' size over the model's may be so far from 1 where they are taken for the test's own.
+_SIZE = 4.0
+
+
+def evidence_of(t: TestEvidence) -> str:
+    """Why a test's reversals do not show that its trace is what campaign.toml says; empty where they do."""
+    if t.factor is None or t.agreement is None:
+        return "the model has no friction spikes at its reversals"
+    if t.agreement < FITS:
+        return f"its reversals agree little with the model ({t.agreement:.2f}; {FITS:g} is needed)"
+    if not 1 / _SIZE < t.factor < _SIZE:
+        return f"the spikes at its reversals have {t.factor:.2g} times the model's size"
+    return ""
 
 
 def check(path: str | Path, machine: Machine | None = None, threads: int = 2) -> CheckResult:

@@ -13,6 +13,7 @@ from mjsim.ballbar.iso230 import BidirectionalFigures, CircularFigures, bidirect
 from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
+from mjsim.ballbar.speed import range_warning, speed_warnings
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.mistakes.checked_problem import checked_problem
@@ -93,6 +94,8 @@ class Comparison:
             "noise_source": self.noise_source,
             "rms_um": _r(self.rms / UM),
             "max_um": _r(self.maximum / UM),
+            "warnings": self.warnings,
+            "not_measured": [t.name for t in self.campaign.tests if t.name not in self.campaign.traces],
             "tests": [
                 {
                     "name": t.test.name,
@@ -119,6 +122,13 @@ class Comparison:
             "length_um": _r(self.length / UM, 2),
             "iso230_4_bidirectional": self.bidirectional,
         }
+
+    @property
+    def warnings(self) -> list[str]:
+        """Tests that ask more of the axes than an ordinary machine can, and simulated readings beyond the sensor's range."""
+        reach = self.campaign.instrument.range
+        found = [w for t in self.tests for w in (*speed_warnings(t.test), range_warning(t.test, t.simulated, reach))]
+        return [w for w in found if w]
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row per test: the entries of :meth:`to_json`, ISO 230-4 figures as columns ``measured_…``, ``simulated_…`` (µm)."""

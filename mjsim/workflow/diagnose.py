@@ -99,11 +99,13 @@ class Diagnosis:
             ],
             "unexplained": self.unexplained.to_json() if self.unexplained else None,
             "not_testable": list(self.not_testable),
+            "samples": sum(row["samples"] for row in self.before.to_json()["tests"]),
             "left_out": [
                 {
                     "test": row["name"],
                     "disturbances": row["outliers"],
                     "samples": row["samples_left_out"],
+                    "of": row["samples"],
                     "saturated": row["samples_saturated"],
                 }
                 for row in self.before.to_json()["tests"]

@@ -28,6 +28,7 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
+from mjsim.units import UM
 from mjsim.workflow import history as ladder
 from mjsim.workflow.compare import Comparison, compare
 
@@ -83,16 +84,23 @@ def add(
     threads: int = 2,
     progress: Progress = silent,
     record: bool = True,
+    force: bool = False,
 ) -> Change:
     """Fit an effect to the campaign and put it into the machine file.
 
     The drives' data sheet is calibrated inside its tolerances during the fit, but not written: the file gets the effect only.
 
     Args:
-        effect: id of the catalogue, or path of a Python file with one effect. record: write machine file and history.
+        campaign: with at least one measured test.
+        effect: id of the catalogue, or path of a Python file with one effect.
+        machine_file: file to add it to; the campaign's machine when missing.
+        threads: tests simulated side by side.
+        progress: stage, done, total.
+        record: write machine file and history.
+        force: add an effect that makes the residual larger, too.
 
     Raises:
-        InputError: unknown effect, or one that this campaign cannot show.
+        InputError: unknown effect, one that this campaign cannot show, or one that makes the residual larger.
     """
     machine = machine_of(campaign, machine_file)
     cls, subjects, source = resolve_effect(effect, machine.chain)
@@ -107,6 +115,11 @@ def add(
     before = compare(campaign, machine, threads, progress, problem)
     fitted = machine.with_effect(fitted_effect)
     after = compare(campaign, fitted, threads, progress, problem)
+    if after.rms > before.rms and not force:
+        raise InputError(
+            f"{machine.file}: {fitted_effect.id} makes the model worse: the residual RMS goes from {before.rms / UM:.3f} to "
+            f"{after.rms / UM:.3f} µm; nothing was written (--force adds it all the same)"
+        )
     change = Change(fitted_effect.id, fitted_effect, ci95, before, after, fitted)
     if record:
         _record(campaign, "add", change, machine.file, machine_document(fitted, machine.file))

@@ -11,12 +11,10 @@ import numpy as np
 from mjsim.ballbar.kinds import KINDS, kind_of
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
+from mjsim.ballbar.speed import commanded_speed
+from mjsim.machine.reach import usual_speed, usual_travel
 from mjsim.units import DEG, MM
 
-#: Travel of X, Y, Z (m), A, C (rad) and speed (m/s, rad/s) of an ordinary machine of this size (assumed: a machine file has none);
-#: whatever the campaign's own tests reach is allowed as well.
-TRAVEL = np.array([[-0.3, 0.3], [-0.3, 0.3], [-0.1, 0.5], [-30 * DEG, 110 * DEG], [-50.0, 50.0]])
-SPEED = np.array([0.33, 0.33, 0.33, 1.0, 2.0])
 #: Feeds that are looked at, m/s: all of them around the best tests, and two in the first round.
 FEEDS = tuple(f * MM / 60.0 for f in (500, 1000, 2000, 4000, 6000))
 FIRST_FEEDS = (FEEDS[1], FEEDS[3])
@@ -25,21 +23,25 @@ HANDLING = 240.0
 
 
 def reachable(test: BallBarTest, tests: Iterable[BallBarTest] = ()) -> bool:
-    """Whether the axes' travel and speed allow a test."""
-    low, high = TRAVEL.T.copy()
+    """Whether the axes' travel and speed allow a test; what the campaign's own ``tests`` reach is allowed as well."""
+    low, high = usual_travel(test.chain).T
     for other in tests:
         q = _commands(other)
         low, high = np.minimum(low, q.min(axis=0)), np.maximum(high, q.max(axis=0))
-    program = Program(test)
-    time = np.linspace(0.0, program.duration, 721)
-    q = program.commands(time)
-    speed = np.abs(np.gradient(q, time, axis=0)).max(axis=0)
-    return bool((q >= low - 1e-9).all() and (q <= high + 1e-9).all() and (speed <= SPEED).all())
+    q, speed = commanded_speed(test)
+    return bool((q >= low - 1e-9).all() and (q <= high + 1e-9).all() and (speed <= usual_speed(test.chain)).all())
 
 
 def _commands(test: BallBarTest) -> np.ndarray:
     program = Program(test)
     return program.commands(np.linspace(0.0, program.duration, 361))
+
+
+def axis_speeds(test: BallBarTest) -> dict[str, tuple[float, str]]:
+    """Highest speed of every axis that moves, and its unit (mm/min or °/s)."""
+    _, speed = commanded_speed(test)
+    rows = {a.letter: (v / DEG, "°/s") if a.rotary else (v / MM * 60.0, "mm/min") for a, v in zip(test.chain.axes, speed, strict=True)}
+    return {letter: (round(float(v), 1), unit) for letter, (v, unit) in rows.items() if v > 1e-3}
 
 
 def minutes(test: BallBarTest) -> float:

@@ -9,8 +9,8 @@ from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.planning.candidates import minutes
-from mjsim.estimation.planning.choose import ENOUGH, choose
+from mjsim.estimation.planning.candidates import axis_speeds, minutes
+from mjsim.estimation.planning.choose import ENOUGH, PLENTY, choose
 from mjsim.estimation.planning.separation import Explanation, Separation, Separator
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import Noise
@@ -54,6 +54,9 @@ class Plan:
             **_row(self.best, self.between),
             "decides": self.decides,
             "reason": self.reason,
+            "enough": round(ENOUGH**0.5, 1),
+            "plenty": round(PLENTY**0.5, 1),
+            "axis_speeds": axis_speeds(self.best.test),
             "runners_up": [_row(s, self.between) for s in self.choices[1:most]],
         }
 
