@@ -374,7 +374,7 @@ def test_preview_writes_nothing_and_shows_the_same(folder, file):
     shown = done("import", file, "--campaign", folder, *NEW, "--preview", "--no-check")
     assert snapshot(folder) == before
     assert "preview: nothing was written" in shown.stderr
-    for words in ("→ test YZ-run-1 (new in campaign.toml)", "100 Hz", "the program 12.57 s", "µm, RMS", "deviation_um"):
+    for words in ("→ test YZ-run-1 (a new test in campaign.toml)", "100 Hz", "the program 12.57 s", "µm, RMS", "deviation_um"):
         assert words in shown.stdout, shown.stdout
     assert max(map(len, shown.stdout.splitlines())) <= 80
     written = done("import", file, "--campaign", folder, *NEW, "--no-check")
