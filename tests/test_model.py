@@ -10,10 +10,10 @@ import mujoco
 import numpy as np
 import pytest
 import trimesh
-
 from mjsim.machine.build import five_axis
 from mjsim.machine.build.folder import differences, write_folder
 from mjsim.machine.build.pieces import cylinder, loft
+
 from mjsim.machine.model import build
 from mjsim.simulation.mjmodel import build_model
 
