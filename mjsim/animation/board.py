@@ -121,7 +121,7 @@ class Board:
             axes.set_ylim(0.0, high * 1.15)
         axes.set_xlim(-0.4, len(self._rms) - 0.6)
         axes.set_xticks([])
-        axes.axhline(noise, color=style.AXIS_COLOURS["X"], linewidth=1.0, linestyle=(0, (4, 2)))
+        axes.axhline(noise, color=style.NOISE, linewidth=1.0, linestyle=(0, (4, 2)))
         axes.plot(range(len(self._rms)), self._rms, "-", color=style.GRID, linewidth=1.2)
         axes.plot(range(len(self._rms)), self._rms, "o", color=style.NOMINAL, markersize=4)
         axes.tick_params(labelsize=7.5, labelcolor=style.INK, color=style.NOMINAL)
@@ -129,9 +129,7 @@ class Board:
             spine.set(visible=side in ("left", "bottom"), color=style.NOMINAL, linewidth=0.6)
         (self._dot,) = axes.plot([], [], "o", color=ERROR, markersize=8, markeredgecolor="white", zorder=5)
         self._text(left + width, top - 62, "RMS of all tests", 8.0, ha="right", color=style.SOFT)
-        self._text(
-            left + width, top + height + 16, f"dashed: noise, {style.micrometres(noise)}", 7.5, ha="right", color=style.AXIS_COLOURS["X"]
-        )
+        self._text(left + width, top + height + 16, f"dashed: noise, {style.micrometres(noise)}", 7.5, ha="right", color=style.NOISE)
         self._text(left - 50, top - 18, "µm", 7.5, ha="left", color=style.SOFT)
         self._now = self._text(left + width, top - 34, "", 15.0, ha="right", fontweight="bold", color=ERROR)
         self._name = self._text(left - 50, 430, "", 9.5, ha="left", fontweight="bold", color=ERROR)

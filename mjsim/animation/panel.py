@@ -15,7 +15,7 @@ from mjsim.animation.encode import ERROR
 from mjsim.animation.layout import DPI, PANEL, Layout, fitted, font
 from mjsim.animation.story import Story
 from mjsim.ballbar.kinds import kind_of
-from mjsim.machine.chain import AXES, LINEAR
+from mjsim.machine.chain import is_linear
 from mjsim.plots import style
 from mjsim.plots.output import conditions
 from mjsim.plots.polar import PolarTrace, draw_polar, scale_text
@@ -130,8 +130,8 @@ class Panel:
             rows.append(("difference", _micro(story.error.at(time)), _COLOURS["error"]))
         self._column(draw, 30, 262, rows)
         axes = [
-            (a, f"{q / (MM if a in LINEAR else DEG):.3f} {'mm' if a in LINEAR else '° '}".replace("-", "−"), style.INK)
-            for a, q in zip(AXES, story.position(time), strict=True)
+            (a, f"{q / (MM if is_linear(a) else DEG):.3f} {'mm' if is_linear(a) else '° '}".replace("-", "−"), style.INK)
+            for a, q in zip(story.test.chain.letters, story.position(time), strict=True)
         ]
         self._column(draw, 312, 490, axes)
         draw.line([(px(287), px(_ROWS - 12)), (px(287), px(_ROWS + 4.6 * _ROW))], fill=style.GRID, width=1)

@@ -16,7 +16,6 @@ from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.errors import InputError
 from mjsim.io.resources import scene_file
-from mjsim.machine.chain import AXES
 
 #: The camera that follows the bar; all others are the model's.
 BAR = "bar"
@@ -82,7 +81,7 @@ class Stage:
         self.test, self.shadows = test, shadows
         #: The frame in which the trail stands still: the table, where the bar goes round in the work's frame.
         self.carrier = self.model.body("table" if kind_of(test).moves_on_table else "y_slide").id
-        self._joints = np.array([self.model.joint(a).qposadr[0] for a in AXES])
+        self._joints = np.array([self.model.joint(a).qposadr[0] for a in test.chain.letters])
         with advice(chosen()):  # without a display, GLFW's context fails only here
             self._gpu = mujoco.MjrContext(self.model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._gpu)

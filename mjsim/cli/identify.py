@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
+from mjsim.machine.chain import FIVE_AXIS
 
 
 @click.group("identify")
@@ -16,7 +17,7 @@ def command() -> None:
 
 @command.command("pitch-error")
 @common.campaign_argument
-@click.option("--axis", type=click.Choice(["A", "C"]), help="Rotary axis (default: every one that has tangential tests).")
+@click.option("--axis", type=click.Choice(FIVE_AXIS.rotary), help="Rotary axis (default: every one that has tangential tests).")
 @common.machine_option
 @click.option("--per-direction", is_flag=True, help="Keep CW and CCW apart even where they agree.")
 @click.option("--write", type=click.Path(path_type=Path, dir_okay=False), help="Save the machine with the pitch errors put in.")

@@ -8,6 +8,7 @@ import click
 
 from mjsim.cli import common, nc_feed
 from mjsim.cli import nc_options as options
+from mjsim.machine.chain import is_rotary
 
 
 class _NC(click.Group):
@@ -158,12 +159,11 @@ def axes_json(motion) -> dict:
     """Travel and speed of each axis: from, to, min, max in mm or °; slowest, mean and fastest block in mm/min or °/min."""
     import numpy as np
 
-    from mjsim.machine.chain import AXES
     from mjsim.nc.limits import scale
 
     rows = {}
     speeds = np.abs(motion.speeds())
-    for i, a in enumerate(AXES):
+    for i, a in enumerate(motion.chain.letters):
         q, v = motion.axes[:, i] / scale(a), speeds[:, i] / scale(a) * 60.0
         mean = float(v @ motion.seconds / motion.duration)
         rows[a] = {
@@ -186,7 +186,7 @@ def _show(data: dict, said: str, as_json: bool, quiet: bool) -> None:
         common.table(
             ["axis", "from", "to", "lowest", "highest", "mean /min", "max /min"],
             [
-                [f"{a} {'°' if a in 'AC' else 'mm'}", *(f"{r[k]:.3f}" for k in ("from", "to", "min", "max")),
+                [f"{a} {'°' if is_rotary(a) else 'mm'}", *(f"{r[k]:.3f}" for k in ("from", "to", "min", "max")),
                  *(f"{r[k]:.1f}" for k in ("mean_speed_per_min", "max_speed_per_min"))]
                 for a, r in data["axes"].items()
             ],

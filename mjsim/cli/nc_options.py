@@ -7,9 +7,10 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
+from mjsim.machine.chain import FIVE_AXIS
 
-AXES = click.Choice(["X", "Y", "Z", "A", "C"])
-ROTARY = click.Choice(["A", "C"])
+AXES = click.Choice(FIVE_AXIS.letters)
+ROTARY = click.Choice(FIVE_AXIS.rotary)
 
 
 dialect = click.option(

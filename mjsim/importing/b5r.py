@@ -18,6 +18,7 @@ from defusedxml import DefusedXmlException
 
 from mjsim.errors import InputError
 from mjsim.io.inputs import file_bytes, is_file
+from mjsim.machine.chain import FIVE_AXIS
 
 _LARGEST = 10_000_000
 #: Data type -> unit as it is shown. The factors to other units are left to whoever converts.
@@ -34,7 +35,7 @@ _ELEMENTS = {
     "programmed_feedrate": "PROGRAMMED_FEEDRATE",
     "nominal_length": "NOMINAL_LENGTH",
 }
-_PLANES = {a + b for a in "XYZ" for b in "XYZ" if a != b}
+_PLANES = {a + b for a in FIVE_AXIS.linear for b in FIVE_AXIS.linear if a != b}
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from mjsim.importing.b5r import Feature, Imported, read_b5r
 from mjsim.importing.into_campaign import campaign_file, test_name
 from mjsim.io.files import check_writable, write_all
 from mjsim.io.inputs import file_bytes
+from mjsim.machine.chain import FIVE_AXIS
 from mjsim.units import unit_of
 
 #: Feature -> the effects that cause it in mjsim's catalogue. {a}, {b}: first and second axis of the plane; {own}, {other}: the axis
@@ -34,7 +35,7 @@ _CAUSES: tuple[tuple[re.Pattern, tuple[str, ...]], ...] = (
 )
 _LARGEST = 20_000_000
 _CIRCULARITY = "AF_CIRCULARITY"
-_PLANES = {frozenset("XY"): "XY", frozenset("YZ"): "YZ", frozenset("ZX"): "ZX"}
+_PLANES = {frozenset(plane): plane for plane in FIVE_AXIS.planes}
 
 
 def features_folder(campaign: Campaign | str | Path) -> Path:

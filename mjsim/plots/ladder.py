@@ -73,10 +73,10 @@ def ladder_figure(steps: Sequence[LadderStep], noise_um: float | None = None, ti
         axes.set_ylim(0.0, max([*values, noise_um or 0.0, 1e-3]) * 1.22)
         axes.yaxis.set_major_formatter(lambda v, _: style.number(round(v, 6)))
     if noise_um is not None:
-        axes.axhline(noise_um, color=style.AXIS_COLOURS["X"], linewidth=0.9, linestyle=(0, (4, 2)), zorder=1)
+        axes.axhline(noise_um, color=style.NOISE, linewidth=0.9, linestyle=(0, (4, 2)), zorder=1)
         axes.annotate(
             f"noise floor\n{style.micrometres(noise_um)}", (1.0, noise_um), xycoords=("axes fraction", "data"), xytext=(5.0, 0.0),
-            textcoords="offset points", ha="left", va="center", fontsize=style.SMALL, color=style.AXIS_COLOURS["X"], annotation_clip=False,
+            textcoords="offset points", ha="left", va="center", fontsize=style.SMALL, color=style.NOISE, annotation_clip=False,
         )  # fmt: skip
     axes.set_xlim(-0.5, len(steps) - 0.5)
     axes.set_xticks(places, labels=labels)

@@ -149,7 +149,7 @@ def draw_curves(axes: PolarAxes, curves: PitchCurves, degrees_per_div: float | N
     turn = np.linspace(0.0, 2 * np.pi, 361) if np.ptp(x) > 300.0 else np.linspace(angle.min(), angle.max(), 181)
     for circle in (0.0, _APART * step):
         axes.plot(turn, np.full_like(turn, circle), color=style.NOMINAL, linewidth=0.6, zorder=2)
-    axes.plot(angle, raw + _APART * step, color=style.AXIS_COLOURS["X"], linewidth=0.7, zorder=3, label="raw data, further out")
+    axes.plot(angle, raw + _APART * step, color=style.NOISE, linewidth=0.7, zorder=3, label="raw data, further out")
     axes.plot(angle, modified, color=style.MEASURED, linewidth=1.5, zorder=4, label="modified data")
     axes.plot(angle, identified, color=style.SIMULATED, linewidth=0.6, zorder=5, label="identified data")
     if np.ptp(x) < 100.0:

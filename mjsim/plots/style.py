@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from mjsim.machine.chain import FIVE_AXIS
+
 if TYPE_CHECKING:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -22,7 +24,9 @@ MEASURED = "#222222"
 SIMULATED = "#d9480f"
 
 #: Axis letter (ISO 841) -> colour; always drawn with its letter, so that nothing hangs on the colour alone.
-AXIS_COLOURS = {"X": "#0072b2", "Y": "#007a5a", "Z": "#8a6d00", "A": "#b3007d", "C": "#5b3fb5"}
+AXIS_COLOURS = dict(zip(FIVE_AXIS.letters, ("#0072b2", "#007a5a", "#8a6d00", "#b3007d", "#5b3fb5"), strict=True))
+#: Colour of the noise level.
+NOISE = "#0072b2"
 
 #: Font sizes in points.
 TITLE, TEXT, SMALL = 10.5, 8.5, 7.5
