@@ -151,7 +151,7 @@ class Workshop:
         mujoco.mj_resetData(model, data)
         ops = plant.op_table(plan.test.name, plan.test.started)
         sent, control = self._controls(plan, plant)
-        mjmodel.set_test(model, plan.test, sent[0, :5], ops)
+        mjmodel.set_test(model, plan.test, sent[0, : plan.test.chain.count], ops)
         set_at_rest(model, data, plan.test, ops, sent[0])
         initial = np.zeros(mujoco.mj_stateSize(model, _STATE))
         mujoco.mj_getState(model, data, initial, _STATE)

@@ -7,13 +7,14 @@ from functools import cache
 import mujoco
 import numpy as np
 
+from mjsim.errors import InputError
 from mjsim.io.resources import model_file
-from mjsim.machine.chain import AXES
+from mjsim.machine.chain import FIVE_AXIS, Chain
 
 
-def own_inertia(model: mujoco.MjModel) -> np.ndarray:
-    """Inertia of the bodies that each axis of ``model`` moves, (5,) kg and kg·m², order X, Y, Z, A, C; armatures are set to zero."""
-    dofs = [model.joint(a).dofadr[0] for a in AXES]
+def own_inertia(model: mujoco.MjModel, chain: Chain = FIVE_AXIS) -> np.ndarray:
+    """Inertia of the bodies that each axis of ``model`` moves, (axes,) kg and kg·m²; armatures are set to zero."""
+    dofs = [model.joint(a).dofadr[0] for a in chain.letters]
     model.dof_armature[dofs] = 0.0
     data = mujoco.MjData(model)
     mujoco.mj_fwdPosition(model, data)  # no more than the mass matrix needs: no callback is called
@@ -22,14 +23,29 @@ def own_inertia(model: mujoco.MjModel) -> np.ndarray:
     return np.diag(mass)[dofs]
 
 
+def check_model(chain: Chain) -> None:
+    """Refuse a machine whose bodies are not known.
+
+    Raises:
+        InputError: there is no MuJoCo model with these axes.
+    """
+    if chain != FIVE_AXIS:
+        raise InputError(f"configuration {chain.configuration!r} has no MuJoCo model; allowed: {FIVE_AXIS.configuration!r}")
+
+
 @cache
-def moving_bodies() -> np.ndarray:
-    """:func:`own_inertia` of the MJCF as it ships."""
+def moving_bodies(chain: Chain) -> np.ndarray:
+    """:func:`own_inertia` of the MJCF as it ships.
+
+    Raises:
+        InputError: no MJCF ships for these axes.
+    """
+    check_model(chain)
     return own_inertia(mujoco.MjModel.from_xml_path(str(model_file())))
 
 
 def bodies_scale(own: np.ndarray, wanted: np.ndarray) -> float:
-    """Factor to the solids' densities so that no axis' solids ``own`` outweigh its drive's whole inertia ``wanted``, (5,) each.
+    """Factor to the solids' densities so that no axis' solids ``own`` outweigh its drive's whole inertia ``wanted``, (axes,) each.
 
     5 % of every axis stays on the motor side.
     """

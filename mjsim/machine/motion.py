@@ -14,10 +14,10 @@ class Motion:
     Attributes:
         time: s from the program's start, (n,).
         clock: s on the campaign clock, (n,).
-        position: load-side axis positions so far, (n, 5) m and rad, order X, Y, Z, A, C.
-        velocity, acceleration: their rates, (n, 5).
-        since_reversal: s since each axis last reversed or started to move, (n, 5).
-        torque: of each motor, N·m, less what gravity takes, (n, 5): J dω/dt + C ω + friction (paper, Fig. 2).
+        position: load-side axis positions so far, (n, axes) m and rad, in the order of the machine's chain.
+        velocity, acceleration: their rates, (n, axes).
+        since_reversal: s since each axis last reversed or started to move, (n, axes).
+        torque: of each motor, N·m, less what gravity takes, (n, axes): J dω/dt + C ω + friction (paper, Fig. 2).
     """
 
     time: np.ndarray

@@ -101,7 +101,8 @@ class Plant:
         ``damping_ratio`` is that of the bodies on the spring with the motor held.
         """
         drive = self.axes[axis]
-        load = moving_bodies()[self.chain.index(axis)] * bodies_scale(moving_bodies(), self.whole_inertia())
+        bodies = moving_bodies(self.chain)
+        load = bodies[self.chain.index(axis)] * bodies_scale(bodies, self.whole_inertia())
         drive.load_inertia = load / drive.gear**2
         drive.stiffness = stiffness / drive.gear**2
         drive.damping = 2.0 * damping_ratio * float(np.sqrt(drive.stiffness * drive.load_inertia))

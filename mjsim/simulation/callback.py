@@ -1,7 +1,7 @@
 """The compiled control callback: drives and transmissions advance, generalized forces carry the joints to the load side.
 
 At each instant MuJoCo calls :func:`control` (as ``mjcb_control``). It reads the axis commands of the next instant from ``ctrl``
-(and behind them what a user's own effects add to the axes there), advances the five motors by one step
+(and behind them what a user's own effects add to the axes there), advances the motors by one step
 (:mod:`mjsim.simulation.drive`), passes them through the transmission (:mod:`mjsim.simulation.transmission`), and applies the generalized
 forces ``M a + bias − passive`` that bring every joint to its load-side position one step later. MuJoCo's semi-implicit step is a
 leapfrog scheme when its velocities are read as half-step velocities, so the positions are those of the drives exactly and the
@@ -31,9 +31,13 @@ from mjsim.simulation.transmission import MEMORY, apply_ops
 #: Name of the numeric block in the model.
 NUMERIC = "mjsim"
 # header of the block
-STEP_, N_OPS, CLOCK, N_JOINTS, N_CONTROLS = range(5)
-JOINTS, START, SUBSTEPS_, HEADER = 8, 17, 22, 27
-MAX_JOINTS = 9
+STEP_, N_OPS, CLOCK, N_JOINTS, N_CONTROLS, N_AXES = range(6)
+#: Most axes, and most joints: the axes and the rotary table's error motion.
+MAX_AXES, MAX_JOINTS = 6, 10
+JOINTS = 8
+START = JOINTS + MAX_JOINTS
+SUBSTEPS_ = START + MAX_AXES
+HEADER = SUBSTEPS_ + MAX_AXES
 # userdata: time reached, load-side targets, accelerations that the joints need, then the drives' and operations' memory
 REACHED, TARGET, WANTED, MEMORIES = 0, 1, 1 + MAX_JOINTS, 1 + 2 * MAX_JOINTS
 
@@ -46,9 +50,9 @@ _QPOS, _QVEL, _CTRL, _FRC, _BIAS, _PASSIVE, _USER, _MASS, _TIME = (
 _WORDS = 1 << 16
 
 
-def userdata_size(n_ops: int) -> int:
+def userdata_size(n_axes: int, n_ops: int) -> int:
     """Numbers of userdata that the callback needs."""
-    return MEMORIES + 5 * STATE_SIZE + n_ops * MEMORY
+    return MEMORIES + n_axes * STATE_SIZE + n_ops * MEMORY
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -57,15 +61,16 @@ def advance_machine(block, user, ctrl, bias, passive, time):
     step = block[STEP_]
     if time > 0.0 and user[REACHED] == time + step:
         return
-    n_ops = int(block[N_OPS])
-    ops = block[HEADER + 5 * AXIS_SIZE : HEADER + 5 * AXIS_SIZE + n_ops * OP_SIZE].reshape((n_ops, OP_SIZE))
-    drives = user[MEMORIES : MEMORIES + 5 * STATE_SIZE]
-    memory = user[MEMORIES + 5 * STATE_SIZE : MEMORIES + 5 * STATE_SIZE + n_ops * MEMORY].reshape((n_ops, MEMORY))
+    n_axes, n_ops = int(block[N_AXES]), int(block[N_OPS])
+    behind, kept = HEADER + n_axes * AXIS_SIZE, MEMORIES + n_axes * STATE_SIZE
+    ops = block[behind : behind + n_ops * OP_SIZE].reshape((n_ops, OP_SIZE))
+    drives = user[MEMORIES:kept]
+    memory = user[kept : kept + n_ops * MEMORY].reshape((n_ops, MEMORY))
     q = user[TARGET : TARGET + MAX_JOINTS]
     clock = block[CLOCK] + time
     if time == 0.0:
         q[:] = 0.0
-        for i in range(5):
+        for i in range(n_axes):
             start(
                 block[HEADER + i * AXIS_SIZE : HEADER + (i + 1) * AXIS_SIZE],
                 drives[i * STATE_SIZE : (i + 1) * STATE_SIZE],
@@ -73,17 +78,17 @@ def advance_machine(block, user, ctrl, bias, passive, time):
             )
             q[i] = block[START + i]
         apply_ops(ops, memory, q, clock, True)
-    q[5:] = 0.0
-    for i in range(5):
+    q[n_axes:] = 0.0
+    for i in range(n_axes):
         p = block[HEADER + i * AXIS_SIZE : HEADER + (i + 1) * AXIS_SIZE]
         s = drives[i * STATE_SIZE : (i + 1) * STATE_SIZE]
         joint, substeps = int(block[JOINTS + i]), int(block[SUBSTEPS_ + i])
         advance(p, s, ctrl[i], (bias[joint] - passive[joint]) / p[GEAR], step / substeps, substeps)
         q[i] = s[LOAD] / p[GEAR]
     apply_ops(ops, memory, q, clock + step, False)
-    if len(ctrl) > 5:  # what the user's own effects add
-        for i in range(5):
-            q[i] += ctrl[5 + i]
+    if len(ctrl) > n_axes:  # what the user's own effects add
+        for i in range(n_axes):
+            q[i] += ctrl[n_axes + i]
     user[REACHED] = time + step
 
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.io.resources import model_file
-from mjsim.machine.bodies import bodies_scale, own_inertia
-from mjsim.machine.chain import AXES, FIVE_AXIS, ROTARY
+from mjsim.machine.bodies import bodies_scale, check_model, own_inertia
+from mjsim.machine.chain import Chain
 from mjsim.machine.kinematics import Geometry
 from mjsim.machine.plant import OP_SIZE, Plant
 from mjsim.simulation import callback
@@ -18,12 +18,6 @@ from mjsim.simulation.drive import AXIS_SIZE, STEP, SUBSTEPS, discretise, subste
 
 #: Sensors of the simulated model: where the two balls are.
 BALLS = ("spindle_ball_pos", "table_ball_pos")
-
-#: Joints of the rotary table's own error motion, in the order in which they act (outermost first): tilt, then displacement.
-TABLE_JOINTS = ("EXC", "EYC", "EAC", "EBC")
-
-#: Squareness -> the joint that is turned, the coordinate of its axis that changes, and the sign.
-SQUARENESS = {"XY": ("Y", 0, 1.0), "YZ": ("Z", 1, -1.0), "ZX": ("Z", 0, 1.0)}
 
 
 def build_model(plant: Plant, step: float = STEP, substeps: int = SUBSTEPS) -> mujoco.MjModel:
@@ -37,7 +31,7 @@ def build_model(plant: Plant, step: float = STEP, substeps: int = SUBSTEPS) -> m
         A model whose numeric ``mjsim`` holds everything the callback needs except the test (:func:`for_test`).
     """
     model = compile_structure(plant, step)
-    return with_numbers(model, plant, own_inertia(model), step, substeps)
+    return with_numbers(model, plant, own_inertia(model, plant.chain), step, substeps)
 
 
 def structure(plant: Plant) -> tuple:
@@ -46,16 +40,22 @@ def structure(plant: Plant) -> tuple:
 
 
 def compile_structure(plant: Plant, step: float = STEP) -> mujoco.MjModel:
-    """The compiled bodies, joints and sizes of a plant, without its numbers."""
+    """The compiled bodies, joints and sizes of a plant, without its numbers.
+
+    Raises:
+        InputError: the machine has other axes than the model that ships.
+    """
+    check_model(plant.chain)
+    count = plant.chain.count
     spec = mujoco.MjSpec.from_file(str(model_file()))
     spec.option.timestep = step
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT) | int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
-    spec.nuserdata = callback.userdata_size(len(plant.ops))
-    spec.add_numeric(name=callback.NUMERIC, data=np.zeros(callback.HEADER + 5 * AXIS_SIZE + len(plant.ops) * OP_SIZE))
+    spec.nuserdata = callback.userdata_size(count, len(plant.ops))
+    spec.add_numeric(name=callback.NUMERIC, data=np.zeros(callback.HEADER + count * AXIS_SIZE + len(plant.ops) * OP_SIZE))
     _strip(spec)
-    if plant.width > len(AXES):
-        _add_table_joints(spec)
-    _set_controls(spec, ("", " own effects") if plant.python_effects else ("",))
+    if plant.width > count:
+        _add_table_joints(spec, plant.chain)
+    _set_controls(spec, plant.chain, ("", " own effects") if plant.python_effects else ("",))
     model = spec.compile()
     model.actuator_gainprm[:] = 0.0
     return model
@@ -64,18 +64,18 @@ def compile_structure(plant: Plant, step: float = STEP) -> mujoco.MjModel:
 def with_numbers(model: mujoco.MjModel, plant: Plant, own: np.ndarray, step: float = STEP, substeps: int = SUBSTEPS) -> mujoco.MjModel:
     """A copy of ``model``, compiled of a plant of the same :func:`structure`, with the numbers of ``plant``.
 
-    ``own`` (5,) is :func:`mjsim.machine.bodies.own_inertia` of ``model``.
+    ``own`` (axes,) is :func:`mjsim.machine.bodies.own_inertia` of ``model``.
     """
     model = copy.copy(model)
     if plant.geometry.location or plant.geometry.squareness:
-        _displace_axes(model, plant.geometry)
-        own = own_inertia(model)
+        _displace_axes(model, plant.chain, plant.geometry)
+        own = own_inertia(model, plant.chain)
     if _balanced(model):
         model.opt.gravity[:] = 0.0  # what is balanced body by body need not be computed twice at every step
     _set_inertia(model, plant, own)
     block = model.numeric(callback.NUMERIC).data
     block[:] = _block(plant, plant.op_table(), step, substeps)
-    joints = AXES if plant.width == len(AXES) else (*AXES, *TABLE_JOINTS)
+    joints = plant.chain.columns[: plant.width]
     block[callback.N_JOINTS], block[callback.N_CONTROLS] = len(joints), model.nu
     for i, name in enumerate(joints):
         block[callback.JOINTS + i] = model.joint(name).dofadr[0]
@@ -83,13 +83,14 @@ def with_numbers(model: mujoco.MjModel, plant: Plant, own: np.ndarray, step: flo
 
 
 def _block(plant: Plant, ops: np.ndarray, step: float, substeps: int) -> np.ndarray:
-    block = np.zeros(callback.HEADER + 5 * AXIS_SIZE + ops.size)
-    block[callback.STEP_], block[callback.N_OPS] = step, len(ops)
-    for i, a in enumerate(AXES):
+    count = plant.chain.count
+    block = np.zeros(callback.HEADER + count * AXIS_SIZE + ops.size)
+    block[callback.STEP_], block[callback.N_OPS], block[callback.N_AXES] = step, len(ops), count
+    for i, a in enumerate(plant.chain.letters):
         at = callback.HEADER + i * AXIS_SIZE
         block[callback.SUBSTEPS_ + i] = mine = substeps_of(plant.axes[a], step, substeps)
         block[at : at + AXIS_SIZE] = discretise(plant.axes[a], step / mine)
-    block[callback.HEADER + 5 * AXIS_SIZE :] = ops.ravel()
+    block[callback.HEADER + count * AXIS_SIZE :] = ops.ravel()
     assert ops.shape[1] == OP_SIZE
     return block
 
@@ -106,7 +107,7 @@ def _strip(spec: mujoco.MjSpec) -> None:
         spec.delete(unused)
 
 
-def _set_controls(spec: mujoco.MjSpec, suffixes: tuple[str, ...]) -> None:
+def _set_controls(spec: mujoco.MjSpec, chain: Chain, suffixes: tuple[str, ...]) -> None:
     """Replace the viewer's actuators: one control per suffix and axis, in the order in which the callback reads them.
 
     By themselves they move nothing.
@@ -114,7 +115,7 @@ def _set_controls(spec: mujoco.MjSpec, suffixes: tuple[str, ...]) -> None:
     for viewers in (*spec.actuators, *spec.keys):
         spec.delete(viewers)
     for suffix in suffixes:
-        for axis in AXES:
+        for axis in chain.letters:
             spec.add_actuator(name=axis + suffix, target=axis, trntype=mujoco.mjtTrn.mjTRN_JOINT)
 
 
@@ -123,31 +124,34 @@ def _balanced(model: mujoco.MjModel) -> bool:
     return bool((model.body_gravcomp[model.body_weldid != 0] == 1.0).all())
 
 
-def _add_table_joints(spec: mujoco.MjSpec) -> None:
-    """Four joints between cradle and table for its error motion; the C joint stays innermost."""
+def _add_table_joints(spec: mujoco.MjSpec, chain: Chain) -> None:
+    """Four joints between cradle and table for its error motion, tilt outermost; the table axis stays innermost."""
     table = spec.body("table")
-    old = spec.joint("C")
+    old = spec.joint(chain.table_axis)
     spin = {k: getattr(old, k) for k in ("axis", "armature")}
     spec.delete(old)
     slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
-    for name, kind, axis in (("EAC", hinge, [1, 0, 0]), ("EBC", hinge, [0, 1, 0]), ("EXC", slide, [1, 0, 0]), ("EYC", slide, [0, 1, 0])):
-        table.add_joint(name=name, type=kind, axis=axis)
-    table.add_joint(name="C", type=hinge, **spin)
+    first, second = chain.axis(chain.table_axis).across
+    shift_1, shift_2, tilt_1, tilt_2 = chain.table_motion
+    for name, kind, along in ((tilt_1, hinge, first), (tilt_2, hinge, second), (shift_1, slide, first), (shift_2, slide, second)):
+        table.add_joint(name=name, type=kind, axis=np.eye(3)[along])
+    table.add_joint(name=chain.table_axis, type=hinge, **spin)
 
 
-def _displace_axes(model: mujoco.MjModel, geometry: Geometry) -> None:
+def _displace_axes(model: mujoco.MjModel, chain: Chain, geometry: Geometry) -> None:
     """Location errors move and turn the frames of the rotary axes, squareness turns the joints of the linear ones.
 
     This is done in the compiled model: the compiler would normalise a turned joint axis and so scale its travel by 1 + α²/2.
     """
-    for axis in ROTARY:
+    for axis in chain.rotary:
         body = model.body(int(model.joint(axis).bodyid[0]))
-        shift, turn = geometry.displacement(FIVE_AXIS, axis)
+        shift, turn = geometry.displacement(chain, axis)
         body.pos[:] += shift
         mujoco.mju_mat2Quat(body.quat, (rotation_of(body.quat) @ turn).ravel())
-    for name, (joint, row, sign) in SQUARENESS.items():
-        # the Y slide carries the table: moving it by +α is moving the spindle ball by −α relative to it
-        model.joint(joint).axis[row] += sign * geometry.squareness.get(name, 0.0)
+    for error in chain.squareness:
+        # a slide that carries the table: moving it by +α is moving the spindle ball by −α relative to it
+        side = -1.0 if chain.axis(error.axis) in chain.work else 1.0
+        model.joint(error.axis).axis[error.along] += side * error.sign * geometry.squareness.get(error.name, 0.0)
 
 
 def rotation_of(quat: np.ndarray) -> np.ndarray:
@@ -159,7 +163,7 @@ def rotation_of(quat: np.ndarray) -> np.ndarray:
 
 def _set_inertia(model: mujoco.MjModel, plant: Plant, own: np.ndarray) -> None:
     """Bodies' own inertia plus armature add up to J·gear² (armature is never negative: solids are scaled down instead)."""
-    dofs = [model.joint(a).dofadr[0] for a in AXES]
+    dofs = [model.joint(a).dofadr[0] for a in plant.chain.letters]
     want = plant.whole_inertia()
     scale = bodies_scale(own, want)
     if scale < 1.0:
@@ -170,7 +174,7 @@ def _set_inertia(model: mujoco.MjModel, plant: Plant, own: np.ndarray) -> None:
 
 
 def for_test(model: mujoco.MjModel, test: BallBarTest, start: np.ndarray, ops: np.ndarray) -> mujoco.MjModel:
-    """A copy of ``model`` for one test: ball on the table, campaign clock, first command (5,), its operations (n, OP_SIZE)."""
+    """A copy of ``model`` for one test: ball on the table, campaign clock, first command (axes,), its operations (n, OP_SIZE)."""
     model = copy.copy(model)
     set_test(model, test, start, ops)
     return model
@@ -181,5 +185,5 @@ def set_test(model: mujoco.MjModel, test: BallBarTest, start: np.ndarray, ops: n
     model.body("table_fixture").pos[:] = test.table_ball
     block = model.numeric(callback.NUMERIC).data
     block[callback.CLOCK] = test.started
-    block[callback.START : callback.START + 5] = start
-    block[callback.HEADER + 5 * AXIS_SIZE :] = ops.ravel()
+    block[callback.START : callback.START + len(start)] = start
+    block[callback.HEADER + len(start) * AXIS_SIZE :] = ops.ravel()

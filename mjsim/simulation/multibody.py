@@ -15,7 +15,6 @@ from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
 from mjsim.errors import InputError, SimulationError
 from mjsim.io.extras import need
-from mjsim.machine.chain import AXES, LINEAR
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant
 from mjsim.simulation import callback, mjmodel
@@ -37,7 +36,7 @@ class Simulation:
 
     Attributes:
         test: the test. time: (n,) s from the program's start. phi: (n,) rad.
-        command, position: commanded and actual (load-side) axis positions, (n, 5) m and rad, order X, Y, Z, A, C.
+        command, position: commanded and actual (load-side) axis positions, (n, axes) m and rad, in the order of the test's chain.
         deviation: ball-bar reading, (n,) m, positive outward: distance of the two sites less the bar's length.
     """
 
@@ -50,7 +49,7 @@ class Simulation:
 
     def columns(self) -> dict[str, np.ndarray]:
         """Everything by name, (n,) each: time_s, phi_deg, deviation_um, then commanded and actual positions in mm and degrees."""
-        units = {a: ("mm", MM) if a in LINEAR else ("deg", DEG) for a in AXES}
+        units = {a.letter: ("deg", DEG) if a.rotary else ("mm", MM) for a in self.test.chain.axes}
         out = {"time_s": self.time, "phi_deg": self.phi / DEG, "deviation_um": self.deviation / UM}
         for what, q in (("command", self.command), ("actual", self.position)):
             out |= {f"{a}_{what}_{name}": x * (1 / size) for (a, (name, size)), x in zip(units.items(), q.T, strict=True)}
@@ -102,6 +101,7 @@ def simulate_each(
     check_stable(plant)
     model = mjmodel.build_model(plant, step, substeps)
     tests = list(tests)
+    check_axes(plant, tests)
 
     # in the calling thread, where calls of a user's own code have a time limit
     own = [own_effects(plant, t, _grid(Program(t), step)) if plant.python_effects else None for t in tests]
@@ -114,6 +114,20 @@ def simulate_each(
 
     with callback.installed(), ThreadPoolExecutor(max(1, min(threads, len(tests)))) as pool:
         return list(pool.map(one, tests, own))
+
+
+def check_axes(plant: Plant, tests: Iterable[BallBarTest]) -> None:
+    """Refuse tests of a machine with other axes.
+
+    Raises:
+        InputError: names the test and both configurations.
+    """
+    for test in tests:
+        if test.chain != plant.chain:
+            raise InputError(
+                f"test {test.name}: is of a machine with the configuration {test.chain.configuration!r}; "
+                f"allowed: {plant.chain.configuration!r}, that of the machine which shall run it"
+            )
 
 
 class Reading(NamedTuple):
@@ -129,7 +143,7 @@ def reading_of(s: Simulation) -> Reading:
 
 
 class Prepared(NamedTuple):
-    """One test at rest: program, time grid (n,), its commands (n, 5), controls (n, nu) at every instant, model and data."""
+    """One test at rest: program, time grid (n,), its commands (n, axes), controls (n, nu) at every instant, model and data."""
 
     program: Program
     time: np.ndarray
@@ -152,7 +166,7 @@ def prepare(model: mujoco.MjModel, plant: Plant, test: BallBarTest, step: float 
         plant: the machine's numbers.
         test: what is run.
         step: time step, s.
-        added: what the user's own effects add to the axes, (n, 5) m and rad; computed where it is left out.
+        added: what the user's own effects add to the axes, (n, axes) m and rad; computed where it is left out.
     """
     program = Program(test)
     time = _grid(program, step)
@@ -170,10 +184,11 @@ def prepare(model: mujoco.MjModel, plant: Plant, test: BallBarTest, step: float 
 def set_at_rest(model: mujoco.MjModel, data: mujoco.MjData, test: BallBarTest, ops: np.ndarray, sent: np.ndarray) -> None:
     """Put the joints of ``data`` where the machine rests on its first controls ``sent`` (nu,), with the operations ``ops`` of ``test``."""
     first = np.zeros(callback.MAX_JOINTS)
-    first[:5] = sent[:5]
+    count = test.chain.count
+    first[:count] = sent[:count]
     apply_ops(ops, np.zeros((len(ops), MEMORY)), first, test.started, True)
-    if len(sent) > 5:
-        first[:5] += sent[5:]
+    if len(sent) > count:
+        first[:count] += sent[count:]
     block = model.numeric(callback.NUMERIC).data
     for i in range(int(block[callback.N_JOINTS])):
         data.qpos[int(block[callback.JOINTS + i])] = first[i]
@@ -215,7 +230,7 @@ def _collect(program: Program, time: np.ndarray, command: np.ndarray, model, dat
     deviation = np.linalg.norm(bar[:, :3] - bar[:, 3:], axis=1) - program.test.length
     if not np.isfinite(deviation).all():
         raise not_finite(program.test)
-    position = q[:, [model.joint(a).qposadr[0] for a in AXES]]
+    position = q[:, [model.joint(a).qposadr[0] for a in program.test.chain.letters]]
     return Simulation(program.test, time, program.phi(time), command, position, deviation)
 
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from mjsim.machine.chain import AXES
 from mjsim.machine.motion import Motion
 
 if TYPE_CHECKING:
@@ -23,18 +22,19 @@ class MotionTracker:
 
     def __init__(self, step: float, started: float, plant: Plant) -> None:
         self.step, self.started = step, started
-        axes = [plant.axes[a] for a in AXES]
+        axes = [plant.axes[a] for a in plant.chain.letters]
         self._gear, self._inertia, self._viscous, self._coulomb, self._presliding = (
             np.array([getattr(a, n) for a in axes]) for n in ("gear", "inertia", "viscous", "coulomb", "presliding")
         )
-        self._bristle = np.zeros(5)
+        count = len(axes)
+        self._bristle = np.zeros(count)
         self._last: np.ndarray | None = None
-        self._velocity, self._sign, self._turned = np.zeros(5), np.zeros(5), np.zeros(5)
+        self._velocity, self._sign, self._turned = np.zeros(count), np.zeros(count), np.zeros(count)
 
     def follow(self, time: np.ndarray, position: np.ndarray) -> Motion:
-        """The motion at the instants ``time`` (n,), one step apart and following the earlier ones; ``position`` (n, 5)."""
+        """The motion at the instants ``time`` (n,), one step apart and following the earlier ones; ``position`` (n, axes)."""
         if self._last is None:
-            self._last, self._turned = position[0], np.full(5, time[0])
+            self._last, self._turned = position[0], np.full(len(self._gear), time[0])
         velocity = np.diff(position, axis=0, prepend=np.array(self._last)[None]) / self.step
         acceleration = np.diff(velocity, axis=0, prepend=self._velocity[None]) / self.step
         sign = np.sign(np.where(np.abs(velocity) < 1e-9, 0.0, velocity))
@@ -64,7 +64,7 @@ def _shut(x: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _bristles(turned, presliding, z, out):
-    """Friction over the Coulomb level, (n, 5), from motor angles turned per instant: LuGre's bristles at slow sliding."""
+    """Friction over the Coulomb level, (n, axes), from motor angles turned per instant: LuGre's bristles at slow sliding."""
     for k in range(turned.shape[0]):
         for i in range(turned.shape[1]):
             d = turned[k, i]

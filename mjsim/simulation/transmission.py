@@ -64,7 +64,7 @@ def _increment(ops, memory, k, x, clock, first):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def apply_ops(ops, memory, q, clock, first):
-    """Motor-side axis positions ``q`` (5,) to load-side ones, in place.
+    """Motor-side axis positions ``q`` (axes,) to load-side ones, in place.
 
     Operations of one stage all start from the positions that the stage before left (a pitch error is a sum over one x), so
     their order within a stage does not matter.
@@ -90,7 +90,7 @@ def apply_ops(ops, memory, q, clock, first):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def transmit(ops, motor, clock):
-    """Load-side positions (n, 5) of a whole motion ``motor`` (n, 5) at campaign times ``clock`` (n,)."""
+    """Load-side positions (n, axes) of a whole motion ``motor`` (n, axes) at campaign times ``clock`` (n,)."""
     load = motor.copy()
     memory = np.zeros((ops.shape[0], MEMORY))
     for i in range(len(motor)):
@@ -100,7 +100,14 @@ def transmit(ops, motor, clock):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def reading_change(ops, load, clock, weight):
-    """What operations on a motion ``load`` (n, 5 or 9) change in a reading, (n,) m; ``weight`` (n, 5): its derivatives by the axes."""
+    """What operations change in a reading, (n,) m.
+
+    Args:
+        ops: as :func:`apply_ops`.
+        load: motion (n, axes), or with the table's error motion behind.
+        clock: (n,) s on the campaign clock.
+        weight: (n, axes) derivatives of the reading by the axes.
+    """
     row, out = np.empty(load.shape[1]), np.empty(len(load))
     memory = np.zeros((ops.shape[0], MEMORY))
     for i in range(len(load)):
@@ -108,7 +115,7 @@ def reading_change(ops, load, clock, weight):
             row[j] = load[i, j]
         apply_ops(ops, memory, row, clock[i], i == 0)
         total = 0.0
-        for j in range(5):
+        for j in range(weight.shape[1]):
             total += weight[i, j] * (row[j] - load[i, j])
         out[i] = total
     return out
