@@ -20,6 +20,7 @@ from mjsim.campaign.machine_file import machine_document, read_machine
 from mjsim.campaign.traces import read_trace
 from mjsim.effects import registry
 from mjsim.importing.b5r import read_b5r
+from mjsim.importing.b5r_runs import read_recorded
 from mjsim.importing.features import beside, imported_features
 from mjsim.importing.importer import import_traces
 from mjsim.importing.reading import Options
@@ -237,6 +238,19 @@ def test_b5r(tmp_path_factory, data):
     if got is not None:
         assert got.features and len(got.axes) in (0, 2)
         beside([got], {"backlash.X": {"width_um": 2.0}})
+
+
+@cases(150)
+@given(st.data())
+def test_b5r_runs(tmp_path_factory, data):
+    path = tmp_path_factory.getbasetemp() / "recorded.b5r"
+    text = B5R.replace(b"</BALLBAR_RUN>", b"<READINGS>1.5 2 -3.25 1e2 0 4 7</READINGS></BALLBAR_RUN>")
+    path.write_bytes(data.draw(spoiled(text)))
+    got = tried("import .b5r", read_recorded, path)
+    for run in got.runs if got is not None else ():
+        assert run.direction in ("CW", "CCW") and finite(run.spread, run.gap, *run.readings)
+        concluded = tried("import .b5r", lambda _, run=run: got.unit(run, Options()), path)
+        assert concluded is None or concluded[0] > 0
 
 
 B5R = b"""<?xml version="1.0" encoding="utf-8" standalone="yes"?>

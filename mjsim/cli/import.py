@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common, import_options
-from mjsim.cli.import_show import model_effects, show_features, show_traces
+from mjsim.cli.import_show import model_effects, runs_json, show_features, show_runs, show_traces
 
 
 @click.command("import")
@@ -28,8 +28,8 @@ def command(files, campaign, preview, no_check, show, force, as_json, quiet, **g
     options. Feed, bar length, plane and direction are read from English and German headers. The trace goes to traces/; a test that
     campaign.toml does not have yet is added. FILE=TEST names the test of each of several files.
 
-    Renishaw .b5r: header and diagnosed features go to imported/ and are shown beside mjsim's findings. How such a file stores the trace
-    is not published: export the trace as text and import that.
+    Renishaw .b5r: header and diagnosed features go to imported/ and are shown beside mjsim's findings. Its recorded runs become the
+    traces of the tests that fit the header, or that FILE=TEST names. The format is not published: look at --preview first.
 
     \b
     Example: mjsim import run1.csv --campaign my-machine --test circle-xy-ccw
@@ -41,6 +41,7 @@ def command(files, campaign, preview, no_check, show, force, as_json, quiet, **g
     """
     from mjsim.errors import InputError
     from mjsim.importing.b5r import looks_like_xml
+    from mjsim.importing.b5r_runs import read_recorded
     from mjsim.importing.features import import_features, imported_features, read_features
     from mjsim.importing.importer import import_traces
     from mjsim.importing.into_campaign import campaign_file
@@ -49,32 +50,38 @@ def command(files, campaign, preview, no_check, show, force, as_json, quiet, **g
     if not files and not show:
         raise click.UsageError("Missing argument 'FILES...' (or --show)")
     name, keys, options = import_options.read(given)
-    other = [f for f in files if looks_like_xml(f)]
-    tables = [_file_and_test(f) for f in files if f not in other]
-    if name and any(test for _, test in tables):
+    pairs = [_file_and_test(f) for f in files]
+    other = list(dict.fromkeys(f for f, _ in pairs if looks_like_xml(f)))
+    if name and any(test for _, test in pairs):
         raise click.UsageError("--test and FILE=TEST exclude each other")
     campaign_file(campaign)
-    if other and (keys or name):
-        option = "--test" if name else import_options.options()[next(iter(keys))]
-        raise InputError(f"{other[0]}: brings no trace, so that {option} has no meaning; allowed: --preview, --show, --force")
+    recorded = [read_recorded(f) for f in other]
+    empty = [r.path for r in recorded if not r.runs]
+    for path, test in pairs:
+        if path in empty and (keys or name or test):
+            option = "--test" if name else f"the test {test!r}" if test else import_options.options()[next(iter(keys))]
+            raise InputError(f"{path}: brings no trace, so that {option} has no meaning; allowed: --preview, --show, --force")
     # features are read, and their places looked at, before anything is written: one wrong file stops all
     read = read_features(campaign, other)
     for path in () if preview else read:
         check_writable(path, force)
-    traces = (
-        import_traces(campaign, [f for f, _ in tables], name or [t for _, t in tables], keys, options, force, preview, not no_check)
-        if tables
-        else []
-    )
+    pairs = [(f, test) for f, test in pairs if f not in empty]
+    names = name or [test for _, test in pairs]
+    traces = import_traces(campaign, [f for f, _ in pairs], names, keys, options, force, preview, not no_check) if pairs else []
     if other and not preview:
         import_features(campaign, other, force)
     known = imported_features(campaign) if show else list(read.values())
     rows = show_features(known, model_effects(campaign), silent=as_json or quiet) if known or show else []
     if as_json:
         headers = [{"source": i.source, **i.header} for i in known]
-        common.print_json({"campaign": str(campaign), "traces": [t.to_json() for t in traces], "headers": headers, "features": rows})
+        runs = [run for r in recorded for run in runs_json(r, options)]
+        found = {"traces": [t.to_json() for t in traces], "runs": runs, "headers": headers, "features": rows}
+        common.print_json({"campaign": str(campaign), **found})
         return
     if not quiet:
+        for r in recorded:
+            made = [t for t in traces if t.source == r.path]
+            show_runs(r, options, made, named=bool(name or dict(pairs).get(r.path)))
         show_traces(traces)
     for t in traces:
         for question in t.questions:

@@ -30,6 +30,63 @@ def show_traces(traces: list) -> None:
         click.echo()
 
 
+def runs_json(recorded, options) -> list[dict]:
+    """The runs of a ``.b5r`` file as plain data; ``um_per_reading`` is ``None`` where the unit is not known."""
+    from mjsim.errors import InputError
+
+    out = []
+    for run in recorded.runs:
+        try:
+            um, why = recorded.unit(run, options)
+        except InputError as error:
+            um, why = None, str(error)
+        out.append(
+            {
+                "source": str(recorded.path),
+                "direction": run.direction,
+                "readings": len(run.readings),
+                "min": float(run.readings.min()),
+                "max": float(run.readings.max()),
+                "without_eccentricity": run.spread,
+                "circularity_um": run.circularity,
+                "um_per_reading": um,
+                "unit": why,
+            }
+        )
+    return out
+
+
+def show_runs(recorded, options, traces: list, named: bool) -> None:
+    """What a ``.b5r`` file holds as runs, and which of them found no test; nothing of that where the user named the test."""
+    runs = runs_json(recorded, options)
+    if not runs:
+        return
+    click.echo(f"{recorded.path.name}: {len(runs)} recorded run{'s' if len(runs) > 1 else ''}")
+    rows = [
+        [r["direction"], str(r["readings"]), f"{r['min']:.4g} to {r['max']:.4g}", f"{r['without_eccentricity']:.4g}", _of_file(r)]
+        for r in runs
+    ]
+    common.table(["run", "readings", "range in the file", "without eccentricity", "circularity"], rows, text=(0,))
+    for r in runs:
+        common.paragraph(f"- {r['direction']}: {r['unit']}", "  ")
+    if recorded.said:
+        common.paragraph(f"- also in the file, not used: {'; '.join(recorded.said)}", "  ")
+    common.paragraph("- no real file has been tried: look whether range, first angle and sense of the traces are right", "  ")
+    directions = {t.test.direction for t in traces}
+    left = [r["direction"] for r in runs if r["direction"] not in directions]
+    if left and not named:
+        common.paragraph(
+            f"- no trace made of {' and '.join(left)}: no test of the campaign fits plane, direction, length and feed of the file; "
+            "FILE=TEST names one, --table-ball and the keys that the file lacks describe a new one",
+            "  ",
+        )
+    click.echo()
+
+
+def _of_file(run: dict) -> str:
+    return "–" if run["circularity_um"] is None else f"{run['circularity_um']:.4g} µm"
+
+
 def show_features(imported: list, found: dict, circles: Iterable = (), silent: bool = False) -> list[dict]:
     """Table of other systems' findings beside mjsim's; the rows as plain data.
 

@@ -2,8 +2,8 @@
 
 The format is not published. What is read here is what parsers in public repositories agree on: attributes ``TEST_SPEC@NAME``,
 ``PLANE@TEST_PLANE`` and ``MACHINE_TESTED@NAME``; elements ``A_AXIS_NAME``, ``B_AXIS_NAME``, ``OPERATOR``, ``DATE_STARTED``,
-``SERIAL_NUMBER``, ``LAST_CALIBRATED``; results as ``FEATURE`` with ``NAME``, ``DT`` (data type) and the value as text. How the
-recorded trace is stored is not public: it has to come as an exported text file. No real file has been tried.
+``SERIAL_NUMBER``, ``LAST_CALIBRATED``; results as ``FEATURE`` with ``NAME``, ``DT`` (data type) and the value as text. The recorded
+runs are read in :mod:`mjsim.importing.b5r_runs`. No real file has been tried.
 """
 
 from __future__ import annotations
@@ -82,24 +82,36 @@ def looks_like_xml(path: Path) -> bool:
     return head.lstrip(b"\xef\xbb\xbf\xff\xfe \t\r\n\0").startswith(b"<") or path.suffix.lower() == ".b5r"
 
 
-def read_b5r(path: Path) -> Imported:
-    """Header and features of a ``.b5r`` file.
+def parse_xml(path: Path) -> Element:
+    """Root element of a ``.b5r`` file.
 
     Raises:
-        InputError: it is no XML, has entities or external references, or holds no feature.
+        InputError: it is no XML, or has entities or external references.
     """
     data = file_bytes(path, _LARGEST, f"allowed: a .b5r file of up to {_LARGEST / 1e6:.0f} MB")
     try:
-        root = defusedxml.ElementTree.fromstring(data, forbid_dtd=True)
-        features = tuple(_features(root))
+        return defusedxml.ElementTree.fromstring(data, forbid_dtd=True)
     except DefusedXmlException:
         raise InputError(f"{path}: has a DTD, entities or external references; allowed: plain XML, as measurement files are") from None
     except (ParseError, ValueError, LookupError) as error:
         raise InputError(f"{path}: not valid XML: {error}; allowed: a .b5r file, which is XML, or a table as text") from None
     except RecursionError:
         raise InputError(f"{path}: elements are nested too deeply") from None
+
+
+def read_b5r(path: Path) -> Imported:
+    """Header and features of a ``.b5r`` file.
+
+    Raises:
+        InputError: it is no XML, has entities or external references, or holds neither features nor readings.
+    """
+    root = parse_xml(path)
+    try:
+        features = tuple(_features(root))
+    except RecursionError:
+        raise InputError(f"{path}: elements are nested too deeply") from None
     header = _header(root)
-    if not features:
+    if not features and next(root.iter("READINGS"), None) is None:
         raise InputError(f"{path}: XML without any FEATURE element (root {root.tag[:40]!r}); allowed: a .b5r file with diagnosed features")
     return Imported(path.name, header, _axes(root, header), features)
 

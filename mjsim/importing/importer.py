@@ -16,9 +16,8 @@ from mjsim.campaign.machine_file import read_machine
 from mjsim.errors import InputError
 from mjsim.importing import into_campaign as into
 from mjsim.importing.checks import questions
-from mjsim.importing.formats import read_any
-from mjsim.importing.header import test_keys
 from mjsim.importing.reading import Options, read_columns
+from mjsim.importing.sources import sources
 from mjsim.importing.timing import place
 from mjsim.io.files import check_writable
 from mjsim.units import DEG, UM
@@ -86,11 +85,11 @@ def import_traces(
     preview: bool = False,
     check: bool = True,
 ) -> list[ImportedTrace]:
-    """Bring text files of recorded traces into a campaign: all of them, or none.
+    """Bring recorded traces into a campaign, from text files and the runs of ``.b5r`` files: all of them, or none.
 
     Args:
         campaign: a folder with a campaign.toml, or the path of one.
-        files: tables as text, each with one run of one test.
+        files: tables as text, each with one run of one test; or ``.b5r`` files, whose runs go to the tests that fit their header.
         test: the test's name for a single file, or a name (or ``None``) for each file. Without one the file's name is the test's.
         keys: keys of the ``[[test]]`` table, as in campaign.toml, of tests that are not there yet; the files' headers come second.
         options: how the files are read. force: replace traces that are there. preview: write nothing.
@@ -106,10 +105,9 @@ def import_traces(
     names = [test] * len(files) if test is None or isinstance(test, str) else test
     instrument = known.instrument if known else Instrument()
     out, contents = [], {}
-    for source, given in zip(map(Path, files), names, strict=True):
-        table = read_any(source, o)
-        name = given or into.test_name(source)
-        entry = into.entry(file, text, name, dict(keys or {}), test_keys(table.header), source)
+    for item in sources([Path(f) for f in files], names, dict(keys or {}), o, known):
+        source, table, name = item.path, item.table, item.name
+        entry = into.entry(file, text, name, dict(keys or {}), item.header, source)
         if entry.file in contents:
             raise InputError(
                 f"{source}: another of these files is test {name!r} as well; allowed: one file for each test (FILE=TEST names it)"
@@ -117,15 +115,23 @@ def import_traces(
         if not preview:
             check_writable(entry.file, force)
         text = entry.text
-        recording = read_columns(table, entry.test, o)
-        time, deviation, placed = place(source, recording, entry.test, o)
+        own, assumed = item.timed(entry.test)
+        recording = read_columns(table, entry.test, own)
+        time, deviation, placed = place(source, recording, entry.test, own)
         trace = into.checked_trace(source, entry.test, time, deviation, instrument)
-        notes = (*table.notes, *recording.notes, *placed, "a shorter bar is positive in the file: signs turned" if o.inward else "")
+        notes = (
+            *table.notes,
+            *assumed,
+            *recording.notes,
+            *placed,
+            "a shorter bar is positive in the file: signs turned" if o.inward else "",
+        )
         if trace.saturated:
             notes = (*notes, f"{trace.saturated} samples of a sensor at its stop, or beyond its range: they count as missing")
         asked = questions(entry.test, trace, recording.unit, _machine(file, text) if check else None, known.tests if known else ())
+        asked += item.questions(entry.test)
         contents[entry.file] = into.trace_bytes(entry.file, time, deviation)
-        kept = (source, entry.file, entry.test, entry.added, trace, recording.unit, tuple(n for n in notes if n), tuple(asked))
+        kept = (source, entry.file, entry.test, entry.added, trace, item.unit or recording.unit, tuple(n for n in notes if n), tuple(asked))
         out.append(ImportedTrace(*kept, written=not preview, new_test=entry.new_test))
     if not preview:
         into.write(file, text, contents, force)
@@ -139,7 +145,10 @@ def import_trace(campaign: str | Path, file: str | Path, test: str | None = None
         InputError: as :func:`import_traces`.
     """
     own = {k: more.pop(k) for k in ("keys", "force", "preview", "check") if k in more}
-    return import_traces(campaign, [file], test, options=Options(**more), **own)[0]
+    made = import_traces(campaign, [file], test, options=Options(**more), **own)
+    if not made:
+        raise InputError(f"{file}: no run fits a test of the campaign; allowed: the name of its test, or keys of a new one")
+    return made[0]
 
 
 def _machine(file: Path, text: str):
