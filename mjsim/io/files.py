@@ -133,6 +133,7 @@ class _Neighbour:
         self.shown, self.path = shown, Path(os.path.realpath(shown))
         self._new = self.path.with_name(f".{self.path.name[:80]}.{secrets.token_hex(6)}")
         self._folders: list[Path] = []
+        self._appeared = False
 
     def make(self) -> Path:
         """The empty neighbour, and the folders that it needs."""
@@ -143,13 +144,15 @@ class _Neighbour:
 
     def move(self) -> None:
         """Take the place, with the permissions of the file that stood there."""
-        os.chmod(self._new, self.path.stat().st_mode & 0o777 if self.path.exists() else 0o666 & ~_mask())
+        there = self.path.exists()
+        os.chmod(self._new, self.path.stat().st_mode & 0o777 if there else 0o666 & ~_mask())
         os.replace(self._new, self.path)
+        self._appeared = not there
 
     def remove(self) -> None:
-        """Take the neighbour away, and the folders that were made for it and are empty."""
+        """Take the neighbour away, a file that was not there before, and the folders that were made for it and are empty."""
         with suppress(OSError):
-            self._new.unlink(missing_ok=True)
+            (self.path if self._appeared else self._new).unlink(missing_ok=True)
         for folder in self._folders:
             with suppress(OSError):
                 folder.rmdir()
