@@ -9,8 +9,8 @@ import click
 from mjsim.cli import common
 from mjsim.machine.chain import FIVE_AXIS
 
-AXES = click.Choice(FIVE_AXIS.letters)
-ROTARY = click.Choice(FIVE_AXIS.rotary)
+AXIS = click.Choice(FIVE_AXIS.letters)
+ROTARY_AXIS = click.Choice(FIVE_AXIS.rotary)
 
 
 dialect = click.option(
@@ -37,19 +37,19 @@ writing = kept(
     click.option("--feed-decimals", type=int, help="Decimals of F (default: the dialect's)."),
 )
 signs = kept(
-    click.option("--reversed", "turned", type=ROTARY, multiple=True, help="Axis whose command has the other sign (repeatable)."),
+    click.option("--reversed", "turned", type=ROTARY_AXIS, multiple=True, help="Axis whose command has the other sign (repeatable)."),
     click.option("--rollover", is_flag=True, help="C within 0 to 360°, the short way round."),
 )
 limits = kept(
     click.option(
         "--limit",
-        type=(AXES, common.NUMBER, common.NUMBER),
+        type=(AXIS, common.NUMBER, common.NUMBER),
         multiple=True,
         metavar="AXIS LOW HIGH",
         help="Travel in mm or ° (default: the model's).",
     ),
     click.option(
-        "--max-speed", type=(AXES, common.NUMBER), multiple=True, metavar="AXIS V", help="Warn above V mm/min or °/min (repeatable)."
+        "--max-speed", type=(AXIS, common.NUMBER), multiple=True, metavar="AXIS V", help="Warn above V mm/min or °/min (repeatable)."
     ),
 )
 force = click.option("--force", is_flag=True, help="Replace files that exist.")

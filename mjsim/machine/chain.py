@@ -17,6 +17,8 @@ import numpy as np
 from mjsim.errors import InputError
 
 _ALONG, _BESIDE, _ABOUT = "XYZ", "UVW", "ABC"
+#: Machine coordinates, named like the linear axes along them.
+COORDINATES = tuple(_ALONG)
 _CONFIGURATION = re.compile(rf"w-((?:[{_ALONG}{_BESIDE}{_ABOUT}]')*)b([{_ALONG}{_BESIDE}{_ABOUT}]*)-t")
 #: The rotary axis that carries the workpiece, and those that may tilt it.
 _TABLE, _TILTING = "C", ("A", "B")

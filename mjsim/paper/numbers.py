@@ -10,7 +10,7 @@ import numpy as np
 from scipy.signal import find_peaks
 
 from mjsim.ballbar.program import Program
-from mjsim.machine.chain import AXES
+from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.kinematics import machine_to_work
 from mjsim.paper.machine import PaperMachine
 from mjsim.paper.runs import ANGLE, HEIGHT, LENGTH, Run, Traces
@@ -77,7 +77,7 @@ def _travel(traces: Traces) -> dict:
     phi = np.radians(ANGLE)
 
     def span(theta: int, axis: str) -> tuple[float, str]:
-        run, i = Run("none", theta), AXES.index(axis)
+        run, i = Run("none", theta), FIVE_AXIS.index(axis)
         s = traces.simulation(run)
         turn = (s.phi >= 0) & (s.phi <= 2 * np.pi)
         said = Program(run.test()).path(np.append(phi, 2 * np.pi))[:, i]
@@ -104,7 +104,7 @@ def _reversals(traces: Traces) -> dict:
     s = traces.simulation(Run("none", 15))
 
     def angles(axis: str) -> list[float]:
-        x = s.position[:, AXES.index(axis)]
+        x = s.position[:, FIVE_AXIS.index(axis)]
         moving = np.flatnonzero(np.abs(np.diff(x)) > 1e-10)
         v = np.sign(np.diff(x)[moving])
         at = moving[np.flatnonzero(np.diff(v)) + 1]

@@ -10,7 +10,7 @@ import numpy as np
 from mjsim.ballbar.iso230 import least_squares_circle
 from mjsim.ballbar.kinds.cone_frustum import ConeFrustum
 from mjsim.ballbar.measurement import BallBarTest
-from mjsim.machine.chain import AXES, ROTARY
+from mjsim.machine.chain import FIVE_AXIS
 from mjsim.paper.machine import PaperMachine
 from mjsim.progress import Progress, silent
 from mjsim.simulation.multibody import Simulation, simulate
@@ -105,7 +105,7 @@ class Traces:
     def velocity(self, run: Run, axis: str) -> tuple[np.ndarray, np.ndarray]:
         """Simulated velocity of one axis over the plot angle 0° to 360°: mm/min, for rotary axes °/min."""
         s = self._done[run]
-        position = s.position[:, AXES.index(axis)] / (DEG if axis in ROTARY else MM)
+        position = s.position[:, FIVE_AXIS.index(axis)] / (DEG if FIVE_AXIS.is_rotary(axis) else MM)
         # what changes within 40 ms: the shape of a glitch is no matter of velocities
         speed = np.convolve(np.gradient(position, s.time), np.full(40, 1 / 40), "same") * 60.0
         keep = (s.phi >= 0) & (s.phi <= 2 * np.pi)

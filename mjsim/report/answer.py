@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from mjsim.estimation.unexplained import Unexplained
-from mjsim.machine.chain import AXES, ROTARY
+from mjsim.machine.chain import COORDINATES, is_linear, is_rotary
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.report.numbers import fixed
@@ -70,7 +70,7 @@ def _line(found: DiagnosedEffect, given: Machine) -> str:
 
 
 def _place(subject: str) -> str:
-    return f"{subject} axis" if subject in AXES else subject
+    return f"{subject} axis" if is_linear(subject) or is_rotary(subject) else subject
 
 
 def _named(effect_id: str) -> str:
@@ -97,7 +97,7 @@ def sized(effect: Effect, former: Effect | None = None) -> str:
         return name + direction
     value = effect.values[parameter.name]
     if parameter.kind == "components":
-        return f"{name} {_components(value, '°' if effect.subject in ROTARY else 'µm')}{direction}"
+        return f"{name} {_components(value, '°' if is_rotary(effect.subject) else 'µm')}{direction}"
     if parameter.neutral == 1.0:
         return f"{name} {_percent(value)}{direction}"
     old = former.values.get(parameter.name) if former else None
@@ -151,5 +151,5 @@ def short_test(table: dict) -> str:
     """A test's table as in campaign.toml, in a few words: kind, plane or axis, place of the table ball, feed."""
     kind = table["kind"].partition("_")[0]
     words = [" ".join(str(x) for x in (kind, table.get("plane"), table.get("axis")) if x)]
-    words += [f"{axis} {value:g} mm" for axis, value in zip("XY", table["table_ball_mm"], strict=False) if value]
+    words += [f"{axis} {value:g} mm" for axis, value in zip(COORDINATES[:2], table["table_ball_mm"][:2], strict=True) if value]
     return ", ".join([*words, f"{table['feed_mm_min']:g} mm/min"])

@@ -7,7 +7,7 @@ import numpy as np
 from mjsim.effects import registry
 from mjsim.estimation.criteria import THRESHOLD
 from mjsim.estimation.problem import Problem
-from mjsim.machine.chain import AXES, ROTARY
+from mjsim.machine.chain import is_rotary
 from mjsim.report.answer import short_test
 from mjsim.report.content import Finding, NotTestable, ParameterRow, Rejected
 from mjsim.units import UM, unit_of
@@ -55,7 +55,7 @@ def parameter_rows(e: DiagnosedEffect) -> list[ParameterRow]:
     for name in e.free:
         value, ci = e.effect.values[name], e.ci95.get(name)
         if name == "components":
-            unit = "°" if e.effect.subject in ROTARY else "µm"
+            unit = "°" if is_rotary(e.effect.subject) else "µm"
             for i, (order, amplitude, phase) in enumerate(value):
                 rows.append(ParameterRow(f"order {order:g}, amplitude", amplitude, *_ends(ci, i, 1), unit))
                 rows.append(ParameterRow(f"order {order:g}, phase", phase, *_ends(ci, i, 2), "°"))
@@ -85,14 +85,17 @@ def confidence(gain: float, alternatives: tuple[str, ...]) -> str:
 
 def untestable(ids: tuple[str, ...], problem: Problem) -> list[NotTestable]:
     """Effects that the campaign cannot show, each with its title and the reason."""
-    moves = {a: any(np.ptp(m.commands[:, i]) > 0.0 for m in problem.motions) for i, a in enumerate(AXES)}
-    seen = {a: any(np.abs(s.axes[:, i]).max() > _SEEN[a in ROTARY] for s in problem.sensitivity) for i, a in enumerate(AXES)}
+    chain = problem.tests[0].chain
+    moves, seen = {}, {}
+    for i, a in enumerate(chain.letters):
+        moves[a] = any(np.ptp(m.commands[:, i]) > 0.0 for m in problem.motions)
+        seen[a] = any(np.abs(s.axes[:, i]).max() > _SEEN[chain.is_rotary(a)] for s in problem.sensitivity)
     out = []
     for effect_id in ids:
-        cls, subject = registry.effect_class(effect_id)
-        if subject in AXES and not moves[subject]:
+        cls, subject = registry.effect_class(effect_id, chain)
+        if subject in chain.letters and not moves[subject]:
             why = f"{subject} does not move in any test"
-        elif subject in AXES and not seen[subject]:
+        elif subject in chain.letters and not seen[subject]:
             why = f"the bar is at right angles to the motion of {subject} in every test"
         elif cls.search.quasi_static:
             why = "the fitted ball offsets, bar length and trigger shifts look the same here"

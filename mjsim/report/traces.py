@@ -10,7 +10,7 @@ from mjsim.ballbar.iso230 import least_squares_circle
 from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
-from mjsim.machine.chain import AXES, LINEAR
+from mjsim.machine.chain import is_rotary
 from mjsim.plots.output import residual_trace
 from mjsim.plots.residual import reversal_angles
 from mjsim.units import DEG, MM, UM
@@ -30,7 +30,7 @@ def test_traces(models: list[ComparedTest], start: int, noise: float) -> dict:
         ``phi`` (n,) in 0.01°; ``measured`` (n,) and ``models`` (k, n) in 0.001 µm, measured with None where a sample is left out;
         ``centre``: the eccentricity [a, b, c] in 0.001 µm that is taken out, a cos φ + b sin φ + c, of the measured trace and of every
         model's; ``shift`` plot angle minus φ [°]; ``full``: a whole circle; ``events`` [axis, plot angle °]; ``axes``: φ in 0.01° and
-        the commanded positions of X, Y, Z [0.01 mm], A, C [0.01°]; ``noise`` [µm]. The long lists are :func:`steps`.
+        the commanded positions of the axes [0.01 mm or 0.01°]; ``noise`` [µm]. The long lists are :func:`steps`.
     """
     t = models[start]
     keep = kept(t.phi, t.residual)
@@ -77,8 +77,9 @@ def _centre(t: ComparedTest, deviation: np.ndarray) -> list[int]:
 def _positions(t: ComparedTest) -> dict:
     program = Program(t.test)
     time = np.linspace(*program.measured_span, POSITIONS)
-    q = program.commands(time) / [MM if a in LINEAR else DEG for a in AXES]
-    return {"phi": steps(_whole(program.phi(time) / DEG, 100.0)), **{a: steps(_whole(q[:, i], 100.0)) for i, a in enumerate(AXES)}}
+    axes = t.test.chain.letters
+    q = program.commands(time) / [DEG if is_rotary(a) else MM for a in axes]
+    return {"phi": steps(_whole(program.phi(time) / DEG, 100.0)), **{a: steps(_whole(q[:, i], 100.0)) for i, a in enumerate(axes)}}
 
 
 def _whole(x: np.ndarray, factor: float) -> list[int]:

@@ -11,8 +11,9 @@ from importlib.metadata import version
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.files import test_table
 from mjsim.effects import registry
-from mjsim.machine.chain import ROTARY
+from mjsim.machine.chain import is_rotary
 from mjsim.machine.effect import Effect
+from mjsim.machine.model import Machine
 from mjsim.report.content import plain
 from mjsim.units import UM, unit_of
 from mjsim.workflow.compare import Comparison
@@ -204,7 +205,7 @@ def parameter_series(results: Sequence[Diagnosis | Comparison]) -> list[Series]:
     out = []
     for key, effect_id in keys:
         rows = [_sizes(r, key) for r in results]
-        cls, subject = registry.effect_class(effect_id)
+        cls, subject = registry.effect_class(effect_id, _machine(results[0]).chain)
         neutral = {p.name: p.neutral for p in cls.parameters_of(subject)}
         for name in dict.fromkeys(n for sizes, _ in rows for n in sizes):
             off = 0.0 if name.startswith("order ") else neutral.get(name)
@@ -216,9 +217,13 @@ def parameter_series(results: Sequence[Diagnosis | Comparison]) -> list[Series]:
                 values.append(value)
                 half.append(h)
                 notes.append(note)
-            unit = ("°" if subject in ROTARY else "µm") if name.startswith("order ") else unit_of(name)[1]
+            unit = ("°" if is_rotary(subject) else "µm") if name.startswith("order ") else unit_of(name)[1]
             out.append(_series(f"{key} {name}", unit, "parameter", values, half, notes, off or 0.0))
     return out
+
+
+def _machine(r: Diagnosis | Comparison) -> Machine:
+    return r.before.machine if isinstance(r, Diagnosis) else r.machine
 
 
 def _sizes(r: Diagnosis | Comparison, key: str) -> tuple[dict[str, tuple[float, float | None]], str]:
@@ -228,8 +233,7 @@ def _sizes(r: Diagnosis | Comparison, key: str) -> tuple[dict[str, tuple[float, 
         if found is not None:
             note = f"or {', '.join(found.alternatives)}" if found.alternatives else ""
             return _of_effect(found.effect, found), note
-    machine = r.before.machine if isinstance(r, Diagnosis) else r.machine
-    present = machine.effect(key)
+    present = _machine(r).effect(key)
     if present is not None:
         return _of_effect(present, None), "as in the machine file"
     hidden = isinstance(r, Diagnosis) and key in r.not_testable

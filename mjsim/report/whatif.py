@@ -20,7 +20,6 @@ from mjsim.errors import InputError
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import GRID_STEPS
 from mjsim.estimation.vibration import phased
-from mjsim.machine.chain import AXES
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import AxisPlant
 from mjsim.progress import Progress, silent
@@ -76,7 +75,7 @@ def causes(machine: Machine, given: Machine, found: Collection[str] = ()) -> lis
             out.append(Cause(f"{effect.key}{_FORMER}", "Friction differs from the machine file", what, machine.with_effect(former)))
     lags = {a: lag(drive) for a, drive in build(machine).axes.items()}
     if max(lags.values()) - min(lags.values()) > _LAG:
-        spread = ", ".join(f"{a} {lags[a] * 1e3:.2f}" for a in AXES)
+        spread = ", ".join(f"{a} {lags[a] * 1e3:.2f}" for a in lags)
         title = f"Axes lag differently: {spread} ms"
         what = Remedy("adjust", "servo mismatch", "Set gains, feedforward and delays so that all axes lag alike.")
         out.append(Cause("servo lag", title, what, _matched(machine, lags)))
@@ -92,7 +91,7 @@ def _matched(machine: Machine, lags: dict[str, float]) -> Machine:
         present = machine.effect(f"servo_delay.{axis}")
         delay = missing + (present.values["delay_ms"] if present else 0.0)
         try:
-            machine = machine.with_effect(registry.make(f"servo_delay.{axis}", delay_ms=delay))
+            machine = machine.with_effect(registry.make(f"servo_delay.{axis}", machine.chain, delay_ms=delay))
         except InputError:  # farther apart than a delay can be
             continue
     return machine

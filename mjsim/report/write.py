@@ -10,7 +10,6 @@ from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.io.extras import need
-from mjsim.machine.chain import AXES
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.report import build, page, trend
@@ -106,7 +105,7 @@ def check_same_machine(pairs: Sequence[tuple[Campaign, Machine]]) -> None:
     for c, m in others:
         if (m.name, m.configuration) != (one.name, one.configuration):
             what = f"machine {one.name!r} ({one.configuration}) and {m.name!r} ({m.configuration})"
-        elif axes := [a for a in AXES if m.drives[a].gear != one.drives[a].gear]:
+        elif axes := [a for a in one.chain.letters if m.drives[a].gear != one.drives[a].gear]:
             what = f"another lead or number of worm teeth of {', '.join(axes)}"
         else:
             continue

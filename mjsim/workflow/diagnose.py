@@ -24,7 +24,6 @@ from mjsim.estimation.unexplained import Unexplained, find_unexplained
 from mjsim.estimation.vibration import is_news, phased, put_back, separate
 from mjsim.io import files
 from mjsim.io.extras import need
-from mjsim.machine.chain import AXES
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
@@ -244,7 +243,7 @@ def _found(problem: Problem, selection: Selection) -> list[tuple[float, Diagnose
 
 
 def _vibration(problem: Problem, line: Line) -> tuple[float, DiagnosedEffect]:
-    i, size = AXES.index(line.effect.subject), line.effect.si("amplitude_um")
+    i, size = problem.tests[0].chain.index(line.effect.subject), line.effect.si("amplitude_um")
     spread = [size * np.sqrt(np.mean(s.axes[:, i] ** 2) / 2) for s in problem.sensitivity]
     tests = tuple(t.name for t, x in zip(problem.tests, spread, strict=True) if x > VISIBLE * problem.noise.rms)
     return line.gain, DiagnosedEffect(line.effect, line.effect.search.free, line.ci95, 0.0, 0.0, line.alternatives, tests, line.gain)
