@@ -22,9 +22,10 @@ from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
 from mjsim.estimation import signatures
 from mjsim.estimation.fit import Fitter
-from mjsim.estimation.problem import Problem
+from mjsim.estimation.mistakes.checked_problem import trusted_problem
 from mjsim.estimation.selection import ModelSelection
 from mjsim.io.resources import examples
+from mjsim.machine.model import build
 from mjsim.simulation.axes import time_grid
 from mjsim.threads import one_blas_thread
 from mjsim.workflow.edit import machine_of
@@ -135,7 +136,7 @@ def candidates() -> tuple[tuple[int, ...], tuple[float, ...], int]:
     with campaign_of(13) as folder:
         campaign, n = read_campaign(folder), steps(folder)
         machine = machine_of(campaign)
-        fitter = Fitter(Problem(campaign, machine, len(os.sched_getaffinity(0))), machine)
+        fitter = Fitter(trusted_problem(campaign, build(machine), len(os.sched_getaffinity(0))), machine)
         selection = ModelSelection(fitter)
         start, every = selection.start(), signatures.seeds(machine)
         counts, seconds = [], []

@@ -25,8 +25,10 @@ from mjsim.campaign.model import Campaign
 from mjsim.estimation.criteria import is_feasible
 from mjsim.estimation.data_sheet import SHEET, calibrated
 from mjsim.estimation.fit import Fitter
-from mjsim.estimation.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, Problem
-from mjsim.estimation.selection import THRESHOLD, ModelSelection
+from mjsim.estimation.mistakes.checked_problem import trusted_problem
+from mjsim.estimation.nuisance import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER
+from mjsim.estimation.selection import ModelSelection
+from mjsim.estimation.settings import DIAGNOSIS
 from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.io.resources import examples
 from mjsim.machine.kinematics import reading
@@ -73,7 +75,7 @@ def main() -> None:
     for number in range(options.count):
         rng = np.random.default_rng([options.seed, number])
         machine = machines[number % 2]
-        problem = Problem(null_campaign(base, machine, rng), machine)
+        problem = trusted_problem(null_campaign(base, machine, rng), build(machine))
         fitter = Fitter(problem, machine)
         selection = ModelSelection(fitter)
         start = selection.start()
@@ -84,8 +86,8 @@ def main() -> None:
         rows.append({"number": number, "tests": [t.name for t in problem.tests], "best": best, "mean_square": square})
         print(json.dumps(rows[-1]), flush=True)
     gains = np.array([r["best"][0][0] for r in rows])
-    above = int((gains > THRESHOLD).sum())
-    print(f"{above} of {len(gains)} nulls above {THRESHOLD:g}; median {np.median(gains):.1f}, largest {gains.max():.1f}")
+    above = int((gains > DIAGNOSIS.likelihood_ratio).sum())
+    print(f"{above} of {len(gains)} nulls above {DIAGNOSIS.likelihood_ratio:g}; median {np.median(gains):.1f}, largest {gains.max():.1f}")
     if options.out:
         options.out.write_text(json.dumps(rows, indent=1))
 

@@ -37,8 +37,8 @@ MACHINES = {"M1": "hidden-backlash", "M2": "two-candidates"}
 
 #: Files that take longest for their number of tests: begun first, so that both workers end together.
 LONG = (
-    "test_examples", "test_worn_worm", "test_bank", "test_identification", "test_checking", "test_planning", "test_upkeep",
-    "test_figures", "test_report_browser", "test_inference",
+    "test_examples", "test_worn_worm", "test_bank", "test_pitch", "test_mistakes", "test_planning", "test_upkeep",
+    "test_figures", "test_report_browser", "test_estimation",
 )  # fmt: skip
 
 

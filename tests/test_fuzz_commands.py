@@ -146,7 +146,7 @@ def works(*args, **more):
 @pytest.fixture(autouse=True)
 def short_work(monkeypatch):
     """What takes long is taken for done once it begins; what comes before it, and the way out, is what is tried here."""
-    monkeypatch.setattr(Problem, "__init__", works)
+    monkeypatch.setattr(Problem, "of", works)
     monkeypatch.setattr(mjmodel, "build_model", works)
     monkeypatch.setattr(scene, "Stage", works)
     monkeypatch.setattr(batch_run, "run_local", works)

@@ -8,8 +8,8 @@ import pytest
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.effects.registry import make
-from mjsim.estimation.problem import Problem
-from mjsim.estimation.vibration import is_news, phased, put_back, separate
+from mjsim.estimation.mistakes.checked_problem import trusted_problem
+from mjsim.estimation.vibration import is_news, phased, separate
 from mjsim.io.resources import examples
 from mjsim.machine.model import build
 
@@ -28,7 +28,7 @@ def shaken(campaign, machine, axis, amplitude, frequency):
     traces = {}
     for k, t in enumerate(campaign.tests):
         trace = campaign.traces[t.name]
-        problem = Problem(replace(campaign, tests=(t,), traces={t.name: trace}), machine, threads=1)
+        problem = trusted_problem(replace(campaign, tests=(t,), traces={t.name: trace}), build(machine), threads=1)
         grid = problem.sensitivity[0].axes[:, "XYZ".index(axis)]
         weight = np.interp(trace.time, 0.005 * np.arange(len(grid)), grid)
         wave = amplitude * weight * np.sin(2 * np.pi * frequency * trace.time + k + 1.0)
@@ -39,10 +39,10 @@ def shaken(campaign, machine, axis, amplitude, frequency):
 @pytest.mark.parametrize(("axis", "amplitude", "frequency"), [("X", 0.3e-6, 43.7), ("Y", 0.6e-6, 6.1), ("Z", 0.8e-6, 71.0)])
 def test_a_planted_vibration_is_found(healthy, axis, amplitude, frequency):
     machine = read_machine(healthy.machine_file)
-    problem = Problem(shaken(healthy, machine, axis, amplitude, frequency), machine)
-    rigid, lines = separate(problem, machine)
-    assert rigid == machine and len(lines) == 1
-    line = lines[0]
+    problem = trusted_problem(shaken(healthy, machine, axis, amplitude, frequency), build(machine))
+    separated = separate(problem, machine)
+    assert separated.machine == machine and len(separated.lines) == 1
+    line = separated.lines[0]
     assert line.effect.id == f"vibration.{axis}" and not line.alternatives
     assert line.effect.values["frequency_Hz"] == pytest.approx(frequency, abs=0.002)
     assert line.effect.values["amplitude_um"] == pytest.approx(amplitude * 1e6, rel=0.05)
@@ -61,25 +61,26 @@ def test_traces_of_different_rates_are_searched_together(healthy):
     campaign = shaken(healthy, machine, "X", 0.3e-6, 31.3)
     coarse = {n: replace(t, time=t.time[::2], deviation=t.deviation[::2], valid=t.valid[::2]) for n, t in campaign.traces.items()}
     mixed = replace(campaign, traces={**coarse, TESTS[2]: campaign.traces[TESTS[2]]})
-    (line,) = separate(Problem(mixed, machine), machine)[1]
+    (line,) = separate(trusted_problem(mixed, build(machine)), machine).lines
     assert line.effect.id == "vibration.X"
     assert line.effect.values["frequency_Hz"] == pytest.approx(31.3, abs=0.005)
 
 
 def test_a_healthy_machine_does_not_vibrate(healthy):
     machine = read_machine(healthy.machine_file)
-    assert separate(Problem(healthy, machine), machine)[1] == []
+    assert separate(trusted_problem(healthy, build(machine)), machine).lines == ()
 
 
-def test_what_is_taken_out_can_be_put_back(healthy):
+def test_what_is_left_out_can_be_restored(healthy):
     machine = read_machine(healthy.machine_file)
-    problem = Problem(shaken(healthy, machine, "X", 0.5e-6, 30.71), machine)
-    before, noise = [s.mean.copy() for s in problem.samples], problem.noise.rms
-    separate(problem, machine)
-    assert problem.noise.rms < 0.8 * noise  # a vibration does not count as noise
-    assert max(np.abs(s.mean - b).max() for s, b in zip(problem.samples, before, strict=True)) > 0.05e-6
-    put_back(problem)
-    for s, b in zip(problem.samples, before, strict=True):
+    problem = trusted_problem(shaken(healthy, machine, "X", 0.5e-6, 30.71), build(machine))
+    before = [s.mean.copy() for s in problem.samples]
+    data = separate(problem, machine).problem
+    assert data.noise.rms < 0.8 * problem.noise.rms  # a vibration does not count as noise
+    assert max(np.abs(s.mean - b).max() for s, b in zip(data.samples, before, strict=True)) > 0.05e-6
+    restored = data.restored()
+    assert restored.noise is data.noise
+    for s, b in zip((*restored.samples, *problem.samples), 2 * before, strict=True):
         np.testing.assert_array_equal(s.mean, b)
 
 
@@ -87,15 +88,16 @@ def test_a_vibration_that_the_machine_has_gets_its_phases(healthy):
     """The machine file has size and frequency; every test has its own phase, found anew."""
     machine = read_machine(healthy.machine_file)
     known = machine.with_effect(make("vibration.X", amplitude_um=0.5, frequency_Hz=30.71))
-    problem = Problem(shaken(healthy, machine, "X", 0.5e-6, 30.71), known)
+    problem = trusted_problem(shaken(healthy, machine, "X", 0.5e-6, 30.71), build(known))
     with_phases = phased(problem, known)
     assert set(with_phases.effect("vibration.X").phases) == set(TESTS)
     with_it, without = ([r for r in problem.readings(build(m))] for m in (with_phases, machine))
-    from mjsim.estimation.nuisance import fit_nuisance
+    from mjsim.estimation.nuisance_fit import fit_nuisance
 
     nuisance = fit_nuisance(problem, without)
     spread = [np.sqrt(np.mean(np.concatenate(problem.residual(r, nuisance)) ** 2)) for r in (with_it, without)]
     assert spread[0] < 0.9 * spread[1]
-    rigid, lines = separate(problem, known)
-    assert not any(e.kind == "vibration" for e in rigid.effects)
-    assert len(lines) == 1 and not is_news(lines[0], known) and is_news(lines[0], machine)
+    separated = separate(problem, known)
+    assert not any(e.kind == "vibration" for e in separated.machine.effects)
+    (line,) = separated.lines
+    assert not is_news(line, known) and is_news(line, machine)

@@ -15,7 +15,7 @@ from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.vibration import phased
-from mjsim.machine.model import Machine
+from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
 from mjsim.simulation.drive import STEP
 from mjsim.simulation.multibody import Simulation, simulate
@@ -133,7 +133,7 @@ def tell(
 
 def _compared(campaign: Campaign, machine: Machine, test: BallBarTest, threads: int, progress: Progress):
     """All measured tests count, so that the nuisances, and the residual, are those of ``mjsim compare``."""
-    problem = checked_problem(campaign, machine, threads)
+    problem = checked_problem(campaign, build(machine), threads)
     count = [0]
 
     def done(_) -> None:

@@ -6,22 +6,11 @@ import numpy as np
 
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit
+from mjsim.estimation.settings import DiagnosisSettings
 from mjsim.estimation.signatures import Candidate
 from mjsim.machine.effect import Effect, Parameter
 from mjsim.machine.model import Machine
 
-#: Fall of the objective below which nothing is called an effect. Some 4,000 cells with two entries each are tried:
-#: chance passes it once in a thousand campaigns; ``scripts/null_bank.py`` measures it on simulated nulls.
-THRESHOLD = 30.0
-#: Least size of an effect: its part of the reading in its clearest test, as a share of one sample's noise.
-VISIBLE = 0.25
-#: Standard deviations of the data sheet beyond which one of its numbers is wrong. It has 35 numbers: the largest of a healthy machine is
-#: beyond 3 in one campaign of eleven, beyond 4 in one of 450.
-BEYOND_SHEET = 4.0
-#: Price of one more free parameter when models are compared.
-PRICE = 8.0
-#: What an effect that acts in one direction of motion only pays more than one that acts in both.
-ONE_WAY = 4.0
 #: How far beyond its bounds, in typical sizes, a linear estimate may lie.
 _SLACK = 0.02
 
@@ -31,9 +20,10 @@ def parameter_count(fit: Fit) -> int:
     return sum(len(f.vector) for f in fit.effects)
 
 
-def penalised_objective(fit: Fit) -> float:
-    """Objective of a model with its free parameters, and the directions that its effects pick, paid for: the lower the better."""
-    return fit.objective + PRICE * parameter_count(fit) + ONE_WAY * sum(f.effect.direction_sign != 0.0 for f in fit.effects)
+def penalised_objective(fit: Fit, settings: DiagnosisSettings) -> float:
+    """Objective of a model plus the penalties of its effects' free parameters and chosen directions: the lower the better."""
+    directed = sum(f.effect.direction_sign != 0.0 for f in fit.effects)
+    return fit.objective + settings.parameter_penalty * parameter_count(fit) + settings.direction_penalty * directed
 
 
 def is_feasible(machine: Machine, x: np.ndarray, c: Candidate) -> bool:
@@ -56,26 +46,28 @@ def is_feasible(machine: Machine, x: np.ndarray, c: Candidate) -> bool:
     return True
 
 
-def is_large_enough(machine: Machine, free: EffectVector) -> bool:
+def is_large_enough(machine: Machine, free: EffectVector, settings: DiagnosisSettings) -> bool:
     """Whether a fitted effect is large enough to be a cause of its own, and outside what the data sheet allows anyway."""
     effect: Effect = free.effect
     present = machine.effect(effect.key)
     counted = [n for n in free.names if n in effect.search.tolerances or free.specs[n].neutral is not None]
-    return not counted or any(_departs(effect, free.specs[n], effect.values[n], present.values[n] if present else None) for n in counted)
+    return not counted or any(
+        _departs(effect, free.specs[n], effect.values[n], present.values[n] if present else None, settings.sheet_limit) for n in counted
+    )
 
 
-def _departs(effect: Effect, p: Parameter, value: float, present: float | None) -> bool:
+def _departs(effect: Effect, p: Parameter, value: float, present: float | None, sheet_limit: float) -> bool:
     origin = present if present is not None else p.neutral if p.neutral is not None else p.default
     if p.inverse:
         return value != origin
     departure, hints = abs(value - origin), effect.search
-    return departure > 0.0 and departure >= hints.least and departure >= BEYOND_SHEET * hints.tolerances.get(p.name, 0.0) * abs(origin)
+    tolerance = sheet_limit * hints.tolerances.get(p.name, 0.0) * abs(origin)
+    return departure > 0.0 and departure >= hints.least and departure >= tolerance
 
 
 def wald_statistic(machine: Machine, fit: Fit, index: int) -> float:
     """Squared distance of an effect's linear entries from off, in standard deviations: a lower bound of what dropping it costs."""
     f = fit.effects[index]
-    block = fit.block(index)
     v = f.vector
     present = machine.effect(f.effect.key)
     if present is not None:
@@ -87,5 +79,5 @@ def wald_statistic(machine: Machine, fit: Fit, index: int) -> float:
         keep = f.linear
         d = v.copy()
         d[keep] -= f.neutral
-    c = fit.covariance[block, block][np.ix_(keep, keep)]
+    c = fit.covariance_of(f)[np.ix_(keep, keep)]
     return float(d[keep] @ np.linalg.solve(c, d[keep]))

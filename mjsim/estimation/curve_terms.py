@@ -50,7 +50,7 @@ class CurveTerm:
         axis: whose motion it depends on (empty for the clock). moves: the axis that it displaces, or one of :data:`TABLE`.
         variable: as in the JSON of diagnose. knots: (k,) of the variable, SI. period: of the variable, SI, or ``None``.
         columns: per test (m, k) block means, m per unit of :attr:`unit`. signed: times the direction of motion.
-        gain, coefficients (k,), their covariance (k, k): of the fit, once it is made.
+        gain, coefficients (k,), their inverse covariance ``precision`` (k, k): of the fit, once it is made.
     """
 
     axis: str
@@ -61,7 +61,7 @@ class CurveTerm:
     columns: list[np.ndarray]
     gain: float = 0.0
     coefficients: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    covariance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    precision: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def signed(self) -> bool:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
-from mjsim.machine.chain import AXES
+from mjsim.estimation.parameters import Block
+from mjsim.machine.chain import FIVE_AXIS, Chain
 from mjsim.machine.model import FRICTION_PARAMETERS, TOLERANCE, Machine
 
 
@@ -23,12 +25,31 @@ class SheetParameter:
         return f"{self.name}.{self.axis}"
 
 
-SHEET: tuple[SheetParameter, ...] = tuple(SheetParameter(a, n, sd) for a in AXES for n, sd in TOLERANCE.items())
+@cache
+def data_sheet(chain: Chain) -> tuple[SheetParameter, ...]:
+    """The numbers of a machine's data sheet, axis by axis."""
+    return tuple(SheetParameter(a, n, sd) for a in chain.letters for n, sd in TOLERANCE.items())
+
+
+#: The data sheet of the shipped machine's axes.
+SHEET = data_sheet(FIVE_AXIS)
+#: Name of the data sheet's block in the parameter vector.
+DATA_SHEET = "data sheet"
+
+
+def sheet_block(chain: Chain, frozen: np.ndarray) -> Block:
+    """The data sheet as a block of the parameter vector, in standard deviations of its tolerances.
+
+    Args:
+        chain: The machine's axes.
+        frozen: Numbers that stay as printed, (sheet,) bool.
+    """
+    return Block.normal(DATA_SHEET, [p.label for p in data_sheet(chain)], frozen=frozen)
 
 
 def calibrated(machine: Machine, sheet_deviation: np.ndarray) -> Machine:
-    """``machine`` with its data sheet moved by ``sheet_deviation`` (len(SHEET),) standard deviations."""
-    for p, t in zip(SHEET, sheet_deviation, strict=True):
+    """``machine`` with its data sheet moved by ``sheet_deviation`` (sheet,) standard deviations."""
+    for p, t in zip(data_sheet(machine.chain), sheet_deviation, strict=True):
         if t == 0.0:
             continue
         factor = max(1.0 + p.sd * t, 0.05)

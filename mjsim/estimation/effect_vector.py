@@ -6,7 +6,11 @@ import math
 
 import numpy as np
 
+from mjsim.estimation.parameters import Block
 from mjsim.machine.effect import Effect
+
+#: Prior width of an effect's entries, typical sizes.
+_WIDE = 1e3
 
 
 class EffectVector:
@@ -21,6 +25,12 @@ class EffectVector:
         self.specs = {p.name: p for p in effect.parameters_of(effect.subject)}
         self.amplitude = next((n for n in names if n.startswith("amplitude_")), None)
         self.polar = self.amplitude is not None and "phase_deg" in names
+
+    @property
+    def block(self) -> Block:
+        """The effect as a block of the parameter vector; its wide prior only keeps the equations regular."""
+        labels = [f"{i}" for i in range(len(self.vector))]
+        return Block.normal(f"effect {self.effect.key}", labels, mean=self.vector, deviation=_WIDE, informative=False)
 
     @property
     def neutral(self) -> np.ndarray:

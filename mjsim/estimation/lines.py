@@ -16,6 +16,7 @@ from mjsim.ballbar.kinds import kind_of
 from mjsim.effects.vibration import Vibration
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import revolution_time
+from mjsim.estimation.settings import DiagnosisSettings
 from mjsim.machine.chain import LINEAR
 from mjsim.machine.effect import Effect
 from mjsim.units import UM
@@ -23,12 +24,6 @@ from mjsim.units import UM
 #: Band that is searched: from here, Hz, to this share of the sample rate; what is slower than SLOW s is taken out before.
 LOWEST, HIGHEST = 2.0, 0.46
 SLOW = 1.0
-#: Chance of one line by accident in a whole campaign; least amplitude, in units of one sample's noise.
-ACCIDENT, LEAST = 1e-6, 0.3
-#: Share of what free amplitudes would explain that one common amplitude must explain.
-_COMMON = 0.7
-#: Another axis whose gain is within this of the winner's cannot be told from it.
-RIVAL = 12.0
 #: Around a peak the true line is looked for, in units of the spectral resolution: a wave whose sensitivity turns with the bar has side
 #: lines one or two turns off, and whole periods per turn leave no difference between turns.
 _AROUND = 7.0
@@ -75,9 +70,10 @@ def find(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray) -> Line
     records = records_of(problem, rest, nuisance, True)
     if not records:
         return None
+    settings = problem.settings
     frequency, chance = _strongest(records)
-    line = _line(records_of(problem, rest, nuisance, False), frequency) if chance < ACCIDENT else None
-    return line if line and line.effect.si("amplitude_um") > LEAST * problem.noise.rms else None
+    line = _line(records_of(problem, rest, nuisance, False), frequency, settings) if chance < settings.vibration_false_alarm else None
+    return line if line and line.effect.si("amplitude_um") > settings.vibration_size * problem.noise.rms else None
 
 
 def records_of(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray, repeats: bool) -> list[Record]:
@@ -164,12 +160,12 @@ def _common(records: list[Record], frequency: float, i: int) -> tuple[float, flo
     return a * a * info, a, sum(v * abs(c) ** 2 for c, v in pairs)
 
 
-def _line(records: list[Record], frequency: float) -> Line | None:
+def _line(records: list[Record], frequency: float, settings: DiagnosisSettings) -> Line | None:
     """The line near ``frequency`` at its best axis; ``None`` where the tests do not agree on one amplitude."""
     fits = {i: _refined(records, frequency, i) for i in range(len(LINEAR))}
     best = max(fits, key=lambda i: fits[i][1])
     f, gain, amplitude, free = fits[best]
-    if gain < _COMMON * free or amplitude == 0.0:
+    if gain < settings.vibration_common * free or amplitude == 0.0:
         return None
     waves, info = zip(*(amplitude_of(r, f, best) for r in records), strict=True)
     info = np.array(info)
@@ -178,7 +174,7 @@ def _line(records: list[Record], frequency: float) -> Line | None:
     effect = Vibration(LINEAR[best], amplitude_um=amplitude / UM, frequency_Hz=f).with_phases(phases)
     size, sd_a, sd_f = amplitude / UM, 1.0 / UM / np.sqrt(info.sum()), 1.0 / (2.0 * np.pi * amplitude * np.sqrt(spread))
     ci = {"amplitude_um": [max(0.0, size - 1.96 * sd_a), size + 1.96 * sd_a], "frequency_Hz": [f - 1.96 * sd_f, f + 1.96 * sd_f]}
-    others = tuple(f"vibration.{LINEAR[i]}" for i in fits if i != best and fits[i][1] > gain - RIVAL)
+    others = tuple(f"vibration.{LINEAR[i]}" for i in fits if i != best and fits[i][1] > gain - settings.indistinguishable)
     return Line(effect, ci, others, gain)
 
 

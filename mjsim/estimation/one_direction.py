@@ -9,15 +9,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from mjsim.estimation.criteria import THRESHOLD
 from mjsim.estimation.fit import Fit
 from mjsim.estimation.signatures import Candidate, Projector, SignatureBank
 from mjsim.machine.effect import Effect
 
 Row = tuple[float, np.ndarray, Candidate]
 
-#: Seeds of one effect that are tried in each direction, the best first, and what acting in both they must explain.
-_SEEDS, _LEAST = 3, 0.5 * THRESHOLD
+#: Seeds of one effect that are tried in each direction, the best first.
+_SEEDS = 3
 
 
 def in_each_direction(effect: Effect) -> list[Effect]:
@@ -33,7 +32,7 @@ def one_direction_rows(fit: Fit, bank: SignatureBank, rows: list[Row]) -> list[R
     whole = [Candidate(f.effect, f.names) for f in fit.effects if not f.effect.search.scanned]
     tried: dict[str, int] = {}
     for gain, _, c in rows:
-        if gain < _LEAST:
+        if gain < 0.5 * bank.problem.settings.likelihood_ratio:  # what acting in both must explain
             break
         if in_each_direction(c.effect) and tried.setdefault(c.id, 0) < _SEEDS:
             tried[c.id] += 1

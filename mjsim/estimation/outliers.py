@@ -154,7 +154,7 @@ def leave_out_shorter_side(s: Samples, here: int, residual: np.ndarray) -> bool:
         height = float(_jumps(residual, s.valid, max(3, round(0.5 * SIDE / dt)))[min(here, len(residual) - 1)])
         s.value = np.where(later, s.value - height, s.value)
         residual[later] -= height
-        s.take_out(s.known)
+        s.mean = s.average(s.value - s.left_out)
     s.valid &= (later if kept_later else ~later) & (np.abs(np.arange(len(s.time)) - here) > MARGIN / dt)
     s.refresh()
     return kept_later

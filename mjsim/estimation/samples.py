@@ -5,6 +5,8 @@ The noise is coloured, so neighbouring samples are no independent evidence. All 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -28,8 +30,8 @@ class Samples:
 
     Attributes:
         test: the test. block: length of a block, s. time: (n,) s, all samples. value: (n,) m. valid: (n,) bool.
-        edges: (m + 1,) first sample of each block. centre: (m,) s. mean: (m,) m. good: (m,) bool. known: (n,) m, what
-        :meth:`take_out` has taken out of ``value`` in ``mean``.
+        edges: (m + 1,) first sample of each block. centre: (m,) s. mean: (m,) m. good: (m,) bool. left_out: (n,) m, what
+        ``mean`` leaves out of ``value``. given: (n,) bool, ``valid`` as recorded.
     """
 
     test: BallBarTest
@@ -38,11 +40,13 @@ class Samples:
     valid: np.ndarray
     block: float = BLOCKS[1]
     edges: np.ndarray = field(init=False)
-    known: np.ndarray = field(init=False)
+    left_out: np.ndarray = field(init=False)
+    given: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
         self._fill_gaps()
-        self.known = np.zeros(len(self.time))
+        self.left_out = np.zeros(len(self.time))
+        self.given = self.valid.copy()
         dt = float(np.median(np.diff(self.time)))
         if dt < self.block:
             number = np.floor((self.time - self.time[0]) / self.block + 0.5 * dt / self.block).astype(int)
@@ -65,10 +69,18 @@ class Samples:
         time[place] = self.time
         self.time, self.value, self.valid = time, value, valid
 
-    def take_out(self, known: np.ndarray) -> None:
-        """Leave ``known`` (n,) m, a part of the reading that is understood, out of the block means (zeros: put everything back)."""
-        self.known = known
-        self.mean = self.average(self.value - known)
+    def copy(self) -> Samples:
+        """Samples that can be marked without changing these."""
+        out = copy(self)
+        out.valid, out.good, out.value, out.mean = self.valid.copy(), self.good.copy(), self.value.copy(), self.mean.copy()
+        return out
+
+    def without(self, part: np.ndarray) -> Samples:
+        """The samples with a part of the reading that is understood, (n,) m, left out of the block means; zeros: with nothing left out."""
+        out = self.copy()
+        out.left_out = part
+        out.mean = self.average(self.value - part)
+        return out
 
     def refresh(self) -> None:
         """Recompute which blocks are good after ``valid`` has changed."""
@@ -193,7 +205,7 @@ def half_differences(s: Samples) -> tuple[np.ndarray, np.ndarray]:
     """
     turn = revolution_time(s.test)
     out = []
-    for time, value, valid in ((s.time, s.value - s.known, s.valid), (s.centre, s.mean, s.good)):
+    for time, value, valid in ((s.time, s.value - s.left_out, s.valid), (s.centre, s.mean, s.good)):
         later = _delayed(np.where(valid, value, np.median(value[valid])), turn / float(np.median(np.diff(time))))
         bad = np.convolve(~valid, np.ones(33), mode="same") > 0
         n = min(len(later), int(np.searchsorted(time, time[-1] - turn)) - 16)
@@ -216,7 +228,7 @@ def usual_noise(block: float = BLOCKS[0], resolution: float = 0.1e-6) -> Noise:
     return Noise(rms, 0.93 * rms, ar, 0.93 * rms * float(np.sqrt(1 - ar[0] ** 2)), "assumed: no test repeats its revolution")
 
 
-def estimate_noise(samples: list[Samples], resolution: float, order: int = 5) -> Noise:
+def estimate_noise(samples: Sequence[Samples], resolution: float, order: int = 5) -> Noise:
     """Noise model of a campaign.
 
     Tests with two revolutions or more give half-differences; their median spectrum over the tests counts, so that one test with

@@ -166,13 +166,13 @@ class Projector:
     """Gains of signatures on a fitted model, with everything that is already fitted projected out (priors kept)."""
 
     def __init__(self, fit: Fit) -> None:
-        self.design, self.covariance, self.residual = fit.design, fit.covariance, fit.residual
+        self.design, self.equations, self.residual = fit.design, fit.linear, fit.residual
         self.step = fit.step  # what a further fit of the present model would still move
 
     def normal(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Normal matrix (k, k) of the columns after projection, and their score (k,) on the residual."""
         cross = self.design.T @ columns
-        return columns.T @ columns - cross.T @ (self.covariance @ cross), columns.T @ self.residual - cross.T @ self.step
+        return self.equations.left_over(columns.T @ columns, cross), columns.T @ self.residual - cross.T @ self.step
 
     def gain(self, columns: np.ndarray) -> tuple[float, np.ndarray]:
         """Fall of the objective if the columns were fitted as well, and the coefficients (k,)."""
@@ -184,14 +184,14 @@ class Projector:
             return []
         together = np.hstack(columns)
         cross = self.design.T @ together
-        reduced, score = self.covariance @ cross, together.T @ self.residual - cross.T @ self.step
+        reduced, score = self.equations.solve(cross), together.T @ self.residual - cross.T @ self.step
         ends = np.cumsum([0, *(c.shape[1] for c in columns)])
         return [_solve(c.T @ c - cross[:, a:b].T @ reduced[:, a:b], score[a:b]) for c, (a, b) in zip(columns, pairwise(ends), strict=True)]
 
     def screen(self, bank: SignatureBank) -> list[tuple[float, np.ndarray, Candidate]]:
         """Gain and coefficients of every candidate of the bank, best first."""
         cross = self.design.T @ bank.matrix
-        reduced = self.covariance @ cross
+        reduced = self.equations.solve(cross)
         score = bank.matrix.T @ self.residual - cross.T @ self.step
         out = []
         for c, s, own in zip(bank.candidates, bank.slices, bank.own, strict=True):
@@ -201,6 +201,6 @@ class Projector:
 
 
 def _solve(matrix: np.ndarray, score: np.ndarray) -> tuple[float, np.ndarray]:
-    matrix = matrix + np.eye(len(matrix)) * (1e-9 * np.trace(matrix) / len(matrix) + 1e-6)
-    x = np.linalg.solve(matrix, score)
+    ridge = 1e-9 * np.trace(matrix) / len(matrix) + 1e-6
+    x = np.linalg.solve(matrix + ridge * np.eye(len(matrix)), score)
     return float(score @ x), x

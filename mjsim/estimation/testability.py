@@ -9,8 +9,6 @@ from mjsim.estimation.problem import Problem
 from mjsim.estimation.signatures import Projector, SignatureBank
 from mjsim.machine.chain import AXES, ROTARY
 
-#: An effect is testable when three standard deviations of its leading parameter stay below this many typical sizes.
-LIMIT = 10.0
 #: Sensitivity below which an axis is not seen: linear, and rotary (m/rad).
 _SEEN = (0.02, 1e-3)
 
@@ -19,7 +17,7 @@ def detection_limits(projector: Projector, bank: SignatureBank) -> dict[str, flo
     """Three standard deviations of every effect's leading size, in typical sizes, with everything else free (best seed)."""
     limits: dict[str, float] = {}
     cross = projector.design.T @ bank.matrix
-    reduced = projector.covariance @ cross
+    reduced = projector.equations.solve(cross)
     for c, s, own in zip(bank.candidates, bank.slices, bank.own, strict=True):
         left = np.diag(own - cross[:, s].T @ reduced[:, s])
         # beyond a ten-millionth of the signature's power nothing but rounding is left
@@ -33,7 +31,9 @@ def not_testable(problem: Problem, projector: Projector, bank: SignatureBank) ->
     """Ids that the set-up, the axes that move, or the other parameters hide in this campaign."""
     limits = detection_limits(projector, bank)
     waves = [i for i in registry.all_ids(problem.tests[0].chain) if i not in limits]
-    return sorted([i for i, limit in limits.items() if limit > LIMIT] + [i for i in waves if not _shows(problem, i)])
+    return sorted(
+        [i for i, limit in limits.items() if limit > problem.settings.testable_size] + [i for i in waves if not _shows(problem, i)]
+    )
 
 
 def _shows(problem: Problem, effect_id: str) -> bool:

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjsim.estimation.criteria import VISIBLE, parameter_count, penalised_objective
-from mjsim.estimation.curve_search import MANY, best_curve_term, is_overfit, visible
+from mjsim.estimation.criteria import parameter_count, penalised_objective
+from mjsim.estimation.curve_search import best_curve_term, is_overfit, visible
 from mjsim.estimation.curve_terms import TABLE, CurveTerm
 from mjsim.estimation.effect_file import effect_source
 from mjsim.estimation.fit import Fit
@@ -17,8 +17,6 @@ from mjsim.machine.chain import ROTARY
 from mjsim.progress import Progress
 from mjsim.units import DEG, UM
 
-#: Share of what is named that the rest must be, for the named effects to be doubted.
-_NOTABLE = 0.02
 #: Share of a curve's power in one harmonic that makes this its period.
 _HARMONIC = 0.6
 #: Shapes of a curve with so many times the usual variance are hidden by the set-up.
@@ -79,20 +77,17 @@ def find_unexplained(problem: Problem, selection: Selection, progress: Progress)
     """
     progress("looking at the rest", 0, 1)
     rest = best_curve_term(problem, selection.fit)
-    if selection.found:
-        many = parameter_count(selection.fit) >= MANY
-        if many or (
-            rest is not None and rest.gain > _NOTABLE * (penalised_objective(selection.start) - penalised_objective(selection.fit))
-        ):
-            worms = (
-                {f.effect.subject for f in selection.fit.effects if f.effect.search.scanned and f.effect.subject in ROTARY}
-                if many
-                else set()
-            )
-            best_curve = selection.best_curve if selection.best_curve and not worms else best_curve_term(problem, selection.start, worms)
-            if is_overfit(problem, selection.start, selection.fit, best_curve, selection.first):
-                selection = replace(selection, fit=selection.start, found=[])
-                rest = best_curve
+    if not selection.found:
+        return (describe(problem, selection.fit, rest) if rest else None), selection
+    settings, start = problem.settings, selection.start
+    many = parameter_count(selection.fit) >= settings.overfit_many
+    named = penalised_objective(start, settings) - penalised_objective(selection.fit, settings)
+    if many or (rest is not None and rest.gain > settings.notable_share * named):
+        scanned = {f.effect.subject for f in selection.fit.effects if f.effect.search.scanned}
+        worms = {a for a in scanned if start.base.chain.is_rotary(a)} if many else set()
+        curve = selection.best_curve if selection.best_curve and not worms else best_curve_term(problem, start, worms)
+        if is_overfit(problem, start, selection.fit, curve, selection.first_gain):
+            selection, rest = replace(selection, fit=start, found=[]), curve
     return (describe(problem, selection.fit, rest) if rest else None), selection
 
 
@@ -113,7 +108,9 @@ def describe(problem: Problem, fit: Fit, term: CurveTerm) -> Unexplained:
     rest = problem.residual(fit.readings, fit.nuisance)
     left = float(np.sqrt(np.mean(np.concatenate([(r - p)[s.good] for r, p, s in zip(rest, parts, problem.samples, strict=True)]) ** 2)))
     spread = [float(np.std(p)) for p in parts]
-    order = sorted((k for k in range(len(parts)) if spread[k] > VISIBLE * problem.noise.rms), key=lambda k: -spread[k])
+    order = sorted(
+        (k for k in range(len(parts)) if spread[k] > problem.settings.visible_share * problem.noise.rms), key=lambda k: -spread[k]
+    )
     where = tuple(float(np.degrees(problem.motions[k].program.phi(_worst_time(problem, fit, k, parts[k])))[0]) for k in order)
     shows = tuple(problem.tests[k].name for k in order)
     x, x_label, period = _file_units(term, fit)
@@ -147,7 +144,8 @@ def _stem(axes: tuple[str, ...]) -> str:
 
 def _seen(term: CurveTerm) -> tuple[np.ndarray, np.ndarray]:
     """The curve (k,) and its standard deviation without the shapes that set-up errors could take up as well (its level, above all)."""
-    variance, modes = np.linalg.eigh(term.covariance)
+    information, modes = np.linalg.eigh(term.precision)
+    variance, modes = 1.0 / information[::-1], modes[:, ::-1]
     along = modes.T @ term.coefficients
     kept = (variance < _HIDDEN * np.median(variance)) | (np.abs(along) > 3.0 * np.sqrt(np.abs(variance)))
     return modes[:, kept] @ along[kept], np.sqrt(np.clip((modes[:, kept] ** 2) @ variance[kept], 0.0, None))

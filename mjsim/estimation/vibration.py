@@ -6,54 +6,53 @@ samples (blocks would average it away, :mod:`mjsim.estimation.lines`), and left 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mjsim.effects.vibration import Vibration
 from mjsim.estimation.lines import Line, amplitude_of, find, records_of
-from mjsim.estimation.nuisance import fit_nuisance
+from mjsim.estimation.nuisance_fit import fit_nuisance
 from mjsim.estimation.problem import Problem
 from mjsim.machine.chain import LINEAR
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
 
-#: Most vibrations of a machine that are looked for.
-_MOST = 4
 
+@dataclass(frozen=True)
+class Separated:
+    """A problem whose data have no vibrations in them.
 
-def residuals(problem: Problem, readings: list[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
-    """Measured less modelled, every sample, m; ``known`` parts are left out."""
-
-    def one(k: int) -> np.ndarray:
-        s = problem.samples[k]
-        return s.value - s.known - s.sample_all(readings[k] + problem.offsets(k, nuisance), problem.shift(k, nuisance))
-
-    return problem.map(one)
-
-
-def separate(problem: Problem, machine: Machine) -> tuple[Machine, list[Line]]:
-    """Take vibrations out of the problem's data: those in ``machine``, with the phases of the tests, and what else is found.
-
-    Returns:
-        The machine without vibrations, and all that were taken out.
+    Attributes:
+        problem: With all vibrations left out of the data; the noise is estimated without them.
+        machine: Without vibrations.
+        lines: What was left out: what was found, and what the machine as given has, with the phases of the tests.
     """
+
+    problem: Problem
+    machine: Machine
+    lines: tuple[Line, ...]
+
+
+def separate(problem: Problem, machine: Machine) -> Separated:
+    """Take vibrations out of the data: those of ``machine``, with the phases of the tests, and what else is found."""
     rigid = without_vibrations(machine)
     readings = problem.readings(build(rigid))
     nuisance = fit_nuisance(problem, readings)
     lines: list[Line] = []
-    while len(lines) < _MOST:
-        line = find(problem, residuals(problem, readings, nuisance), nuisance)
+    data = problem
+    while len(lines) < problem.settings.most_vibrations:
+        line = find(data, data.sample_residuals(readings, nuisance), nuisance)
         if line is None or any(_same(line.effect, other.effect) for other in lines):
             break
         lines.append(line)
-        take_out(problem, lines, nuisance)
+        data = _without(problem, lines, nuisance)
     left = [e for e in machine.effects if e.kind == "vibration" and not any(_same(e, line.effect) for line in lines)]
     if left:
-        weak = phased(problem, replace(rigid, effects=(*rigid.effects, *left)), readings, nuisance)
+        weak = phased(data, replace(rigid, effects=(*rigid.effects, *left)), readings, nuisance)
         lines += [Line(e, {}, (), 0.0) for e in weak.effects if e.kind == "vibration"]
-        take_out(problem, lines, nuisance)
-    return rigid, lines
+        data = _without(problem, lines, nuisance)
+    return Separated(data, rigid, tuple(lines))
 
 
 def without_vibrations(machine: Machine) -> Machine:
@@ -74,18 +73,15 @@ def _same(a: Effect, b: Effect) -> bool:
     return a.subject == b.subject and abs(a.values["frequency_Hz"] - b.values["frequency_Hz"]) < 0.1
 
 
-def take_out(problem: Problem, lines: list[Line], nuisance: np.ndarray) -> None:
-    """Leave vibrations out of the problem's data; the noise is estimated again."""
-    for k, s in enumerate(problem.samples):
+def _without(problem: Problem, lines: list[Line], nuisance: np.ndarray) -> Problem:
+    """The problem with vibrations left out of its data."""
+
+    def part(k: int) -> np.ndarray:
         shift = problem.shift(k, nuisance)
-        s.take_out(sum((_wave(problem, k, line.effect, shift) for line in lines), np.zeros(len(s.time))))
-    problem.estimate_noise()
+        waves = (_wave(problem, k, line.effect, shift) for line in lines)
+        return sum(waves, np.zeros(len(problem.samples[k].time)))
 
-
-def put_back(problem: Problem) -> None:
-    """Undo :func:`take_out`, but for the noise, which is the better one without vibrations."""
-    for s in problem.samples:
-        s.take_out(np.zeros(len(s.time)))
+    return problem.without([part(k) for k in range(len(problem.samples))])
 
 
 def phased(problem: Problem, machine: Machine, readings: list[np.ndarray] | None = None, nuisance: np.ndarray | None = None) -> Machine:
@@ -100,7 +96,7 @@ def phased(problem: Problem, machine: Machine, readings: list[np.ndarray] | None
         readings = problem.readings(build(without_vibrations(machine)))
     if nuisance is None:
         nuisance = fit_nuisance(problem, readings)
-    rest = residuals(problem, readings, nuisance)
+    rest = problem.sample_residuals(readings, nuisance)
     for effect in waves:
         records = records_of(problem, rest, nuisance, False)
         i, f = LINEAR.index(effect.subject), effect.values["frequency_Hz"]

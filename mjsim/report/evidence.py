@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mjsim.effects import registry
-from mjsim.estimation.criteria import THRESHOLD
 from mjsim.estimation.problem import Problem
+from mjsim.estimation.settings import DIAGNOSIS
 from mjsim.machine.chain import is_rotary
 from mjsim.report.answer import short_test
 from mjsim.report.content import Finding, NotTestable, ParameterRow, Rejected
@@ -43,7 +43,7 @@ def _finding(e: DiagnosedEffect, data: dict, explainable: float) -> Finding:
         e.tests,
         None if share is None else round(share, 1),
         float(f"{e.gain:.6g}"),
-        THRESHOLD,
+        DIAGNOSIS.likelihood_ratio,
         confidence(e.gain, e.alternatives),
         rejected,
     )
@@ -74,7 +74,7 @@ def confidence(gain: float, alternatives: tuple[str, ...]) -> str:
 
     Chance alone passes the threshold about once in a thousand campaigns (``scripts/null_bank.py``).
     """
-    ratio = gain / THRESHOLD
+    ratio = gain / DIAGNOSIS.likelihood_ratio
     how = "certain" if ratio >= CERTAIN else "clear" if ratio >= CLEAR else "weak"
     size = f"{ratio:,.0f}".replace(",", "\u202f") if ratio >= 10.0 else f"{ratio:.1f}"
     text = f"That something is missing is {how}: the gain is {size} times what chance alone reaches once in a thousand campaigns."

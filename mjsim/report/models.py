@@ -8,8 +8,10 @@ import numpy as np
 
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
+from mjsim.estimation.disturbances import readmitted
 from mjsim.estimation.fit import with_effects
-from mjsim.estimation.nuisance import fit_nuisance
+from mjsim.estimation.mistakes.checked_problem import trusted_problem
+from mjsim.estimation.nuisance_fit import fit_nuisance
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.vibration import phased
 from mjsim.machine.kinematics import reading
@@ -35,10 +37,10 @@ class Model:
 
 def prepared(result: Diagnosis, threads: int = 2) -> Problem:
     """The campaign as the diagnosis has judged it: with the disturbances left out that its final model does not follow."""
-    problem = Problem(result.campaign, result.before.machine, threads)
+    problem = trusted_problem(result.campaign, build(result.before.machine), threads)
     if any(problem.outliers.values()):
         readings = problem.readings(build(phased(problem, result.machine)))
-        problem.readmit_outliers(readings, fit_nuisance(problem, readings))
+        return readmitted(problem, readings, fit_nuisance(problem, readings))
     return problem
 
 

@@ -10,6 +10,7 @@ from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.io.extras import need
+from mjsim.machine import model
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.report import build, page, trend
@@ -81,7 +82,7 @@ def _single(campaign: Campaign, machine: Machine, max_effects: int, diagnosed: b
         content = build.diagnosed(diagnose(campaign, machine, max_effects, threads, progress), threads, progress, day)
     else:
         need_traces(campaign)
-        problem = checked_problem(campaign, machine, threads)
+        problem = checked_problem(campaign, model.build(machine), threads)
         content = build.compared(problem, compare(campaign, machine, threads, progress, problem), threads, progress, day)
     progress("writing the page", 0, 1)
     return Report(page.render(content), page.finite(content.to_json()))

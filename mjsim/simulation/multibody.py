@@ -88,7 +88,7 @@ def simulate(
 
 
 def simulate_each(
-    machine: Machine,
+    machine: Machine | Plant,
     tests: Iterable[BallBarTest],
     keep: Callable[[Simulation], T],
     threads: int = 2,
@@ -96,8 +96,8 @@ def simulate_each(
     step: float = STEP,
     substeps: int = SUBSTEPS,
 ) -> list[T]:
-    """As :func:`simulate`, but only what ``keep`` makes of each test stays in memory."""
-    plant = build(machine)
+    """As :func:`simulate`, but only what ``keep`` makes of each test stays in memory; a plant that is built already serves as well."""
+    plant = machine if isinstance(machine, Plant) else build(machine)
     check_stable(plant)
     model = mjmodel.build_model(plant, step, substeps)
     tests = list(tests)

@@ -18,7 +18,7 @@ from mjsim.campaign.traces import read_trace
 from mjsim.errors import InputError
 from mjsim.estimation.mistakes.mistakes import Mistake, corrected, rewritten
 from mjsim.estimation.mistakes.recognise import TestEvidence, recognise
-from mjsim.estimation.mistakes.single import FITS
+from mjsim.estimation.settings import MISTAKES
 from mjsim.importing.checks import duration_question
 from mjsim.importing.into_campaign import trace_bytes
 from mjsim.io.files import write_all
@@ -67,8 +67,8 @@ def evidence_of(t: TestEvidence) -> str:
     """Why a test's reversals do not show that its trace is what campaign.toml says; empty where they do."""
     if t.factor is None or t.agreement is None:
         return "the model has no friction spikes at its reversals"
-    if t.agreement < FITS:
-        return f"its reversals agree little with the model ({t.agreement:.2f}; {FITS:g} is needed)"
+    if t.agreement < MISTAKES.agreement:
+        return f"its reversals agree little with the model ({t.agreement:.2f}; {MISTAKES.agreement:g} is needed)"
     if not 1 / _SIZE < t.factor < _SIZE:
         return f"the spikes at its reversals have {t.factor:.2g} times the model's size"
     return ""

@@ -17,12 +17,12 @@ from mjsim.ballbar.speed import range_warning, speed_warnings
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.mistakes.checked_problem import checked_problem
-from mjsim.estimation.nuisance import fit_nuisance
-from mjsim.estimation.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, Problem
+from mjsim.estimation.nuisance_fit import fit_nuisance
+from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import GRID_STEPS
 from mjsim.estimation.vibration import phased
 from mjsim.io.extras import need
-from mjsim.machine.model import Machine
+from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
 from mjsim.simulation.drive import STEP
 from mjsim.simulation.multibody import Reading, Simulation, reading_of, simulate_each
@@ -161,15 +161,18 @@ def compare(
     """
     if not campaign.measured:
         raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; comparing needs at least one measured test")
-    problem = problem or checked_problem(campaign, machine, threads, keep_motions=False)
+    plant = build(machine)
+    problem = problem or checked_problem(campaign, plant, threads, keep_motions=False)
+    with_phases = phased(problem, machine)
+    if with_phases is not machine:
+        plant = build(with_phases)
     count = [0]
 
     def done(test: BallBarTest) -> None:
         count[0] += 1
         progress("simulating", count[0], len(problem.tests))
 
-    machine = phased(problem, machine)
-    return overlay(problem, machine, simulate_each(machine, problem.tests, reading_of, threads, done))
+    return overlay(problem, with_phases, simulate_each(plant, problem.tests, reading_of, threads, done))
 
 
 def overlay(problem: Problem, machine: Machine, simulations: Sequence[Simulation | Reading]) -> Comparison:
@@ -208,10 +211,8 @@ def overlay(problem: Problem, machine: Machine, simulations: Sequence[Simulation
         squares += float(residual[good] @ residual[good])
         count += int(good.sum())
     setups = {
-        name: np.concatenate(
-            [nuisance[problem.layout.setup(name) :][:3] * TABLE_BALL, nuisance[problem.layout.setup(name) + 3 :][:3] * SPINDLE_BALL]
-        )
-        for name in problem.layout.setups
+        name: np.concatenate([problem.nuisances.table_ball(nuisance, name), problem.nuisances.spindle_ball(nuisance, name)])
+        for name in dict.fromkeys(t.setup for t in problem.tests)
     }
     return Comparison(
         problem.campaign,
@@ -222,7 +223,7 @@ def overlay(problem: Problem, machine: Machine, simulations: Sequence[Simulation
         float(np.sqrt(squares / count)),
         max(t.maximum for t in tests),
         setups,
-        float(nuisance[problem.layout.length] * LENGTH),
+        problem.nuisances.length(nuisance),
         _pairs(tests),
         tuple(s.deviation for s in simulations),
     )

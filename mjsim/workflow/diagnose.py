@@ -11,17 +11,18 @@ import numpy as np
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
-from mjsim.estimation.criteria import VISIBLE
+from mjsim.estimation.disturbances import readmitted
 from mjsim.estimation.fit import Fitter, unabsorbed, with_effects
 from mjsim.estimation.lines import Line
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.planning.next_test import plan_for
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.selection import ModelSelection, Selection
+from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.estimation.signatures import Projector
 from mjsim.estimation.testability import not_testable
 from mjsim.estimation.unexplained import Unexplained, find_unexplained
-from mjsim.estimation.vibration import is_news, phased, put_back, separate
+from mjsim.estimation.vibration import Separated, is_news, phased, separate
 from mjsim.io import files
 from mjsim.io.extras import need
 from mjsim.machine.effect import Effect
@@ -157,13 +158,25 @@ def _sig(v):
 
 
 @one_blas_thread
-def diagnose(campaign: Campaign, machine: Machine, max_effects: int = 5, threads: int = 2, progress: Progress = silent) -> Diagnosis:
+def diagnose(
+    campaign: Campaign,
+    machine: Machine,
+    max_effects: int = 5,
+    threads: int = 2,
+    progress: Progress = silent,
+    settings: DiagnosisSettings = DIAGNOSIS,
+) -> Diagnosis:
     """Find what is missing.
 
     The search runs on the drives' motions; every error that is reported comes from the full multibody simulation.
 
     Args:
-        max_effects: at most so many different effects.
+        campaign: With at least one measured test.
+        machine: As given.
+        max_effects: At most so many different effects.
+        threads: Tests that are worked on side by side.
+        progress: Called as work gets on.
+        settings: What decides.
 
     Raises:
         InputError: no measured test, or the traces show a mistake (:mod:`mjsim.estimation.mistakes`).
@@ -171,13 +184,14 @@ def diagnose(campaign: Campaign, machine: Machine, max_effects: int = 5, threads
     if not campaign.measured:
         raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; a diagnosis needs measured tests")
     progress("preparing", 0, 1)
-    problem = checked_problem(campaign, machine, threads)
-    selection, unexplained, lines = _explain(problem, machine, max_effects, progress)
-    hidden = not_testable(problem, Projector(selection.start), selection.bank)
+    separated = separate(checked_problem(campaign, build(machine), threads, settings=settings), machine)
+    data, selection, unexplained = _explain(separated, max_effects, progress)
+    hidden = not_testable(data, Projector(selection.start), selection.bank)
     found = sorted(
-        [*_found(problem, selection), *(_vibration(problem, line) for line in lines if is_news(line, machine))], key=lambda f: -f[0]
+        [*_found(data, selection), *(_vibration(data, line) for line in separated.lines if is_news(line, machine))],
+        key=lambda f: -f[0],
     )
-    put_back(problem)
+    problem = data.restored()
 
     def simulated(m: Machine, stage: str) -> Comparison:
         count = [0]
@@ -193,7 +207,7 @@ def diagnose(campaign: Campaign, machine: Machine, max_effects: int = 5, threads
     for i in range(1, len(found)):
         part = phased(problem, with_effects(machine, [e.effect for _, e in found[:i]]))
         ladder.append(simulated(part, f"simulating with {i} effect{'s' if i > 1 else ''}"))
-    final = with_effects(selection.fit.machine, [line.effect for line in lines])
+    final = with_effects(selection.fit.machine, [line.effect for line in separated.lines])
     after = simulated(final, "simulating the fitted machine")
     ladder.append(after)
     effects = tuple(replace(e, rms_before=a.rms, rms_after=b.rms) for (_, e), a, b in zip(found, ladder, ladder[1:], strict=False))
@@ -219,15 +233,18 @@ def diagnose(campaign: Campaign, machine: Machine, max_effects: int = 5, threads
     )
 
 
-def _explain(problem: Problem, machine: Machine, max_effects: int, progress: Progress) -> tuple[Selection, Unexplained | None, list[Line]]:
-    """The search, with vibrations left out of the data, and what it leaves."""
-    rigid, lines = separate(problem, machine)
-    fitter = Fitter(problem, rigid)
+def _explain(separated: Separated, max_effects: int, progress: Progress) -> tuple[Problem, Selection, Unexplained | None]:
+    """The model selection on data without vibrations and what it leaves, with the data that it ends on."""
+    problem = separated.problem
+    fitter = Fitter(problem, separated.machine)
     selection = ModelSelection(fitter, progress).run(max_effects)
     unexplained, selection = find_unexplained(problem, selection, progress)
-    if selection.found and problem.readmit_outliers(selection.fit.readings, selection.fit.nuisance):
-        selection = replace(selection, fit=fitter.fit(selection.fit.effects, start=selection.fit))
-    return selection, unexplained, lines
+    if selection.found:
+        data = readmitted(problem, selection.fit.readings, selection.fit.nuisance)
+        if data is not problem:
+            refitted = fitter.with_problem(data).fit(selection.fit.effects, start=selection.fit)
+            return data, replace(selection, fit=refitted), unexplained
+    return problem, selection, unexplained
 
 
 def _found(problem: Problem, selection: Selection) -> list[tuple[float, DiagnosedEffect]]:
@@ -235,8 +252,8 @@ def _found(problem: Problem, selection: Selection) -> list[tuple[float, Diagnose
     out = []
     for f in selection.found:
         at = next(j for j, g in enumerate(selection.fit.effects) if g.effect.key == f.key)
-        free, block = selection.fit.effects[at], selection.fit.block(at)
-        ci = free.interval(free.vector, selection.fit.covariance[block, block])
+        free = selection.fit.effects[at]
+        ci = free.interval(free.vector, selection.fit.covariance_of(free))
         where = _where(problem, selection, at)
         out.append((f.gain, DiagnosedEffect(free.effect, free.names, ci, 0.0, 0.0, f.alternatives, where, f.gain, f.rejected)))
     return out
@@ -245,7 +262,7 @@ def _found(problem: Problem, selection: Selection) -> list[tuple[float, Diagnose
 def _vibration(problem: Problem, line: Line) -> tuple[float, DiagnosedEffect]:
     i, size = problem.tests[0].chain.index(line.effect.subject), line.effect.si("amplitude_um")
     spread = [size * np.sqrt(np.mean(s.axes[:, i] ** 2) / 2) for s in problem.sensitivity]
-    tests = tuple(t.name for t, x in zip(problem.tests, spread, strict=True) if x > VISIBLE * problem.noise.rms)
+    tests = tuple(t.name for t, x in zip(problem.tests, spread, strict=True) if x > problem.settings.visible_share * problem.noise.rms)
     return line.gain, DiagnosedEffect(line.effect, line.effect.search.free, line.ci95, 0.0, 0.0, line.alternatives, tests, line.gain)
 
 
@@ -260,5 +277,5 @@ def _where(problem: Problem, selection: Selection, index: int) -> tuple[str, ...
         machine = machine.with_effect(original)
     parts = problem.difference(problem.readings(build(machine)), selection.fit.readings, selection.fit.nuisance)
     left = unabsorbed(problem, selection.fit, parts)
-    least = VISIBLE * problem.noise.rms
+    least = problem.settings.visible_share * problem.noise.rms
     return tuple(t.name for t, *both in zip(problem.tests, parts, left, strict=True) if min(map(np.std, both)) > least)

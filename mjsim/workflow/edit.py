@@ -14,18 +14,18 @@ from mjsim.errors import InputError
 from mjsim.estimation.criteria import penalised_objective
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit, Fitter
-from mjsim.estimation.mistakes.checked_problem import checked_problem
+from mjsim.estimation.mistakes.checked_problem import checked_problem, trusted_problem
 from mjsim.estimation.one_direction import one_direction_rows
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.selection import ModelSelection
 from mjsim.estimation.signatures import Candidate, Projector, SignatureBank
 from mjsim.estimation.spectrum import spectral_candidates
-from mjsim.estimation.vibration import put_back, separate
+from mjsim.estimation.vibration import separate
 from mjsim.io.files import write_all
 from mjsim.io.toml import read_text
 from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect
-from mjsim.machine.model import Machine
+from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 from mjsim.units import UM
@@ -107,7 +107,7 @@ def add(
     _need_traces(campaign)
     if record:
         ladder.read_history(campaign)  # a damaged history stops us before the work
-    problem = checked_problem(campaign, machine, threads)
+    problem = checked_problem(campaign, build(machine), threads)
     progress("fitting", 0, 1)
     fitted_effect, ci95 = _fitted(problem, machine, cls, subjects)
     if source is not None:
@@ -148,7 +148,7 @@ def remove(
         raise InputError(f"{machine.path}: has no effect {effect!r}; it has: {have}")
     _need_traces(campaign)
     ladder.read_history(campaign)  # a damaged history stops us before the work
-    problem = Problem(campaign, machine, threads)
+    problem = trusted_problem(campaign, build(machine), threads)
     before = compare(campaign, machine, threads, progress, problem)
     without = machine.without(present.key)
     after = compare(campaign, without, threads, progress, problem)
@@ -182,21 +182,18 @@ def _record(campaign: Campaign, action: str, change: Change, path: Path, text: s
 
 def _fitted(problem: Problem, machine: Machine, cls: type[Effect], subjects: list[str]) -> tuple[Effect, dict]:
     """The effect at its best values on its best subject, with their 95 % intervals; vibrations are left out of the data meanwhile."""
-    rigid, lines = separate(problem, machine)
-    try:
-        if cls.kind == "vibration":
-            mine = [line for line in lines if line.effect.subject in subjects and line.ci95]
-            if not mine:
-                raise InputError(
-                    f"effect vibration.{'/'.join(subjects)}: no line of constant frequency along this axis stands out of the noise"
-                )
-            return mine[0].effect, mine[0].ci95
-        fitter = Fitter(problem, rigid)
-        best = min((fit_effect(problem, fitter, cls, s) for s in subjects), key=lambda f: f.objective)
-        free, block = best.effects[-1], best.block(len(best.effects) - 1)
-        return free.effect, free.interval(free.vector, best.covariance[block, block])
-    finally:
-        put_back(problem)
+    separated = separate(problem, machine)
+    if cls.kind == "vibration":
+        mine = [line for line in separated.lines if line.effect.subject in subjects and line.ci95]
+        if not mine:
+            raise InputError(
+                f"effect vibration.{'/'.join(subjects)}: no line of constant frequency along this axis stands out of the noise"
+            )
+        return mine[0].effect, mine[0].ci95
+    fitter = Fitter(separated.problem, separated.machine)
+    best = min((fit_effect(separated.problem, fitter, cls, s) for s in subjects), key=lambda f: f.objective)
+    free = best.effects[-1]
+    return free.effect, free.interval(free.vector, best.covariance_of(free))
 
 
 def fit_effect(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str) -> Fit:
@@ -240,5 +237,5 @@ def fit_effect(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str
     rows = Projector(start).screen(bank)
     best = {c.effect.key: (x, c) for _, x, c in sorted([*rows, *one_direction_rows(start, bank, rows)], key=lambda r: r[0])}
     trials = [fitter.fit(selection.extended(start, c, x), start=start, exact=False) for x, c in best.values()]
-    trial = min(trials, key=penalised_objective)
+    trial = min(trials, key=lambda t: penalised_objective(t, problem.settings))
     return fitter.fit(trial.effects, start=trial)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
@@ -14,7 +12,7 @@ from mjsim.estimation.planning.separation import Explanation
 from mjsim.estimation.samples import BLOCKS, usual_noise
 from mjsim.estimation.selection import ModelSelection
 from mjsim.estimation.vibration import separate
-from mjsim.machine.model import Machine
+from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 from mjsim.workflow.edit import fit_effect
@@ -52,19 +50,18 @@ def plan(
         pair = _by_default(between[0], machine), _by_default(between[1], machine)
         return best_of(between, pair, campaign, usual_noise(), BLOCKS[0], threads, progress)
     progress("preparing", 0, 1)
-    problem = checked_problem(campaign, machine, threads)
-    rigid, _ = separate(problem, machine)
-    fitter = Fitter(problem, rigid)
+    problem = checked_problem(campaign, build(machine), threads)
+    separated = separate(problem, machine)
+    problem, fitter = separated.problem, Fitter(separated.problem, separated.machine)
     if between is None:
         selection = ModelSelection(fitter, progress).run()
         return plan_for(problem, selection, threads, progress)
-    length = problem.layout.length
     if NOTHING in between:
-        here = Explanation.of_fit(NOTHING, fitter.fit([], exact=False), length)
-        pair = replace(here, name=ids[0], effects=(typical(ids[0], machine.chain),)), here
+        here = Explanation.of_fit(NOTHING, fitter.fit([], exact=False))
+        pair = here.with_effect(ids[0], typical(ids[0], machine.chain)), here
     else:
         fits = (fit_effect(problem, fitter, *registry.effect_class(i, machine.chain)) for i in between)
-        first, second = (Explanation.of_fit(i, fit, length) for i, fit in zip(between, fits, strict=True))
+        first, second = (Explanation.of_fit(i, fit) for i, fit in zip(between, fits, strict=True))
         pair = first, second
     return best_of(between, pair, campaign, problem.noise, problem.samples[0].block, threads, progress)
 

@@ -4,27 +4,49 @@ from __future__ import annotations
 
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
+from mjsim.estimation.disturbances import without_disturbances
 from mjsim.estimation.mistakes.mistakes import Mistake
 from mjsim.estimation.mistakes.recognise import find_mistakes
 from mjsim.estimation.problem import Problem
-from mjsim.machine.model import Machine, build
+from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
+from mjsim.machine.plant import Plant
 from mjsim.threads import one_blas_thread
 
 
 @one_blas_thread
 def checked_problem(
-    campaign: Campaign, machine: Machine, threads: int = 2, block: float | None = None, keep_motions: bool = True
+    campaign: Campaign,
+    plant: Plant,
+    threads: int = 2,
+    block: float | None = None,
+    keep_motions: bool = True,
+    settings: DiagnosisSettings = DIAGNOSIS,
 ) -> Problem:
-    """A :class:`~mjsim.estimation.problem.Problem` whose traces were looked at; a campaign that is to be taken ``as_is`` is not.
+    """A problem whose traces were looked at, without disturbances. A campaign that is to be taken ``as_is`` is not looked at.
+
+    Args:
+        campaign: With at least one measured test.
+        plant: Of the machine as given.
+        threads: Tests that are worked on side by side.
+        block: Length of an averaging block, s; otherwise by the tests' feeds.
+        keep_motions: Without it, a test's motions are kept for one model only: a fifth of the memory.
+        settings: What decides in a diagnosis.
 
     Raises:
-        InputError: the data say that a sign, a unit, a direction or the order of traces is wrong.
+        InputError: The data say that a sign, a unit, a direction or the order of traces is wrong.
     """
-    problem = Problem(campaign, machine, threads, block, outliers=False, keep_motions=keep_motions)
+    problem = Problem.of(campaign, plant, threads, block, keep_motions, settings)
+    readings = problem.readings(plant)
     if not campaign.as_is:
-        refuse(campaign, find_mistakes(problem, machine).mistakes)
-    problem.leave_out_outliers(build(machine))
-    return problem
+        refuse(campaign, find_mistakes(problem, plant, readings).mistakes)
+    return without_disturbances(problem, readings)
+
+
+@one_blas_thread
+def trusted_problem(campaign: Campaign, plant: Plant, threads: int = 2, settings: DiagnosisSettings = DIAGNOSIS) -> Problem:
+    """As :func:`checked_problem`, for a campaign that is not looked at again."""
+    problem = Problem.of(campaign, plant, threads, settings=settings)
+    return without_disturbances(problem, problem.readings(plant))
 
 
 def refuse(campaign: Campaign, mistakes: tuple[Mistake, ...]) -> None:

@@ -13,7 +13,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from mjsim.ballbar.measurement import BallBarTest
-from mjsim.estimation.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER
+from mjsim.estimation.least_squares import ridge_solution
+from mjsim.estimation.nuisance import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER
 from mjsim.estimation.samples import GRID, GRID_STEPS, Samples
 from mjsim.machine.kinematics import BarSensitivity
 from mjsim.machine.plant import Plant
@@ -78,7 +79,8 @@ def spikes(variant: Variant, s: Samples) -> Spikes:
         return Spikes(0.0, 0.0, False)
     columns = np.column_stack([*(_sharp(c, width) for c in variant.balls(s).T), np.ones(len(s.mean))])[good]
     # with their priors: what is sharp in these columns is next to nothing, and without them it would take any spike up
-    fit = np.linalg.solve(columns.T @ columns + _NOISE**2 * np.diag([1.0] * 6 + [0.0]), columns.T)
+    priors = _NOISE**2 * np.array([1.0] * 6 + [0.0])
+    fit = ridge_solution(columns.T @ columns, columns.T, priors)
     y = _sharp(s.mean, width)[good]
     y = y - columns @ (fit @ y)
     best = Spikes(0.0, 0.0, False)
@@ -106,7 +108,7 @@ def disagreement(parts: list[tuple[Variant, Samples, float]]) -> float:
 
     As the RMS (m) that one test would have, were it all in that one.
     """
-    a, b, total, count = np.eye(7) * _REST**2, np.zeros(7), 0.0, []
+    a, b, total, count = np.zeros((7, 7)), np.zeros(7), 0.0, []
     rows = []
     for variant, s, factor in parts:
         modelled = s.sample(variant.reading, 0.0)
@@ -120,7 +122,7 @@ def disagreement(parts: list[tuple[Variant, Samples, float]]) -> float:
         weight = _POINTS / max(1, len(d))
         a += weight * columns.T @ columns
         b += weight * columns.T @ d
-    x = np.linalg.solve(a, b)
+    x = ridge_solution(a, b, _REST**2)
     for columns, d in rows:
         total += float(np.sum((d - columns @ x) ** 2))
         count.append(len(d))

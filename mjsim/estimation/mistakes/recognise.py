@@ -16,17 +16,14 @@ from mjsim.ballbar.kinds import kind_of
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.mistakes.evidence import Spikes, Variant
 from mjsim.estimation.mistakes.mistakes import Mistake, unit_of
-from mjsim.estimation.mistakes.single import BETTER, FITS, single_mistakes
+from mjsim.estimation.mistakes.single import single_mistakes
 from mjsim.estimation.mistakes.state import State
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import make_samples
+from mjsim.estimation.settings import MISTAKES, MistakeSettings
 from mjsim.machine.model import Machine, build
+from mjsim.machine.plant import Plant
 from mjsim.threads import one_blas_thread
-
-#: A test that fits so much better as given contradicts a mistake of all tests.
-_CONTRADICTS = 0.2
-#: So much agreement still says something of sign and size; sizes that differ by more than this factor are not of the same mistake.
-_LEANS, _SAME_SIZE = 0.15, 4.0
 
 
 @dataclass(frozen=True)
@@ -49,22 +46,22 @@ class Findings:
 
 
 @one_blas_thread
-def recognise(campaign: Campaign, machine: Machine, threads: int = 2) -> Findings:
+def recognise(campaign: Campaign, machine: Machine, threads: int = 2, settings: MistakeSettings = MISTAKES) -> Findings:
     """Look for mistakes in a measured campaign.
 
     Args:
         campaign: with at least one measured test. machine: the model as given; what is wrong with the machine may be missing in it.
     """
-    return find_mistakes(Problem(campaign, machine, threads, outliers=False, keep_motions=False), machine)
-
-
-def find_mistakes(problem: Problem, machine: Machine) -> Findings:
-    """The same for a problem whose samples are as given."""
     plant = build(machine)
-    readings = problem.readings(plant)
+    problem = Problem.of(campaign, plant, threads, keep_motions=False)
+    return find_mistakes(problem, plant, problem.readings(plant), settings)
+
+
+def find_mistakes(problem: Problem, plant: Plant, readings: list[np.ndarray], settings: MistakeSettings = MISTAKES) -> Findings:
+    """The same for a problem whose samples are as given, with the plant of the machine as given and its readings."""
     variants = [Variant(t, readings[k], problem.sensitivity[k]) for k, t in enumerate(problem.tests)]
     traces = make_samples(problem.tests, problem.campaign.traces)
-    state = State(variants, traces, [1.0] * len(traces))
+    state = State(variants, traces, [1.0] * len(traces), settings)
     given = [state.spikes_of(v, s) for v, s in zip(variants, traces, strict=True)]
     tests = tuple(
         TestEvidence(v.test.name, f.factor if f.visible else None, f.agreement if f.visible else None)
@@ -89,23 +86,23 @@ def _shared_mistake(state: State, given: list[Spikes], reversed_run: Callable[[i
     fits = {k: state.fit(state.part(k)) or 0.0 for k in seen}
     if not seen:
         return None
-    strong = {k: known for k in seen if abs(given[k].agreement) >= FITS and (known := unit_of(given[k].factor))}
-    if strong and max(fits.values()) < FITS - 0.1 and len(set(strong.values())) == 1:
+    strong = {k: known for k in seen if abs(given[k].agreement) >= state.settings.agreement and (known := unit_of(given[k].factor))}
+    if strong and max(fits.values()) < state.settings.agreement - 0.1 and len(set(strong.values())) == 1:
         factor, unit = next(iter(strong.values()))
-        weak = [given[k].factor for k in seen if k not in strong and abs(given[k].agreement) > _LEANS]
+        weak = [given[k].factor for k in seen if k not in strong and abs(given[k].agreement) > state.settings.weak_agreement]
         typical = float(np.median([given[k].factor for k in strong]))
-        if any(not 1 / _SAME_SIZE < f / typical < _SAME_SIZE for f in weak):
+        if any(not 1 / state.settings.same_size < f / typical < state.settings.same_size for f in weak):
             return None
         kind = "sign" if not unit else "unit" if factor > 0 else "sign_and_unit"
         where = f"{len(strong)} test{'s' if len(strong) > 1 else ''}"
         evidence = f"at the axes' reversals in {where} the readings are {typical:.3g} times what friction leaves there"
         return Mistake(kind, names, evidence, every=True, factor=factor, unit=unit)
     runs = [k for k in seen if kind_of(state.variants[k].test).goes_round]
-    if len(runs) < 2 or all(fits[k] >= FITS for k in runs):
+    if len(runs) < 2 or all(fits[k] >= state.settings.agreement for k in runs):
         return None
     after = {k: state.fit((reversed_run(k), state.traces[k], 1.0)) or 0.0 for k in runs}
-    better = [k for k in runs if after[k] >= FITS and after[k] - fits[k] >= BETTER]
-    if len(better) < 2 or any(fits[k] >= FITS and fits[k] - after[k] >= _CONTRADICTS for k in runs):
+    better = [k for k in runs if after[k] >= state.settings.agreement and after[k] - fits[k] >= state.settings.improvement]
+    if len(better) < 2 or any(fits[k] >= state.settings.agreement and fits[k] - after[k] >= state.settings.contradiction for k in runs):
         return None
     evidence = (
         f"the axes' reversals in {len(better)} tests agree with the other direction, correlation "

@@ -10,17 +10,7 @@ import numpy as np
 from mjsim.ballbar.program import Program
 from mjsim.estimation.mistakes.evidence import Variant, level
 from mjsim.estimation.mistakes.mistakes import Mistake, unit_of
-from mjsim.estimation.mistakes.state import AGREE, DISAGREE, SHARE, Part, State
-
-#: Agreement of the spikes that a corrected test must reach, and by how much it must be better than as given (chosen on the tuning half
-#: of the generator's campaigns: the page on mistakes has the figures).
-FITS, BETTER = 0.5, 0.5
-#: The runner-up must leave so many times more.
-_RUNNER_UP = 2.0
-#: A test without spikes whose noise is so many times less than the others' is in another unit.
-_NOISE = 12.0
-#: Programs whose measured parts begin and end within this of each other can have each other's trace, s.
-_SAME_SPAN = 0.5
+from mjsim.estimation.mistakes.state import Part, State
 
 
 @dataclass(frozen=True)
@@ -91,8 +81,8 @@ def _suspects(state: State, touched: set[int]) -> list[int]:
     usual = float(np.median(levels))
     for k in set(range(len(state.variants))) - touched:
         fit = state.fit(state.part(k))
-        strange = 0.0 < levels[k] < usual / _NOISE
-        if (fit is not None and fit < FITS) or strange or state.disagrees(k):
+        strange = 0.0 < levels[k] < usual / state.settings.noise_ratio
+        if (fit is not None and fit < state.settings.agreement) or strange or state.disagrees(k):
             out.append(k)
     return out
 
@@ -101,14 +91,17 @@ def _guesses(state: State, k: int, reversed_run: Callable[[int], Variant], touch
     variant, trace, _ = state.part(k)
     out = [_Guess("sign", {k: (variant, trace, -1.0)}, -1.0)]
     found = state.spikes_of(variant, trace)
-    known = unit_of(found.factor) if found.visible and abs(found.agreement) >= FITS else None if found.visible else _by_noise(state, k)
+    if found.visible:
+        known = unit_of(found.factor) if abs(found.agreement) >= state.settings.agreement else None
+    else:
+        known = _by_noise(state, k)
     if known and known[1]:
         factor, unit = known
         out.append(_Guess("unit" if factor > 0 else "sign_and_unit", {k: (variant, trace, factor)}, factor, unit))
     out.append(_Guess("direction", {k: (reversed_run(k), trace, 1.0)}))
     span = np.array(Program(variant.test).measured_span)
     for j, other in enumerate(state.variants):
-        if j != k and j not in touched and np.abs(np.array(Program(other.test).measured_span) - span).max() < _SAME_SPAN:
+        if j != k and j not in touched and np.abs(np.array(Program(other.test).measured_span) - span).max() < state.settings.same_span:
             out.append(_Guess("swapped", {k: (variant, state.traces[j], 1.0), j: (other, trace, 1.0)}))
     return out
 
@@ -117,13 +110,13 @@ def _by_noise(state: State, k: int) -> tuple[float, str] | None:
     """Sign and unit of a test that has no spikes, where it is quieter than the others are: a fault can only make it louder."""
     usual = float(np.median([level(s) for j, s in enumerate(state.traces) if j != k])) if len(state.traces) > 3 else 0.0
     own = level(state.traces[k])
-    return unit_of(own / usual) if usual and 0.0 < own < usual / _NOISE else None
+    return unit_of(own / usual) if usual and 0.0 < own < usual / state.settings.noise_ratio else None
 
 
 def _judge(state: State, k: int, reversed_run: Callable[[int], Variant], touched: set[int]) -> _Judged | None:
     """What is wrong with test ``k``; ``None`` where no guess stands out."""
     judged = sorted((_merit(state, k, g) for g in _guesses(state, k, reversed_run, touched)), key=lambda j: -j.merit)
-    if judged[0].merit < 1.0 or (len(judged) > 1 and judged[0].merit < _RUNNER_UP * judged[1].merit):
+    if judged[0].merit < 1.0 or (len(judged) > 1 and judged[0].merit < state.settings.runner_up * judged[1].merit):
         return None
     return judged[0]
 
@@ -134,10 +127,10 @@ def _merit(state: State, k: int, guess: _Guess) -> _Judged:
         before, after = state.fit(state.part(j)), state.fit(part)
         if before is None or after is None:
             continue
-        if after < min(before, FITS) - 0.1:
+        if after < min(before, state.settings.agreement) - 0.1:
             return _Judged(guess, 0.0)
-        if after >= FITS:
-            gains.append((after - before) / BETTER)
+        if after >= state.settings.agreement:
+            gains.append((after - before) / state.settings.improvement)
             texts.append(f"{after:.2f} instead of {before:.2f}")
     before, after = state.disagreement_of(k, {}), state.disagreement_of(k, guess.parts)
     by_spikes = max(gains, default=0.0)
@@ -145,9 +138,11 @@ def _merit(state: State, k: int, guess: _Guess) -> _Judged:
         by_spikes = 0.0  # either trace has to fit where it would belong
     if by_spikes >= 1.0 and after <= 1.1 * before + 0.3e-6:
         return _Judged(guess, by_spikes, f"correlation with what friction leaves at the axes' reversals {', '.join(texts)}")
-    if before > DISAGREE and after < min(SHARE * before, AGREE) and not (guess.kind == "swapped" and by_spikes < 0.2):
+    limits = state.settings
+    agrees = before > limits.setup_disagrees and after < min(limits.setup_share * before, limits.setup_agrees)
+    if agrees and not (guess.kind == "swapped" and by_spikes < 0.2):
         evidence = f"the tests of its set-up then agree to {after * 1e6:.2g} µm, as given to {before * 1e6:.2g} µm"
-        return _Judged(guess, SHARE * before / max(after, 1e-9), evidence, True)
+        return _Judged(guess, limits.setup_share * before / max(after, 1e-9), evidence, True)
     if guess.unit and not gains and _by_noise(state, k) is not None:
         return _Judged(guess, 1.0, f"its noise is {level(state.traces[k]) * 1e6:.2g} µm, less than a bar can have")
     return _Judged(guess, 0.0)

@@ -9,12 +9,10 @@ import numpy as np
 from mjsim.estimation.mistakes.evidence import Spikes, Variant, disagreement, spikes
 from mjsim.estimation.mistakes.mistakes import unit_of
 from mjsim.estimation.samples import Samples
+from mjsim.estimation.settings import MistakeSettings
 
 #: A test as it may have been run: its variant, its trace, and what the trace is multiplied with.
 Part = tuple[Variant, Samples, float]
-#: A set-up whose tests disagree by more than this, m, and by less than this share of it when one test is corrected, has a mistake in
-#: it; corrected, they must agree to the last figure, m.
-DISAGREE, SHARE, AGREE = 3e-6, 0.2, 3e-6
 
 
 @dataclass
@@ -24,6 +22,7 @@ class State:
     variants: list[Variant]
     traces: list[Samples]
     factors: list[float]
+    settings: MistakeSettings
     _known: dict = field(default_factory=dict)
 
     def part(self, k: int) -> Part:
@@ -48,10 +47,10 @@ class State:
         """Whether the set-up of test ``k`` leaves much more than its tests do on their own: else no correction makes it agree."""
         members = self.members(k)
         disagreement_of = self.disagreement_of(k, {})
-        if disagreement_of <= DISAGREE:
+        if disagreement_of <= self.settings.setup_disagrees:
             return False
-        alone = float(np.sqrt(sum(disagreement([self.part(j)]) ** 2 for j in members if j != k)))
-        return alone < SHARE * disagreement_of
+        apart = float(np.sqrt(sum(disagreement([self.part(j)]) ** 2 for j in members if j != k)))
+        return apart < self.settings.setup_share * disagreement_of
 
     def disagreement_of(self, k: int, parts: dict[int, Part]) -> float:
         """Disagreement (m) of the set-up of test ``k`` with some tests changed; zero where the test is alone in it."""

@@ -17,8 +17,6 @@ from mjsim.estimation.pitch.directions import TurnDirection
 from mjsim.estimation.pitch.model import PitchModel, State
 from mjsim.estimation.pitch.terms import Fault, Term, Wave
 
-#: Chance that noise alone names one component or more in one direction of one axis.
-FALSE_ALARM = 1e-3
 #: Share of a term that must be its own, not another's, to be looked at. Small: what is left by two waves closer than the resolution
 #: has to be explained by a second one, or its side lobes would be; :class:`Component` then says that the two cannot be taken apart.
 _OWN = 0.003
@@ -34,7 +32,7 @@ _NEIGHBOURS = 60
 _MEDIAN = 2.0 * np.log(2.0)
 
 
-def threshold(candidates: int, false_alarm: float = FALSE_ALARM) -> float:
+def threshold(candidates: int, false_alarm: float) -> float:
     """Fall of the squared residual that noise alone reaches with probability ``false_alarm`` somewhere among ``candidates`` waves."""
     return 2.0 * float(np.log(candidates / false_alarm))
 
@@ -52,9 +50,7 @@ class Dictionary:
         self._at = {k: self._middles(k) for k in direction.tests}
         design = np.vstack([model.whitened(k, model.columns(k, state)) for k in direction.tests])
         rest = np.concatenate([model.whitened(k, model.residual(k, state)) for k in direction.tests])
-        prior = np.sqrt(model.prior(state))
-        n = len(state.nuisance) + len(state.sheet_deviation)
-        now = np.concatenate([state.nuisance, state.sheet_deviation, np.zeros(len(prior) - n)])
+        prior, now = np.sqrt(state.parameters.precision()), state.parameters.departure(state.vector)
         active = design.any(axis=0)
         q = np.linalg.qr(np.vstack([design[:, active], np.diag(prior[active])]))[0]
         rest = np.concatenate([rest, -(prior * now)[active]])
@@ -63,7 +59,7 @@ class Dictionary:
         self._q, self._rest = q[: len(design)], rest[: len(design)]
         self._rest_prior, self._q_prior = rest[len(design) :], q[len(design) :]
         self.orders, self.terms, self._raw = self._candidates()
-        self.limit = threshold(len(self.terms))
+        self.limit = threshold(len(self.terms), model.settings.false_alarm)
         self._start = np.cumsum([0, *(1 if isinstance(t, Fault) else 2 for t in self.terms)])
         self._project(self._q, first=True)
         self.update()

@@ -9,23 +9,22 @@ from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.estimation.mistakes.checked_problem import checked_problem
-from mjsim.estimation.nuisance import fit_nuisance
+from mjsim.estimation.nuisance_fit import fit_nuisance
 from mjsim.estimation.pitch import joint
 from mjsim.estimation.pitch.curve import components_of
 from mjsim.estimation.pitch.directions import BAND, HIGHEST, TurnDirection, tangential, turn_directions
 from mjsim.estimation.pitch.model import PitchModel, State
 from mjsim.estimation.pitch.result import PitchIdentification
 from mjsim.estimation.pitch.summary import identified_direction
+from mjsim.estimation.settings import PITCH, PitchSettings
 from mjsim.machine.effect import Effect
-from mjsim.machine.model import Machine
+from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 from mjsim.units import DEG, UM
 
 #: Lengths of averaging blocks, s: short where the highest order passes fast.
 _BLOCKS = (0.010, 0.020, 0.040)
-#: Teeth that the arc must cover, so that the tooth order stands apart from what lies below it.
-TEETH = 4
 
 
 def identify_pitch_error(
@@ -47,6 +46,7 @@ def identify_pitch_errors(
     per_direction: bool = False,
     threads: int = 2,
     progress: Progress = silent,
+    settings: PitchSettings = PITCH,
 ) -> dict[str, PitchIdentification]:
     """Pitch errors of rotary axes: components per direction, against the noise floor, with 95 % intervals.
 
@@ -54,20 +54,20 @@ def identify_pitch_errors(
     machine's own pitch errors of these axes are left out and found anew.
 
     Args:
-        axes: of A and C. per_direction: keep CW and CCW apart even where they agree.
+        axes: of A and C. per_direction: keep CW and CCW apart even where they agree. settings: what decides.
 
     Raises:
         InputError: the campaign has no measured tangential test of an axis, or its arc is too short.
     """
     for axis in axes:
-        _check(campaign, machine, axis)
-    tested = tuple(a for a in ("A", "C") if a in axes or _testable(campaign, machine, a))
+        _check(campaign, machine, axis, settings)
+    tested = tuple(a for a in ("A", "C") if a in axes or _testable(campaign, machine, a, settings))
     bare = machine
     for axis in tested:
         bare = bare.without(f"pitch_error.{axis}")
     progress("reading the tests", 0, 5)
-    problem = checked_problem(campaign, bare, threads, block=_block(campaign, tested))
-    model = PitchModel(problem, bare)
+    problem = checked_problem(campaign, build(bare), threads, block=_block(campaign, tested))
+    model = PitchModel(problem, bare, settings)
     directions = [w for a in tested for w in turn_directions(problem, a, machine.drives[a].gear)]
     model.use = sorted(k for w in directions for k in w.tests)
     progress("choosing components", 1, 5)
@@ -131,16 +131,16 @@ def _arc(test) -> float:
     return abs(test.stop - test.start) - 2 * kind_of(test).margin
 
 
-def _needed(machine: Machine, axis: str) -> float:
-    return TEETH * 2 * np.pi / machine.drives[axis].gear
+def _needed(machine: Machine, axis: str, settings: PitchSettings) -> float:
+    return settings.teeth * 2 * np.pi / machine.drives[axis].gear
 
 
-def _testable(campaign: Campaign, machine: Machine, axis: str) -> bool:
+def _testable(campaign: Campaign, machine: Machine, axis: str, settings: PitchSettings) -> bool:
     tests = tangential_tests(campaign, axis)
-    return bool(tests) and min(_arc(t) for t in tests) >= _needed(machine, axis)
+    return bool(tests) and min(_arc(t) for t in tests) >= _needed(machine, axis, settings)
 
 
-def _check(campaign: Campaign, machine: Machine, axis: str) -> None:
+def _check(campaign: Campaign, machine: Machine, axis: str, settings: PitchSettings) -> None:
     tests = tangential_tests(campaign, axis)
     file = campaign.folder / "campaign.toml"
     if not tests:
@@ -148,7 +148,7 @@ def _check(campaign: Campaign, machine: Machine, axis: str) -> None:
             f'{file}: no measured tangential test of axis {axis}; needed: a [[test]] with kind = "rotary", axis = "{axis}", '
             f'sensitive_direction = "tangential" and a trace, best in both directions'
         )
-    needed, teeth = _needed(machine, axis), machine.drives[axis].gear
+    needed, teeth = _needed(machine, axis, settings), machine.drives[axis].gear
     for t in tests:
         if _arc(t) < needed:
             raise InputError(

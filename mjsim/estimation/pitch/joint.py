@@ -8,6 +8,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from mjsim.ballbar.kinds import kind_of
+from mjsim.estimation.nuisance import TRIGGERS
 from mjsim.estimation.pitch.components import chosen, threshold
 from mjsim.estimation.pitch.curve import at_reversals, terms_of
 from mjsim.estimation.pitch.directions import TurnDirection
@@ -18,14 +19,6 @@ from mjsim.estimation.samples import GRID, GRID_STEPS
 
 #: Rounds of choosing and fitting at most.
 _ROUNDS = 6
-#: A test that the model explains no better than this (mean square of its whitened residuals) is left out.
-_EXPLAINED = 1.5
-#: So many waves below the tooth order in one test, and its machine file no longer says when the axes were where.
-_SLOW_WAVES = 4
-#: A whole order is taken for the order where it lies within so many standard deviations, and these are below the second number.
-_SIGMAS, _SHARP = 3.5, 0.12
-#: Chance of calling different what is the same in both directions.
-_DIFFERENT = 0.01
 
 
 def searched(model: PitchModel, state: State, directions: list[TurnDirection], rounds: int = _ROUNDS) -> State:
@@ -41,7 +34,7 @@ def searched(model: PitchModel, state: State, directions: list[TurnDirection], r
 
 def pruned(model: PitchModel, state: State) -> State:
     """Without the terms that the data do not ask for: each must be worth the threshold that let it in, everything else refitted."""
-    limit = threshold(1000)
+    limit = threshold(1000, model.settings.false_alarm)
     needed: set[int] = set()  # counted from the end, which dropping an earlier one leaves as it is
     while True:
         count = len(state.terms)
@@ -71,7 +64,7 @@ def refined_noise(model: PitchModel, state: State) -> None:
     if any(kind_of(s.test).repeats(s.test) for s in model.problem.samples):
         return
     try:
-        model.problem.noise = residual_noise(model, state)
+        model.problem = replace(model.problem, noise=residual_noise(model, state))
     except ValueError:
         return
 
@@ -88,7 +81,7 @@ def joined(model: PitchModel, state: State, directions: list[TurnDirection]) -> 
     state = model.fit(state, 6)
     while True:
         misfit = model.misfit(state)
-        others = [k for k in model.use if k not in rotary and misfit[k] > _EXPLAINED]
+        others = [k for k in model.use if k not in rotary and misfit[k] > model.settings.explained]
         if not others:
             break
         worst = max(misfit[k] for k in others)
@@ -106,18 +99,18 @@ def _freeze(model: PitchModel, state: State, directions: list[TurnDirection]) ->
     Their glitches and slow parts are described by terms, which would move with any trigger: only the prior and the other tests know
     it. It goes back to where the prior has it, and the phases with it.
     """
-    layout = model.problem.layout
+    nuisances = model.problem.nuisances
     for w in directions:
         turned = False
         for k in w.tests:
             name = model.problem.tests[k].name
             slow = sum(isinstance(t, Wave) and t.test == name for t in state.terms)
-            if slow < _SLOW_WAVES and not any(isinstance(t, Fault) and at_turn(model, w, t) for t in terms_of(state, w)):
+            if slow < model.settings.slow_waves and not any(isinstance(t, Fault) and at_turn(model, w, t) for t in terms_of(state, w)):
                 continue
             shift = model.problem.shift(k, state.nuisance)
             model.frozen[k] = shift
             nuisance = state.nuisance.copy()
-            nuisance[layout.trigger(name)] = 0.0
+            nuisance[nuisances.place(TRIGGERS, name)] = 0.0
             state = replace(state, nuisance=nuisance)
             if not turned:
                 speed = np.median(np.gradient(model.position[k][w.axis], GRID))
@@ -151,7 +144,7 @@ def snapped(model: PitchModel, state: State, directions: list[TurnDirection]) ->
     for t, b in zip(state.terms, state.blocks, strict=True):
         if isinstance(t, Wave) and t.free_order:
             sd, whole = float(np.sqrt(state.covariance[b, b][2, 2])), round(t.order)
-            if sd < _SHARP and abs(t.order - whole) < max(_SIGMAS * sd, 0.02):
+            if sd < model.settings.whole_order_sharp and abs(t.order - whole) < max(model.settings.whole_order_sd * sd, 0.02):
                 phase = np.arctan2(t.s, t.c) + (t.order - whole) * centre[t.axis, t.direction]
                 size = np.hypot(t.c, t.s)
                 t = replace(t, order=float(whole), c=float(size * np.cos(phase)), s=float(size * np.sin(phase)), free_order=False)
@@ -178,10 +171,4 @@ def shared(model: PitchModel, state: State, axis: str) -> State | None:
     # phases of the two directions may stand apart by the trigger: the fit finds the triggers that bring them together
     trial = model.fit(replace(state, terms=rest + tuple(both)), 12)
     separate = state.objective
-    return trial if trial.objective - separate < chi2.ppf(1.0 - _DIFFERENT, 2 * len(both)) else None
-
-
-def trigger_places(model: PitchModel) -> np.ndarray:
-    """Places of the triggers in the parameter vector."""
-    layout = model.problem.layout
-    return np.arange(layout.length + 1, layout.size)
+    return trial if trial.objective - separate < chi2.ppf(1.0 - model.settings.directions_differ, 2 * len(both)) else None

@@ -5,23 +5,26 @@ Nuisances (ball offsets, length, triggers) and the data sheet have their priors,
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numba import njit
 
-from mjsim.estimation.data_sheet import SHEET, calibrated
+from mjsim.estimation.data_sheet import DATA_SHEET, calibrated, data_sheet, sheet_block
+from mjsim.estimation.least_squares import LeastSquares
+from mjsim.estimation.nuisance import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, Nuisances
+from mjsim.estimation.parameters import Block, Parameters
 from mjsim.estimation.pitch.terms import Term
-from mjsim.estimation.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, Problem
+from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import GRID, GRID_STEPS
+from mjsim.estimation.settings import PITCH, PitchSettings
 from mjsim.machine.chain import AXES, ROTARY
 from mjsim.machine.model import Machine, build
 from mjsim.simulation.transmission import BLEND
 
 #: Prior width of a term's numbers, in their units: wide, it only keeps the equations regular.
 _WIDE = 1e4
-#: Largest trigger, prior standard deviations.
-_TRIGGER_LIMIT = 5.0
 
 
 @njit(cache=True, nogil=True)
@@ -36,27 +39,63 @@ def _shares(x: np.ndarray, blend: float, direction: float) -> np.ndarray:
     return out
 
 
-@dataclass
+@dataclass(frozen=True)
 class State:
-    """Where a fit stands: nuisances and data sheet in prior standard deviations, and the terms.
+    """Where a fit stands.
 
-    ``covariance`` is that of nuisances, sheet and terms, in this order; ``blocks`` says where each term stands in it.
+    Attributes:
+        nuisances: Blocks of set-up and instrument.
+        nuisance: Their values, (nuisances.size,) in prior standard deviations.
+        sheet_deviation: Deviations of the data sheet, (sheet,) standard deviations.
+        sheet: Their block.
+        terms: Waves and faults.
+        objective: Squared whitened residuals and prior penalties.
+        equations: Normal equations of the last step, for :attr:`parameters` as they were then.
     """
 
+    nuisances: Nuisances
     nuisance: np.ndarray
     sheet_deviation: np.ndarray
+    sheet: Block
     terms: tuple[Term, ...] = ()
     objective: float = np.inf
-    covariance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    equations: LeastSquares | None = None
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        """Everything that is fitted: nuisances, data sheet, and a block per term, whose values are moves from its present ones."""
+        terms = [
+            Block.normal(_term_block(i), [str(j) for j in range(t.size)], deviation=_WIDE, informative=False)
+            for i, t in enumerate(self.terms)
+        ]
+        return self.nuisances.with_blocks(self.sheet, *terms)
+
+    @cached_property
+    def vector(self) -> np.ndarray:
+        """Present values of :attr:`parameters`, (p,)."""
+        return self.parameters.join(self.nuisances.split(self.nuisance) | {DATA_SHEET: self.sheet_deviation})
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance of :attr:`parameters`, (p, p)."""
+        assert self.equations is not None
+        return self.equations.covariance
 
     @property
     def blocks(self) -> list[slice]:
         """Place of every term's numbers in the parameter vector."""
-        out, at = [], len(self.nuisance) + len(self.sheet_deviation)
-        for t in self.terms:
-            out.append(slice(at, at + t.size))
-            at += t.size
-        return out
+        return [self.parameters[_term_block(i)] for i in range(len(self.terms))]
+
+    def moved(self, step: np.ndarray) -> State:
+        """The state with its vector moved by ``step`` (p,), not evaluated yet."""
+        p, values = self.parameters, self.parameters.split(self.vector + step)
+        terms = tuple(t.moved(values[_term_block(i)]) for i, t in enumerate(self.terms))
+        nuisance = p.part(self.vector + step, self.nuisances)
+        return replace(self, nuisance=nuisance, sheet_deviation=values[DATA_SHEET], terms=terms)
+
+
+def _term_block(i: int) -> str:
+    return f"term {i}"
 
 
 class PitchModel:
@@ -68,18 +107,18 @@ class PitchModel:
         -> trigger (s) at which the machine's own part of the reading is held, where that part is no witness of the trigger.
     """
 
-    def __init__(self, problem: Problem, machine: Machine) -> None:
-        self.problem, self.machine = problem, machine
+    def __init__(self, problem: Problem, machine: Machine, settings: PitchSettings = PITCH) -> None:
+        self.problem, self.machine, self.settings = problem, machine, settings
         self.use = list(range(len(problem.tests)))
         self.weight = np.ones(len(problem.tests))
-        self.held = np.zeros(len(SHEET))
+        self.simulated_deviation = np.zeros(len(data_sheet(machine.chain)))
         self.kept: dict = {}
         self.frozen: dict[int, float] = {}
         self._sheet = problem.sheet_grids(machine)
         self._linearise()
 
     def _linearise(self) -> None:
-        plant = build(calibrated(self.machine, self.held))
+        plant = build(calibrated(self.machine, self.simulated_deviation))
         p = self.problem
         self.readings = p.readings(plant)
         self.position = [{a: np.ascontiguousarray(m.motor(a, plant.axes[a], GRID_STEPS)) for a in ROTARY} for m in p.motions]
@@ -89,12 +128,14 @@ class PitchModel:
 
     def recentred(self, state: State) -> None:
         """Simulate the drives at the fitted data sheet, which counted linearly until now."""
-        self.held = state.sheet_deviation.copy()
+        self.simulated_deviation = state.sheet_deviation.copy()
         self._linearise()
 
     def start(self, nuisance: np.ndarray) -> State:
         """A state without terms."""
-        return State(nuisance.copy(), np.zeros(len(SHEET)))
+        sheet = sheet_block(self.machine.chain, np.zeros(len(data_sheet(self.machine.chain)), bool))
+        nuisances = Nuisances.of_tests(self.problem.tests, self.settings.trigger_limit)
+        return State(nuisances, nuisance.copy(), sheet.mean, sheet)
 
     def _acts(self, k: int, t: Term) -> bool:
         return (t.test is None or t.test == self.problem.tests[k].name) and (
@@ -125,7 +166,7 @@ class PitchModel:
         """Measured less modelled block means of one test, m."""
         s, shift = self.problem.samples[k], self.problem.shift(k, state.nuisance)
         own = self.readings[k] + self.problem.offsets(k, state.nuisance)
-        moved = state.sheet_deviation - self.held
+        moved = state.sheet_deviation - self.simulated_deviation
         if moved.any():
             own = own + moved @ self._sheet[k]
         terms = self.terms_total(k, state)
@@ -150,16 +191,14 @@ class PitchModel:
     def _nuisance_columns(self, k: int, state: State) -> np.ndarray:
         p = self.problem
         s, sens, shift = p.samples[k], p.sensitivity[k], p.shift(k, state.nuisance)
-        out = np.zeros((len(s.centre), p.layout.size))
-        at = p.layout.setup(p.tests[k].setup)
-        for j in range(3):
-            out[:, at + j] = s.sample(sens.table[:, j], shift) * TABLE_BALL
-            out[:, at + 3 + j] = s.sample(sens.spindle[:, j], shift) * SPINDLE_BALL
-        out[:, p.layout.length] = LENGTH
         moving = self.terms_total(k, state)
         if k not in self.frozen:
             moving = moving + self.readings[k] + p.offsets(k, state.nuisance)
-        out[:, p.layout.trigger(p.tests[k].name)] = -s.sample(np.gradient(moving, GRID), shift) * TRIGGER
+        own = [s.sample(sens.table[:, j], shift) * TABLE_BALL for j in range(3)]
+        own += [s.sample(sens.spindle[:, j], shift) * SPINDLE_BALL for j in range(3)]
+        own += [np.full(len(s.centre), LENGTH), -s.sample(np.gradient(moving, GRID), shift) * TRIGGER]
+        out = np.zeros((len(s.centre), state.nuisances.size))
+        out[:, state.nuisances.of_test(p.tests[k])] = np.column_stack(own)
         return out
 
     def whitened(self, k: int, columns: np.ndarray) -> np.ndarray:
@@ -170,7 +209,7 @@ class PitchModel:
     def cost(self, state: State) -> float:
         """Squared whitened residuals and prior penalties."""
         rest = self.problem.map(lambda k: self.whitened(k, self.residual(k, state)) if k in self.use else np.zeros(0))
-        return float(sum(r @ r for r in rest) + state.nuisance @ state.nuisance + state.sheet_deviation @ state.sheet_deviation)
+        return float(sum(r @ r for r in rest) + state.parameters.penalty(state.vector))
 
     def normal(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Normal matrix and gradient of the data alone."""
@@ -184,24 +223,18 @@ class PitchModel:
         total = np.sum([m for m in self.problem.map(one) if m is not None], axis=0)
         return total[:-1, :-1], total[:-1, -1]
 
-    def prior(self, state: State) -> np.ndarray:
-        n = len(state.nuisance) + len(state.sheet_deviation)
-        return np.concatenate([np.ones(n), np.full(sum(t.size for t in state.terms), _WIDE**-2)])
-
     def fit(self, state: State, iterations: int = 5) -> State:
         """Least squares of everything from ``state`` on."""
         state = replace(state, objective=self.cost(state))
         for _ in range(iterations):
-            n, t = len(state.nuisance), len(state.sheet_deviation)
             matrix, gradient = self.normal(state)
-            now = np.concatenate([state.nuisance, state.sheet_deviation, np.zeros(len(gradient) - n - t)])
-            prior = self.prior(state)
-            covariance = np.linalg.inv(matrix + np.diag(prior))
-            step = covariance @ (gradient - prior * now)
-            state = replace(state, covariance=covariance)
+            equations = LeastSquares(state.parameters, matrix)
+            step = equations.step(gradient, state.vector)
+            state = replace(state, equations=equations)
+            trial = state
             for scale in (1.0, 0.4, 0.1):
-                trial = self.stepped(state, scale * step)
-                trial.objective = self.cost(trial)
+                trial = state.moved(scale * step)
+                trial = replace(trial, objective=self.cost(trial))
                 if trial.objective < state.objective:
                     break
             else:
@@ -211,14 +244,6 @@ class PitchModel:
             if gain < 0.05:
                 break
         return state
-
-    def stepped(self, state: State, step: np.ndarray) -> State:
-        n, t = len(state.nuisance), len(state.sheet_deviation)
-        nuisance = state.nuisance + step[:n]
-        first = self.problem.layout.length + 1
-        nuisance[first:] = np.clip(nuisance[first:], -_TRIGGER_LIMIT, _TRIGGER_LIMIT)
-        terms = tuple(term.moved(step[b]) for term, b in zip(state.terms, state.blocks, strict=True))
-        return replace(state, nuisance=nuisance, sheet_deviation=state.sheet_deviation + step[n : n + t], terms=terms)
 
     def misfit(self, state: State) -> np.ndarray:
         """Mean square of each test's whitened residuals, unweighted, (tests,): 1 where only noise is left."""

@@ -7,15 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mjsim.estimation.nuisance import TRIGGER
 from mjsim.estimation.pitch.parts import Alternation, Component, LocalFault
 from mjsim.io.extras import need
 from mjsim.machine.effect import Effect
 
 if TYPE_CHECKING:
     import pandas as pd
-
-#: Usual trigger shift, one standard deviation, s (measurement chain).
-_TRIGGER_S = 0.020
 
 
 @dataclass(frozen=True)
@@ -95,7 +93,7 @@ class DirectionIdentification:
         """Feed of the first test at which the usual trigger (±20 ms, one standard deviation) costs 3° of the highest order's phase."""
         highest = max((c.order for c in self.components), default=float(self.tooth_order))
         speed = np.ptp(self.position_deg) / (self.duration_s * self.feed_mm_min)  # deg/s per mm/min
-        return float(3.0 / (1.96 * _TRIGGER_S * highest * speed))
+        return float(3.0 / (1.96 * TRIGGER * highest * speed))
 
     @property
     def differences(self) -> list[tuple[float, float]]:

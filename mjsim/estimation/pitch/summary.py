@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mjsim.estimation.nuisance import TRIGGER, TRIGGERS
 from mjsim.estimation.pitch import joint
 from mjsim.estimation.pitch.alternating import alternate
 from mjsim.estimation.pitch.curve import components_of, curve, terms_of
@@ -13,7 +14,6 @@ from mjsim.estimation.pitch.parts import Component, LocalFault
 from mjsim.estimation.pitch.result import DirectionIdentification
 from mjsim.estimation.pitch.spectrum import spectrum
 from mjsim.estimation.pitch.terms import UNIT, Fault, Wave
-from mjsim.estimation.problem import TRIGGER
 from mjsim.units import DEG, MM
 
 
@@ -23,7 +23,7 @@ def identified_direction(model: PitchModel, state: State, direction: TurnDirecti
     line = curve(model, state, direction, direction.tests[0])
     found = _components(model, state, direction)
     lines = spectrum(model, state, direction, line)
-    sd = TRIGGER * np.sqrt(np.diag(state.covariance)[: p.layout.size])
+    variance = np.diag(state.covariance)
     faults = tuple(
         LocalFault(t.centre / DEG, t.width / DEG, t.height * UNIT / DEG, joint.at_turn(model, direction, t))
         for t in terms_of(state, direction)
@@ -48,10 +48,15 @@ def identified_direction(model: PitchModel, state: State, direction: TurnDirecti
         found,
         tuple(alternate(line, [c.order for c in found])),
         faults,
-        {p.tests[k].name: float(1.96e3 * sd[p.layout.trigger(p.tests[k].name)]) for k in direction.tests},
+        _trigger_half_widths(state, variance, [p.tests[k].name for k in direction.tests]),
         p.tests[direction.tests[0]].feed * 60 / MM,
         float(np.ptp(p.samples[direction.tests[0]].centre)),
     )
+
+
+def _trigger_half_widths(state: State, variance: np.ndarray, tests: list[str]) -> dict[str, float]:
+    """Half of the 95 % interval of some tests' triggers, ms."""
+    return {t: float(1.96e3 * TRIGGER * np.sqrt(variance[state.parameters.place(TRIGGERS, t)])) for t in tests}
 
 
 def _components(model: PitchModel, state: State, direction: TurnDirection) -> tuple[Component, ...]:
@@ -64,7 +69,7 @@ def _components(model: PitchModel, state: State, direction: TurnDirection) -> tu
         else:
             groups.append([t])
     places = dict(zip(map(id, state.terms), state.blocks, strict=True))
-    triggers = joint.trigger_places(model)
+    triggers = state.parameters.places(TRIGGERS)
     out = []
     for group in groups:
         main = max(group, key=lambda t: t.amplitude_deg)

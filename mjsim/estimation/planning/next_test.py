@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from mjsim.campaign.files import test_table
 from mjsim.campaign.model import Campaign
@@ -73,19 +73,19 @@ def _row(s: Separation, between: tuple[str, str]) -> dict:
 
 def plan_for(problem: Problem, selection: Selection, threads: int = 2, progress: Progress = silent, hidden: bool = True) -> Plan | None:
     """The next test after a search: see :func:`plan`. ``hidden``: also where nothing is ambiguous, for what is not testable."""
-    length, args = problem.layout.length, (problem.campaign, problem.noise, problem.samples[0].block, threads, progress)
+    args = (problem.campaign, problem.noise, problem.samples[0].block, threads, progress)
     for f in selection.found:
         for other, fit in f.competing.items():
             mine = f.key.partition("[")[0]
-            pair = Explanation.of_fit(mine, selection.fit, length), Explanation.of_fit(other, fit, length)
+            pair = Explanation.of_fit(mine, selection.fit), Explanation.of_fit(other, fit)
             return best_of((mine, other), pair, *args)
     if not hidden:
         return None
     for effect_id in not_testable(problem, Projector(selection.start), selection.bank):
         if not _seeds(effect_id, problem.tests[0].chain):
             continue
-        here = Explanation.of_fit(NOTHING, selection.fit, length)
-        there = replace(here, name=effect_id, effects=(*here.effects, typical(effect_id, problem.tests[0].chain)))
+        here = Explanation.of_fit(NOTHING, selection.fit)
+        there = here.with_effect(effect_id, typical(effect_id, problem.tests[0].chain))
         return best_of((effect_id, NOTHING), (there, here), *args)
     return None
 

@@ -7,15 +7,18 @@ the new set-up within its priors.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mjsim.ballbar.measurement import BallBarTest
-from mjsim.estimation.data_sheet import SHEET, calibrated
+from mjsim.estimation.data_sheet import DATA_SHEET, calibrated, data_sheet, sheet_block
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit, with_effects
-from mjsim.estimation.problem import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, sheet_grid, sheet_plants
+from mjsim.estimation.least_squares import ridge_solution
+from mjsim.estimation.nuisance import BAR_LENGTH, LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER
+from mjsim.estimation.parameters import Block, Parameters
+from mjsim.estimation.problem import sheet_grid, sheet_plants
 from mjsim.estimation.samples import BLOCKS, GRID_STEPS, Noise
 from mjsim.machine.model import Machine, build
 from mjsim.simulation.axes import AxesMotion
@@ -27,32 +30,41 @@ _OPEN = 100.0
 
 @dataclass(frozen=True)
 class Explanation:
-    """A fitted model: ``fit``'s machine, and what in it is free with which covariance.
+    """A fitted model, and what in it is free with which covariance.
 
     Attributes:
-        name: id of the effect that it stands for. machine: with calibrated data sheet, less the free effects' freedom.
-        effects: free effects. covariance: of (bar length, data sheet, effects' vectors), prior standard deviations and typical sizes.
+        name: Id of the effect that it stands for.
+        base: The machine without the free effects, data sheet as printed.
+        sheet_deviation: Deviations of its data sheet, (sheet,) standard deviations.
+        effects: Free effects.
+        parameters: Blocks of bar length, data sheet and effects: what a new set-up does not change.
+        covariance: Of these, (p, p), in prior standard deviations and typical sizes.
     """
 
     name: str
     base: Machine
     sheet_deviation: np.ndarray
     effects: tuple[EffectVector, ...]
+    parameters: Parameters
     covariance: np.ndarray
 
     @classmethod
-    def of_fit(cls, name: str, fit: Fit, length: int) -> Explanation:
-        """From a fit; ``length`` is the bar length's place among the nuisances."""
-        n = len(fit.nuisance)
-        keep = [length, *range(n, fit.covariance.shape[0])]
-        return cls(name, fit.base, fit.sheet_deviation, tuple(fit.effects), fit.covariance[np.ix_(keep, keep)])
+    def of_fit(cls, name: str, fit: Fit) -> Explanation:
+        """From a fit."""
+        kept = _lasting(fit.base, fit.effects)
+        at = fit.parameters.places(*(b.name for b in kept.blocks))
+        return cls(name, fit.base, fit.sheet_deviation, fit.effects, kept, fit.covariance[np.ix_(at, at)])
 
     @classmethod
     def of_priors(cls, name: str, machine: Machine, effects: list[EffectVector]) -> Explanation:
         """From priors alone, where nothing was measured."""
-        free = sum(len(f.vector) for f in effects)
-        spread = np.concatenate([np.ones(1 + len(SHEET)), np.full(free, _OPEN**2)])
-        return cls(name, machine, np.zeros(len(SHEET)), tuple(effects), np.diag(spread))
+        kept = _lasting(machine, tuple(effects))
+        spread = np.where(kept.informative, 1.0, _OPEN**2)
+        return cls(name, machine, np.zeros(len(data_sheet(machine.chain))), tuple(effects), kept, np.diag(spread))
+
+    def with_effect(self, name: str, effect: EffectVector) -> Explanation:
+        """The same with one more effect of a given size, that is not free."""
+        return replace(self, name=name, effects=(*self.effects, effect))
 
     @property
     def machine(self) -> Machine:
@@ -96,20 +108,23 @@ class Separator:
             return Separation(test, 0.0, 0.0)
         columns = [blocks(c) for c in self._columns(motion, b)]
         J = np.column_stack(columns)
-        W = self._whitened(np.column_stack([d, J]))
-        dw, Jw = W[:, 0], W[:, 1:]
-        P = self._prior(len(columns))
-        back = np.linalg.solve(np.linalg.inv(P) + Jw.T @ Jw, Jw.T @ dw)
-        rest = dw - Jw @ back
-        return Separation(test, float(max(dw @ rest, 0.0)), float(np.sqrt(np.mean((d - J @ back) ** 2))))
+        root = self._prior_root(len(columns))  # in units of it the prior is a unit normal
+        whitened = self._whitened(np.column_stack([d, J @ root]))
+        dw, Jw = whitened[:, 0], whitened[:, 1:]
+        adapted = ridge_solution(Jw.T @ Jw, Jw.T @ dw, 1.0)
+        rest = dw - Jw @ adapted
+        return Separation(test, float(max(dw @ rest, 0.0)), float(np.sqrt(np.mean((d - J @ root @ adapted) ** 2))))
 
-    def _prior(self, size: int) -> np.ndarray:
-        """Covariance of (7 nuisances of the new set-up, length, data sheet of the axes concerned, effects)."""
-        c = self.other.covariance
-        kept = [0, *(1 + j for j in self._moved), *range(1 + len(SHEET), len(c))]
-        P = np.eye(size)
-        P[7:, 7:] = c[np.ix_(kept, kept)] + 1e-12 * np.eye(size - 7)
-        return P
+    def _prior_root(self, size: int) -> np.ndarray:
+        """Cholesky factor of the covariance of set-up and trigger, then length, data sheet of the axes concerned, effects."""
+        other = self.other
+        sheet = [other.parameters.place(DATA_SHEET, data_sheet(other.base.chain)[j].label) for j in self._moved]
+        effects = [b.name for b in other.parameters.blocks if not b.informative]
+        kept = [*other.parameters.places(BAR_LENGTH), *sheet, *other.parameters.places(*effects)]
+        new = size - len(kept)
+        root = np.eye(size)
+        root[new:, new:] = np.linalg.cholesky(other.covariance[np.ix_(kept, kept)] + 1e-12 * np.eye(len(kept)))
+        return root
 
     def _columns(self, motion: AxesMotion, base: np.ndarray):
         """Derivatives of the other explanation's reading: set-up, trigger, length, data sheet, effects; m per prior unit."""
@@ -134,3 +149,10 @@ class Separator:
         for k, t in enumerate(taps):
             out += t * columns[p - k : len(columns) - k]
         return out
+
+
+def _lasting(machine: Machine, effects: tuple[EffectVector, ...]) -> Parameters:
+    """Blocks of what a new set-up does not change."""
+    length = Block.normal(BAR_LENGTH, ("length",))
+    sheet = sheet_block(machine.chain, np.zeros(len(data_sheet(machine.chain)), bool))
+    return Parameters((length, sheet, *(f.block for f in effects)))

@@ -10,8 +10,8 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.effects import registry
 from mjsim.estimation.effect_vector import EffectVector
+from mjsim.estimation.mistakes.checked_problem import trusted_problem
 from mjsim.estimation.outliers import mark_outliers, readmit_outliers
-from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import Samples, estimate_noise, revolution_time
 from mjsim.io.resources import examples
 
@@ -107,8 +107,7 @@ def test_free_vector_round_trip():
 
 def test_nuisances_are_recovered_by_a_problem_of_known_offsets():
     """A trace made from the machine's own reading with known ball offsets, bar length and trigger gives them back."""
-    from mjsim.estimation.nuisance import fit_nuisance
-    from mjsim.estimation.problem import LENGTH, TABLE_BALL, TRIGGER
+    from mjsim.estimation.nuisance_fit import fit_nuisance
     from mjsim.machine.chain import FIVE_AXIS
     from mjsim.machine.kinematics import reading
     from mjsim.machine.model import build
@@ -125,12 +124,13 @@ def test_nuisances_are_recovered_by_a_problem_of_known_offsets():
     time = np.arange(np.ceil(lo / 0.005), np.floor(hi / 0.005)) * 0.005
     value = np.interp(time - 0.011, motion.time, d) + coloured(len(time), 0.05e-6, 0.05, 0.005, np.random.default_rng(5))
     trace = Trace(time, value, np.ones(len(time), bool))
-    problem = Problem(dataclasses.replace(campaign, tests=(test,), traces={test.name: trace}), machine)
+    problem = trusted_problem(dataclasses.replace(campaign, tests=(test,), traces={test.name: trace}), build(machine))
     x = fit_nuisance(problem, problem.readings(build(machine)))
-    assert TRIGGER * x[problem.layout.trigger(test.name)] == pytest.approx(0.011, abs=0.001)
+    n = problem.nuisances
+    assert n.trigger(x, test.name) == pytest.approx(0.011, abs=0.001)
     total = problem.offsets(0, x)
     assert np.abs(total - (problem.sensitivity[0].table @ offset + 2e-6)).max() < 0.05e-6
-    assert TABLE_BALL * abs(x[0]) < 30e-6 and LENGTH * abs(x[problem.layout.length]) < 9e-6
+    assert abs(n.table_ball(x, test.setup)[0]) < 30e-6 and abs(n.length(x)) < 9e-6
 
 
 def test_a_ball_in_another_seat_is_left_out_and_a_step_that_repeats_is_not():
@@ -170,22 +170,27 @@ def test_a_generic_curve_finds_the_axis_and_the_variable():
     from mjsim.estimation.fit import Fitter
     from mjsim.estimation.selection import ModelSelection
     from mjsim.estimation.unexplained import describe
+    from mjsim.machine.model import build
 
     campaign = read_campaign(examples() / "healthy")
     machine = read_machine(campaign.machine_file)
     tests = tuple(t for t in campaign.tests if t.name in ("circle-xy-ccw", "cone15-x50-ccw", "cone15-parallel-ccw"))
-    problem = Problem(dataclasses.replace(campaign, tests=tests, traces={t.name: campaign.traces[t.name] for t in tests}), machine)
+    problem = trusted_problem(
+        dataclasses.replace(campaign, tests=tests, traces={t.name: campaign.traces[t.name] for t in tests}), build(machine)
+    )
     clean = ModelSelection(Fitter(problem, machine)).start()
     assert best_curve_term(problem, clean) is None
+    floating = []
     for s, m, sens in zip(problem.samples, problem.motions, problem.sensitivity, strict=True):
         speed = np.abs(np.gradient(m.commands[::5, 1], m.time[5]))
-        s.take_out(-s.sample_all(sens.axes[:, 0] * 2e-6 * np.sqrt(speed / 0.0167), 0.0))
+        floating.append(s.without(-s.sample_all(sens.axes[:, 0] * 2e-6 * np.sqrt(speed / 0.0167), 0.0)))
+    problem = dataclasses.replace(problem, samples=tuple(floating))
     fit = ModelSelection(Fitter(problem, machine)).start()
     term = best_curve_term(problem, fit)
     assert (term.axis, term.moves, term.variable) == ("Y", "X", "velocity")
     told = describe(problem, fit, term)
     assert told.axes == ("Y", "X") and told.variable == "velocity" and "X axis" in told.summary
-    planted = np.sqrt(np.mean(np.concatenate([s.known for s in problem.samples]) ** 2))
+    planted = np.sqrt(np.mean(np.concatenate([s.left_out for s in problem.samples]) ** 2))
     assert 0.1 * planted < told.rms < planted  # the set-up takes its share
 
 
@@ -202,7 +207,9 @@ def test_the_written_effect_does_what_its_term_did(moves, tmp_path):
     campaign = read_campaign(examples() / "healthy")
     machine = read_machine(campaign.machine_file)
     tests = tuple(t for t in campaign.tests if t.name == "cone15-x50-ccw")
-    problem = Problem(dataclasses.replace(campaign, tests=tests, traces={t.name: campaign.traces[t.name] for t in tests}), machine)
+    problem = trusted_problem(
+        dataclasses.replace(campaign, tests=tests, traces={t.name: campaign.traces[t.name] for t in tests}), build(machine)
+    )
     fit = ModelSelection(Fitter(problem, machine)).start()
     term = next(t for t in CurveTerms(problem, fit).of("C", moves) if t.variable == "position" and t.period)
     values = 3.0 * np.cos(term.knots) * term.unit

@@ -1,0 +1,116 @@
+"""Models with one candidate effect more or less than a fitted one: how they are ranked, started and fitted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mjsim.estimation.criteria import is_feasible, penalised_objective
+from mjsim.estimation.effect_vector import EffectVector
+from mjsim.estimation.fit import Fit, Fitter, unabsorbed
+from mjsim.estimation.nuisance import TRIGGERS
+from mjsim.estimation.one_direction import one_direction_rows
+from mjsim.estimation.signatures import Candidate, Projector, SignatureBank
+from mjsim.estimation.spectrum import spectral_candidates
+from mjsim.machine.model import build
+from mjsim.progress import Progress, silent
+
+
+class CandidateModels:
+    """Fits candidate models. ``progress(stage, done, total)`` is called as work gets on."""
+
+    def __init__(self, fitter: Fitter, progress: Progress = silent) -> None:
+        self.fitter, self.problem, self.progress = fitter, fitter.problem, progress
+        self.settings = fitter.problem.settings
+
+    def start(self) -> Fit:
+        """The machine as given, its data sheet calibrated: exactly where it looks healthy, linearised where an effect bends it."""
+        linear = self.fitter.fit([], exact=False)
+        return self.exact_refit(linear) if np.abs(linear.sheet_deviation).max() < self.settings.distorted_sheet else linear
+
+    def objective(self, fit: Fit) -> float:
+        return penalised_objective(fit, self.settings)
+
+    def penalty(self, c: Candidate) -> float:
+        """Penalty of a candidate's free parameters beyond the first, and of its direction."""
+        further = len(EffectVector(c.effect, c.names).vector) - 1
+        return self.settings.parameter_penalty * further + self.settings.direction_penalty * ("direction" in c.effect.values)
+
+    def ranked_candidates(self, fit: Fit, bank: SignatureBank) -> list[tuple[float, np.ndarray, Candidate]]:
+        """Best possible starting point of every effect at the residual of ``fit``, best first; gains are net of the parameters' penalty."""
+        projector = Projector(fit)
+        rows = projector.screen(bank)
+        rows += one_direction_rows(fit, bank, rows)
+        for axis in self.fitter.machine.chain.letters:
+            waves = spectral_candidates(self.problem, fit, bank, axis)
+            gains = projector.gains([columns for _, columns in waves])
+            rows += [(*gain, candidate) for gain, (candidate, _) in zip(gains, waves, strict=True)]
+        rows = [(g - self.penalty(c), x, c) for g, x, c in rows if is_feasible(self.fitter.machine, x, c)]
+        rows.sort(key=lambda r: -r[0])
+        best: dict[str, tuple] = {}
+        for row in rows:
+            best.setdefault(row[2].effect.key, row)
+        return list(best.values())
+
+    def refit(self, effects: list[EffectVector], start: Fit, c: Candidate) -> Fit:
+        """Joint fit with a candidate: exact where a drive changes, since drives bend the data sheet's linear columns."""
+        exact = not c.effect.search.quasi_static and start.sum_squares < self.settings.close_fit * self.problem.count
+        fit = self.fitter.fit(effects, start=start, exact=exact, iterations=5 if exact else 4)
+        return fit if exact or c.effect.search.quasi_static else self.exact_refit(fit)
+
+    def exact_refit(self, fit: Fit, iterations: int = 6) -> Fit:
+        """Exact refit of a model that comes near the data; while effects are missing the data sheet would be driven far off."""
+        if fit.sum_squares > self.settings.close_fit * self.problem.count:
+            return fit
+        # a linearised data sheet that was moved far is a symptom of the linearisation: start exactly, and near the sheet
+        limit = self.settings.close_sheet
+        near = replace(fit, sheet_deviation=np.clip(fit.sheet_deviation, -limit, limit))
+        exact = self.fitter.fit(fit.effects, start=near, exact=True, iterations=iterations)
+        return exact if exact.objective < fit.objective + self.settings.likelihood_ratio else fit
+
+    def extended(self, fit: Fit, c: Candidate, x: np.ndarray) -> list[EffectVector]:
+        """Free effects of ``fit`` and the candidate at its linear estimate ``x``."""
+        if c.effect.search.scanned:
+            same = next((f for f in fit.effects if f.effect.key == c.effect.key), None)
+            scaled = EffectVector(c.effect, c.names).at(x).values["components"]
+            if same is not None:
+                extended = same.effect.replaced(components=[*same.effect.values["components"], *scaled])
+                return [EffectVector(extended, f.names) if f is same else f for f in fit.effects]
+            present = next((e for e in self.fitter.machine.effects if e.key == c.effect.key), None)
+            if present is not None:
+                extended = present.replaced(components=[*present.values["components"], *scaled])
+                return [*fit.effects, EffectVector(extended, c.names)]
+        free = EffectVector(c.effect, c.names)
+        v = free.vector
+        if any(e.key == c.effect.key for e in self.fitter.machine.effects):
+            v = v + x
+        elif c.effect.search.scanned:
+            v[: len(x)] = x
+        else:
+            v[free.linear] = free.neutral + x
+        return [*fit.effects, EffectVector(free.at(v), c.names)]
+
+    def visible(self, fit: Fit, key: str) -> bool:
+        """Whether an effect of ``fit`` stands out of some test: significance alone would name what nobody needs to know."""
+        present = self.fitter.machine.effect(key)
+        without = fit.machine.without(key) if present is None else fit.machine.with_effect(present)
+        parts = self.problem.difference(self.problem.readings(build(without)), fit.readings, fit.nuisance)
+        parts = unabsorbed(self.problem, fit, parts)
+        least = self.settings.visible_share * self.problem.noise.rms
+        return any(np.std(p[s.good]) > least for p, s in zip(parts, self.problem.samples, strict=True))
+
+    def start_without(self, without: Fit, fit: Fit, rest: list[EffectVector]) -> Fit:
+        """Where competing models start: at ``without``, or where ``fit`` ended.
+
+        The latter holds if the lack of the effect has moved triggers or data sheet away from there: a competing model that explains
+        the data as well has them where ``fit`` has.
+        """
+        at = self.problem.nuisances[TRIGGERS]
+        triggers = np.abs(without.nuisance[at] - fit.nuisance[at]).max()
+        if (
+            triggers < self.settings.distorted_trigger
+            and np.abs(without.sheet_deviation - fit.sheet_deviation).max() < self.settings.distorted_sheet
+        ):
+            return without
+        return self.fitter.fit(rest, start=fit, exact=False, iterations=0, fresh=False)

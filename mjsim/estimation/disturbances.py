@@ -1,0 +1,76 @@
+"""What happened once in a measurement is left out: spikes, and what a knock has moved."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mjsim.estimation.nuisance_fit import fit_nuisance
+from mjsim.estimation.outliers import (
+    MOST_EVENTS,
+    SAME_PLACE,
+    largest_jump,
+    leave_out_shorter_side,
+    mark_outliers,
+    readmit_outliers,
+)
+from mjsim.estimation.problem import Problem
+
+
+def without_disturbances(problem: Problem, readings: Sequence[np.ndarray]) -> Problem:
+    """The problem without what happened once.
+
+    Args:
+        problem: The measured tests as they were read.
+        readings: Simulated readings of the machine as given, on the GRID, one per test, m.
+    """
+    samples = [s.copy() for s in problem.samples]
+    tests, events = list(problem.tests), {t.name: 0 for t in problem.tests}
+    rest = problem.sample_residuals(readings, fit_nuisance(problem, readings))
+    for s, r in zip(samples, rest, strict=True):
+        events[s.test.name] = mark_outliers(s, r, problem.noise.rms)
+    for _ in range(MOST_EVENTS):
+        jumps = {k: at for k, s in enumerate(samples) if (at := largest_jump(s, rest[k], problem.noise.rms)) is not None}
+        accidents = [k for k in jumps if not _jumps_elsewhere(problem, jumps, k)]
+        for k in accidents:
+            if leave_out_shorter_side(samples[k], jumps[k], rest[k]):  # the ball sits anew in what is kept
+                tests[k] = replace(tests[k], setup=f"{tests[k].name} after a knock")
+            events[tests[k].name] += 1
+        if not accidents:
+            break
+    out = problem.with_samples(samples, tuple(tests), events)
+    return out.with_noise_of_samples() if any(events.values()) else out
+
+
+def readmitted(problem: Problem, readings: Sequence[np.ndarray], nuisance: np.ndarray) -> Problem:
+    """The problem with those disturbances counted again that a fitted model follows; the same one where there are none.
+
+    Fits made before have other rows then.
+
+    Args:
+        problem: The measured tests without disturbances.
+        readings: Simulated readings of the fitted model on the GRID, one per test, m.
+        nuisance: Its nuisances.
+    """
+    samples, events = [s.copy() for s in problem.samples], dict(problem.outliers)
+    found = 0
+    rest = problem.sample_residuals(readings, nuisance)
+    for s, r in zip(samples, rest, strict=True):
+        back = readmit_outliers(s, s.given, r, problem.noise.rms)
+        events[s.test.name] = max(0, events[s.test.name] - back)
+        found += back
+    return problem.with_samples(samples, problem.tests, events) if found else problem
+
+
+def _jumps_elsewhere(problem: Problem, jumps: dict[int, int], k: int) -> bool:
+    """Whether another test jumps at the same position of a rotary axis that moves there: then it is no accident."""
+    motion = problem.motions[k]
+    columns = motion.test.chain.rotary_columns
+
+    def place(j: int) -> np.ndarray:
+        return problem.motions[j].program.commands(problem.samples[j].time[[jumps[j]]])[0, columns]
+
+    moving = motion.moves[columns]
+    return any(j != k and (moving & (np.abs(place(j) - place(k)) < SAME_PLACE)).any() for j in jumps)
