@@ -186,22 +186,40 @@ def uninstall() -> None:
 def installed() -> Iterator[None]:
     """The callback is MuJoCo's control callback inside.
 
-    It is one per process: the first of several users puts it in, the last takes it out. So is MuJoCo's warning handler, which is
-    silent inside unless somebody has set another: MuJoCo counts warnings in its data, where they become one sentence; as they are, they
-    would stand on stderr and in a file MUJOCO_LOG.TXT in the folder that the user happens to be in.
+    It is one per process: the first of several users puts it in, the last takes it out. MuJoCo's warnings are not heard inside.
+    """
+    global _users
+    with silent():
+        with _CHANGE:
+            _users += 1
+            if _users == 1:
+                install()
+        try:
+            yield
+        finally:
+            with _CHANGE:
+                _users -= 1
+                if not _users:
+                    uninstall()
+
+
+@contextmanager
+def silent() -> Iterator[None]:
+    """MuJoCo's warnings are not heard inside, unless somebody has set a handler for them.
+
+    MuJoCo counts warnings in its data, where they become one sentence. As they are, they would stand on stderr and in a
+    file MUJOCO_LOG.TXT in the user's current folder.
     """
     with _CHANGE:
-        _users.append(mujoco.get_mju_user_warning())
-        if len(_users) == 1:
-            mujoco.set_mju_user_warning(_users[0] or _unheard)
-            install()
+        _handlers.append(mujoco.get_mju_user_warning())
+        if len(_handlers) == 1:
+            mujoco.set_mju_user_warning(_handlers[0] or _unheard)
     try:
         yield
     finally:
         with _CHANGE:
-            former = _users.pop()
-            if not _users:
-                uninstall()
+            former = _handlers.pop()
+            if not _handlers:
                 mujoco.set_mju_user_warning(former)
 
 
@@ -210,6 +228,7 @@ def _unheard(message: str) -> None:
 
 
 _CHANGE = threading.Lock()
-_users: list = []
+_users = 0
+_handlers: list = []
 
 _POINTER = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(control.address)

@@ -99,7 +99,8 @@ def simulate_each(
     """As :func:`simulate`, but only what ``keep`` makes of each test stays in memory; a plant that is built already serves as well."""
     plant = machine if isinstance(machine, Plant) else build(machine)
     check_stable(plant)
-    model = mjmodel.build_model(plant, step, substeps)
+    with callback.silent():
+        model = mjmodel.build_model(plant, step, substeps)
     tests = list(tests)
     check_axes(plant, tests)
 
