@@ -47,7 +47,7 @@ BUGS = (
     Bug(
         "servo",
         "the integral time acts on the position loop as well",
-        "mjsim/engine/drive.py",
+        "mjsim/simulation/drive.py",
         "Kv / (Ti * J)], [-Kp",
         "Kv * (1.0 + 1e-3 * Kp) / (Ti * J)], [-Kp",
         "test_drive test_oracle_drives",
@@ -55,7 +55,7 @@ BUGS = (
     Bug(
         "friction",
         "the bristle's mean over a sub-step is its end",
-        "mjsim/engine/drive.py",
+        "mjsim/simulation/drive.py",
         "mean = end + (z - end) * (1.0 - e) / a",
         "mean = zn",
         "test_drive test_convergence test_oracle_drives",
@@ -103,10 +103,10 @@ BUGS = (
     Bug(
         "file writing",
         "what was half-written stays when a command fails",
-        "mjsim/files.py",
-        "            one.undo()\n        if isinstance(error, OSError) and staged",
-        "            pass\n        if isinstance(error, OSError) and staged",
-        "test_fuzz_writing test_bad_input test_files",
+        "mjsim/io/files.py",
+        "            one.remove()\n",
+        "            pass\n",
+        "test_writing test_bad_input test_files",
     ),
     Bug(
         "batch resume",

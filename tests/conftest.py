@@ -6,8 +6,6 @@ import signal
 import tomllib
 from importlib.resources import files
 
-import fuzzing
-import hypothesis
 import numpy as np
 import pytest
 from commands import CAMPAIGN
@@ -23,7 +21,6 @@ from mjsim.machine.chain import AXES
 from mjsim.simulation.cache import forget_stale_code
 from mjsim.simulation.multibody import simulate
 
-hypothesis.settings.load_profile("mjsim")
 forget_stale_code()
 os.environ.setdefault("MJSIM_TRACEBACK", "1")  # a fault of mjsim's own is shown as it is
 # A job started in the background ignores Ctrl-C, and so would the commands under test.
@@ -45,10 +42,6 @@ LONG = (
 def pytest_collection_modifyitems(items):
     """The order of files alone; inside of one nothing changes."""
     items.sort(key=lambda item: LONG.index(item.path.stem) if item.path.stem in LONG else len(LONG))
-
-
-def pytest_sessionfinish(session):
-    fuzzing.write_tally()
 
 
 def _read(name):

@@ -8,8 +8,6 @@ from importlib import import_module
 import pytest
 from commands import CAMPAIGN, refused, run
 
-from mjsim.campaign.files import read_campaign
-
 
 @pytest.fixture
 def campaign(good, tmp_path):
@@ -37,15 +35,12 @@ REPLACED = {
     ),
     "missing key": ("bar_length_mm = 100.0\nfeed_mm_min = 2000.0\n[[", "feed_mm_min = 2000.0\n[[", FILE, "bar_length_mm", "missing"),
     "missing key of the kind": ("inclination_deg = 10.0\n", "", FILE, '"cone"', "inclination_deg", "cone_frustum needs"),
-    "key of another kind": ('axis = "A"\n', 'axis = "A"\nplane = "XY"\n', FILE, '"turn"', "plane", "rotary"),
     "angle in radians by name": ("half_apex_deg = 15.0", "half_apex_rad = 0.26", FILE, "half_apex_rad", "half_apex_deg"),
     "angle too large": ("half_apex_deg = 15.0", "half_apex_deg = 900.0", FILE, "half_apex_deg = 900.0", "less than 90"),
     "text for a number": ("feed_mm_min = 2000.0\n[[", 'feed_mm_min = "fast"\n[[', FILE, "feed_mm_min = 'fast'", "valid number"),
     "decimal comma": ("to_deg = 30.0", "to_deg = 30,0", FILE, "line 10"),
     "number not finite": ("to_deg = 30.0", "to_deg = nan", FILE, "to_deg = nan", "finite"),
-    "infinite feed": ("feed_mm_min = 2000.0\n[[", "feed_mm_min = inf\n[[", FILE, "feed_mm_min = inf"),
     "negative feed": ("feed_mm_min = 2000.0\n[[", "feed_mm_min = -1\n[[", FILE, "feed_mm_min = -1", "greater than 0"),
-    "true for a number": ("to_deg = 30.0", "to_deg = true", FILE, "to_deg = True"),
     "two coordinates": (
         "[0.0, 0.0, 155.0]\nbar_length_mm = 100.0\nfeed_mm_min = 2000.0\n[[",
         "[0.0, 155.0]\nbar_length_mm = 100.0\nfeed_mm_min = 2000.0\n[[",
@@ -55,14 +50,6 @@ REPLACED = {
     ),
     "unknown kind": ('kind = "rotary"', 'kind = "spiral"', FILE, "kind = 'spiral'", "'rotary'"),
     "unknown axis": ('axis = "A"', 'axis = "B"', FILE, "axis = 'B'", "'A' or 'C'"),
-    "wrong direction of the bar": (
-        '"tangential"',
-        '"perpendicular"',
-        FILE,
-        "sensitive_direction = 'perpendicular'",
-        "tangential, radial, axial",
-    ),
-    "no way to go": ("to_deg = 30.0", "to_deg = 0.0", FILE, '"turn"', "would not turn"),
     "ball on the axis": (
         "[0.0, 0.0, 155.0]\nbar_length_mm = 100.0\nfeed_mm_min = 2000.0\n[[",
         "[9.0, 0.0, 0.0]\nbar_length_mm = 100.0\nfeed_mm_min = 2000.0\n[[",
@@ -72,24 +59,12 @@ REPLACED = {
     ),
     "duplicate test names": ('name = "cone"', 'name = "turn"', FILE, '"turn" appears 2 times'),
     "name that is a path": ('name = "cone"', 'name = "../cone"', FILE, "../cone"),
-    "name with a line break": ('name = "cone"', 'name = "co\\nne"', FILE),
-    "date for a name": ('name = "short"', "name = 1979-05-27", FILE, "name = ", "valid string"),
-    "integer of 5000 digits": ("to_deg = 30.0", "to_deg = " + "9" * 5000, FILE),
-    "integer beyond a float": ("to_deg = 30.0", "to_deg = 1" + "0" * 400, FILE, "to_deg"),
     "a million revolutions": ('direction = "CCW"', 'direction = "CCW"\nrevolutions = 1000000', FILE, "revolutions = 1000000", "100"),
-    "fraction of a revolution": ('direction = "CCW"', 'direction = "CCW"\nrevolutions = 1.5', FILE, "revolutions = 1.5"),
     "no tests": (CAMPAIGN[CAMPAIGN.index("[[test]]") :], "", FILE, "'test' is missing"),
-    "tests that are no tables": (CAMPAIGN[CAMPAIGN.index("[instrument]") :], "test = 5\n", FILE, "test = 5"),
-    "nested deeply": ("[instrument]", "x = " + "[" * 5000 + "]" * 5000 + "\n[instrument]", FILE, "nested"),
-    "long foreign value": ('kind = "rotary"', 'kind = "' + "y" * 5000 + '"', FILE, "kind = 'yyy"),
-    "trace outside the folder": ("traces/turn.csv", "../../../etc/passwd", FILE, "../../../etc/passwd", "inside"),
     "absolute trace": ("traces/turn.csv", "/etc/passwd", FILE, "/etc/passwd", "inside"),
     "trace that is not there": ("traces/turn.csv", "traces/other.csv", "other.csv", "missing"),
     "trace that is a folder": ("traces/turn.csv", "traces", "traces"),
-    "trace with a NUL in its name": ("traces/turn.csv", "traces/\\u0000.csv", FILE),
     "machine that is not there": ('name = "short"', 'name = "short"\nmachine = "other.toml"', "other.toml", "no such file"),
-    "absolute machine": ('name = "short"', 'name = "short"\nmachine = "/etc/passwd"', FILE, "/etc/passwd"),
-    "empty trace name": ("traces/turn.csv", "", FILE, "trace"),
     "wrong feed for the trace": ("feed_mm_min = 2000.0\n[[", "feed_mm_min = 1000.0\n[[", "turn.csv", "feed_mm_min = 2000"),
     "wrong instrument": ("sample_rate_Hz = 100.0", 'kind = "laser"', FILE, "kind = 'laser'", "ball_bar"),
 }
@@ -108,8 +83,6 @@ RAW = {
     "empty": (b"", FILE, "'name' is missing"),
     "UTF-16": (CAMPAIGN.encode("utf-16"), FILE, "UTF-8"),
     "binary": (bytes(range(256)) * 20, FILE, "UTF-8"),
-    "NUL bytes": (b"\0" * 2000, FILE, "not valid TOML"),
-    "half a file": (CAMPAIGN[:200].encode(), FILE),
     "JSON": (b'{"name": "short"}', FILE, "not valid TOML", "line 1"),
 }
 
@@ -121,12 +94,6 @@ def test_campaign_file_of_other_content(campaign, case):
     refused(campaign.parent, ["compare", campaign, "--json"], *words)
 
 
-def test_byte_order_mark_is_no_mistake(campaign):
-    for file in (FILE, "machine.toml", "traces/turn.csv"):
-        (campaign / file).write_bytes(b"\xef\xbb\xbf" + (campaign / file).read_bytes())
-    assert run("compare", campaign, "--json", "--no-plots").exit_code == 0
-
-
 # -- traces ------------------------------------------------------------------------------------------------------------------------
 
 TRACES = {
@@ -135,23 +102,18 @@ TRACES = {
     "another header": (lambda t: t.replace(b"deviation_um", b"deviation_mm"), "turn.csv", "line 1", "deviation_mm", "deviation_um"),
     "no header": (lambda t: t.partition(b"\n")[2], "turn.csv", "line 1", "time_s,deviation_um"),
     "text in a number column": (lambda t: line(t, 7, b"0.5,high"), "turn.csv, line 7", "deviation_um = 'high'", "number"),
-    "empty cell": (lambda t: line(t, 7, b"0.5,"), "turn.csv, line 7", "deviation_um = ''"),
     "decimal commas": (
         lambda t: b"\n".join([t.split(b"\n")[0], *(r.replace(b".", b",") for r in t.split(b"\n")[1:])]),
         "turn.csv, line 2",
         "4 columns",
         "decimal point",
     ),
-    "semicolons": (lambda t: t.replace(b",", b";"), "turn.csv, line 1", "time_s;deviation_um"),
     "one more column": (lambda t: line(t, 9, b"0.5,1.0,2.0"), "turn.csv, line 9", "3 columns"),
     "time goes back": (lambda t: line(t, 60, b"0.001,0.0"), "turn.csv, line 60", "time_s = 0.001", "grow"),
-    "time stands still": (lambda t: line(t, 60, t.split(b"\n")[58]), "turn.csv, line 60", "grow"),
     "time not finite": (lambda t: line(t, 60, b"nan,0.0"), "turn.csv, line 60", "time_s", "finite"),
-    "time beyond a float": (lambda t: line(t, 60, b"1e999,0.0"), "turn.csv, line 60", "time_s"),
     "no reading is a number": (lambda t: t.replace(b",0.0", b",nan"), "turn.csv", "0 of", "range"),
     "beyond the sensor's range": (lambda t: t.replace(b",0.0", b",5000.0"), "turn.csv", "0 of", "1 mm"),
     "half of it": (lambda t: t[: len(t) // 2].rpartition(b"\n")[0], "turn.csv", "it stops", '"turn"'),
-    "twenty lines": (lambda t: b"\n".join(t.split(b"\n")[:21]), "turn.csv", "20 samples", "50"),
     "times of the day": (
         lambda t: b"\n".join([t.split(b"\n")[0], *(b"%.2f,0.0" % (36000 + 0.01 * i) for i in range(len(t.split(b"\n")) - 2))]),
         "turn.csv",
@@ -163,10 +125,6 @@ TRACES = {
         "time_s is in ms, multiply it by 0.001",
     ),
     "binary": (lambda t: b"\x93NUMPY" + bytes(range(256)) * 40, "turn.csv", "not text"),
-    "NUL bytes": (lambda t: b"\0" * 5000, "turn.csv", "line 1"),
-    "binary after the header": (lambda t: t.split(b"\n")[0] + b"\n" + b"\x01\x02\x1f\n" * 200, "turn.csv, line 2"),
-    "old Mac line ends": (lambda t: t.replace(b"\n", b"\r"), "turn.csv"),
-    "an endless line": (lambda t: t.split(b"\n")[0] + b"\n" + b"1" * 200_000, "turn.csv, line 2"),
 }
 
 
@@ -186,17 +144,8 @@ def test_trace(campaign, case):
 
 GZIPS = {
     "truncated": lambda d: gzip.compress(d)[:-40],
-    "cut to its head": lambda d: gzip.compress(d)[:5],
     "not gzip": lambda d: d,
-    "empty": lambda d: b"",
-    "flipped bytes": lambda d: flipped(gzip.compress(d)),
 }
-
-
-def flipped(data):
-    data = bytearray(data)
-    data[len(data) // 2 : len(data) // 2 + 20] = b"\xff" * 20
-    return bytes(data)
 
 
 @pytest.mark.parametrize("case", GZIPS)
@@ -204,12 +153,6 @@ def test_compressed_trace(campaign, case):
     (campaign / FILE).write_text((campaign / FILE).read_text().replace("turn.csv", "turn.csv.gz"))
     (campaign / "traces" / "turn.csv.gz").write_bytes(GZIPS[case]((campaign / "traces" / "turn.csv").read_bytes()))
     refused(campaign.parent, ["compare", campaign, "--json"], "turn.csv.gz")
-
-
-def test_windows_line_ends_are_no_mistake(campaign):
-    trace = campaign / "traces" / "turn.csv"
-    trace.write_bytes(trace.read_bytes().replace(b"\n", b"\r\n"))
-    assert read_campaign(campaign).measured
 
 
 def test_trace_through_a_link_that_leaves_the_folder(campaign):
@@ -228,11 +171,9 @@ MACHINES = {
     "missing axis": (lambda t: t.replace("[drive.C]", "[drive.B]"), M, "drive"),
     "lead of a rotary axis": (lambda t: t.replace("worm_teeth = 60", "lead_mm = 10.0"), M, "[drive.A]", "lead_mm", "worm_teeth"),
     "no lead": (lambda t: t.replace("lead_mm = 10.0\n", "", 1), M, "[drive.X]", "lead_mm", "missing"),
-    "inertia of nothing": (lambda t: t.replace("inertia_kgm2 = 0.01\n", "inertia_kgm2 = 0.0\n"), M, "inertia_kgm2 = 0.0", "greater than 0"),
     "another configuration": (lambda t: t.replace("w-C'A'Y'bXZ-t", "w-B'XYZ-t"), M, "configuration"),
-    "unknown effect": (lambda t: t + EFFECT.format("backlsh.A", "width_deg = 0.1"), M, "[[effect]] number 6", "backlsh", "backlash"),
-    "unknown subject": (lambda t: t + EFFECT.format("backlash.B", "width_deg = 0.1"), M, "number 6", "backlash.B", "X, Y, Z, A, C"),
-    "no subject": (lambda t: t + EFFECT.format("backlash", "width_deg = 0.1"), M, "number 6", "backlash", "X, Y, Z, A, C"),
+    "unknown effect": (lambda t: t + EFFECT.format("backlsh.A", "width_deg = 0.1"), M, '[[effect]] "backlsh.A"', "known kinds", "backlash"),
+    "unknown subject": (lambda t: t + EFFECT.format("backlash.B", "width_deg = 0.1"), M, '[[effect]] "backlash.B"', "X, Y, Z, A, C"),
     "parameter out of bounds": (
         lambda t: t + EFFECT.format("backlash.A", "width_deg = 400.0"),
         M,
@@ -240,24 +181,11 @@ MACHINES = {
         "width_deg = 400",
         "0 to 1",
     ),
-    "parameter below bounds": (lambda t: t + EFFECT.format("backlash.A", "width_deg = -0.1"), M, "width_deg = -0.1", "0 to 1"),
     "parameter of another unit": (lambda t: t + EFFECT.format("backlash.A", "width_um = 2.0"), M, "width_um", "width_deg"),
     "missing parameter": (lambda t: t + EFFECT.format("backlash.A", ""), M, "backlash.A", "width_deg", "missing"),
     "parameter not a number": (lambda t: t + EFFECT.format("backlash.A", 'width_deg = "wide"'), M, "width_deg = 'wide'", "number"),
-    "parameter not finite": (lambda t: t + EFFECT.format("backlash.A", "width_deg = nan"), M, "width_deg = nan"),
-    "parameter of 400 digits": (lambda t: t + EFFECT.format("backlash.A", "width_deg = 1" + "0" * 400), M, "width_deg"),
-    "parameter that is a table": (lambda t: t + EFFECT.format("backlash.A", "width_deg = {a = 1}"), M, "width_deg", "number"),
     "effect twice": (lambda t: t + EFFECT.format("friction.X", "coulomb_Nm = 1.0\npresliding_rad = 0.003"), M, "friction.X", "twice"),
-    "no id": (lambda t: t + "\n[[effect]]\nwidth_deg = 0.1\n", M, "number 6", "'id'"),
     "id that is a number": (lambda t: t + "\n[[effect]]\nid = 3\n", M, "number 6", "'id'"),
-    "parameter named subject": (lambda t: t + EFFECT.format("backlash.A", "width_deg = 0.1\nsubject = 1"), M, "backlash.A", "subject"),
-    "parameter named effect_id": (
-        lambda t: t + EFFECT.format("backlash.A", "width_deg = 0.1\neffect_id = 1"),
-        M,
-        "backlash.A",
-        "effect_id",
-    ),
-    "components without list": (lambda t: t + EFFECT.format("pitch_error.C", "components = 5"), M, "pitch_error.C", "components = 5"),
     "component of two numbers": (
         lambda t: t + EFFECT.format("pitch_error.C", "components = [[72, 0.1]]"),
         M,
@@ -265,24 +193,15 @@ MACHINES = {
         "[72, 0.1]",
         "three numbers",
     ),
-    "component of text": (lambda t: t + EFFECT.format("pitch_error.C", 'components = [[72, "a", 0]]'), M, "pitch_error.C"),
-    "component of huge numbers": (
-        lambda t: t + EFFECT.format("pitch_error.C", f"components = [[72, 1{'0' * 400}, 0]]"),
-        M,
-        "pitch_error.C",
-    ),
     "wrong direction": (
         lambda t: t + EFFECT.format("pitch_error.C", 'components = [[72, 0.001, 0]]\ndirection = "left"'),
         M,
         "direction = 'left'",
         "CW",
     ),
-    "effect file that is not there": (lambda t: t + EFFECT.format("mine.A", 'file = "mine.py"'), M, "number 6", "mine.py"),
-    "effect file that is a number": (lambda t: t + EFFECT.format("mine.A", "file = 7"), M, "number 6"),
+    "effect file that is not there": (lambda t: t + EFFECT.format("mine.A", 'file = "mine.py"'), M, '[[effect]] "mine.A"', "mine.py"),
     "nothing at all": (lambda t: "", M, "missing"),
-    "drive that is a number": (lambda t: "name = 'a'\ndrive = 5\n", M, "drive = 5"),
     "effect that is a number": (lambda t: "effect = 3\n" + t[: t.index("[[effect]]")], M, "effect = 3"),
-    "effects that are numbers": (lambda t: "effect = [3]\n" + t[: t.index("[[effect]]")], M, "effect"),
 }
 
 
@@ -302,37 +221,6 @@ def test_every_command_names_a_missing_machine(campaign, command):
     (campaign / M).unlink()
     refused(campaign.parent, [name, campaign, *rest, "--json"], M, "no such file")
     refused(campaign.parent, [name, campaign, *rest, "--json", "--machine", campaign / "traces"], "traces")
-
-
-# -- a user's own effect -----------------------------------------------------------------------------------------------------------
-
-OWN = {
-    "not Python": ("x = (1", "mine.py", "SyntaxError"),
-    "raises": ("1 / 0", "mine.py", "ZeroDivisionError"),
-    "leaves": ("import sys; sys.exit(3)", "mine.py", "SystemExit"),
-    "defines nothing": ("x = 1", "mine.py", "exactly one"),
-    "lacks attributes": ("import mjsim\n@mjsim.register\nclass E(mjsim.Effect):\n    kind = 'mine'\n", "mine.py", "E", "missing"),
-    "takes a built-in name": (
-        "import mjsim\n@mjsim.register\nclass E(mjsim.Effect):\n    kind = 'backlash'\n"
-        "    subjects = ('A',)\n    parameters = ()\n    title = definition = source = signature = 'x'\n",
-        "mine.py",
-        "backlash",
-        "taken",
-    ),
-    "binary": ("\0\0\0", "mine.py"),
-}
-
-
-@pytest.mark.parametrize("case", OWN)
-def test_own_effect(campaign, case):
-    text, *words = OWN[case]
-    (campaign / "mine.py").write_text(text)
-    refused(campaign.parent, ["add", campaign, campaign / "mine.py", "--json"], *words)
-
-
-def test_own_effect_that_is_not_there(campaign):
-    refused(campaign.parent, ["add", campaign, campaign / "mine.py", "--json"], "mine.py", "no such file")
-    refused(campaign.parent, ["add", campaign, campaign / "traces" / "turn.csv", "--json"], "turn.csv")
 
 
 # -- commands ----------------------------------------------------------------------------------------------------------------------
@@ -388,16 +276,7 @@ def test_effect_that_the_campaign_cannot_show(campaign):
     refused(campaign.parent, ["add", campaign, "backlash.C", "--json"], "backlash.C", "does not change any reading")
 
 
-HISTORIES = [
-    "",
-    "{",
-    "[]",
-    '{"steps": 3}',
-    '{"steps": [{"action": "add"}]}',
-    '{"steps": [{"action": "add", "effect": "", "machine_file": "m", "effects": 3, "rms_um": 1, "noise_um": 1, "tests": {}}]}',
-    '{"steps": [{"action": "add", "effect": "", "machine_file": "m", "effects": [], "rms_um": "a", "noise_um": 1, "tests": {"a": 1}}]}',
-    '{"steps": [{"action": "add", "effect": "", "machine_file": "m", "effects": [], "rms_um": 1, "noise_um": 1, "tests": []}]}',
-]
+HISTORIES = ["", "{", "[]", '{"steps": 3}', '{"steps": [{"action": "add"}]}']
 
 
 @pytest.mark.parametrize("text", HISTORIES)
@@ -408,21 +287,10 @@ def test_history_that_mjsim_has_not_written(campaign, text):
     refused(campaign.parent, ["remove", campaign, "friction.X", "--json"], "history.json")
 
 
-def test_no_history_yet(campaign):
-    refused(campaign.parent, ["history", campaign, "--json"], "no model has been tried")
-
-
 def test_history_plot_of_another_kind(campaign):
     (campaign / ".mjsim").mkdir()
-    step = {
-        "action": "start",
-        "effect": "",
-        "machine_file": "machine.toml",
-        "effects": [],
-        "rms_um": 1.0,
-        "noise_um": 0.1,
-        "tests": {"turn": 1.0},
-    }
+    step = {"action": "start", "effect": "", "machine_file": "machine.toml", "effects": [], "rms_um": 1.0, "noise_um": 0.1,
+            "tests": {"turn": 1.0}}  # fmt: skip
     (campaign / ".mjsim" / "history.json").write_text(json.dumps({"steps": [step]}))
     refused(campaign.parent, ["history", campaign, "--out", campaign / "ladder.docx", "--json"], "ladder.docx", ".png")
 

@@ -232,10 +232,19 @@ def test_a_run_that_cannot_be_simulated_is_told_and_the_others_go_on(folder):
     result = mjsim.batch(sweep_file(folder, body), folder / "out")
     table = result.to_dataframe().set_index(["run", "test"])
     assert result.failed == 1
-    said = "effect batch_wave.X: position_error raised AssertionError: too much (own.py, line 14); mend the file"
+    said = "effect batch_wave.X: position_error raised AssertionError: too much (own.py, line 14)"
     assert table.loc[(2, "turn"), "error"].startswith(said)
     assert np.isnan(table.loc[(2, "turn"), "max_um"]) and table.drop((2, "turn"))["max_um"].notna().all()
     assert table["error"].isna().sum() == 5 and table.loc[(2, "circle"), "circular_error_um"] > 0
+
+
+def test_a_sweep_in_which_every_run_failed_is_no_success(folder):
+    own(folder, OWN.replace("        out = np", "        assert False, 'never'\n        out = np"))
+    out = folder / "out"
+    result = run("batch", sweep_file(folder, GAIN, 'tests = ["turn"]'), "--out", out, "--quiet")
+    assert result.exit_code == 1 and isinstance(result.exception, SystemExit)
+    assert result.stderr == f"mjsim: every simulation of the sweep failed; the column 'error' of {out / 'results'} says why\n"
+    assert pd.read_parquet(out / "results")["error"].str.contains("never").all()
 
 
 # -- kill and resume ---------------------------------------------------------------------------------------------------------------

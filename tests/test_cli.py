@@ -44,9 +44,9 @@ def campaign(tmp_path_factory):
 # -- help and usage ----------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", [*COMMANDS, "import", "export", "new campaign", "completion"])
 def test_help_has_an_example_and_the_common_options(command):
-    text = ok(command, "--help").stdout
+    text = ok(*command.split(), "--help").stdout
     assert f"Example: mjsim {command}" in text
     assert "--json" in text and "--quiet" in text
     assert max(map(len, text.splitlines())) <= 80

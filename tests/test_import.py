@@ -390,19 +390,22 @@ def test_several_files_all_or_none(folder, file):
     assert [t.name for t in read_campaign(folder).measured] == ["YZ-run-1", "second"]
 
 
-def test_a_failed_write_leaves_everything_as_it_was(folder, file, monkeypatch):
+def test_a_failed_write_leaves_campaign_toml_as_it_was(folder, file, monkeypatch):
+    """campaign.toml comes last: it never names a trace that is not there, and no temporary file stays."""
     real = os.replace
 
     def fail(new, path):
-        if Path(path).name == "campaign.toml" and ".former" not in str(new):
+        if Path(path).name == "campaign.toml":
             raise OSError(28, "No space left on device")
         real(new, path)
 
     monkeypatch.setattr(os, "replace", fail)
-    before = {k: v for k, v in snapshot(folder).items() if v is not None}
+    before = snapshot(folder)
     with pytest.raises(InputError, match="No space left"):
         mjsim.import_trace(folder, file, "ccw", check=False)
-    assert {k: v for k, v in snapshot(folder).items() if v is not None} == before
+    after = snapshot(folder)
+    assert {p.as_posix() for p in after.keys() - before.keys()} == {"traces", "traces/ccw.csv"}
+    assert {p: after[p] for p in before} == before
 
 
 # -- refusals --------------------------------------------------------------------------------------------------------------------------
@@ -468,6 +471,13 @@ def test_refused_by_the_campaign(folder, file, case):
     options = [str(o).format(folder=folder) for o in options]
     options = options if "--campaign" in options else ["--campaign", folder, *options]
     refused(folder, ["import", file, *options], *words)
+
+
+@pytest.mark.parametrize("name", ["campaign.toml", "machine.toml", "mine.py"])
+def test_only_traces_are_replaced(folder, file, name):
+    (folder / "mine.py").write_text("mine")
+    (folder / "campaign.toml").write_text(CAMPAIGN.replace('name = "ccw"\n', f'name = "ccw"\ntrace = "{name}"\n'))
+    refused(folder, ["import", file, "--campaign", folder, "--test", "ccw", "--force"], name, "no trace's file")
 
 
 # -- a wrong unit becomes a question ---------------------------------------------------------------------------------------------------

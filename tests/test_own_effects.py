@@ -87,24 +87,17 @@ def test_one_that_behaves(campaign):
 ALLOWED = "allowed: an array of finite numbers, m and rad, shape"
 BAD = {
     "raises": ("1 / 0", "raised ZeroDivisionError: division by zero", "line 13"),
-    "leaves": ("import sys; sys.exit(0)", "raised SystemExit: 0", "line 13"),
-    "raises two lines": ("raise ValueError('one\\ntwo')", "raised ValueError: one two"),
     "an effect's own refusal": ("self.replaced(size_um=1e9)", "out of bounds", "line 13"),
     "misspells a parameter": ("self.si('sice_um')", "KeyError: 'sice_um'", "line 13", "has the parameters size_um"),
-    "misspells a value": ("self.values['sice_um']", "KeyError: 'sice_um'", "line 13", "has the parameters size_um"),
     "gives nothing": ("return", "returned None: is `return` missing?", "line 11", ALLOWED),
     "gives NaN": ("out[5, 2] = np.nan", "returned numbers that are not finite (1 of", ALLOWED),
     "gives another shape": ("return out[:, 3]", "returned shape", ALLOWED),
-    "gives complex numbers": ("return out + 1j", "returned complex128 instead of numbers", ALLOWED),
-    "gives a ragged list": ("return [[1.0], [1.0, 2.0]]", "returned rows of different lengths", ALLOWED),
     "gives micrometres": ("out *= 1e6", "returned 2, more than 1 m or rad (µm or degrees?)"),
     "writes into the motion": ("motion.position[0, 0] = 1.0", "ValueError", "line 13", "work on a copy"),
-    "recurses": ("(f := lambda: f())()", "raised RecursionError", "line 13"),
     "loops": (LOOP, LATE, own.VARIABLE),
     "loops and keeps errors": (
         "\n        while True:\n            try: time.sleep(0)\n            except Exception: pass", "did not end within 0.3 s",
     ),
-    "waits": ("time.sleep(100)", "did not end within 0.3 s", "line 13"),
 }  # fmt: skip
 
 
@@ -189,11 +182,9 @@ def test_a_class_that_nobody_registered(m1, cone):
 # -- while the file is loaded -------------------------------------------------------------------------------------------------------
 
 LOADED = {
-    "loops": (text() + "\nwhile True: pass\n", "did not end within 0.3 s (mine.py, line 16)", own.VARIABLE),
     "leaves": (text() + "\nraise SystemExit(0)\n", "SystemExit: 0 (mine.py, line 16)"),
     "raises": (text() + "\nx = 1\nx.y\n", "AttributeError", "line 17)"),
     "wrong syntax": ("import mjsim\nclass (:\n", "SyntaxError", "line 2)"),
-    "no text": (b"\x7fELF\x00\x00\xff", "mine.py"),
     "imports what is not there": ("import no_such_module_of_mine\n", "ModuleNotFoundError", "no_such_module_of_mine", "line 1)"),
     "forgets to register": (text().replace("@mjsim.register\n", ""), "no class has @mjsim.register above it"),
     "two effects": (text() + text().replace('"mine"', '"mine_too"').replace("Mine", "Too"), "2 classes", "(Mine, Too)", "one class a file"),
@@ -223,12 +214,6 @@ def test_loading(campaign, case, short):
     (campaign / "machine.toml").open("a").write('\n[[effect]]\nid = "mine.A"\nfile = "mine.py"\nsize_um = 2.0\n')
     refused(campaign.parent, simulated(campaign), 'machine.toml: [[effect]] "mine.A": effect file', "mine.py", *words)
     assert registry.kinds() == known
-
-
-@pytest.mark.parametrize("name", ["ratio", "ratio_at_rest", "static_ratio", "order", "gain", "count"])
-def test_ratios_orders_and_counts_have_no_unit(name):
-    wrong = registry._wrong_parameter(Parameter(name, "a plain number"))
-    assert bool(wrong) == (name == "ratio_at_rest")
 
 
 def test_every_effect_of_the_catalogue_keeps_the_rules_of_one_s_own():
@@ -292,8 +277,6 @@ METHODS = {
     "apply gives NaN": ("    def apply(self, plant):\n        plant.axes['A'].delay = np.nan\n", "apply put delay = nan into the A drive"),
     "apply takes the inertia": ("    def apply(self, plant):\n        plant.axes['A'].inertia = 0\n", "put inertia = 0 into the A drive"),
     "a property raises": ("    @property\n    def is_neutral(self):\n        return 1 / 0\n", "mine.py, line 17: raised ZeroDivisionError"),
-    "__init__ raises": ("    def __init__(self, subject, **values):\n        1 / 0\n", "mine.py, line 16: raised ZeroDivisionError"),
-    "parameters that are none": ("    @classmethod\n    def parameters_of(cls, subject): pass\n", "parameters = None", "a tuple"),
 }  # fmt: skip
 
 

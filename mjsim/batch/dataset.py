@@ -27,7 +27,7 @@ from mjsim.batch.sweep import Sweep
 from mjsim.batch.workshop import Outcome
 from mjsim.errors import InputError
 from mjsim.io.files import check_writable, write_whole
-from mjsim.io.inputs import file_bytes, is_file
+from mjsim.io.inputs import file_bytes
 
 #: Largest description, bytes, and the names of the data set's files.
 _LARGEST, _NAME = 50_000_000, re.compile(r"part-s?\d{1,9}\.parquet", re.ASCII)
@@ -100,7 +100,7 @@ class Folder:
             changed = difference(describe(sweep), then)
         except InputError:
             raise
-        except (ValueError, AttributeError, TypeError, RecursionError):
+        except (ValueError, AttributeError, TypeError):
             raise InputError(f"{file}: is no description of a sweep; name another folder for --out") from None
         if changed:
             raise InputError(f"{out}: was begun with another sweep: {changed}; name another folder, or give --force to start anew")
@@ -115,7 +115,7 @@ class Folder:
         index = {name: i for i, name in enumerate(self._tests)}
         for file in sorted(self.results.glob("part-*.parquet")):
             foreign = InputError(f"{file}: is no file of this sweep; move it away, or name another folder for --out")
-            if not _NAME.fullmatch(file.name) or not is_file(file):
+            if not _NAME.fullmatch(file.name) or not file.is_file():
                 raise foreign
             try:
                 keys = pq.ParquetFile(file).read(columns=["run", "test"])

@@ -16,7 +16,7 @@ from mjsim.campaign.schema import BallBarTable, CampaignTable, with_tests
 from mjsim.campaign.span import explain
 from mjsim.campaign.traces import read_trace
 from mjsim.errors import InputError
-from mjsim.io.inputs import inside, is_file, shown
+from mjsim.io.inputs import inside, shown
 from mjsim.io.toml import check, parse
 from mjsim.machine.chain import FIVE_AXIS, Chain
 from mjsim.nc.limits import check_travel, model_limits
@@ -44,7 +44,7 @@ def read_campaign(path: str | Path, traces: bool = True, as_is: bool = False, sp
     """
     path = Path(path)
     file = path / "campaign.toml" if os.path.isdir(path) else path
-    if not is_file(file):
+    if not os.path.isfile(file):
         raise InputError(f"{file}: no such campaign; give a folder that holds a campaign.toml, or the path of a campaign.toml")
     return campaign_from(file, parse(file), traces, as_is, spans)
 

@@ -104,11 +104,9 @@ def _effect(path: Path, number: int, entry: dict[str, Any], files: dict[str, str
         else:
             cls, subject = registry.effect_class(effect_id, chain)
         allowed = [p.name for p in cls.parameters_of(subject)]
-        for name, value in entry.items():
+        for name in entry:
             if name not in allowed:
                 raise InputError(f"effect {effect_id}: unknown parameter {shown(name)}; allowed: {', '.join(allowed) or 'none'}")
-            if isinstance(value, int) and abs(value) > 1e300:
-                raise InputError(f"effect {effect_id}: {name} is a whole number of more than 300 digits, which is out of bounds")
         return cls(subject, **entry)
     except InputError as error:
         hint = f"; `mjsim remove` takes {effect_id} out" if source is not None and cls is None else ""
@@ -181,7 +179,9 @@ def machine_text(machine: Machine, original: Path, folder: Path, former: str | N
 
 def text_without(path: Path, effect_id: str) -> str:
     """Text of a machine file less the effects of one id, whether their files can be loaded or not; the same text where there is none."""
-    document = tomlkit.parse(read_text(path))
+    text = read_text(path)
+    parse(path, text)  # says what is wrong where it is no TOML
+    document = tomlkit.parse(text)
     tables = document.get("effect", [])
     for index in reversed(range(len(tables))):
         if tables[index].get("id") == effect_id:

@@ -136,7 +136,7 @@ def test_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> l
         file = folder if folder.name.endswith(".toml") else folder / "campaign.toml"
         try:
             names = [str(t["name"]) for t in tomllib.loads(file.read_text(encoding="utf-8-sig"))["test"]]
-        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        except (OSError, ValueError, KeyError, TypeError):
             continue
         return [n for n in names if n.startswith(incomplete)]
     return []

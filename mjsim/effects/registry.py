@@ -12,7 +12,6 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from mjsim.errors import InputError, SimulationError
-from mjsim.io.inputs import is_file
 from mjsim.machine import own
 from mjsim.machine.chain import FIVE_AXIS, Chain
 from mjsim.machine.effect import Effect
@@ -76,7 +75,7 @@ def load_file(path: Path) -> type[Effect]:
         InputError: the file cannot be read or run, or does not register exactly one effect.
     """
     _load_installed()
-    if path.suffix != ".py" or not is_file(path):
+    if path.suffix != ".py" or not path.is_file():
         raise InputError(f"effect file {path}: no such file; allowed: the path of a Python file (.py) that registers one effect")
     before = dict(_REGISTRY)
     module = ModuleType(f"{own.USER_MODULE}{path.stem}")

@@ -21,7 +21,7 @@ from mjsim.campaign.traces import saturated
 from mjsim.errors import InputError
 from mjsim.importing.names import options
 from mjsim.io.files import check_writable, write_all
-from mjsim.io.inputs import inside, is_file, shown
+from mjsim.io.inputs import inside, shown
 from mjsim.io.toml import parse, read_text
 from mjsim.units import UM
 
@@ -60,7 +60,7 @@ def campaign_file(folder: Path) -> Path:
         InputError: there is none.
     """
     file = folder / "campaign.toml" if os.path.isdir(folder) or not folder.suffix else folder
-    if not is_file(file):
+    if not os.path.isfile(file):
         raise InputError(f"{file}: no such campaign; `mjsim new campaign {folder}` starts one")
     return file
 

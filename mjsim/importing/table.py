@@ -20,9 +20,8 @@ _MISSING = {"", "nan", "-", "--", "---", "n/a", "na"}
 _LOOK = 400
 #: Rows that have to follow each other for a table of one column to have begun: a header may hold a single number.
 _RUN = 5
-#: Possessive, so that no row of digits is tried in more than one way.
-_POINT = re.compile(r"[+-]?(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?\d++)?", re.ASCII)
-_COMMA = re.compile(r"[+-]?(?:\d++(?:,\d++)?|,\d++)(?:[eE][+-]?\d++)?", re.ASCII)
+_POINT = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
+_COMMA = re.compile(r"[+-]?(?:\d+(?:,\d+)?|,\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 #: Larger numbers (1e20) are none that a recorder writes; a column's name has so many characters.
 _HUGE, _NAME = 1e20, 60
 _COMMENT = re.compile(r"^\s*(?:#|%|//|;)\s*")

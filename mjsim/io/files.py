@@ -11,9 +11,6 @@ from pathlib import Path
 
 from mjsim.errors import InputError
 
-#: Folders in one another; Python makes them by recursion.
-_DEEPEST = 200
-
 
 def check_writable(path: Path, force: bool = False) -> None:
     """Say before the work that :func:`write_whole` would refuse ``path``; writes nothing.
@@ -109,16 +106,12 @@ def _cleaned(waiting: list[_Neighbour]) -> Iterator[None]:
 
 def _check_free(path: Path, force: bool) -> None:
     """Refuse a place that is taken, or that no file can have."""
-    if len(Path(path).parts) > _DEEPEST:
-        raise InputError(f"{path}: cannot be written: {len(Path(path).parts)} folders in one another; allowed: up to {_DEEPEST}")
     try:
         mode = os.stat(path).st_mode
     except (FileNotFoundError, NotADirectoryError):
         return
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
-    except ValueError:
-        raise InputError(f"{path}: is no file name") from None
     if not stat.S_ISREG(mode):
         what = "a folder" if stat.S_ISDIR(mode) else "no regular file"
         raise InputError(f"{path}: cannot be written: exists already and is {what}; name another file")

@@ -8,9 +8,7 @@ from dataclasses import dataclass, field
 from mjsim.machine.chain import FIVE_AXIS, Chain
 
 _FLAGS = re.ASCII | re.IGNORECASE
-_NUMBER = r"[+-]?(?:\d++\.?+\d*+|\.\d++)"
-#: Longest line, characters: controls read 80 to some hundred; longer ones would be searched in a time that grows with their square.
-_LONGEST = 1000
+_NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)"
 #: Largest number: more than any axis' travel, feed or code.
 _LARGEST = 1e9
 _WORD = re.compile(rf"\s*([A-Z])\s*=?\s*({_NUMBER})(?=[^\d.]|$)", _FLAGS)
@@ -58,8 +56,6 @@ def parse_line(text: str, siemens: bool = False, chain: Chain = FIVE_AXIS) -> Li
     """
     line = Line()
     rest = text.strip()
-    if len(rest) > _LONGEST:
-        raise GCodeError(f"{len(rest)} characters; allowed: up to {_LONGEST} in one block")
     if rest.startswith("%"):
         return line
     if not siemens:
