@@ -25,6 +25,7 @@ from mjsim.campaign.traces import read_trace
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.importing.b5r import read_b5r
+from mjsim.importing.b5r_runs import read_recorded
 from mjsim.importing.features import beside, imported_features
 from mjsim.importing.importer import import_traces
 from mjsim.importing.reading import Options
@@ -122,6 +123,11 @@ def import_table(path):
     return import_traces(short, [path], "turn", options=Options(time="1"), preview=True, check=False)
 
 
+def check_runs(recorded):
+    for run in recorded.runs if recorded is not None else ():
+        assert run.direction in ("CW", "CCW") and finite(run.spread, run.gap, *run.readings)
+
+
 TRACE = ("time_s,deviation_um\n" + "".join(f"{0.01 * i:.3f},{3 * np.sin(0.1 * i):.4f}\n" for i in range(80))).encode()
 TABLE = "Ball bar run 2\nFeedrate (mm/min): 2000\nTime [s];Deviation [mm]\n" + "".join(
     f"{0.22 + 0.01 * i:.2f};{1e-3 * 4 * np.sin(0.02 * i):.5f}\n".replace(".", ",") for i in range(208)
@@ -152,6 +158,7 @@ B5R = b"""<?xml version="1.0" encoding="utf-8" standalone="yes"?>
 <ANALYSIS NAME="DIAGNOSTICS"><FEATURE NAME="AF_BACKLASH_A_POS" DT="UT_LENGTH_UM"> 2.4 </FEATURE></ANALYSIS>
 </TEST_DOCUMENT>
 """
+RUNS = B5R.replace(b"</BALLBAR_RUN>", b"<READINGS>1.5 2 -3.25 1e2 0 4 7</READINGS></BALLBAR_RUN>")
 IMPORTED = (
     b'{"source": "a.b5r", "header": {"plane": "XY"}, "axes": ["X", "Y"], "features": [\n'
     b'{"name": "AF_BACKLASH_A_POS", "type": "UT_LENGTH_UM", "value": 2.4, "unit": "um", "run": "", "analysis": ""}\n]}\n'
@@ -182,6 +189,7 @@ KINDS = {
     "NC program": Kind("p.nc", None, read_nc, check_program),
     "table": Kind("turn.txt", TABLE.encode(), import_table, lambda got: check_trace(got[0].trace)),
     ".b5r": Kind("run.b5r", B5R, read_b5r, lambda got: beside([got], {"backlash.X": {"width_um": 2.0}})),
+    "runs in .b5r": Kind("recorded.b5r", RUNS, read_recorded, check_runs),
     "features": Kind("short/imported/a.json", IMPORTED, lambda p: imported_features(p.parent.parent)),
     "history": Kind("short/.mjsim/history.json", HISTORY, lambda p: read_history(read_campaign(p.parent.parent, traces=False))),
     "data set": Kind("out/sweep.json", None, lambda p: Folder.check(read_sweep(p.parent.parent / "sweep.toml"), p.parent), named="out"),
