@@ -17,7 +17,7 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.effects import registry
 from mjsim.io.resources import examples
-from mjsim.machine.chain import AXES
+from mjsim.machine.chain import FIVE_AXIS
 from mjsim.simulation.cache import forget_stale_code
 from mjsim.simulation.multibody import simulate
 
@@ -169,7 +169,7 @@ def away_from_reversals():
 
     def away(time, command, margin=0.05, lag=0.03):
         clear = np.ones(len(time), bool)
-        for k in range(len(AXES)):
+        for k in range(FIVE_AXIS.count):
             v = np.diff(command[:, k])
             moving = np.flatnonzero(np.abs(v) > 1e-12)
             for i in moving[1:][np.diff(np.sign(v[moving])) != 0]:

@@ -13,7 +13,7 @@ from mjsim.effects import registry
 from mjsim.effects.registry import make
 from mjsim.errors import InputError
 from mjsim.io.resources import examples
-from mjsim.machine.chain import AXES, COLUMN, FIVE_AXIS, LINEAR, ROTARY
+from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.effect import Effect, Parameter
 from mjsim.machine.model import build
 from mjsim.simulation.axes import AxesMotion
@@ -86,7 +86,7 @@ def test_on_does_something_and_the_same_every_time(effect_id, empty, short, abse
     assert np.abs(first.deviation - absent.deviation).max() < 1e-3  # a typical size is no disaster
 
 
-@pytest.mark.parametrize("effect_id", [f"pitch_error.{a}" for a in ROTARY])
+@pytest.mark.parametrize("effect_id", [f"pitch_error.{a}" for a in FIVE_AXIS.rotary])
 @pytest.mark.parametrize("direction", ["CW", "CCW"])
 def test_zero_amplitudes_are_absent(effect_id, direction, empty, short, absent):
     effect = make(effect_id, components=[[60, 0.0, 10.0], [3, 0.0, 0.0]], direction=direction)
@@ -249,7 +249,7 @@ def test_clashing_kinds_are_refused(monkeypatch):
 def test_the_catalogue_holds_what_is_required():
     """Kinds and subjects of the effect catalogue."""
     have = {k: set(c.subjects_of(FIVE_AXIS)) for k, c in registry.kinds().items()}
-    every, linear, rotary = set(AXES), set(LINEAR), set(ROTARY)
+    every, linear, rotary = set(FIVE_AXIS.letters), set(FIVE_AXIS.linear), set(FIVE_AXIS.rotary)
     required = {
         "friction": every, "viscous_friction": every, "servo_gain": every, "velocity_gain": every, "servo_delay": every,
         "torque_ripple": every, "velocity_feedforward": every, "backlash": every, "pitch_error": every, "worm_wear": rotary,
@@ -287,7 +287,7 @@ def motor(motion, m1):
 
 def only(got, motor, axis, limit=1e-15):
     """The axis' change; the other axes must not have moved."""
-    k = COLUMN[axis]
+    k = FIVE_AXIS.columns.index(axis)
     rest = [i for i in range(5) if i != k]
     np.testing.assert_array_equal(got[:, rest], motor[:, rest])
     return got[:, k]
@@ -305,23 +305,23 @@ def play(x, width):
     return y
 
 
-@pytest.mark.parametrize("axis", AXES)
+@pytest.mark.parametrize("axis", FIVE_AXIS.letters)
 def test_backlash(motion, motor, m1, axis):
-    values = {"width_deg": 0.004} if axis in ROTARY else {"width_um": 6.0}
-    width = 0.004 * DEG if axis in ROTARY else 6.0 * UM
-    x = motor[:, COLUMN[axis]]
+    values = {"width_deg": 0.004} if FIVE_AXIS.is_rotary(axis) else {"width_um": 6.0}
+    width = 0.004 * DEG if FIVE_AXIS.is_rotary(axis) else 6.0 * UM
+    x = motor[:, FIVE_AXIS.columns.index(axis)]
     y = only(load(motion, m1, make(f"backlash.{axis}", **values)), motor, axis)
     np.testing.assert_allclose(y, play(x, width), rtol=0, atol=1e-15)
     assert np.abs(y - x).max() == pytest.approx(width / 2)
     assert y[0] == x[0]  # starts centred
 
 
-@pytest.mark.parametrize("axis", AXES)
+@pytest.mark.parametrize("axis", FIVE_AXIS.letters)
 def test_pitch_error(motion, motor, m1, axis):
-    components = [[60.0, 0.0021, 20.0], [328.0, -0.0007, 200.0]] if axis in ROTARY else [[1.0, 3.0, 20.0], [2.5, 1.0, -40.0]]
-    x = motor[:, COLUMN[axis]]
+    components = [[60.0, 0.0021, 20.0], [328.0, -0.0007, 200.0]] if FIVE_AXIS.is_rotary(axis) else [[1.0, 3.0, 20.0], [2.5, 1.0, -40.0]]
+    x = motor[:, FIVE_AXIS.columns.index(axis)]
     y = only(load(motion, m1, make(f"pitch_error.{axis}", components=components)), motor, axis)
-    unit, turn = (DEG, 1.0) if axis in ROTARY else (UM, 2 * np.pi / 0.010)
+    unit, turn = (DEG, 1.0) if FIVE_AXIS.is_rotary(axis) else (UM, 2 * np.pi / 0.010)
     want = x + sum(w * unit * np.sin(n * turn * x + p * DEG) for n, w, p in components)
     np.testing.assert_allclose(y, want, rtol=0, atol=1e-14)
 
@@ -339,7 +339,7 @@ def share(x, sign, blend=0.05 * DEG):
 @pytest.mark.parametrize("direction", ["CW", "CCW"])
 def test_pitch_error_of_one_direction(motion, motor, m1, direction):
     sign = 1 if direction == "CCW" else -1
-    x = motor[:, COLUMN["A"]]
+    x = motor[:, FIVE_AXIS.columns.index("A")]
     y = only(load(motion, m1, make("pitch_error.A", components=[[60, 0.002, 20.0], [10, 0.001, 0.0]], direction=direction)), motor, "A")
     want = x + share(x, sign) * (0.002 * np.sin(60 * x + 20 * DEG) + 0.001 * np.sin(10 * x)) * DEG
     np.testing.assert_allclose(y, want, rtol=0, atol=1e-14)
@@ -367,7 +367,7 @@ def test_both_directions_add_up(motion, motor, m1):
 
 @pytest.mark.parametrize(("axis", "centre", "width"), [("A", 30.0, 4.0), ("C", 140.0, 9.0), ("C", -350.0, 20.0), ("C", 0.0, 90.0)])
 def test_worm_wear(motion, motor, m1, axis, centre, width):
-    x = motor[:, COLUMN[axis]]
+    x = motor[:, FIVE_AXIS.columns.index(axis)]
     y = only(load(motion, m1, make(f"worm_wear.{axis}", depth_deg=0.003, centre_deg=centre, width_deg=width)), motor, axis)
     d = np.angle(np.exp(1j * (x - centre * DEG)))
     np.testing.assert_allclose(y, x - 0.003 * DEG * np.exp(-0.5 * (d / (width * DEG)) ** 2), rtol=0, atol=1e-13)
@@ -375,10 +375,10 @@ def test_worm_wear(motion, motor, m1, axis, centre, width):
         assert np.ptp(x) > 4 * np.pi  # it came by more than once
 
 
-@pytest.mark.parametrize("axis", LINEAR)
+@pytest.mark.parametrize("axis", FIVE_AXIS.linear)
 def test_scale_error(motion, motor, m1, axis):
     y = only(load(motion, m1, make(f"scale_error.{axis}", ppm=120.0)), motor, axis)
-    np.testing.assert_allclose(y, motor[:, COLUMN[axis]] * (1 + 120e-6), rtol=0, atol=1e-16)
+    np.testing.assert_allclose(y, motor[:, FIVE_AXIS.columns.index(axis)] * (1 + 120e-6), rtol=0, atol=1e-16)
 
 
 def test_gravity_windup(motion, motor, m1):
@@ -389,15 +389,15 @@ def test_gravity_windup(motion, motor, m1):
 @pytest.mark.parametrize("subject", ["EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ"])
 def test_straightness(motion, motor, m1, subject):
     y = only(load(motion, m1, make(f"straightness.{subject}", quadratic_um=3.0, cubic_um=-5.0)), motor, subject[1])
-    u = motor[:, COLUMN[subject[2]]] / 0.1
-    np.testing.assert_allclose(y, motor[:, COLUMN[subject[1]]] + (3.0 * u**2 - 5.0 * u**3) * UM, rtol=0, atol=1e-16)
+    u = motor[:, FIVE_AXIS.columns.index(subject[2])] / 0.1
+    np.testing.assert_allclose(y, motor[:, FIVE_AXIS.columns.index(subject[1])] + (3.0 * u**2 - 5.0 * u**3) * UM, rtol=0, atol=1e-16)
 
 
-@pytest.mark.parametrize("axis", LINEAR)
+@pytest.mark.parametrize("axis", FIVE_AXIS.linear)
 def test_thermal_drift(motion, motor, m1, axis):
     y = only(load(motion, m1, make(f"thermal_drift.{axis}", amplitude_um=-9.0, time_constant_s=300.0)), motor, axis)
     clock = 400.0 + motion.time
-    np.testing.assert_allclose(y, motor[:, COLUMN[axis]] - 9.0 * UM * (1 - np.exp(-clock / 300.0)), rtol=0, atol=1e-16)
+    np.testing.assert_allclose(y, motor[:, FIVE_AXIS.columns.index(axis)] - 9.0 * UM * (1 - np.exp(-clock / 300.0)), rtol=0, atol=1e-16)
 
 
 @pytest.mark.parametrize(
@@ -443,7 +443,7 @@ def test_order_of_the_position_effects(motion, motor, m1):
 # --- effects on the drive ---
 
 
-@pytest.mark.parametrize("axis", AXES)
+@pytest.mark.parametrize("axis", FIVE_AXIS.letters)
 @pytest.mark.parametrize(
     ("kind", "attribute"), [("servo_gain", "position_gain"), ("velocity_gain", "velocity_gain"), ("viscous_friction", "viscous")]
 )
@@ -453,13 +453,13 @@ def test_ratios_change_the_drive(motion, m1, axis, kind, attribute):
     np.testing.assert_array_equal(load(motion, m1, make(f"{kind}.{axis}", ratio=1.25)), load(motion, changed))
 
 
-@pytest.mark.parametrize("axis", AXES)
+@pytest.mark.parametrize("axis", FIVE_AXIS.letters)
 @pytest.mark.parametrize("delay", [-3.0, 2.0])
 def test_servo_delay(motion, motor, m1, axis, delay):
     """By whole steps the axis' whole motion is shifted by so many samples; the other axes do not care."""
     y = only(load(motion, m1, make(f"servo_delay.{axis}", delay_ms=delay)), motor, axis)
-    x, n = motor[:, COLUMN[axis]], int(delay)
-    limit = 1e-9 * (0.1 if axis in LINEAR else 1.0)  # the start from rest lies between two samples of a parabola
+    x, n = motor[:, FIVE_AXIS.columns.index(axis)], int(delay)
+    limit = 1e-9 * (0.1 if axis in FIVE_AXIS.linear else 1.0)  # the start from rest lies between two samples of a parabola
     if n > 0:
         np.testing.assert_allclose(y[n:], x[:-n], rtol=0, atol=limit)
     else:
@@ -467,16 +467,16 @@ def test_servo_delay(motion, motor, m1, axis, delay):
         np.testing.assert_allclose(y[:n][away], x[-n:][away], rtol=0, atol=1e-8)
 
 
-@pytest.mark.parametrize("axis", AXES)
+@pytest.mark.parametrize("axis", FIVE_AXIS.letters)
 def test_friction_reaches_the_drive(empty, axis):
     effect = make(f"friction.{axis}", coulomb_Nm=0.7, presliding_rad=0.004, static_ratio=1.3, stribeck_velocity_rad_per_s=2.0)
     plant = build(empty.with_effect(effect))
     a = plant.axes[axis]
     assert (a.coulomb, a.presliding, a.static_ratio, a.stribeck_velocity) == (0.7, 0.004, 1.3, 2.0)
-    assert all(plant.axes[b] == build(empty).axes[b] for b in AXES if b != axis)
+    assert all(plant.axes[b] == build(empty).axes[b] for b in FIVE_AXIS.letters if b != axis)
 
 
-@pytest.mark.parametrize("axis", AXES)
+@pytest.mark.parametrize("axis", FIVE_AXIS.letters)
 def test_ripple_and_feedforward_reach_the_drive(empty, axis):
     plant = build(empty.with_effect(make(f"torque_ripple.{axis}", amplitude_Nm=0.2, order=6.0, phase_deg=30.0)))
     assert plant.axes[axis] == replace(build(empty).axes[axis], ripple=(0.2, 6.0, 30.0 * DEG))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjsim.effects.registry import make
-from mjsim.machine.chain import AXES
+from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.model import build
 from mjsim.simulation import mjmodel
 from mjsim.simulation.drive import BRISTLE, OMEGA, STATE_SIZE, STEP, THETA, advance, discretise, start
@@ -85,7 +85,7 @@ def test_play_only_takes_energy(m1, bare, kind, key, letter):
     """The load moves only when it is pushed: (x − y) dy ≥ 0 at every instant, and half a width for every bit of way."""
     plant = build(bare(m1).with_effect(make(kind, **{key: 5.0 if letter == "X" else 0.003})))
     half = 2.5e-6 if letter == "X" else np.radians(0.0015)
-    i = AXES.index(letter)
+    i = FIVE_AXIS.index(letter)
     rng = np.random.default_rng(4)
     motor = np.zeros((20000, 5))
     motor[:, i] = half * np.cumsum(rng.normal(0.0, 0.1, 20000))
@@ -126,7 +126,7 @@ def test_free_bodies_keep_their_energy(machine, equip, integrator, limit):
     model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
     data = mujoco.MjData(model)
     assert mujoco.get_mjcb_control() is None
-    data.qvel[[model.joint(a).dofadr[0] for a in AXES]] = [0.1, -0.08, 0.05, 2.0, np.pi]
+    data.qvel[[model.joint(a).dofadr[0] for a in FIVE_AXIS.letters]] = [0.1, -0.08, 0.05, 2.0, np.pi]
     mujoco.mj_forward(model, data)
     kinetic, rows = data.energy[1], []
     for _ in range(5000):
@@ -142,6 +142,6 @@ def test_gravity_is_balanced_in_every_pose(machine):
     data = mujoco.MjData(model)
     rng = np.random.default_rng(5)
     for q in rng.uniform(-1, 1, (20, 5)) * [0.2, 0.2, 0.2, 1.5, 6.0]:
-        data.qpos[[model.joint(a).qposadr[0] for a in AXES]] = q
+        data.qpos[[model.joint(a).qposadr[0] for a in FIVE_AXIS.letters]] = q
         mujoco.mj_forward(model, data)
         assert np.abs(data.qfrc_bias - data.qfrc_passive).max() < 1e-10

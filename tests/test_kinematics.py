@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mjsim.effects.registry import make
-from mjsim.machine.chain import AXES, COLUMN, FIVE_AXIS
+from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.kinematics import Geometry, bar_vector, reading, rotation, sensitivity, table_ball, work_to_machine
 from mjsim.machine.model import build
 from mjsim.simulation import mjmodel
@@ -90,8 +90,8 @@ def test_mujoco_agrees_with_every_geometric_effect_on(machine, bare):
     plant = build(everywhere(bare(machine)))
     assert plant.geometry.location == pytest.approx(LOCATION) and plant.geometry.squareness == pytest.approx(SQUARENESS)
     q = poses(1000)
-    names = (*AXES, *MOTION)
-    assert [COLUMN[n] for n in names] == list(range(9))
+    names = (*FIVE_AXIS.letters, *MOTION)
+    assert [FIVE_AXIS.columns.index(n) for n in names] == list(range(9))
     got = sites(mjmodel.build_model(plant), q, names)
     want = reading(FIVE_AXIS, q, BALL, LENGTH, plant.geometry)
     assert np.abs(got - want).max() < NM
@@ -99,7 +99,7 @@ def test_mujoco_agrees_with_every_geometric_effect_on(machine, bare):
 
 def test_mujoco_agrees_on_the_ideal_machine(machine, bare):
     q = poses(1000, seed=1)[:, :5]
-    got = sites(mjmodel.build_model(build(bare(machine))), q, AXES)
+    got = sites(mjmodel.build_model(build(bare(machine))), q, FIVE_AXIS.letters)
     assert np.abs(got - reading(FIVE_AXIS, q, BALL, LENGTH)).max() < 1e-14
 
 
@@ -112,7 +112,7 @@ def test_mujoco_agrees_effect_by_effect(m1, bare, subject):
         effect = make(f"axis_location.{subject}", **{"value_um" if subject[1] in "XYZ" else "value_urad": LOCATION[subject] * 1e6})
     plant = build(bare(m1).with_effect(effect))
     q = poses(100, seed=3)[:, :5]
-    got = sites(mjmodel.build_model(plant), q, AXES)
+    got = sites(mjmodel.build_model(plant), q, FIVE_AXIS.letters)
     assert np.abs(got - reading(FIVE_AXIS, q, BALL, LENGTH, plant.geometry)).max() < NM
     assert np.abs(got - reading(FIVE_AXIS, q, BALL, LENGTH)).max() > 10e-6  # and it does something
 

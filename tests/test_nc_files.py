@@ -12,7 +12,7 @@ from mjsim.ballbar.follow import deviation
 from mjsim.ballbar.program import Program, driven_by
 from mjsim.errors import InputError
 from mjsim.io.resources import model_file
-from mjsim.machine.chain import AXES, FIVE_AXIS
+from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.kinematics import machine_to_work, reading, work_to_machine
 from mjsim.machine.model import build
 from mjsim.nc.control import Control, executed, feed_report
@@ -117,7 +117,7 @@ def test_the_same_text_every_time(tests):
 def test_signs_of_the_rotary_axes(tests):
     test = tests[0]
     plain, turned = nc_program(test), nc_program(test, Options(reversed=("A", "C")))
-    for a in AXES:
+    for a in FIVE_AXIS.letters:
         np.testing.assert_array_equal(words(turned.text, a), words(plain.text, a) * (-1 if a in "AC" else 1))
     _, nc = back(test, Options(reversed=("C",)))
     np.testing.assert_array_equal(nc.motion.points, plain.motion.points)
@@ -338,7 +338,7 @@ def test_files_that_are_no_programs(tmp_path, data):
 def test_limits_are_the_joints(tests):
     model = mujoco.MjModel.from_xml_path(str(model_file()))
     limits = model_limits()
-    for i, a in enumerate(AXES):
+    for i, a in enumerate(FIVE_AXIS.letters):
         joint = model.joint(a)
         low, high = joint.range if model.jnt_limited[joint.id] else (-np.inf, np.inf)
         assert (limits.low[i], limits.high[i]) == (pytest.approx(low), pytest.approx(high))

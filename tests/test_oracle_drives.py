@@ -9,7 +9,7 @@ from independent import machines, reference
 from independent.drives import gear
 
 from mjsim.effects.registry import make
-from mjsim.machine.chain import AXES, LINEAR
+from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.model import build
 from mjsim.simulation.axes import AxesMotion
 from mjsim.simulation.drive import STEP, SUBSTEPS, discretise, run, substeps_of
@@ -24,7 +24,7 @@ LEVER = 0.25
 def load_side(machine, letter, command):
     """Load-side positions (n,) of one axis at the shipped step for ``command(times)``."""
     plant = build(machine)
-    axis, i = plant.axes[letter], AXES.index(letter)
+    axis, i = plant.axes[letter], FIVE_AXIS.index(letter)
     times = np.arange(round(command.edges[-1] / STEP) + 500) * STEP
     q = np.zeros((len(times), plant.width))
     out = np.empty(len(times))
@@ -37,7 +37,7 @@ def load_side(machine, letter, command):
 
 def moves(letter, presliding):
     """There and back at speed, a rest, a way that never leaves the bristles' range, a rest, a slow turn, a rest."""
-    big, slow = (0.02, 0.0004) if letter in LINEAR else (np.radians(6.0), np.radians(0.05))
+    big, slow = (0.02, 0.0004) if letter in FIVE_AXIS.linear else (np.radians(6.0), np.radians(0.05))
     return reference.Moves(
         0.1 * big,
         (0.05, 0.8, big),
@@ -88,10 +88,10 @@ def test_axis_against_high_order_integration(m1, letter, case):
             effects["friction"] |= values
             machine = machine.with_effect(machine.effect(f"friction.{letter}").replaced(**values))
             continue
-        if (kind == "scale_error" and letter not in LINEAR) or (kind == "gravity_windup" and letter != "A"):
+        if (kind == "scale_error" and letter not in FIVE_AXIS.linear) or (kind == "gravity_windup" and letter != "A"):
             continue
-        values = {k: v for k, v in values.items() if k != ("width_deg" if letter in LINEAR else "width_um")}
-        if kind == "pitch_error" and letter not in LINEAR:
+        values = {k: v for k, v in values.items() if k != ("width_deg" if letter in FIVE_AXIS.linear else "width_um")}
+        if kind == "pitch_error" and letter not in FIVE_AXIS.linear:
             values = {"components": [[gear(drive), 0.001, 20.0]]}
         effects[kind] = values
         machine = machine.with_effect(make(f"{kind}.{letter}", **values))
@@ -99,7 +99,7 @@ def test_axis_against_high_order_integration(m1, letter, case):
     times, got = load_side(machine, letter, command)
     motor, turns = reference.motor(drive, effects, command, times)
     want = reference.load(letter, effects, drive, times, motor, turns)
-    error = np.abs(got - want) * (1.0 if letter in LINEAR else LEVER)
+    error = np.abs(got - want) * (1.0 if letter in FIVE_AXIS.linear else LEVER)
     assert len(turns) >= 3 and np.ptp(got) > 0.9 * abs(command.moves[0][2])
     assert error.max() < 0.02 * UM
 
@@ -163,7 +163,7 @@ CONTROL = {
 
 
 @pytest.mark.parametrize("control", CONTROL)
-@pytest.mark.parametrize("letter", AXES)
+@pytest.mark.parametrize("letter", FIVE_AXIS.letters)
 @pytest.mark.parametrize("name", ["M1", "M2"])
 def test_frequency_response(name, letter, control, bare, request):
     """Amplitude and phase at five frequencies at once (a linear axis adds them up), without friction.
@@ -176,7 +176,7 @@ def test_frequency_response(name, letter, control, bare, request):
     effects = {}
     for kind, values in CONTROL[control].items():
         if kind == "drive_compliance":
-            key, size = ("stiffness_N_per_um", 100.0) if letter in LINEAR else ("stiffness_Nm_per_urad", 1.0)
+            key, size = ("stiffness_N_per_um", 100.0) if letter in FIVE_AXIS.linear else ("stiffness_Nm_per_urad", 1.0)
             values = {key: size * values["stiffness"], "damping_ratio": values["damping_ratio"]}
         effects[kind] = values
         machine = machine.with_effect(make(f"{kind}.{letter}", **values))

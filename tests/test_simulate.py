@@ -11,7 +11,7 @@ from mjsim.effects import registry
 from mjsim.effects.registry import make
 from mjsim.errors import SimulationError
 from mjsim.io.resources import examples
-from mjsim.machine.chain import AXES
+from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.effect import Effect, Parameter
 from mjsim.machine.model import build
 from mjsim.machine.plant import STAGES
@@ -168,14 +168,14 @@ def test_an_unstable_drive_is_refused(m1, tests):
 def test_mass_matrix_is_the_data_sheet(machine, equip):
     plant = build(equip(machine))
     model = mjmodel.build_model(plant)
-    dofs = [model.joint(a).dofadr[0] for a in AXES]
+    dofs = [model.joint(a).dofadr[0] for a in FIVE_AXIS.letters]
     assert np.all(model.dof_armature[dofs] > 0)
-    want = np.array([plant.axes[a].inertia * plant.axes[a].gear ** 2 for a in AXES])
+    want = np.array([plant.axes[a].inertia * plant.axes[a].gear ** 2 for a in FIVE_AXIS.letters])
     data = mujoco.MjData(model)
     full = np.zeros((model.nv, model.nv))
     rng = np.random.default_rng(3)
     for q in [np.zeros(5), *rng.uniform(-1, 1, (5, 5)) * [0.2, 0.2, 0.2, 1.2, 6.0]]:
-        data.qpos[[model.joint(a).qposadr[0] for a in AXES]] = q
+        data.qpos[[model.joint(a).qposadr[0] for a in FIVE_AXIS.letters]] = q
         mujoco.mj_forward(model, data)
         mujoco.mj_fullM(model, data, full)
         mass = full[np.ix_(dofs, dofs)]
@@ -197,7 +197,7 @@ def test_forces_are_what_the_motors_give(machine, bare, cone):
     model = mjmodel.build_model(plant)
     _, time, _, sent, model, data = prepare(model, plant, cone(15, 10, (50, 20, 155), FEED), STEP)
     force, motor = np.empty((len(time), 5)), np.empty((len(time), 5))
-    dofs = [model.joint(a).dofadr[0] for a in AXES]
+    dofs = [model.joint(a).dofadr[0] for a in FIVE_AXIS.letters]
     callback.install()
     try:
         for k in range(len(time)):
@@ -207,7 +207,7 @@ def test_forces_are_what_the_motors_give(machine, bare, cone):
             force[k] = data.qfrc_applied[dofs]
     finally:
         callback.uninstall()
-    for i, a in enumerate(AXES):
+    for i, a in enumerate(FIVE_AXIS.letters):
         axis = plant.axes[a]
         acceleration = (motor[2:, i] - 2 * motor[1:-1, i] + motor[:-2, i]) / STEP**2
         want = axis.gear * (axis.inertia * axis.gear * acceleration)

@@ -9,7 +9,7 @@ import mjsim
 from mjsim.campaign.files import read_campaign
 from mjsim.effects.registry import make
 from mjsim.io.resources import examples
-from mjsim.machine.chain import AXES
+from mjsim.machine.chain import FIVE_AXIS
 from mjsim.simulation.multibody import simulate
 
 FEED = 6000.0
@@ -112,7 +112,7 @@ def test_when_a_test_begins_does_not_matter(m1, cone):
 def test_all_axes_late_is_the_whole_reading_late(m1, cone):
     test = cone(45, 30, (50, 20, 155), FEED)
     late = m1
-    for axis in AXES:
+    for axis in FIVE_AXIS.letters:
         late = late.with_effect(make(f"servo_delay.{axis}", delay_ms=8.0))
     a, b = simulate(m1, [test])[0].deviation, simulate(late, [test])[0].deviation
     assert np.abs(b[8:] - a[:-8]).max() < 1e-3 * NM
