@@ -20,7 +20,7 @@ from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
 from mjsim.io.resources import examples, scene_file
-from mjsim.machine.chain import AXES
+from mjsim.machine.chain import FIVE_AXIS
 from mjsim.plots import polar, style
 from mjsim.plots.output import ladder_plot, polar_traces, residual_trace
 from mjsim.plots.residual import residual_figure
@@ -66,7 +66,7 @@ def machine_picture(test: BallBarTest, camera: str, size: int, phi_deg: float = 
     model = spec.compile()
     model.body("table_fixture").pos[:] = test.table_ball
     data = mujoco.MjData(model)
-    for axis, value in zip(AXES, command, strict=True):
+    for axis, value in zip(FIVE_AXIS.letters, command, strict=True):
         data.qpos[model.joint(axis).qposadr[0]] = value
     mujoco.mj_forward(model, data)
     with mujoco.Renderer(model, size, size) as renderer:

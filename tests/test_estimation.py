@@ -214,7 +214,7 @@ def test_the_written_effect_does_what_its_term_did(moves, tmp_path):
     term = next(t for t in CurveTerms(problem, fit).of("C", moves) if t.variable == "position" and t.period)
     values = 3.0 * np.cos(term.knots) * term.unit
     path = tmp_path / "own.py"
-    path.write_text(effect_source(term, values, "A test.", "own.py"))
+    path.write_text(effect_source(problem.chain, term, values, "A test.", "own.py"))
     own = load_file(path)("C", gain=1.0)
     got = problem.difference(problem.readings(build(machine)), problem.readings(build(machine.with_effect(own))), fit.nuisance)[0]
     want = term.columns[0] @ (values / term.unit)

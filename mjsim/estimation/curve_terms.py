@@ -14,7 +14,7 @@ import numpy as np
 from mjsim.estimation.fit import Fit
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import GRID, GRID_STEPS
-from mjsim.machine.chain import AXES, LINEAR, ROTARY
+from mjsim.machine.chain import is_rotary
 from mjsim.machine.model import build
 from mjsim.machine.motion import Motion
 from mjsim.simulation.tracker import MotionTracker
@@ -70,7 +70,7 @@ class CurveTerm:
     @property
     def unit(self) -> float:
         """Size of a coefficient of 1, m or rad."""
-        return ROTARY_UNIT if self.moves in ROTARY else LINEAR_UNIT
+        return ROTARY_UNIT if is_rotary(self.moves) else LINEAR_UNIT
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -89,7 +89,7 @@ class CurveTerms:
     """Makes generic terms for one fitted model: the variables of every test at its blocks."""
 
     def __init__(self, problem: Problem, fit: Fit) -> None:
-        self.problem, self.fit = problem, fit
+        self.problem, self.fit, self.chain = problem, fit, problem.chain
         self.plant = build(fit.machine)
         self.motions: list[Motion] = problem.map(self._motion)
         self.sensitivities = problem.map(self._sensitivity)
@@ -107,11 +107,11 @@ class CurveTerms:
         s, shift = self.problem.samples[k], self.problem.shift(k, self.fit.nuisance)
         sens = self.problem.sensitivity[k]
         rows = np.column_stack([sens.axes, sens.table])
-        return {name: s.sample(rows[:, i], shift) for i, name in enumerate((*AXES, *TABLE))}
+        return {name: s.sample(rows[:, i], shift) for i, name in enumerate((*self.chain.letters, *TABLE))}
 
     def moving(self) -> list[str]:
         """Axes that move in some test."""
-        return [a for i, a in enumerate(AXES) if any(np.ptp(m.position[:, i]) > 0.0 for m in self.motions)]
+        return [a for i, a in enumerate(self.chain.letters) if any(np.ptp(m.position[:, i]) > 0.0 for m in self.motions)]
 
     def own(self) -> Iterator[CurveTerm]:
         """Terms of an axis in its own direction."""
@@ -121,10 +121,10 @@ class CurveTerms:
     def across(self) -> Iterator[CurveTerm]:
         """Terms that displace something else: linear axes, and for the turning table the work on it."""
         for axis in self.moving():
-            for other in LINEAR:
+            for other in self.chain.linear:
                 if other != axis:
                     yield from self.of(axis, other)
-            if axis in ROTARY:
+            if is_rotary(axis):
                 for direction in TABLE:
                     yield from self.of(axis, direction)
 
@@ -132,14 +132,14 @@ class CurveTerms:
         """Terms of the campaign clock: a free curve, and with ``waves`` those of one period, per linear axis."""
         times = [m.clock for m in self.motions]
         lo, hi = min(t.min() for t in times), max(t.max() for t in times)
-        for moves in LINEAR:
+        for moves in self.chain.linear:
             yield from self._term("", moves, "clock_time", np.linspace(lo, hi, KNOTS["clock_time"]), None, times)
             for period in _CLOCK_PERIODS if waves else ():
                 yield from self._term("", moves, "clock_time", np.arange(4) * (period / 4), float(period), times)
 
     def of(self, axis: str, moves: str) -> Iterator[CurveTerm]:
         """All terms of one axis' motion that displace ``moves``."""
-        i = AXES.index(axis)
+        i = self.chain.index(axis)
         for variable in VALUE:
             x = [VALUE[variable](m, i) for m in self.motions]
             lo, hi = min(v.min() for v in x), max(v.max() for v in x)
@@ -147,21 +147,21 @@ class CurveTerms:
                 continue
             count = KNOTS[variable] if moves == axis else min(KNOTS[variable], 18)
             in_turns = variable in ("position", "direction")
-            if in_turns and axis in ROTARY and hi - lo > 1.9 * np.pi:
+            if in_turns and is_rotary(axis) and hi - lo > 1.9 * np.pi:
                 yield from self._term(axis, moves, variable, np.arange(count) * (2 * np.pi / count), 2 * np.pi, x)
                 turns = (hi - lo) / (2 * np.pi)
                 if variable == "position" and moves == axis and turns > 1.1:  # a count that is not taken modulo one turn
                     yield from self._term(axis, moves, variable, np.linspace(lo, hi, int(_PER_TURN * turns)), None, x)
             else:
                 yield from self._term(axis, moves, variable, np.linspace(lo, hi, count), None, x)
-            if variable == "position" and axis in LINEAR:
+            if variable == "position" and axis in self.chain.linear:
                 lead = 2 * np.pi / self.fit.base.drives[axis].gear
                 if hi - lo > 1.5 * lead:
                     yield from self._term(axis, moves, variable, np.arange(_IN_LEAD) * (lead / _IN_LEAD), lead, x)
 
     def fine(self, axis: str) -> Iterator[CurveTerm]:
         """The position of a rotary axis in steps of half a degree: waves of single teeth, on a part of the wheel if need be."""
-        i = AXES.index(axis)
+        i = self.chain.index(axis)
         x = [m.position[:, i] for m in self.motions]
         if max(np.ptp(v) for v in x) > 1.9 * np.pi:
             yield from self._term(axis, axis, "position", np.arange(_FINE) * (2 * np.pi / _FINE), 2 * np.pi, x)
@@ -173,7 +173,7 @@ class CurveTerms:
         """The same term with ``factor`` times as many knots."""
         if not term.axis:
             return
-        i = AXES.index(term.axis)
+        i = self.chain.index(term.axis)
         n, first, last = factor * len(term.knots), term.knots[0], term.knots[-1]
         knots = first + np.arange(n) * (term.period / n) if term.period else np.linspace(first, last, n)
         yield from self._term(term.axis, term.moves, term.variable, knots, term.period, [VALUE[term.variable](m, i) for m in self.motions])
@@ -188,7 +188,7 @@ class CurveTerms:
         def columns(k: int) -> np.ndarray:
             weight = self.sensitivities[k][moves] * term.unit
             if term.signed:
-                weight = weight * np.sign(self.motions[k].velocity[:, AXES.index(axis)])
+                weight = weight * np.sign(self.motions[k].velocity[:, self.chain.index(axis)])
             return hats(values[k], knots, period) * weight[:, None]
 
         term.columns = self.problem.map(columns)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mjsim.estimation.curve_terms import TABLE, CurveTerm
-from mjsim.machine.chain import AXES, LINEAR, ROTARY
+from mjsim.machine.chain import Chain, is_linear, is_rotary
 
 _ARGUMENT = {
     "position": "motion.position[:, AXIS]",
@@ -33,7 +33,7 @@ by the physics that you suspect, rename the effect, and try it with `mjsim add C
 import numpy as np
 
 import mjsim
-
+{imports}
 {columns}
 #: {variable} at which the curve is given, {unit}
 KNOTS = np.array([{knots}])
@@ -61,37 +61,44 @@ class {class_name}(mjsim.Effect):
 
 _ON_AXIS = "out[:, MOVED] = size"
 #: The work moves one way in the table's frame: seen from the machine, the spindle moves the other way.
-_ON_TABLE = """a, c = motion.position[:, 3], motion.position[:, 4]
-        x0, y0, z0 = np.eye(3)[MOVED]
-        x1, y1 = x0 * np.cos(c) - y0 * np.sin(c), x0 * np.sin(c) + y0 * np.cos(c)
-        y2, z2 = y1 * np.cos(a) - z0 * np.sin(a), y1 * np.sin(a) + z0 * np.cos(a)
-        out[:, :3] = -size[:, None] * np.column_stack([x1, y2, z2])"""
+_ON_TABLE = """moved = work_to_machine(CHAIN, motion.position, np.eye(3)[MOVED])
+        out[:, CHAIN.linear_columns] = -size[:, None] * moved"""
+_IMPORTS_ON_TABLE = """from mjsim.machine.chain import chain_of
+from mjsim.machine.kinematics import work_to_machine
+"""
 
 
-def effect_source(term: CurveTerm, values: np.ndarray, summary: str, file_name: str) -> str:
+def effect_source(chain: Chain, term: CurveTerm, values: np.ndarray, summary: str, file_name: str) -> str:
     """Python text of an effect that adds an empirical curve.
 
     Args:
-        term: on what it depends and what it moves. values: (n,) at the term's knots, m or rad. file_name: for its own doc string.
+        chain: axes of the machine.
+        term: on what it depends and what it moves.
+        values: at the term's knots, (n,) m or rad.
+        summary: first sentence of the file.
+        file_name: for its own doc string.
     """
     on_table = term.moves in TABLE
     kind = f"unexplained_{term.variable}" + ("" if term.axis == term.moves else f"_moves_{term.moves.replace(' ', '_').lower()}")
-    unit = _UNIT.get(term.variable, ("m", "rad"))[0 if term.axis in LINEAR else 1]
+    unit = _UNIT.get(term.variable, ("m", "rad"))[0 if is_linear(term.axis) else 1]
     target = "the work on the table, along " + term.moves[-1] if on_table else f"the {term.moves} axis"
-    columns = f"AXIS = {AXES.index(term.axis)}  # column of the {term.axis} axis in X, Y, Z, A, C\n" if term.axis else ""
-    moved = TABLE.index(term.moves) if on_table else AXES.index(term.moves)
+    columns = f"AXIS = {chain.index(term.axis)}  # column of the {term.axis} axis in {', '.join(chain.letters)}\n" if term.axis else ""
+    moved = TABLE.index(term.moves) if on_table else chain.index(term.moves)
     columns += f"MOVED = {moved}  # {'direction x, y, z of the work frame' if on_table else f'column of the {term.moves} axis'}"
     knots, period = term.knots, ""
+    if on_table:
+        columns = f"CHAIN = chain_of({chain.configuration!r})\n{columns}"
     if term.period:
         period = f", period={term.period:.12g}"
     return _TEMPLATE.format(
         summary=summary,
         file_name=file_name,
+        imports=_IMPORTS_ON_TABLE if on_table else "",
         columns=columns,
         variable=term.variable.replace("_", " ") + (f" of {term.axis}" if term.axis else ""),
         unit=unit,
         target=target,
-        size="rad" if term.moves in ROTARY else "m",
+        size="rad" if is_rotary(term.moves) else "m",
         knots=_numbers(knots),
         values=_numbers(values),
         class_name="".join(w.capitalize() for w in kind.split("_")),

@@ -17,7 +17,7 @@ from mjsim.effects.vibration import Vibration
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import revolution_time
 from mjsim.estimation.settings import DiagnosisSettings
-from mjsim.machine.chain import LINEAR
+from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect
 from mjsim.units import UM
 
@@ -46,8 +46,8 @@ class Line:
 
 @dataclass(frozen=True)
 class Record:
-    """One test's residual in single samples: ``x`` (n,) m with bad samples at 0, ``weight`` (n, 3) sensitivities to X, Y, Z (0 at bad
-    samples), ``time`` (n,) s from the program's start, ``noise`` power per sample, m², over the frequencies of ``x``'s spectrum."""
+    """One test's residual in single samples: ``x`` (n,) m with bad samples at 0, ``weight`` (n, 3) sensitivities to the linear axes (0 at
+    bad samples), ``time`` (n,) s from the program's start, ``noise`` power per sample, m², over the frequencies of ``x``'s spectrum."""
 
     name: str
     time: np.ndarray
@@ -70,9 +70,11 @@ def find(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray) -> Line
     records = records_of(problem, rest, nuisance, True)
     if not records:
         return None
-    settings = problem.settings
+    chain, settings = problem.chain, problem.settings
     frequency, chance = _strongest(records)
-    line = _line(records_of(problem, rest, nuisance, False), frequency, settings) if chance < settings.vibration_false_alarm else None
+    if chance >= settings.vibration_false_alarm:
+        return None
+    line = _line(records_of(problem, rest, nuisance, False), frequency, chain, settings)
     return line if line and line.effect.si("amplitude_um") > settings.vibration_size * problem.noise.rms else None
 
 
@@ -81,7 +83,7 @@ def records_of(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray, r
     for k, s in enumerate(problem.samples):
         shift, dt = problem.shift(k, nuisance), float(np.median(np.diff(s.time)))
         time, valid = s.time - shift, s.valid
-        weight = np.column_stack([s.sample_all(problem.sensitivity[k].axes[:, i], shift) for i in range(3)])
+        weight = np.column_stack([s.sample_all(problem.sensitivity[k].axes[:, i], shift) for i in range(len(problem.chain.linear))])
         x = np.where(valid, rest[k], 0.0)
         if repeats:
             if not kind_of(s.test).repeats(s.test):
@@ -115,7 +117,8 @@ def _strongest(records: list[Record]) -> tuple[float, float]:
     f = np.fft.rfftfreq(size, 1.0 / rate)
     band = (f > LOWEST) & (f < HIGHEST * rate)
     best = (0.0, 1.0)
-    for i in range(len(LINEAR)):
+    axes = records[0].weight.shape[1]
+    for i in range(axes):
         total, tests = np.zeros(len(f)), 0
         for r in records:
             own = float(r.weight[:, i] @ r.weight[:, i])
@@ -131,7 +134,7 @@ def _strongest(records: list[Record]) -> tuple[float, float]:
             continue
         total = np.where(band, total, 0.0)
         at = int(np.argmax(total))
-        chance = float(gammaincc(tests, total[at]) * band.sum() * len(LINEAR))
+        chance = float(gammaincc(tests, total[at]) * band.sum() * axes)
         if chance < best[1]:
             best = (float(f[at]), chance)
     return best
@@ -160,9 +163,9 @@ def _common(records: list[Record], frequency: float, i: int) -> tuple[float, flo
     return a * a * info, a, sum(v * abs(c) ** 2 for c, v in pairs)
 
 
-def _line(records: list[Record], frequency: float, settings: DiagnosisSettings) -> Line | None:
+def _line(records: list[Record], frequency: float, chain: Chain, settings: DiagnosisSettings) -> Line | None:
     """The line near ``frequency`` at its best axis; ``None`` where the tests do not agree on one amplitude."""
-    fits = {i: _refined(records, frequency, i) for i in range(len(LINEAR))}
+    fits = {i: _refined(records, frequency, i) for i in range(len(chain.linear))}
     best = max(fits, key=lambda i: fits[i][1])
     f, gain, amplitude, free = fits[best]
     if gain < settings.vibration_common * free or amplitude == 0.0:
@@ -171,10 +174,10 @@ def _line(records: list[Record], frequency: float, settings: DiagnosisSettings) 
     info = np.array(info)
     spread = float(info @ [np.var(r.time) for r in records])
     phases = {r.name: float(np.angle(c)) for r, c in zip(records, waves, strict=True)}
-    effect = Vibration(LINEAR[best], amplitude_um=amplitude / UM, frequency_Hz=f).with_phases(phases)
+    effect = Vibration(chain.linear[best], amplitude_um=amplitude / UM, frequency_Hz=f).with_phases(phases)
     size, sd_a, sd_f = amplitude / UM, 1.0 / UM / np.sqrt(info.sum()), 1.0 / (2.0 * np.pi * amplitude * np.sqrt(spread))
     ci = {"amplitude_um": [max(0.0, size - 1.96 * sd_a), size + 1.96 * sd_a], "frequency_Hz": [f - 1.96 * sd_f, f + 1.96 * sd_f]}
-    others = tuple(f"vibration.{LINEAR[i]}" for i in fits if i != best and fits[i][1] > gain - settings.indistinguishable)
+    others = tuple(f"vibration.{chain.linear[i]}" for i in fits if i != best and fits[i][1] > gain - settings.indistinguishable)
     return Line(effect, ci, others, gain)
 
 

@@ -18,6 +18,7 @@ from mjsim.estimation.data_sheet import calibrated, data_sheet
 from mjsim.estimation.nuisance import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, Nuisances
 from mjsim.estimation.samples import GRID, GRID_STEPS, Noise, Samples, estimate_noise, make_samples
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
+from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect
 from mjsim.machine.kinematics import BarSensitivity
 from mjsim.machine.model import Machine, build
@@ -149,6 +150,11 @@ class Problem:
     def map(self, work: Callable[[int], object]) -> list:
         """``work(k)`` for every test on the problem's threads, in order."""
         return _on_threads(self.threads, work, len(self.tests))
+
+    @property
+    def chain(self) -> Chain:
+        """Axes of the machine that was measured."""
+        return self.tests[0].chain
 
     @property
     def count(self) -> int:

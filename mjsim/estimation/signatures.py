@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,7 +14,6 @@ from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit, with_effects
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import GRID_STEPS
-from mjsim.machine.chain import AXES
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import PLAY
@@ -124,14 +123,14 @@ class SignatureBank:
         """Whether the effect is nothing but operations on positions without memory, but for the direction in which they last moved."""
         if not effect.search.quasi_static or type(effect).position_error is not Effect.position_error:
             return False
-        empty = build(self.fit.base.__class__(self.fit.base.name, self.fit.base.drives, (effect,)))
+        empty = build(replace(self.fit.base, effects=(effect,)))
         geometric = bool(empty.geometry.location or empty.geometry.squareness)
-        return bool(empty.ops) and not geometric and all(o.code != PLAY and o.out < 5 for o in empty.ops)
+        return bool(empty.ops) and not geometric and all(o.code != PLAY and o.out < empty.chain.count for o in empty.ops)
 
     def position_changes(self, effect: Effect) -> list[np.ndarray]:
         """Block means of what a :meth:`_stateless` effect changes, (m,) per test, m."""
         p = self.problem
-        ops = build(self.fit.base.__class__(self.fit.base.name, self.fit.base.drives, (effect,))).op_table()
+        ops = build(replace(self.fit.base, effects=(effect,))).op_table()
 
         def one(k: int) -> np.ndarray:
             s, motion = p.samples[k], p.motions[k]
@@ -143,7 +142,7 @@ class SignatureBank:
     def _motor_changes(self, effect: Effect) -> list[np.ndarray]:
         """Changes of drives: only the effect's own axis is simulated again."""
         p, axis = self.problem, effect.subject
-        i = AXES.index(axis)
+        i = p.chain.index(axis)
         drive = build(self._with(effect)).axes[axis]
 
         def one(k: int) -> np.ndarray:

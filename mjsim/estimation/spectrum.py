@@ -8,10 +8,10 @@ from mjsim.effects import registry
 from mjsim.estimation.fit import Fit
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.signatures import Candidate, SignatureBank
-from mjsim.machine.chain import AXES, ROTARY
+from mjsim.machine.chain import is_rotary
 
-#: Highest order that is looked for, per table turn or per screw turn.
-HIGHEST = {"A": 800, "C": 800, "X": 24, "Y": 24, "Z": 24}
+#: Highest order that is looked for: per turn of a rotary axis, per turn of a linear axis' screw.
+HIGHEST_ROTARY, HIGHEST_LINEAR = 800, 24
 _BINS = 8192
 #: A motor's torque ripples at least about once per turn.
 _SLOWEST_RIPPLE = 0.95
@@ -25,9 +25,9 @@ def orders(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: in
     once. Its variance follows from the noise spectrum at the frequency at which the order passes. Nuisances are projected out
     only afterwards, when the orders found are fitted.
     """
-    i = AXES.index(axis)
-    turn = 2 * np.pi if axis in ROTARY else 2 * np.pi / fit.base.drives[axis].gear
-    highest = HIGHEST[axis]
+    i, rotary = problem.chain.index(axis), is_rotary(axis)
+    turn = 2 * np.pi if rotary else 2 * np.pi / fit.base.drives[axis].gear
+    highest = HIGHEST_ROTARY if rotary else HIGHEST_LINEAR
     rest = problem.residual(fit.readings, fit.nuisance)
     gathered, variance = np.zeros((2, _BINS)), np.zeros((2, highest))
     for k, s in enumerate(problem.samples):
@@ -43,7 +43,7 @@ def orders(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: in
             gathered[sense] += np.bincount(place[there], (weight * score)[there], _BINS)
             variance[sense] += _variance(problem, highest, np.abs(speed[there]), weight[there])
     per_direction = {"": (gathered.sum(axis=0), variance.sum(axis=0))}
-    if axis in ROTARY and all(v.any() for v in variance):
+    if rotary and all(v.any() for v in variance):
         per_direction |= {"CCW": (gathered[0], variance[0]), "CW": (gathered[1], variance[1])}
     out = {}
     for name, (g, v) in per_direction.items():
@@ -99,7 +99,7 @@ def spectral_candidates(problem: Problem, fit: Fit, bank: SignatureBank, axis: s
             columns = problem.whiten([np.column_stack(pair) for pair in zip(*sides, strict=True)])
             out.append((Candidate(cls(subject, components=[[float(order), scale, 0.0]], **values), ("components",)), columns))
     ripple, _ = registry.effect_class(f"torque_ripple.{axis}", fit.machine.chain)
-    per_motor_turn = [n if axis not in ROTARY else n / fit.base.drives[axis].gear for n in found[""]]
+    per_motor_turn = [n if not is_rotary(axis) else n / fit.base.drives[axis].gear for n in found[""]]
     fast = [n for n in per_motor_turn if n > _SLOWEST_RIPPLE]
     if fast and not fit.machine.effect(f"torque_ripple.{axis}"):
         seed = Candidate(ripple(subject, amplitude_Nm=ripple.parameters[0].scale, order=float(fast[0])), ripple.search.free)

@@ -7,7 +7,6 @@ import numpy as np
 from mjsim.effects import registry
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.signatures import Projector, SignatureBank
-from mjsim.machine.chain import AXES, ROTARY
 
 #: Sensitivity below which an axis is not seen: linear, and rotary (m/rad).
 _SEEN = (0.02, 1e-3)
@@ -30,7 +29,7 @@ def detection_limits(projector: Projector, bank: SignatureBank) -> dict[str, flo
 def not_testable(problem: Problem, projector: Projector, bank: SignatureBank) -> list[str]:
     """Ids that the set-up, the axes that move, or the other parameters hide in this campaign."""
     limits = detection_limits(projector, bank)
-    waves = [i for i in registry.all_ids(problem.tests[0].chain) if i not in limits]
+    waves = [i for i in registry.all_ids(problem.chain) if i not in limits]
     return sorted(
         [i for i, limit in limits.items() if limit > problem.settings.testable_size] + [i for i in waves if not _shows(problem, i)]
     )
@@ -38,9 +37,9 @@ def not_testable(problem: Problem, projector: Projector, bank: SignatureBank) ->
 
 def _shows(problem: Problem, effect_id: str) -> bool:
     """Whether a wave on the effect's axis reaches any reading: the axis is seen, and moves where the wave is one of its position."""
-    cls, subject = registry.effect_class(effect_id, problem.tests[0].chain)
-    i = AXES.index(subject)
+    cls, subject = registry.effect_class(effect_id, problem.chain)
+    i = problem.chain.index(subject)
     return any(
-        np.abs(s.axes[:, i]).max() > _SEEN[subject in ROTARY] and (cls.kind == "vibration" or m.moves[i])
+        np.abs(s.axes[:, i]).max() > _SEEN[problem.chain.is_rotary(subject)] and (cls.kind == "vibration" or m.moves[i])
         for s, m in zip(problem.sensitivity, problem.motions, strict=True)
     )

@@ -13,7 +13,7 @@ from mjsim.estimation.effect_file import effect_source
 from mjsim.estimation.fit import Fit
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.selection import Selection
-from mjsim.machine.chain import ROTARY
+from mjsim.machine.chain import is_rotary
 from mjsim.progress import Progress
 from mjsim.units import DEG, UM
 
@@ -114,7 +114,7 @@ def describe(problem: Problem, fit: Fit, term: CurveTerm) -> Unexplained:
     where = tuple(float(np.degrees(problem.motions[k].program.phi(_worst_time(problem, fit, k, parts[k])))[0]) for k in order)
     shows = tuple(problem.tests[k].name for k in order)
     x, x_label, period = _file_units(term, fit)
-    factor, y_unit = (1.0 / DEG, "°") if term.moves in ROTARY else (1.0 / UM, "µm")
+    factor, y_unit = (1.0 / DEG, "°") if is_rotary(term.moves) else (1.0 / UM, "µm")
     shown, spread_of = _seen(term)
     size = shown * term.unit
     power = np.sum([(c**2).sum(axis=0) for c in term.columns], axis=0)
@@ -133,7 +133,7 @@ def describe(problem: Problem, fit: Fit, term: CurveTerm) -> Unexplained:
         f"{left / UM:.2f} µm stay after an empirical curve of that form."
     )
     axes = term.axes or (term.moves,)
-    source = effect_source(term, size, summary, f"{_stem(axes)}.py")
+    source = effect_source(problem.chain, term, size, summary, f"{_stem(axes)}.py")
     labels = (x_label, f"displacement of {what} [{y_unit}]")
     return Unexplained(axes, term.variable, period, rms, shows, where, summary, curve, labels, left, source)
 
@@ -158,7 +158,7 @@ def _worst_time(problem: Problem, fit: Fit, k: int, part: np.ndarray) -> np.ndar
 
 def _file_units(term: CurveTerm, fit: Fit) -> tuple[np.ndarray, str, float | None]:
     """Knots in the units that users read, the label of that axis of the plot, and the period in the same unit."""
-    rotary = term.axis in ROTARY
+    rotary = is_rotary(term.axis)
     scale, unit = {
         "velocity": (1 / DEG, "°/s") if rotary else (60e3, "mm/min"),
         "acceleration": (1 / DEG, "°/s²") if rotary else (1e3, "mm/s²"),

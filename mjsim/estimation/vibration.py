@@ -14,7 +14,6 @@ from mjsim.effects.vibration import Vibration
 from mjsim.estimation.lines import Line, amplitude_of, find, records_of
 from mjsim.estimation.nuisance_fit import fit_nuisance
 from mjsim.estimation.problem import Problem
-from mjsim.machine.chain import LINEAR
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
 
@@ -99,7 +98,7 @@ def phased(problem: Problem, machine: Machine, readings: list[np.ndarray] | None
     rest = problem.sample_residuals(readings, nuisance)
     for effect in waves:
         records = records_of(problem, rest, nuisance, False)
-        i, f = LINEAR.index(effect.subject), effect.values["frequency_Hz"]
+        i, f = problem.chain.index(effect.subject), effect.values["frequency_Hz"]
         effect = effect.with_phases({r.name: float(np.angle(amplitude_of(r, f, i)[0])) for r in records})
         machine = machine.with_effect(effect)
         rest = [r - _wave(problem, k, effect, problem.shift(k, nuisance)) for k, r in enumerate(rest)]
@@ -110,5 +109,5 @@ def _wave(problem: Problem, k: int, effect, shift: float) -> np.ndarray:
     """What a vibration adds to every sample of test ``k``, m."""
     s = problem.samples[k]
     w = 2.0 * np.pi * effect.values["frequency_Hz"]
-    weight = s.sample_all(problem.sensitivity[k].axes[:, LINEAR.index(effect.subject)], shift)
+    weight = s.sample_all(problem.sensitivity[k].axes[:, problem.chain.index(effect.subject)], shift)
     return weight * effect.si("amplitude_um") * np.sin(w * (s.time - shift) + effect.phases.get(s.test.name, 0.0))

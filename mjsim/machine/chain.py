@@ -248,8 +248,3 @@ def chain_of(configuration: str) -> Chain:
 FIVE_AXIS = chain_of(_EXAMPLE)
 #: One chain for each set of axes that a machine may have: what an effect may act on anywhere.
 CHAINS = (FIVE_AXIS, chain_of("w-C'B'X'bYZ-t"))
-
-# for modules that do not yet take the chain from the machine
-AXES, LINEAR, ROTARY = FIVE_AXIS.letters, FIVE_AXIS.linear, FIVE_AXIS.rotary
-INDEX = {a: i for i, a in enumerate(AXES)}
-COLUMN = {a: i for i, a in enumerate(FIVE_AXIS.columns)}

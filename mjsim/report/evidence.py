@@ -85,7 +85,7 @@ def confidence(gain: float, alternatives: tuple[str, ...]) -> str:
 
 def untestable(ids: tuple[str, ...], problem: Problem) -> list[NotTestable]:
     """Effects that the campaign cannot show, each with its title and the reason."""
-    chain = problem.tests[0].chain
+    chain = problem.chain
     moves, seen = {}, {}
     for i, a in enumerate(chain.letters):
         moves[a] = any(np.ptp(m.commands[:, i]) > 0.0 for m in problem.motions)

@@ -260,7 +260,7 @@ def _found(problem: Problem, selection: Selection) -> list[tuple[float, Diagnose
 
 
 def _vibration(problem: Problem, line: Line) -> tuple[float, DiagnosedEffect]:
-    i, size = problem.tests[0].chain.index(line.effect.subject), line.effect.si("amplitude_um")
+    i, size = problem.chain.index(line.effect.subject), line.effect.si("amplitude_um")
     spread = [size * np.sqrt(np.mean(s.axes[:, i] ** 2) / 2) for s in problem.sensitivity]
     tests = tuple(t.name for t, x in zip(problem.tests, spread, strict=True) if x > problem.settings.visible_share * problem.noise.rms)
     return line.gain, DiagnosedEffect(line.effect, line.effect.search.free, line.ci95, 0.0, 0.0, line.alternatives, tests, line.gain)

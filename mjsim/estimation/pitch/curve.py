@@ -9,7 +9,6 @@ import numpy as np
 from mjsim.estimation.pitch.directions import TurnDirection
 from mjsim.estimation.pitch.model import PitchModel, State
 from mjsim.estimation.pitch.terms import Fault, Term, Wave
-from mjsim.machine.chain import AXES
 
 #: Around a reversal of a linear axis its friction shows in the reading: from so long before the command turns to so long after, s.
 BEFORE, AFTER = 0.1, 0.5
@@ -46,7 +45,7 @@ def curve(model: PitchModel, state: State, direction: TurnDirection, k: int) -> 
     p = model.problem
     s, shift = p.samples[k], p.shift(k, state.nuisance)
     x = s.sample(model.position[k][direction.axis], shift)
-    sens = s.sample(p.sensitivity[k].axes[:, AXES.index(direction.axis)], shift)
+    sens = s.sample(p.sensitivity[k].axes[:, p.chain.index(direction.axis)], shift)
     good = s.good
     x, raw = x[good], (s.mean / sens)[good]
     mine = [t for t in terms_of(state, direction) if t.test in (None, p.tests[k].name)]
@@ -67,9 +66,9 @@ def curve(model: PitchModel, state: State, direction: TurnDirection, k: int) -> 
 def at_reversals(model: PitchModel, k: int, time: np.ndarray) -> np.ndarray:
     """Which instants (n,) s of the program lie at a turning point of a linear axis, (n,) bool."""
     m = model.problem.motions[k]
-    step = np.sign(np.round(np.diff(m.commands[:, :3], axis=0), 12))
+    step = np.sign(np.round(np.diff(m.commands[:, model.problem.chain.linear_columns], axis=0), 12))
     out = np.zeros(len(time), bool)
-    for j in range(3):
+    for j in range(step.shape[1]):
         moving = np.flatnonzero(step[:, j])
         for i in moving[1:][np.diff(step[moving, j]) != 0.0]:
             out |= (time > m.time[i] - BEFORE) & (time < m.time[i] + AFTER)

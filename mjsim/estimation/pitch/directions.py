@@ -21,8 +21,12 @@ class TurnDirection:
     """One axis turning in one direction: its tests, and what their arc allows.
 
     Attributes:
-        axis: A or C. direction: CW or CCW. tests: indices of its tangential tests, the longest arc first. teeth: of the worm wheel.
-        arc: longest arc measured, rad. speed: of the fastest, turns per s.
+        axis: letter of the rotary axis.
+        direction: CW or CCW.
+        tests: indices of its tangential tests, the longest arc first.
+        teeth: of the worm wheel.
+        arc: longest arc measured, rad.
+        speed: of the fastest, turns per s.
     """
 
     axis: str
@@ -69,4 +73,4 @@ def tangential(test: BallBarTest, axis: str) -> bool:
 def _arc(problem: Problem, k: int, axis: str) -> float:
     s = problem.samples[k]
     q = problem.motions[k].program.commands(s.centre[s.good])
-    return float(np.ptp(q[:, 3 if axis == "A" else 4]))
+    return float(np.ptp(q[:, problem.chain.index(axis)]))

@@ -17,6 +17,7 @@ from mjsim.estimation.pitch.model import PitchModel, State
 from mjsim.estimation.pitch.result import PitchIdentification
 from mjsim.estimation.pitch.summary import identified_direction
 from mjsim.estimation.settings import PITCH, PitchSettings
+from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
@@ -42,7 +43,7 @@ def identify_pitch_error(
 def identify_pitch_errors(
     campaign: Campaign,
     machine: Machine,
-    axes: tuple[str, ...] = ("A", "C"),
+    axes: tuple[str, ...] | None = None,
     per_direction: bool = False,
     threads: int = 2,
     progress: Progress = silent,
@@ -54,14 +55,22 @@ def identify_pitch_errors(
     machine's own pitch errors of these axes are left out and found anew.
 
     Args:
-        axes: of A and C. per_direction: keep CW and CCW apart even where they agree. settings: what decides.
+        campaign: with measured tangential tests.
+        machine: as given.
+        axes: letters of rotary axes; otherwise all of the machine.
+        per_direction: keep CW and CCW apart even where they agree.
+        threads: tests that are worked on side by side.
+        progress: called as work gets on.
+        settings: what decides.
 
     Raises:
         InputError: the campaign has no measured tangential test of an axis, or its arc is too short.
     """
+    rotary = machine.chain.rotary
+    axes = rotary if axes is None else axes
     for axis in axes:
         _check(campaign, machine, axis, settings)
-    tested = tuple(a for a in ("A", "C") if a in axes or _testable(campaign, machine, a, settings))
+    tested = tuple(a for a in rotary if a in axes or _testable(campaign, machine, a, settings))
     bare = machine
     for axis in tested:
         bare = bare.without(f"pitch_error.{axis}")
@@ -107,11 +116,13 @@ def testable_axes(campaign: Campaign) -> tuple[str, ...]:
     Raises:
         InputError: none has.
     """
-    axes = tuple(a for a in ("A", "C") if tangential_tests(campaign, a))
+    rotary = campaign.tests[0].chain.rotary
+    axes = tuple(a for a in rotary if tangential_tests(campaign, a))
     if not axes:
+        first, other = reversed(rotary)
         raise InputError(
-            f'{campaign.folder / "campaign.toml"}: no measured tangential test of A or C; needed: a [[test]] with kind = "rotary", '
-            f'axis = "C" (or "A"), sensitive_direction = "tangential" and a trace, best in both directions'
+            f"{campaign.folder / 'campaign.toml'}: no measured tangential test of {other} or {first}; needed: a [[test]] with "
+            f'kind = "rotary", axis = "{first}" (or "{other}"), sensitive_direction = "tangential" and a trace, best in both directions'
         )
     return axes
 
@@ -159,7 +170,7 @@ def _check(campaign: Campaign, machine: Machine, axis: str, settings: PitchSetti
 
 def _result(model: PitchModel, state: State, directions: list[TurnDirection], axis: str, common: bool) -> PitchIdentification:
     found = {w.direction: identified_direction(model, state, w) for w in directions}
-    effects = _effects(axis, state, directions, common)
+    effects = _effects(model.problem.chain, axis, state, directions, common)
     notes = []
     if len(directions) == 1:
         notes.append(f"only {directions[0].direction} was measured; nothing is known about the other direction")
@@ -182,8 +193,8 @@ def _result(model: PitchModel, state: State, directions: list[TurnDirection], ax
     return PitchIdentification(axis, found, common, effects, noise.rms / UM, noise.source, tuple(notes))
 
 
-def _effects(axis: str, state: State, directions: list[TurnDirection], common: bool) -> tuple[Effect, ...]:
-    cls, subject = registry.effect_class(f"pitch_error.{axis}")
+def _effects(chain: Chain, axis: str, state: State, directions: list[TurnDirection], common: bool) -> tuple[Effect, ...]:
+    cls, subject = registry.effect_class(f"pitch_error.{axis}", chain)
     out = []
     for w in directions[:1] if common else directions:
         rows = [[t.order, t.amplitude_deg, t.phase_deg] for t in components_of(state, w)]

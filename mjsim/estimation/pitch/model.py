@@ -19,7 +19,6 @@ from mjsim.estimation.pitch.terms import Term
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import GRID, GRID_STEPS
 from mjsim.estimation.settings import PITCH, PitchSettings
-from mjsim.machine.chain import AXES, ROTARY
 from mjsim.machine.model import Machine, build
 from mjsim.simulation.transmission import BLEND
 
@@ -121,7 +120,7 @@ class PitchModel:
         plant = build(calibrated(self.machine, self.simulated_deviation))
         p = self.problem
         self.readings = p.readings(plant)
-        self.position = [{a: np.ascontiguousarray(m.motor(a, plant.axes[a], GRID_STEPS)) for a in ROTARY} for m in p.motions]
+        self.position = [{a: np.ascontiguousarray(m.motor(a, plant.axes[a], GRID_STEPS)) for a in p.chain.rotary} for m in p.motions]
         self.share = [
             {(a, w): _shares(x, BLEND, sign) for a, x in q.items() for w, sign in (("CCW", 1.0), ("CW", -1.0))} for q in self.position
         ]
@@ -147,7 +146,7 @@ class PitchModel:
 
     def factor(self, k: int, t: Term) -> np.ndarray:
         """Reading per rad of the term's axis while it turns in the term's direction, (n,) m on the GRID."""
-        sens = self.problem.sensitivity[k].axes[:, AXES.index(t.axis)]
+        sens = self.problem.sensitivity[k].axes[:, self.problem.chain.index(t.axis)]
         return sens * self.share[k][t.axis, t.direction] if t.direction else sens
 
     def terms_total(self, k: int, state: State) -> np.ndarray:

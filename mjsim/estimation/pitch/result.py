@@ -28,6 +28,7 @@ class DirectionIdentification:
         orders, amplitude_deg, floor_deg, limit_deg: (m,) spectrum of the modified curve, the amplitude that noise alone gives (RMS),
         and the one that a component must exceed.
         trigger_ci95_ms: half width of each test's trigger shift. feed_mm_min, duration_s: of the first test.
+        tilts: whether the axis tilts the table.
     """
 
     axis: str
@@ -51,6 +52,7 @@ class DirectionIdentification:
     trigger_ci95_ms: dict[str, float]
     feed_mm_min: float
     duration_s: float
+    tilts: bool
 
     @property
     def noise_floor_deg(self) -> float:
@@ -83,10 +85,10 @@ class DirectionIdentification:
 
     @property
     def _remedy(self) -> str:
-        if self.axis == "A":
-            return "A cone-frustum test in the same campaign, in which A turns both ways,"
+        if self.tilts:
+            return f"A cone-frustum test in the same campaign, in which {self.axis} turns both ways,"
         other = "CW" if self.direction == "CCW" else "CCW"  # the table turns against the cone's sense
-        return f"A cone-frustum test in the same campaign, off centre and run {other} so that C turns {self.direction},"
+        return f"A cone-frustum test in the same campaign, off centre and run {other} so that {self.axis} turns {self.direction},"
 
     @property
     def safe_feed_mm_min(self) -> float:

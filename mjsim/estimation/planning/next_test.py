@@ -82,10 +82,10 @@ def plan_for(problem: Problem, selection: Selection, threads: int = 2, progress:
     if not hidden:
         return None
     for effect_id in not_testable(problem, Projector(selection.start), selection.bank):
-        if not _seeds(effect_id, problem.tests[0].chain):
+        if not _seeds(effect_id, problem.chain):
             continue
         here = Explanation.of_fit(NOTHING, selection.fit)
-        there = here.with_effect(effect_id, typical(effect_id, problem.tests[0].chain))
+        there = here.with_effect(effect_id, typical(effect_id, problem.chain))
         return best_of((effect_id, NOTHING), (there, here), *args)
     return None
 
