@@ -5,6 +5,7 @@ All columns are in m per standard deviation of their prior, so every prior is a 
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -46,6 +47,25 @@ def sheet_grid(motion: AxesMotion, sens: BarSensitivity, base: Plant, moved: dic
     return out
 
 
+class Workers:
+    """Threads that work on the tests side by side; they end with the last problem that has them.
+
+    A diagnosis calls them more than a thousand times: starting them each time took a fifth of it on a busy machine.
+
+    Args:
+        threads: How many; with one, the calling thread does the work.
+    """
+
+    def __init__(self, threads: int) -> None:
+        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+        if self._pool is not None:
+            weakref.finalize(self, self._pool.shutdown, wait=False)
+
+    def map(self, work: Callable[[int], object], count: int) -> list:
+        """``work(k)`` for ``k`` from 0 to ``count``, in order; ``work`` must not call this itself."""
+        return list(map(work, range(count)) if self._pool is None else self._pool.map(work, range(count)))
+
+
 @dataclass(frozen=True)
 class Problem:
     """Measured tests with everything that does not change while models are tried.
@@ -59,7 +79,7 @@ class Problem:
         sensitivity: The reading's derivatives along each test, at the positions that the machine as given reaches.
         nuisances: Blocks of set-up and instrument.
         outliers: Number of disturbances left out, by test.
-        threads: Tests that are worked on side by side.
+        workers: Work on the tests side by side.
         settings: What decides in a diagnosis.
     """
 
@@ -71,7 +91,7 @@ class Problem:
     sensitivity: tuple[BarSensitivity, ...]
     nuisances: Nuisances
     outliers: Mapping[str, int]
-    threads: int
+    workers: Workers
     settings: DiagnosisSettings
 
     @classmethod
@@ -100,15 +120,15 @@ class Problem:
         check_stable(plant)
         # a user's plain-Python effect holds Python's lock, so that threads gain nothing, and has a time limit in the calling thread only
         known = {*registry.kinds().values(), *map(type, plant.python_effects)}
-        threads = 1 if any(c.position_error is not Effect.position_error for c in known) else threads
+        workers = Workers(1 if any(c.position_error is not Effect.position_error for c in known) else threads)
         tests = campaign.measured
         samples = make_samples(tests, campaign.traces, block)
         noise = estimate_noise(samples, campaign.instrument.resolution)
         motions = tuple(AxesMotion(t) if keep_motions else AxesMotion(t, keep=1, light=True) for t in tests)
-        sensitivity = _on_threads(threads, lambda k: motions[k].sensitivity(plant, GRID_STEPS), len(tests))
+        sensitivity = workers.map(lambda k: motions[k].sensitivity(plant, GRID_STEPS), len(tests))
         nuisances = Nuisances.of_tests(tests, settings.trigger_limit)
         outliers = {t.name: 0 for t in tests}
-        return cls(campaign, tests, tuple(samples), noise, motions, tuple(sensitivity), nuisances, outliers, threads, settings)
+        return cls(campaign, tests, tuple(samples), noise, motions, tuple(sensitivity), nuisances, outliers, workers, settings)
 
     def with_samples(self, samples: Sequence[Samples], tests: tuple[BallBarTest, ...], outliers: Mapping[str, int]) -> Problem:
         """The problem with other samples of its tests; the noise model stays."""
@@ -149,7 +169,7 @@ class Problem:
 
     def map(self, work: Callable[[int], object]) -> list:
         """``work(k)`` for every test on the problem's threads, in order."""
-        return _on_threads(self.threads, work, len(self.tests))
+        return self.workers.map(work, len(self.tests))
 
     @property
     def chain(self) -> Chain:
@@ -246,11 +266,3 @@ class Problem:
 
         self.map(one)
         return out
-
-
-def _on_threads(threads: int, work: Callable[[int], object], count: int) -> list:
-    """``work(k)`` for ``k`` from 0 to ``count``, in order."""
-    if threads == 1:
-        return [work(k) for k in range(count)]
-    with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(work, range(count)))
