@@ -6,15 +6,24 @@ import numpy as np
 import pytest
 
 from mjsim.ballbar.kinds import KINDS
-from mjsim.ballbar.measurement import BallBarTest
+from mjsim.ballbar.measurement import BallBarTest, Trace
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.effects import registry
 from mjsim.errors import InputError
+from mjsim.estimation.fit import Fitter
+from mjsim.estimation.mistakes.checked_problem import checked_problem
+from mjsim.estimation.problem import Problem
+from mjsim.estimation.selection import ModelSelection
+from mjsim.estimation.signatures import Projector
+from mjsim.estimation.testability import not_testable
+from mjsim.estimation.unexplained import find_unexplained
+from mjsim.estimation.vibration import separate
 from mjsim.io.resources import examples
-from mjsim.machine.chain import FIVE_AXIS, chain_of
+from mjsim.machine.chain import FIVE_AXIS, Chain, chain_of
 from mjsim.machine.kinematics import Geometry, aim, bar_vector, machine_to_work, reading, sensitivity, work_to_machine
 from mjsim.machine.model import Machine, build
+from mjsim.progress import silent
 from mjsim.simulation.axes import AxesMotion
 from mjsim.simulation.bar import reading as compiled
 from mjsim.simulation.multibody import simulate
@@ -154,6 +163,39 @@ def test_a_planted_backlash_steps_where_its_axis_reverses():
     assert play.max() == pytest.approx(width / 2, rel=1e-6) and play.min() == pytest.approx(-width / 2, rel=1e-6)
     slope = motion.sensitivity(plain).axes[:, B.index("B")]
     np.testing.assert_allclose(motion.reading(worn) - motion.reading(plain), slope * play, rtol=0, atol=1e-9)
+
+
+def measured(chain: Chain, machine: Machine, truth: Machine) -> Problem:
+    """Two cones of one set-up on the axes' motion alone: ball 15 µm off its place, the recorder 11 ms late, 0.1 µm of white noise."""
+    rng, traces, plant = np.random.default_rng(8), {}, build(truth)
+    tests = tuple(replace(t, revolutions=2, chain=chain) for t in b_tests()[:2])
+    for test in tests:
+        motion = AxesMotion(test)
+        ball = np.array(test.table_ball) + np.array([12e-6, -7e-6, 4e-6])
+        exact = reading(chain, motion.load(plant), ball, test.length, plant.geometry) + 2e-6
+        first, last = motion.program.measured_span
+        time = np.arange(np.ceil(first / 0.005), np.floor(last / 0.005)) * 0.005
+        noise = rng.normal(0.0, 0.1e-6, len(time))
+        traces[test.name] = Trace(time, np.interp(time - 0.011, motion.time, exact) + noise, np.ones(len(time), bool))
+    campaign = read_campaign(examples() / "healthy", traces=False)
+    return checked_problem(replace(campaign, tests=tests, traces=traces), build(machine), threads=1)
+
+
+@pytest.mark.parametrize("configuration", ["w-C'B'X'bYZ-t", "w-C'B'Y'bXZ-t"])
+def test_a_diagnosis_finds_the_backlash_of_another_axis(configuration):
+    chain = chain_of(configuration)
+    machine = replace(b_machine(), configuration=configuration)
+    problem = measured(chain, machine, machine.with_effect(registry.make("backlash.B", chain, width_deg=0.0015)))
+    separated = separate(problem, machine)
+    assert not separated.lines
+    selection = ModelSelection(Fitter(separated.problem, separated.machine)).run(2)
+    unexplained, selection = find_unexplained(separated.problem, selection, silent)
+    assert unexplained is None and [f.key for f in selection.found] == ["backlash.B"] and not selection.found[0].alternatives
+    (found,) = selection.fit.effects
+    low, high = found.interval(found.vector, selection.fit.covariance_of(found))["width_deg"]
+    assert low < 0.0015 < high and high - low < 1e-4
+    hidden = not_testable(separated.problem, Projector(selection.start), selection.bank)
+    assert "backlash.B" not in hidden and set(hidden) <= set(registry.all_ids(chain))
 
 
 def test_what_needs_the_bodies_says_so():

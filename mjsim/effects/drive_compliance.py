@@ -3,6 +3,7 @@
 import math
 
 from mjsim.effects.registry import register
+from mjsim.machine.bodies import has_model
 from mjsim.machine.chain import is_rotary
 from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
@@ -20,6 +21,11 @@ _LINEAR = (
 )
 
 
+def _seeds(subject, chain):
+    """One typical stiffness; none where the masses of the moving bodies are not known."""
+    return [{p.name: p.scale for p in DriveCompliance.parameters_of(subject)}] if has_model(chain) else []
+
+
 @register
 class DriveCompliance(Effect):
     kind = "drive_compliance"
@@ -34,7 +40,7 @@ class DriveCompliance(Effect):
     search = SearchHints(
         quasi_static=False,
         free=("stiffness_Nm_per_urad", "stiffness_N_per_um", "damping_ratio"),
-        seeds=lambda subject, chain: [{p.name: p.scale for p in DriveCompliance.parameters_of(subject)}],
+        seeds=_seeds,
     )
 
     @classmethod

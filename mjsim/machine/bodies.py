@@ -23,13 +23,18 @@ def own_inertia(model: mujoco.MjModel, chain: Chain = FIVE_AXIS) -> np.ndarray:
     return np.diag(mass)[dofs]
 
 
+def has_model(chain: Chain) -> bool:
+    """Whether there is a MuJoCo model with these axes."""
+    return chain == FIVE_AXIS
+
+
 def check_model(chain: Chain) -> None:
     """Refuse a machine whose bodies are not known.
 
     Raises:
         InputError: there is no MuJoCo model with these axes.
     """
-    if chain != FIVE_AXIS:
+    if not has_model(chain):
         raise InputError(f"configuration {chain.configuration!r} has no MuJoCo model; allowed: {FIVE_AXIS.configuration!r}")
 
 
