@@ -20,6 +20,14 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 MODULES = {".".join(f.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): f for f in sorted((ROOT / "mjsim").rglob("*.py"))}
 #: Most lines of a module; a longer one holds more than one concept.
 LONGEST = 300
+#: A text that names axes, an error of theirs, or an effect on one: X, XYZ, EXC, EC0A, backlash.A.
+AXES = re.compile(r"([a-z_]+\.)?([XYZABC]{1,5}|E[XYZABC]0?[XYZABC])")
+#: Modules and packages that may spell out axes, and why.
+NAMES_AXES = {
+    "mjsim.machine.chain": "says which letters there are",
+    "mjsim.paper": "reproduces the figures of one published machine",
+    "mjsim.importing.features": "a .b5r file calls the two axes of its plane A and B, whatever they are",
+}
 #: What no file of the repository speaks of, each written so that it does not match itself: places on the machine of whoever wrote it,
 #: sittings at it, hosts of package registries.
 FORBIDDEN = {
@@ -150,6 +158,22 @@ def test_no_modules_import_each_other():
 def test_modules_are_short():
     lines = {m: len(file.read_text().splitlines()) for m, file in MODULES.items()}
     assert {m: n for m, n in lines.items() if n > LONGEST} == {}
+
+
+def _texts(file):
+    """Texts in a module's code with their lines; docstrings are none."""
+    tree = ast.parse(file.read_text())
+    owners = [n for n in ast.walk(tree) if isinstance(n, ast.Module | ast.ClassDef | ast.FunctionDef)]
+    said = {n.body[0].value for n in owners if n.body and isinstance(n.body[0], ast.Expr)}
+    return [(n.lineno, n.value) for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str) and n not in said]
+
+
+def test_axes_come_from_the_machine():
+    found = {m: [(line, text) for line, text in _texts(file) if AXES.fullmatch(text)] for m, file in MODULES.items()}
+    allowed = {m: next((n for n in NAMES_AXES if f"{m}.".startswith(f"{n}.")), None) for m in found}
+    wrong = [f"{MODULES[m]}:{line}: {text!r}" for m, hits in found.items() if not allowed[m] for line, text in hits]
+    assert not wrong, "\n".join(["axes spelled out (take them from the machine's chain):", *wrong])
+    assert {allowed[m] for m, hits in found.items() if hits} == set(NAMES_AXES)
 
 
 def test_the_repository_speaks_of_the_project_only():

@@ -19,6 +19,7 @@ from mjsim.importing.header import test_keys
 from mjsim.importing.into_campaign import test_name
 from mjsim.importing.reading import Options
 from mjsim.importing.table import Table
+from mjsim.machine.chain import FIVE_AXIS
 
 #: The last reading of a closed circle is near the first: a gap of more than this part of the range has to be asked about.
 _CLOSED = 0.3
@@ -117,8 +118,9 @@ def _of_run(recorded: Recorded, run: Run, name: str, o: Options) -> Source:
     unit = next((name for name, factor in CANDIDATES.items() if factor == um), f"{um:g} µm")
     numbers = np.arange(1, len(run.readings) + 1)
     notes = [f"run {run.direction}; {why}"]
-    if not recorded.plane and "X" in recorded.imported.axes and "Z" in recorded.imported.axes:
-        notes.append("the file calls its plane XZ: CW is taken for G02 of the plane ZX, which is not certain")
+    plane = "".join(recorded.imported.axes)
+    if plane[::-1] in FIVE_AXIS.planes:
+        notes.append(f"the file calls its plane {plane}: CW is taken for G02 of the plane {plane[::-1]}, which is not certain")
     table = Table(recorded.path, ("deviation",), ("um",), run.readings[:, None] * um, numbers, (), tuple(notes))
     header = {**recorded.keys, "direction": run.direction}
     return Source(recorded.path, name, table, header, replace(o, deviation_unit="um", um_per_volt=None), recorded, run, unit)
