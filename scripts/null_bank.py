@@ -23,7 +23,7 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.criteria import is_feasible
-from mjsim.estimation.data_sheet import SHEET, calibrated
+from mjsim.estimation.data_sheet import calibrated, data_sheet
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.mistakes.checked_problem import trusted_problem
 from mjsim.estimation.nuisance import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER
@@ -38,7 +38,7 @@ from mjsim.simulation.axes import AxesMotion
 
 def null_campaign(campaign: Campaign, machine: Machine, rng: np.random.Generator) -> Campaign:
     """A healthy campaign: data sheet off by its tolerances (cut at 2.5 σ), everything of the measurement chain drawn from its priors."""
-    true = build(calibrated(machine, np.clip(rng.standard_normal(len(SHEET)), -2.5, 2.5)))
+    true = build(calibrated(machine, np.clip(rng.standard_normal(len(data_sheet(machine.chain))), -2.5, 2.5)))
     chosen = sorted(rng.choice(len(campaign.tests), size=int(rng.integers(3, 7)), replace=False))
     setups = {t.setup: (rng.normal(0, TABLE_BALL, 3), rng.normal(0, SPINDLE_BALL, 3)) for t in campaign.tests}
     length = rng.normal(0, LENGTH)

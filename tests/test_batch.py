@@ -26,12 +26,15 @@ from mjsim.batch.figures import FIGURES
 from mjsim.batch.sweep import read_sweep
 from mjsim.cli.main import main
 from mjsim.errors import InputError
-from mjsim.estimation.data_sheet import SHEET
+from mjsim.estimation.data_sheet import data_sheet
 from mjsim.io.resources import examples
+from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.model import TOLERANCE
 from mjsim.simulation import callback
 from mjsim.simulation.multibody import simulate
 
+#: Numbers of the data sheet.
+SHEET = len(data_sheet(FIVE_AXIS))
 #: Two short tests, 2.5 and 4.5 s.
 TESTS = """
 [[test]]
@@ -129,7 +132,7 @@ def test_latin_hypercube_is_stratified_and_reproducible(folder):
 
 def test_tolerances_have_the_data_sheets_spread(folder):
     s = read_sweep(sweep_file(folder, BACKLASH, 'design = "tolerances"\nsamples = 200'))
-    assert s.runs == 600 and s.design.sheet.shape == (600, len(SHEET))
+    assert s.runs == 600 and s.design.sheet.shape == (600, SHEET)
     assert np.array_equal(s.design.sheet[:200], s.design.sheet[200:400])  # the same machines at each point of the grid
     table = pd.DataFrame([s.parameters(r) for r in range(200)], columns=[c.name for c in s.columns])
     base = s.recipe.base
@@ -142,7 +145,7 @@ def test_tolerances_have_the_data_sheets_spread(folder):
             ratio = table[column] / nominal
             assert abs(ratio.mean() - 1.0) < 0.02 * TOLERANCE[name]
             assert ratio.std() == pytest.approx(TOLERANCE[name], rel=0.03)
-    correlation = np.corrcoef(s.design.sheet[:200].T) - np.eye(len(SHEET))
+    correlation = np.corrcoef(s.design.sheet[:200].T) - np.eye(SHEET)
     assert np.abs(correlation).max() < 0.3
 
 
@@ -221,7 +224,7 @@ def test_threads_change_nothing_and_the_description_is_complete(folder):
         assert meta[b"meaning"] and meta[b"unit"].decode() == about["columns"][name]["unit"]
     assert about["columns"]["backlash.A.width_deg"]["unit"] == "°"
     assert about["columns"]["drive.C.inertia_kgm2"]["unit"] == "kg·m²"
-    assert len(table.columns) == 2 + 1 + len(SHEET) + 10
+    assert len(table.columns) == 2 + 1 + SHEET + 10
     assert set(result.traces().columns) == set(about["trace_columns"])
 
 

@@ -10,7 +10,8 @@ from scipy.special import ndtri
 
 from mjsim.batch.schema import SweepTable, VaryTable
 from mjsim.errors import InputError
-from mjsim.estimation.data_sheet import SHEET
+from mjsim.estimation.data_sheet import data_sheet
+from mjsim.machine.chain import Chain
 
 #: Most simulations (runs times tests) of one sweep; more is taken for a slip.
 LARGEST = 1_000_000
@@ -22,7 +23,7 @@ class Design:
 
     Attributes:
         values: (runs, parameters) in the units of the parameters' names.
-        sheet: (runs, len(SHEET)) standard deviations by which the data sheet is moved, or ``None``.
+        sheet: (runs, sheet) standard deviations by which the data sheet is moved, or ``None``.
     """
 
     values: np.ndarray
@@ -83,11 +84,15 @@ def _check_vary(place: str, v: VaryTable, design: str) -> None:
         raise InputError(f"{place}: from = {v.from_:g}, to = {v.to:g} with scale = 'log'; allowed: two numbers above 0")
 
 
-def make_design(table: SweepTable) -> Design:
+def make_design(table: SweepTable, chain: Chain) -> Design:
     """The values of every run of a checked sweep; the same seed gives the same design.
 
     A Latin hypercube is stratified: each parameter has one value in each of ``samples`` equal parts of its range. An ensemble of
     tolerances is one too, of normal deviates; every point of a grid beside it gets the same machines, so that points can be compared.
+
+    Args:
+        table: the sweep file.
+        chain: axes of the base machine.
     """
     samples = table.samples or 1
     if table.design == "latin_hypercube":
@@ -97,7 +102,7 @@ def make_design(table: SweepTable) -> Design:
     grid = np.stack(np.meshgrid(*levels, indexing="ij"), axis=-1).reshape(-1, len(levels)) if levels else np.zeros((1, 0))
     if table.design == "grid":
         return Design(grid)
-    unit = _hypercube(len(SHEET), samples, table.seed)
+    unit = _hypercube(len(data_sheet(chain)), samples, table.seed)
     return Design(np.repeat(grid, samples, axis=0), np.tile(ndtri(unit), (len(grid), 1)))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from mjsim.campaign.machine_file import DRIVE_KEYS
 from mjsim.effects import registry
 from mjsim.errors import InputError
-from mjsim.estimation.data_sheet import SHEET, calibrated
+from mjsim.estimation.data_sheet import calibrated, data_sheet
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import FRICTION_PARAMETERS, Machine
 
@@ -56,7 +56,7 @@ class Recipe:
 
         Args:
             values: one per target, units of the names; those of tests change no machine.
-            sheet: (len(SHEET),) standard deviations by which the data sheet is moved, before the values are put in.
+            sheet: (sheet,) standard deviations by which the data sheet is moved, before the values are put in.
 
         Raises:
             InputError: a value is out of its bounds, or an effect that the machine does not have needs more than was given.
@@ -79,9 +79,9 @@ def _changed(machine: Machine, key: str, changes: dict[str, float]) -> Effect:
 
 
 def sheet_columns(machine: Machine) -> list[Target]:
-    """The data sheet's numbers that an ensemble draws, as columns: all of :data:`SHEET` that ``machine`` has."""
+    """The data sheet's numbers that an ensemble draws, as columns: all that ``machine`` has."""
     out = []
-    for p in SHEET:
+    for p in data_sheet(machine.chain):
         if p.name in FRICTION_PARAMETERS:
             friction, key = machine.effect(f"friction.{p.axis}"), FRICTION_PARAMETERS[p.name]
             if friction is not None and not friction.is_neutral:

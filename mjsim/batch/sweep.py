@@ -120,7 +120,7 @@ def read_sweep(path: str | Path) -> Sweep:
     targets = tuple(target_of(f'{path}: [[vary]] "{v.parameter}"', v.parameter, machine) for v in table.vary)
     every = (table.every_ms or EVERY_MS) if table.traces else 0
     inputs = _inputs(machine, machine_file, tables)
-    sweep = Sweep(table.name, path, text, data, Recipe(machine, targets), make_design(table), tests, every, inputs, tables)
+    sweep = Sweep(table.name, path, text, data, Recipe(machine, targets), make_design(table, machine.chain), tests, every, inputs, tables)
     _check_values(sweep)
     return sweep
 

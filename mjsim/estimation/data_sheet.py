@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from mjsim.estimation.parameters import Block
-from mjsim.machine.chain import FIVE_AXIS, Chain
+from mjsim.machine.chain import Chain
 from mjsim.machine.model import FRICTION_PARAMETERS, TOLERANCE, Machine
 
 
@@ -31,8 +31,6 @@ def data_sheet(chain: Chain) -> tuple[SheetParameter, ...]:
     return tuple(SheetParameter(a, n, sd) for a in chain.letters for n, sd in TOLERANCE.items())
 
 
-#: The data sheet of the shipped machine's axes.
-SHEET = data_sheet(FIVE_AXIS)
 #: Name of the data sheet's block in the parameter vector.
 DATA_SHEET = "data sheet"
 
