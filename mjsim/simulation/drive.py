@@ -121,6 +121,16 @@ def _row(e, i, th, om, it, lth, lom, ra, dr, f):
     return a + e[k + 5] * ra + e[k + 6] * dr + e[k + 7] * f
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def bristle(z, end, way):
+    """LuGre's bristle while the motor slides one way: its deflection afterwards, and the mean on the way.
+
+    ``end`` is the deflection at which it slides on, ``way`` how far the motor turns, in units of the way over which it gets there.
+    """
+    e = math.exp(-way)
+    return end + (z - end) * e, end + (z - end) * (1.0 - e) / way
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def advance(p, s, r_next, load_torque, substep, substeps):
     """Advance one axis over one step: ``r_next`` is the command (axis units) at its end, ``load_torque`` acts against the motor."""
@@ -163,10 +173,7 @@ def advance(p, s, r_next, load_torque, substep, substeps):
                     of_g = 1.0 / g
                 a = abs(mid) * substep * s0 * of_g
                 if a > 1e-9:
-                    e = math.exp(-a)
-                    end = math.copysign(g * of_s0, mid)
-                    zn = end + (z - end) * e
-                    mean = end + (z - end) * (1.0 - e) / a
+                    zn, mean = bristle(z, math.copysign(g * of_s0, mid), a)
                 else:
                     zn = z + mid * substep
                     mean = 0.5 * (z + zn)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 
 from mjsim.machine.motion import Motion
+from mjsim.simulation.drive import bristle
 
 if TYPE_CHECKING:
     from mjsim.machine.plant import Plant
@@ -62,12 +62,11 @@ def _shut(x: np.ndarray) -> np.ndarray:
     return x
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _bristles(turned, presliding, z, out):
     """Friction over the Coulomb level, (n, axes), from motor angles turned per instant: LuGre's bristles at slow sliding."""
     for k in range(turned.shape[0]):
         for i in range(turned.shape[1]):
             d = turned[k, i]
-            end = 1.0 if d > 0.0 else -1.0
-            z[i] = end + (z[i] - end) * math.exp(-abs(d) / presliding[i])
+            z[i], _ = bristle(z[i], 1.0 if d > 0.0 else -1.0, abs(d) / presliding[i])
             out[k, i] = z[i]
