@@ -7,6 +7,7 @@ import random
 import re
 import shutil
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ from mjsim.nc.write import nc_program
 from mjsim.workflow.history import read_history
 
 #: How often each file is spoiled; always in the same ways.
-TIMES = 60
+TIMES = 25
 NUMBERS = (b"nan", b"-inf", b"1e400", b"0", b"-1", b"1e9", b"1,5", b"1.2.3", b"", b"true", b'"5"', b"[1]", b"text")
 WORDS = (b'""', b'".."', b'"\xc3\xa9"', b"5", b"true", b'["a"]', b'"nothing"')
 LINE_ENDS = (b"\r\n", b"\r", b"\n\n", b"")
@@ -192,9 +193,14 @@ KINDS = {
     "runs in .b5r": Kind("recorded.b5r", RUNS, read_recorded, check_runs),
     "features": Kind("short/imported/a.json", IMPORTED, lambda p: imported_features(p.parent.parent)),
     "history": Kind("short/.mjsim/history.json", HISTORY, lambda p: read_history(read_campaign(p.parent.parent, traces=False))),
-    "data set": Kind("out/sweep.json", None, lambda p: Folder.check(read_sweep(p.parent.parent / "sweep.toml"), p.parent), named="out"),
+    "data set": Kind("out/sweep.json", None, lambda p: Folder.check(sweep_of(p.parent.parent), p.parent), named="out"),
     "effect": Kind("mine.py", OWN.format(kind="mine_spoiled").encode(), registry.load_file),
 }
+
+
+@cache
+def sweep_of(folder):
+    return read_sweep(folder / "sweep.toml")
 
 
 def content_of(name, kind, folder):

@@ -66,8 +66,9 @@ def full():
     raise OSError(errno.ENOSPC, "No space left on device")
 
 
-@pytest.mark.parametrize("name", WRITING)
-@pytest.mark.parametrize("end", ["full", "Ctrl-C"])
+@pytest.mark.parametrize(
+    ("name", "end"), [*((n, "full") for n in WRITING), ("simulate", "Ctrl-C"), ("remove", "Ctrl-C"), ("import", "Ctrl-C")]
+)
 def test_all_or_nothing(campaign, name, end, monkeypatch):
     """Whatever action of the disk is the one that fails: what was there is there, and nothing else.
 
