@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import tomlkit
 
-from . import templates
+from . import real_machines, templates
 from .campaign import Case, write
 from .heldout import write_heldout
 from .layouts import LAYOUTS, layout
@@ -187,9 +187,63 @@ def odd() -> Iterator[Case]:
         yield replace(case, outliers=knocks, gaps=missing, category=category, half=_HALVES[(i // 2) % 2])
 
 
+#: Real machines: sound ones, faulty ones with one to three causes, and ones with a cause outside the catalogue.
+REAL_SOUND, REAL_FAULTY, REAL_UNLISTED = 320, 240, 60
+_REAL_CAUSES = tuple(
+    (kind, subject)
+    for kind, subject in templates.SINGLES
+    if kind in real_machines.TOLERANCE or kind in ("servo_gain", "servo_delay", "worm_wear", "thermal_drift", "torque_ripple")
+)
+_REAL_LAYOUTS = ("standard", "rotaries", "feeds", "table", "full")
+
+
+def real() -> Iterator[Case]:
+    """Machines on which everything is a little wrong, with and without a stated tolerance, on drives of random data sheets."""
+    for i in range(REAL_SOUND + REAL_FAULTY + REAL_UNLISTED):
+        rng = np.random.default_rng([16, i])
+        machine = f"R{i % 24}" if i % 3 else ("M1", "M2", "M3")[i // 3 % 3]
+        name = _REAL_LAYOUTS[int(rng.integers(len(_REAL_LAYOUTS)))]
+        small = tuple(real_machines.within(machine, rng))
+        causes: list = []
+        targets: list[float | None] = []
+        if i >= REAL_SOUND + REAL_FAULTY:
+            which = next(w for w in rng.permutation(templates.UNLISTED) if _shows(templates.unlisted(int(w), machine, rng)[0], name))
+            causes.append(templates.unlisted(int(which), machine, rng)[1])
+            targets.append(float(rng.choice((0.8, 1.2, 2.0))))
+        elif i >= REAL_SOUND:
+            for n in rng.permutation(len(_REAL_CAUSES))[: 1 + i % 3]:
+                kind, subject = _REAL_CAUSES[int(n)]
+                if kind in real_machines.TOLERANCE:
+                    causes.append(real_machines.beyond(kind, subject, machine, rng))
+                    targets.append(None)
+                else:
+                    causes.append(templates.single(kind, subject, machine, rng))
+                    targets.append(float(rng.choice((0.3, 0.6, 1.2))))
+        yield Case(
+            f"real-{'sound' if not causes else 'unlisted' if i >= REAL_SOUND + REAL_FAULTY else 'faulty'}-{i:03d}",
+            machine,
+            tuple(layout(name)),
+            tuple(causes),
+            tuple(targets),
+            outliers=int(rng.integers(1, 4)) if i % 8 == 7 else 0,
+            gaps=int(rng.integers(0, 3)) if i % 8 == 7 else 0,
+            noise_um=round(float(rng.uniform(0.09, 0.16)), 3),
+            seed=60_000 + i,
+            category="real-sound" if not causes else "real-unlisted" if i >= REAL_SOUND + REAL_FAULTY else "real-faulty",
+            half=_HALVES[i % 2],
+            within=small,
+            tolerance_stated=bool(i // 2 % 2),
+        )
+
+
+def _shows(family: str, layout_name: str) -> bool:
+    """Whether a cause of one family shows in a layout."""
+    return layout_name == "full" or layout_name in _WHERE[family]
+
+
 def cases() -> list[Case]:
     """Every case of the bank."""
-    return list(itertools.chain(nulls(), singles(), pairs(), unlisted(), odd()))
+    return list(itertools.chain(nulls(), singles(), pairs(), unlisted(), odd(), real()))
 
 
 def write_bank(folder: Path | str, wanted: Iterable[Case], heldout: bool = False) -> dict[str, dict]:

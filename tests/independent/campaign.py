@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import tomlkit
 
-from . import equivalents, measurement, simulate
+from . import equivalents, measurement, real_machines, simulate
 from .machines import by_id, nominal, true_machine, with_hidden
 from .programs import Program
 from .scaling import scaled_to
@@ -28,6 +28,7 @@ class Case:
         target_um: per hidden cause the signature's RMS after set-up errors to scale it to; None leaves it as it is. Empty: none is scaled.
         outliers, gaps: knocks and missing stretches per campaign. noise_um: RMS of a sample. seed: of everything drawn.
         category, half: for the bank.
+        within: small errors of a real machine, tables as in machine.toml. tolerance_stated: whether the machine file has limits for them.
     """
 
     name: str
@@ -41,6 +42,8 @@ class Case:
     seed: int = 0
     category: str = ""
     half: str = "tune"
+    within: tuple[dict, ...] = ()
+    tolerance_stated: bool = False
 
     def catalogue(self) -> list[dict]:
         return [h for h in self.hidden if isinstance(h, dict)]
@@ -63,10 +66,9 @@ class Case:
 
 def _true(case: Case, hidden: bool = True) -> tuple[dict, dict]:
     """The drawn drives and effects; without the hidden ones the tolerances drawn are the same."""
-    drive, effects = true_machine(nominal(case.machine), case.catalogue(), case.rng(0))
-    if hidden:
-        return drive, effects
-    return drive, true_machine(nominal(case.machine), [], case.rng(0))[1]
+    causes = case.catalogue() if hidden else []
+    planted = real_machines.merged([*real_machines.with_causes(list(case.within), causes), *causes])
+    return true_machine(nominal(case.machine), planted, case.rng(0))
 
 
 def truth(case: Case, test: dict, hidden: bool = True, tolerances: bool = True) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -111,6 +113,9 @@ def answer(case: Case) -> dict:
     """What really hides, in the form of answers.toml, with signature sizes and equivalents."""
     case = case.resolved()
     out: dict = {"verdict": "unknown" if case.unlisted() else "effect" if case.hidden else "none"}
+    if case.within:
+        out["tolerance_stated"] = case.tolerance_stated
+        out["within"] = real_machines.with_causes(list(case.within), case.catalogue())
     if not case.hidden:
         return out
     here = bench(case.tests, case.machine)
@@ -142,7 +147,10 @@ def write_files(case: Case, folder: Path | str) -> None:
     tests = [dict(t) for t in case.tests]
     head = {"name": case.name, "machine": "machine.toml", "instrument": instrument, "test": tests}
     (folder / "campaign.toml").write_text(tomlkit.dumps(head))
-    (folder / "machine.toml").write_text(tomlkit.dumps(nominal(case.machine)))
+    model = nominal(case.machine)
+    if case.tolerance_stated:
+        model = {"name": model["name"], "configuration": model["configuration"], "tolerance": real_machines.TOLERANCE} | model
+    (folder / "machine.toml").write_text(tomlkit.dumps(model))
     for test, (time, deviation) in zip(case.tests, measure(case), strict=True):
         rows = "\n".join(f"{t:.3f},{d:.1f}" for t, d in zip(time, deviation, strict=True))
         (folder / test["trace"]).write_text("time_s,deviation_um\n" + rows + "\n")

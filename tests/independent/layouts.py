@@ -148,6 +148,20 @@ _TESTS = {
         cone(45, (40, 0), feed=1500.0),
         circle("YZ", "CCW", 2000.0, (40, 0)),
     ],
+    # a full check of all axes, with set-ups shared between the tests
+    "full": [
+        *_both(cone, 15, (0, 0), feed=1500.0),
+        cone(45, (0, 0), feed=1500.0),
+        *_both(circle, "XY", feed=1500.0),
+        rotary("A", 0, 90, feed=1500.0),
+        rotary("A", 90, 0, feed=1500.0),
+        cone(15, (50, 0), feed=1500.0),
+        cone(45, (50, 0), feed=1500.0),
+        cone(15, (0, 50), feed=1500.0),
+        cone(15, (0, 50), feed=1500.0, sensitive="parallel"),
+        rotary("C", 0, 360, (150, 0), feed=2000.0),
+        rotary("C", 360, 0, (150, 0), feed=2000.0),
+    ],
     "short": [
         *_both(cone, 15, (0, 0), feed=2400.0),
         cone(45, (50, 0), feed=2400.0),
@@ -173,7 +187,7 @@ _TESTS = {
         rotary("A", 0, 90, (0, 0), feed=2000.0),
     ],
 }
-LAYOUTS = tuple(_TESTS)
+LAYOUTS = tuple(n for n in _TESTS if n != "full")
 
 
 @functools.cache

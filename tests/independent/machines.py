@@ -79,10 +79,26 @@ _EXTRA = {
 _STICKING = {"M5": {"X": (1.25, 0.35), "Y": (1.2, 0.4)}}
 
 
+def _drawn(name: str) -> tuple[tuple[float, ...], ...]:
+    """A data sheet drawn by chance around M1 to M4, for names such as R17."""
+    rng = np.random.default_rng([77, int(name[1:])])
+    base = _ROWS[("M1", "M2", "M3", "M4")[int(rng.integers(4))]]
+    kpp = round(float(rng.uniform(0.8, 1.2)), 2)  # the same on all axes: position loops of one machine are matched
+    rows = []
+    for row in base:
+        travel, gain, *rest = row
+        teeth = isinstance(travel, int)
+        travel = int(travel * rng.choice([0.75, 1.0, 1.25])) if teeth else travel
+        scale = rng.uniform(0.75, 1.3, len(rest))
+        rows.append((travel, float(f"{gain * kpp:.3g}"), *(float(f"{v * s:.3g}") for v, s in zip(rest, scale, strict=True))))
+    return tuple(rows)
+
+
 def nominal(name: str) -> dict:
-    """A machine as its user knows it."""
+    """A machine as its user knows it; ``R17`` and the like have a data sheet drawn by chance."""
     drive, effects = {}, []
-    for axis, (travel, kpp, kvp, ti, inertia, viscous, gravity, coulomb, presliding) in zip(AXES, _ROWS[name], strict=True):
+    rows = _ROWS[name] if name in _ROWS else _drawn(name)
+    for axis, (travel, kpp, kvp, ti, inertia, viscous, gravity, coulomb, presliding) in zip(AXES, rows, strict=True):
         values = dict(zip(_KEYS, (kpp, ti, kvp, inertia, viscous, gravity), strict=True))
         drive[axis] = {"lead_mm" if axis in "XYZ" else "worm_teeth": travel, **values}
         effect = {"id": f"friction.{axis}", "coulomb_Nm": coulomb, "presliding_rad": presliding}
