@@ -11,6 +11,7 @@ import tomlkit
 from tomlkit.items import AoT, InlineTable, Table
 
 from mjsim.campaign.schema import machine_table
+from mjsim.campaign.tolerance import check_tolerance
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.io.files import write_whole
@@ -61,7 +62,8 @@ def read_machine(path: str | Path, text: str | None = None) -> Machine:
         if any(effect.key == e.key for e in effects):
             raise InputError(f'{path}: [[effect]] "{effect.id}" appears twice; allowed: once (or one per direction)')
         effects.append(effect)
-    return Machine(table.name, drives, tuple(effects), path, table.configuration, files)
+    check_tolerance(path, table.tolerance, tuple(effects), chain)
+    return Machine(table.name, drives, tuple(effects), path, table.configuration, files, table.tolerance)
 
 
 def _chain(path: Path, data: dict) -> Chain:

@@ -123,5 +123,6 @@ def machine_table(chain: Chain) -> type[Table]:
         name=(Text, ...),
         configuration=(str, FIVE_AXIS.configuration),
         drive=(create_model("DrivesTable", __base__=Table, **axes), ...),
+        tolerance=(dict[str, dict[str, Annotated[float, Field(gt=0, le=1e6)]]], {}),
         effect=(Annotated[list[dict[str, Any]], Field(max_length=1000)], []),
     )

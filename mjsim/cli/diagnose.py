@@ -110,6 +110,9 @@ def show(data: dict) -> None:
             common.paragraph(f"cannot be told from: {', '.join(e['alternatives'])}", "    ")
         if e["tests"]:
             common.paragraph(f"shows in: {', '.join(e['tests'])}", "    ")
+    if data["calibration"]:
+        click.echo()
+        common.paragraph(calibration_sentence(data))
     if data["unexplained"]:
         click.echo()
         common.paragraph(data["unexplained"]["summary"])
@@ -129,6 +132,18 @@ def show(data: dict) -> None:
     if data["not_testable"]:
         click.echo()
         common.paragraph(f"not testable with this campaign: {', '.join(data['not_testable'])}")
+
+
+def calibration_sentence(data: dict) -> str:
+    """One line on what was fitted within the tolerance of the machine file."""
+    rows = data["calibration"]
+    seen = sum(row["observable"] for row in rows)
+    largest = sorted(rows, key=lambda row: -row["rms_um"])[:3]
+    names = ", ".join(f"{row['id']} ({row['rms_um']:.2f} µm)" for row in largest)
+    return (
+        f"calibrated within tolerance: {len(rows)} effects, {seen} of them observable with these tests; "
+        f"the largest in the readings: {names}; --json has the table"
+    )
 
 
 def parameter_lines(parameters: dict, intervals: dict) -> list[str]:

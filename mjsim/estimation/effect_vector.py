@@ -20,17 +20,44 @@ class EffectVector:
     (a cos φ, a sin φ), and so does every component of a pitch error: the reading is linear in those.
     """
 
-    def __init__(self, effect: Effect, names: tuple[str, ...]) -> None:
-        self.effect, self.names = effect, tuple(names)
+    def __init__(self, effect: Effect, names: tuple[str, ...], prior: tuple[np.ndarray, np.ndarray] | None = None) -> None:
+        self.effect, self.names, self.prior = effect, tuple(names), prior
         self.specs = {p.name: p for p in effect.parameters_of(effect.subject)}
         self.amplitude = next((n for n in names if n.startswith("amplitude_")), None)
         self.polar = self.amplitude is not None and "phase_deg" in names
 
     @property
     def block(self) -> Block:
-        """The effect as a block of the parameter vector; its wide prior only keeps the equations regular."""
+        """The effect as a block of the parameter vector; without a prior of its own a wide one only keeps the equations regular."""
         labels = [f"{i}" for i in range(len(self.vector))]
+        if self.prior is not None:
+            mean, deviation = self.prior
+            return Block.normal(f"effect {self.effect.key}", labels, mean=mean, deviation=deviation)
         return Block.normal(f"effect {self.effect.key}", labels, mean=self.vector, deviation=_WIDE, informative=False)
+
+    def with_prior(self, mean: np.ndarray, deviation: np.ndarray) -> EffectVector:
+        """The same with a normal prior of its entries.
+
+        Args:
+            mean: (n,) typical sizes.
+            deviation: Standard deviations, (n,) typical sizes.
+        """
+        return EffectVector(self.effect, self.names, (mean, deviation))
+
+    def with_effect(self, effect: Effect) -> EffectVector:
+        """The same entries and prior at the values of ``effect``."""
+        return EffectVector(effect, self.names, self.prior)
+
+    @property
+    def off(self) -> np.ndarray:
+        """The vector when the effect is off, or as its prior expects it, (n,)."""
+        if self.prior is not None:
+            return self.prior[0]
+        out = self.vector
+        if "components" in self.names:
+            return np.zeros(len(out))
+        out[self.linear] = self.neutral
+        return out
 
     @property
     def neutral(self) -> np.ndarray:

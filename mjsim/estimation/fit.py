@@ -11,6 +11,7 @@ import numpy as np
 from mjsim.estimation.data_sheet import DATA_SHEET, calibrated, data_sheet, sheet_block
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.least_squares import LeastSquares
+from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.nuisance import Nuisances
 from mjsim.estimation.nuisance_fit import fit_nuisance
 from mjsim.estimation.parameters import Parameters
@@ -104,7 +105,7 @@ class Fit:
         p = self.parameters
         vector = self.vector + step
         values = p.split(vector)
-        effects = tuple(EffectVector(f.at(values[f.block.name]), f.names) for f in self.effects)
+        effects = tuple(f.with_effect(f.at(values[f.block.name])) for f in self.effects)
         return replace(self, effects=effects, nuisance=p.part(vector, self.nuisances), sheet_deviation=values[DATA_SHEET])
 
 
@@ -238,7 +239,15 @@ class Fitter:
         """Derivative of the block means with respect to the effects' vectors, (m, k) per test, m per typical size."""
         p = self.problem
         columns: list[list[np.ndarray]] = [[] for _ in p.tests]
+        model = calibrated(with_effects(self.machine, [f.effect for f in fit.effects]), fit.simulated_deviation)
+        many = len(fit.effects) >= p.settings.many_effects
+        linearisation = Linearisation(p, model, fit.nuisance) if many else None
         for i, f in enumerate(fit.effects):
+            cheap = linearisation.columns(f) if linearisation else None
+            if cheap is not None:
+                for own, part in zip(columns, cheap, strict=True):
+                    own.append(part)
+                continue
             for j in range(len(f.vector)):
                 effect, change = f.nudged(j, _STEP)
                 others = [g.effect if k != i else effect for k, g in enumerate(fit.effects)]

@@ -50,6 +50,11 @@ class DiagnosisSettings:
         notable_share: Share of what the named effects explain that a generic curve must explain for them to be doubted (bank).
         testable_size: An effect is testable when three standard deviations of its size stay below so many typical sizes
             (assumed).
+        many_effects: Effects from which the derivatives of a model are taken without new simulations (assumed: single effects
+            are then tiny beside the motion).
+        log_odds: Logarithm of the prior odds that a cause of the catalogue is needed beside a calibrated machine. Some eighty
+            causes are considered: odds of e^-9 let chance name one in a hundred campaigns.
+        curve_log_odds: The same for a generic curve, of which some two hundred are considered.
         most_vibrations: Most vibrations that are looked for (assumed).
         vibration_false_alarm: Chance of one line of constant frequency by accident in a whole campaign (gamma distribution of
             the summed periodograms).
@@ -80,6 +85,9 @@ class DiagnosisSettings:
     cross_axis_penalty: float = 20.0
     notable_share: float = 0.02
     testable_size: float = 10.0
+    many_effects: int = 8
+    log_odds: float = -9.0
+    curve_log_odds: float = -12.0
     most_vibrations: int = 4
     vibration_false_alarm: float = 1e-6
     vibration_size: float = 0.3

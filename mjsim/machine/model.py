@@ -50,7 +50,12 @@ class Drive:
 
 @dataclass(frozen=True)
 class Machine:
-    """Rigid kinematics + drives + a list of effects."""
+    """Rigid kinematics + drives + a list of effects.
+
+    Attributes:
+        tolerance: Limits (two standard deviations) of what a machine of this class may have without being at fault, by kind
+            of effect and unit, as in the machine file.
+    """
 
     name: str
     drives: dict[str, Drive]
@@ -58,6 +63,7 @@ class Machine:
     path: Path | None = None
     configuration: str = FIVE_AXIS.configuration
     effect_files: dict[str, str] = field(default_factory=dict)
+    tolerance: dict[str, dict[str, float]] = field(default_factory=dict)
 
     @property
     def chain(self) -> Chain:

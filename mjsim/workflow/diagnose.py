@@ -11,17 +11,20 @@ import numpy as np
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
+from mjsim.estimation.curve_search import best_curve_term
 from mjsim.estimation.disturbances import readmitted
 from mjsim.estimation.fit import Fitter, unabsorbed, with_effects
+from mjsim.estimation.joint_selection import JointSelector
 from mjsim.estimation.lines import Line
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.planning.next_test import plan_for
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.selection import ModelSelection, Selection
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
+from mjsim.estimation.shares import Calibration, calibrations
 from mjsim.estimation.signatures import Projector
 from mjsim.estimation.testability import not_testable
-from mjsim.estimation.unexplained import Unexplained, find_unexplained
+from mjsim.estimation.unexplained import Unexplained, describe, find_unexplained
 from mjsim.estimation.vibration import Separated, is_news, phased, separate
 from mjsim.io import files
 from mjsim.io.extras import need
@@ -63,7 +66,8 @@ class DiagnosedEffect:
 class Diagnosis:
     """Result of :func:`diagnose`. ``machine`` has the effects and the calibrated data sheet in it; ``before``, ``after`` are the
     full comparisons of the machine as given and of the fitted one, ``rungs`` those of the ladder between them (one effect more
-    each; the last has the calibrated data sheet as well)."""
+    each; the last has the calibrated data sheet as well). Where the machine file states a tolerance, ``calibration`` has the
+    effects inside it, the first rung has these, and ``shares`` are those of the explained squared error."""
 
     campaign: Campaign
     verdict: str
@@ -77,6 +81,8 @@ class Diagnosis:
     rungs: tuple[Comparison, ...] = ()
     next_test: dict | None = None
     trail: list = field(default_factory=list)
+    calibration: tuple[Calibration, ...] = ()
+    shares: dict[str, float] = field(default_factory=dict)
 
     def to_json(self) -> dict:
         """The JSON of ``mjsim diagnose``: µm, degrees and the units of the parameters' names."""
@@ -112,6 +118,8 @@ class Diagnosis:
                 if row["samples_left_out"]
             ],
             "next_test": self.next_test,
+            "calibration": [_calibration_row(c) for c in self.calibration],
+            "shares": [{"id": name, "share": round(share, 4)} for name, share in self.shares.items()],
         }
 
     def to_dataframe(self) -> pd.DataFrame:
@@ -145,6 +153,18 @@ def write_effect_file(result: Diagnosis, folder: Path) -> Diagnosis:
     path = folder / f"{u.stem}.py"
     files.write_whole(path, u.source, force=True)
     return replace(result, unexplained=replace(u, effect_file=str(path)))
+
+
+def _calibration_row(c: Calibration) -> dict:
+    effect = c.effect.effect
+    return {
+        "id": effect.id,
+        "parameters": {name: _sig(effect.values[name]) for name in c.effect.names},
+        "ci95": {k: _sig(v) for k, v in c.ci95.items()},
+        "limit": _sig(c.limit),
+        "observable": c.observable,
+        "rms_um": _r(c.rms / UM),
+    }
 
 
 def _r(x: float) -> float:
@@ -185,7 +205,8 @@ def diagnose(
         raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; a diagnosis needs measured tests")
     progress("preparing", 0, 1)
     separated = separate(checked_problem(campaign, build(machine), threads, settings=settings), machine)
-    data, selection, unexplained = _explain(separated, max_effects, progress)
+    explained = _explain(separated, max_effects, progress)
+    data, selection, unexplained = explained.data, explained.selection, explained.unexplained
     hidden = not_testable(data, Projector(selection.start), selection.bank)
     found = sorted(
         [*_found(data, selection), *(_vibration(data, line) for line in separated.lines if is_news(line, machine))],
@@ -203,9 +224,11 @@ def diagnose(
         return overlay(problem, m, simulate_each(m, problem.tests, reading_of, threads, done))
 
     before = simulated(phased(problem, machine), "simulating the machine as given")
-    ladder = [before]
+    expected = with_effects(machine, [c.effect.effect for c in explained.calibration])
+    calibrated = simulated(phased(problem, expected), "simulating the calibrated machine") if explained.calibration and found else None
+    ladder = [calibrated or before]
     for i in range(1, len(found)):
-        part = phased(problem, with_effects(machine, [e.effect for _, e in found[:i]]))
+        part = phased(problem, with_effects(expected, [e.effect for _, e in found[:i]]))
         ladder.append(simulated(part, f"simulating with {i} effect{'s' if i > 1 else ''}"))
     final = with_effects(selection.fit.machine, [line.effect for line in separated.lines])
     after = simulated(final, "simulating the fitted machine")
@@ -230,21 +253,46 @@ def diagnose(
         tuple(ladder),
         next_test=following.to_json() if following else None,
         trail=selection.trail,
+        calibration=explained.calibration,
+        shares=explained.shares,
     )
 
 
-def _explain(separated: Separated, max_effects: int, progress: Progress) -> tuple[Problem, Selection, Unexplained | None]:
-    """The model selection on data without vibrations and what it leaves, with the data that it ends on."""
+@dataclass(frozen=True)
+class _Explained:
+    """Outcome of the model selection: the data that it ends on, the model, what is left, and what was calibrated."""
+
+    data: Problem
+    selection: Selection
+    unexplained: Unexplained | None
+    calibration: tuple[Calibration, ...] = ()
+    shares: dict[str, float] = field(default_factory=dict)
+
+
+def _explain(separated: Separated, max_effects: int, progress: Progress) -> _Explained:
+    """The model selection on data without vibrations."""
     problem = separated.problem
     fitter = Fitter(problem, separated.machine)
+    if separated.machine.tolerance:
+        return _explain_within_tolerance(problem, fitter, progress)
     selection = ModelSelection(fitter, progress).run(max_effects)
     unexplained, selection = find_unexplained(problem, selection, progress)
     if selection.found:
         data = readmitted(problem, selection.fit.readings, selection.fit.nuisance)
         if data is not problem:
             refitted = fitter.with_problem(data).fit(selection.fit.effects, start=selection.fit)
-            return data, replace(selection, fit=refitted), unexplained
-    return problem, selection, unexplained
+            return _Explained(data, replace(selection, fit=refitted), unexplained)
+    return _Explained(problem, selection, unexplained)
+
+
+def _explain_within_tolerance(problem: Problem, fitter: Fitter, progress: Progress) -> _Explained:
+    """The same for a machine whose file states a tolerance: everything is calibrated at once, and findings lie beyond it."""
+    joint = JointSelector(fitter, progress).run()
+    fit = joint.selection.fit
+    rest = best_curve_term(problem, fit) if joint.curve is not None else None
+    progress("shares of the error", 0, 1)
+    entries, shares = calibrations(problem, fit, joint.calibrated)
+    return _Explained(problem, joint.selection, describe(problem, fit, rest) if rest else None, entries, shares)
 
 
 def _found(problem: Problem, selection: Selection) -> list[tuple[float, DiagnosedEffect]]:

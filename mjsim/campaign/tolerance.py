@@ -1,0 +1,68 @@
+"""The ``[tolerance]`` table of a machine file: what a machine of its class may have without being at fault."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mjsim.effects import registry
+from mjsim.errors import InputError
+from mjsim.machine.chain import Chain, is_rotary
+from mjsim.machine.effect import Effect
+from mjsim.machine.parameter import Parameter
+
+#: A limit that is relative to the stated or neutral value.
+RATIO = "ratio"
+
+
+def check_tolerance(path: Path, table: dict[str, dict[str, float]], effects: tuple[Effect, ...], chain: Chain) -> None:
+    """Refuse kinds and units that no effect has.
+
+    Args:
+        path: The machine file, for the message.
+        table: Limits (two standard deviations) by kind of effect and unit.
+        effects: The effects of the machine, among them the user's own.
+        chain: Its axes.
+
+    Raises:
+        InputError: Names the kind or the unit, and what is allowed.
+    """
+    classes = registry.kinds() | {e.kind: type(e) for e in effects}
+    for kind, limits in table.items():
+        if kind not in classes:
+            raise InputError(f"{path}: [tolerance] {kind} is no kind of effect; allowed: {', '.join(sorted(classes))}")
+        allowed = units_of(classes[kind], chain)
+        if allowed and RATIO not in allowed and any(e.kind == kind for e in effects):
+            allowed = (*allowed, RATIO)  # of the level that the file states
+        if not allowed:
+            raise InputError(f"{path}: [tolerance] {kind}: this kind has no single size, so it cannot have a tolerance; take it out")
+        for unit in limits:
+            if unit not in allowed:
+                raise InputError(f"{path}: [tolerance] {kind}: unit {unit!r}; allowed: {', '.join(allowed)}")
+        if not limits:
+            raise InputError(f"{path}: [tolerance] {kind} has no limit; allowed: a table such as {{ {allowed[0]} = 10.0 }}")
+
+
+def units_of(cls: type[Effect], chain: Chain) -> tuple[str, ...]:
+    """Units in which a kind's tolerance may be stated; none where shapes have to be known before a size makes sense."""
+    units: list[str] = []
+    for subject in cls.subjects_of(chain):
+        parameters = cls.parameters_of(subject)
+        if any(p.inverse for p in parameters) or _needs_a_place(parameters):
+            return ()
+        for p in parameters:
+            if p.leading and (unit := unit_of_size(p, subject)) not in units:
+                units.append(unit)
+    return tuple(units)
+
+
+def _needs_a_place(parameters: tuple[Parameter, ...]) -> bool:
+    """Whether a shape other than the order of a wave has no default, as the place of a worn stretch."""
+    required = (p for p in parameters if not p.leading and p.default is None and p.kind == "number")
+    return any(p.name != "order" for p in required)
+
+
+def unit_of_size(p: Parameter, subject: str) -> str:
+    """Last part of a leading parameter's name: its unit, or ``ratio``."""
+    if p.kind == "components":
+        return "deg" if is_rotary(subject) else "um"
+    return p.name.rsplit("_", 1)[-1]

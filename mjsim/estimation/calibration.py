@@ -1,0 +1,138 @@
+"""Effects that a machine of its class may have: always fitted, with the tolerance as prior, and a finding only beyond it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjsim.campaign.tolerance import RATIO, unit_of_size
+from mjsim.effects import registry
+from mjsim.estimation.effect_vector import EffectVector
+from mjsim.machine.effect import Effect
+from mjsim.machine.model import Machine
+from mjsim.machine.parameter import Parameter
+
+#: Order of a rotary table's error motion where none is stated: twice per turn (once per turn hides in the ball's offset).
+_TABLE_ORDER = 2.0
+#: Typical departure from a stated level, as friction has it.
+_TYPICAL_SHARE = 0.2
+#: A limit is this many standard deviations of the prior.
+LIMIT_DEVIATIONS = 2.0
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """One effect with a tolerance.
+
+    Attributes:
+        free: The effect with its fitted entries, at the prior mean.
+        mean: Prior mean of the entries, (n,) in typical sizes.
+        deviation: Prior standard deviations, (n,) in typical sizes.
+        limits: Limit of each leading parameter by name, in the unit of its name.
+    """
+
+    free: EffectVector
+    mean: np.ndarray
+    deviation: np.ndarray
+    limits: dict[str, float]
+
+    @property
+    def key(self) -> str:
+        """Key of the effect."""
+        return self.free.effect.key
+
+
+def calibrated_effects(machine: Machine) -> list[Calibrated]:
+    """Every effect of the kinds for which the machine file states a tolerance, on every subject that the machine has."""
+    classes = registry.kinds() | {e.kind: type(e) for e in machine.effects}
+    return [c for kind, limits in machine.tolerance.items() for c in _of_kind(machine, classes[kind], limits)]
+
+
+def _of_kind(machine: Machine, cls: type[Effect], limits: dict[str, float]) -> Iterator[Calibrated]:
+    for subject in cls.subjects_of(machine.chain):
+        present = machine.effect(f"{cls.kind}.{subject}")
+        sizes = {p.name: limit for p in cls.parameters_of(subject) if p.leading and (limit := _limit(p, subject, limits, present))}
+        if not sizes:
+            continue
+        effect, names = _at_mean(machine, cls, subject, present, tuple(sizes))
+        free = EffectVector(effect, names)
+        deviation = np.concatenate(
+            [np.full(_entries(free, n), sizes[n] / LIMIT_DEVIATIONS / free.specs[n].scale) for n in names if n in sizes]
+        )
+        yield Calibrated(free.with_prior(free.vector, deviation), free.vector, deviation, sizes)
+
+
+def _limit(p: Parameter, subject: str, limits: dict[str, float], present: Effect | None) -> float | None:
+    """Limit of a leading parameter in the unit of its name, or ``None`` where the table has none."""
+    unit = unit_of_size(p, subject)
+    if unit in limits:
+        return limits[unit]
+    if RATIO in limits and present is not None and p.kind == "number":
+        return limits[RATIO] * abs(present.values[p.name])
+    return None
+
+
+def _at_mean(
+    machine: Machine, cls: type[Effect], subject: str, present: Effect | None, sizes: tuple[str, ...]
+) -> tuple[Effect, tuple[str, ...]]:
+    """The effect where its prior is centred, and what is fitted: the sizes, and the phase of a wave."""
+    if "components" in sizes:
+        have = present.values["components"] if present else []
+        orders = {round(row[0]) for row in have}
+        waves = [[float(n), 0.0, 0.0] for n in _orders(machine, subject) if round(n) not in orders]
+        rows = [*have, *waves]
+        return (present.replaced(components=rows) if present else cls(subject, components=rows)), ("components",)
+    phase = tuple(p.name for p in cls.parameters_of(subject) if p.name == "phase_deg")
+    names = (*sizes, *phase)
+    if present is not None:
+        return present, names
+    values = {p.name: p.neutral for p in cls.parameters_of(subject) if p.leading}
+    if any(p.name == "order" for p in cls.parameters_of(subject)):
+        values["order"] = _TABLE_ORDER
+    return cls(subject, **values), names
+
+
+def _orders(machine: Machine, subject: str) -> tuple[float, float]:
+    """Waves that a pitch error has as a rule: one and two per turn of a screw, or per tooth of a worm wheel."""
+    once = machine.drives[subject].gear if machine.chain.is_rotary(subject) else 1.0
+    return once, 2.0 * once
+
+
+def _entries(free: EffectVector, name: str) -> int:
+    """Entries of the vector that belong to one size."""
+    if name == "components":
+        return 2 * len(free.effect.values["components"])
+    return 2 if free.polar and name == free.amplitude else 1
+
+
+#: Kinds of small errors that every machine has, for machines whose file states no tolerance.
+TYPICAL_KINDS = (
+    "axis_location",
+    "squareness",
+    "straightness",
+    "scale_error",
+    "pitch_error",
+    "backlash",
+    "friction",
+    "radial_error_motion",
+    "tilt_error_motion",
+)
+
+
+def typical_effects(machine: Machine) -> list[Calibrated]:
+    """Small errors that every machine has, at their typical sizes: where a joint fit begins when no tolerance is stated."""
+    classes = registry.kinds()
+    out = []
+    for kind in TYPICAL_KINDS:
+        cls = classes[kind]
+        for subject in cls.subjects_of(machine.chain):
+            sizes = {}
+            for p in cls.parameters_of(subject):
+                if p.leading:
+                    present = machine.effect(f"{kind}.{subject}")
+                    stated = present.values[p.name] if present is not None and p.kind == "number" else 0.0
+                    sizes[unit_of_size(p, subject)] = LIMIT_DEVIATIONS * max(p.scale, _TYPICAL_SHARE * stated)
+            out += [c for c in _of_kind(machine, cls, sizes) if c.key.endswith(subject)]
+    return out

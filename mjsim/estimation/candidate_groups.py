@@ -1,0 +1,163 @@
+"""All candidates beside a fitted model as one whitened linear problem: the model's own effects, the catalogue, and generic curves."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjsim.estimation.curve_terms import CurveTerm, CurveTerms
+from mjsim.estimation.effect_vector import EffectVector
+from mjsim.estimation.evidence import Group, LinearProblem, best_precision
+from mjsim.estimation.fit import Fit
+from mjsim.estimation.problem import Problem
+from mjsim.estimation.signatures import Candidate, SignatureBank, seeds
+from mjsim.estimation.spectrum import spectral_candidates
+
+#: Generic curves that compete with the named effects: the best ones by themselves.
+_CURVES = 4
+#: Waves per axis that are looked at, and how many orders they are chosen from.
+_WAVES, _ORDERS = 6, 800
+
+
+@dataclass(frozen=True)
+class Member:
+    """What a group stands for.
+
+    Attributes:
+        free: The model's own effect, or ``None``.
+        wave: Which of its components, for a pitch error.
+        candidate: An effect that is not in the model, or ``None``.
+        curve: A generic curve, or ``None``.
+    """
+
+    free: EffectVector | None = None
+    wave: int | None = None
+    candidate: Candidate | None = None
+    curve: CurveTerm | None = None
+
+    @property
+    def key(self) -> str:
+        """Key of the effect; empty for a curve."""
+        mine = self.free or self.candidate
+        return mine.effect.key if mine else ""
+
+
+@dataclass(frozen=True)
+class CandidateGroups:
+    """The linear problem at a fitted model.
+
+    Attributes:
+        problem: Information and score of all columns; what is always in the model is marginalised.
+        groups: What may be in the model or not.
+        members: What each group stands for.
+    """
+
+    problem: LinearProblem
+    groups: tuple[Group, ...]
+    members: tuple[Member, ...]
+
+    @classmethod
+    def at(cls, problem: Problem, fit: Fit, bank: SignatureBank, kept: set[str], curves: bool = True) -> CandidateGroups:
+        """The groups at a fitted model.
+
+        Args:
+            problem: The measured tests.
+            fit: The fitted model.
+            bank: Signatures at a model near ``fit``; those of effects that are not in the model are used.
+            kept: Keys of the effects that are always in the model, with their priors.
+            curves: Whether generic curves compete.
+        """
+        settings = problem.settings
+        own = [f for f in fit.effects if f.effect.key not in kept]
+        blocks: list[np.ndarray] = []
+        members: list[Member] = []
+        odds: list[float] = []
+        parameters = fit.parameters
+        places = []
+        for f in own:
+            at = np.arange(parameters.size)[parameters[f.block.name]]
+            for wave, entries in own_groups(f):
+                places.append(at[entries])
+                members.append(Member(free=f, wave=wave))
+                odds.append(settings.log_odds)
+        others = _candidates(problem, fit, bank, kept)
+        count: dict[str, int] = {}
+        for c, _ in others:
+            count[c.effect.key] = count.get(c.effect.key, 0) + 1
+        for c, columns in others:
+            blocks.append(columns)
+            members.append(Member(candidate=c))
+            tried = _ORDERS if c.effect.kind == "pitch_error" else count[c.effect.key]
+            odds.append(settings.log_odds - math.log(tried))
+        for term, columns, tried in _best_curves(problem, fit) if curves else ():
+            blocks.append(columns)
+            members.append(Member(curve=term))
+            odds.append(settings.curve_log_odds - math.log(tried))
+        return cls(*_marginalised(fit, places, blocks, odds), tuple(members))
+
+
+def own_groups(f: EffectVector) -> list[tuple[int | None, np.ndarray]]:
+    """Linear entries of an effect of the model, wave by wave: which wave, and the entries of its vector."""
+    if f.effect.kind == "pitch_error":
+        return [(i, np.array([2 * i, 2 * i + 1])) for i in range(len(f.vector) // 2)]
+    return [(None, np.array(f.linear if f.linear else range(len(f.vector))))]
+
+
+def _marginalised(fit: Fit, places: list[np.ndarray], blocks: list[np.ndarray], odds: list[float]):
+    """The linear problem of the model's own groups (``places`` in the vector) and of further ``blocks`` of columns; its groups."""
+    p = fit.parameters
+    inside = np.concatenate(places) if places else np.zeros(0, int)
+    always = np.setdiff1d(np.arange(p.size), inside)
+    vector = fit.vector
+    neutral = vector.copy()
+    for f in fit.effects:
+        at = np.arange(p.size)[p[f.block.name]]
+        neutral[at] = f.off
+    # the residual with everything at its prior mean: what is always in at the mean, the groups at off
+    reference = np.where(np.isin(np.arange(p.size), inside), neutral, np.where(p.informative, p.mean, vector))
+    residual = fit.residual + fit.design @ (vector - reference)
+    columns = np.hstack([fit.design[:, inside], *blocks])
+    linear = LinearProblem.marginalised(columns, residual, fit.design[:, always], p.precision(1.0)[always])
+    widths = [*(len(x) for x in places), *(b.shape[1] for b in blocks)]
+    ends = np.cumsum([0, *widths])
+    groups = tuple(Group(str(i), np.arange(a, b), log_odds=o) for i, (a, b, o) in enumerate(zip(ends[:-1], ends[1:], odds, strict=True)))
+    return linear, groups
+
+
+def _candidates(problem: Problem, fit: Fit, bank: SignatureBank, kept: set[str]) -> list[tuple[Candidate, np.ndarray]]:
+    """Effects that are not in the model, with their whitened columns."""
+    have = {f.effect.key: f for f in fit.effects}
+    if not bank.candidates:
+        bank.compute(seeds(fit.base))
+    out = [(c, bank.matrix[:, s]) for c, s in zip(bank.candidates, bank.slices, strict=True) if c.effect.key not in have]
+    for axis in fit.base.chain.letters:
+        for c, columns in spectral_candidates(problem, fit, bank, axis, _WAVES):
+            mine = have.get(c.effect.key)
+            if mine is None:
+                out.append((c, columns))
+            elif c.effect.kind == "pitch_error" and c.effect.key not in kept:
+                orders = {round(row[0]) for row in mine.effect.values["components"]}
+                if round(c.effect.values["components"][0][0]) not in orders:
+                    out.append((c, columns))
+    return out
+
+
+def _best_curves(problem: Problem, fit: Fit) -> list[tuple[CurveTerm, np.ndarray, int]]:
+    """The generic curves of largest evidence beside the model, with whitened columns, and how many were looked at."""
+    terms = CurveTerms(problem, fit)
+    weight = max(1.0, fit.sum_squares / problem.count)
+    rows = []
+    for term in itertools.chain(terms.own(), terms.clock(False), terms.across()):
+        columns = problem.whiten(term.columns)
+        columns = columns[:, np.square(columns).sum(axis=0) > 1e-6]
+        if not columns.shape[1]:
+            continue
+        cross = fit.design.T @ columns
+        information = fit.linear.left_over(columns.T @ columns, cross)
+        score = columns.T @ fit.residual - cross.T @ fit.step
+        rows.append((best_precision(information / weight, score / weight)[1], term, columns))
+    rows.sort(key=lambda r: -r[0])
+    return [(term, columns, len(rows)) for gain, term, columns in rows[:_CURVES] if gain > 0.0]

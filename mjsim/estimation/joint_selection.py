@@ -1,0 +1,242 @@
+"""Model selection for machines on which much is a little wrong: all candidates together in one linear problem, by evidence.
+
+First everything that a machine of its class may have is fitted at once, with its tolerance as prior (where none is stated, its
+typical size). At that model all other candidates stand together in one whitened linear problem, and sparse Bayesian selection
+says which of them the data need (:mod:`mjsim.estimation.evidence`). The model is fitted again with these, until nothing changes.
+Generic curves of one axis' motion compete with the named effects: where a curve is the better explanation, the cause is in no
+catalogue.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from mjsim.estimation.calibration import Calibrated, calibrated_effects, typical_effects
+from mjsim.estimation.candidate_groups import CandidateGroups, own_groups
+from mjsim.estimation.criteria import is_feasible, is_large_enough
+from mjsim.estimation.curve_terms import CurveTerm
+from mjsim.estimation.effect_vector import EffectVector
+from mjsim.estimation.evidence import SparseModel, log_evidence, select
+from mjsim.estimation.fit import Fit, Fitter
+from mjsim.estimation.selection import Found, Selection
+from mjsim.estimation.signatures import SignatureBank
+from mjsim.progress import Progress, silent
+
+#: Most rounds of selection and refit; Gauss-Newton steps of the first fit and of the others.
+_ROUNDS, _FIRST, _STEPS = 5, 4, 3
+
+
+@dataclass(frozen=True)
+class JointSelection:
+    """Outcome of a joint selection.
+
+    Attributes:
+        selection: Start, final model and findings, as of :class:`ModelSelection`.
+        calibrated: Effects with a tolerance that stay inside it.
+        curve: The generic curve that explains what no effect of the catalogue does, if there is one.
+    """
+
+    selection: Selection
+    calibrated: tuple[Calibrated, ...]
+    curve: CurveTerm | None = None
+
+
+@dataclass
+class _Model:
+    """The model in the making: its fit, what stays in it whatever the data say, and a curve beside it."""
+
+    fit: Fit
+    kept: dict[str, Calibrated]
+    bank: SignatureBank
+    odds: dict[str, float] = field(default_factory=dict)
+    curve: CurveTerm | None = None
+
+
+class JointSelector:
+    """Runs one joint selection."""
+
+    def __init__(self, fitter: Fitter, progress: Progress = silent) -> None:
+        self.fitter, self.problem, self.progress = fitter, fitter.problem, progress
+        self.settings = fitter.problem.settings
+
+    def run(self) -> JointSelection:
+        """Fit what the machine may have, select what else the data need, and release what lies beyond its tolerance."""
+        machine = self.fitter.machine
+        start = self.fitter.fit([], exact=False)
+        expected = {c.key: c for c in calibrated_effects(machine)}
+        first = [*expected.values(), *(typical_effects(machine) if not expected else ())]
+        self.progress("fitting everything that a machine may have", 0, 1)
+        fit = self._refit([c.free for c in first], start, _FIRST)
+        model = _Model(fit, expected, SignatureBank(self.problem, fit))
+        for number in range(_ROUNDS):
+            self.progress("selecting causes by evidence", number, _ROUNDS)
+            changed = self._select(model)
+            released = self._release(model)
+            if not changed and not released:
+                break
+        model.fit = self.fitter.fit(model.fit.effects, start=model.fit, exact=True, iterations=_STEPS, fresh=False)
+        found = self._found(model)
+        return JointSelection(Selection(start, model.fit, found, model.bank), tuple(model.kept.values()), model.curve)
+
+    # -- one round -----------------------------------------------------------------------------------------------------
+
+    def _select(self, model: _Model) -> bool:
+        """Replace the free effects of the model by those that the data need; whether that changed it."""
+        model.bank = SignatureBank(self.problem, model.fit)
+        groups = CandidateGroups.at(self.problem, model.fit, model.bank, set(model.kept))
+        weight = max(1.0, model.fit.sum_squares / self.problem.count)
+        chosen = self._chosen(groups, weight)
+        model.curve = next((groups.members[g].curve for g in chosen.precision if groups.members[g].curve), None)
+        effects = self._effects(model, groups, chosen)
+        before = [(f.effect.key, len(f.vector)) for f in model.fit.effects]
+        if sorted(before) == sorted((f.effect.key, len(f.vector)) for f in effects):
+            return False
+        model.fit = self._refit(effects, model.fit, _STEPS)
+        return True
+
+    def _chosen(self, groups: CandidateGroups, weight: float) -> SparseModel:
+        """The groups of largest evidence: with named effects and curves together, or one curve instead of them where that is better."""
+        linear, machine = groups.problem.scaled(weight), self.fitter.machine
+        curves = {g for g, m in enumerate(groups.members) if m.curve is not None}
+        excluded: set[int] = set()
+        while True:
+            chosen = select(linear, groups.groups, tuple(excluded))
+            impossible = {
+                g
+                for g in chosen.precision
+                if (c := groups.members[g].candidate) is not None and not is_feasible(machine, chosen.value(groups.groups[g]), c)
+            }
+            if not impossible:
+                break
+            excluded |= impossible
+        if not curves & set(chosen.precision):
+            return chosen
+        # a curve is needed beside the named effects: without it they would have to do, and without them the curve would
+        named = select(linear, groups.groups, tuple(excluded | curves))
+        own = {g for g, m in enumerate(groups.members) if m.free is not None}
+        alone = select(linear, groups.groups, tuple(set(range(len(groups.groups))) - own - curves))
+        return max(named, alone, key=lambda s: log_evidence(linear, groups.groups, s))
+
+    def _effects(self, model: _Model, groups: CandidateGroups, chosen: SparseModel) -> list[EffectVector]:
+        """Effects of the next model: what is kept, and what was chosen, with the width that the evidence gave them as prior."""
+        out = [f for f in model.fit.effects if f.effect.key in model.kept]
+        model.odds = {}
+        for f in model.fit.effects:
+            mine = {m.wave: g for g, m in enumerate(groups.members) if m.free is f and g in chosen.precision}
+            if mine:
+                out.append(_kept_waves(f, {wave: chosen.precision[g] for wave, g in mine.items()}))
+                model.odds[f.effect.key] = max(chosen.log_odds[g] for g in mine.values())
+        new = [g for g in chosen.precision if groups.members[g].candidate is not None]
+        new.sort(key=lambda g: -chosen.log_odds[g])
+        for g in new:
+            c, x = groups.members[g].candidate, chosen.value(groups.groups[g])
+            assert c is not None
+            same = next((i for i, f in enumerate(out) if f.effect.key == c.effect.key), None)
+            if same is not None and c.effect.kind != "pitch_error":
+                continue  # another place of the same cause: the refit finds the best one
+            added = _added(self.fitter.machine, EffectVector(c.effect, c.names), x, chosen.precision[g])
+            model.odds[c.effect.key] = max(chosen.log_odds[g], model.odds.get(c.effect.key, -np.inf))
+            if same is None:
+                out.append(added)
+            else:
+                out[same] = _with_waves(out[same], added)
+        return out
+
+    def _release(self, model: _Model) -> bool:
+        """Fit effects freely whose interval lies beyond the tolerance: these are findings. Whether there were any."""
+        beyond = [f for f in model.fit.effects if f.effect.key in model.kept and is_beyond(model.fit, f, model.kept[f.effect.key])]
+        if not beyond:
+            return False
+        keys = {f.effect.key for f in beyond}
+        for key in keys:
+            del model.kept[key]
+        effects = [EffectVector(f.effect, f.names) if f.effect.key in keys else f for f in model.fit.effects]
+        model.fit = self._refit(effects, model.fit, _STEPS)
+        return True
+
+    def _refit(self, effects: list[EffectVector], start: Fit, iterations: int) -> Fit:
+        """Joint fit; exact where the model comes near the data, since a linearised data sheet is driven far off otherwise."""
+        fit = self.fitter.fit(effects, start=start, exact=False, iterations=iterations)
+        if fit.sum_squares > self.settings.close_fit * self.problem.count:
+            return fit
+        limit = self.settings.close_sheet
+        near = replace(fit, sheet_deviation=np.clip(fit.sheet_deviation, -limit, limit))
+        return self.fitter.fit(fit.effects, start=near, exact=True, iterations=2, fresh=False)
+
+    # -- findings ------------------------------------------------------------------------------------------------------
+
+    def _found(self, model: _Model) -> list[Found]:
+        """The free effects of the final model that are large enough to be causes, the largest contribution first."""
+        out = []
+        for f in model.fit.effects:
+            if f.effect.key in model.kept or not is_large_enough(self.fitter.machine, f, self.settings):
+                continue
+            at = model.fit.parameters[f.block.name]
+            off = f.vector - f.off
+            columns = model.fit.design[:, at] @ off
+            out.append(Found(f.effect.key, float(columns @ columns)))
+        return sorted(out, key=lambda f: -f.gain)
+
+
+def is_beyond(fit: Fit, f: EffectVector, expected: Calibrated) -> bool:
+    """Whether the 95 % interval of a calibrated effect lies beyond its limit."""
+    intervals = f.interval(f.vector, fit.covariance_of(f))
+    for name, limit in expected.limits.items():
+        for low, high, centre in _sizes(intervals[name], expected, name):
+            if low - centre > limit or high - centre < -limit:
+                return True
+    return False
+
+
+def _sizes(interval: list, expected: Calibrated, name: str) -> list[tuple[float, float, float]]:
+    """Lower end, upper end and prior mean of one size, or of every wave."""
+    if name != "components":
+        return [(interval[0], interval[1], expected.free.effect.values[name])]
+    rows = expected.free.effect.values[name]
+    return [(low[1], high[1], row[1]) for low, high, row in zip(*interval, rows, strict=False)]
+
+
+def _kept_waves(f: EffectVector, precision: dict[int | None, float]) -> EffectVector:
+    """An effect of the model with the waves (or all entries) that are still needed."""
+    if None in precision:
+        return f.with_prior(f.off, _widths(f, precision[None]))
+    rows = f.effect.values["components"]
+    waves = sorted(w for w in precision if w is not None)
+    effect = f.effect.replaced(components=[rows[w] for w in waves])
+    widths = np.concatenate([np.full(2, precision[w] ** -0.5) for w in waves])
+    return EffectVector(effect, f.names).with_prior(np.zeros(len(widths)), widths)
+
+
+def _widths(f: EffectVector, precision: float) -> np.ndarray:
+    """Prior standard deviations: of the linear entries by the evidence, wide for shapes."""
+    out = np.full(len(f.vector), 1e3)
+    for _, entries in own_groups(f):
+        out[entries] = precision**-0.5
+    return out
+
+
+def _added(machine, free: EffectVector, x: np.ndarray, precision: float) -> EffectVector:
+    """A candidate at its linear estimate ``x``, with the prior that the evidence gave it."""
+    if free.effect.kind == "pitch_error":
+        start = EffectVector(free.at(x), free.names)
+        return start.with_prior(np.zeros(2), np.full(2, precision**-0.5))
+    present = machine.effect(free.effect.key)
+    v = free.vector
+    if present is not None:
+        start = EffectVector(free.at(v + x), free.names)
+        return start.with_prior(EffectVector(present, free.names).vector, np.full(len(v), precision**-0.5))
+    off = v.copy()
+    off[free.linear] = free.neutral
+    v[free.linear] = free.neutral + x
+    start = EffectVector(free.at(v), free.names)
+    return start.with_prior(off, _widths(start, precision))
+
+
+def _with_waves(f: EffectVector, added: EffectVector) -> EffectVector:
+    """A pitch error with one more wave."""
+    effect = f.effect.replaced(components=[*f.effect.values["components"], *added.effect.values["components"]])
+    assert f.prior is not None and added.prior is not None
+    means, widths = (np.concatenate(pair) for pair in zip(f.prior, added.prior, strict=True))
+    return EffectVector(effect, f.names).with_prior(means, widths)

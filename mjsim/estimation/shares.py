@@ -1,0 +1,92 @@
+"""What each effect of a fitted model does to the readings: its RMS, and its share of the explained squared error."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjsim.estimation.calibration import Calibrated
+from mjsim.estimation.effect_vector import EffectVector
+from mjsim.estimation.fit import Fit, unabsorbed
+from mjsim.estimation.linearisation import Linearisation
+from mjsim.estimation.problem import Problem
+from mjsim.machine.model import build
+
+#: Posterior over prior standard deviation up to which a number is called observable (assumed).
+_OBSERVABLE = 0.8
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """One calibrated effect.
+
+    Attributes:
+        effect: With its fitted values, and which of them were fitted.
+        ci95: 95 % intervals, in the units of the names.
+        limit: Limit of its size, in the unit of its leading parameter.
+        observable: Whether the tests say more about it than the tolerance does.
+        rms: RMS over all tests of what it changes in the readings once the set-up is fitted, m.
+    """
+
+    effect: EffectVector
+    ci95: dict
+    limit: float
+    observable: bool
+    rms: float
+
+
+def parts_of(problem: Problem, fit: Fit, effects: Sequence[EffectVector]) -> list[np.ndarray]:
+    """What each effect adds to the block means of all tests that the set-up cannot take up, (m,) each, m."""
+    linearisation = Linearisation(problem, fit.machine, fit.nuisance)
+    out = []
+    for f in effects:
+        columns = linearisation.columns(f)
+        if columns is not None:
+            parts = [c @ (f.vector - f.off) for c in columns]
+        else:
+            without = fit.machine.with_effect(f.at(f.off))
+            parts = problem.difference(problem.readings(build(without)), fit.readings, fit.nuisance)
+        left = unabsorbed(problem, fit, parts)
+        out.append(np.concatenate([p[s.good] for p, s in zip(left, problem.samples, strict=True)]))
+    return out
+
+
+def calibrations(problem: Problem, fit: Fit, calibrated: Sequence[Calibrated]) -> tuple[tuple[Calibration, ...], dict[str, float]]:
+    """The calibration table of a fitted model, and every effect's share of the explained squared error.
+
+    Args:
+        problem: The measured tests.
+        fit: The final model.
+        calibrated: Its effects that stay inside their tolerance.
+
+    Returns:
+        One entry per calibrated effect, and shares that sum to 1: of each finding by its key, and of the calibrated effects
+        together by ``kind.*``.
+    """
+    expected = {c.key: c for c in calibrated}
+    parts = dict(zip((f.effect.key for f in fit.effects), parts_of(problem, fit, fit.effects), strict=True))
+    entries = []
+    shares: dict[str, float] = {}
+    total = sum(parts.values())
+    for f in fit.effects:
+        key = f.effect.key
+        name = f"{f.effect.kind}.*" if key in expected else key
+        shares[name] = shares.get(name, 0.0) + max(0.0, float(parts[key] @ total))
+        if key not in expected:
+            continue
+        covariance = fit.covariance_of(f)
+        ratio = np.sqrt(np.diag(covariance)) / expected[key].deviation
+        entries.append(
+            Calibration(
+                f,
+                f.interval(f.vector, covariance),
+                next(iter(expected[key].limits.values())),
+                bool(ratio.min() < _OBSERVABLE),
+                float(np.sqrt(np.mean(parts[key] ** 2))),
+            )
+        )
+    whole = sum(shares.values()) or 1.0
+    ranked = sorted(shares.items(), key=lambda item: -item[1])
+    return tuple(entries), {name: value / whole for name, value in ranked}

@@ -1,0 +1,105 @@
+"""A machine on which much is a little wrong: what its tolerance covers is calibrated, what lies beyond is a finding."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from independent import campaign as generator
+from independent import real_machines
+from independent.layouts import layout
+
+from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import read_machine
+from mjsim.estimation.calibration import calibrated_effects
+from mjsim.estimation.fit import Fitter
+from mjsim.estimation.joint_selection import JointSelector
+from mjsim.estimation.linearisation import Linearisation
+from mjsim.estimation.problem import Problem
+from mjsim.machine.model import build
+
+
+@pytest.fixture(scope="module")
+def real(tmp_path_factory):
+    """A short campaign of a real machine whose A axis has three times the play that its tolerance allows."""
+    rng = np.random.default_rng(5)
+    case = generator.Case(
+        "real",
+        "M1",
+        tuple(layout("short")),
+        ({"id": "backlash.A", "width_deg": 0.0024},),
+        seed=7,
+        within=tuple(real_machines.within("M1", rng)),
+        tolerance_stated=True,
+    )
+    folder = tmp_path_factory.mktemp("real")
+    generator.write_files(case, folder)
+    campaign = read_campaign(folder)
+    machine = read_machine(campaign.machine_file)
+    problem = Problem.of(campaign, build(machine), threads=2)
+    return case, problem, machine, JointSelector(Fitter(problem, machine)).run()
+
+
+def test_what_lies_beyond_its_tolerance_is_the_finding(real):
+    _, problem, _, joint = real
+    assert [f.key for f in joint.selection.found] == ["backlash.A"]
+    assert joint.curve is None
+    fit = joint.selection.fit
+    assert fit.sum_squares < 1.1 * problem.count
+    free = next(f for f in fit.effects if f.effect.key == "backlash.A")
+    low, high = free.interval(free.vector, fit.covariance_of(free))["width_deg"]
+    assert low < 0.0024 < high
+
+
+def test_small_errors_are_calibrated_with_honest_intervals(real):
+    case, _, _, joint = real
+    truth = {e["id"]: e for e in real_machines.with_causes(list(case.within), case.catalogue())}
+    fit = joint.selection.fit
+    inside = []
+    for f in fit.effects:
+        if f.effect.key not in {c.key for c in joint.calibrated}:
+            continue
+        for name, (low, high) in f.interval(f.vector, fit.covariance_of(f)).items():
+            if name == "components" or name == "phase_deg" or name not in truth.get(f.effect.id, {}):
+                continue
+            inside.append(low <= truth[f.effect.id][name] <= high)
+    assert len(inside) > 25
+    assert np.mean(inside) > 0.85
+
+
+def test_derivatives_without_simulation_are_those_of_the_readings(real):
+    _, problem, _, joint = real
+    fit = joint.selection.fit
+    linearisation = Linearisation(problem, fit.machine, fit.nuisance)
+    base = problem.readings(build(fit.machine))
+    for f in fit.effects:
+        columns = linearisation.columns(f)
+        if columns is None:
+            continue
+        effect, change = f.nudged(0, 0.02)
+        moved = problem.readings(build(fit.machine.with_effect(effect)))
+        exact = problem.difference(base, moved, fit.nuisance)
+        for cheap, full in zip(columns, exact, strict=True):
+            # to 0.2 %, or a nanometre for a step of a typical size
+            assert np.abs(cheap[:, 0] - full / change).max() < 2e-3 * np.abs(full / change).max() + 1e-9, f.effect.id
+
+
+def test_every_kind_and_subject_of_the_table_is_calibrated(real):
+    _, _, machine, _ = real
+    keys = {c.key for c in calibrated_effects(machine)}
+    chain = machine.chain
+    assert {f"backlash.{a}" for a in chain.letters} <= keys
+    assert {f"straightness.{name}" for name in chain.straightness} <= keys
+    assert not any(k.startswith(("servo_gain", "worm_wear")) for k in keys)
+
+
+def test_the_prior_of_a_wave_has_two_orders_per_tooth(real):
+    _, _, machine, _ = real
+    wave = next(c for c in calibrated_effects(machine) if c.key == "pitch_error.C")
+    teeth = machine.drives["C"].gear
+    assert [row[0] for row in wave.free.effect.values["components"]] == [teeth, 2 * teeth]
+    assert wave.deviation == pytest.approx(np.full(4, 0.0007 / 0.001))
+
+
+def test_a_machine_without_the_table_is_searched_as_before(real):
+    _, _, machine, _ = real
+    assert not calibrated_effects(replace(machine, tolerance={}))
