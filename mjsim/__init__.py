@@ -1,7 +1,7 @@
 """mjsim: find out what is wrong with a five-axis machine from its ball-bar measurements.
 
-The commands of the same names are functions here: :func:`simulate`, :func:`compare`, :func:`diagnose`, :func:`plan`, :func:`add`,
-:func:`remove`, :func:`history`, :func:`effects`. Names are loaded when they are first used.
+The commands of the same names are functions here: :func:`simulate`, :func:`compare`, :func:`diagnose`, :func:`plan`,
+:func:`add`, :func:`remove`, :func:`history`, :func:`effects`. Names are loaded when they are first used.
 """
 
 from __future__ import annotations
@@ -68,6 +68,6 @@ def __dir__() -> list[str]:
     return sorted(__all__)
 
 
-# These packages bear the names of functions. Python binds a package's name once, when it is first imported; without that binding
-# __getattr__ gives the function, and `from mjsim.effects import ...` works as ever.
+# These packages bear the names of functions. Python binds a package's name once, when it is first imported; without
+# that binding __getattr__ gives the function, and `from mjsim.effects import ...` works as ever.
 del batch, effects, report

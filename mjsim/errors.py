@@ -15,8 +15,8 @@ def shortened(text: str, longest: int = LONGEST) -> str:
 class InputError(ValueError):
     """The input is wrong; the message is one sentence that names the place, what was found and what is allowed.
 
-    The command line prints the message and ends with status 1. Nothing has been written when it is raised. Whatever was found (a name of
-    a thousand letters), the message stays one line of bounded length.
+    The command line prints the message and ends with status 1. Nothing has been written when it is raised. Whatever was
+    found (a name of a thousand letters), the message stays one line of bounded length.
     """
 
     def __init__(self, message: str) -> None:

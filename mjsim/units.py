@@ -1,7 +1,7 @@
 """Units: SI inside, the file's units at the edges.
 
-A parameter's name ends in its unit (``width_deg``, ``value_um``); :func:`unit_of` reads it back, so that a unit is written in
-one place only.
+A parameter's name ends in its unit (``width_deg``, ``value_um``); :func:`unit_of` reads it back, so that a unit is
+written in one place only.
 """
 
 from __future__ import annotations

@@ -1,11 +1,13 @@
-"""How fast mjsim is: one table with what was measured, the target, and the ratio to a bare MuJoCo rollout of the same number of steps.
+"""How fast mjsim is: one table with what was measured, the target, and the ratio to a bare MuJoCo rollout of the same
+number of steps.
 
     scripts/benchmark                    everything, some six minutes on two cores
     scripts/benchmark --only simulate    one part: simulate, commands, memory or growth (may be repeated)
     scripts/benchmark --write            also docs/speed.md and its picture
 
-The bare rollout is `mujoco.rollout` with the shipped machine's model and the same number of 1 ms steps, without drives, effects, commands
-and files, on one core, timed in the same run. Other work on the machine makes everything slower, and the ratios less.
+The bare rollout is `mujoco.rollout` with the shipped machine's model and the same number of 1 ms steps, without drives,
+effects, commands and files, on one core, timed in the same run. Other work on the machine makes everything slower, and
+the ratios less.
 """
 
 from __future__ import annotations
@@ -54,7 +56,9 @@ TEST = BallBarTest(
 
 
 def with_every_effect(machine: Machine) -> Machine:
-    """Every kind and subject of the catalogue at a typical size, elastic transmissions and sticking friction included."""
+    """Every kind and subject of the catalogue at a typical size, elastic transmissions and sticking friction
+    included.
+    """
     for effect_id in registry.all_ids():
         present = machine.effect(effect_id)
         if present is not None:
@@ -132,7 +136,14 @@ def simulation(machine: Machine, repeats: int) -> list[Row]:
         goal = duration / TARGET
         limit = f"{goal:.2f} s, {TARGET:.0f} times"
         rows += [
-            Row(f"simulate a {duration:.0f} s test, one core: {what}", measured, limit, ratios[0], total <= goal, alone <= goal),
+            Row(
+                f"simulate a {duration:.0f} s test, one core: {what}",
+                measured,
+                limit,
+                ratios[0],
+                total <= goal,
+                alone <= goal,
+            ),
             Row("  its MuJoCo steps", f"{with_callback:.3f} s, {with_callback / n * 1e6:.2f} µs a step", "", ratios[1]),
             Row("  bare rollout of that model", f"{without:.3f} s, {without / n * 1e6:.2f} µs a step", "", 1.0),
         ]
@@ -143,7 +154,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", action="append", choices=PARTS, help="this part (may be repeated)")
     parser.add_argument("--repeats", type=int, default=9, help="how often a simulation is timed (default 9)")
-    parser.add_argument("--write", action="store_true", help="write docs/speed.md and docs/images/speed.png; needs all parts")
+    parser.add_argument(
+        "--write", action="store_true", help="write docs/speed.md and docs/images/speed.png; needs all parts"
+    )
     options = parser.parse_args()
     wanted = options.only or PARTS
     if options.write and set(wanted) != set(PARTS):
@@ -164,7 +177,11 @@ def main() -> None:
             begin = time.perf_counter()
             more, lines = work[part]()
             rows, curves = rows + more, curves + lines
-            print(f"{part}: {time.perf_counter() - begin:.0f} s, load average {os.getloadavg()[0]:.1f}", file=sys.stderr, flush=True)
+            print(
+                f"{part}: {time.perf_counter() - begin:.0f} s, load average {os.getloadavg()[0]:.1f}",
+                file=sys.stderr,
+                flush=True,
+            )
     print(table(rows))
     if options.write:
         for path in write_page(ROOT / "docs", head, rows, curves):

@@ -1,7 +1,7 @@
 """Speed of an animation: frames per second of computing at 1280 x 720, from posing the machine to the encoded frame.
 
-The simulation before it is not counted. Processor time, over all threads, is printed beside the time that passed: with other work on the
-cores, it says what one core alone would reach.
+The simulation before it is not counted. Processor time, over all threads, is printed beside the time that passed: with
+other work on the cores, it says what one core alone would reach.
 """
 
 from __future__ import annotations
@@ -40,7 +40,9 @@ def main() -> None:
     story, layout = tell(campaign, machine_of(campaign), test), Layout(*parse_size(args.size))
     times = np.linspace(0.0, story.duration, max(args.frames, 2))
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    with Stage(test, max(layout.view_width, 2 * layout.px(INSET)), max(layout.height, 2 * layout.px(INSET)), args.shadows) as stage:
+    with Stage(
+        test, max(layout.view_width, 2 * layout.px(INSET)), max(layout.height, 2 * layout.px(INSET)), args.shadows
+    ) as stage:
         film = lambda at: list(pictures(story, stage, layout, args.camera, at, 1.0))[-1]  # noqa: E731
         film(times[:3])  # shaders and fonts
         panel = Panel(story, layout, 1.0)
@@ -58,9 +60,18 @@ def main() -> None:
                 rates = report(f"all of it as {kind}", len(times), whole)
                 mp4 = rates if kind == ".mp4" else mp4
     fps, alone = mp4
-    verdict = "met" if fps >= TARGET else "met by processor time: other work was on the cores" if alone >= TARGET else "MISSED"
+    verdict = (
+        "met"
+        if fps >= TARGET
+        else "met by processor time: other work was on the cores"
+        if alone >= TARGET
+        else "MISSED"
+    )
     size = f"{frame.shape[1]} x {frame.shape[0]} as MP4"
-    print(f"{size}: {fps:.1f} frames per second on {cores} cores as they were, {alone:.1f} on one core alone; target {TARGET:g} {verdict}")
+    print(
+        f"{size}: {fps:.1f} frames per second on {cores} cores as they were, {alone:.1f} on one core alone; target "
+        f"{TARGET:g} {verdict}"
+    )
 
 
 def report(what: str, frames: int, work) -> tuple[float, float]:

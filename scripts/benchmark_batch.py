@@ -1,10 +1,10 @@
 """Speed of a sweep: two cores against one, and one core against a bare rollout of the same MuJoCo steps.
 
-The same jobs (a 75 s cone-frustum test with a machine of its own in every run) are run by ``mjsim batch``'s own workers on one thread
-and on two, and as bare rollouts of the same models without the callback; also bare rollouts on two threads at once, which say what the
-machine itself gives at that moment. All are timed in turn, again and again: other processes only ever make them slower, so the best of
-each is what the code can do. The median of the rounds' ratios is printed too, and ratios of processor time, which count no waiting for
-a core that other processes have.
+The same jobs (a 75 s cone-frustum test with a machine of its own in every run) are run by ``mjsim batch``'s own workers
+on one thread and on two, and as bare rollouts of the same models without the callback; also bare rollouts on two
+threads at once, which say what the machine itself gives at that moment. All are timed in turn, again and again: other
+processes only ever make them slower, so the best of each is what the code can do. The median of the rounds' ratios is
+printed too, and ratios of processor time, which count no waiting for a core that other processes have.
 """
 
 from __future__ import annotations
@@ -99,7 +99,10 @@ def main() -> None:
 
 def report(times: dict[str, list[tuple[float, float]]], steps: int, options: argparse.Namespace) -> None:
     """Print the table and both ratios."""
-    print(f"MuJoCo {mujoco.__version__}, {options.runs} simulations of {steps // options.runs} steps, {options.rounds} rounds in turn")
+    print(
+        f"MuJoCo {mujoco.__version__}, {options.runs} simulations of {steps // options.runs} steps, "
+        f"{options.rounds} rounds in turn"
+    )
     print(f"load average of the machine's {os.cpu_count()} cores at the end: {os.getloadavg()[0]:.1f}")
     for name, t in times.items():
         wall, cpu = zip(*t, strict=True)
@@ -117,7 +120,10 @@ def report(times: dict[str, list[tuple[float, float]]], steps: int, options: arg
         if target is not None:
             met = wall >= target if more else wall <= target
             verdict = f"; target {'at least' if more else 'at most'} {target}: {'met' if met else 'MISSED'}"
-        print(f"{what}: {wall:.2f} times (best of each), {middle:.2f} (median of rounds), {cpu:.2f} in processor time{verdict}")
+        print(
+            f"{what}: {wall:.2f} times (best of each), {middle:.2f} (median of rounds), {cpu:.2f} in processor "
+            f"time{verdict}"
+        )
 
 
 if __name__ == "__main__":

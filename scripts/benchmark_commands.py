@@ -1,4 +1,6 @@
-"""Times and memory of mjsim's commands, run from a shell on copies of the example hidden-backlash, and how they grow."""
+"""Times and memory of mjsim's commands, run from a shell on copies of the example hidden-backlash, and how they
+grow.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +51,9 @@ class Run:
 
 
 def run(*args: str | Path) -> Run:
-    """``mjsim`` with ``args`` as from a shell; the variables that hold this process' linear algebra to one core are not passed on."""
+    """``mjsim`` with ``args`` as from a shell; the variables that hold this process' linear algebra to one core are
+    not passed on.
+    """
     env = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
     begin = time.perf_counter()
     child = subprocess.Popen([_MJSIM, *map(str, args)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=env)
@@ -62,7 +66,9 @@ def run(*args: str | Path) -> Run:
 
 @contextmanager
 def campaign_of(count: int) -> Iterator[Path]:
-    """A copy of the example with its first ``count`` tests; beyond 13 they come again under other names, set up anew, later."""
+    """A copy of the example with its first ``count`` tests; beyond 13 they come again under other names, set up
+    anew, later.
+    """
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / _EXAMPLE
         shutil.copytree(examples() / _EXAMPLE, folder, ignore=shutil.ignore_patterns("heldout", ".mjsim"))
@@ -73,7 +79,9 @@ def campaign_of(count: int) -> Iterator[Path]:
             again, text = k // len(tests), tests[k % len(tests)]
             if again:
                 text = re.sub(r'(?m)^(name|setup) = "(.*)"', rf'\1 = "\2-{again + 1}"', text)
-                text = re.sub(r"(?m)^started_s = (.*)$", lambda m, n=again: f"started_s = {float(m[1]) + 5000.0 * n}", text)
+                text = re.sub(
+                    r"(?m)^started_s = (.*)$", lambda m, n=again: f"started_s = {float(m[1]) + 5000.0 * n}", text
+                )
             out.append(text)
         file.write_text("".join(out), encoding="utf-8")
         yield folder
@@ -96,7 +104,15 @@ def commands(bare: float) -> list[Row]:
             runs = [run(name, folder, "--quiet") for _ in range(times)]
             seconds, peak = statistics.median(r.seconds for r in runs), max(r.peak for r in runs)
             item = f"mjsim {name} {_EXAMPLE}, {size}"
-            rows.append(Row(item, f"{seconds:.1f} s, peak memory {peak:.0f} MB", f"{most:g} s", seconds / (n * bare), seconds <= most))
+            rows.append(
+                Row(
+                    item,
+                    f"{seconds:.1f} s, peak memory {peak:.0f} MB",
+                    f"{most:g} s",
+                    seconds / (n * bare),
+                    seconds <= most,
+                )
+            )
     return rows
 
 
@@ -114,7 +130,9 @@ def memory() -> tuple[list[Row], list[Curve]]:
 
 
 def growth(bare: float) -> tuple[list[Row], list[Curve]]:
-    """Times of ``compare`` and ``diagnose`` over the number of tests, and of the search over the number of candidates."""
+    """Times of ``compare`` and ``diagnose`` over the number of tests, and of the search over the number of
+    candidates.
+    """
     rows, curves = [], []
     for name in ("compare", "diagnose"):
         counts, seconds, ratios = (3, 6, 13, 26), [], []
@@ -132,7 +150,9 @@ def growth(bare: float) -> tuple[list[Row], list[Curve]]:
 
 @one_blas_thread
 def candidates() -> tuple[tuple[int, ...], tuple[float, ...], int]:
-    """Numbers of candidates, the seconds that their signatures and first ranking take on all cores, and the steps of one simulation."""
+    """Numbers of candidates, the seconds that their signatures and first ranking take on all cores, and the steps
+    of one simulation.
+    """
     with campaign_of(13) as folder:
         campaign, n = read_campaign(folder), steps(folder)
         machine = machine_of(campaign)

@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
-"""How far can the diagnosis be trusted? Campaigns of the independent generator (tests/independent), whose answers are known.
+"""How far can the diagnosis be trusted? Campaigns of the independent generator (tests/independent), whose answers are
+known.
 
     scripts/benchmark_diagnosis run [--half tune|publish] [--category C ...] [--only TEXT] [--jobs N] [--out FILE]
     scripts/benchmark_diagnosis report [--out FILE] [--page docs/diagnosis-benchmark.md] [--half publish]
 
-`run` writes one line per campaign into FILE (default benchmark-diagnosis.jsonl) and goes on where it stopped; a campaign that is in the
-file already is not run again. The whole bank takes some two hours on two cores. One half of the bank is for tuning, the other is
-published.
+`run` writes one line per campaign into FILE (default benchmark-diagnosis.jsonl) and goes on where it stopped; a
+campaign that is in the file already is not run again. The whole bank takes some two hours on two cores. One half of the
+bank is for tuning, the other is published.
 """
 
 from __future__ import annotations
@@ -31,7 +32,9 @@ _GROUP = 6
 
 
 def run_group(cases: list, out: Path) -> int:
-    """Generate and diagnose cases that share tests and machine (their signatures are computed once); each goes into the file at once."""
+    """Generate and diagnose cases that share tests and machine (their signatures are computed once); each goes into
+    the file at once.
+    """
     for case in cases:
         row = run_case(case)
         with out.open("a") as file:  # one short write each: lines of several processes do not mix
@@ -49,7 +52,13 @@ def run_case(case) -> dict:
     from mjsim.cli.common import finite
     from mjsim.workflow.diagnose import diagnose
 
-    row = {"name": case.name, "category": case.category, "half": case.half, "machine": case.machine, "tests": len(case.tests)}
+    row = {
+        "name": case.name,
+        "category": case.category,
+        "half": case.half,
+        "machine": case.machine,
+        "tests": len(case.tests),
+    }
     row["noise_um"] = case.noise_um
     with tempfile.TemporaryDirectory() as folder:
         try:
@@ -66,7 +75,9 @@ def run_case(case) -> dict:
 def run(options: argparse.Namespace) -> None:
     from independent import bank
 
-    done = {json.loads(line)["name"] for line in options.out.read_text().splitlines()} if options.out.exists() else set()
+    done = (
+        {json.loads(line)["name"] for line in options.out.read_text().splitlines()} if options.out.exists() else set()
+    )
     todo = [c for c in bank.cases() if c.name not in done and (not options.half or c.half == options.half)]
     if options.category:
         todo = [c for c in todo if c.category in options.category]

@@ -3,8 +3,9 @@
 
     scripts/benchmark_mistakes [--half tune|publish] [--every N] [--as-they-are] [--jobs N] [--page docs/mistakes.md]
 
-Every N-th campaign of the independent generator (healthy and faulty machines; answers known) is looked at as it is, and then once with each
-mistake in it: signs and units of all traces or of one, directions of all tests or of one, two traces exchanged.
+Every N-th campaign of the independent generator (healthy and faulty machines; answers known) is looked at as it is, and
+then once with each mistake in it: signs and units of all traces or of one, directions of all tests or of one, two
+traces exchanged.
 """
 
 from __future__ import annotations
@@ -134,7 +135,10 @@ def main() -> None:
     for planted in ["nothing", *kinds]:
         n = {o: count[planted, o] for o in ("right", "either", "part", "none", "WRONG", "ALARM")}
         named = "–" if planted == "nothing" else n["right"]
-        lines.append(f"| {planted} | {sum(n.values())} | {named} | {n['either']} | {n['part']} | {n['none']} | {n['WRONG'] + n['ALARM']} |")
+        lines.append(
+            f"| {planted} | {sum(n.values())} | {named} | {n['either']} | {n['part']} | {n['none']} | "
+            f"{n['WRONG'] + n['ALARM']} |"
+        )
     text = "\n".join(lines) + "\n"
     print(text)
     if options.page:

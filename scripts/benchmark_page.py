@@ -18,7 +18,8 @@ from mjsim.plots.save import save
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table. ``ratio``: seconds over those of a bare rollout of the same number of steps; ``met``: whether the target is
+    """One line of the table. ``ratio``: seconds over those of a bare rollout of the same number of steps; ``met``:
+    whether the target is
     met, ``alone``: by processor time at least, which is what passes where no other work is on the cores."""
 
     item: str
@@ -78,7 +79,10 @@ def table(rows: list[Row]) -> str:
     """The rows as text, aligned."""
     cells = [COLUMNS, *(r.cells() for r in rows)]
     widths = [max(len(c[i]) for c in cells) for i in range(len(COLUMNS))]
-    lines = ["  ".join(t.ljust(w) if i == 0 else t.rjust(w) for i, (t, w) in enumerate(zip(c, widths, strict=True))) for c in cells]
+    lines = [
+        "  ".join(t.ljust(w) if i == 0 else t.rjust(w) for i, (t, w) in enumerate(zip(c, widths, strict=True)))
+        for c in cells
+    ]
     return "\n".join(line.rstrip() for line in lines)
 
 

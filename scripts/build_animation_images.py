@@ -37,7 +37,9 @@ def main() -> None:
         layout = Layout(1280, 720)
         with Stage(test, 800, 720, shadows=True) as stage:
             story = tell(campaign, machine, test)
-            frame = list(pictures(story, stage, layout, "overview", np.linspace(0.0, 0.506 * story.duration, 60), 1.0))[-1]
+            frame = list(pictures(story, stage, layout, "overview", np.linspace(0.0, 0.506 * story.duration, 60), 1.0))[
+                -1
+            ]
         file = IMAGES / "animation.png"
         Image.fromarray(frame).save(file, optimize=True)
         better = machine.with_effect(make("backlash.A", width_deg=0.002))

@@ -1,7 +1,8 @@
-"""The picture of the rooms in ARCHITECTURE.md (Mermaid) and in the documentation (docs/images/rooms.svg), from the imports of the code.
+"""The picture of the rooms in ARCHITECTURE.md (Mermaid) and in the documentation (docs/images/rooms.svg), from the
+imports of the code.
 
-Run it with the project's Python: ``.venv/bin/python scripts/build_architecture.py``. An arrow says "imports from". Arrows that follow
-from others are left out.
+Run it with the project's Python: ``.venv/bin/python scripts/build_architecture.py``. An arrow says "imports from".
+Arrows that follow from others are left out.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ GROUND = "units, errors"
 
 
 def room_of(module: str) -> str:
-    """``mjsim.estimation.fit`` -> ``estimation``; modules beside the folders are one room; empty for the package itself."""
+    """``mjsim.estimation.fit`` -> ``estimation``; modules beside the folders are one room; empty for the package
+    itself.
+    """
     part = [*module.split("."), ""][1]
     return part if not part or (ROOT / "mjsim" / part).is_dir() else GROUND
 
@@ -52,11 +55,21 @@ def mermaid() -> str:
     """The picture as Mermaid source."""
     arrows = sorted((room, r) for room, to in reduced(imports()).items() for r in to)
     names = {room: "ground" if room == GROUND else room for pair in arrows for room in pair}
-    return "\n".join(["```mermaid", "graph TD", f'    ground["{GROUND}"]', *(f"    {names[a]} --> {names[b]}" for a, b in arrows), "```"])
+    return "\n".join(
+        [
+            "```mermaid",
+            "graph TD",
+            f'    ground["{GROUND}"]',
+            *(f"    {names[a]} --> {names[b]}" for a, b in arrows),
+            "```",
+        ]
+    )
 
 
 def places(graph: dict[str, set[str]]) -> dict[str, tuple[float, int]]:
-    """(x, level) of every room: one level above what it imports from; rooms of a level side by side, near what they import from."""
+    """(x, level) of every room: one level above what it imports from; rooms of a level side by side, near what they
+    import from.
+    """
 
     def level(room: str) -> int:
         return 1 + max((level(r) for r in graph[room]), default=-1)
@@ -84,7 +97,14 @@ def draw() -> None:
             far = at[room][1] - at[other][1] > 1
             bend = "arc3,rad=0.25" if far and at[room][0] >= 0 else "arc3,rad=-0.25" if far else "arc3"
             (x, y), (u, v) = at[room], at[other]
-            look = {"arrowstyle": "->", "color": style.NOMINAL, "linewidth": 0.9, "connectionstyle": bend, "shrinkA": 11, "shrinkB": 13}
+            look = {
+                "arrowstyle": "->",
+                "color": style.NOMINAL,
+                "linewidth": 0.9,
+                "connectionstyle": bend,
+                "shrinkA": 11,
+                "shrinkB": 13,
+            }
             axes.annotate("", (u, v), (x, y), arrowprops=look, zorder=1)
     for room, (x, y) in at.items():
         box = {"boxstyle": "round,pad=0.35", "facecolor": style.BAND, "edgecolor": style.BAND_EDGE}

@@ -28,8 +28,17 @@ def main() -> None:
     width = middle.index.to_numpy()
     figure = style.new_figure(7.2, 4.0)
     axes = figure.add_axes((0.1, 0.14, 0.86, 0.76))
-    axes.fill_between(width, low, high, color=style.BAND, edgecolor=style.BAND_EDGE, linewidth=0.6, label="5 to 95 % of the machines")
-    axes.plot(table[WIDTH], table["circular_error_um"], ".", color=style.NOMINAL, markersize=2.5, label="one machine inside the data sheet")
+    axes.fill_between(
+        width, low, high, color=style.BAND, edgecolor=style.BAND_EDGE, linewidth=0.6, label="5 to 95 % of the machines"
+    )
+    axes.plot(
+        table[WIDTH],
+        table["circular_error_um"],
+        ".",
+        color=style.NOMINAL,
+        markersize=2.5,
+        label="one machine inside the data sheet",
+    )
     axes.plot(width, middle, color=style.SIMULATED, linewidth=1.6, label="median")
     axes.axhline(LIMIT_UM, color=style.INK, linewidth=0.9, linestyle=(0, (5, 3)))
     axes.text(width[-1], LIMIT_UM + 0.04, "limit 5 µm", ha="right", va="bottom", fontsize=style.SMALL, color=style.INK)
@@ -47,7 +56,13 @@ def main() -> None:
     axes.tick_params(labelsize=style.SMALL, colors=style.SOFT)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(fontsize=style.SMALL, frameon=False, loc="lower right")
-    figure.text(0.1, 0.95, "15° cone, 25 machines inside the data sheet's tolerances at 20 widths", fontsize=style.TITLE, color=style.INK)
+    figure.text(
+        0.1,
+        0.95,
+        "15° cone, 25 machines inside the data sheet's tolerances at 20 widths",
+        fontsize=style.TITLE,
+        color=style.INK,
+    )
     save(figure, IMAGE)
 
 

@@ -1,7 +1,8 @@
-"""The effect catalogue of the documentation, made from the effect classes: docs/effects.md and docs/images/effects/*.svg.
+"""The effect catalogue of the documentation, made from the effect classes: docs/effects.md and
+docs/images/effects/*.svg.
 
-Run it with the project's Python: ``.venv/bin/python scripts/build_catalogue.py``; ``--text`` leaves the pictures as they are.
-A picture shows what an effect of typical size adds to the reading of two tests.
+Run it with the project's Python: ``.venv/bin/python scripts/build_catalogue.py``; ``--text`` leaves the pictures as
+they are. A picture shows what an effect of typical size adds to the reading of two tests.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ from mjsim.units import DEG, UM
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 PAGE, IMAGES = DOCS / "effects.md", DOCS / "images" / "effects"
 
-#: Kind -> two panels, each a subject and a test (a key of :func:`tests`). A kind that is not listed has its first subject on both tests.
+#: Kind -> two panels, each a subject and a test (a key of :func:`tests`). A kind that is not listed has its first
+#: subject on both tests.
 PANELS = {
     "axis_location": [("EB0A", "cone"), ("EA0C", "cone")],
     "backlash": [("X", "circle"), ("A", "cone")],
@@ -104,7 +106,9 @@ def shipped() -> dict[str, type[Effect]]:
 def page() -> str:
     """The page as Markdown."""
     lines = [INTRODUCTION, "| kind | of | what it is |", "|---|---|---|"]
-    lines += [f"| [`{k}`](#{k}) | {', '.join(cls.subjects_of(FIVE_AXIS))} | {cls.title} |" for k, cls in shipped().items()]
+    lines += [
+        f"| [`{k}`](#{k}) | {', '.join(cls.subjects_of(FIVE_AXIS))} | {cls.title} |" for k, cls in shipped().items()
+    ]
     for cls in shipped().values():
         lines += ["", *entry(cls)]
     return "\n".join(lines) + "\n"
@@ -137,7 +141,9 @@ def entry(cls: type[Effect]) -> list[str]:
 
 
 def parameter_rows(cls: type[Effect]) -> list[str]:
-    """A row of the table for every parameter; parameters of axes that differ from the first subject's follow with their axes."""
+    """A row of the table for every parameter; parameters of axes that differ from the first subject's follow with
+    their axes.
+    """
     sets: dict[tuple[Parameter, ...], list[str]] = {}
     for subject in cls.subjects_of(FIVE_AXIS):
         sets.setdefault(cls.parameters_of(subject), []).append(subject)
@@ -174,7 +180,9 @@ def wrapped(text: str) -> list[str]:
 def panels(cls: type[Effect]) -> list[tuple[Effect, str]]:
     """Two effects of a kind at their typical size, each with the name of its test."""
     first = cls.subjects_of(FIVE_AXIS)[0]
-    return [(typical(cls, subject), test) for subject, test in PANELS.get(cls.kind, [(first, "circle"), (first, "cone")])]
+    return [
+        (typical(cls, subject), test) for subject, test in PANELS.get(cls.kind, [(first, "circle"), (first, "cone")])
+    ]
 
 
 def typical(cls: type[Effect], subject: str) -> Effect:
@@ -210,8 +218,18 @@ def picture(cls: type[Effect], machine: Machine, known: dict[str, BallBarTest]) 
         trace = difference_trace(with_effect, without)
         step = style.nice_step(max(np.abs(trace.deviation_um).max(), 0.01) / FILL)
         draw_polar(axes, [trace], step, small=True)
-        figure.text(0.26 + 0.49 * i, 0.95, f"{effect.id}, {name}", ha="center", va="center", fontsize=style.TEXT, color=style.INK)
-        figure.text(0.26 + 0.49 * i, 0.04, scale_text(step), ha="center", va="center", fontsize=style.TEXT, color=style.INK)
+        figure.text(
+            0.26 + 0.49 * i,
+            0.95,
+            f"{effect.id}, {name}",
+            ha="center",
+            va="center",
+            fontsize=style.TEXT,
+            color=style.INK,
+        )
+        figure.text(
+            0.26 + 0.49 * i, 0.04, scale_text(step), ha="center", va="center", fontsize=style.TEXT, color=style.INK
+        )
     save(figure, IMAGES / f"{cls.kind}.svg")
 
 

@@ -1,4 +1,5 @@
-"""Pictures of the README, the documentation and the model's page, from the real code: docs/images/*.png, models/five_axis.png.
+"""Pictures of the README, the documentation and the model's page, from the real code: docs/images/*.png,
+models/five_axis.png.
 
 Run it with the project's Python: ``.venv/bin/python scripts/build_figures.py``. Same code, same pictures.
 """
@@ -50,7 +51,8 @@ def main() -> None:
         ladder_plot(steps, IMAGES / "ladder.png")
         before = next(t for t in change.before.tests if t.test.name == TEST)
         save(
-            residual_figure([residual_trace(before, change.before.noise)], title="What the model does not explain"), IMAGES / "residual.png"
+            residual_figure([residual_trace(before, change.before.noise)], title="What the model does not explain"),
+            IMAGES / "residual.png",
         )
     for file in sorted(IMAGES.glob("*.png")):
         print(f"{file.name}: {file.stat().st_size / 1e3:.0f} kB")
@@ -100,7 +102,9 @@ def hero(change: Change, machine: np.ndarray, closeup: np.ndarray) -> None:
         polar.draw_polar(plot, polar_traces(test), step)
         centre = (x + 0.5 * side) / width
         title = f"{name}: RMS {style.micrometres(test.rms * 1e6)}"
-        figure.text(centre, 1 - 0.2 / height, title, ha="center", va="center", fontsize=10.5, fontweight="bold", color=style.INK)
+        figure.text(
+            centre, 1 - 0.2 / height, title, ha="center", va="center", fontsize=10.5, fontweight="bold", color=style.INK
+        )
     handles, labels = plot.get_legend_handles_labels()
     figure.legend(
         handles,
@@ -111,7 +115,9 @@ def hero(change: Change, machine: np.ndarray, closeup: np.ndarray) -> None:
         frameon=False,
         fontsize=9,
     )
-    figure.text(1 - 0.15 / width, 0.18 / height, polar.scale_text(step), ha="right", va="center", fontsize=9, color=style.INK)
+    figure.text(
+        1 - 0.15 / width, 0.18 / height, polar.scale_text(step), ha="right", va="center", fontsize=9, color=style.INK
+    )
     save(figure, IMAGES / "hidden-backlash.png")
 
 

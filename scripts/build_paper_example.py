@@ -3,7 +3,8 @@
 
     .venv/bin/python scripts/build_paper_example.py [FOLDER]
 
-Deterministic. What is taken from the paper and what is assumed stands in tests/independent/kato2013.py and in the machine file.
+Deterministic. What is taken from the paper and what is assumed stands in tests/independent/kato2013.py and in the
+machine file.
 """
 
 from __future__ import annotations

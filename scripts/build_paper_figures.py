@@ -27,7 +27,9 @@ def main() -> None:
         for file in sorted(Path(scratch).glob("*.png")):
             with Image.open(file) as image:
                 small = image.convert("RGB").resize([round(n * SCALE) for n in image.size], Image.Resampling.LANCZOS)
-            small.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(images / file.name, optimize=True)
+            small.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
+                images / file.name, optimize=True
+            )
             print(f"{file.name}: {(images / file.name).stat().st_size / 1e3:.0f} kB")
     page = DOCS / "paper.md"
     page.write_text(TABLE.sub(lambda m: m[1] + table(made) + m[2], page.read_text()))

@@ -71,7 +71,9 @@ def described(t: ComparedTest) -> str:
     bins = np.floor(angle / 5.0).astype(int)
     means = {b: float(np.mean(t.residual[(bins == b) & t.valid])) / UM for b in np.unique(bins[t.valid])}
     low, high = min(means, key=means.get), max(means, key=means.get)
-    return f"lowest {means[low]:.2f} at {5 * low}-{5 * low + 5}°, highest {means[high]:.2f} at {5 * high}-{5 * high + 5}°"
+    return (
+        f"lowest {means[low]:.2f} at {5 * low}-{5 * low + 5}°, highest {means[high]:.2f} at {5 * high}-{5 * high + 5}°"
+    )
 
 
 def picture(campaign: Campaign, comparison: Comparison, when: str, path: Path) -> None:
@@ -84,7 +86,15 @@ def picture(campaign: Campaign, comparison: Comparison, when: str, path: Path) -
     mark(plot)
     heading(figure, f"{TEST}, {when}: RMS {style.micrometres(t.rms / UM)}", left + 0.5 * side, width, height)
     legend(figure, plot, left + 0.5 * side - 0.35, width, height)
-    figure.text(4.45 / width, 0.2 / height, polar.scale_text(STEP), ha="right", va="center", fontsize=style.TEXT, color=style.INK)
+    figure.text(
+        4.45 / width,
+        0.2 / height,
+        polar.scale_text(STEP),
+        ha="right",
+        va="center",
+        fontsize=style.TEXT,
+        color=style.INK,
+    )
     axes = figure.add_axes((5.45 / width, bottom / height, 5.15 / width, side / height))
     over_a(axes, campaign, comparison)
     heading(figure, "What is left, over the angle of A: the three 15° cones", 5.45 + 0.5 * 5.15, width, height)
@@ -107,7 +117,9 @@ def heading(figure, text: str, centre: float, width: float, height: float) -> No
 def legend(figure, plot, centre: float, width: float, height: float) -> None:
     handles, labels = plot.get_legend_handles_labels()
     at = (centre / width, 0.2 / height)
-    figure.legend(handles, labels, loc="center", bbox_to_anchor=at, ncols=3, frameon=False, fontsize=style.TEXT, columnspacing=1.0)
+    figure.legend(
+        handles, labels, loc="center", bbox_to_anchor=at, ncols=3, frameon=False, fontsize=style.TEXT, columnspacing=1.0
+    )
 
 
 def over_a(axes, campaign: Campaign, comparison: Comparison) -> None:
@@ -152,9 +164,23 @@ def flanks(before: Comparison, after: Comparison, mirrored: Comparison) -> None:
         left = 0.5 + i * (side + 0.65)
         plot = figure.add_axes((left / width, bottom / height, side / width, side / height), projection="polar")
         polar.draw_polar(plot, polar_traces(one(comparison, TEST)), STEP)
-        heading(figure, f"{words}: RMS {style.micrometres(one(comparison, TEST).rms / UM)}", left + 0.5 * side, width, height)
+        heading(
+            figure,
+            f"{words}: RMS {style.micrometres(one(comparison, TEST).rms / UM)}",
+            left + 0.5 * side,
+            width,
+            height,
+        )
     legend(figure, plot, 0.5 * width, width, height)
-    figure.text(1 - 0.2 / width, 0.2 / height, polar.scale_text(STEP), ha="right", va="center", fontsize=style.TEXT, color=style.INK)
+    figure.text(
+        1 - 0.2 / width,
+        0.2 / height,
+        polar.scale_text(STEP),
+        ha="right",
+        va="center",
+        fontsize=style.TEXT,
+        color=style.INK,
+    )
     save(figure, IMAGES / "worn-worm-flanks.png")
 
 

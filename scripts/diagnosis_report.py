@@ -28,7 +28,8 @@ def truth(row: dict) -> list[str]:
 
 
 def mark(row: dict) -> str:
-    """What a diagnosis was worth: ``right``, ``partly``, ``missed``, ``wrong`` (a name that is not there, said without alternatives
+    """What a diagnosis was worth: ``right``, ``partly``, ``missed``, ``wrong`` (a name that is not there, said without
+    alternatives
     that hold the truth), ``crash``."""
     if "error" in row:
         return "crash"
@@ -133,17 +134,30 @@ def page(rows: list[dict], remark: str = "") -> str:
         *INTRODUCTION,
         "",
         *wrapped(
-            f"The page covers {len(rows)} campaigns: " + ", ".join(f"{len(v)} {k}" for k, v in sorted(by.items())) + ". "
-            f"{len(rows) - len(ok)} crashed. A diagnosis took {np.median(seconds):.0f} s (median) and at most {max(seconds):.0f} s "
+            f"The page covers {len(rows)} campaigns: "
+            + ", ".join(f"{len(v)} {k}" for k, v in sorted(by.items()))
+            + ". "
+            f"{len(rows) - len(ok)} crashed. A diagnosis took {np.median(seconds):.0f} s (median) and at most "
+            f"{max(seconds):.0f} s "
             "on one core."
         ),
         "",
         *([line for part in remark.split("\n\n") for line in (*wrapped(part), "")] if remark else []),
         "| | measured | target |",
         "|---|---|---|",
-        _line("false alarms on healthy machines", nulls, lambda r: r["result"]["verdict"] != "nothing_found", "at most 1 %"),
+        _line(
+            "false alarms on healthy machines",
+            nulls,
+            lambda r: r["result"]["verdict"] != "nothing_found",
+            "at most 1 %",
+        ),
         _line("separable single effects of 3 times the noise or more, named", apart, exact, "95 %"),
-        _line("all single effects of 3 times the noise or more: named, or the set of equivalents named", clear, exact, "95 %"),
+        _line(
+            "all single effects of 3 times the noise or more: named, or the set of equivalents named",
+            clear,
+            exact,
+            "95 %",
+        ),
         _line("all single effects, any size", singles, exact, ""),
         _line("pairs, both named", pairs, exact, "80 %"),
         _line("wrong confident names among faulty campaigns", faulty, confident, "at most 2 %"),
@@ -174,7 +188,9 @@ def page(rows: list[dict], remark: str = "") -> str:
     for r in singles:
         kinds[truth(r)[0].split(".")[0]].append(r)
     for kind, members in sorted(kinds.items()):
-        sizes = {flag: [min(r["answer"]["signature_rms_um"]) for r in members if exact(r) is flag] for flag in (True, False)}
+        sizes = {
+            flag: [min(r["answer"]["signature_rms_um"]) for r in members if exact(r) is flag] for flag in (True, False)
+        }
         out.append(f"| {kind} | {_number(min, sizes[True])} | {_number(max, sizes[False])} |")
     out += [
         "",
@@ -199,7 +215,11 @@ def page(rows: list[dict], remark: str = "") -> str:
     ]
     for r in rows:
         if mark(r) != "right":
-            hidden = ", ".join(truth(r) + ([r["answer"]["hidden"]] if r.get("answer", {}).get("hidden") else [])) if "answer" in r else ""
+            hidden = (
+                ", ".join(truth(r) + ([r["answer"]["hidden"]] if r.get("answer", {}).get("hidden") else []))
+                if "answer" in r
+                else ""
+            )
             size = f"{snr(r):.1f}" if "answer" in r and r["answer"].get("signature_rms_um") else ""
             out.append(f"| {r['name']} | {hidden or 'nothing'} | {size} | {mark(r)}: {_said(r)} |")
     return "\n".join(out) + "\n"

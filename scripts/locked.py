@@ -1,4 +1,6 @@
-"""The part of requirements.lock that the core and the named extras or dependency groups need: scripts/locked.py report dev."""
+"""The part of requirements.lock that the core and the named extras or dependency groups need: scripts/locked.py
+report dev.
+"""
 
 from __future__ import annotations
 

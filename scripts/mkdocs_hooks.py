@@ -1,4 +1,6 @@
-"""Pages of the site that are files at the top of the repository: a page of docs/ that names one with ``<!-- file: NAME -->`` shows it."""
+"""Pages of the site that are files at the top of the repository: a page of docs/ that names one with ``<!-- file:
+NAME -->`` shows it.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ ROOMS = "![Rooms of the code; an arrow means: imports from](images/rooms.svg)"
 
 
 def on_page_markdown(markdown: str, **_: object) -> str:
-    """The page's text, or that of the file that it names, with links as seen from docs/ and the picture in place of its Mermaid source."""
+    """The page's text, or that of the file that it names, with links as seen from docs/ and the picture in place of
+    its Mermaid source.
+    """
     named = re.search(r"<!-- file: (\S+) -->", markdown)
     if not named:
         return markdown

@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Does the suite notice? Ten small bugs are planted one by one in a copy of the repository, and the tests have to fail each time.
+"""Does the suite notice? Ten small bugs are planted one by one in a copy of the repository, and the tests have to fail
+each time.
 
     scripts/mutation_check [NAME...]
 
-For each bug the tests nearest to it run first and then, unless they have failed, all others. Prints what noticed it and how long that took;
-exit status 1 if a bug stays unnoticed.
+For each bug the tests nearest to it run first and then, unless they have failed, all others. Prints what noticed it and
+how long that took; exit status 1 if a bug stays unnoticed.
 """
 
 from __future__ import annotations
@@ -121,7 +122,9 @@ BUGS = (
 
 def copy_of_repository(folder: Path) -> None:
     """The tracked files, and the environment as a link."""
-    names = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\0")
+    names = subprocess.run(
+        ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.split("\0")
     for name in filter(None, names):
         target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -133,7 +136,9 @@ def plant(bug: Bug, folder: Path) -> None:
     file = folder / bug.file
     text = file.read_text()
     if text.count(bug.old) != 1:
-        raise SystemExit(f"{bug.name}: {bug.file} has {text.count(bug.old)} places with {bug.old!r}; the check needs exactly one")
+        raise SystemExit(
+            f"{bug.name}: {bug.file} has {text.count(bug.old)} places with {bug.old!r}; the check needs exactly one"
+        )
     file.write_text(text.replace(bug.old, bug.new))
 
 
@@ -147,7 +152,18 @@ def noticed(folder: Path, modules: list[str]) -> str:
         "OPENBLAS_NUM_THREADS": "1",
         "OMP_NUM_THREADS": "1",
     }
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "2", "--dist=loadfile", "--durations=0", "--durations-min=1e9"]
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-x",
+        "-n",
+        "2",
+        "--dist=loadfile",
+        "--durations=0",
+        "--durations-min=1e9",
+    ]
     done = subprocess.run([*command, *modules], cwd=folder, env=env, capture_output=True, text=True)
     if done.returncode == 0:
         return ""
@@ -172,7 +188,9 @@ def main() -> None:
             plant(bug, folder)
             begin = time.monotonic()
             near = [f"tests/{m}.py" for m in bug.near.split()]
-            others = sorted(f"tests/{p.name}" for p in (folder / "tests").glob("test_*.py") if f"tests/{p.name}" not in near)
+            others = sorted(
+                f"tests/{p.name}" for p in (folder / "tests").glob("test_*.py") if f"tests/{p.name}" not in near
+            )
             others.remove("tests/test_upkeep.py")  # lint and types are no test of what a program does
             by = noticed(folder, near) or noticed(folder, others)
             missed += not by

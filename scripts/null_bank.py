@@ -3,10 +3,10 @@
 
     .venv/bin/python scripts/null_bank.py [N] [--seed S] [--out FILE]
 
-Each null is one campaign of the example's tests (a random three to six of them) of a machine whose data sheet is off by its
-tolerances, with set-up errors, trigger shifts, coloured noise and quantisation. Prints the largest gain that any catalogue effect
-reaches in each, against the threshold above which the search calls it an effect. The nulls come from mjsim's own drives, so this
-calibrates the threshold; it does not prove the physics.
+Each null is one campaign of the example's tests (a random three to six of them) of a machine whose data sheet is off by
+its tolerances, with set-up errors, trigger shifts, coloured noise and quantisation. Prints the largest gain that any
+catalogue effect reaches in each, against the threshold above which the search calls it an effect. The nulls come from
+mjsim's own drives, so this calibrates the threshold; it does not prove the physics.
 """
 
 from __future__ import annotations
@@ -37,7 +37,9 @@ from mjsim.simulation.axes import AxesMotion
 
 
 def null_campaign(campaign: Campaign, machine: Machine, rng: np.random.Generator) -> Campaign:
-    """A healthy campaign: data sheet off by its tolerances (cut at 2.5 σ), everything of the measurement chain drawn from its priors."""
+    """A healthy campaign: data sheet off by its tolerances (cut at 2.5 σ), everything of the measurement chain
+    drawn from its priors.
+    """
     true = build(calibrated(machine, np.clip(rng.standard_normal(len(data_sheet(machine.chain))), -2.5, 2.5)))
     chosen = sorted(rng.choice(len(campaign.tests), size=int(rng.integers(3, 7)), replace=False))
     setups = {t.setup: (rng.normal(0, TABLE_BALL, 3), rng.normal(0, SPINDLE_BALL, 3)) for t in campaign.tests}
@@ -81,13 +83,20 @@ def main() -> None:
         start = selection.start()
         bank = SignatureBank(problem, start)
         bank.compute(seeds(machine))
-        best = [(round(r[0], 1), r[2].id) for r in selection.ranked_candidates(start, bank) if is_feasible(machine, r[1], r[2])][:3]
+        best = [
+            (round(r[0], 1), r[2].id)
+            for r in selection.ranked_candidates(start, bank)
+            if is_feasible(machine, r[1], r[2])
+        ][:3]
         square = start.sum_squares / problem.count
         rows.append({"number": number, "tests": [t.name for t in problem.tests], "best": best, "mean_square": square})
         print(json.dumps(rows[-1]), flush=True)
     gains = np.array([r["best"][0][0] for r in rows])
     above = int((gains > DIAGNOSIS.likelihood_ratio).sum())
-    print(f"{above} of {len(gains)} nulls above {DIAGNOSIS.likelihood_ratio:g}; median {np.median(gains):.1f}, largest {gains.max():.1f}")
+    print(
+        f"{above} of {len(gains)} nulls above {DIAGNOSIS.likelihood_ratio:g}; median {np.median(gains):.1f}, "
+        f"largest {gains.max():.1f}"
+    )
     if options.out:
         options.out.write_text(json.dumps(rows, indent=1))
 

@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Does the planned test decide? Campaigns of the independent generator with a cause that they cannot tell from another one.
+"""Does the planned test decide? Campaigns of the independent generator with a cause that they cannot tell from another
+one.
 
     .venv/bin/python scripts/plan_proof.py [NAME ...]
 
-For each pair: the campaign is diagnosed (ambiguous), the next test is planned, the generator measures it on the same machine with the
-same bar and a set-up of its own, and the longer campaign is diagnosed again. Prints one line per step.
+For each pair: the campaign is diagnosed (ambiguous), the next test is planned, the generator measures it on the same
+machine with the same bar and a set-up of its own, and the longer campaign is diagnosed again. Prints one line per step.
 """
 
 from __future__ import annotations

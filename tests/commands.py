@@ -75,7 +75,11 @@ def as_json(*args):
 
 
 def snapshot(folder):
-    return {p.relative_to(folder): p.read_bytes() if p.is_file() else None for p in folder.rglob("*") if "__pycache__" not in p.parts}
+    return {
+        p.relative_to(folder): p.read_bytes() if p.is_file() else None
+        for p in folder.rglob("*")
+        if "__pycache__" not in p.parts
+    }
 
 
 def refused(folder, args, *words, status=1):

@@ -52,7 +52,9 @@ def _read(name):
 
 @pytest.fixture(autouse=True)
 def catalogue():
-    """Effects of a user's own that a test brings in are gone after it: each test runs with the catalogue as it is installed."""
+    """Effects of a user's own that a test brings in are gone after it: each test runs with the catalogue as it is
+    installed.
+    """
     before = registry.kinds()
     yield
     registry.restore(before)
@@ -109,7 +111,9 @@ def paper():
 
 @pytest.fixture(scope="session")
 def cone():
-    """``cone(theta_deg, beta_deg, ball_mm, feed=mm/min, **fields)``: a cone-frustum test with the paper's bar of 100 mm."""
+    """``cone(theta_deg, beta_deg, ball_mm, feed=mm/min, **fields)``: a cone-frustum test with the paper's bar of
+    100 mm.
+    """
 
     def make(theta, beta, ball, feed=1000.0, **fields):
         fields = {"name": f"cone{theta:g}", "revolutions": 1, **fields}
@@ -132,7 +136,14 @@ def circle():
 
     def make(plane, ball, feed=1000.0, **fields):
         fields = {"name": f"circle-{plane}", "revolutions": 1, **fields}
-        return BallBarTest(kind="circular", table_ball=tuple(x / 1e3 for x in ball), length=0.1, feed=feed / 60e3, plane=plane, **fields)
+        return BallBarTest(
+            kind="circular",
+            table_ball=tuple(x / 1e3 for x in ball),
+            length=0.1,
+            feed=feed / 60e3,
+            plane=plane,
+            **fields,
+        )
 
     return make
 
@@ -163,8 +174,8 @@ def turn():
 def away_from_reversals():
     """``away(time, command)``: which instants lie more than 50 ms from every reversal of an axis, (n,) bool.
 
-    Reversals are those of the commands (n, 5). The motors follow one lag (some 20 ms) later, so the exclusion reaches from 50 ms
-    before the command's reversal to 50 ms after the motor's.
+    Reversals are those of the commands (n, 5). The motors follow one lag (some 20 ms) later, so the exclusion reaches
+    from 50 ms before the command's reversal to 50 ms after the motor's.
     """
 
     def away(time, command, margin=0.05, lag=0.03):
@@ -206,7 +217,9 @@ def traces(cone):
 
 @pytest.fixture(scope="session")
 def caused(quiet, traces):
-    """``caused(effects, theta, balls, sensitive)``: what the effects change in the reading of a machine that has nothing else."""
+    """``caused(effects, theta, balls, sensitive)``: what the effects change in the reading of a machine that has
+    nothing else.
+    """
 
     def run(effects, theta, balls, sensitive="perpendicular"):
         machine = quiet

@@ -1,8 +1,8 @@
 """Traces of the paper's tests and what is measured on them, for the tests that hold the simulator to the paper.
 
-Angles are the paper's plot angles (φ + 180°). Where the paper speaks of one cause alone, the trace is the difference between the
-simulations with and without it; as measured traces, deflections are taken about the least-squares circle. Offsets of 200 mm are the
-paper's own.
+Angles are the paper's plot angles (φ + 180°). Where the paper speaks of one cause alone, the trace is the difference
+between the simulations with and without it; as measured traces, deflections are taken about the least-squares circle.
+Offsets of 200 mm are the paper's own.
 """
 
 import numpy as np

@@ -1,4 +1,6 @@
-"""Videos: files that decode, balls where the kinematics puts them, the factor that is shown, traces that end at the reading, refusals."""
+"""Videos: files that decode, balls where the kinematics puts them, the factor that is shown, traces that end at the
+reading, refusals.
+"""
 
 import json
 import os
@@ -116,12 +118,14 @@ def frames_of(path):
         return [f.to_ndarray(format="rgb24") for f in file.decode(video=0)]
 
 
-# -- the files ---------------------------------------------------------------------------------------------------------------------
+# -- the files ---------------------------------------------------------------------------------------------------------
 
 
 def test_an_mp4_that_browsers_play(gl_here, folder, tmp_path):
     out = tmp_path / "new" / "a.mp4"
-    result = run("animate", folder, "--test", TEST, "-o", out, "--size", SMALL, "--seconds", 1, "--fps", 12, "--json", "--quiet")
+    result = run(
+        "animate", folder, "--test", TEST, "-o", out, "--size", SMALL, "--seconds", 1, "--fps", 12, "--json", "--quiet"
+    )
     assert (result.exit_code, result.stderr) == (0, "")
     data = json.loads(result.stdout)
     assert (data["frames"], data["fps"], data["seconds"], data["width"], data["height"]) == (12, 12, 1.0, 320, 180)
@@ -138,12 +142,16 @@ def test_an_mp4_that_browsers_play(gl_here, folder, tmp_path):
     assert len(frames) == 12
     changed = [np.abs(a.astype(int) - b).mean() for a, b in pairwise(frames)]
     assert min(changed[1:-1]) > 0.1, "the machine moves and the trace grows from frame to frame"
-    assert all(np.ptp(f[:, :190]) > 150 and (f[:, 200:] > 235).mean() > 0.7 for f in frames), "machine left, white plot right"
+    assert all(np.ptp(f[:, :190]) > 150 and (f[:, 200:] > 235).mean() > 0.7 for f in frames), (
+        "machine left, white plot right"
+    )
 
 
 def test_a_gif_that_loops(gl_here, folder, tmp_path):
     out = tmp_path / "a.gif"
-    result = run("animate", folder, "--test", TEST, "-o", out, "--size", SMALL, "--seconds", 1, "--fps", 7, "--camera", "bar")
+    result = run(
+        "animate", folder, "--test", TEST, "-o", out, "--size", SMALL, "--seconds", 1, "--fps", 7, "--camera", "bar"
+    )
     assert result.exit_code == 0, result.output
     assert result.stdout == "" and "error × 5000 (measured − simulated)" in result.stderr
     with Image.open(out) as image:
@@ -179,10 +187,12 @@ def test_the_function_of_the_package(gl_here, folder, tmp_path):
     import mjsim
 
     film = mjsim.animate(mjsim.read_campaign(folder), TEST, tmp_path / "a.mp4", size=SMALL, fps=2.0, speed=10.0)
-    assert film.speed == pytest.approx(10.0) and film.frames == len(frames_of(film.file)) == round(film.fps * 14.642 / 10.0)
+    assert film.speed == pytest.approx(10.0) and film.frames == len(frames_of(film.file)) == round(
+        film.fps * 14.642 / 10.0
+    )
 
 
-# -- the machine and the bar -------------------------------------------------------------------------------------------------------
+# -- the machine and the bar -------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("camera, aside", [("closeup", 0.0), ("closeup", 0.2), ("overview", 0.2), ("bar", 0.0)])
@@ -215,7 +225,7 @@ def test_without_an_error_the_bar_ends_in_the_ball(stage, story):
     assert np.linalg.norm(balls.ghost - balls.spindle) < 50e-6
 
 
-# -- what is magnified -------------------------------------------------------------------------------------------------------------
+# -- what is magnified -------------------------------------------------------------------------------------------------
 
 
 def test_the_factor_shown_is_the_factor_applied(campaign, machine, story):
@@ -226,7 +236,9 @@ def test_the_factor_shown_is_the_factor_applied(campaign, machine, story):
         assert story.stretch(time) == 5000.0 * story.error.at(time) != 0.0
     other = tell(campaign, machine, campaign.tests[0], 300.0)
     assert "× 300 " in other.magnified and other.stretch(7.0) == pytest.approx(0.06 * story.stretch(7.0))
-    with pytest.raises(InputError, match=r"magnification 1e\+06: the error is up to .* µm and the bar 100 mm; allowed: 1 to \d+"):
+    with pytest.raises(
+        InputError, match=r"magnification 1e\+06: the error is up to .* µm and the bar 100 mm; allowed: 1 to \d+"
+    ):
         tell(campaign, machine, campaign.tests[0], 1e6)
 
 
@@ -240,7 +252,9 @@ def test_the_error_is_the_residual_of_compare(story, steps):
 
 def test_no_reading_no_error(story):
     assert story.stretch(0.01) == 0.0 and np.isnan(story.error.at(0.01)), "before the trace begins"
-    gap = replace(story.error, value=np.where((story.error.time > 5.0) & (story.error.time < 6.0), np.nan, story.error.value))
+    gap = replace(
+        story.error, value=np.where((story.error.time > 5.0) & (story.error.time < 6.0), np.nan, story.error.value)
+    )
     assert np.isfinite(gap.at(4.99)) and np.isfinite(gap.at(5.03)) and np.isnan(gap.at(5.5))
 
 
@@ -251,7 +265,7 @@ def test_a_test_without_trace_shows_the_simulation(campaign, machine):
     np.testing.assert_array_equal(bare.error.value, bare.traces[0].value)
 
 
-# -- the plot ----------------------------------------------------------------------------------------------------------------------
+# -- the plot ----------------------------------------------------------------------------------------------------------
 
 
 def test_the_drawn_trace_ends_at_the_reading(campaign, story):
@@ -264,9 +278,13 @@ def test_the_drawn_trace_ends_at_the_reading(campaign, story):
         assert image.shape == (720, 520, 3)
         phi, value = panel.drawn("measured")
         last = int(np.searchsorted(recorded.time - trigger, time + 1e-9, side="right")) - 1
-        assert np.degrees(phi) == pytest.approx(float(np.degrees(story.program.phi(recorded.time[last : last + 1] - trigger)[0])), abs=1e-6)
+        assert np.degrees(phi) == pytest.approx(
+            float(np.degrees(story.program.phi(recorded.time[last : last + 1] - trigger)[0])), abs=1e-6
+        )
         offset = value - recorded.deviation[last]
-        assert offset == pytest.approx(story.traces[0].value[0] - recorded.deviation[0], abs=1e-12), "one mean is taken out"
+        assert offset == pytest.approx(story.traces[0].value[0] - recorded.deviation[0], abs=1e-12), (
+            "one mean is taken out"
+        )
         column, row = (round(x) for x in panel.spot(phi, value))
         assert image[row, column].max() < 90, "the dot of the measured trace, near-black"
         ink.append(int((image[100:490] < 90).all(axis=2).sum()))
@@ -278,7 +296,7 @@ def steps_trigger(story, campaign):
     return float(campaign.traces[TEST].time[0] - story.traces[0].time[0])
 
 
-# -- the ladder --------------------------------------------------------------------------------------------------------------------
+# -- the ladder --------------------------------------------------------------------------------------------------------
 
 
 def test_places_stand_and_change():
@@ -293,8 +311,13 @@ def test_the_ladder_collapses(recorded, steps, tmp_path):
     result = run("animate", recorded.folder, "--ladder", "-o", out, "--size", SMALL, "--fps", 5, "--json", "--quiet")
     assert (result.exit_code, result.stderr) == (0, "")
     data = json.loads(result.stdout)
-    assert data["tests"] == [TEST, OTHER] and [m["label"] for m in data["models"]] == ["machine as given", "+ backlash.A"]
-    assert [m["rms_um"] for m in data["models"]] == [s.rms_um for s in steps[0]], "the recorded machines are simulated again"
+    assert data["tests"] == [TEST, OTHER] and [m["label"] for m in data["models"]] == [
+        "machine as given",
+        "+ backlash.A",
+    ]
+    assert [m["rms_um"] for m in data["models"]] == [s.rms_um for s in steps[0]], (
+        "the recorded machines are simulated again"
+    )
     frames = frames_of(out)
     assert data["frames"] == len(frames) == 20 and data["seconds"] == 4.0
     assert np.abs(frames[0].astype(int) - frames[-1]).mean() > 0.2
@@ -334,7 +357,9 @@ def test_a_step_finds_the_users_own_effect(tmp_path):
     machine = read_machine(tmp_path / "m" / "machine.toml")
     text = machine_text(machine, tmp_path / "m" / "machine.toml", tmp_path / "c")
     assert 'file = "../m/encoder_step.py"' in text
-    assert [e.key for e in read_machine(tmp_path / "c" / "machine.toml", text).effects] == [e.key for e in machine.effects]
+    assert [e.key for e in read_machine(tmp_path / "c" / "machine.toml", text).effects] == [
+        e.key for e in machine.effects
+    ]
 
 
 def test_help():
@@ -344,7 +369,7 @@ def test_help():
     assert "\n  animate " in run("--help").stdout
 
 
-# -- refusals ----------------------------------------------------------------------------------------------------------------------
+# -- refusals ----------------------------------------------------------------------------------------------------------
 
 
 def refused(result, *words, status=1):
@@ -377,13 +402,21 @@ def test_refusals_are_one_sentence(folder, tmp_path, options, words):
 
 
 def test_a_number_that_is_none_is_wrong_usage(folder, tmp_path):
-    refused(run("animate", folder, "--test", TEST, "-o", tmp_path / "a.mp4", "--fps", "nan"), "'nan' is not a finite number", status=2)
+    refused(
+        run("animate", folder, "--test", TEST, "-o", tmp_path / "a.mp4", "--fps", "nan"),
+        "'nan' is not a finite number",
+        status=2,
+    )
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("value", ["0.5", "nan", "1e9"])
 def test_a_factor_out_of_bounds(gl_here, folder, tmp_path, value):
-    refused(run("animate", folder, "--test", TEST, "-o", tmp_path / "a.mp4", "--magnify", value), "magnification", "allowed: 1 to")
+    refused(
+        run("animate", folder, "--test", TEST, "-o", tmp_path / "a.mp4", "--magnify", value),
+        "magnification",
+        "allowed: 1 to",
+    )
     assert list(tmp_path.iterdir()) == []
 
 
@@ -415,7 +448,22 @@ def test_nothing_is_overwritten(gl_here, recorded, tmp_path):
     refused(run("animate", recorded.folder, "--test", TEST, "-o", out), "a.mp4", "--force")
     refused(run("animate", recorded.folder, "--ladder", "-o", out), "a.mp4", "--force")
     assert out.read_text() == "mine"
-    done = run("animate", recorded.folder, "--test", TEST, "-o", out, "--size", SMALL, "--seconds", 1, "--fps", 2, "--force", "--quiet")
+    done = run(
+        "animate",
+        recorded.folder,
+        "--test",
+        TEST,
+        "-o",
+        out,
+        "--size",
+        SMALL,
+        "--seconds",
+        1,
+        "--fps",
+        2,
+        "--force",
+        "--quiet",
+    )
     assert (done.exit_code, done.stdout, done.stderr) == (0, "", "") and len(frames_of(out)) == 2
 
 
@@ -433,11 +481,16 @@ def test_a_history_without_machines(recorded, tmp_path):
     file = ladder.history_file(recorded)
     rows = [{k: v for k, v in s.items() if k != "model"} for s in json.loads(file.read_text())["steps"]]
     file.write_text(json.dumps({"steps": rows}))
-    refused(run("animate", recorded.folder, "--ladder", "-o", tmp_path / "a.mp4"), "history.json", "without its machine", "mjsim add")
+    refused(
+        run("animate", recorded.folder, "--ladder", "-o", tmp_path / "a.mp4"),
+        "history.json",
+        "without its machine",
+        "mjsim add",
+    )
     assert run("history", recorded.folder, "--json").exit_code == 0, "such a history can still be read"
 
 
-# -- no OpenGL ---------------------------------------------------------------------------------------------------------------------
+# -- no OpenGL ---------------------------------------------------------------------------------------------------------
 
 
 def test_no_opengl_is_one_sentence_with_the_packages(folder, tmp_path, monkeypatch):
@@ -469,7 +522,9 @@ main()
 @pytest.mark.parametrize("value", [None, "osmesa"])
 def test_a_computer_without_the_libraries(folder, tmp_path, value):
     """Another process that finds none of them, as MuJoCo and the bindings look for them when they are imported."""
-    env = {k: v for k, v in os.environ.items() if k not in ("MUJOCO_GL", "PYOPENGL_PLATFORM")} | ({"MUJOCO_GL": value} if value else {})
+    env = {k: v for k, v in os.environ.items() if k not in ("MUJOCO_GL", "PYOPENGL_PLATFORM")} | (
+        {"MUJOCO_GL": value} if value else {}
+    )
     command = [sys.executable, "-c", HIDE, "animate", str(folder), "--test", TEST, "-o", str(tmp_path / "a.mp4")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=env)
     assert (done.returncode, done.stdout) == (1, "") and done.stderr.count("\n") == 1, done.stderr
@@ -482,7 +537,14 @@ def test_the_users_own_choice_of_renderer(folder, tmp_path, monkeypatch):
     refused(run(*command, MUJOCO_GL="disabled"), "MUJOCO_GL=disabled", "MUJOCO_GL=egl")
     refused(run(*command, MUJOCO_GL="vulkan"), "MUJOCO_GL=vulkan", "egl, osmesa, glfw")
     assert list(tmp_path.iterdir()) == []
-    for value, system in (("osmesa", "osmesa"), ("glfw", "glfw"), ("glx", "glfw"), ("EGL", "egl"), ("on", "egl"), ("", "egl")):
+    for value, system in (
+        ("osmesa", "osmesa"),
+        ("glfw", "glfw"),
+        ("glx", "glfw"),
+        ("EGL", "egl"),
+        ("on", "egl"),
+        ("", "egl"),
+    ):
         monkeypatch.setenv("MUJOCO_GL", value)
         assert gl.chosen() == system
     monkeypatch.delenv("MUJOCO_GL")
@@ -495,5 +557,7 @@ def test_ladder_needs_no_opengl(recorded, tmp_path, monkeypatch):
 
 
 def test_only_the_command_line_imports_it():
-    users = [p for p in (ROOT / "mjsim").rglob("*.py") if "mjsim.animation" in p.read_text() and p.parent.name != "animation"]
+    users = [
+        p for p in (ROOT / "mjsim").rglob("*.py") if "mjsim.animation" in p.read_text() and p.parent.name != "animation"
+    ]
     assert {p.relative_to(ROOT / "mjsim").as_posix() for p in users} == {"__init__.py", "cli/animate.py"}

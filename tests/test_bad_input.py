@@ -1,4 +1,6 @@
-"""Wrong input: one sentence that names the place, what was found and what is allowed; status 1; nothing written; nothing on stdout."""
+"""Wrong input: one sentence that names the place, what was found and what is allowed; status 1; nothing written;
+nothing on stdout.
+"""
 
 import gzip
 import json
@@ -21,7 +23,7 @@ def test_the_unspoiled_campaign_is_accepted(campaign):
     assert json.loads(result.stdout)["campaign"] == "short"
 
 
-# -- campaign.toml -----------------------------------------------------------------------------------------------------------------
+# -- campaign.toml -----------------------------------------------------------------------------------------------------
 
 FILE = "campaign.toml"
 REPLACED = {
@@ -33,11 +35,36 @@ REPLACED = {
         "feed_mm_mn",
         "did you mean 'feed_mm_min'",
     ),
-    "missing key": ("bar_length_mm = 100.0\nfeed_mm_min = 2000.0\n[[", "feed_mm_min = 2000.0\n[[", FILE, "bar_length_mm", "missing"),
-    "missing key of the kind": ("inclination_deg = 10.0\n", "", FILE, '"cone"', "inclination_deg", "cone_frustum needs"),
-    "angle in radians by name": ("half_apex_deg = 15.0", "half_apex_rad = 0.26", FILE, "half_apex_rad", "half_apex_deg"),
+    "missing key": (
+        "bar_length_mm = 100.0\nfeed_mm_min = 2000.0\n[[",
+        "feed_mm_min = 2000.0\n[[",
+        FILE,
+        "bar_length_mm",
+        "missing",
+    ),
+    "missing key of the kind": (
+        "inclination_deg = 10.0\n",
+        "",
+        FILE,
+        '"cone"',
+        "inclination_deg",
+        "cone_frustum needs",
+    ),
+    "angle in radians by name": (
+        "half_apex_deg = 15.0",
+        "half_apex_rad = 0.26",
+        FILE,
+        "half_apex_rad",
+        "half_apex_deg",
+    ),
     "angle too large": ("half_apex_deg = 15.0", "half_apex_deg = 900.0", FILE, "half_apex_deg = 900.0", "less than 90"),
-    "text for a number": ("feed_mm_min = 2000.0\n[[", 'feed_mm_min = "fast"\n[[', FILE, "feed_mm_min = 'fast'", "valid number"),
+    "text for a number": (
+        "feed_mm_min = 2000.0\n[[",
+        'feed_mm_min = "fast"\n[[',
+        FILE,
+        "feed_mm_min = 'fast'",
+        "valid number",
+    ),
     "decimal comma": ("to_deg = 30.0", "to_deg = 30,0", FILE, "line 10"),
     "number not finite": ("to_deg = 30.0", "to_deg = nan", FILE, "to_deg = nan", "finite"),
     "negative feed": ("feed_mm_min = 2000.0\n[[", "feed_mm_min = -1\n[[", FILE, "feed_mm_min = -1", "greater than 0"),
@@ -59,13 +86,29 @@ REPLACED = {
     ),
     "duplicate test names": ('name = "cone"', 'name = "turn"', FILE, '"turn" appears 2 times'),
     "name that is a path": ('name = "cone"', 'name = "../cone"', FILE, "../cone"),
-    "a million revolutions": ('direction = "CCW"', 'direction = "CCW"\nrevolutions = 1000000', FILE, "revolutions = 1000000", "100"),
+    "a million revolutions": (
+        'direction = "CCW"',
+        'direction = "CCW"\nrevolutions = 1000000',
+        FILE,
+        "revolutions = 1000000",
+        "100",
+    ),
     "no tests": (CAMPAIGN[CAMPAIGN.index("[[test]]") :], "", FILE, "'test' is missing"),
     "absolute trace": ("traces/turn.csv", "/etc/passwd", FILE, "/etc/passwd", "inside"),
     "trace that is not there": ("traces/turn.csv", "traces/other.csv", "other.csv", "missing"),
     "trace that is a folder": ("traces/turn.csv", "traces", "traces"),
-    "machine that is not there": ('name = "short"', 'name = "short"\nmachine = "other.toml"', "other.toml", "no such file"),
-    "wrong feed for the trace": ("feed_mm_min = 2000.0\n[[", "feed_mm_min = 1000.0\n[[", "turn.csv", "feed_mm_min = 2000"),
+    "machine that is not there": (
+        'name = "short"',
+        'name = "short"\nmachine = "other.toml"',
+        "other.toml",
+        "no such file",
+    ),
+    "wrong feed for the trace": (
+        "feed_mm_min = 2000.0\n[[",
+        "feed_mm_min = 1000.0\n[[",
+        "turn.csv",
+        "feed_mm_min = 2000",
+    ),
     "wrong instrument": ("sample_rate_Hz = 100.0", 'kind = "laser"', FILE, "kind = 'laser'", "ball_bar"),
 }
 
@@ -94,14 +137,25 @@ def test_campaign_file_of_other_content(campaign, case):
     refused(campaign.parent, ["compare", campaign, "--json"], *words)
 
 
-# -- traces ------------------------------------------------------------------------------------------------------------------------
+# -- traces ------------------------------------------------------------------------------------------------------------
 
 TRACES = {
     "empty": (lambda t: b"", "turn.csv", "line 1", "time_s,deviation_um"),
     "header only": (lambda t: b"time_s,deviation_um\n", "turn.csv", "0 samples", "50"),
-    "another header": (lambda t: t.replace(b"deviation_um", b"deviation_mm"), "turn.csv", "line 1", "deviation_mm", "deviation_um"),
+    "another header": (
+        lambda t: t.replace(b"deviation_um", b"deviation_mm"),
+        "turn.csv",
+        "line 1",
+        "deviation_mm",
+        "deviation_um",
+    ),
     "no header": (lambda t: t.partition(b"\n")[2], "turn.csv", "line 1", "time_s,deviation_um"),
-    "text in a number column": (lambda t: line(t, 7, b"0.5,high"), "turn.csv, line 7", "deviation_um = 'high'", "number"),
+    "text in a number column": (
+        lambda t: line(t, 7, b"0.5,high"),
+        "turn.csv, line 7",
+        "deviation_um = 'high'",
+        "number",
+    ),
     "decimal commas": (
         lambda t: b"\n".join([t.split(b"\n")[0], *(r.replace(b".", b",") for r in t.split(b"\n")[1:])]),
         "turn.csv, line 2",
@@ -115,7 +169,9 @@ TRACES = {
     "beyond the sensor's range": (lambda t: t.replace(b",0.0", b",5000.0"), "turn.csv", "0 of", "1 mm"),
     "half of it": (lambda t: t[: len(t) // 2].rpartition(b"\n")[0], "turn.csv", "it stops", '"turn"'),
     "times of the day": (
-        lambda t: b"\n".join([t.split(b"\n")[0], *(b"%.2f,0.0" % (36000 + 0.01 * i) for i in range(len(t.split(b"\n")) - 2))]),
+        lambda t: b"\n".join(
+            [t.split(b"\n")[0], *(b"%.2f,0.0" % (36000 + 0.01 * i) for i in range(len(t.split(b"\n")) - 2))]
+        ),
         "turn.csv",
         "start of the NC program",
     ),
@@ -162,18 +218,41 @@ def test_trace_through_a_link_that_leaves_the_folder(campaign):
     refused(campaign.parent, ["compare", campaign, "--json"], FILE, "inside")
 
 
-# -- machine.toml ------------------------------------------------------------------------------------------------------------------
+# -- machine.toml ------------------------------------------------------------------------------------------------------
 
 M = "machine.toml"
 EFFECT = '\n[[effect]]\nid = "{}"\n{}\n'
 MACHINES = {
-    "wrong key": (lambda t: t.replace("integral_time_s", "integral_time_ms", 1), M, "[drive.X]", "integral_time_ms", "integral_time_s"),
+    "wrong key": (
+        lambda t: t.replace("integral_time_s", "integral_time_ms", 1),
+        M,
+        "[drive.X]",
+        "integral_time_ms",
+        "integral_time_s",
+    ),
     "missing axis": (lambda t: t.replace("[drive.C]", "[drive.B]"), M, "drive"),
-    "lead of a rotary axis": (lambda t: t.replace("worm_teeth = 60", "lead_mm = 10.0"), M, "[drive.A]", "lead_mm", "worm_teeth"),
+    "lead of a rotary axis": (
+        lambda t: t.replace("worm_teeth = 60", "lead_mm = 10.0"),
+        M,
+        "[drive.A]",
+        "lead_mm",
+        "worm_teeth",
+    ),
     "no lead": (lambda t: t.replace("lead_mm = 10.0\n", "", 1), M, "[drive.X]", "lead_mm", "missing"),
     "another configuration": (lambda t: t.replace("w-C'A'Y'bXZ-t", "w-B'XYZ-t"), M, "configuration"),
-    "unknown effect": (lambda t: t + EFFECT.format("backlsh.A", "width_deg = 0.1"), M, '[[effect]] "backlsh.A"', "known kinds", "backlash"),
-    "unknown subject": (lambda t: t + EFFECT.format("backlash.B", "width_deg = 0.1"), M, '[[effect]] "backlash.B"', "X, Y, Z, A, C"),
+    "unknown effect": (
+        lambda t: t + EFFECT.format("backlsh.A", "width_deg = 0.1"),
+        M,
+        '[[effect]] "backlsh.A"',
+        "known kinds",
+        "backlash",
+    ),
+    "unknown subject": (
+        lambda t: t + EFFECT.format("backlash.B", "width_deg = 0.1"),
+        M,
+        '[[effect]] "backlash.B"',
+        "X, Y, Z, A, C",
+    ),
     "parameter out of bounds": (
         lambda t: t + EFFECT.format("backlash.A", "width_deg = 400.0"),
         M,
@@ -181,10 +260,25 @@ MACHINES = {
         "width_deg = 400",
         "0 to 1",
     ),
-    "parameter of another unit": (lambda t: t + EFFECT.format("backlash.A", "width_um = 2.0"), M, "width_um", "width_deg"),
+    "parameter of another unit": (
+        lambda t: t + EFFECT.format("backlash.A", "width_um = 2.0"),
+        M,
+        "width_um",
+        "width_deg",
+    ),
     "missing parameter": (lambda t: t + EFFECT.format("backlash.A", ""), M, "backlash.A", "width_deg", "missing"),
-    "parameter not a number": (lambda t: t + EFFECT.format("backlash.A", 'width_deg = "wide"'), M, "width_deg = 'wide'", "number"),
-    "effect twice": (lambda t: t + EFFECT.format("friction.X", "coulomb_Nm = 1.0\npresliding_rad = 0.003"), M, "friction.X", "twice"),
+    "parameter not a number": (
+        lambda t: t + EFFECT.format("backlash.A", 'width_deg = "wide"'),
+        M,
+        "width_deg = 'wide'",
+        "number",
+    ),
+    "effect twice": (
+        lambda t: t + EFFECT.format("friction.X", "coulomb_Nm = 1.0\npresliding_rad = 0.003"),
+        M,
+        "friction.X",
+        "twice",
+    ),
     "id that is a number": (lambda t: t + "\n[[effect]]\nid = 3\n", M, "number 6", "'id'"),
     "component of two numbers": (
         lambda t: t + EFFECT.format("pitch_error.C", "components = [[72, 0.1]]"),
@@ -199,7 +293,12 @@ MACHINES = {
         "direction = 'left'",
         "CW",
     ),
-    "effect file that is not there": (lambda t: t + EFFECT.format("mine.A", 'file = "mine.py"'), M, '[[effect]] "mine.A"', "mine.py"),
+    "effect file that is not there": (
+        lambda t: t + EFFECT.format("mine.A", 'file = "mine.py"'),
+        M,
+        '[[effect]] "mine.A"',
+        "mine.py",
+    ),
     "nothing at all": (lambda t: "", M, "missing"),
     "effect that is a number": (lambda t: "effect = 3\n" + t[: t.index("[[effect]]")], M, "effect = 3"),
 }
@@ -213,7 +312,8 @@ def test_machine_file(campaign, case):
 
 
 @pytest.mark.parametrize(
-    "command", [["simulate", "--out", "out"], ["compare"], ["diagnose"], ["add", "backlash.A"], ["remove", "friction.X"]]
+    "command",
+    [["simulate", "--out", "out"], ["compare"], ["diagnose"], ["add", "backlash.A"], ["remove", "friction.X"]],
 )
 def test_every_command_names_a_missing_machine(campaign, command):
     name, *rest = command
@@ -223,11 +323,19 @@ def test_every_command_names_a_missing_machine(campaign, command):
     refused(campaign.parent, [name, campaign, *rest, "--json", "--machine", campaign / "traces"], "traces")
 
 
-# -- commands ----------------------------------------------------------------------------------------------------------------------
+# -- commands ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    "command", [["simulate", "--out", "unused"], ["compare"], ["diagnose"], ["add", "backlash.A"], ["remove", "friction.X"], ["history"]]
+    "command",
+    [
+        ["simulate", "--out", "unused"],
+        ["compare"],
+        ["diagnose"],
+        ["add", "backlash.A"],
+        ["remove", "friction.X"],
+        ["history"],
+    ],
 )
 def test_no_campaign(campaign, command):
     name, *rest = command
@@ -250,16 +358,25 @@ def test_simulate(campaign):
     out = campaign / "out"
     refused(campaign.parent, ["simulate", campaign, "--out", out, "--test", "cube", "--json"], "cube", "turn, cone")
     refused(campaign.parent, ["simulate", campaign, "--out", campaign / FILE / "out", "--json"], FILE)
-    refused(campaign.parent, ["simulate", campaign, "--out", "/proc/mjsim", "--test", "turn", "--no-plots", "--json"], "cannot be written")
+    refused(
+        campaign.parent,
+        ["simulate", campaign, "--out", "/proc/mjsim", "--test", "turn", "--no-plots", "--json"],
+        "cannot be written",
+    )
     assert run("simulate", campaign, "--out", out, "--test", "turn").exit_code == 0
     refused(campaign.parent, ["simulate", campaign, "--out", out, "--json"], "turn.csv", "exists already", "--force")
 
 
 def test_diagnose_says_so_before_it_works(campaign, monkeypatch):
-    monkeypatch.setattr(import_module("mjsim.workflow.diagnose"), "diagnose", lambda *a, **k: pytest.fail("worked first"))
+    monkeypatch.setattr(
+        import_module("mjsim.workflow.diagnose"), "diagnose", lambda *a, **k: pytest.fail("worked first")
+    )
     refused(campaign.parent, ["diagnose", campaign, "--write", campaign / M, "--json"], M, "exists already", "--force")
     refused(
-        campaign.parent, ["diagnose", campaign, "--write", campaign / FILE / "fitted.toml", "--json"], "fitted.toml", "cannot be written"
+        campaign.parent,
+        ["diagnose", campaign, "--write", campaign / FILE / "fitted.toml", "--json"],
+        "fitted.toml",
+        "cannot be written",
     )
 
 
@@ -289,7 +406,8 @@ def test_history_that_mjsim_has_not_written(campaign, text):
 
 def test_history_plot_of_another_kind(campaign):
     (campaign / ".mjsim").mkdir()
-    step = {"action": "start", "effect": "", "machine_file": "machine.toml", "effects": [], "rms_um": 1.0, "noise_um": 0.1,
+    step = {"action": "start", "effect": "", "machine_file": "machine.toml", "effects": [], "rms_um": 1.0,
+        "noise_um": 0.1,
             "tests": {"turn": 1.0}}  # fmt: skip
     (campaign / ".mjsim" / "history.json").write_text(json.dumps({"steps": [step]}))
     refused(campaign.parent, ["history", campaign, "--out", campaign / "ladder.docx", "--json"], "ladder.docx", ".png")

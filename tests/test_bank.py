@@ -1,4 +1,6 @@
-"""A few campaigns of the independent generator through the whole diagnosis; ``scripts/benchmark_diagnosis`` runs them all."""
+"""A few campaigns of the independent generator through the whole diagnosis; ``scripts/benchmark_diagnosis`` runs
+them all.
+"""
 
 import sys
 from pathlib import Path
@@ -13,7 +15,13 @@ from mjsim.workflow.diagnose import diagnose
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
 CASES = {c.name: c for c in bank.cases()}
 #: One of each category, with few tests each.
-CHOSEN = ("null-020", "sparse-backlash.A-00", "sparse-pitch_error.C-04", "sparse-servo_delay.Y-10", "sparse-torque_ripple.A-08")
+CHOSEN = (
+    "null-020",
+    "sparse-backlash.A-00",
+    "sparse-pitch_error.C-04",
+    "sparse-servo_delay.Y-10",
+    "sparse-torque_ripple.A-08",
+)
 
 
 @pytest.mark.parametrize("name", CHOSEN)

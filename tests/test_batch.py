@@ -1,4 +1,6 @@
-"""Sweeps: designs, results equal to single simulations, resuming after kills, refusals, a real cluster that loses a worker."""
+"""Sweeps: designs, results equal to single simulations, resuming after kills, refusals, a real cluster that loses a
+worker.
+"""
 
 import contextlib
 import json
@@ -104,7 +106,7 @@ def files(out):
     return {p.relative_to(out).as_posix(): p.read_bytes() for p in sorted(out.rglob("*")) if p.is_file()}
 
 
-# -- designs -----------------------------------------------------------------------------------------------------------------------
+# -- designs -----------------------------------------------------------------------------------------------------------
 
 
 def test_grid(folder):
@@ -149,7 +151,7 @@ def test_tolerances_have_the_data_sheets_spread(folder):
     assert np.abs(correlation).max() < 0.3
 
 
-# -- results -----------------------------------------------------------------------------------------------------------------------
+# -- results -----------------------------------------------------------------------------------------------------------
 
 
 def test_results_are_those_of_single_simulations(folder):
@@ -187,7 +189,9 @@ def test_results_are_those_of_single_simulations(folder):
         machine = machine.with_drive("X", inertia=row["drive.X.inertia_kgm2"])
         text = file.read_text().replace("[0.0, 0.0, 155.0]", f"[0.0, {row['table_ball_mm.y']!r}, 155.0]")
         for feed in ("2000.0\n[[test", "5000.0\n\n[[vary"):
-            text = text.replace(f"feed_mm_min = {feed}", f"feed_mm_min = {row['feed_mm_min']!r}\n{feed.partition(chr(10))[2]}")
+            text = text.replace(
+                f"feed_mm_min = {feed}", f"feed_mm_min = {row['feed_mm_min']!r}\n{feed.partition(chr(10))[2]}"
+            )
         (folder / "one.toml").write_text(text)
         test = next(t for t in read_sweep(folder / "one.toml").tests if t.name == row["test"])
         want = simulate(machine, [test], 1)[0]
@@ -203,7 +207,9 @@ def test_results_are_those_of_single_simulations(folder):
             continue
         iso = circular_figures(want.phi[keep], want.deviation[keep])
         got = [row[n] for n in FIGURES[:5]]
-        np.testing.assert_allclose(got, [iso.circular_error_um, iso.radial_max_um, iso.radial_min_um, *iso.centre_um], atol=1e-9)
+        np.testing.assert_allclose(
+            got, [iso.circular_error_um, iso.radial_max_um, iso.radial_min_um, *iso.centre_um], atol=1e-9
+        )
 
 
 def test_threads_change_nothing_and_the_description_is_complete(folder):
@@ -214,7 +220,9 @@ def test_threads_change_nothing_and_the_description_is_complete(folder):
     assert list(files(folder / "two")) == ["results/part-00000.parquet", "sweep.json", "traces/part-00000.parquet"]
     about = json.loads((folder / "two" / "sweep.json").read_text())
     assert about["text"] == file.read_text() and about["seed"] == 5 and about["runs"] == 9
-    assert set(about["versions"]) == {"mjsim", "mujoco", "numpy", "model"} and set(about["inputs_sha256"]) == {"machine"}
+    assert set(about["versions"]) == {"mjsim", "mujoco", "numpy", "model"} and set(about["inputs_sha256"]) == {
+        "machine"
+    }
     inside = pq.read_schema(folder / "two" / "results" / "part-00000.parquet")
     assert json.loads(inside.metadata[b"mjsim.sweep"]) == about
     table = result.to_dataframe()
@@ -246,11 +254,14 @@ def test_a_sweep_in_which_every_run_failed_is_no_success(folder):
     out = folder / "out"
     result = run("batch", sweep_file(folder, GAIN, 'tests = ["turn"]'), "--out", out, "--quiet")
     assert result.exit_code == 1 and isinstance(result.exception, SystemExit)
-    assert result.stderr == f"mjsim: every simulation of the sweep failed; the column 'error' of {out / 'results'} says why\n"
+    assert (
+        result.stderr
+        == f"mjsim: every simulation of the sweep failed; the column 'error' of {out / 'results'} says why\n"
+    )
     assert pd.read_parquet(out / "results")["error"].str.contains("never").all()
 
 
-# -- kill and resume ---------------------------------------------------------------------------------------------------------------
+# -- kill and resume ---------------------------------------------------------------------------------------------------
 
 _NURSERY = """
 import json, os, sys
@@ -315,7 +326,12 @@ def test_interrupted_by_the_user(folder, nursery):
     file = sweep_file(folder, BACKLASH.replace("count = 3", "count = 300"))
     out = folder / "out"
     status, said = stop_it(nursery, file, out, 2, signal.SIGINT)
-    assert status == 130 and said.startswith("mjsim: stopped;") and "the same command goes on" in said and said.count("\n") == 1
+    assert (
+        status == 130
+        and said.startswith("mjsim: stopped;")
+        and "the same command goes on" in said
+        and said.count("\n") == 1
+    )
     assert 2 <= len(pd.read_parquet(out / "results")) < 600
     assert not [p for p in out.rglob(".*")]
 
@@ -351,7 +367,9 @@ def wait_for(condition, process=None, seconds=60.0):
 def test_killed_while_the_data_set_is_put_together(folder, monkeypatch, step):
     """Whatever moves or removal is the last one before the kill, the next call ends the work."""
     file = sweep_file(folder, GAIN, tests=TESTS[: TESTS.index("[[test]]", 10)])
-    monkeypatch.setattr(mjsim.batch.__globals__["_Writer"], "take", _one_by_one(mjsim.batch.__globals__["_Writer"].take))
+    monkeypatch.setattr(
+        mjsim.batch.__globals__["_Writer"], "take", _one_by_one(mjsim.batch.__globals__["_Writer"].take)
+    )
     whole, out = folder / "whole", folder / "out"
     mjsim.batch(file, whole)
     count = [0]
@@ -397,7 +415,9 @@ def test_a_shard_that_a_power_cut_spoiled_is_computed_again(folder, monkeypatch)
     file = sweep_file(folder, BACKLASH)
     whole, out = folder / "whole", folder / "out"
     mjsim.batch(file, whole)
-    monkeypatch.setattr(mjsim.batch.__globals__["_Writer"], "take", _one_by_one(mjsim.batch.__globals__["_Writer"].take))
+    monkeypatch.setattr(
+        mjsim.batch.__globals__["_Writer"], "take", _one_by_one(mjsim.batch.__globals__["_Writer"].take)
+    )
     with monkeypatch.context() as m:
         m.setattr(Folder, "finish", lambda self: None)
         mjsim.batch(file, out)
@@ -408,7 +428,7 @@ def test_a_shard_that_a_power_cut_spoiled_is_computed_again(folder, monkeypatch)
     assert files(out) == files(whole)
 
 
-# -- refusals ----------------------------------------------------------------------------------------------------------------------
+# -- refusals ----------------------------------------------------------------------------------------------------------
 
 
 def test_another_sweep_in_the_folder_is_refused(folder):
@@ -438,7 +458,12 @@ def test_another_sweep_in_the_folder_is_refused(folder):
 
 
 BAD = {
-    "misspelt key": ("", GAIN.replace("values", "value"), "unknown key 'value' (did you mean 'values'?)", "from, to, count"),
+    "misspelt key": (
+        "",
+        GAIN.replace("values", "value"),
+        "unknown key 'value' (did you mean 'values'?)",
+        "from, to, count",
+    ),
     "unknown design": ('design = "random"', GAIN, "design = 'random'", "latin_hypercube"),
     "nothing varied": ("", "", "no [[vary]]", "'grid'"),
     "samples of a grid": ("samples = 5", GAIN, "samples = 5", "grid"),
@@ -453,7 +478,12 @@ BAD = {
     "value twice": ("", GAIN.replace("50", "40.0"), "a number twice", "each value once"),
     "not a number": ("", GAIN.replace("50", '"50"'), "values", "'50'"),
     "not finite": ("", GAIN.replace("50", "inf"), "values", "finite"),
-    "negative width": ("", BACKLASH.replace("from = 0.0", "from = -0.1"), "width_deg = -0.1 is out of bounds", "0 to 1 °"),
+    "negative width": (
+        "",
+        BACKLASH.replace("from = 0.0", "from = -0.1"),
+        "width_deg = -0.1 is out of bounds",
+        "0 to 1 °",
+    ),
     "gain out of bounds": ("", GAIN.replace("50", "5000"), "5000", "less than or equal to 1000"),
     "unknown effect": ("", BACKLASH.replace("backlash.A", "slack.A"), "unknown effect 'slack.A'", "backlash"),
     "unknown axis": ("", BACKLASH.replace("backlash.A", "backlash.B"), "unknown effect 'backlash.B'", "X, Y, Z, A, C"),
@@ -466,7 +496,12 @@ BAD = {
         "allowed",
     ),
     "misspelt test value": ("", BALL.replace("table_ball_mm.y", "table_ball.y"), "'table_ball.y'", "table_ball_mm.y"),
-    "incomplete effect": ("", BACKLASH.replace("backlash.A.width_deg", "drive_compliance.X.damping_ratio"), "stiffness", "missing"),
+    "incomplete effect": (
+        "",
+        BACKLASH.replace("backlash.A.width_deg", "drive_compliance.X.damping_ratio"),
+        "stiffness",
+        "missing",
+    ),
     "not of this test": ("", CONE, "half_apex_deg", "does not belong to rotary"),
     "impossible feed": ("", BALL.replace("table_ball_mm.y", "feed_mm_min"), "feed_mm_min = 0", "greater than 0"),
     "too many runs": ("", BACKLASH.replace("count = 3", "count = 600000"), "1200000 simulations", "up to 1000000"),
@@ -508,7 +543,7 @@ def test_wrong_files_are_refused(folder):
     refused(folder, folder / "sweep.toml", "not valid TOML")
 
 
-# -- command line ------------------------------------------------------------------------------------------------------------------
+# -- command line ------------------------------------------------------------------------------------------------------
 
 
 def test_command(folder):
@@ -534,7 +569,7 @@ def test_example_sweeps_are_right(name):
     assert (sweep.runs, len(sweep.tests)) == {"backlash": (500, 1), "what-if": (60, 1)}[name]
 
 
-# -- cluster -----------------------------------------------------------------------------------------------------------------------
+# -- cluster -----------------------------------------------------------------------------------------------------------
 
 
 def test_no_scheduler_there(folder, monkeypatch):
@@ -563,9 +598,17 @@ def dask(tmp_path):
     pytest.importorskip("distributed")
     place = tmp_path / "scheduler.json"
     dask = [sys.executable, "-m", "dask"]
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": os.environ | {"OPENBLAS_NUM_THREADS": "1"}}
+    quiet = {
+        "stdout": subprocess.DEVNULL,
+        "stderr": subprocess.DEVNULL,
+        "env": os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+    }
     options = ["--scheduler-file", str(place)]
-    processes = [subprocess.Popen([*dask, "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", *options], **quiet)]
+    processes = [
+        subprocess.Popen(
+            [*dask, "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", *options], **quiet
+        )
+    ]
     try:
         wait_for(place.exists, processes[0])
         for _ in range(2):

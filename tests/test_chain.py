@@ -1,4 +1,6 @@
-"""Machines with other axes than the shipped one: parsing, names, kinematics, drives and estimation ask the chain, not the letters."""
+"""Machines with other axes than the shipped one: parsing, names, kinematics, drives and estimation ask the chain,
+not the letters.
+"""
 
 from dataclasses import replace
 
@@ -57,8 +59,29 @@ def b_machine() -> Machine:
 
 
 def b_tests() -> list[BallBarTest]:
-    cone = BallBarTest("cone", "cone_frustum", (0.05, 0.02, 0.155), 0.1, 0.05, half_apex=15 * DEG, inclination=10 * DEG, setup="1", chain=B)
-    turned = BallBarTest("tilt", "rotary", (0.02, 0.01, 0.155), 0.1, 0.02, sensitive="tangential", axis="B", start=-0.3, stop=1.2, chain=B)
+    cone = BallBarTest(
+        "cone",
+        "cone_frustum",
+        (0.05, 0.02, 0.155),
+        0.1,
+        0.05,
+        half_apex=15 * DEG,
+        inclination=10 * DEG,
+        setup="1",
+        chain=B,
+    )
+    turned = BallBarTest(
+        "tilt",
+        "rotary",
+        (0.02, 0.01, 0.155),
+        0.1,
+        0.02,
+        sensitive="tangential",
+        axis="B",
+        start=-0.3,
+        stop=1.2,
+        chain=B,
+    )
     return [cone, replace(cone, name="back", direction="CW"), turned]
 
 
@@ -72,7 +95,18 @@ def test_names_of_a_chain():
 
 
 @pytest.mark.parametrize(
-    "text", ["", "w-C'A'Y'bXZ", "w-B'XYZ-t", "w-C'A'Y'bXX-t", "w-A'C'Y'bXZ-t", "w-C'Y'A'bXZ-t", "w-C'A'bXYZU-t", "w-Y'bXZAC-t", "x" * 500]
+    "text",
+    [
+        "",
+        "w-C'A'Y'bXZ",
+        "w-B'XYZ-t",
+        "w-C'A'Y'bXX-t",
+        "w-A'C'Y'bXZ-t",
+        "w-C'Y'A'bXZ-t",
+        "w-C'A'bXYZU-t",
+        "w-Y'bXZAC-t",
+        "x" * 500,
+    ],
 )
 def test_other_configurations_are_refused(text):
     with pytest.raises(InputError, match=r"configuration .* is unknown; allowed: .*w-C'A'Y'bXZ-t") as error:
@@ -82,7 +116,9 @@ def test_other_configurations_are_refused(text):
 
 @pytest.mark.parametrize("chain", CHAINS, ids=lambda c: c.configuration)
 def test_the_reading_is_a_product_of_matrices(chain):
-    """Every location error, squareness and error motion of the table at once, sizes at which the order of rotations counts."""
+    """Every location error, squareness and error motion of the table at once, sizes at which the order of rotations
+    counts.
+    """
     rng = np.random.default_rng(3)
     location = {e.name: rng.normal(0, 4e-3) for e in chain.location_errors}
     square = {n: rng.normal(0, 4e-3) for n in ("XY", "YZ", "ZX")}
@@ -151,7 +187,9 @@ def test_the_catalogue_follows_the_chain():
 
 
 def test_a_planted_backlash_steps_where_its_axis_reverses():
-    """The drives alone: the reading changes by the play times the bar's sensitivity to the axis, once the axis has reversed."""
+    """The drives alone: the reading changes by the play times the bar's sensitivity to the axis, once the axis has
+    reversed.
+    """
     cone, machine = b_tests()[0], b_machine()
     width = 0.004 * DEG
     motion = AxesMotion(cone)
@@ -166,7 +204,9 @@ def test_a_planted_backlash_steps_where_its_axis_reverses():
 
 
 def measured(chain: Chain, machine: Machine, truth: Machine) -> Problem:
-    """Two cones of one set-up on the axes' motion alone: ball 15 µm off its place, the recorder 11 ms late, 0.1 µm of white noise."""
+    """Two cones of one set-up on the axes' motion alone: ball 15 µm off its place, the recorder 11 ms late, 0.1 µm
+    of white noise.
+    """
     rng, traces, plant = np.random.default_rng(8), {}, build(truth)
     tests = tuple(replace(t, revolutions=2, chain=chain) for t in b_tests()[:2])
     for test in tests:
@@ -190,7 +230,11 @@ def test_a_diagnosis_finds_the_backlash_of_another_axis(configuration):
     assert not separated.lines
     selection = ModelSelection(Fitter(separated.problem, separated.machine)).run(2)
     unexplained, selection = find_unexplained(separated.problem, selection, silent)
-    assert unexplained is None and [f.key for f in selection.found] == ["backlash.B"] and not selection.found[0].alternatives
+    assert (
+        unexplained is None
+        and [f.key for f in selection.found] == ["backlash.B"]
+        and not selection.found[0].alternatives
+    )
     (found,) = selection.fit.effects
     low, high = found.interval(found.vector, selection.fit.covariance_of(found))["width_deg"]
     assert low < 0.0015 < high and high - low < 1e-4
@@ -215,11 +259,14 @@ def test_a_campaign_takes_the_axes_of_its_machine(tmp_path):
     text = (source / "machine.toml").read_text().replace("w-C'A'Y'bXZ-t", B.configuration)
     (tmp_path / "machine.toml").write_text(text.replace("[drive.A]", "[drive.B]").replace("friction.A", "friction.B"))
     (tmp_path / "campaign.toml").write_text(
-        'name = "b"\n[[test]]\nname = "t"\nkind = "rotary"\ntable_ball_mm = [20, 10, 155]\nbar_length_mm = 100\nfeed_mm_min = 1000\n'
+        'name = "b"\n[[test]]\nname = "t"\nkind = "rotary"\ntable_ball_mm = [20, 10, 155]\nbar_length_mm = '
+        "100\nfeed_mm_min = 1000\n"
         'axis = "B"\nfrom_deg = -10\nto_deg = 60\nsensitive_direction = "radial"\n'
     )
     (test,) = read_campaign(tmp_path).tests
-    assert test.chain == B and test.axis == "B" and set(read_machine(tmp_path / "machine.toml").drives) == set(B.letters)
+    assert (
+        test.chain == B and test.axis == "B" and set(read_machine(tmp_path / "machine.toml").drives) == set(B.letters)
+    )
     (tmp_path / "machine.toml").write_text((source / "machine.toml").read_text())
     with pytest.raises(InputError, match=r"axis = 'B'; allowed: 'A' or 'C'"):
         read_campaign(tmp_path)

@@ -1,4 +1,6 @@
-"""The commands: round trips on a short campaign, JSON as documented, nothing but JSON on stdout, silence when asked for."""
+"""The commands: round trips on a short campaign, JSON as documented, nothing but JSON on stdout, silence when asked
+for.
+"""
 
 import json
 import shutil
@@ -41,7 +43,7 @@ def campaign(tmp_path_factory):
     return cut(tmp_path_factory.mktemp("cli") / "short")
 
 
-# -- help and usage ----------------------------------------------------------------------------------------------------------------
+# -- help and usage ----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("command", [*COMMANDS, "import", "export", "new campaign", "completion"])
@@ -61,16 +63,20 @@ def test_the_list_of_commands():
 def test_the_console_script_from_another_folder(tmp_path, campaign):
     """As a user runs it: another process, another folder, stdout a pipe."""
     command = [sys.executable, "-c", "from mjsim.cli.main import main; main()"]
-    done = subprocess.run([*command, "effects", "backlash.A", "--json"], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        [*command, "effects", "backlash.A", "--json"], cwd=tmp_path, capture_output=True, text=True, timeout=120
+    )
     assert (done.returncode, done.stderr) == (0, "")
     assert json.loads(done.stdout)["id"] == "backlash.A"
-    done = subprocess.run([*command, "compare", tmp_path / "none", "--json"], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        [*command, "compare", tmp_path / "none", "--json"], cwd=tmp_path, capture_output=True, text=True, timeout=120
+    )
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr.startswith("mjsim: ") and done.stderr.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 
-# -- effects -----------------------------------------------------------------------------------------------------------------------
+# -- effects -----------------------------------------------------------------------------------------------------------
 
 
 def test_effects():
@@ -85,7 +91,7 @@ def test_effects():
         assert max(map(len, text.splitlines())) <= 80
 
 
-# -- simulate ----------------------------------------------------------------------------------------------------------------------
+# -- simulate ----------------------------------------------------------------------------------------------------------
 
 
 def test_simulate_writes_traces_and_plots(campaign, tmp_path):
@@ -98,7 +104,9 @@ def test_simulate_writes_traces_and_plots(campaign, tmp_path):
     assert table.dtype.names[:3] == ("time_s", "phi_deg", "deviation_um")
     assert {"A_command_deg", "A_actual_deg", "X_command_mm", "X_actual_mm"} <= set(table.dtype.names)
     assert np.isfinite(table["deviation_um"]).all() and np.allclose(np.diff(table["time_s"]), 0.005)
-    assert table["phi_deg"][0] == pytest.approx(0.0, abs=1e-6) and table["phi_deg"].max() == pytest.approx(90.0, abs=1e-3)
+    assert table["phi_deg"][0] == pytest.approx(0.0, abs=1e-6) and table["phi_deg"].max() == pytest.approx(
+        90.0, abs=1e-3
+    )
     before = (out / f"{TESTS[1]}.csv").read_bytes()
     assert run("simulate", campaign, "--test", TESTS[1], "--out", out).exit_code == 1
     result = ok("simulate", campaign, "--test", TESTS[1], "--out", out, "--force", "--no-plots", "--quiet")
@@ -116,7 +124,7 @@ def test_simulate_needs_no_traces_and_takes_another_machine(campaign, tmp_path):
     assert not (bare / ".mjsim").exists()
 
 
-# -- compare -----------------------------------------------------------------------------------------------------------------------
+# -- compare -----------------------------------------------------------------------------------------------------------
 
 COMPARE = {
     "campaign",
@@ -145,7 +153,11 @@ def test_compare(campaign, tmp_path):
     assert cone["iso230_4"]["measured"]["circular_error_um"] > cone["iso230_4"]["simulated"]["circular_error_um"]
     assert turn["iso230_4"] == {}
     files = {Path(p).name for p in data["plots"]}
-    assert files == {"overview.png", "residual.png", *(f"{n}.png" for n in TESTS)} == {p.name for p in (tmp_path / "plots").iterdir()}
+    assert (
+        files
+        == {"overview.png", "residual.png", *(f"{n}.png" for n in TESTS)}
+        == {p.name for p in (tmp_path / "plots").iterdir()}
+    )
     refused = run("compare", campaign, "--out", tmp_path / "plots", "--json")
     assert (refused.exit_code, refused.stdout) == (1, "") and "--force" in refused.stderr
 
@@ -158,7 +170,7 @@ def test_compare_as_a_table(campaign):
     assert (result.stdout, result.stderr) == ("", "")
 
 
-# -- add, history, remove ----------------------------------------------------------------------------------------------------------
+# -- add, history, remove ----------------------------------------------------------------------------------------------
 
 CHANGE = {"effect", "machine_file", "noise_um", "rms_before_um", "rms_after_um", "tests"}
 
@@ -236,7 +248,7 @@ def test_a_users_own_effect_from_file_to_machine_and_back(tmp_path, monkeypatch)
     assert tomllib.loads((Path(moved) / "machine.toml").read_text()) == tomllib.loads(text)
 
 
-# -- the same from Python ----------------------------------------------------------------------------------------------------------
+# -- the same from Python ----------------------------------------------------------------------------------------------
 
 
 def test_the_commands_are_functions(campaign, tmp_path):

@@ -1,7 +1,8 @@
-"""The time-step study: what the shipped step and sub-steps cost in the reading, against a step of a quarter and 80 times finer sub-steps.
+"""The time-step study: what the shipped step and sub-steps cost in the reading, against a step of a quarter and 80
+times finer sub-steps.
 
-Limits of the reading: 0.05 µm outside 50 ms of a reversal, 0.5 µm inside, with every effect of the first set on. The drive equations'
-own solution by another method is in test_drive.py.
+Limits of the reading: 0.05 µm outside 50 ms of a reversal, 0.5 µm inside, with every effect of the first set on. The
+drive equations' own solution by another method is in test_drive.py.
 """
 
 import numpy as np
@@ -15,7 +16,9 @@ FINE_STEP, FINE_SUBSTEPS = STEP / 4, 20
 
 
 def first_set(machine):
-    """The machine with its friction and every other effect of the first set, sizes as real machines have them or larger."""
+    """The machine with its friction and every other effect of the first set, sizes as real machines have them or
+    larger.
+    """
     effects = []
     for k, axis in enumerate("XYZAC"):
         effects += [
@@ -61,7 +64,11 @@ def errors(machine, tests, fine, step, substeps):
         own = round(STEP / step)
         n = min(len(reference.time[::every]), len(got.time[::own]))
         np.testing.assert_allclose(reference.time[::every][:n], got.time[::own][:n], rtol=0, atol=1e-9)
-        yield got.deviation[::own][:n] - reference.deviation[::every][:n], reference.time[::every][:n], reference.command[::every][:n]
+        yield (
+            got.deviation[::own][:n] - reference.deviation[::every][:n],
+            reference.time[::every][:n],
+            reference.command[::every][:n],
+        )
 
 
 def test_shipped_step(machine, tests, fine, away_from_reversals):
@@ -73,7 +80,9 @@ def test_shipped_step(machine, tests, fine, away_from_reversals):
 
 
 def test_mujoco_step_alone(machine, tests, fine, away_from_reversals):
-    """With fine sub-steps what is left is MuJoCo's step: the command taken as a parabola, play looked at once per step."""
+    """With fine sub-steps what is left is MuJoCo's step: the command taken as a parabola, play looked at once per
+    step.
+    """
     for error, time, command in errors(machine, tests, fine, STEP, 40):
         clear = away_from_reversals(time, command)
         assert np.abs(error[clear]).max() < 0.02e-6
@@ -94,6 +103,10 @@ def test_second_order_in_the_substep(machine, tests, fine, away_from_reversals):
 
 
 def test_the_reference_has_converged(machine, tests, fine):
-    """The reference itself moves by less than a tenth of the tightest limit when its sub-steps are four times coarser."""
-    for reference, got in zip(fine, simulate(first_set(machine), tests, step=FINE_STEP, substeps=FINE_SUBSTEPS // 4), strict=True):
+    """The reference itself moves by less than a tenth of the tightest limit when its sub-steps are four times
+    coarser.
+    """
+    for reference, got in zip(
+        fine, simulate(first_set(machine), tests, step=FINE_STEP, substeps=FINE_SUBSTEPS // 4), strict=True
+    ):
         assert np.abs(reference.deviation - got.deviation).max() < 0.002e-6

@@ -66,7 +66,9 @@ def campaign(good, tmp_path_factory):
 
 
 def everything(folder, threads):
-    """Results and files of all commands in a fresh copy of the campaign, by name; times of day and durations left out."""
+    """Results and files of all commands in a fresh copy of the campaign, by name; times of day and durations left
+    out.
+    """
     out = {}
     for name, *rest in COMMANDS:
         args = [str(a).replace("C", str(folder), 1) if a.startswith("C") else a for a in rest]
@@ -82,21 +84,30 @@ def everything(folder, threads):
 
 
 def test_the_same_bytes_in_two_processes(campaign, tmp_path):
-    """This process with two threads, another with one thread and another hash seed: simulate, compare, diagnose, batch."""
+    """This process with two threads, another with one thread and another hash seed: simulate, compare, diagnose,
+    batch.
+    """
     here = everything(shutil.copytree(campaign, tmp_path / "here"), 2)
     there = shutil.copytree(campaign, tmp_path / "there")
-    script = f"import json, test_determinism as t, pathlib; print(json.dumps(t.everything(pathlib.Path({str(there)!r}), 1)))"
+    script = (
+        f"import json, test_determinism as t, pathlib; print(json.dumps(t.everything(pathlib.Path({str(there)!r}), 1)))"
+    )
     env = {**os.environ, "PYTHONHASHSEED": "4242", "PYTHONPATH": str(Path(__file__).parent)}
     done = subprocess.run([sys.executable, "-c", script], env=env, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     other = json.loads(done.stdout)
-    assert here.keys() == other.keys() and {"diagnose", "simulated/turn.csv", "sweep/results/part-00000.parquet"} <= here.keys()
+    assert (
+        here.keys() == other.keys()
+        and {"diagnose", "simulated/turn.csv", "sweep/results/part-00000.parquet"} <= here.keys()
+    )
     assert [name for name in here if here[name] != other[name]] == []
     assert json.loads(here["diagnose"])["noise_um"] > 0
 
 
 def test_random_numbers_come_from_the_seed_that_is_recorded():
-    """The only ones that mjsim draws are those of a sweep's design; its description and its results keep the seed (test_batch.py)."""
+    """The only ones that mjsim draws are those of a sweep's design; its description and its results keep the seed
+    (test_batch.py).
+    """
     package = Path(sys.modules["mjsim"].__file__).parent
     draws = re.compile(r"np\.random|numpy\.random|default_rng|RandomState|^\s*import random|from random", re.M)
     found = {f.relative_to(package).as_posix(): draws.findall(f.read_text()) for f in package.rglob("*.py")}

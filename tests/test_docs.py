@@ -20,13 +20,17 @@ from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.kinematics import reading
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), ROOT / "examples" / "README.md", ROOT / "models" / "README.md"])
+PAGES = sorted(
+    [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), ROOT / "examples" / "README.md", ROOT / "models" / "README.md"]
+)
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)#\s]+)[^)]*\)")
 
 
 @pytest.mark.slow
 def test_examples_of_the_python_page_run():
-    failed, tried = doctest.testfile(str(ROOT / "docs" / "python.md"), module_relative=False, optionflags=doctest.ELLIPSIS)
+    failed, tried = doctest.testfile(
+        str(ROOT / "docs" / "python.md"), module_relative=False, optionflags=doctest.ELLIPSIS
+    )
     assert tried >= 10
     assert failed == 0
 
@@ -74,7 +78,9 @@ def test_site_builds_without_a_warning(tmp_path):
     page = (tmp_path / "site" / "reference.html").read_text()
     assert "read_campaign" in page and "Diagnosis" in page
     for file in (tmp_path / "site").rglob("*.html"):
-        assert not re.search(r'(?:src|href)="https?://(?!squidfunk|www\.|mujoco|pypi)[^"]*\.(?:js|css|woff2?)"', file.read_text()), file
+        assert not re.search(
+            r'(?:src|href)="https?://(?!squidfunk|www\.|mujoco|pypi)[^"]*\.(?:js|css|woff2?)"', file.read_text()
+        ), file
 
 
 def test_reference_lists_every_public_function():
@@ -125,7 +131,12 @@ def test_prose_is_wrapped_at_100_columns():
         fenced = False
         for number, line in enumerate(page.read_text(encoding="utf-8").splitlines(), start=1):
             fenced ^= line.startswith("```")
-            if len(line) > 100 and not fenced and not line.startswith(("|", "![", "    ", "<!--")) and line.count(" ") > 3:
+            if (
+                len(line) > 100
+                and not fenced
+                and not line.startswith(("|", "![", "    ", "<!--"))
+                and line.count(" ") > 3
+            ):
                 long.append(f"{page.name}:{number}")
     assert not long, "\n".join(long)
 

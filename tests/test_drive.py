@@ -72,7 +72,9 @@ def integrate(axis, command, rate, times):
 
     first = p.gear * command(0.0)
     rest = [first, 0.0, p.gravity * p.integral_time / p.velocity_gain, 0.0, first, 0.0]
-    got = solve_ivp(equations, (0.0, times[-1]), rest, method="DOP853", t_eval=times, rtol=1e-10, atol=1e-13, max_step=2e-3)
+    got = solve_ivp(
+        equations, (0.0, times[-1]), rest, method="DOP853", t_eval=times, rtol=1e-10, atol=1e-13, max_step=2e-3
+    )
     assert got.success
     return got.y
 
@@ -91,14 +93,22 @@ VARIANTS = {
     "ripple": {"ripple": (0.2, 4.0, 0.7)},
     "no friction": {"coulomb": 0.0, "viscous": 0.05},
     "soft": {"load_inertia": 0.0012, "stiffness": 25.0, "damping": 0.02},
-    "soft and rippling": {"load_inertia": 0.0012, "stiffness": 60.0, "damping": 0.05, "ripple": (0.2, 4.0, 0.7), "coulomb": 0.0},
+    "soft and rippling": {
+        "load_inertia": 0.0012,
+        "stiffness": 60.0,
+        "damping": 0.05,
+        "ripple": (0.2, 4.0, 0.7),
+        "coulomb": 0.0,
+    },
 }
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("letter", ["X", "A"])
 def test_kernel_against_the_equations(machine, letter, variant):
-    """A start from rest, three reversals: 31 mm/s on X at its fastest and 6°/s on A, as in a cone test at 1000 mm/min."""
+    """A start from rest, three reversals: 31 mm/s on X at its fastest and 6°/s on A, as in a cone test at 1000
+    mm/min.
+    """
     axis = replace(build(machine).axes[letter], **VARIANTS[variant])
     size, w = (0.01 if letter == "X" else np.radians(2.0)), np.pi
     times = np.arange(3001) * STEP
@@ -123,7 +133,9 @@ def test_presliding_against_the_equations(m1):
 
 
 def test_bristles_hold_a_load_below_break_away(m1):
-    """A load of 80 % of Coulomb is shared by bristles and integrator without sliding away; reloading starts from there."""
+    """A load of 80 % of Coulomb is shared by bristles and integrator without sliding away; reloading starts from
+    there.
+    """
     axis = build(m1).axes["X"]
     still = np.zeros(3001)
     held = history(axis, still, load=np.full(3001, 0.8 * axis.coulomb))
@@ -139,19 +151,26 @@ def test_bristles_hold_a_load_below_break_away(m1):
 @pytest.mark.parametrize("hertz", [0.2, 1.0, 5.0, 20.0, 60.0])
 @pytest.mark.parametrize("substeps", [SUBSTEPS, 50])
 def test_frequency_response(machine, letter, hertz, substeps):
-    """Amplitude and phase of θ/r without friction: Kvp (s + 1/Ti)(Kpp + ratio·s) / [J s³ + C s² + Kvp (s + 1/Ti)(Kpp + s)]."""
+    """Amplitude and phase of θ/r without friction: Kvp (s + 1/Ti)(Kpp + ratio·s) / [J s³ + C s² + Kvp (s +
+    1/Ti)(Kpp + s)].
+    """
     axis = quiet(build(machine).axes[letter], feedforward=0.3)
     w = 2 * np.pi * hertz
     s = 1j * w
     loop = axis.velocity_gain * (s + 1 / axis.integral_time)
-    closed = loop * (axis.position_gain + 0.3 * s) / (axis.inertia * s**3 + axis.viscous * s**2 + loop * (axis.position_gain + s))
+    closed = (
+        loop
+        * (axis.position_gain + 0.3 * s)
+        / (axis.inertia * s**3 + axis.viscous * s**2 + loop * (axis.position_gain + s))
+    )
     times = np.arange(int((2.0 + 3 / hertz) / STEP)) * STEP
     substep = STEP / substeps
     got = kernel(axis, 0.001 * np.sin(w * times), substeps=substeps)
     end = times > 2.0  # the slowest mode, about Kpp, has died out
     parts = np.column_stack([np.sin(w * times[end]), np.cos(w * times[end])])
     (a, b), *_ = np.linalg.lstsq(parts, got[end] / 0.001, rcond=None)
-    # a sine taken as straight pieces of one sub-step loses (ωh)²/12 of its height; as parabolas of one step at most (ωh)³/15
+    # a sine taken as straight pieces of one sub-step loses (ωh)²/12 of its height; as parabolas of one step at most
+    # (ωh)³/15
     allowed = 1e-9 + (w * substep) ** 2 / 12 + (w * STEP) ** 3 / 15
     assert abs((a + 1j * b) - closed) < allowed * 1.01
 
@@ -187,7 +206,9 @@ def test_integrator_takes_a_load_that_stays(m1):
 
 
 def test_ripple_at_constant_speed(m1):
-    """A small ripple at constant speed moves the motor by its amplitude times the loop's compliance at that frequency."""
+    """A small ripple at constant speed moves the motor by its amplitude times the loop's compliance at that
+    frequency.
+    """
     axis = quiet(build(m1).axes["X"])
     v, order, amplitude = 0.02, 5.0, 0.01
     w = order * axis.gear * v
@@ -206,7 +227,9 @@ def test_ripple_at_constant_speed(m1):
 
 
 def friction_torques(axis, commands):
-    """Friction torque on the motor and its angle at every sub-step: the torque is what a twin without friction lacks."""
+    """Friction torque on the motor and its angle at every sub-step: the torque is what a twin without friction
+    lacks.
+    """
     p, free = discretise(axis, STEP), discretise(replace(axis, coulomb=0.0), STEP)
     s = np.zeros(STATE_SIZE)
     start(p, s, commands[0])

@@ -124,10 +124,14 @@ def test_metadata(kind):
 
 @pytest.mark.parametrize("effect_id", IDS)
 def test_file_round_trip(effect_id, m1, bare, tmp_path):
-    """Added to a commented machine file: values come back, comments and order stay; taken out again: the text is as before."""
+    """Added to a commented machine file: values come back, comments and order stay; taken out again: the text is as
+    before.
+    """
     source = tmp_path / "machine.toml"
     text = (examples() / "hidden-backlash" / "machine.toml").read_text()
-    text = text.replace("[drive.X]", "[drive.X]  # new motor").replace('id = "friction.Y"', 'id = "friction.Y" # measured')
+    text = text.replace("[drive.X]", "[drive.X]  # new motor").replace(
+        'id = "friction.Y"', 'id = "friction.Y" # measured'
+    )
     text = "# bought in 2009\n" + text
     source.write_text(text)
     machine = read_machine(source)
@@ -243,7 +247,9 @@ def test_clashing_kinds_are_refused(monkeypatch):
     with pytest.raises(InputError, match="already taken"):
         registry.register(type("Other", (original,), {"__module__": "elsewhere"}))
     with pytest.raises(InputError, match="definition"):
-        registry.register(type("Nameless", (Effect,), {"kind": "nameless", "subjects": ("X",), "parameters": (), "title": "t"}))
+        registry.register(
+            type("Nameless", (Effect,), {"kind": "nameless", "subjects": ("X",), "parameters": (), "title": "t"})
+        )
 
 
 def test_the_catalogue_holds_what_is_required():
@@ -252,9 +258,11 @@ def test_the_catalogue_holds_what_is_required():
     every, linear, rotary = set(FIVE_AXIS.letters), set(FIVE_AXIS.linear), set(FIVE_AXIS.rotary)
     required = {
         "friction": every, "viscous_friction": every, "servo_gain": every, "velocity_gain": every, "servo_delay": every,
-        "torque_ripple": every, "velocity_feedforward": every, "backlash": every, "pitch_error": every, "worm_wear": rotary,
+        "torque_ripple": every, "velocity_feedforward": every, "backlash": every, "pitch_error": every,
+        "worm_wear": rotary,
         "gravity_windup": {"A"}, "scale_error": linear, "thermal_drift": linear, "squareness": {"XY", "YZ", "ZX"},
-        "straightness": {"EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ"}, "radial_error_motion": {"C"}, "tilt_error_motion": {"C"},
+        "straightness": {"EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ"}, "radial_error_motion": {"C"},
+        "tilt_error_motion": {"C"},
         "vibration": linear, "drive_compliance": every,
         "axis_location": {"EX0C", "EY0C", "EA0C", "EB0C", "EY0A", "EZ0A", "EB0A", "EC0A"},
     }  # fmt: skip
@@ -318,7 +326,11 @@ def test_backlash(motion, motor, m1, axis):
 
 @pytest.mark.parametrize("axis", FIVE_AXIS.letters)
 def test_pitch_error(motion, motor, m1, axis):
-    components = [[60.0, 0.0021, 20.0], [328.0, -0.0007, 200.0]] if FIVE_AXIS.is_rotary(axis) else [[1.0, 3.0, 20.0], [2.5, 1.0, -40.0]]
+    components = (
+        [[60.0, 0.0021, 20.0], [328.0, -0.0007, 200.0]]
+        if FIVE_AXIS.is_rotary(axis)
+        else [[1.0, 3.0, 20.0], [2.5, 1.0, -40.0]]
+    )
     x = motor[:, FIVE_AXIS.columns.index(axis)]
     y = only(load(motion, m1, make(f"pitch_error.{axis}", components=components)), motor, axis)
     unit, turn = (DEG, 1.0) if FIVE_AXIS.is_rotary(axis) else (UM, 2 * np.pi / 0.010)
@@ -327,7 +339,9 @@ def test_pitch_error(motion, motor, m1, axis):
 
 
 def share(x, sign, blend=0.05 * DEG):
-    """How much of a one-way error acts: it follows the travel like a play of the blending's width, from none at the start."""
+    """How much of a one-way error acts: it follows the travel like a play of the blending's width, from none at the
+    start.
+    """
     low = np.empty_like(x)
     low[0] = x[0] if sign > 0 else x[0] - blend  # the window [low, low + blend] that x pushes along
     for i in range(1, len(x)):
@@ -340,12 +354,18 @@ def share(x, sign, blend=0.05 * DEG):
 def test_pitch_error_of_one_direction(motion, motor, m1, direction):
     sign = 1 if direction == "CCW" else -1
     x = motor[:, FIVE_AXIS.columns.index("A")]
-    y = only(load(motion, m1, make("pitch_error.A", components=[[60, 0.002, 20.0], [10, 0.001, 0.0]], direction=direction)), motor, "A")
+    y = only(
+        load(motion, m1, make("pitch_error.A", components=[[60, 0.002, 20.0], [10, 0.001, 0.0]], direction=direction)),
+        motor,
+        "A",
+    )
     want = x + share(x, sign) * (0.002 * np.sin(60 * x + 20 * DEG) + 0.001 * np.sin(10 * x)) * DEG
     np.testing.assert_allclose(y, want, rtol=0, atol=1e-14)
     # one degree past every reversal it is all there, or gone
     v = np.gradient(x)
-    settled = np.array([np.all(np.sign(v[max(0, i - 400) : i + 1]) == np.sign(v[i])) and i > 400 for i in range(len(x))])
+    settled = np.array(
+        [np.all(np.sign(v[max(0, i - 400) : i + 1]) == np.sign(v[i])) and i > 400 for i in range(len(x))]
+    )
     settled &= np.abs(x - np.roll(x, 400)) > 0.06 * DEG
     on = settled & (np.sign(v) == sign)
     off = settled & (np.sign(v) == -sign)
@@ -365,10 +385,14 @@ def test_both_directions_add_up(motion, motor, m1):
     np.testing.assert_allclose(both[first:], plain[first:], rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize(("axis", "centre", "width"), [("A", 30.0, 4.0), ("C", 140.0, 9.0), ("C", -350.0, 20.0), ("C", 0.0, 90.0)])
+@pytest.mark.parametrize(
+    ("axis", "centre", "width"), [("A", 30.0, 4.0), ("C", 140.0, 9.0), ("C", -350.0, 20.0), ("C", 0.0, 90.0)]
+)
 def test_worm_wear(motion, motor, m1, axis, centre, width):
     x = motor[:, FIVE_AXIS.columns.index(axis)]
-    y = only(load(motion, m1, make(f"worm_wear.{axis}", depth_deg=0.003, centre_deg=centre, width_deg=width)), motor, axis)
+    y = only(
+        load(motion, m1, make(f"worm_wear.{axis}", depth_deg=0.003, centre_deg=centre, width_deg=width)), motor, axis
+    )
     d = np.angle(np.exp(1j * (x - centre * DEG)))
     np.testing.assert_allclose(y, x - 0.003 * DEG * np.exp(-0.5 * (d / (width * DEG)) ** 2), rtol=0, atol=1e-13)
     if axis == "C":
@@ -390,14 +414,18 @@ def test_gravity_windup(motion, motor, m1):
 def test_straightness(motion, motor, m1, subject):
     y = only(load(motion, m1, make(f"straightness.{subject}", quadratic_um=3.0, cubic_um=-5.0)), motor, subject[1])
     u = motor[:, FIVE_AXIS.columns.index(subject[2])] / 0.1
-    np.testing.assert_allclose(y, motor[:, FIVE_AXIS.columns.index(subject[1])] + (3.0 * u**2 - 5.0 * u**3) * UM, rtol=0, atol=1e-16)
+    np.testing.assert_allclose(
+        y, motor[:, FIVE_AXIS.columns.index(subject[1])] + (3.0 * u**2 - 5.0 * u**3) * UM, rtol=0, atol=1e-16
+    )
 
 
 @pytest.mark.parametrize("axis", FIVE_AXIS.linear)
 def test_thermal_drift(motion, motor, m1, axis):
     y = only(load(motion, m1, make(f"thermal_drift.{axis}", amplitude_um=-9.0, time_constant_s=300.0)), motor, axis)
     clock = 400.0 + motion.time
-    np.testing.assert_allclose(y, motor[:, FIVE_AXIS.columns.index(axis)] - 9.0 * UM * (1 - np.exp(-clock / 300.0)), rtol=0, atol=1e-16)
+    np.testing.assert_allclose(
+        y, motor[:, FIVE_AXIS.columns.index(axis)] - 9.0 * UM * (1 - np.exp(-clock / 300.0)), rtol=0, atol=1e-16
+    )
 
 
 @pytest.mark.parametrize(
@@ -445,7 +473,8 @@ def test_order_of_the_position_effects(motion, motor, m1):
 
 @pytest.mark.parametrize("axis", FIVE_AXIS.letters)
 @pytest.mark.parametrize(
-    ("kind", "attribute"), [("servo_gain", "position_gain"), ("velocity_gain", "velocity_gain"), ("viscous_friction", "viscous")]
+    ("kind", "attribute"),
+    [("servo_gain", "position_gain"), ("velocity_gain", "velocity_gain"), ("viscous_friction", "viscous")],
 )
 def test_ratios_change_the_drive(motion, m1, axis, kind, attribute):
     """The effect is bit-identical to a machine file that has the changed number."""
@@ -459,7 +488,9 @@ def test_servo_delay(motion, motor, m1, axis, delay):
     """By whole steps the axis' whole motion is shifted by so many samples; the other axes do not care."""
     y = only(load(motion, m1, make(f"servo_delay.{axis}", delay_ms=delay)), motor, axis)
     x, n = motor[:, FIVE_AXIS.columns.index(axis)], int(delay)
-    limit = 1e-9 * (0.1 if axis in FIVE_AXIS.linear else 1.0)  # the start from rest lies between two samples of a parabola
+    limit = 1e-9 * (
+        0.1 if axis in FIVE_AXIS.linear else 1.0
+    )  # the start from rest lies between two samples of a parabola
     if n > 0:
         np.testing.assert_allclose(y[n:], x[:-n], rtol=0, atol=limit)
     else:
@@ -469,7 +500,9 @@ def test_servo_delay(motion, motor, m1, axis, delay):
 
 @pytest.mark.parametrize("axis", FIVE_AXIS.letters)
 def test_friction_reaches_the_drive(empty, axis):
-    effect = make(f"friction.{axis}", coulomb_Nm=0.7, presliding_rad=0.004, static_ratio=1.3, stribeck_velocity_rad_per_s=2.0)
+    effect = make(
+        f"friction.{axis}", coulomb_Nm=0.7, presliding_rad=0.004, static_ratio=1.3, stribeck_velocity_rad_per_s=2.0
+    )
     plant = build(empty.with_effect(effect))
     a = plant.axes[axis]
     assert (a.coulomb, a.presliding, a.static_ratio, a.stribeck_velocity) == (0.7, 0.004, 1.3, 2.0)
@@ -486,5 +519,7 @@ def test_ripple_and_feedforward_reach_the_drive(empty, axis):
 
 def test_stribeck_is_off_at_a_static_ratio_of_one(motion, m1):
     plain = load(motion, m1)
-    same_level = make("friction.X", coulomb_Nm=1.0, presliding_rad=0.003, static_ratio=1.0, stribeck_velocity_rad_per_s=5.0)
+    same_level = make(
+        "friction.X", coulomb_Nm=1.0, presliding_rad=0.003, static_ratio=1.0, stribeck_velocity_rad_per_s=5.0
+    )
     np.testing.assert_array_equal(plain, load(motion, m1, same_level))

@@ -30,7 +30,15 @@ def friction(axis, commands, step=FINE):
         before = s.copy()
         advance(p, s, r, 0.0, step, 1)
         advance(free, twin, r, 0.0, step, 1)
-        rows.append(((s[OMEGA] - twin[OMEGA]) / p[TORQUE_TO_OMEGA], s[THETA] - before[THETA], before[BRISTLE], s[BRISTLE], s[OMEGA]))
+        rows.append(
+            (
+                (s[OMEGA] - twin[OMEGA]) / p[TORQUE_TO_OMEGA],
+                s[THETA] - before[THETA],
+                before[BRISTLE],
+                s[BRISTLE],
+                s[OMEGA],
+            )
+        )
     return np.array(rows).T
 
 
@@ -51,7 +59,8 @@ def stored(axis, z):
 @pytest.mark.parametrize("letter", ["X", "C"])
 @pytest.mark.parametrize("size", [0.3, 1.5, 30.0, 600.0])
 def test_lugre_dissipates_at_every_instant(machine, letter, size):
-    """Without a static surplus, always: τ ω − d/dt ½σ0z² = σ1 ω² (1 − sgn(ω) u) + g |ω| u² ≥ 0 with u = σ0 z / g, |u| ≤ 1.
+    """Without a static surplus, always: τ ω − d/dt ½σ0z² = σ1 ω² (1 − sgn(ω) u) + g |ω| u² ≥ 0 with u = σ0 z / g, |u| ≤
+    1.
 
     And so over every cycle: what friction has taken never falls below what the bristles hold.
     """
@@ -65,7 +74,9 @@ def test_lugre_dissipates_at_every_instant(machine, letter, size):
 
 @pytest.mark.parametrize("surplus", [1.3, 1.8, 3.0])
 def test_lugre_with_a_static_surplus(m1, surplus):
-    """Pointwise where σ1 |ω| ≤ g u²/(u − 1), u the surplus or 2; with the viscous torque C ω always where C ≥ σ1 (surplus − 1)."""
+    """Pointwise where σ1 |ω| ≤ g u²/(u − 1), u the surplus or 2; with the viscous torque C ω always where C ≥ σ1
+    (surplus − 1).
+    """
     axis = replace(build(m1).axes["X"], static_ratio=surplus, stribeck_velocity=1.0)
     s1 = 0.3 * np.sqrt(axis.coulomb / axis.presliding * axis.inertia)
     u = min(surplus, 2.0)
@@ -98,7 +109,7 @@ def test_play_only_takes_energy(m1, bare, kind, key, letter):
     assert 0.03 < (np.abs(moved) > 1e-6 * half).mean() < 0.9
 
 
-# -- bodies -------------------------------------------------------------------------------------------------------------------------
+# -- bodies ------------------------------------------------------------------------------------------------------------
 
 
 def loaded(machine):
@@ -113,13 +124,16 @@ def loaded(machine):
 
 
 @pytest.mark.parametrize(
-    "equip, integrator, limit", [(lambda m: m, "EULER", 1e-10), (loaded, "RK4", 1e-8)], ids=["as shipped", "a table that wobbles"]
+    "equip, integrator, limit",
+    [(lambda m: m, "EULER", 1e-10), (loaded, "RK4", 1e-8)],
+    ids=["as shipped", "a table that wobbles"],
 )
 def test_free_bodies_keep_their_energy(machine, equip, integrator, limit):
     """No drive, no friction, gravity balanced: the kinetic energy stays for 5 s.
 
-    The bodies turn at 180°/s and run at 100 mm/s, five times what a test does. With the table's error motion free as well, which it
-    never is, the bodies are coupled; the shipped integrator then loses 1e-3, half of it at half the step, and a better one nothing.
+    The bodies turn at 180°/s and run at 100 mm/s, five times what a test does. With the table's error motion free as
+    well, which it never is, the bodies are coupled; the shipped integrator then loses 1e-3, half of it at half the
+    step, and a better one nothing.
     """
     model = mjmodel.build_model(build(equip(machine)))
     model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
@@ -137,7 +151,9 @@ def test_free_bodies_keep_their_energy(machine, equip, integrator, limit):
 
 
 def test_gravity_is_balanced_in_every_pose(machine):
-    """Cradle and table are balanced and the slides counterbalanced: at rest no joint feels gravity, wherever it stands."""
+    """Cradle and table are balanced and the slides counterbalanced: at rest no joint feels gravity, wherever it
+    stands.
+    """
     model = mjmodel.build_model(build(machine))
     data = mujoco.MjData(model)
     rng = np.random.default_rng(5)

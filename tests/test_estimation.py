@@ -122,7 +122,9 @@ def test_nuisances_are_recovered_by_a_problem_of_known_offsets():
     d = reading(FIVE_AXIS, q, np.asarray(test.table_ball) + offset, test.length) + 2e-6
     lo, hi = motion.program.measured_span
     time = np.arange(np.ceil(lo / 0.005), np.floor(hi / 0.005)) * 0.005
-    value = np.interp(time - 0.011, motion.time, d) + coloured(len(time), 0.05e-6, 0.05, 0.005, np.random.default_rng(5))
+    value = np.interp(time - 0.011, motion.time, d) + coloured(
+        len(time), 0.05e-6, 0.05, 0.005, np.random.default_rng(5)
+    )
     trace = Trace(time, value, np.ones(len(time), bool))
     problem = trusted_problem(dataclasses.replace(campaign, tests=(test,), traces={test.name: trace}), build(machine))
     x = fit_nuisance(problem, problem.readings(build(machine)))
@@ -165,7 +167,9 @@ def test_a_stiffness_is_fitted_as_its_compliance():
 
 
 def test_a_generic_curve_finds_the_axis_and_the_variable():
-    """A float of X with Y's speed, laid over a healthy campaign: the term says so, and so does the effect file it writes."""
+    """A float of X with Y's speed, laid over a healthy campaign: the term says so, and so does the effect file it
+    writes.
+    """
     from mjsim.estimation.curve_search import best_curve_term
     from mjsim.estimation.fit import Fitter
     from mjsim.estimation.selection import ModelSelection
@@ -176,7 +180,8 @@ def test_a_generic_curve_finds_the_axis_and_the_variable():
     machine = read_machine(campaign.machine_file)
     tests = tuple(t for t in campaign.tests if t.name in ("circle-xy-ccw", "cone15-x50-ccw", "cone15-parallel-ccw"))
     problem = trusted_problem(
-        dataclasses.replace(campaign, tests=tests, traces={t.name: campaign.traces[t.name] for t in tests}), build(machine)
+        dataclasses.replace(campaign, tests=tests, traces={t.name: campaign.traces[t.name] for t in tests}),
+        build(machine),
     )
     clean = ModelSelection(Fitter(problem, machine)).start()
     assert best_curve_term(problem, clean) is None
@@ -208,7 +213,8 @@ def test_the_written_effect_does_what_its_term_did(moves, tmp_path):
     machine = read_machine(campaign.machine_file)
     tests = tuple(t for t in campaign.tests if t.name == "cone15-x50-ccw")
     problem = trusted_problem(
-        dataclasses.replace(campaign, tests=tests, traces={t.name: campaign.traces[t.name] for t in tests}), build(machine)
+        dataclasses.replace(campaign, tests=tests, traces={t.name: campaign.traces[t.name] for t in tests}),
+        build(machine),
     )
     fit = ModelSelection(Fitter(problem, machine)).start()
     term = next(t for t in CurveTerms(problem, fit).of("C", moves) if t.variable == "position" and t.period)
@@ -216,7 +222,9 @@ def test_the_written_effect_does_what_its_term_did(moves, tmp_path):
     path = tmp_path / "own.py"
     path.write_text(effect_source(problem.chain, term, values, "A test.", "own.py"))
     own = load_file(path)("C", gain=1.0)
-    got = problem.difference(problem.readings(build(machine)), problem.readings(build(machine.with_effect(own))), fit.nuisance)[0]
+    got = problem.difference(
+        problem.readings(build(machine)), problem.readings(build(machine.with_effect(own))), fit.nuisance
+    )[0]
     want = term.columns[0] @ (values / term.unit)
     assert np.std(want) > 0.2e-6
     assert np.abs(got - want).max() < 0.03 * np.abs(want).max() + 0.01e-6

@@ -85,7 +85,9 @@ def test_false_alarms_stay_below_the_prior_odds():
     alarms = 0
     for _ in range(300):
         x = rng.normal(size=(120, 60))
-        groups = [Group(str(i), np.arange(*((i, i + 1) if i < 20 else (2 * i - 20, 2 * i - 18))), -8.0) for i in range(40)]
+        groups = [
+            Group(str(i), np.arange(*((i, i + 1) if i < 20 else (2 * i - 20, 2 * i - 18))), -8.0) for i in range(40)
+        ]
         problem = LinearProblem.marginalised(x, rng.normal(size=120), np.zeros((120, 0)), np.zeros(0))
         alarms += bool(select(problem, groups).precision)
     assert alarms <= 9  # 3 %: the widths are fitted as well, which costs a factor of about two

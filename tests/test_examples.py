@@ -12,7 +12,8 @@ from mjsim.io.resources import examples
 
 pytestmark = pytest.mark.slow
 KEYS = {
-    "verdict", "noise_um", "rms_before_um", "rms_after_um", "effects", "unexplained", "not_testable", "left_out", "next_test", "samples",
+    "verdict", "noise_um", "rms_before_um", "rms_after_um", "effects", "unexplained", "not_testable", "left_out",
+    "next_test", "samples",
 }  # fmt: skip
 EFFECT_KEYS = {"id", "parameters", "ci95", "rms_before_um", "rms_after_um", "alternatives", "tests"}
 
@@ -44,7 +45,9 @@ def test_json_is_as_documented(diagnosed, name):
     assert set(data) == KEYS
     for effect in data["effects"]:
         assert set(effect) == EFFECT_KEYS
-        assert set(effect["tests"]) <= {p.name.removesuffix(".csv.gz") for p in (examples() / name / "traces").iterdir()}
+        assert set(effect["tests"]) <= {
+            p.name.removesuffix(".csv.gz") for p in (examples() / name / "traces").iterdir()
+        }
         for key, interval in effect["ci95"].items():
             if key != "components":
                 assert interval[0] <= effect["parameters"][key] <= interval[1]

@@ -78,8 +78,12 @@ def test_scales_angles_and_panels_are_the_captions(paper):
     }
     assert {r.theta for n in (5, 7, 8, 10, 11) for r in by_number[n].runs} == {15}
     assert {r.theta for n in (6, 12, 13, 14, 15, 16, 17) for r in by_number[n].runs} == {45}
-    assert {(r.x, r.y) for r in by_number[8].runs} == {(v, 0) for v in (-200, -50, 50, 200)} | {(0, v) for v in (-200, -50, 50, 200)}
-    assert {(r.x, r.y) for r in by_number[16].runs} == {(200, 0)} and {(r.x, r.y) for r in by_number[17].runs} == {(0, 200)}
+    assert {(r.x, r.y) for r in by_number[8].runs} == {(v, 0) for v in (-200, -50, 50, 200)} | {
+        (0, v) for v in (-200, -50, 50, 200)
+    }
+    assert {(r.x, r.y) for r in by_number[16].runs} == {(200, 0)} and {(r.x, r.y) for r in by_number[17].runs} == {
+        (0, 200)
+    }
     assert {r.method for r in by_number[17].runs} == {"perpendicular", "parallel"}
     test = Run("all", 45, 50).test()
     assert test.table_ball == pytest.approx((0.05, 0.0, paper["bar"]["ZT_mm"] / 1e3))

@@ -20,7 +20,7 @@ def names(folder):
     return sorted(p.name for p in folder.iterdir())
 
 
-# -- write_whole -------------------------------------------------------------------------------------------------------------------
+# -- write_whole -------------------------------------------------------------------------------------------------------
 
 
 def test_text_and_bytes(tmp_path):
@@ -41,7 +41,9 @@ def test_nothing_is_replaced_without_force(tmp_path):
     assert file.read_text() == "other"
 
 
-@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()], ids=["disk full", "stopped"])
+@pytest.mark.parametrize(
+    "error", [OSError(28, "No space left on device"), KeyboardInterrupt()], ids=["disk full", "stopped"]
+)
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch, error):
     file = tmp_path / "a.txt"
     file.write_text("mine")
@@ -78,11 +80,13 @@ def test_check_writable_says_the_same_before(tmp_path):
     assert names(tmp_path) == ["a.txt"]
 
 
-# -- machine files -----------------------------------------------------------------------------------------------------------------
+# -- machine files -----------------------------------------------------------------------------------------------------
 
 COMMENTED = (
     "# machine no. 7, hall 3\n"
-    + MACHINE.replace("[drive.A]", "# serviced in May\n[drive.A]", 1).replace("worm_teeth = 60", "worm_teeth = 60   # counted", 1)
+    + MACHINE.replace("[drive.A]", "# serviced in May\n[drive.A]", 1).replace(
+        "worm_teeth = 60", "worm_teeth = 60   # counted", 1
+    )
     + "\n# end of the list\n"
 )
 
@@ -102,7 +106,9 @@ def test_an_unchanged_machine_is_the_same_text(file):
 def test_every_effect_survives_the_file(file, effect_id):
     cls, subject = registry.effect_class(effect_id)
     needed = {
-        p.name: [[72.0, 0.001, 30.0], [180.0, 0.0005, -90.0]] if p.kind == "components" else p.lower + 0.3 * (min(p.upper, 10.0) - p.lower)
+        p.name: [[72.0, 0.001, 30.0], [180.0, 0.0005, -90.0]]
+        if p.kind == "components"
+        else p.lower + 0.3 * (min(p.upper, 10.0) - p.lower)
         for p in cls.parameters_of(subject)
         if p.kind != "choice"
     }
@@ -138,7 +144,10 @@ def test_changed_numbers_are_the_only_changed_lines(file):
     before = COMMENTED.splitlines()
     assert len(lines) == len(before)
     different = [(a, b) for a, b in zip(before, lines, strict=True) if a != b]
-    assert different == [("position_gain_per_s = 45.0", "position_gain_per_s = 46.5"), ("coulomb_Nm = 1.2", "coulomb_Nm = 1.5")]
+    assert different == [
+        ("position_gain_per_s = 45.0", "position_gain_per_s = 46.5"),
+        ("coulomb_Nm = 1.2", "coulomb_Nm = 1.5"),
+    ]
 
 
 HEAD = MACHINE[: MACHINE.index("[[effect]]")]
@@ -170,7 +179,9 @@ def test_first_effect_of_other_layouts(file, text):
 def test_both_directions_of_a_pitch_error_are_two_entries(file):
     machine = read_machine(file)
     for direction, amplitude in (("CW", 0.001), ("CCW", 0.002)):
-        machine = machine.with_effect(registry.make("pitch_error.C", components=[[72.0, amplitude, 0.0]], direction=direction))
+        machine = machine.with_effect(
+            registry.make("pitch_error.C", components=[[72.0, amplitude, 0.0]], direction=direction)
+        )
     write_machine(machine, file, file, force=True)
     again = read_machine(file)
     assert [e.key for e in again.effects[-2:]] == ["pitch_error.C[CW]", "pitch_error.C[CCW]"]

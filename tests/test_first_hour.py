@@ -68,12 +68,15 @@ def test_import_asks_where_a_trace_does_not_last_as_long_as_its_test(folder, tmp
 
 
 def test_a_trace_of_the_right_length_is_not_asked_about(folder, tmp_path):
-    (trace,) = as_json("import", table(tmp_path / "a.csv", the_test(folder, NAME)), "--campaign", folder, "--test", NAME)["traces"]
+    (trace,) = as_json(
+        "import", table(tmp_path / "a.csv", the_test(folder, NAME)), "--campaign", folder, "--test", NAME
+    )["traces"]
     assert not any("lasts" in q for q in trace["questions"])
 
 
 @pytest.mark.parametrize(
-    ("factor", "agreement", "said"), [(None, None, "no friction"), (0.05, 0.03, "agree little"), (9.0, 0.9, "times the model")]
+    ("factor", "agreement", "said"),
+    [(None, None, "no friction"), (0.05, 0.03, "agree little"), (9.0, 0.9, "times the model")],
 )
 def test_ok_needs_evidence(factor, agreement, said):
     assert said in evidence_of(SimpleNamespace(factor=factor, agreement=agreement))
@@ -82,7 +85,10 @@ def test_ok_needs_evidence(factor, agreement, said):
 
 def test_what_was_left_out_is_said_with_its_share():
     rows = [{"test": "a", "samples": 50, "of": 100, "disturbances": 1, "saturated": 0}]
-    assert left_out_sentence(rows, 1000) == "Left out as disturbed or missing: 50 of 1000 samples (5 %): a 50 of 100 (1 knock)."
+    assert (
+        left_out_sentence(rows, 1000)
+        == "Left out as disturbed or missing: 50 of 1000 samples (5 %): a 50 of 100 (1 knock)."
+    )
 
 
 def test_compare_names_the_tests_without_a_trace(folder, tmp_path):
@@ -116,7 +122,11 @@ def test_a_plan_begins_with_the_verdict_and_ends_with_steps(folder, capsys):
     show(Plan(("servo_gain.C", "servo_delay.C"), choices, "Reason."), "mine")
     said = capsys.readouterr().out
     assert said.startswith("This test decides between servo_gain.C and servo_delay.C: cone15-centre-ccw.")
-    assert "separation over the whole test: 22 σ" in " ".join(said.split()) and "Highest axis speeds: X " in said and "°/s" in said
+    assert (
+        "separation over the whole test: 22 σ" in " ".join(said.split())
+        and "Highest axis speeds: X " in said
+        and "°/s" in said
+    )
     assert "20 σ" in said and said.rstrip().endswith("5. mjsim diagnose mine")
     assert ENOUGH < 500.0
 
@@ -174,7 +184,9 @@ def test_batch_shows_a_table_and_counts_what_keeps_a_limit(folder, tmp_path):
     )
     said = ok("batch", folder / "sweep.toml", "--out", tmp_path / "out", "--limit", "circular_error_um<=1000").stdout
     assert "lowest" in said and "median" in said and "circular_error_um<=1000: 2 of 2 simulations (100.0 %)" in said
-    wrong = CliRunner().invoke(main, ["batch", str(folder / "sweep.toml"), "--out", str(tmp_path / "o"), "--limit", "roundness<6"])
+    wrong = CliRunner().invoke(
+        main, ["batch", str(folder / "sweep.toml"), "--out", str(tmp_path / "o"), "--limit", "roundness<6"]
+    )
     assert wrong.exit_code == 2 and "circular_error_um" in wrong.stderr
 
 
@@ -186,13 +198,23 @@ def test_a_siemens_program_is_recognised(tmp_path, name, line):
 
 def test_an_axis_that_has_to_move_too_fast_is_warned_about(folder):
     """θ just above β: the circle passes close to the table's axis, which has to turn fast."""
-    cone = replace(the_test(folder, "cone15-centre-ccw"), half_apex=np.radians(15.2), inclination=np.radians(15.0), feed=3000 / 60e3)
+    cone = replace(
+        the_test(folder, "cone15-centre-ccw"),
+        half_apex=np.radians(15.2),
+        inclination=np.radians(15.0),
+        feed=3000 / 60e3,
+    )
     assert any(": C has to move at " in w and "°/s" in w for w in speed_warnings(cone))
     assert not speed_warnings(the_test(folder, "cone15-centre-ccw"))
     assert "±1 mm" in range_warning(cone, np.array([0.0, 2e-3]), 1e-3) and not range_warning(cone, np.zeros(3), 1e-3)
     text = (folder / "campaign.toml").read_text()
-    text = text.replace("half_apex_deg = 15.0 ", "half_apex_deg = 15.2 ", 1).replace("inclination_deg = 10.0", "inclination_deg = 15.0", 1)
+    text = text.replace("half_apex_deg = 15.0 ", "half_apex_deg = 15.2 ", 1).replace(
+        "inclination_deg = 10.0", "inclination_deg = 15.0", 1
+    )
     (folder / "campaign.toml").write_text(text)
     result = ok("nc", folder, "--test", "cone15-centre-ccw", "-o", folder / "cone.nc", "--json")
     assert any("C has to move at" in w for w in json.loads(result.stdout)["warnings"])
-    assert "C has to move at" in ok("simulate", folder, "--test", "cone15-centre-ccw", "--out", folder / "s", "--no-plots").stderr
+    assert (
+        "C has to move at"
+        in ok("simulate", folder, "--test", "cone15-centre-ccw", "--out", folder / "s", "--no-plots").stderr
+    )

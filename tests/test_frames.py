@@ -26,7 +26,9 @@ def test_simulation(m1, cone):
 @pytest.fixture(scope="module")
 def comparison():
     campaign = mjsim.read_campaign(examples() / "hidden-backlash")
-    few = replace(campaign, tests=tuple(t for t in campaign.tests if t.name in ("circle-xy-ccw", "rotary-a-tangential-ccw")))
+    few = replace(
+        campaign, tests=tuple(t for t in campaign.tests if t.name in ("circle-xy-ccw", "rotary-a-tangential-ccw"))
+    )
     return mjsim.compare(few, mjsim.read_machine(campaign.machine_file))
 
 
@@ -43,15 +45,24 @@ def test_comparison(comparison):
 
 def test_diagnosis(comparison):
     play = DiagnosedEffect(
-        make("backlash.A", width_deg=0.002), ("width_deg",), {"width_deg": [0.0019, 0.0021]}, 1e-6, 1e-7, ("servo_delay.A",), ()
+        make("backlash.A", width_deg=0.002),
+        ("width_deg",),
+        {"width_deg": [0.0019, 0.0021]},
+        1e-6,
+        1e-7,
+        ("servo_delay.A",),
+        (),
     )
     waves = make("pitch_error.C", components=[[72, 0.0025, 10.0]])
     bounds = [[[72, 0.0024, 9.0]], [[72, 0.0026, 11.0]]]
     pitch = DiagnosedEffect(waves, ("components",), {"components": bounds}, 1e-6, 1e-7, (), ())
-    result = Diagnosis(comparison.campaign, "ambiguous", 1e-7, (play, pitch), None, (), comparison.machine, comparison, comparison)
+    result = Diagnosis(
+        comparison.campaign, "ambiguous", 1e-7, (play, pitch), None, (), comparison.machine, comparison, comparison
+    )
     rows = result.to_dataframe().to_dict("records")
     assert rows[0] == {
-        "effect": "backlash.A", "parameter": "width_deg", "value": 0.002, "low": 0.0019, "high": 0.0021, "alternatives": "servo_delay.A",
+        "effect": "backlash.A", "parameter": "width_deg", "value": 0.002, "low": 0.0019, "high": 0.0021,
+        "alternatives": "servo_delay.A",
     }  # fmt: skip
     assert [(r["parameter"], r["value"], r["low"], r["high"]) for r in rows[1:]] == [
         ("order 72 amplitude", 0.0025, 0.0024, 0.0026),
@@ -60,7 +71,9 @@ def test_diagnosis(comparison):
 
 
 def test_no_effect_gives_an_empty_frame(comparison):
-    empty = Diagnosis(comparison.campaign, "nothing_found", 1e-7, (), None, (), comparison.machine, comparison, comparison)
+    empty = Diagnosis(
+        comparison.campaign, "nothing_found", 1e-7, (), None, (), comparison.machine, comparison, comparison
+    )
     frame = empty.to_dataframe()
     assert frame.empty and "parameter" in frame.columns
 

@@ -1,4 +1,6 @@
-"""Importing: whatever separator, unit, encoding or convention, the trace that comes out is the one that went in, or one sentence."""
+"""Importing: whatever separator, unit, encoding or convention, the trace that comes out is the one that went in, or
+one sentence.
+"""
 
 import gzip
 import json
@@ -83,7 +85,10 @@ def recorded(folder, name, step=0.01):
 
 
 def table(*columns, sep=",", comma=False, header="", end="\n", digits=9):
-    rows = [sep.join(f"{x:.{digits}g}".replace(".", "," if comma else ".") for x in row) for row in zip(*columns, strict=True)]
+    rows = [
+        sep.join(f"{x:.{digits}g}".replace(".", "," if comma else ".") for x in row)
+        for row in zip(*columns, strict=True)
+    ]
     return end.join([*header.splitlines(), *rows, ""])
 
 
@@ -97,7 +102,7 @@ def bring(folder, data, name="ccw", **options):
     return made, trace
 
 
-# -- separators, units, encodings ------------------------------------------------------------------------------------------------------
+# -- separators, units, encodings --------------------------------------------------------------------------------------
 
 VARIANTS = {
     "as mjsim's own": (lambda t, d: table(t, d / UM, header="time_s,deviation_um"), {}),
@@ -113,7 +118,10 @@ VARIANTS = {
     "mil": (lambda t, d: table(t, d / 25.4e-6, header="time (s),dev (mil)"), {}),
     "microinches, UTF-16": (lambda t, d: table(t, d / 25.4e-9, header="time_s,dev_µin").encode("utf-16"), {}),
     "Windows-1252": (lambda t, d: table(t, d / UM, header="Prüfer: Müller\ntime [s],dev [µm]").encode("cp1252"), {}),
-    "units on a line of their own": (lambda t, d: table(t, d / UM, sep=";", header="Time;Radius error\n[s];[µm]"), {"deviation": "2"}),
+    "units on a line of their own": (
+        lambda t, d: table(t, d / UM, sep=";", header="Time;Radius error\n[s];[µm]"),
+        {"deviation": "2"},
+    ),
     "volts": (lambda t, d: table(t, d / UM / 25.0, header="time_s,signal_V"), {"um_per_volt": 25.0}),
     "lengths in mm": (lambda t, d: table(t, 100.0 + 1e3 * d, digits=12, header="time_s,length"), {}),
     "lengths in inches": (lambda t, d: table(t, (0.1 + d) / 0.0254, digits=12, header="time_s,length_inch"), {}),
@@ -125,11 +133,15 @@ VARIANTS = {
     ),
     "times from the trace's start": (lambda t, d: table(t - t[0], d / UM, header="time_s,deviation_um"), {}),
     "more columns, comments, blank lines": (
-        lambda t, d: table(t, 20.0 + 0 * t, d / UM, header="# made by hand\n\ntime_s,temperature,deviation_um") + "\n\n",
+        lambda t, d: (
+            table(t, 20.0 + 0 * t, d / UM, header="# made by hand\n\ntime_s,temperature,deviation_um") + "\n\n"
+        ),
         {},
     ),
     "separators at the ends of the lines": (
-        lambda t, d: table(t, d / UM, sep=";", header="time_s;deviation_um;").replace("\n", ";\n").replace("um;;", "um;"),
+        lambda t, d: (
+            table(t, d / UM, sep=";", header="time_s;deviation_um;").replace("\n", ";\n").replace("um;;", "um;")
+        ),
         {},
     ),
     "compressed": (lambda t, d: gzip.compress(table(t, d / UM, header="time_s,deviation_um").encode()), {}),
@@ -152,10 +164,13 @@ def test_every_way_to_write_the_same_trace(folder, case):
 
 def test_what_was_found_and_concluded_is_said(folder):
     _, time, _, deviation = recorded(folder, "ccw")
-    data = "\ufeff" + table(time - time[0], 100 + 1e3 * deviation, sep=";", comma=True, header="A file\nTime;Length", digits=12)
+    data = "\ufeff" + table(
+        time - time[0], 100 + 1e3 * deviation, sep=";", comma=True, header="A file\nTime;Length", digits=12
+    )
     made, _ = bring(folder, data)
     said = " | ".join(made.notes)
-    for words in ("UTF-8 with byte order mark", "separator semicolon, decimal comma", "2 header lines", "time taken for s", "φ = 0",
+    for words in ("UTF-8 with byte order mark", "separator semicolon, decimal comma", "2 header lines",
+        "time taken for s", "φ = 0",
                   "deviation taken for mm", "100 mm are subtracted"):  # fmt: skip
         assert words in said, words
 
@@ -177,7 +192,7 @@ def test_samples_of_run_in_and_run_out_are_left_out(folder):
     assert any("left out" in n for n in made.notes)
 
 
-# -- angles ----------------------------------------------------------------------------------------------------------------------------
+# -- angles ------------------------------------------------------------------------------------------------------------
 
 
 def by_angle(folder, name, degrees, deviation, **options):
@@ -226,7 +241,9 @@ def test_clockwise_run_listed_by_place(folder):
     listed = shape(degrees * DEG)
     file = folder.parent / "listed.csv"
     file.write_text(table(degrees, listed / UM, header="angle_deg,deviation_um"))
-    with pytest.raises(InputError, match=r'grows while test "cw" runs CW; say --angle-sense cw .* or --angle-sense ccw'):
+    with pytest.raises(
+        InputError, match=r'grows while test "cw" runs CW; say --angle-sense cw .* or --angle-sense ccw'
+    ):
         mjsim.import_trace(folder, file, "cw", check=False)
     made, trace = bring(folder, file.read_text(), "cw", angle_sense="ccw")
     program = Program(made.test)
@@ -291,7 +308,11 @@ def test_a_list_by_degrees_is_taken_at_its_word(folder):
 def test_two_runs_in_one_file_are_taken_one_by_one(folder):
     _, time, phi, deviation = recorded(folder, "ccw")
     degrees = phi / DEG
-    both = table(np.append(degrees, degrees[::-1]), np.append(deviation, 2 * deviation[::-1]) / UM, header="angle_deg,deviation_um")
+    both = table(
+        np.append(degrees, degrees[::-1]),
+        np.append(deviation, 2 * deviation[::-1]) / UM,
+        header="angle_deg,deviation_um",
+    )
     file = folder.parent / "both.csv"
     file.write_text(both)
     with pytest.raises(InputError, match=rf"line {len(phi) + 2}: the angle turns back.*--rows"):
@@ -300,9 +321,10 @@ def test_two_runs_in_one_file_are_taken_one_by_one(folder):
     assert trace.time == pytest.approx(time, abs=3e-6)
 
 
-# -- into campaign.toml ----------------------------------------------------------------------------------------------------------------
+# -- into campaign.toml ------------------------------------------------------------------------------------------------
 
-NEW = ["--kind", "circular", "--plane", "YZ", "--direction", "CW", "--feed", 3000, "--length", 100, "--table-ball", 0, 0, 155,
+NEW = ["--kind", "circular", "--plane", "YZ", "--direction", "CW", "--feed", 3000, "--length", 100, "--table-ball", 0,
+    0, 155,
        "--revolutions", 1, "--setup", "second"]  # fmt: skip
 
 
@@ -328,7 +350,8 @@ def test_a_new_test_is_appended_and_comments_stay(folder, file):
     text = (folder / "campaign.toml").read_text()
     assert text.startswith(CAMPAIGN)
     assert tomllib.loads(text)["test"][-1] == {
-        "name": "YZ-run-1", "trace": "traces/YZ-run-1.csv", "setup": "second", "kind": "circular", "plane": "YZ", "direction": "CW",
+        "name": "YZ-run-1", "trace": "traces/YZ-run-1.csv", "setup": "second", "kind": "circular", "plane": "YZ",
+        "direction": "CW",
         "revolutions": 1, "table_ball_mm": [0.0, 0.0, 155.0], "bar_length_mm": 100.0, "feed_mm_min": 3000.0,
     }  # fmt: skip
     assert [t.name for t in read_campaign(folder).measured] == ["YZ-run-1"]
@@ -362,11 +385,20 @@ def test_other_forms_of_campaign_toml(folder, file, change):
 
 
 def test_the_test_from_the_files_header(folder, file):
-    head = "Ball bar export\nTest plane: YZ\nRun direction: CW\nFeedrate (mm/min): 3000\nBar length: 100 mm\nrevolutions = 1\n"
+    head = (
+        "Ball bar export\nTest plane: YZ\nRun direction: CW\nFeedrate (mm/min): 3000\nBar length: 100 "
+        "mm\nrevolutions = 1\n"
+    )
     file.write_text(head + file.read_text())
     done("import", file, "--campaign", folder, "--table-ball", 0, 0, 155, "--no-check")
     test = read_campaign(folder).tests[-1]
-    assert (test.plane, test.direction, test.revolutions, test.feed, test.length) == ("YZ", "CW", 1, pytest.approx(0.05), 0.1)
+    assert (test.plane, test.direction, test.revolutions, test.feed, test.length) == (
+        "YZ",
+        "CW",
+        1,
+        pytest.approx(0.05),
+        0.1,
+    )
 
 
 def test_preview_writes_nothing_and_shows_the_same(folder, file):
@@ -374,7 +406,13 @@ def test_preview_writes_nothing_and_shows_the_same(folder, file):
     shown = done("import", file, "--campaign", folder, *NEW, "--preview", "--no-check")
     assert snapshot(folder) == before
     assert "preview: nothing was written" in shown.stderr
-    for words in ("→ test YZ-run-1 (a new test in campaign.toml)", "100 Hz", "the program 12.57 s", "µm, RMS", "deviation_um"):
+    for words in (
+        "→ test YZ-run-1 (a new test in campaign.toml)",
+        "100 Hz",
+        "the program 12.57 s",
+        "µm, RMS",
+        "deviation_um",
+    ):
         assert words in shown.stdout, shown.stdout
     assert max(map(len, shown.stdout.splitlines())) <= 80
     written = done("import", file, "--campaign", folder, *NEW, "--no-check")
@@ -384,7 +422,9 @@ def test_preview_writes_nothing_and_shows_the_same(folder, file):
 def test_several_files_all_or_none(folder, file):
     second = file.with_name("second.csv")
     second.write_text(file.read_text().replace("deviation_um", "deviation"))
-    refused(folder, ["import", file, second, "--campaign", folder, *NEW, "--no-check"], "second.csv", "--deviation-unit")
+    refused(
+        folder, ["import", file, second, "--campaign", folder, *NEW, "--no-check"], "second.csv", "--deviation-unit"
+    )
     second.write_text(file.read_text())
     done("import", file, second, "--campaign", folder, *NEW, "--no-check", "--quiet")
     assert [t.name for t in read_campaign(folder).measured] == ["YZ-run-1", "second"]
@@ -408,7 +448,7 @@ def test_a_failed_write_leaves_campaign_toml_as_it_was(folder, file, monkeypatch
     assert {p: after[p] for p in before} == before
 
 
-# -- refusals --------------------------------------------------------------------------------------------------------------------------
+# -- refusals ----------------------------------------------------------------------------------------------------------
 
 
 def spoiled(change):
@@ -420,8 +460,10 @@ REFUSED = {
     "no numbers": (lambda t: "time,dev\nnone\n", [], "no table of numbers"),
     "empty": (lambda t: "", [], "no table of numbers"),
     "binary": (lambda t: "\0\1\2" * 99, [], "byte 0 is not text"),
-    "text in the table": (lambda t: t.replace("\n", "\nhello,world\n", 9).replace("hello,world\n", "", 5), [], "line 7", "'hello,world'"),
-    "which column": (lambda t: t.replace("time_s,deviation_um\n", ""), [], "which column is the time", "--time COLUMN", "has 1, 2"),
+    "text in the table": (lambda t: t.replace("\n", "\nhello,world\n", 9).replace("hello,world\n", "", 5), [],
+    "line 7", "'hello,world'"),
+    "which column": (lambda t: t.replace("time_s,deviation_um\n", ""), [], "which column is the time", "--time COLUMN",
+    "has 1, 2"),
     "unknown column": (lambda t: t, ["--time", "clock"], "no column 'clock'", '1 "time_s", 2 "deviation_um"'),
     "column number": (lambda t: t, ["--deviation", "3"], "no column '3'"),
     "one column twice": (lambda t: t, ["--time", "2", "--deviation", "2"], "two things"),
@@ -433,9 +475,12 @@ REFUSED = {
     "time missing": (spoiled(lambda r: "\n".join([*r[:50], ",1.0", *r[51:]])), [], "line 51", "the time is missing"),
     "wrong feed": (spoiled(lambda r: "\n".join(r[:600])), [], "(5.98 s)", "(12.57 s)", "it stops"),
     "wrong revolutions": (lambda t: t, ["--test", "cw", "--clock", "trace"], "12.56 s", "revolutions"),
-    "no clock fits": (spoiled(lambda r: "\n".join([r[0], *("9" + x for x in r[1:300])])), [], "is measured for 12.57 s", "--start-angle"),
+    "no clock fits": (spoiled(lambda r: "\n".join([r[0], *("9" + x for x in r[1:300])])), [], "is measured for "
+                                                                                              "12.57 s",
+                                                                                              "--start-angle"),
     "too few": (spoiled(lambda r: "\n".join(r[:1] + r[1::40])), [], "samples", "at least 50"),
-    "comma or two columns": (lambda t: "\n".join(f"{i % 7},{i}" for i in range(1300)), ["--rate", "100"], "--decimal comma or --sep"),
+    "comma or two columns": (lambda t: "\n".join(f"{i % 7},{i}" for i in range(1300)), ["--rate", "100"],
+    "--decimal comma or --sep"),
     "beyond the range": (lambda t: t.replace("_um", "_mm"), [], "inside the sensor's range", "--deviation-unit"),
     "lengths turned round": (lambda t: t, ["--absolute", "--sign", "inward"], "--sign outward"),
     "rows the wrong way": (lambda t: t, ["--rows", "50", "3"], "rows 50 to 3"),
@@ -480,7 +525,7 @@ def test_only_traces_are_replaced(folder, file, name):
     refused(folder, ["import", file, "--campaign", folder, "--test", "ccw", "--force"], name, "no trace's file")
 
 
-# -- a wrong unit becomes a question ---------------------------------------------------------------------------------------------------
+# -- a wrong unit becomes a question -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -506,7 +551,7 @@ def test_no_question_where_nothing_is_strange(folder, file):
     assert mjsim.import_trace(folder, file, "ccw").questions == ()
 
 
-# -- export and back -------------------------------------------------------------------------------------------------------------------
+# -- export and back ---------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -552,5 +597,10 @@ def test_export_and_import_give_the_same_comparison(exported, tmp_path, column):
 def test_export_refuses(exported, tmp_path):
     folder, campaign, *_ = exported
     refused(folder, ["export", folder, "--out", folder / "out", "--json"], "--force")
-    refused(folder, ["export", folder, "--out", folder / "new", "--test", "none"], "no test 'none' with a trace", *campaign.traces)
+    refused(
+        folder,
+        ["export", folder, "--out", folder / "new", "--test", "none"],
+        "no test 'none' with a trace",
+        *campaign.traces,
+    )
     assert run("export", folder).exit_code == 2

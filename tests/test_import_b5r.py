@@ -13,10 +13,12 @@ from mjsim.importing.b5r import UNITS, Feature, read_b5r
 from mjsim.importing.features import beside, causes
 
 FEATURES = {
-    "AF_CIRCULARITY": ("UT_LENGTH_UM", 7.4), "AF_SCALE_MISMATCH": ("UT_LENGTH_UM", -3.1), "AF_SQUARENESS": ("UT_SQUARENESS", 12.5),
+    "AF_CIRCULARITY": ("UT_LENGTH_UM", 7.4), "AF_SCALE_MISMATCH": ("UT_LENGTH_UM", -3.1),
+    "AF_SQUARENESS": ("UT_SQUARENESS", 12.5),
     "AF_SERVO_MISMATCH": ("UT_SERVO_MISMATCH", 0.02),
     "AF_STRAIGHTNESS_A": ("UT_LENGTH_UM", 1.1), "AF_STRAIGHTNESS_B": ("UT_LENGTH_UM", -0.4),
-    "AF_BACKLASH_A_POS": ("UT_LENGTH_UM", 2.4), "AF_BACKLASH_B_NEG": ("UT_LENGTH_UM", 0.3), "AF_LATERAL_PLAY_B_POS": ("UT_LENGTH_UM", 0.1),
+    "AF_BACKLASH_A_POS": ("UT_LENGTH_UM", 2.4), "AF_BACKLASH_B_NEG": ("UT_LENGTH_UM", 0.3),
+    "AF_LATERAL_PLAY_B_POS": ("UT_LENGTH_UM", 0.1),
     "AF_REVERSAL_SPIKES_B_NEG": ("UT_LENGTH_UM", 1.7), "AF_CYCLIC_ERROR_A_FWD": ("UT_LENGTH_UM", 0.6),
     "AF_CYCLIC_ERROR_B_REV": ("UT_LENGTH_UM", 0.2),
     "AF_CALCULATED_FEEDRATE": ("UT_FEEDRATE", 998.0), "AF_SOMETHING_NEW": ("UT_NEW", 5.0),
@@ -56,7 +58,8 @@ def file(tmp_path):
 def test_header_and_features(file):
     read = read_b5r(file)
     assert read.header == {
-        "test": "360 deg 100 mm", "plane": "XY", "machine": "Hall 3", "operator": "N. N.", "date_started": "20260401-080000",
+        "test": "360 deg 100 mm", "plane": "XY", "machine": "Hall 3", "operator": "N. N.",
+        "date_started": "20260401-080000",
         "serial_number": "H12345", "last_calibrated": "20250901",
     }  # fmt: skip
     assert read.axes == ("X", "Y")
@@ -67,7 +70,8 @@ def test_header_and_features(file):
 
 
 @pytest.mark.parametrize(
-    ("plane", "axes", "want"), [("ZX", "", "ZX"), ("XZ", "", "XZ"), ("XZ", "XZ", "XZ"), ("", "YZ", "YZ"), ("odd", "", "")]
+    ("plane", "axes", "want"),
+    [("ZX", "", "ZX"), ("XZ", "", "XZ"), ("XZ", "XZ", "XZ"), ("", "YZ", "YZ"), ("odd", "", "")],
 )
 def test_letters_of_the_axes(file, plane, axes, want):
     file.write_text(document(plane, axes))
@@ -106,7 +110,8 @@ def test_beside_mjsims_own(file):
 def test_import_keeps_them_and_shows_them(campaign, file):
     result = run("import", file, "--campaign", campaign)
     assert result.exit_code == 0, result.output
-    for words in ("squareness.XY", "12.5 µm/m", "backlash.X", "friction.Y 1.2 N·m", "serial number H12345", "no real file has been tried",
+    for words in ("squareness.XY", "12.5 µm/m", "backlash.X", "friction.Y 1.2 N·m", "serial number H12345",
+        "no real file has been tried",
                   "AF_SOMETHING_NEW 5 UT_NEW"):  # fmt: skip
         assert words in " ".join(result.stdout.split()), words
     assert max(map(len, result.stdout.splitlines())) <= 80
@@ -172,5 +177,12 @@ def test_broken_files(campaign, file, case):
 
 
 def test_values_that_are_no_numbers_are_kept_as_text(file):
-    file.write_text(document(extra='<FEATURE NAME="AF_X" DT="UT_PERCENT">n/a</FEATURE><FEATURE NAME="AF_Y" DT="UT_ANGLE">1e999</FEATURE>'))
-    assert [(f.name, f.value, f.unit) for f in read_b5r(file).features[-2:]] == [("AF_X", "n/a", "%"), ("AF_Y", "1e999", "°")]
+    file.write_text(
+        document(
+            extra='<FEATURE NAME="AF_X" DT="UT_PERCENT">n/a</FEATURE><FEATURE NAME="AF_Y" DT="UT_ANGLE">1e999</FEATURE>'
+        )
+    )
+    assert [(f.name, f.value, f.unit) for f in read_b5r(file).features[-2:]] == [
+        ("AF_X", "n/a", "%"),
+        ("AF_Y", "1e999", "°"),
+    ]

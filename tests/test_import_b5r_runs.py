@@ -1,4 +1,6 @@
-"""The recorded runs inside a .b5r: readings become the traces of the tests that fit; what is not known is said or asked for."""
+"""The recorded runs inside a .b5r: readings become the traces of the tests that fit; what is not known is said or
+asked for.
+"""
 
 import json
 
@@ -28,13 +30,15 @@ def readings(folder, name):
 def one(direction, values, circularity="", attribute="", digits=6):
     text = " ".join(f"{v:.{digits}f}" for v in values) if not isinstance(values, str) else values
     feature = f'<FEATURE NAME="AF_CIRCULARITY" DT="UT_LENGTH_MM">{circularity}</FEATURE>' if circularity else ""
-    return f"<BALLBAR_RUN><RUN_DIRECTION>{direction}</RUN_DIRECTION>{feature}<READINGS{attribute}>{text}</READINGS></BALLBAR_RUN>"
+    head = f"<RUN_DIRECTION>{direction}</RUN_DIRECTION>{feature}"
+    return f"<BALLBAR_RUN>{head}<READINGS{attribute}>{text}</READINGS></BALLBAR_RUN>"
 
 
 def document(*runs, plane="XY", length="100", feed="3000", extra=""):
     return f"""<?xml version="1.0" encoding="utf-8"?><TEST_DOCUMENT><TEST_SPEC NAME="t"><INSTRUMENT><DYNAMIC_BALLBAR>
 <NOMINAL_LENGTH>{length}</NOMINAL_LENGTH><PROGRAMMED_FEEDRATE>{feed}</PROGRAMMED_FEEDRATE><SAMPLES_A_SECOND>250</SAMPLES_A_SECOND>
-<PLANE TEST_PLANE="{plane}"/></DYNAMIC_BALLBAR></INSTRUMENT></TEST_SPEC><RUN_RESULTS>{"".join(runs)}</RUN_RESULTS>{extra}</TEST_DOCUMENT>"""
+<PLANE TEST_PLANE="{plane}"/></DYNAMIC_BALLBAR></INSTRUMENT></TEST_SPEC>
+<RUN_RESULTS>{"".join(runs)}</RUN_RESULTS>{extra}</TEST_DOCUMENT>"""
 
 
 @pytest.fixture
@@ -58,7 +62,8 @@ def errors(folder, name):
 def test_both_directions_become_the_traces_of_their_tests(folder, both):
     result = run("import", both, "--campaign", folder, "--no-check")
     assert result.exit_code == 0, result.output
-    for words in ("2 recorded runs", "readings taken for 0.1 µm", "the file's circularity is 5.1 µm", "assumed, the file does not say",
+    for words in ("2 recorded runs", "readings taken for 0.1 µm", "the file's circularity is 5.1 µm",
+        "assumed, the file does not say",
                   "SAMPLES_A_SECOND 250", "no real file has been tried"):  # fmt: skip
         assert words in " ".join(result.stdout.split()), words
     assert max(map(len, result.stdout.splitlines())) <= 80
@@ -80,7 +85,14 @@ def test_unit_from_the_file_or_the_user(folder, both):
     both.write_text(document(one("CCW", values / 1e3, attribute=' DT="UT_LENGTH_MM"', digits=9)))
     assert "the file says so" in run("import", both, "--campaign", folder, "--preview", "--no-check").output
     both.write_text(document(one("CCW", values)))
-    refused(folder, ["import", both, "--campaign", folder], "xy.b5r", "neither a unit nor a circularity", "--deviation-unit", "--scale")
+    refused(
+        folder,
+        ["import", both, "--campaign", folder],
+        "xy.b5r",
+        "neither a unit nor a circularity",
+        "--deviation-unit",
+        "--scale",
+    )
     assert run("import", both, "--campaign", folder, "--deviation-unit", "um", "--no-check").exit_code == 0
     assert errors(folder, "ccw") < 0.01
     both.write_text(document(one("CCW", values / 0.05)))
@@ -97,8 +109,16 @@ WRONG = {
     "another direction": (lambda v: one("LEFT", v), "'LEFT'", "CW or CCW"),
     "one direction twice": (lambda v: one("CW", v) * 2, "more than one run CW"),
     "no unit fits": (lambda v: one("CCW", v, "0.3"), "300 µm", "--deviation-unit"),
-    "the file contradicts itself": (lambda v: one("CCW", v, "0.0051", ' DT="UT_LENGTH_MM"'), "the file says mm", "5.1 µm"),
-    "runs of different units": (lambda v: one("CCW", v, "0.0051") + one("CW", 10 * v, "0.0051"), "different units", "--scale"),
+    "the file contradicts itself": (
+        lambda v: one("CCW", v, "0.0051", ' DT="UT_LENGTH_MM"'),
+        "the file says mm",
+        "5.1 µm",
+    ),
+    "runs of different units": (
+        lambda v: one("CCW", v, "0.0051") + one("CW", 10 * v, "0.0051"),
+        "different units",
+        "--scale",
+    ),
     "too few readings": (lambda v: one("CCW", v[::20], "0.0051"), "at least 50"),
 }
 
@@ -117,11 +137,26 @@ def test_tests_named_by_the_user(folder, both):
     assert errors(folder, "ccw") < 0.01
     refused(folder, ["import", f"{both}=turn", "--campaign", folder, "--force"], "'turn' is rotary")
     refused(folder, ["import", f"{both}=new", "--campaign", folder, "--force"], "run CCW and run CW", "--direction")
-    new = ["import", f"{both}=new", "--campaign", folder, "--force", "--direction", "CW", "--no-check", "--table-ball", 0, 0, 155]
+    new = [
+        "import",
+        f"{both}=new",
+        "--campaign",
+        folder,
+        "--force",
+        "--direction",
+        "CW",
+        "--no-check",
+        "--table-ball",
+        0,
+        0,
+        155,
+    ]
     assert run(*new).exit_code == 0
     (test,) = (t for t in read_campaign(folder).tests if t.name == "new")
     assert (test.plane, test.direction, test.length) == ("XY", "CW", 0.1)
-    (folder / "campaign.toml").write_text(CAMPAIGN + CAMPAIGN[CAMPAIGN.index("[[test]]") :].split("\n\n")[0].replace('"ccw"', '"again"'))
+    (folder / "campaign.toml").write_text(
+        CAMPAIGN + CAMPAIGN[CAMPAIGN.index("[[test]]") :].split("\n\n")[0].replace('"ccw"', '"again"')
+    )
     refused(folder, ["import", both, "--campaign", folder, "--force"], "fits the tests ccw, again", "FILE=TEST")
 
 
@@ -156,7 +191,9 @@ def test_a_plane_called_xz_is_not_taken_over(folder, both):
     both.write_text(text)
     campaign = folder / "campaign.toml"
     campaign.write_text(campaign.read_text().replace('plane = "XY"', 'plane = "ZX"'))
-    assert "no trace made" in " ".join(run("import", both, "--campaign", folder, "--no-check", "--preview").stdout.split())
+    assert "no trace made" in " ".join(
+        run("import", both, "--campaign", folder, "--no-check", "--preview").stdout.split()
+    )
     named = " ".join(run("import", f"{both}=cw", "--campaign", folder, "--no-check").stdout.split())
     assert "G02 of the plane ZX, which is not certain" in named and "no trace made" not in named
 
@@ -165,7 +202,10 @@ def test_preview_and_json(folder, both):
     before = snapshot(folder)
     shown = json.loads(run("import", both, "--campaign", folder, "--preview", "--no-check", "--json").stdout)
     assert snapshot(folder) == before
-    assert [(r["direction"], r["readings"], r["um_per_reading"]) for r in shown["runs"]] == [("CCW", COUNT, 0.1), ("CW", COUNT, 0.1)]
+    assert [(r["direction"], r["readings"], r["um_per_reading"]) for r in shown["runs"]] == [
+        ("CCW", COUNT, 0.1),
+        ("CW", COUNT, 0.1),
+    ]
     assert [t["test"] for t in shown["traces"]] == ["ccw", "cw"]
     assert shown["headers"][0]["programmed_feedrate"] == "3000"
 
@@ -183,4 +223,6 @@ def test_rate_and_first_angle_by_option(folder, both):
     assert run("import", both, "--campaign", folder, "--no-check", "--start-angle", 90).exit_code == 0
     assert errors(folder, "ccw") < 0.05
     refused(folder, ["import", both, "--campaign", folder, "--rate", 10, "--force"], "check feed")
-    assert run("import", both, "--campaign", folder, "--no-check", "--rate", COUNT / (hi - lo), "--force").exit_code == 0
+    assert (
+        run("import", both, "--campaign", folder, "--no-check", "--rate", COUNT / (hi - lo), "--force").exit_code == 0
+    )

@@ -45,7 +45,11 @@ def catalogue(machine="M1"):
         yield f"velocity_feedforward.{axis}", {"ratio": 0.3}, on[axis]
         yield f"backlash.{axis}", {"width_deg": 0.003} if rotary else {"width_um": 5.0}, on[axis]
         orders = (60.0, 7.0) if rotary else (1.0, 2.0)
-        yield f"pitch_error.{axis}", {"components": [[orders[0], wave, 30.0], [orders[1], 0.4 * wave, -100.0]]}, on[axis]
+        yield (
+            f"pitch_error.{axis}",
+            {"components": [[orders[0], wave, 30.0], [orders[1], 0.4 * wave, -100.0]]},
+            on[axis],
+        )
     for axis, way in (("A", "CCW"), ("A", "CW"), ("C", "CW")):  # C falls on a cone that runs counter-clockwise
         yield f"pitch_error.{axis}", {"components": [[60.0, 0.002, 30.0]], "direction": way}, "cone"
     for axis in "AC":
@@ -81,7 +85,9 @@ CATALOGUE = list(catalogue())
 
 @pytest.fixture(scope="module")
 def both(tmp_path_factory):
-    """``both(machine, test, effects)``: readings of mjsim's search motion and of the generator at the same instants, µm."""
+    """``both(machine, test, effects)``: readings of mjsim's search motion and of the generator at the same
+    instants, µm.
+    """
     folder = tmp_path_factory.mktemp("independent")
     kept = {}
 
@@ -141,10 +147,13 @@ def test_every_effect_agrees(both, number):
 
 
 @pytest.mark.parametrize(
-    ("axis", "test", "stiffness"), [("X", "cone", 20.0), ("Z", "circle-zx", 20.0), ("C", "cone", 0.5), ("A", "cone", 0.5)]
+    ("axis", "test", "stiffness"),
+    [("X", "cone", 20.0), ("Z", "circle-zx", 20.0), ("C", "cone", 0.5), ("A", "cone", 0.5)],
 )
 def test_elastic_transmissions_agree(both, monkeypatch, axis, test, stiffness):
-    """With the same load inertia on both sides: mjsim takes that of its solids, the generator a share of the drive's."""
+    """With the same load inertia on both sides: mjsim takes that of its solids, the generator a share of the
+    drive's.
+    """
     drives_of = machines.nominal("M1")["drive"]
     load = [drives.LOAD_SHARE * drives_of[a]["inertia_kgm2"] * drives.gear(drives_of[a]) ** 2 for a in "XYZAC"]
     monkeypatch.setattr("mjsim.machine.plant.moving_bodies", lambda chain: np.array(load))
@@ -219,7 +228,10 @@ def test_drive_keeps_its_accuracy_with_half_the_step():
     time = simulate.grid(program)
     command = program.commands(time)[:, 0]
     effects = machines.by_id(model["effect"])
-    coarse, fine = (drives.run_axis("X", model["drive"]["X"], effects, command, n)[0] for n in (drives.SUBSTEPS, 2 * drives.SUBSTEPS))
+    coarse, fine = (
+        drives.run_axis("X", model["drive"]["X"], effects, command, n)[0]
+        for n in (drives.SUBSTEPS, 2 * drives.SUBSTEPS)
+    )
     assert np.abs(coarse - fine).max() < 1e-9
 
 
@@ -227,7 +239,14 @@ def test_bank_is_balanced():
     cases = bank.cases()
     names = [c.name for c in cases]
     assert len(set(names)) == len(names)
-    for category, least in (("null", 300), ("single", 140), ("pair", 40), ("unlisted", 40), ("outliers", 20), ("sparse", 20)):
+    for category, least in (
+        ("null", 300),
+        ("single", 140),
+        ("pair", 40),
+        ("unlisted", 40),
+        ("outliers", 20),
+        ("sparse", 20),
+    ):
         halves = [c.half for c in cases if c.category == category]
         assert len(halves) >= least
         assert abs(halves.count("tune") - halves.count("publish")) <= 6

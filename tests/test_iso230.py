@@ -25,7 +25,9 @@ def test_ellipse_gives_twice_its_amplitude():
 
 
 def test_exact_offset_circle_in_the_plane():
-    """A circle of 100 mm whose centre lies 20 µm off: the linear projection errs by the second-order term e²/2R = 2 nm only."""
+    """A circle of 100 mm whose centre lies 20 µm off: the linear projection errs by the second-order term e²/2R = 2
+    nm only.
+    """
     r, e = 0.1, 20e-6
     reading = e * np.cos(PHI) + np.sqrt(r**2 - (e * np.sin(PHI)) ** 2) - r
     assert circular_figures(PHI, reading).circular_error_um == pytest.approx(e**2 / (2 * r) / UM, rel=1e-3)
@@ -41,7 +43,9 @@ def test_revolutions_and_direction_do_not_matter():
 
 
 def test_hysteresis_between_the_directions():
-    """±h between the directions and a common second harmonic a: G(b) = 2h + 2a although each direction alone has G = 2a."""
+    """±h between the directions and a common second harmonic a: G(b) = 2h + 2a although each direction alone has G
+    = 2a.
+    """
     h, a, c = 1.5, 2.0, 4.0
     shape = a * np.cos(2.0 * PHI)
     eccentric = 6.0 * np.sin(PHI)

@@ -24,7 +24,11 @@ DOCS = Path(__file__).resolve().parent.parent / "docs"
 def tests(tmp_path_factory):
     file = tmp_path_factory.mktemp("kinds") / "new" / "campaign.toml"
     mjsim.new_campaign(file.parent)
-    return file, {t.kind: t for t in mjsim.read_campaign(file).tests}, {t["kind"]: t for t in tomllib.loads(file.read_text())["test"]}
+    return (
+        file,
+        {t.kind: t for t in mjsim.read_campaign(file).tests},
+        {t["kind"]: t for t in tomllib.loads(file.read_text())["test"]},
+    )
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -70,7 +74,12 @@ def test_no_module_asks_for_a_kind_by_its_name():
     """What depends on the kind is asked of the kind."""
     package = Path(mjsim.__file__).parent
     names = re.compile(r"""[=!]=\s*["'](rotary|circular|cone_frustum)["']""")
-    found = [f"{f.name}: {m[0]}" for f in package.rglob("*.py") if f.parent.name != "kinds" for m in names.finditer(f.read_text())]
+    found = [
+        f"{f.name}: {m[0]}"
+        for f in package.rglob("*.py")
+        if f.parent.name != "kinds"
+        for m in names.finditer(f.read_text())
+    ]
     assert not found
 
 

@@ -1,4 +1,6 @@
-"""Three independent ways to the reading: MuJoCo's sites, mjsim.machine.kinematics, and the chain written out in 4 x 4 matrices here."""
+"""Three independent ways to the reading: MuJoCo's sites, mjsim.machine.kinematics, and the chain written out in 4 x
+4 matrices here.
+"""
 
 import mujoco
 import numpy as np
@@ -16,7 +18,8 @@ NM = 1e-9
 
 #: Large values (m, rad), so that second-order terms and the order of rotations count.
 LOCATION = {
-    "EX0C": 3.1e-3, "EY0C": -2.3e-3, "EA0C": 4.1e-3, "EB0C": -3.7e-3, "EY0A": 2.9e-3, "EZ0A": -4.3e-3, "EB0A": 4.7e-3, "EC0A": -4.9e-3,
+    "EX0C": 3.1e-3, "EY0C": -2.3e-3, "EA0C": 4.1e-3, "EB0C": -3.7e-3, "EY0A": 2.9e-3, "EZ0A": -4.3e-3, "EB0A": 4.7e-3,
+    "EC0A": -4.9e-3,
 }  # fmt: skip
 SQUARENESS = {"XY": 4.3e-3, "YZ": -3.3e-3, "ZX": 2.7e-3}
 MOTION = ("EXC", "EYC", "EAC", "EBC")
@@ -40,8 +43,8 @@ def spin(axis, angle):
 def oracle(pose, ball, length, location, square):
     """The reading at one pose (9,), from the effect catalogue's chain and nothing else.
 
-    Table ball to machine: C; radial error motion; tilt error motion Rx Ry; location of C: Rx(EA0C), Ry(EB0C), shift; A; location
-    of A: Ry(EB0A), Rz(EC0A), shift. Spindle ball: ΔX = −XY·Y + ZX·Z, ΔY = −YZ·Z.
+    Table ball to machine: C; radial error motion; tilt error motion Rx Ry; location of C: Rx(EA0C), Ry(EB0C), shift; A;
+    location of A: Ry(EB0A), Rz(EC0A), shift. Spindle ball: ΔX = −XY·Y + ZX·Z, ΔY = −YZ·Z.
     """
     x, y, z, a, c, exc, eyc, eac, ebc = pose
     g = location
@@ -109,7 +112,9 @@ def test_mujoco_agrees_effect_by_effect(m1, bare, subject):
     if subject in SQUARENESS:
         effect = make(f"squareness.{subject}", angle_urad=SQUARENESS[subject] * 1e6)
     else:
-        effect = make(f"axis_location.{subject}", **{"value_um" if subject[1] in "XYZ" else "value_urad": LOCATION[subject] * 1e6})
+        effect = make(
+            f"axis_location.{subject}", **{"value_um" if subject[1] in "XYZ" else "value_urad": LOCATION[subject] * 1e6}
+        )
     plant = build(bare(m1).with_effect(effect))
     q = poses(100, seed=3)[:, :5]
     got = sites(mjmodel.build_model(plant), q, FIVE_AXIS.letters)
@@ -132,7 +137,11 @@ def test_kinematics_agree_effect_by_effect(subject):
     location = {k: v if k == subject else 0.0 for k, v in LOCATION.items()}
     square = {k: v if k == subject else 0.0 for k, v in SQUARENESS.items()}
     q = poses(50, seed=6)
-    geometry = Geometry({subject: LOCATION[subject]}, {}) if subject in LOCATION else Geometry({}, {subject: SQUARENESS[subject]})
+    geometry = (
+        Geometry({subject: LOCATION[subject]}, {})
+        if subject in LOCATION
+        else Geometry({}, {subject: SQUARENESS[subject]})
+    )
     want = np.array([oracle(row, BALL, LENGTH, location, square) for row in q])
     assert np.abs(reading(FIVE_AXIS, q, BALL, LENGTH, geometry) - want).max() < 1e-12
 
@@ -147,7 +156,9 @@ def test_ideal_machine_is_equation_a9():
             np.sin(c) * np.cos(a) * x + np.cos(c) * np.cos(a) * y - np.sin(a) * z,
             np.sin(c) * np.sin(a) * x + np.cos(c) * np.sin(a) * y + np.cos(a) * z,
         ]
-        np.testing.assert_allclose(work_to_machine(FIVE_AXIS, np.array([[0, 0, 0, a, c]]), p)[0], want, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(
+            work_to_machine(FIVE_AXIS, np.array([[0, 0, 0, a, c]]), p)[0], want, rtol=0, atol=1e-15
+        )
 
 
 def test_rotation_matrices():
@@ -194,17 +205,24 @@ def test_offset_of_the_a_centreline():
 
 
 def test_tilted_c_axis_of_a_ball_on_the_axis():
-    """EB0C = β moves a ball at height h on the C axis by (h sinβ, 0, −h (1 − cosβ)) at A = 0, EA0C = α by (0, −h sinα, −h (1 − cosα))."""
+    """EB0C = β moves a ball at height h on the C axis by (h sinβ, 0, −h (1 − cosβ)) at A = 0, EA0C = α by (0, −h
+    sinα, −h (1 − cosα)).
+    """
     q = np.zeros((1, 5))
     h, t = 0.155, 1e-3
     p = np.array([0.0, 0.0, h])
-    for name, want in (("EB0C", [h * np.sin(t), 0, -h * (1 - np.cos(t))]), ("EA0C", [0, -h * np.sin(t), -h * (1 - np.cos(t))])):
+    for name, want in (
+        ("EB0C", [h * np.sin(t), 0, -h * (1 - np.cos(t))]),
+        ("EA0C", [0, -h * np.sin(t), -h * (1 - np.cos(t))]),
+    ):
         np.testing.assert_allclose(table_ball(FIVE_AXIS, q, p, Geometry({name: t}))[0] - p, want, rtol=0, atol=1e-16)
 
 
 @pytest.mark.parametrize(("plane", "first", "second", "sign"), [("XY", 0, 1, -1), ("YZ", 1, 2, -1), ("ZX", 2, 0, 1)])
 def test_squareness_on_a_circle(plane, first, second, sign):
-    """ΔX = −α Y, ΔY = −α Z, ΔX = +α Z about the ball: ±α L sinφ cosφ to first order, an ellipse at 45° in that plane."""
+    """ΔX = −α Y, ΔY = −α Z, ΔX = +α Z about the ball: ±α L sinφ cosφ to first order, an ellipse at 45° in that
+    plane.
+    """
     phi = np.linspace(0, 2 * np.pi, 361)
     alpha = 50e-6
     q = np.zeros((361, 5))
@@ -258,4 +276,6 @@ def test_the_compiled_reading_is_the_reference():
     for columns in (5, 9):
         for geometry in (Geometry(), Geometry(LOCATION, SQUARENESS)):
             want = reading(FIVE_AXIS, q[:, :columns], BALL, LENGTH, geometry)
-            np.testing.assert_allclose(compiled(FIVE_AXIS, q[:, :columns], BALL, LENGTH, geometry), want, rtol=0, atol=1e-14)
+            np.testing.assert_allclose(
+                compiled(FIVE_AXIS, q[:, :columns], BALL, LENGTH, geometry), want, rtol=0, atol=1e-14
+            )

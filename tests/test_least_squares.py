@@ -44,7 +44,9 @@ def test_a_vector_goes_round_its_blocks(parameters):
     np.testing.assert_array_equal(vector[parameters["calibration"]], [4.0, 5.0, 6.0])
     assert parameters.place("calibration", "b") == 5
     np.testing.assert_array_equal(parameters.places("effect", "triggers"), [7, 2, 3])
-    np.testing.assert_array_equal(parameters.part(vector, Parameters(parameters.blocks[1:3])), [2.0, 3.0, 4.0, 5.0, 6.0])
+    np.testing.assert_array_equal(
+        parameters.part(vector, Parameters(parameters.blocks[1:3])), [2.0, 3.0, 4.0, 5.0, 6.0]
+    )
 
 
 def test_what_is_not_given_stands_at_its_prior(parameters):
@@ -58,7 +60,9 @@ def test_what_is_not_given_stands_at_its_prior(parameters):
 
 
 def test_the_penalty_counts_informative_priors(parameters):
-    vector = parameters.join({"set-up": np.array([3.0, 4.0]), "calibration": np.array([2.0, -1.0, 3.5]), "effect": np.array([99.0])})
+    vector = parameters.join(
+        {"set-up": np.array([3.0, 4.0]), "calibration": np.array([2.0, -1.0, 3.5]), "effect": np.array([99.0])}
+    )
     assert parameters.penalty(vector) == pytest.approx(25.0 + (1.0 / 0.5) ** 2 + 1.0)
     np.testing.assert_allclose(parameters.precision(4.0), [4, 4, 4, 4, 16.0, 1.0, 4.0 / 9.0, 1e-6])
 
@@ -96,7 +100,9 @@ def test_the_covariance_is_the_inverse(parameters, system):
     np.testing.assert_allclose(equations.left_over(columns.T @ columns, cross), left, rtol=1e-9)
     step = np.arange(8.0)
     assert equations.gain(step) == pytest.approx(step @ np.linalg.solve(inverse, step))
-    np.testing.assert_allclose(ridge_solution(design.T @ design, cross, parameters.precision()), inverse @ cross, rtol=1e-8)
+    np.testing.assert_allclose(
+        ridge_solution(design.T @ design, cross, parameters.precision()), inverse @ cross, rtol=1e-8
+    )
 
 
 def test_frozen_entries_stay(parameters, system):

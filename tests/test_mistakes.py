@@ -125,7 +125,9 @@ def test_what_looks_the_same_is_not_named(measured):
 def test_one_of_two_tests_of_a_set_up(measured):
     """Two tests share their ball offsets: turning either of them makes them agree, and mjsim does not choose."""
     campaign, machine = measured
-    wrong = replace(campaign, tests=tuple(kind_of(t).turned(t) if t.name == "cone45-x50-ccw" else t for t in campaign.tests))
+    wrong = replace(
+        campaign, tests=tuple(kind_of(t).turned(t) if t.name == "cone45-x50-ccw" else t for t in campaign.tests)
+    )
     (m,) = recognise(wrong, machine).mistakes
     assert m.either and m.tests == ("cone15-x50-ccw", "cone45-x50-ccw") and " or " in m.sentence
     assert corrected(wrong, (m,)) == wrong
@@ -150,11 +152,15 @@ def test_several_mistakes_at_once(backlash):
 
 def test_unit_of():
     assert unit_of(1.0) == (1.0, "") and unit_of(-1.3) == (-1.0, "") and unit_of(2.0) == (1.0, "")
-    assert unit_of(0.0011) == (1e3, "mm") and unit_of(-1 / 20) == (-25.4, "mil") and unit_of(40.0) == (25.4e-3, "microinch")
+    assert (
+        unit_of(0.0011) == (1e3, "mm")
+        and unit_of(-1 / 20) == (-25.4, "mil")
+        and unit_of(40.0) == (25.4e-3, "microinch")
+    )
     assert unit_of(5.0) is None and unit_of(0.2) is None and unit_of(0.0) is None
 
 
-# -- clocks ------------------------------------------------------------------------------------------------------------------------
+# -- clocks ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("feed", [500.0, 1500.0, 2000.0, 25400.0])
@@ -194,7 +200,7 @@ def test_a_cut_trace_is_not_taken_for_another_feed(circle):
     assert found.kind == "unclear" and "stops 8.00 s early" in found.sentence
 
 
-# -- the commands ------------------------------------------------------------------------------------------------------------------
+# -- the commands ------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -216,8 +222,21 @@ def spoil_trace(folder, name, change):
 
 def test_commands_refuse_what_is_certainly_wrong(folder):
     spoil_trace(folder, ASYMMETRIC, lambda t, d: (t, -d))
-    refused(folder, ["compare", folder], "campaign.toml", ASYMMETRIC, "the sign is the other way round", "mjsim check", "--as-is")
-    for command in (["diagnose", folder], ["plan", folder], ["add", folder, "servo_gain.C"], ["report", folder, "-o", folder / "r.html"]):
+    refused(
+        folder,
+        ["compare", folder],
+        "campaign.toml",
+        ASYMMETRIC,
+        "the sign is the other way round",
+        "mjsim check",
+        "--as-is",
+    )
+    for command in (
+        ["diagnose", folder],
+        ["plan", folder],
+        ["add", folder, "servo_gain.C"],
+        ["report", folder, "-o", folder / "r.html"],
+    ):
         refused(folder, command, "the sign is the other way round")
     given = as_json("compare", folder, "--as-is", "--no-plots")
     right = as_json("compare", examples() / "two-candidates", "--no-plots")
@@ -244,7 +263,9 @@ def test_check_and_fix(folder, tmp_path):
     before, after = read_campaign(examples() / "two-candidates"), read_campaign(out)
     assert after.tests == tuple(replace(t, trace=u.trace) for t, u in zip(before.tests, after.tests, strict=True))
     for name, trace in before.traces.items():
-        np.testing.assert_allclose(after.traces[name].deviation, trace.deviation, atol=0.06e-9 if name != "cone45-centre-ccw" else 1e-9)
+        np.testing.assert_allclose(
+            after.traces[name].deviation, trace.deviation, atol=0.06e-9 if name != "cone45-centre-ccw" else 1e-9
+        )
         np.testing.assert_allclose(after.traces[name].time, trace.time, atol=1e-6)
     assert (out / "machine.toml").read_bytes() == (folder / "machine.toml").read_bytes()
     refused(folder, ["check", folder, "--fix", out], str(out), "exists")

@@ -1,4 +1,6 @@
-"""The machine's MuJoCo model: it compiles cleanly, its kinematics are the closed form, its inertias the data sheet's, its parts solid."""
+"""The machine's MuJoCo model: it compiles cleanly, its kinematics are the closed form, its inertias the data
+sheet's, its parts solid.
+"""
 
 import subprocess
 import sys
@@ -163,7 +165,9 @@ def test_the_machine_alone_has_nothing_of_a_scene(model, scene):
 
 
 def test_visual_and_collision_geoms(model):
-    """Solids to look at and to weigh in group 2, weightless simple shapes to touch in group 3, as in MuJoCo Menagerie."""
+    """Solids to look at and to weigh in group 2, weightless simple shapes to touch in group 3, as in MuJoCo
+    Menagerie.
+    """
     touching = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
     mesh = model.geom_type == mujoco.mjtGeom.mjGEOM_MESH
     np.testing.assert_array_equal(mesh, ~touching)
@@ -279,7 +283,9 @@ def test_assets_are_closed_and_reproducible(tmp_path):
         assert mesh.is_watertight, path.name
         assert mesh.is_winding_consistent, path.name
         assert mesh.volume > 0, path.name
-    done = subprocess.run([sys.executable, "-m", "mjsim.machine.build", "--check"], cwd=ROOT, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "mjsim.machine.build", "--check"], cwd=ROOT, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stdout + done.stderr
 
 
@@ -319,7 +325,9 @@ def solids() -> tuple[mujoco.MjModel, dict[str, list[int]]]:
         for k, (vertices, faces) in enumerate(c for piece in pieces for c in convex(piece)):
             name = f"{body} {mesh} {k}"
             spec.add_mesh(name=name, uservert=vertices.ravel(), userface=faces.ravel())
-            spec.body(body).add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, mass=0, contype=0, conaffinity=0)
+            spec.body(body).add_geom(
+                name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, mass=0, contype=0, conaffinity=0
+            )
             names.setdefault(body, []).append(name)
     model = spec.compile()
     return model, {body: [model.geom(n).id for n in listed] for body, listed in names.items()}
@@ -329,14 +337,19 @@ def convex(piece: tuple[np.ndarray, np.ndarray]) -> list[tuple[np.ndarray, np.nd
     """A turned piece with a neck, ring by ring; MuJoCo takes the convex hull of a mesh."""
     vertices, _ = piece
     rings = vertices.reshape(-1, 64, 3) if len(vertices) % 64 == 0 else ()
-    return [loft(pair) for pair in pairwise(rings) if not np.allclose(pair[0].mean(axis=0), pair[1].mean(axis=0))] or [piece]
+    return [loft(pair) for pair in pairwise(rings) if not np.allclose(pair[0].mean(axis=0), pair[1].mean(axis=0))] or [
+        piece
+    ]
 
 
 def gaps(model: mujoco.MjModel, data: mujoco.MjData, ones: list[int], others: list[int], reach: float = 0.05):
     """The distances (m) of geoms that are near each other, with their names; negative where they overlap."""
     for one in ones:
         for other in others:
-            if np.linalg.norm(data.geom_xpos[one] - data.geom_xpos[other]) <= model.geom_rbound[one] + model.geom_rbound[other]:
+            if (
+                np.linalg.norm(data.geom_xpos[one] - data.geom_xpos[other])
+                <= model.geom_rbound[one] + model.geom_rbound[other]
+            ):
                 gap = mujoco.mj_geomDistance(model, data, one, other, reach, None)
                 yield gap, (model.geom(one).name, model.geom(other).name)
 
@@ -382,7 +395,9 @@ def test_nothing_collides_in_the_papers_tests(solids, theta, beta, method):
 
 
 def test_where_solids_overlap_their_shapes_touch(solids):
-    """No part can pass through another unnoticed: 300 poses all over the travel, half of them with the spindle near the table."""
+    """No part can pass through another unnoticed: 300 poses all over the travel, half of them with the spindle near
+    the table.
+    """
     model, pieces = solids
     data = mujoco.MjData(model)
     tool, work = of(pieces, TOOL_SIDE), of(pieces, TABLE_SIDE)
@@ -402,7 +417,9 @@ def test_where_solids_overlap_their_shapes_touch(solids):
     assert overlaps > 50  # it is no empty test
 
 
-@pytest.mark.parametrize("axis, ends", [("X", (-0.6, 0.6)), ("Y", (-0.6, 0.6)), ("Z", (-0.3, 0.7)), ("A", (-1.745, -0.8, 0.8, 1.745))])
+@pytest.mark.parametrize(
+    "axis, ends", [("X", (-0.6, 0.6)), ("Y", (-0.6, 0.6)), ("Z", (-0.3, 0.7)), ("A", (-1.745, -0.8, 0.8, 1.745))]
+)
 def test_slides_are_free_up_to_their_ends(solids, axis, ends):
     """What slides or turns on its neighbours goes through nothing of its own side."""
     model, pieces = solids

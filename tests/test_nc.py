@@ -1,4 +1,6 @@
-"""NC programs: the numbers that the paper prints, the appendix' equations, the feed profile and the ball-bar condition."""
+"""NC programs: the numbers that the paper prints, the appendix' equations, the feed profile and the ball-bar
+condition.
+"""
 
 import numpy as np
 import pytest
@@ -41,7 +43,9 @@ def rotation(axis, angle):
 @pytest.mark.parametrize("sensitive", ["perpendicular", "parallel"])
 def test_travel_of_a(paper, cone, theta, beta, sensitive):
     said = paper["axis_travel"][f"A_range_deg_{theta}_{beta}"]
-    q = KINDS["cone_frustum"].path(cone(theta, beta, (30, -20, 155), sensitive=sensitive), np.linspace(0, 2 * np.pi, 3601))
+    q = KINDS["cone_frustum"].path(
+        cone(theta, beta, (30, -20, 155), sensitive=sensitive), np.linspace(0, 2 * np.pi, 3601)
+    )
     assert np.ptp(q[:, A]) / DEG == pytest.approx(said["value"], abs=said["tolerance"])
 
 
@@ -51,7 +55,9 @@ def test_travel_of_c(paper, cone, direction, revolutions):
     said = paper["axis_travel"]["C_range_deg_per_revolution"]
     phi = np.linspace(0, 2 * np.pi * revolutions, 3600 * revolutions + 1) * (1 if direction == "CCW" else -1)
     for theta, beta in ((15, 10), (45, 30)):
-        c = KINDS["cone_frustum"].path(cone(theta, beta, (0, 0, 155), direction=direction, revolutions=revolutions), phi)[:, C]
+        c = KINDS["cone_frustum"].path(
+            cone(theta, beta, (0, 0, 155), direction=direction, revolutions=revolutions), phi
+        )[:, C]
         assert abs(c[-1] - c[0]) / DEG / revolutions == pytest.approx(said["value"], abs=said["tolerance"])
         assert np.all(np.diff(c) * (c[-1] - c[0]) > 0)  # it never turns back
         assert np.abs(np.diff(c)).max() < 1 * DEG  # unwrapped: no jump of a turn
@@ -66,7 +72,9 @@ def test_c_swings_where_the_cone_leans_more_than_it_opens(cone):
 
 def test_radius_of_the_measurement_circle(paper, cone):
     said = paper["axis_travel"]["measurement_circle_radius_mm_45"]
-    assert KINDS["cone_frustum"].radius(cone(45, 30, (0, 0, 155))) * 1e3 == pytest.approx(said["value"], abs=said["tolerance"])
+    assert KINDS["cone_frustum"].radius(cone(45, 30, (0, 0, 155))) * 1e3 == pytest.approx(
+        said["value"], abs=said["tolerance"]
+    )
     assert KINDS["cone_frustum"].radius(cone(45, 30, (0, 0, 155), sensitive="parallel")) == 0.1
 
 
@@ -84,7 +92,9 @@ def test_reversals_of_the_centred_cone(paper, cone, axis):
 def test_y_reverses_where_the_equations_say(cone):
     """The paper's text prints 151° and 209°; its own equations give 148.0° and 212.0°."""
     got = reversals(Program(cone(15, 10, (0, 0, 155))), Y)
-    assert got == pytest.approx([0.0, 148.0, 180.0, 212.0], abs=0.05) or got == pytest.approx([148.0, 180.0, 212.0, 360.0], abs=0.05)
+    assert got == pytest.approx([0.0, 148.0, 180.0, 212.0], abs=0.05) or got == pytest.approx(
+        [148.0, 180.0, 212.0, 360.0], abs=0.05
+    )
 
 
 @pytest.mark.parametrize(
@@ -151,7 +161,10 @@ def test_commands_written_out(cone, theta, beta, sensitive):
     test = cone(theta, beta, ball, sensitive=sensitive)
     for phi in np.array([3.0, 71.0, 144.0, 233.0, 331.0]) * DEG:
         if sensitive == "perpendicular":
-            p, apex = np.array([L * np.cos(th) * np.cos(phi), L * np.cos(th) * np.sin(phi), L * np.sin(th)]), L / np.sin(th)
+            p, apex = (
+                np.array([L * np.cos(th) * np.cos(phi), L * np.cos(th) * np.sin(phi), L * np.sin(th)]),
+                L / np.sin(th),
+            )
         else:
             p, apex = np.array([L * np.cos(phi), L * np.sin(phi), 0.0]), L / np.tan(th)
         lean = lambda v: np.array([np.cos(be) * v[0] + np.sin(be) * v[2], v[1], np.cos(be) * v[2] - np.sin(be) * v[0]])  # noqa: E731
@@ -167,7 +180,9 @@ def test_commands_written_out(cone, theta, beta, sensitive):
 
 
 def test_tool_axis_formula():
-    """sgn(i)·arccos(j/√(i²+j²)) of A.7 is the arc tangent of i over j, for directions all over the upper half sphere."""
+    """sgn(i)·arccos(j/√(i²+j²)) of A.7 is the arc tangent of i over j, for directions all over the upper half
+    sphere.
+    """
     rng = np.random.default_rng(7)
     d = rng.normal(size=(2000, 3))
     d[:, 2] = np.abs(d[:, 2])
@@ -175,7 +190,9 @@ def test_tool_axis_formula():
     for i, j, k in d:
         a, c = aim(FIVE_AXIS, np.array([[i, j, k]]))[0, 3:]
         assert a == pytest.approx(np.arccos(k), abs=1e-14)
-        assert c == pytest.approx((1.0 if i >= 0 else -1.0) * np.arccos(j / np.hypot(i, j)), abs=1e-7)  # arccos is blunt at ±1
+        assert c == pytest.approx(
+            (1.0 if i >= 0 else -1.0) * np.arccos(j / np.hypot(i, j)), abs=1e-7
+        )  # arccos is blunt at ±1
 
 
 def test_c_keeps_its_value_on_the_pole():
@@ -196,7 +213,9 @@ def test_tool_axis_stands_on_the_spindle(cone, sensitive):
         th, be = theta * DEG, beta * DEG
         for phi, (*_, a, c) in zip(PHI[::90], q, strict=True):
             line = np.array([-np.sin(th) * np.cos(phi), -np.sin(th) * np.sin(phi), np.cos(th)])  # towards the apex
-            line = np.array([np.cos(be) * line[0] + np.sin(be) * line[2], line[1], np.cos(be) * line[2] - np.sin(be) * line[0]])
+            line = np.array(
+                [np.cos(be) * line[0] + np.sin(be) * line[2], line[1], np.cos(be) * line[2] - np.sin(be) * line[0]]
+            )
             np.testing.assert_allclose(rotation("x", a) @ rotation("z", c) @ line, [0, 0, 1], rtol=0, atol=1e-9)
 
 
@@ -222,7 +241,8 @@ def test_feed_words(cone, direction):
 def all_tests(cone, circle, turn):
     return [
         cone(15, 10, (0, 0, 155)), cone(45, 30, (50, -30, 155)), cone(15, 30, (0, 40, 155)),
-        cone(15, 10, (50, 20, 155), sensitive="parallel"), cone(45, 30, (0, 200, 155), sensitive="parallel", direction="CW"),
+        cone(15, 10, (50, 20, 155), sensitive="parallel"), cone(45, 30, (0, 200, 155), sensitive="parallel",
+            direction="CW"),
         circle("XY", (10, 20, 155)), circle("YZ", (0, 0, 155)), circle("ZX", (-30, 0, 155), direction="CW"),
         *(turn("C", 0, 360, (80, 60, 155), s) for s in ("tangential", "radial", "axial")),
         *(turn("A", 0, -90, (10, 60, 155), s) for s in ("tangential", "radial", "axial")),
@@ -243,7 +263,10 @@ def test_perpendicular_and_parallel(cone, theta, beta):
     """Perpendicular: the bar stays in the machine's XY plane. Parallel: it leaves it by the half apex angle."""
     for ball in ((0, 0, 155), (50, -80, 155)):
         square, level = (cone(theta, beta, ball, sensitive=s) for s in ("perpendicular", "parallel"))
-        up = [bar_vector(FIVE_AXIS, KINDS["cone_frustum"].path(t, PHI), np.array(t.table_ball))[:, 2] for t in (square, level)]
+        up = [
+            bar_vector(FIVE_AXIS, KINDS["cone_frustum"].path(t, PHI), np.array(t.table_ball))[:, 2]
+            for t in (square, level)
+        ]
         assert np.abs(up[0]).max() < 1e-14
         np.testing.assert_allclose(up[1], -0.1 * np.sin(theta * DEG), rtol=0, atol=1e-14)
 
@@ -271,7 +294,9 @@ def test_rotary_directions(turn, axis, ball):
             a = np.array([0, 0, 1.0] if axis == "C" else [1.0, 0, 0])
             r = p - a * (a @ p)
             r /= np.linalg.norm(r)
-            np.testing.assert_allclose(b, {"radial": r, "axial": a, "tangential": np.cross(a, r)}[sensitive], rtol=0, atol=1e-14)
+            np.testing.assert_allclose(
+                b, {"radial": r, "axial": a, "tangential": np.cross(a, r)}[sensitive], rtol=0, atol=1e-14
+            )
 
 
 # --- the feed profile ---

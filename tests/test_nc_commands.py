@@ -70,12 +70,17 @@ def test_help():
         assert args == ("write",) or "Example: mjsim nc" in text
     text = ok("campaign", "--help").stdout
     assert text == ok("--help").stdout
-    assert all(f"mjsim nc{w}" in text for w in (" CAMPAIGN --test NAME -o FILE.nc", " read FILE.nc", " feed CAMPAIGN --test NAME"))
+    assert all(
+        f"mjsim nc{w}" in text
+        for w in (" CAMPAIGN --test NAME -o FILE.nc", " read FILE.nc", " feed CAMPAIGN --test NAME")
+    )
     assert "nc " in CliRunner().invoke(main, ["--help"]).stdout
 
 
 @pytest.mark.parametrize(
-    "args", [(), ("read",), ("feed",), ("a", "--test", "b"), ("read", "a", "--test", "b"), ("a", "--dialect", "x")], ids=str
+    "args",
+    [(), ("read",), ("feed",), ("a", "--test", "b"), ("read", "a", "--test", "b"), ("a", "--dialect", "x")],
+    ids=str,
 )
 def test_wrong_usage(tmp_path, args):
     assert run(*args).exit_code == 2
@@ -92,17 +97,26 @@ def test_write_and_read(campaign, tmp_path):
     assert (again.stdout, again.stderr) == ("", "") and (tmp_path / "b.nc").read_text() == text
 
     read = as_json("read", file, "--campaign", campaign, "--test", "cone", "-o", tmp_path / "cone.csv")
-    assert read["blocks"] == 3800 and read["feed"] == "G94" and read["tool_centre_point"] is False and read["unnamed_axes"] == []
+    assert (
+        read["blocks"] == 3800
+        and read["feed"] == "G94"
+        and read["tool_centre_point"] is False
+        and read["unnamed_axes"] == []
+    )
     assert read["duration_s"] == pytest.approx(data["duration_s"], rel=1e-6)
     for a, row in data["axes"].items():
         assert read["axes"][a] == pytest.approx(row, rel=1e-5, abs=1e-9)
-    assert data["axes"]["A"]["min"] == pytest.approx(5.0, abs=2e-4) and data["axes"]["A"]["max"] == pytest.approx(25.0, abs=2e-4)
+    assert data["axes"]["A"]["min"] == pytest.approx(5.0, abs=2e-4) and data["axes"]["A"]["max"] == pytest.approx(
+        25.0, abs=2e-4
+    )
     off = read["deviation"]
     assert off["test"] == "cone" and 0.0 < max(off["position_um"].values()) < 1.0 and off["time_ms"] < 0.1
     table = np.genfromtxt(tmp_path / "cone.csv", delimiter=",", names=True)
     assert len(table) == 3801 and table["time_s"][-1] == pytest.approx(read["duration_s"], abs=1e-6)
     said = ok("read", file, "--campaign", campaign, "--test", "cone").stdout
-    assert max(map(len, said.splitlines())) <= 80 and "3800 blocks" in said and "against the program of test cone" in said
+    assert (
+        max(map(len, said.splitlines())) <= 80 and "3800 blocks" in said and "against the program of test cone" in said
+    )
 
 
 HOW = {
@@ -123,7 +137,13 @@ def test_write_and_read_otherwise(campaign, tmp_path, case):
 
 def test_limits(campaign, tmp_path):
     file = tmp_path / "t.nc"
-    refused(tmp_path, [campaign, "--test", "cone", "-o", file, "--limit", "A", "0", "20"], "A = 20.0", "block N", "allowed: 0 to 20°")
+    refused(
+        tmp_path,
+        [campaign, "--test", "cone", "-o", file, "--limit", "A", "0", "20"],
+        "A = 20.0",
+        "block N",
+        "allowed: 0 to 20°",
+    )
     refused(tmp_path, [campaign, "--test", "cone", "-o", file, "--limit", "A", "20", "0"], "limit of A")
     data = as_json(campaign, "--test", "cone", "-o", file, "--limit", "A", "-30", "110", "--max-speed", "C", "5000")
     assert len(data["warnings"]) == 1 and "C is faster than its 5000°/min" in data["warnings"][0]
@@ -138,7 +158,11 @@ def test_refusals(campaign, tmp_path):
     refused(tmp_path, [campaign, "--test", "cube", "-o", file], "cube", "cone, turn")
     refused(tmp_path, [tmp_path / "none", "--test", "cone", "-o", file], "no such campaign")
     refused(tmp_path, [campaign, "--test", "turn", "-o", file, "--feed-mode", "tcp"], "spindle ball rests")
-    refused(tmp_path, [campaign, "--test", "cone", "-o", file, "--dialect", "linuxcnc", "--feed-mode", "a11"], "allowed: inverse")
+    refused(
+        tmp_path,
+        [campaign, "--test", "cone", "-o", file, "--dialect", "linuxcnc", "--feed-mode", "a11"],
+        "allowed: inverse",
+    )
     refused(tmp_path, [campaign, "--test", "cone", "-o", campaign / "campaign.toml" / "t.nc"], "campaign.toml")
     refused(tmp_path, ["read", file], "no such file")
     refused(tmp_path, ["read", campaign / "campaign.toml"], "campaign.toml, line 1", 'name = "short"')
@@ -148,7 +172,9 @@ def test_refusals(campaign, tmp_path):
     refused(tmp_path, ["read", file, "--campaign", campaign, "--test", "cone"], 'no program of test "cone"', "mm apart")
     refused(tmp_path, ["read", file, "-o", file], "exists already")
     refused(tmp_path, ["feed", campaign, "--test", "turn", "--plot", tmp_path / "a.pdf"], "a.pdf", ".png or .svg")
-    refused(tmp_path, ["feed", campaign, "--test", "turn", "--plot", tmp_path / "a.pdf", "-o", tmp_path / "a.csv"], "a.pdf")
+    refused(
+        tmp_path, ["feed", campaign, "--test", "turn", "--plot", tmp_path / "a.pdf", "-o", tmp_path / "a.csv"], "a.pdf"
+    )
     refused(tmp_path, ["feed", campaign, "--test", "turn", "--cycle-ms", "0.001"], "interpolation cycle", "0.1 to 1000")
     refused(tmp_path, ["feed", campaign, "--test", "turn", "--whole-cycles"], "cycle above 0")
     refused(tmp_path, ["feed", campaign, "--test", "cone", "--program", file], 'no program of test "cone"')
@@ -161,7 +187,17 @@ def test_feed(campaign, tmp_path):
     )
     assert data["reading_um"]["min"] == pytest.approx(-0.038, abs=0.02)
     slow = as_json(
-        "feed", campaign, "--test", "turn", "--cycle-ms", "4", "--whole-cycles", "-o", tmp_path / "f.csv", "--plot", tmp_path / "f.png"
+        "feed",
+        campaign,
+        "--test",
+        "turn",
+        "--cycle-ms",
+        "4",
+        "--whole-cycles",
+        "-o",
+        tmp_path / "f.csv",
+        "--plot",
+        tmp_path / "f.png",
     )
     block = 155.0 * np.radians(0.1) / 3000.0 * 60e3
     assert slow["mean_mm_min"] == pytest.approx(3000.0 * block / 8.0, rel=1e-5) and 4.0 < block < 8.0
@@ -173,12 +209,14 @@ def test_feed(campaign, tmp_path):
     refused(tmp_path, ["feed", campaign, "--test", "turn", "-o", tmp_path / "f.csv"], "exists already")
     ok(campaign, "--test", "turn", "-o", tmp_path / "t.nc", "--step-deg", "1")
     other = as_json("feed", campaign, "--test", "turn", "--program", tmp_path / "t.nc")
-    assert other["blocks"] == 30 and other["reading_um"]["min"] == pytest.approx(-1e5 * (1 - np.cos(np.radians(0.5))), abs=0.1)
+    assert other["blocks"] == 30 and other["reading_um"]["min"] == pytest.approx(
+        -1e5 * (1 - np.cos(np.radians(0.5))), abs=0.1
+    )
     text = ok("feed", campaign, "--test", "turn").stdout
     assert max(map(len, text.splitlines())) <= 80 and re.search(r"mean 3000\.00", text)
 
 
-# -- the key "program" -------------------------------------------------------------------------------------------------------------
+# -- the key "program" -------------------------------------------------------------------------------------------------
 
 
 def with_program(campaign, name, lines):
@@ -188,20 +226,41 @@ def with_program(campaign, name, lines):
 
 def test_a_campaign_that_is_driven_by_nc_files(campaign, tmp_path):
     own = read_campaign(campaign).tests[0]
-    ok(campaign, "--test", "cone", "-o", campaign / "cone.mpf", "--dialect", "siemens", "--reversed", "C", "--rollover", "--step-deg", "2")
-    with_program(campaign, "cone", 'program = "cone.mpf"\nprogram_dialect = "siemens"\nprogram_reversed = ["C"]\nprogram_rollover = true')
+    ok(
+        campaign,
+        "--test",
+        "cone",
+        "-o",
+        campaign / "cone.mpf",
+        "--dialect",
+        "siemens",
+        "--reversed",
+        "C",
+        "--rollover",
+        "--step-deg",
+        "2",
+    )
+    with_program(
+        campaign,
+        "cone",
+        'program = "cone.mpf"\nprogram_dialect = "siemens"\nprogram_reversed = ["C"]\nprogram_rollover = true',
+    )
     cone, turn = read_campaign(campaign).tests
     assert len(cone.commanded.seconds) == 190 and turn.commanded is None
     assert cone.feed == pytest.approx(own.feed, rel=1e-6)
     time = np.linspace(0.0, Program(own).duration, 301)
     away = np.abs(Program(cone).commands(time) - Program(own).commands(time)).max(axis=0)
     assert (away[3:] < 1e-3).all() and 10e-6 < away[:3].max() < 100e-6, "2° blocks show their chords"
-    result = CliRunner().invoke(main, ["simulate", str(campaign), "--out", str(tmp_path / "out"), "--test", "cone", "--no-plots", "--json"])
+    result = CliRunner().invoke(
+        main, ["simulate", str(campaign), "--out", str(tmp_path / "out"), "--test", "cone", "--no-plots", "--json"]
+    )
     assert result.exit_code == 0, result.output
     table = np.genfromtxt(tmp_path / "out" / "cone.csv", delimiter=",", names=True)
     command = Program(cone).commands(table["time_s"])
     np.testing.assert_allclose(table["C_command_deg"], np.degrees(command[:, 4]), atol=1e-6)
-    assert as_json("feed", campaign, "--test", "cone")["blocks"] == 3800, "the test's own program, unless --program names one"
+    assert as_json("feed", campaign, "--test", "cone")["blocks"] == 3800, (
+        "the test's own program, unless --program names one"
+    )
 
 
 def test_rollover_of_a_campaigns_program(campaign):

@@ -1,4 +1,6 @@
-"""NC programs as files: what is written, what is read back, F conventions, limits, and the feed that blocks really give."""
+"""NC programs as files: what is written, what is read back, F conventions, limits, and the feed that blocks really
+give.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +27,8 @@ from mjsim.simulation.multibody import simulate
 
 DEG = np.pi / 180.0
 UNITS = np.array([1e-3, 1e-3, 1e-3, DEG, DEG])
-FEEDS = [("fanuc", "a11"), ("fanuc", "inverse"), ("fanuc", "tcp"), ("siemens", "a11"), ("siemens", "inverse"), ("siemens", "tcp"),
+FEEDS = [("fanuc", "a11"), ("fanuc", "inverse"), ("fanuc", "tcp"), ("siemens", "a11"), ("siemens", "inverse"),
+    ("siemens", "tcp"),
          ("linuxcnc", "inverse")]  # fmt: skip
 
 
@@ -55,12 +58,14 @@ def words(text, letter):
     return np.array([float(w[1:]) for b in blocks for w in b if w[0] == letter])
 
 
-# -- the round trip ----------------------------------------------------------------------------------------------------------------
+# -- the round trip ----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("dialect", "feed"), FEEDS)
 def test_round_trip(tests, dialect, feed):
-    """Positions to half a unit of the last printed digit; block times to half a unit of F's last digit; tool tip: to a chord's."""
+    """Positions to half a unit of the last printed digit; block times to half a unit of F's last digit; tool tip:
+    to a chord's.
+    """
     for test in tests:
         if feed == "tcp" and test.kind == "rotary":
             continue
@@ -133,7 +138,13 @@ def test_rollover(tests, dialect):
     for test in (tests[0], tests[1], tests[12]):
         o = Options(dialect, rollover=True, step_deg=0.5)
         written, nc = back(test, o)
-        c = [float(w.strip("C=D()")) for line in written.text.splitlines() if line[:1] in "NG" for w in line.split() if w[0] == "C"]
+        c = [
+            float(w.strip("C=D()"))
+            for line in written.text.splitlines()
+            if line[:1] in "NG"
+            for w in line.split()
+            if w[0] == "C"
+        ]
         assert 0.0 <= min(c) and max(c) < 360.0
         away = (nc.motion.points - nc_program(test, replace(o, rollover=False)).motion.points)[:, 4] / DEG
         assert np.ptp(away) < 1e-9 and abs(away[0] / 360.0 - round(away[0] / 360.0)) < 1e-9
@@ -145,7 +156,7 @@ def test_rollover(tests, dialect):
             driven_by(test, parse_nc(written.text, Path("t")).motion)
 
 
-# -- F words -----------------------------------------------------------------------------------------------------------------------
+# -- F words -----------------------------------------------------------------------------------------------------------
 
 
 def test_a11_against_closed_forms(circle, turn):
@@ -177,11 +188,18 @@ def test_a11_of_a_cone(tests):
 def test_inverse_time_and_tool_tip_words(tests):
     test = tests[0]
     radius = 100.0 * np.cos(15 * DEG)
-    assert words(nc_program(test, Options("fanuc", "inverse", 1.0)).text, "F") == pytest.approx(1000.0 / (radius * DEG), abs=0.5e-3)
+    assert words(nc_program(test, Options("fanuc", "inverse", 1.0)).text, "F") == pytest.approx(
+        1000.0 / (radius * DEG), abs=0.5e-3
+    )
     text = nc_program(test, Options("fanuc", "tcp")).text
     assert list(words(text, "F")) == [1000.0]
     lines = text.splitlines()
-    assert lines.index("G0 A0. C0.") + 1 == lines.index("G43.4 H1") < lines.index("G49", lines.index("G43.4 H1")) < lines.index("M30")
+    assert (
+        lines.index("G0 A0. C0.") + 1
+        == lines.index("G43.4 H1")
+        < lines.index("G49", lines.index("G43.4 H1"))
+        < lines.index("M30")
+    )
     x, y, z = (words(text, a) for a in "XYZ")
     beta = 10 * DEG  # the circle leans about Y around the table ball
     away = np.array([np.cos(beta) * (x - 20) - np.sin(beta) * (z - 155), y + 10])
@@ -212,12 +230,14 @@ def test_time_of_a_block(case):
     assert motion.seconds == pytest.approx([60.0 * minutes], rel=2e-5)
 
 
-# -- reading what others write -----------------------------------------------------------------------------------------------------
+# -- reading what others write -----------------------------------------------------------------------------------------
 
 WANTED = np.array([[10, 0, 5, 0, 0], [11.5, -0.5, 5, 0, 2], [11.5, -1, 5, -0.25, 2]], float)
 SPELLINGS = {
     "plain": "G90 G21 G94\nG0 X10. Y0. Z5. A0. C0.\nG1 X11.5 Y-.5 C2. F600\nY-1. A-.25\nM30\n",
-    "lower case, no spaces, numbers": ("n10g90g21g94\nn20g0x10.y0.z5.a0.c0.\nn30g1x11.5y-.5c2.f600\nn40y-1.a-.25\nn50m30\n"),
+    "lower case, no spaces, numbers": (
+        "n10g90g21g94\nn20g0x10.y0.z5.a0.c0.\nn30g1x11.5y-.5c2.f600\nn40y-1.a-.25\nn50m30\n"
+    ),
     "blanks within words": "G90 G21\nG0 X 10. Y 0 Z+5. A0 C 0\nG01 X +11.5 Y -0.5 C2.0 F 600.\nY-1. A-0.25\n",
     "Windows": "G90\r\nG0 X10. Y0. Z5. A0. C0.\r\nG1 X11.5 Y-.5 C2. F600\r\nY-1. A-.25\r\nM2\r\n",
     "comments": "%\nO1234 (PART; ONE)\n(X99.) G90 (ABS) G0 X10. (A) Y0. Z5. A0. C0. ; G91 (\n"
@@ -332,7 +352,7 @@ def test_files_that_are_no_programs(tmp_path, data):
         read_nc(tmp_path)
 
 
-# -- limits and options ------------------------------------------------------------------------------------------------------------
+# -- limits and options ------------------------------------------------------------------------------------------------
 
 
 def test_limits_are_the_joints(tests):
@@ -347,7 +367,10 @@ def test_limits_are_the_joints(tests):
 def test_limits(tests, tmp_path):
     test = tests[0]
     limits = model_limits().changed({"A": (0.0, 20.0)}, {})
-    with pytest.raises(InputError, match=r'test "t0", block N\d+ \(φ = \d+.\d+°\): A = 20.\d+° leaves .* to 25.0000°\); allowed: 0 to 20°'):
+    with pytest.raises(
+        InputError,
+        match=r'test "t0", block N\d+ \(φ = \d+.\d+°\): A = 20.\d+° leaves .* to 25.0000°\); allowed: 0 to 20°',
+    ):
         write_nc(test, tmp_path / "t.nc", limits=limits)
     assert not (tmp_path / "t.nc").exists()
     fast = model_limits().changed({"A": (5.0 - 1e-4, 25.0 + 1e-4)}, {"C": 1500.0})
@@ -374,7 +397,10 @@ def test_limits(tests, tmp_path):
         (Options(decimals=12), "allowed: 1 to 9"),
         (Options(feed_decimals=-1), "allowed: 0 to 9"),
         (Options(number=0), "allowed: 1 to 9999"),
-        (Options(feed="inverse", step_deg=0.05), "allowed for fanuc: up to 9999.999 1/min, by a step of at least 0.06°"),
+        (
+            Options(feed="inverse", step_deg=0.05),
+            "allowed for fanuc: up to 9999.999 1/min, by a step of at least 0.06°",
+        ),
     ],
 )
 def test_options_that_do_not_fit(tests, options, text):
@@ -388,16 +414,20 @@ def test_tool_tip_rests_in_a_rotary_test(turn):
         nc_program(turn("C", 0, 90, (80, 60, 155)), Options(feed="tcp"))
 
 
-# -- what blocks do ----------------------------------------------------------------------------------------------------------------
+# -- what blocks do ----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("step", [0.1, 0.5, 2.0])
 def test_chord_error_in_closed_form(circle, turn, step):
-    """Half-way along a block the spindle ball is R(1 - cos(step/2)) inside its circle about the turning axis, or about the ball."""
+    """Half-way along a block the spindle ball is R(1 - cos(step/2)) inside its circle about the turning axis, or
+    about the ball.
+    """
     sag = 1.0 - np.cos(step * DEG / 2)
     fine = Options("siemens", decimals=9, feed_decimals=6, step_deg=step)
     cases = [(circle("XY", (10, 20, 155)), 0.1), (circle("ZX", (0, 0, 155)), 0.1)]
-    cases += [(turn("C", 0, 90, (80, 60, 155), s), r) for s, r in (("tangential", 0.1), ("radial", 0.2), ("axial", 0.0))]
+    cases += [
+        (turn("C", 0, 90, (80, 60, 155), s), r) for s, r in (("tangential", 0.1), ("radial", 0.2), ("axial", 0.0))
+    ]
     cases += [(turn("A", 0, 90, (30, 0, 155), s), r) for s, r in (("tangential", 0.1), ("radial", 0.255))]
     for test, radius in cases:
         report = feed_report(test, back(test, fine)[1].motion)
@@ -410,7 +440,8 @@ def test_chord_error_in_closed_form(circle, turn, step):
 
 def test_chord_error_of_a_cone_is_quadratic(tests):
     deep = [
-        -feed_report(tests[2], back(tests[2], Options("siemens", decimals=9, step_deg=s))[1].motion).reading.min() for s in (0.5, 1.0, 2.0)
+        -feed_report(tests[2], back(tests[2], Options("siemens", decimals=9, step_deg=s))[1].motion).reading.min()
+        for s in (0.5, 1.0, 2.0)
     ]
     assert deep[1] / deep[0] == pytest.approx(4.0, rel=0.02) and deep[2] / deep[1] == pytest.approx(4.0, rel=0.05)
     assert 0.1 * (1 - np.cos(0.5 * DEG)) < deep[1]  # C turns faster than φ: deeper than a plain circle's
@@ -425,7 +456,9 @@ def test_feed_by_the_blocks(circle):
     assert plain.duration == pytest.approx(plain.ideal, rel=1e-8)
     whole = feed_report(test, motion, Control(cycle=2e-3, whole_cycles=True))
     assert block == pytest.approx(10.472e-3, rel=1e-4)
-    assert whole.mean == pytest.approx(test.feed * block / 12e-3, rel=1e-6) and whole.seconds == pytest.approx((12e-3, 12e-3))
+    assert whole.mean == pytest.approx(test.feed * block / 12e-3, rel=1e-6) and whole.seconds == pytest.approx(
+        (12e-3, 12e-3)
+    )
     over = feed_report(test, motion, Control(cycle=2e-3))
     assert over.mean == pytest.approx(test.feed, rel=1e-5) and over.feed == pytest.approx(test.feed, rel=1e-5)
     slow = feed_report(test, motion, Control(block_time=15e-3))
@@ -434,7 +467,9 @@ def test_feed_by_the_blocks(circle):
     turn_of_axis = 2 * np.sin(0.05 * DEG) * test.feed  # the velocity turns by one step from block to block
     assert plain.jump[0] == pytest.approx(turn_of_axis, rel=1e-3) and plain.jump[3] == 0.0
     data = plain.to_json()
-    assert data["nominal_mm_min"] == pytest.approx(1000.0) and data["reading_um"]["min"] == pytest.approx(-0.0381, abs=2e-4)
+    assert data["nominal_mm_min"] == pytest.approx(1000.0) and data["reading_um"]["min"] == pytest.approx(
+        -0.0381, abs=2e-4
+    )
 
 
 def test_coarse_f_makes_ripple(tests):
@@ -455,26 +490,36 @@ def test_set_points_lie_on_the_blocks(tests):
     np.testing.assert_allclose(given.points, motion.at(given.knots), rtol=0, atol=1e-11)
     np.testing.assert_array_equal(given.points[[0, -1]], motion.points[[0, -1]])
     tip = back(tests[0], Options(step_deg=1.0, feed="tcp"))[1].motion
-    np.testing.assert_allclose(executed(tip, Control(cycle=3e-3)).points[100], tip.at(np.array([0.3]))[0], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(
+        executed(tip, Control(cycle=3e-3)).points[100], tip.at(np.array([0.3]))[0], rtol=0, atol=1e-11
+    )
 
 
 @pytest.mark.parametrize(
     "control",
-    [Control(cycle=1e-6), Control(cycle=-1.0), Control(block_time=-1.0), Control(block_time=np.nan), Control(whole_cycles=True)],
+    [
+        Control(cycle=1e-6),
+        Control(cycle=-1.0),
+        Control(block_time=-1.0),
+        Control(block_time=np.nan),
+        Control(whole_cycles=True),
+    ],
 )
 def test_controls_that_do_not_exist(tests, control):
     with pytest.raises(InputError, match="allowed"):
         feed_report(tests[0], nc_program(tests[0], Options(step_deg=5.0)).motion, control)
 
 
-# -- as the commanded motion -------------------------------------------------------------------------------------------------------
+# -- as the commanded motion -------------------------------------------------------------------------------------------
 
 
 def test_driven_programs_are_the_tests_own_ones(tests):
     """Angle, axes and measured part of a fine program, at every instant, ramps included."""
     for test in (*tests[:8:2], *tests[8:11], *tests[12::2]):
         own = Program(test)
-        driven = Program(driven_by(test, back(test, Options("siemens", step_deg=0.1, decimals=8, feed_decimals=6))[1].motion))
+        driven = Program(
+            driven_by(test, back(test, Options("siemens", step_deg=0.1, decimals=8, feed_decimals=6))[1].motion)
+        )
         time = np.linspace(-0.2, own.duration + 0.2, 501)
         assert driven.duration == pytest.approx(own.duration, abs=2e-6)
         np.testing.assert_allclose(driven.measured_span, own.measured_span, rtol=0, atol=2e-6)
@@ -488,7 +533,10 @@ def test_driven_programs_are_the_tests_own_ones(tests):
 def test_simulated_reading_of_a_program_read_back(turn, m1):
     """In the multibody model: the built-in program's reading to what chord and digits allow; coarse digits show."""
     test = turn("A", 0, 25, (0, 0, 155), feed=3000.0)
-    fine, coarse = (driven_by(test, back(test, Options("siemens", step_deg=0.1, decimals=d, feed_decimals=5))[1].motion) for d in (7, 2))
+    fine, coarse = (
+        driven_by(test, back(test, Options("siemens", step_deg=0.1, decimals=d, feed_decimals=5))[1].motion)
+        for d in (7, 2)
+    )
     plain, read, rough = simulate(m1, [test, fine, coarse])
     assert len(plain.time) == len(read.time)
     sag = 0.1 * (1 - np.cos(0.05 * DEG))

@@ -1,6 +1,8 @@
-"""Axes against oracles that share no code with mjsim: a high-order integration of drive and transmission, and closed-form responses.
+"""Axes against oracles that share no code with mjsim: a high-order integration of drive and transmission, and
+closed-form responses.
 
-Every comparison begins with machine numbers and ends at the load side, so that units, gears and the order of effects are in it.
+Every comparison begins with machine numbers and ends at the load side, so that units, gears and the order of effects
+are in it.
 """
 
 import numpy as np
@@ -17,7 +19,8 @@ from mjsim.simulation.multibody import simulate
 from mjsim.simulation.transmission import transmit
 
 UM = 1e-6
-#: Distance from a rotary axis' centreline that turns its angle into a reading, m (the far corner of the tests' work space).
+#: Distance from a rotary axis' centreline that turns its angle into a reading, m (the far corner of the tests' work
+#: space).
 LEVER = 0.25
 
 
@@ -75,9 +78,13 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("letter, case", [*((a, c) for a in "XA" for c in CASES), ("Z", "transmission"), ("C", "transmission")])
+@pytest.mark.parametrize(
+    "letter, case", [*((a, c) for a in "XA" for c in CASES), ("Z", "transmission"), ("C", "transmission")]
+)
 def test_axis_against_high_order_integration(m1, letter, case):
-    """Below 0.02 µm or 0.08 µrad throughout, turns of the axis, rests and presliding included (measured: 0.009 µm, 0.037 µrad)."""
+    """Below 0.02 µm or 0.08 µrad throughout, turns of the axis, rests and presliding included (measured: 0.009 µm,
+    0.037 µrad).
+    """
     nominal = machines.nominal("M1")
     drive, friction = dict(nominal["drive"][letter]), machines.by_id(nominal["effect"])[f"friction.{letter}"]
     effects = {"friction": {k: v for k, v in friction.items() if k != "id"}}
@@ -115,7 +122,9 @@ def test_the_reference_has_converged():
 
 
 def test_stiff_bristles_take_more_substeps(m1, cone):
-    """Two sub-steps a step, coupled explicitly, are unstable on stiff bristles: the drive takes as many as it needs, in MuJoCo as well."""
+    """Two sub-steps a step, coupled explicitly, are unstable on stiff bristles: the drive takes as many as it
+    needs, in MuJoCo as well.
+    """
     own = m1.effect("friction.A")
     assert substeps_of(build(m1).axes["A"], STEP) == SUBSTEPS
     stiff = m1.with_effect(own.replaced(coulomb_Nm=4.0, presliding_rad=2e-5))
@@ -168,8 +177,8 @@ CONTROL = {
 def test_frequency_response(name, letter, control, bare, request):
     """Amplitude and phase at five frequencies at once (a linear axis adds them up), without friction.
 
-    What is allowed is what parabolas of one step, taken as straight pieces of one sub-step, lose of a sine: (ωh)²/12 and (ωT)³/15.
-    Measured: 0.9447 of that, everywhere.
+    What is allowed is what parabolas of one step, taken as straight pieces of one sub-step, lose of a sine: (ωh)²/12
+    and (ωT)³/15. Measured: 0.9447 of that, everywhere.
     """
     machine = bare(request.getfixturevalue(name.lower()))
     drive = machines.nominal(name)["drive"][letter]

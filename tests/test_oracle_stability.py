@@ -1,4 +1,6 @@
-"""A solver that diverges is an error with advice, never a result: no file, no log of MuJoCo's, one sentence, for every command."""
+"""A solver that diverges is an error with advice, never a result: no file, no log of MuJoCo's, one sentence, for
+every command.
+"""
 
 import os
 import re
@@ -56,7 +58,9 @@ COMMANDS = {
 def test_every_command_refuses_an_unstable_drive(campaign, command, capfd):
     absurd(campaign, position_gain_per_s=1000.0, velocity_gain_Nms_per_rad=0.001)
     args = [a.replace("C", str(campaign), 1) if a.startswith("C") else a for a in COMMANDS[command]]
-    refused(campaign.parent, args, "drive A", "swings itself up", "velocity gain 0.001", "position gain 1000", "above 0.319")
+    refused(
+        campaign.parent, args, "drive A", "swings itself up", "velocity gain 0.001", "position gain 1000", "above 0.319"
+    )
     out, err = capfd.readouterr()
     assert not out and "WARNING" not in err
     assert not os.listdir()
@@ -74,7 +78,9 @@ def test_a_sweep_tells_it_per_run(campaign, capfd):
 
 
 def test_what_only_mujoco_notices(m1, cone, tmp_path, monkeypatch, capfd):
-    """Where the drives are sound and the multibody model is not, MuJoCo's own warning becomes the error; it writes no log."""
+    """Where the drives are sound and the multibody model is not, MuJoCo's own warning becomes the error; it writes
+    no log.
+    """
     real = mjmodel.with_numbers
 
     def shoved(*args, **kwargs):  # bodies with numbers that no machine has: the drives are stable, MuJoCo is not
@@ -85,13 +91,15 @@ def test_what_only_mujoco_notices(m1, cone, tmp_path, monkeypatch, capfd):
     monkeypatch.setattr(mjmodel, "with_numbers", shoved)
     monkeypatch.chdir(tmp_path)
     before = mujoco.get_mju_user_warning()
-    with pytest.raises(SimulationError, match=r"test short: (MuJoCo gave up \(mjWARN|the simulated reading is not finite)"):
+    with pytest.raises(
+        SimulationError, match=r"test short: (MuJoCo gave up \(mjWARN|the simulated reading is not finite)"
+    ):
         simulate(m1, [cone(15, 10, (0, 0, 155), 20000, name="short")])
     assert mujoco.get_mju_user_warning() is before
     assert not os.listdir() and "WARNING" not in capfd.readouterr().err
 
 
-# -- the criterion ------------------------------------------------------------------------------------------------------------------
+# -- the criterion -----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("letter", ["X", "Z", "A", "C"])
@@ -124,7 +132,9 @@ def test_an_elastic_drive_that_swings_itself_up(m1):
     check_stable(build(soft))
     plant = build(soft.with_drive("X", position_gain=300.0))
     assert np.linalg.eigvals(equations(plant.axes["X"])[0]).real.max() > 0
-    with pytest.raises(SimulationError, match=r"drive X: .*elastic transmission.*raise stiffness and damping of drive_compliance\.X"):
+    with pytest.raises(
+        SimulationError, match=r"drive X: .*elastic transmission.*raise stiffness and damping of drive_compliance\.X"
+    ):
         check_stable(plant)
 
 
@@ -138,15 +148,25 @@ def test_stable_commands_still_run(campaign):
 
 
 def test_friction_too_stiff_to_be_simulated(campaign):
-    """Bristles so stiff that thousands of sub-steps would be needed are refused with the length that is enough; that one runs."""
+    """Bristles so stiff that thousands of sub-steps would be needed are refused with the length that is enough;
+    that one runs.
+    """
     text = (campaign / "machine.toml").read_text()
     head, mine = text.split('id = "friction.A"')
     stiff = head.replace("inertia_kgm2 = 0.0042", "inertia_kgm2 = 1e-6")
     for length in ("1e-5", "4.1e-5"):
-        mine = re.sub(r"coulomb_Nm = \S+\npresliding_rad = \S+", f"coulomb_Nm = 1.6\npresliding_rad = {length}", mine, count=1)
+        mine = re.sub(
+            r"coulomb_Nm = \S+\npresliding_rad = \S+", f"coulomb_Nm = 1.6\npresliding_rad = {length}", mine, count=1
+        )
         (campaign / "machine.toml").write_text(f'{stiff}id = "friction.A"{mine}')
         args = ["simulate", campaign, "--out", campaign / "out", "--test", "turn", "--no-plots"]
         if length == "1e-5":
-            refused(campaign.parent, args, "drive A: friction", "presliding_rad = 1e-05", "allowed with these: presliding_rad above 4e-05")
+            refused(
+                campaign.parent,
+                args,
+                "drive A: friction",
+                "presliding_rad = 1e-05",
+                "allowed with these: presliding_rad above 4e-05",
+            )
         else:
             assert run(*args).exit_code == 0

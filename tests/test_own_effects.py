@@ -82,7 +82,7 @@ def test_one_that_behaves(campaign):
     assert mine["max_um"] != plain["max_um"]
 
 
-# -- position_error -----------------------------------------------------------------------------------------------------------------
+# -- position_error ----------------------------------------------------------------------------------------------------
 
 ALLOWED = "allowed: an array of finite numbers, m and rad, shape"
 BAD = {
@@ -96,9 +96,10 @@ BAD = {
     "writes into the motion": ("motion.position[0, 0] = 1.0", "ValueError", "line 13", "work on a copy"),
     "loops": (LOOP, LATE, own.VARIABLE),
     "loops and keeps errors": (
-        "\n        while True:\n            try: time.sleep(0)\n            except Exception: pass", "did not end within 0.3 s",
+        "\n        while True:\n            try: time.sleep(0)\n            except Exception: pass",
+        "did not end within 0.3 s",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", BAD)
@@ -129,7 +130,9 @@ def test_every_command_stops_a_loop(campaign, command, short):
 def test_a_fit_stops_a_loop(campaign, short):
     """The machine does not have the effect yet: it first runs inside the fit."""
     (campaign / "mine.py").write_text(text(LOOP))
-    refused(campaign.parent, ["add", campaign, campaign / "mine.py", "--threads", 2, "--json"], "effect mine.A: " + LATE)
+    refused(
+        campaign.parent, ["add", campaign, campaign / "mine.py", "--threads", 2, "--json"], "effect mine.A: " + LATE
+    )
 
 
 def test_a_sweep_stops_at_a_loop(campaign, short):
@@ -137,7 +140,8 @@ def test_a_sweep_stops_at_a_loop(campaign, short):
     equip(campaign, text(LOOP))
     turn = (campaign / "campaign.toml").read_text().split("[[test]]")[1].replace('trace = "traces/turn.csv"\n', "")
     (campaign / "sweep.toml").write_text(
-        f'name = "s"\nmachine = "machine.toml"\n[[test]]{turn}[[vary]]\nparameter = "backlash.A.width_deg"\nvalues = [0.0, 0.001]\n'
+        f'name = "s"\nmachine = "machine.toml"\n[[test]]{turn}[[vary]]\nparameter = "backlash.A.width_deg"\nvalues '
+        f"= [0.0, 0.001]\n"
     )
     result = run("batch", campaign / "sweep.toml", "--out", campaign / "out", "--threads", 2, "--json")
     assert (result.exit_code, result.stdout) == (1, "")
@@ -175,34 +179,66 @@ def test_a_class_that_nobody_registered(m1, cone):
         def position_error(self, motion):
             raise SystemExit(0)
 
-    with pytest.raises(SimulationError, match=r"effect loose\.A: position_error raised SystemExit: 0 \(test_own_effects\.py, line"):
+    with pytest.raises(
+        SimulationError, match=r"effect loose\.A: position_error raised SystemExit: 0 \(test_own_effects\.py, line"
+    ):
         simulate(m1.with_effect(Loose("A", size_um=1.0)), [cone(15, 10, (0, 0, 155), 20000)])
 
 
-# -- while the file is loaded -------------------------------------------------------------------------------------------------------
+# -- while the file is loaded ------------------------------------------------------------------------------------------
 
 LOADED = {
     "leaves": (text() + "\nraise SystemExit(0)\n", "SystemExit: 0 (mine.py, line 16)"),
     "raises": (text() + "\nx = 1\nx.y\n", "AttributeError", "line 17)"),
     "wrong syntax": ("import mjsim\nclass (:\n", "SyntaxError", "line 2)"),
-    "imports what is not there": ("import no_such_module_of_mine\n", "ModuleNotFoundError", "no_such_module_of_mine", "line 1)"),
+    "imports what is not there": (
+        "import no_such_module_of_mine\n",
+        "ModuleNotFoundError",
+        "no_such_module_of_mine",
+        "line 1)",
+    ),
     "forgets to register": (text().replace("@mjsim.register\n", ""), "no class has @mjsim.register above it"),
-    "two effects": (text() + text().replace('"mine"', '"mine_too"').replace("Mine", "Too"), "2 classes", "(Mine, Too)", "one class a file"),
-    "a kind that exists": (text().replace('"mine"', '"backlash"'), "'backlash'", "already taken", "choose another kind"),
+    "two effects": (
+        text() + text().replace('"mine"', '"mine_too"').replace("Mine", "Too"),
+        "2 classes",
+        "(Mine, Too)",
+        "one class a file",
+    ),
+    "a kind that exists": (
+        text().replace('"mine"', '"backlash"'),
+        "'backlash'",
+        "already taken",
+        "choose another kind",
+    ),
     "a kind that is no name": (text().replace('"mine"', '"my kind"'), "kind = 'my kind'", "letters"),
     "no kind": (text().replace('    kind = "mine"\n', ""), "'kind' is missing"),
     "a subject that is a text": (text().replace('("A",)', '"A"'), "subjects = 'A'", "a tuple"),
     "a parameter without comma": (text().replace("neutral=0.0),)", "neutral=0.0))"), "a tuple of mjsim.Parameter"),
-    "a parameter without a unit": (text().replace('"size_um"', '"size"'), "'size' has no unit", "_um", "_deg", "ratio, order"),
-    "a parameter in inches": (text().replace('"size_um"', '"size_inch"'), "parameter name 'size_inch' has no unit", "_mm"),
+    "a parameter without a unit": (
+        text().replace('"size_um"', '"size"'),
+        "'size' has no unit",
+        "_um",
+        "_deg",
+        "ratio, order",
+    ),
+    "a parameter in inches": (
+        text().replace('"size_um"', '"size_inch"'),
+        "parameter name 'size_inch' has no unit",
+        "_mm",
+    ),
     "bounds the wrong way": (text().replace("0.0, 50.0", "50.0, 0.0"), "parameter size_um has the bounds 50 to 0"),
     "a scale of zero": (text().replace("neutral=0.0", "neutral=0.0, scale=0.0"), "scale of the parameter size_um"),
     "free of what is not there": (
-        text().replace('kind = "mine"', 'kind = "mine"; search = mjsim.SearchHints(free=("width",))'), "free = ('width',)", "size_um",
+        text().replace('kind = "mine"', 'kind = "mine"; search = mjsim.SearchHints(free=("width",))'),
+        "free = ('width',)",
+        "size_um",
     ),
-    "hints outside search": (text().replace("title =", "quasi_static = False; title ="), "search = mjsim.SearchHints(quasi_static="),
+    "hints outside search": (
+        text().replace("title =", "quasi_static = False; title ="),
+        "search = mjsim.SearchHints(quasi_static=",
+    ),
     "a title that is none": (text().replace('"of a test"', "None"), "title = None", "a text"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", LOADED)
@@ -236,14 +272,16 @@ def test_an_installed_package_that_fails_is_named(monkeypatch):
     monkeypatch.setattr(registry, "entry_points", lambda group: [Point()])
     registry._load_installed.cache_clear()
     try:
-        with pytest.raises(InputError, match="effect 'wave' of the installed package my-package: ImportError: no luck; mend or"):
+        with pytest.raises(
+            InputError, match="effect 'wave' of the installed package my-package: ImportError: no luck; mend or"
+        ):
             registry.kinds()
     finally:
         monkeypatch.undo()
         registry.kinds()
 
 
-# -- an effect whose file is gone or broken is taken out by its id --------------------------------------------------------------------
+# -- an effect whose file is gone or broken is taken out by its id -----------------------------------------------------
 
 
 @pytest.mark.parametrize("content", [None, "1 / 0\n"], ids=["gone", "broken"])
@@ -269,15 +307,30 @@ def test_another_effect_waits_for_the_file(campaign):
     refused(campaign.parent, ["remove", campaign, "friction.X"], '"mine.A"', "no such file")
 
 
-# -- everything else that a class can override ----------------------------------------------------------------------------------------
+# -- everything else that a class can override -------------------------------------------------------------------------
 
 METHODS = {
-    "apply loops": ("    def apply(self, plant):\n        while True: pass\n", "mine.A: apply did not end within 0.3 s (mine.py, line 16)"),
-    "apply raises": ("    def apply(self, plant):\n        plant.axes['Q']\n", "mine.A: apply raised KeyError: 'Q' (mine.py, line 16)"),
-    "apply gives NaN": ("    def apply(self, plant):\n        plant.axes['A'].delay = np.nan\n", "apply put delay = nan into the A drive"),
-    "apply takes the inertia": ("    def apply(self, plant):\n        plant.axes['A'].inertia = 0\n", "put inertia = 0 into the A drive"),
-    "a property raises": ("    @property\n    def is_neutral(self):\n        return 1 / 0\n", "mine.py, line 17: raised ZeroDivisionError"),
-}  # fmt: skip
+    "apply loops": (
+        "    def apply(self, plant):\n        while True: pass\n",
+        "mine.A: apply did not end within 0.3 s (mine.py, line 16)",
+    ),
+    "apply raises": (
+        "    def apply(self, plant):\n        plant.axes['Q']\n",
+        "mine.A: apply raised KeyError: 'Q' (mine.py, line 16)",
+    ),
+    "apply gives NaN": (
+        "    def apply(self, plant):\n        plant.axes['A'].delay = np.nan\n",
+        "apply put delay = nan into the A drive",
+    ),
+    "apply takes the inertia": (
+        "    def apply(self, plant):\n        plant.axes['A'].inertia = 0\n",
+        "put inertia = 0 into the A drive",
+    ),
+    "a property raises": (
+        "    @property\n    def is_neutral(self):\n        return 1 / 0\n",
+        "mine.py, line 17: raised ZeroDivisionError",
+    ),
+}
 
 
 @pytest.mark.parametrize("case", METHODS)
@@ -288,7 +341,7 @@ def test_methods(campaign, case, short, monkeypatch):
     refused(campaign.parent, simulated(campaign), *words)
 
 
-# -- the limit itself -----------------------------------------------------------------------------------------------------------------
+# -- the limit itself --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("value", ["soon", "0", "nan"])

@@ -125,7 +125,11 @@ def test_a_key_of_ones_own_is_read_checked_and_written(folder):
     leaning, nodding = mjsim.read_campaign(folder).tests
     assert leaning.more == {"lean": pytest.approx(25.0 * DEG)} and files.test_table(leaning)["lean_deg"] == 25.0
     assert (nodding.direction, nodding.revolutions) == ("CCW", 1)
-    for wrong, said in (("lean_deg = 99.0", "lean_deg = 99"), ("", "'lean_deg' is missing"), ('lean_deg = 1.0\nplane = "XY"', "'plane'")):
+    for wrong, said in (
+        ("lean_deg = 99.0", "lean_deg = 99"),
+        ("", "'lean_deg' is missing"),
+        ('lean_deg = 1.0\nplane = "XY"', "'plane'"),
+    ):
         (folder / "campaign.toml").write_text(CAMPAIGN.replace("lean_deg = 25.0", wrong))
         with pytest.raises(mjsim.InputError, match=said):
             mjsim.read_campaign(folder)
@@ -136,7 +140,9 @@ def test_simulation_import_comparison_plots_export_and_nc(folder, tmp_path):
     assert (tmp_path / "out" / "leaning.png").stat().st_size > 10_000 and (tmp_path / "out" / "nodding.png").is_file()
     for name in ("leaning", "nodding"):
         time, deviation = np.loadtxt(tmp_path / "out" / f"{name}.csv", delimiter=",", skiprows=1, usecols=(0, 2)).T
-        lo, hi = Program(next(t for t in mjsim.read_campaign(folder, traces=False).tests if t.name == name)).measured_span
+        lo, hi = Program(
+            next(t for t in mjsim.read_campaign(folder, traces=False).tests if t.name == name)
+        ).measured_span
         keep = (time >= lo) & (time <= hi)
         noise = 0.1 * np.random.default_rng(1).standard_normal(keep.sum())
         rows = np.column_stack([time[keep], deviation[keep] + noise])

@@ -1,12 +1,28 @@
-"""What Kato, Tsutsumi and Sato (IJMTM 64, 2013) state in sections 4 and 5, on simulated traces. θ = 15°, β = 10° unless said otherwise.
+"""What Kato, Tsutsumi and Sato (IJMTM 64, 2013) state in sections 4 and 5, on simulated traces. θ = 15°, β = 10° unless
+said otherwise.
 
-Machine: M1, whose axes have equal Kpp. How traces are taken: ``paper_traces``. Sections 3, 4.1 and the conclusions on the paper's own
-machine: ``test_paper_machine``.
+Machine: M1, whose axes have equal Kpp. How traces are taken: ``paper_traces``. Sections 3, 4.1 and the conclusions on
+the paper's own machine: ``test_paper_machine``.
 """
 
 import numpy as np
 import pytest
-from paper_traces import ANGLE, CENTRE, OFFSETS, UM, X200, X_200, Y200, Y_200, at, centred, glitches, nearest, step, within
+from paper_traces import (
+    ANGLE,
+    CENTRE,
+    OFFSETS,
+    UM,
+    X200,
+    X_200,
+    Y200,
+    Y_200,
+    at,
+    centred,
+    glitches,
+    nearest,
+    step,
+    within,
+)
 from scipy.signal import find_peaks
 
 from mjsim.effects.registry import make
@@ -17,7 +33,8 @@ from mjsim.effects.registry import make
 def test_friction_shows_at_every_reversal(m1, caused, paper):
     """Projections at 131°, 151°, 209°, 229°, 0° and 180° (the equations say 148° and 212° for Y), and nowhere else.
 
-    The motor turns back one lag after its command (0.2° of φ) and the glitch peaks once the bristles have bent: within 2°.
+    The motor turns back one lag after its command (0.2° of φ) and the glitch peaks once the bristles have bent: within
+    2°.
     """
     found = glitches(caused(m1.effects, 15, [CENTRE])[0])
     said = paper["reversals_15_10_centre"]
@@ -31,7 +48,8 @@ def test_friction_shows_at_every_reversal(m1, caused, paper):
 
 
 @pytest.mark.parametrize(
-    ("axis", "angles"), [("X", [131.15, 228.85]), ("Y", [0, 147.98, 180, 212.02]), ("A", [0, 180]), ("Z", []), ("C", [])]
+    ("axis", "angles"),
+    [("X", [131.15, 228.85]), ("Y", [0, 147.98, 180, 212.02]), ("A", [0, 180]), ("Z", []), ("C", [])],
 )
 def test_each_axis_shows_at_its_own_reversals(m1, caused, axis, angles):
     """C never turns back, and Z is not seen."""
@@ -76,7 +94,9 @@ def test_deflection_is_larger_at_45(m1, traces):
 
 
 def test_deflection_is_symmetric_about_the_0_180_line(quiet, traces):
-    """Without friction and with X offsets only, nothing tells the upper half from the lower one but the direction of motion."""
+    """Without friction and with X offsets only, nothing tells the upper half from the lower one but the direction
+    of motion.
+    """
     trace = centred(traces(quiet, 15, [X200])[0])
     smooth = np.abs(ANGLE - 180) > 3
     assert np.abs(trace - np.roll(trace[::-1], 1))[smooth].max() < 0.1 * np.ptp(trace)
@@ -97,13 +117,17 @@ def test_backlash_of_a_steps_at_0_and_180(caused):
 
 
 def test_backlash_step_height_in_closed_form(caused):
-    """At both angles the bar points along Y: the step is the play times the ball's height over the A axis, 155 mm · cos A.
+    """At both angles the bar points along Y: the step is the play times the ball's height over the A axis, 155 mm · cos
+    A.
 
-    A is θ + β = 25° at 0° and θ − β = 5° at 180°. 3 % for the change of the sensitivity over the 5° before and after the step.
+    A is θ + β = 25° at 0° and θ − β = 5° at 180°. 3 % for the change of the sensitivity over the 5° before and after
+    the step.
     """
     trace = caused(BACKLASH, 15, [CENTRE])[0]
     for angle, a in ((0, 25.0), (180, 5.0)):
-        assert abs(step(trace, angle)) == pytest.approx(np.radians(WIDTH) * 155e-3 * np.cos(np.radians(a)) / UM, rel=0.03)
+        assert abs(step(trace, angle)) == pytest.approx(
+            np.radians(WIDTH) * 155e-3 * np.cos(np.radians(a)) / UM, rel=0.03
+        )
 
 
 def test_backlash_of_a_hardly_depends_on_the_centre(caused):
@@ -121,7 +145,9 @@ def test_backlash_of_a_hardly_depends_on_the_centre(caused):
 
 
 def test_backlash_of_a_at_45(caused):
-    """Fig. 13b: with Y offsets the step at 0° is considerably smaller than that at 180°; in the parallel method it is not (Fig. 17b)."""
+    """Fig. 13b: with Y offsets the step at 0° is considerably smaller than that at 180°; in the parallel method it
+    is not (Fig. 17b).
+    """
     for ball in (Y200, Y_200):
         square, level = (caused(BACKLASH, 45, [ball], s)[0] for s in ("perpendicular", "parallel"))
         assert abs(step(square, 0)) < 0.5 * abs(step(square, 180))
@@ -147,13 +173,17 @@ PITCH_A = [make("pitch_error.A", components=[[60, 0.002, 0.0]])]
 
 @pytest.mark.parametrize("theta", [15, 45])
 def test_pitch_error_of_a_is_mirrored(caused, theta):
-    """A comes back the way it went: mirror-symmetric about the 0–180° line but for the drive's lag (4 % of the wheel's wave at 15°)."""
+    """A comes back the way it went: mirror-symmetric about the 0–180° line but for the drive's lag (4 % of the
+    wheel's wave at 15°).
+    """
     trace = caused(PITCH_A, theta, [CENTRE])[0]
     difference = trace - np.roll(trace[::-1], 1)
     assert np.std(difference) < {15: 0.1, 45: 0.3}[theta] * np.std(trace)  # A is three times as fast at 45°
 
 
-@pytest.mark.parametrize(("theta", "key"), [(15, "A_peaks_between_0_and_180_15_10"), (45, "A_peaks_between_0_and_180_45_30")])
+@pytest.mark.parametrize(
+    ("theta", "key"), [(15, "A_peaks_between_0_and_180_15_10"), (45, "A_peaks_between_0_and_180_45_30")]
+)
 def test_cycles_of_the_60_tooth_wheel(caused, paper, theta, key):
     assert paper["worm"]["A_teeth"] == 60
     trace = caused(PITCH_A, theta, [CENTRE])[0]
@@ -173,7 +203,9 @@ def test_pitch_error_of_a_does_not_depend_on_the_centre(caused):
 
 
 def test_pitch_error_of_a_at_45_depends_on_the_centre(caused):
-    """Fig. 14: with X offsets the right half changes; with Y_T > 0 the error appears in the upper half, with Y_T < 0 in the lower one."""
+    """Fig. 14: with X offsets the right half changes; with Y_T > 0 the error appears in the upper half, with Y_T <
+    0 in the lower one.
+    """
     x_plus, x_minus, plus, minus = caused(PITCH_A, 45, OFFSETS)
     upper, lower = within(20, 160), within(200, 340)
     assert np.std(plus[upper]) > 2 * np.std(plus[lower])
@@ -189,13 +221,17 @@ AMPLITUDE = 0.0025
 
 @pytest.fixture(scope="module")
 def wave_of_c(caused):
-    """``wave_of_c(theta, ball, sensitive)``: local amplitude (µm) and phase (rad) of the 72-tooth wheel's wave in the reading.
+    """``wave_of_c(theta, ball, sensitive)``: local amplitude (µm) and phase (rad) of the 72-tooth wheel's wave in the
+    reading.
 
     Two simulations a quarter of a wave apart give both at every angle.
     """
 
     def run(theta, ball, sensitive="perpendicular"):
-        sine, cosine = (caused([make("pitch_error.C", components=[[72, AMPLITUDE, p]])], theta, [ball], sensitive)[0] for p in (0.0, 90.0))
+        sine, cosine = (
+            caused([make("pitch_error.C", components=[[72, AMPLITUDE, p]])], theta, [ball], sensitive)[0]
+            for p in (0.0, 90.0)
+        )
         return np.hypot(sine, cosine), np.unwrap(np.arctan2(sine, cosine))
 
     return run
@@ -204,7 +240,12 @@ def wave_of_c(caused):
 def test_pitch_error_of_c_is_hidden_on_the_centreline(caused):
     for theta in (15, 45):
         for sensitive in ("perpendicular", "parallel"):
-            trace = caused([make("pitch_error.C", components=[[72, AMPLITUDE, 0.0], [360, AMPLITUDE, 0.0]])], theta, [CENTRE], sensitive)[0]
+            trace = caused(
+                [make("pitch_error.C", components=[[72, AMPLITUDE, 0.0], [360, AMPLITUDE, 0.0]])],
+                theta,
+                [CENTRE],
+                sensitive,
+            )[0]
             assert np.abs(trace).max() < 0.01
 
 
@@ -239,10 +280,14 @@ def test_pitch_error_of_c_with_y_offset(wave_of_c):
         assert at(size, angle) < 0.3 * size.max()
     # cycles per degree where the wave is large (the phase jumps by half a turn where it changes its sign)
     rate = np.abs(np.diff(phase, append=phase[-1]))
-    period = {a: 0.2 * np.pi / np.median(rate[(ANGLE > a - 3) & (ANGLE < a + 3)]) for a in (5, 40, 140, 180, 220, 320, 355)}
+    period = {
+        a: 0.2 * np.pi / np.median(rate[(ANGLE > a - 3) & (ANGLE < a + 3)]) for a in (5, 40, 140, 180, 220, 320, 355)
+    }
     assert period[5] > period[40] > period[140] > period[180] < period[220] < period[320] < period[355]
     # C turns at 1750°/min where the circle goes at 593°/min, and 72 waves to the turn
-    assert period[180] == pytest.approx(360 / 72 * (1000 / (100 * np.cos(np.radians(15))) * 180 / np.pi) / 1750, rel=0.05)
+    assert period[180] == pytest.approx(
+        360 / 72 * (1000 / (100 * np.cos(np.radians(15))) * 180 / np.pi) / 1750, rel=0.05
+    )
 
 
 def test_pitch_error_of_c_at_45_with_y_offset(wave_of_c):
@@ -277,7 +322,9 @@ ON_Z = [
 @pytest.mark.parametrize("effect", ON_Z, ids=lambda e: e.id)
 @pytest.mark.parametrize("theta", [15, 45])
 def test_perpendicular_method_cannot_see_z(caused, effect, theta):
-    """What is left is of second order: 20 µm of Z turn a bar of 100 mm into 2 nm; the parallel method sees sin θ of it."""
+    """What is left is of second order: 20 µm of Z turn a bar of 100 mm into 2 nm; the parallel method sees sin θ of
+    it.
+    """
     square, level = (caused([effect], theta, [(50, 20, 155)], s)[0] for s in ("perpendicular", "parallel"))
     assert np.abs(square).max() < 0.005
     assert np.abs(level).max() > 0.3
@@ -294,11 +341,15 @@ CAUSES = {
 @pytest.mark.parametrize("cause", CAUSES)
 @pytest.mark.parametrize("ball", [X200, Y200])
 def test_methods_hardly_differ_at_15(m1, caused, traces, cause, ball):
-    """The difference between the methods, as a share of the trace, is below 30 % at 15° and two to ten times that at 45°."""
+    """The difference between the methods, as a share of the trace, is below 30 % at 15° and two to ten times that
+    at 45°.
+    """
 
     def share(theta):
         square, level = (
-            traces(m1, theta, [ball], s)[0] if cause == "friction and lag" else caused(CAUSES[cause], theta, [ball], s)[0]
+            traces(m1, theta, [ball], s)[0]
+            if cause == "friction and lag"
+            else caused(CAUSES[cause], theta, [ball], s)[0]
             for s in ("perpendicular", "parallel")
         )
         return np.std(square - level) / np.std(square)

@@ -1,6 +1,8 @@
-"""What the paper states in sections 3 to 6 beyond its single effects: whole traces, velocities, deflections at all offsets, conclusions.
+"""What the paper states in sections 3 to 6 beyond its single effects: whole traces, velocities, deflections at all
+offsets, conclusions.
 
-Machine: the paper's, as examples/kato2013 assumes it (C 0.7 % faster than the linear axes), with the pitch errors that were planted there.
+Machine: the paper's, as examples/kato2013 assumes it (C 0.7 % faster than the linear axes), with the pitch errors that
+were planted there.
 """
 
 import numpy as np
@@ -28,7 +30,10 @@ def known():
 def pitch():
     """``pitch["A"]``, ``pitch["C"]``: the planted pitch errors of both directions."""
     tables = {axis: kato2013.pitch_effects(axis) for axis in "AC"}
-    return {axis: [make(e["id"], **{k: v for k, v in e.items() if k != "id"}) for e in rows] for axis, rows in tables.items()}
+    return {
+        axis: [make(e["id"], **{k: v for k, v in e.items() if k != "id"}) for e in rows]
+        for axis, rows in tables.items()
+    }
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +75,9 @@ def about(angle, half=20):
 
 
 def test_whole_trace_has_large_steps_and_three_cycles(whole, known, traces, caused):
-    """Fig. 5a: at 0° and 180° steps of half a division and more, A's play; the wheel goes through three teeth between them."""
+    """Fig. 5a: at 0° and 180° steps of half a division and more, A's play; the wheel goes through three teeth
+    between them.
+    """
     trace, play = traces(whole, 15, [CENTRE])[0], caused([known.effect("backlash.A")], 15, [CENTRE])[0]
     for angle in (0, 180):
         assert abs(step(trace, angle)) > 5.0
@@ -103,13 +110,20 @@ def test_cycles_with_all_components(pitch, caused, theta, cycles):
     ("theta", "ball", "large", "small"),
     [
         (15, X50, (90, 270), (0, 180)),  # "a short cyclic variation can be observed near 90° and 270°"
-        (15, Y50, (0, 180), (90, 270)),  # "clearly observed at around 0°, shorter at around 180°, does not appear around 90° or 270°"
+        (
+            15,
+            Y50,
+            (0, 180),
+            (90, 270),
+        ),  # "clearly observed at around 0°, shorter at around 180°, does not appear around 90° or 270°"
         (45, X50, (90, 270), (0, 180)),  # "between 45° and 135° and between 225° and 315°"
         (45, Y50, (180,), (45, 315)),  # "between 135° and 225°; slight between 315° and 45°"
     ],
 )
 def test_where_an_offset_adds_short_waves(whole, traces, theta, ball, large, small):
-    """Fig. 5b, 5c, 6b, 6c: an offset of 50 mm adds at least 1.8 times as much where the paper sees it as where it does not."""
+    """Fig. 5b, 5c, 6b, 6c: an offset of 50 mm adds at least 1.8 times as much where the paper sees it as where it
+    does not.
+    """
     here, centre = traces(whole, theta, [ball, CENTRE])
     added = short_waves(here) - short_waves(centre)
     assert min(rms(added, about(a)) for a in large) > 1.8 * max(rms(added, about(a)) for a in small)
@@ -133,7 +147,9 @@ def test_slight_inward_deflection_without_mechanism_errors(deflection):
 
 @pytest.mark.parametrize(("plus", "minus"), [((X200, X50), (X_200, X_50)), ((Y200, Y50), (Y_200, Y_50))])
 def test_signs_of_the_deflection(deflection, plus, minus):
-    """Fig. 8: inward and growing for positive offsets, an outward bulge that grows for negative ones; at −50 mm neither."""
+    """Fig. 8: inward and growing for positive offsets, an outward bulge that grows for negative ones; at −50 mm
+    neither.
+    """
     far, near = (deflection(15, b) for b in plus)
     assert far < 2 * near < near < deflection(15, CENTRE) < 0
     far, near = (deflection(15, b) for b in minus)
@@ -148,7 +164,9 @@ def test_y_offsets_give_slightly_less(deflection):
 
 
 def test_deflection_comes_from_the_tracking_delay(smooth, quiet, deflection, cone, traces):
-    """It falls with the square of the position gain where all axes lag alike, so it is the delay's and not friction's."""
+    """It falls with the square of the position gain where all axes lag alike, so it is the delay's and not
+    friction's.
+    """
     for ball in (X200, X_200):
         once = deflection(15, ball, quiet)
         faster = quiet
@@ -159,7 +177,9 @@ def test_deflection_comes_from_the_tracking_delay(smooth, quiet, deflection, con
 
 
 def test_deflection_at_45_is_larger(deflection):
-    """Fig. 12, the same signs as Fig. 8, larger amounts inward (outward with Y_T < 0 the amounts are alike: 4.2 and 4.8 µm)."""
+    """Fig. 12, the same signs as Fig. 8, larger amounts inward (outward with Y_T < 0 the amounts are alike: 4.2 and
+    4.8 µm).
+    """
     for ball in (X200, Y200):
         assert deflection(45, ball) < 1.2 * deflection(15, ball) < 0
     assert deflection(45, X_200) > 1.2 * deflection(15, X_200) > 0
@@ -168,7 +188,9 @@ def test_deflection_at_45_is_larger(deflection):
 
 @pytest.fixture(scope="module")
 def speed(cone):
-    """``speed(ball)``: commanded velocities of X, Y (mm/min) and C (°/min) over the plot angle, at constant feed, (3600, 5)."""
+    """``speed(ball)``: commanded velocities of X, Y (mm/min) and C (°/min) over the plot angle, at constant feed,
+    (3600, 5).
+    """
     scale = np.array([60e3, 60e3, 60e3, 60 * 180 / np.pi, 60 * 180 / np.pi])
     return lambda ball: Program(cone(15, 10, ball)).axis_velocity(np.radians(ANGLE - 180.0)) * scale
 
@@ -196,7 +218,9 @@ def test_velocities_with_y_offset(speed):
 
 
 def test_x_hardly_changes_its_speed_at_minus_50(speed):
-    """Section 4.1: with X_T = −50 mm the velocity of X "changes only slightly": a quarter of its change at the centre."""
+    """Section 4.1: with X_T = −50 mm the velocity of X "changes only slightly": a quarter of its change at the
+    centre.
+    """
     assert np.ptp(speed(X_50)[:, 0]) < 0.3 * np.ptp(speed(CENTRE)[:, 0])
 
 
@@ -204,7 +228,9 @@ def test_x_hardly_changes_its_speed_at_minus_50(speed):
 
 
 def test_spectrum_of_the_trace_does_not_show_the_wheel(caused):
-    """With an offset in Y the waves of C's order 72 spread: no line of the trace's spectrum holds a fifth of their power."""
+    """With an offset in Y the waves of C's order 72 spread: no line of the trace's spectrum holds a fifth of their
+    power.
+    """
     trace = caused([make("pitch_error.C", components=[[72, 0.0025, 0.0]])], 15, [Y200])[0]
     power = np.abs(np.fft.rfft(trace - trace.mean())) ** 2
     assert power.max() < 0.2 * power.sum()
@@ -222,7 +248,9 @@ def test_negative_offset_reverses_the_phase(pitch, caused, theta):
 
 
 def test_right_half_is_reduced_at_45(known, pitch, caused):
-    """Section 5.1: with the centre at +Y the step of A at 0° and the waves of C from 270° to 90° are reduced against 15°."""
+    """Section 5.1: with the centre at +Y the step of A at 0° and the waves of C from 270° to 90° are reduced
+    against 15°.
+    """
     backlash = [known.effect("backlash.A")]
     small, large = (caused(backlash, theta, [Y200])[0] for theta in (45, 15))
     assert abs(step(small, 0)) < 0.4 * abs(step(large, 0))
@@ -232,7 +260,9 @@ def test_right_half_is_reduced_at_45(known, pitch, caused):
 
 
 def test_pitch_errors_in_the_two_methods_with_x_offset(pitch, caused):
-    """Fig. 16c, d: both are weaker in the perpendicular method, that of A only near 180°, that of C everywhere alike."""
+    """Fig. 16c, d: both are weaker in the perpendicular method, that of A only near 180°, that of C everywhere
+    alike.
+    """
     square, level = (caused(pitch["C"], 45, [X200], s)[0] for s in ("perpendicular", "parallel"))
     shares = [rms(square, about(a)) / rms(level, about(a)) for a in range(0, 360, 30)]
     assert np.allclose(shares, np.sqrt(0.5), atol=0.02)
@@ -271,7 +301,9 @@ def test_conclusion_1_reversals_move_with_the_centre(smooth, quiet, known, cause
 
 
 def test_conclusions_2_and_3_direction_matters_at_45(known, pitch, caused):
-    """(2), (3) The method decides what is seen at 0° for 45°, and hardly for 15°: backlash of A and pitch error of C, offset in Y."""
+    """(2), (3) The method decides what is seen at 0° for 45°, and hardly for 15°: backlash of A and pitch error of
+    C, offset in Y.
+    """
     for effects, size in (
         ([known.effect("backlash.A")], lambda t: abs(step(t, 0))),
         (pitch["C"], lambda t: rms(t, about(0))),

@@ -1,4 +1,6 @@
-"""``identify pitch-error`` on campaigns of the independent generator: what was planted comes back, nothing else does, limits are stated."""
+"""``identify pitch-error`` on campaigns of the independent generator: what was planted comes back, nothing else
+does, limits are stated.
+"""
 
 import json
 from dataclasses import replace
@@ -34,7 +36,9 @@ FOUR = [*TURNS_A, *TURNS_C]
 
 @pytest.fixture
 def measured(tmp_path):
-    """``measured(tests, planted, seed, **case)``: campaign and machine; ``planted`` by (axis, way), the way empty for both."""
+    """``measured(tests, planted, seed, **case)``: campaign and machine; ``planted`` by (axis, way), the way empty
+    for both.
+    """
 
     def make(tests, planted, seed, extra=(), **case):
         hidden = [
@@ -49,7 +53,9 @@ def measured(tmp_path):
 
 
 def errors(direction, planted):
-    """Relative amplitude error and phase error (deg) with their half widths, per planted component; the orders must be the planted ones."""
+    """Relative amplitude error and phase error (deg) with their half widths, per planted component; the orders must
+    be the planted ones.
+    """
     assert [c.order for c in direction.components] == [n for n, _, _ in planted]
     out = []
     for c, (_, size, phase) in zip(direction.components, planted, strict=True):
@@ -66,7 +72,9 @@ def test_what_was_planted_comes_back_and_nothing_else(measured, seed):
         d = found[axis].directions[way]
         e = errors(d, rows)
         assert np.abs(e[:, 0]).max() < 0.03 and np.abs(e[:, 2]).max() < 3.0
-        assert (np.abs(e[:, 0]) < 2 * e[:, 1]).all() and (np.abs(e[:, 2]) < 2 * e[:, 3]).all()  # within four standard deviations
+        assert (np.abs(e[:, 0]) < 2 * e[:, 1]).all() and (
+            np.abs(e[:, 2]) < 2 * e[:, 3]
+        ).all()  # within four standard deviations
         assert e[:, 3].max() < 3.0 and not d.phase_limited_by_trigger
         assert all(c.order_known and c.separable for c in d.components) and not d.faults
         assert [c.multiple_of_teeth for c in d.components] == [n % d.tooth_order == 0 for n, _, _ in rows]
@@ -79,7 +87,9 @@ def test_what_was_planted_comes_back_and_nothing_else(measured, seed):
 
 @pytest.mark.parametrize("friction", [True, False])
 def test_nothing_is_found_where_nothing_is(measured, friction):
-    """Also where the machine file has no friction: four glitches per turn make lines at all multiples of four, 72 and 180 among them."""
+    """Also where the machine file has no friction: four glitches per turn make lines at all multiples of four, 72
+    and 180 among them.
+    """
     c, m = measured(FOUR, {}, 33)
     for axis in "XYZAC" if not friction else "":
         m = m.without(f"friction.{axis}")
@@ -114,11 +124,15 @@ def test_where_both_directions_agree_one_effect_is_enough(measured):
     apart = identify_pitch_errors(c, m, ("A",), per_direction=True, threads=1)["A"]
     assert not apart.common and len(apart.effects) == 2
     known = m.with_effect(found.effects[0].replaced(components=[[60.0, 0.5, 0.0]]))
-    assert [e.key for e in identified_machine(known, {"A": apart}).effects if e.kind == "pitch_error"] == [e.key for e in apart.effects]
+    assert [e.key for e in identified_machine(known, {"A": apart}).effects if e.kind == "pitch_error"] == [
+        e.key for e in apart.effects
+    ]
 
 
 def test_the_trigger_limits_phases_and_a_cone_lifts_the_limit(measured):
-    alone = identify_pitch_error(*measured(TURNS_A, {k: v for k, v in PLANTED.items() if k[0] == "A"}, 36), "A", threads=1)
+    alone = identify_pitch_error(
+        *measured(TURNS_A, {k: v for k, v in PLANTED.items() if k[0] == "A"}, 36), "A", threads=1
+    )
     for way, rows in (("CW", A_CW), ("CCW", A_CCW)):
         d = alone.directions[way]
         e = errors(d, rows)
@@ -152,7 +166,9 @@ def test_the_resolution_of_a_partial_arc(measured, apart):
 
 
 def test_a_worn_flank_does_not_disturb(measured):
-    found = identify_pitch_error(*measured(TURNS_A, {("A", "CW"): A_CW, ("A", "CCW"): A_CCW}, 38, extra=(kato2013.WEAR,)), "A", threads=1)
+    found = identify_pitch_error(
+        *measured(TURNS_A, {("A", "CW"): A_CW, ("A", "CCW"): A_CCW}, 38, extra=(kato2013.WEAR,)), "A", threads=1
+    )
     d = found.directions["CW"]
     assert np.abs(errors(d, A_CW)[:, 0]).max() < 0.03
     (fault,) = d.faults
@@ -175,7 +191,9 @@ def test_only_one_direction_measured(measured):
     assert list(found.directions) == ["CW"] and "only CW" in found.notes[0]
     frame = found.to_dataframe()
     assert frame["order"].tolist() == [row[0] for row in A_CW] and set(frame["direction"]) == {"CW"}
-    assert (frame["amplitude_deg_low"] < frame["amplitude_deg"]).all() and (frame["phase_deg"] < frame["phase_deg_high"]).all()
+    assert (frame["amplitude_deg_low"] < frame["amplitude_deg"]).all() and (
+        frame["phase_deg"] < frame["phase_deg_high"]
+    ).all()
     with pytest.raises(InputError, match=r'tangential test of axis C; needed: .*axis = "C"'):
         identify_pitch_error(c, m, "C")
 
@@ -194,9 +212,19 @@ def test_the_command(measured, tmp_path):
     assert result.exit_code == 0, result.output
     data = json.loads(result.stdout)
     way = data["axes"]["A"]["directions"]["CW"]
-    assert {"tests", "arc_deg", "resolution_per_rev", "tooth_order", "noise_floor_deg", "alternating", "largest_difference"} <= set(way)
+    assert {
+        "tests",
+        "arc_deg",
+        "resolution_per_rev",
+        "tooth_order",
+        "noise_floor_deg",
+        "alternating",
+        "largest_difference",
+    } <= set(way)
     assert [x["order"] for x in way["components"]] == [60, 120, 180, 328]
-    assert all(x["ci95"]["amplitude_deg"][0] < x["amplitude_deg"] < x["ci95"]["amplitude_deg"][1] for x in way["components"])
+    assert all(
+        x["ci95"]["amplitude_deg"][0] < x["amplitude_deg"] < x["ci95"]["amplitude_deg"][1] for x in way["components"]
+    )
     assert data["effects"][0]["id"] == "pitch_error.A" and data["effects"][0]["direction"] == "CW"
     assert [p.rsplit("/", 1)[1] for p in data["plots"]] == ["spectrum-a.png", "curves-a.png"]
     written = read_machine(tmp_path / "found.toml")

@@ -22,7 +22,9 @@ test_table.__test__ = False
 
 def explained(machine, effect_id, **values):
     effect = make(effect_id, **values)
-    return Explanation.of_priors(effect_id, machine, [EffectVector(effect, effect.search.free_of(effect.parameters_of(effect.subject)))])
+    return Explanation.of_priors(
+        effect_id, machine, [EffectVector(effect, effect.search.free_of(effect.parameters_of(effect.subject)))]
+    )
 
 
 def test_a_test_as_a_table_reads_back(tmp_path):
@@ -55,7 +57,9 @@ def test_candidates_are_different_tests(cone):
     offered = [*first_round(campaign.tests), *neighbours(campaign.tests[0])]
     for some in (list(first_round(campaign.tests)), list(neighbours(campaign.tests[0]))):
         assert len({t.name for t in some}) == len(some)
-    kinds = {(t.kind, t.axis if t.kind == "rotary" else t.plane if t.kind == "circular" else t.sensitive) for t in offered}
+    kinds = {
+        (t.kind, t.axis if t.kind == "rotary" else t.plane if t.kind == "circular" else t.sensitive) for t in offered
+    }
     assert kinds >= {("rotary", "A"), ("rotary", "C"), ("circular", "XY"), ("circular", "YZ"), ("circular", "ZX")}
     assert kinds >= {("cone_frustum", "perpendicular"), ("cone_frustum", "parallel")}
 
@@ -66,7 +70,9 @@ def test_the_same_explanation_is_not_separated(m1, circle):
 
 
 def test_two_scales_need_a_plane_that_tells_them_apart(m1, circle):
-    """A scale of X looks like one of Y with the other sign in the XY plane, but for the bar's length; the ZX plane sees X alone."""
+    """A scale of X looks like one of Y with the other sign in the XY plane, but for the bar's length; the ZX plane
+    sees X alone.
+    """
     x, y = explained(m1, "scale_error.X", ppm=40.0), explained(m1, "scale_error.Y", ppm=-40.0)
     separator = Separator(x, y, usual_noise())
     same, other = (separator.of(circle(plane, (0, 0, 155), feed=3000.0, revolutions=2)) for plane in ("XY", "ZX"))
@@ -94,7 +100,10 @@ def test_short_decisive_tests_come_first(cone):
 
 
 def test_unknown_or_equal_effects_are_refused():
-    cases = ((("servo_gain.C", "servo_gain.Q"), "servo_gain exists for"), (("backlash.A", "backlash.A"), "two different effects"))
+    cases = (
+        (("servo_gain.C", "servo_gain.Q"), "servo_gain exists for"),
+        (("backlash.A", "backlash.A"), "two different effects"),
+    )
     for pair, said in cases:
         result = CliRunner().invoke(main, ["plan", str(examples() / "healthy"), "--between", *pair])
         assert result.exit_code == 1 and said in result.stderr and not result.stdout
@@ -103,14 +112,18 @@ def test_unknown_or_equal_effects_are_refused():
 def test_nothing_may_be_named_first(monkeypatch, circle):
     """Without traces as with them: the plan makes the effect show."""
     made = Separation(circle("XY", (0, 0, 155)), 10 * ENOUGH, 1e-6)
-    monkeypatch.setattr("mjsim.estimation.planning.next_test.choose", lambda separator, tests, threads, progress: [made])
+    monkeypatch.setattr(
+        "mjsim.estimation.planning.next_test.choose", lambda separator, tests, threads, progress: [made]
+    )
     campaign = replace(read_campaign(examples() / "healthy", traces=False), traces={})
     plan = mjsim.plan(campaign, mjsim.read_machine(campaign.machine_file), between=("nothing", "squareness.XY"))
     assert plan.between == ("squareness.XY", "nothing") and "makes squareness.XY show" in plan.reason
 
 
 def test_the_planned_test_decides(tmp_path):
-    """C's backlash is a lag's twin where the table turns one way per test. The planned test, measured by the generator, names it."""
+    """C's backlash is a lag's twin where the table turns one way per test. The planned test, measured by the
+    generator, names it.
+    """
     import sys
     from pathlib import Path
 

@@ -33,7 +33,9 @@ def _two_tests():
     rng = np.random.default_rng(0)
     noise = rng.normal(0.0, 0.1, PHI.size)
     return [
-        ResidualTrace("cone", PHI, noise, {"X": [29.0, 311.0, 389.0, 671.0], "A": [0.0, 180.0, 360.0, 540.0, 720.0]}, 0.1),
+        ResidualTrace(
+            "cone", PHI, noise, {"X": [29.0, 311.0, 389.0, 671.0], "A": [0.0, 180.0, 360.0, 540.0, 720.0]}, 0.1
+        ),
         ResidualTrace("rotary", np.linspace(2.0, 88.0, 500), noise[:500], {"Y": [45.0]}, 0.1, shift_deg=0.0),
     ]
 
@@ -62,7 +64,17 @@ def test_outward_is_outward_zero_is_right_and_angles_go_counter_clockwise():
 
 @pytest.mark.parametrize(
     ("largest", "step"),
-    [(0.01, 0.1), (0.3, 0.1), (1.0, 0.5), (3.2, 1.0), (3.3, 2.0), (10.0, 5.0), (16.1, 10.0), (29.0, 10.0), (120.0, 50.0)],
+    [
+        (0.01, 0.1),
+        (0.3, 0.1),
+        (1.0, 0.5),
+        (3.2, 1.0),
+        (3.3, 2.0),
+        (10.0, 5.0),
+        (16.1, 10.0),
+        (29.0, 10.0),
+        (120.0, 50.0),
+    ],
 )
 def test_the_division_is_the_smallest_nice_step_that_fits(largest, step):
     deviation = -largest * np.abs(np.sin(np.radians(PHI / 8.0)))
@@ -120,7 +132,10 @@ def test_thinning_keeps_breaks():
 
 
 def test_measured_and_simulated_differ_on_a_black_and_white_print():
-    grey = [int(c[1:3], 16) * 0.299 + int(c[3:5], 16) * 0.587 + int(c[5:7], 16) * 0.114 for c in (style.MEASURED, style.SIMULATED)]
+    grey = [
+        int(c[1:3], 16) * 0.299 + int(c[3:5], 16) * 0.587 + int(c[5:7], 16) * 0.114
+        for c in (style.MEASURED, style.SIMULATED)
+    ]
     assert abs(grey[0] - grey[1]) > 60.0
 
 
@@ -128,7 +143,12 @@ def test_one_mark_per_reversal_place_and_axis():
     figure = residual_figure(_two_tests())
     gids = [line.get_gid() for line in figure.axes[0].lines if (line.get_gid() or "").startswith("reversal-")]
     assert sorted(gids) == ["reversal-A", "reversal-A", "reversal-X", "reversal-X"]
-    assert reversal_angles(_two_tests()[0]) == [("A", 0.0), ("X", pytest.approx(131.0)), ("A", 180.0), ("X", pytest.approx(209.0))]
+    assert reversal_angles(_two_tests()[0]) == [
+        ("A", 0.0),
+        ("X", pytest.approx(131.0)),
+        ("A", 180.0),
+        ("X", pytest.approx(209.0)),
+    ]
     assert reversal_angles(_two_tests()[1]) == [("Y", 45.0)]
     letters = [text.get_text() for text in figure.axes[0].texts if len(text.get_text()) == 1]
     assert sorted(letters) == ["A", "A", "X", "X"]
@@ -148,7 +168,9 @@ def test_letters_of_crowded_marks_stand_apart_in_their_order():
     got = spread(np.array([0.0, 100.0, 101.0, 103.0, 200.0]), 8.0)
     np.testing.assert_allclose(got, [0.0, 304.0 / 3.0 - 8.0, 304.0 / 3.0, 304.0 / 3.0 + 8.0, 200.0])
     assert spread(np.zeros(0), 8.0).size == 0
-    trace = ResidualTrace("t", PHI, np.zeros(PHI.size), {"X": [10.0], "Y": [12.0], "Z": [13.0], "A": [0.0, 180.0], "C": [14.0]})
+    trace = ResidualTrace(
+        "t", PHI, np.zeros(PHI.size), {"X": [10.0], "Y": [12.0], "Z": [13.0], "A": [0.0, 180.0], "C": [14.0]}
+    )
     figure = residual_figure([trace])
     renderer = figure.canvas.get_renderer()
     boxes = [text.get_window_extent(renderer) for text in figure.axes[0].texts]
@@ -179,7 +201,9 @@ def test_noise_band_is_two_sigma():
     axes = residual_figure(_two_tests()).axes[0]
     (band,) = [patch for patch in axes.patches if "2σ" in str(patch.get_label())]
     corners = (
-        band.get_path().vertices if not hasattr(band, "get_y") else np.array([[0, band.get_y()], [1, band.get_y() + band.get_height()]])
+        band.get_path().vertices
+        if not hasattr(band, "get_y")
+        else np.array([[0, band.get_y()], [1, band.get_y() + band.get_height()]])
     )
     assert (corners[:, 1].min(), corners[:, 1].max()) == pytest.approx((-0.2, 0.2))
 
@@ -219,17 +243,24 @@ def test_overview_has_one_plot_per_test_with_its_own_scale():
     "make",
     [
         lambda: polar_figure(
-            [PolarTrace("measured", PHI, PHI * 0.0), PolarTrace("simulated", PHI, PHI * 0.0, "simulated")], "t", "s", size_in=4.2
+            [PolarTrace("measured", PHI, PHI * 0.0), PolarTrace("simulated", PHI, PHI * 0.0, "simulated")],
+            "t",
+            "s",
+            size_in=4.2,
         ),
         lambda: polar_figure(
-            [PolarTrace("measured", PHI, PHI * 0.0), PolarTrace("simulated", PHI, PHI * 0.0, "simulated")], "t" * 120, "s" * 200
+            [PolarTrace("measured", PHI, PHI * 0.0), PolarTrace("simulated", PHI, PHI * 0.0, "simulated")],
+            "t" * 120,
+            "s" * 200,
         ),
     ],
 )
 def test_texts_outside_the_plot_do_not_overlap_nor_leave_the_figure(make):
     figure = make()
     renderer = figure.canvas.get_renderer()
-    boxes = [text.get_window_extent(renderer) for text in figure.texts] + [legend.get_window_extent(renderer) for legend in figure.legends]
+    boxes = [text.get_window_extent(renderer) for text in figure.texts] + [
+        legend.get_window_extent(renderer) for legend in figure.legends
+    ]
     boxes.append(figure.axes[0].patch.get_window_extent(renderer).padded(-1.0))
     for index, box in enumerate(boxes):
         assert box.x0 >= 0.0 and box.x1 <= figure.bbox.x1 and box.y0 >= 0.0 and box.y1 <= figure.bbox.y1
@@ -280,7 +311,8 @@ def test_threads_give_the_same_bytes():
 
 def test_importing_the_plots_does_not_import_matplotlib_nor_pyplot():
     code = (
-        "import sys; import mjsim.plots.polar, mjsim.plots.residual, mjsim.plots.ladder, mjsim.plots.overview, mjsim.plots.save\n"
+        "import sys; import mjsim.plots.polar, mjsim.plots.residual, mjsim.plots.ladder, mjsim.plots.overview, "
+        "mjsim.plots.save\n"
         "assert 'matplotlib' not in sys.modules\n"
         "mjsim.plots.ladder.ladder_figure([mjsim.plots.ladder.LadderStep('a', 1.0)])\n"
         "assert 'matplotlib.pyplot' not in sys.modules"

@@ -64,7 +64,9 @@ def _content(name="cone15-ccw", **changes):
         setup="x50",
         worst=name,
     )
-    repair = RepairRow("backlash.A", name, name, "adjust", name, "full simulation", 1.4, 0.7, 33.3, [4.04], name, 2.02, 33.3)
+    repair = RepairRow(
+        "backlash.A", name, name, "adjust", name, "full simulation", 1.4, 0.7, 33.3, [4.04], name, 2.02, 33.3
+    )
     content = ReportContent(
         title=f"Campaign of {name}",
         summary=[("machine", name)],
@@ -113,7 +115,14 @@ def _drawn(name="cone15-ccw"):
     """Content whose page has interactive plots."""
     row = [0, 100, 200]
     places = {"phi": row, **{a: row for a in "XYZAC"}}
-    one = {"name": name, "phi": row, "measured": [1, None, 3], "models": [row] * 3, "centre": [[0, 0, 0]] * 4, "axes": places}
+    one = {
+        "name": name,
+        "phi": row,
+        "measured": [1, None, 3],
+        "models": [row] * 3,
+        "centre": [[0, 0, 0]] * 4,
+        "axes": places,
+    }
     return _content(name, traces=[one | {"shift": 180.0, "full": False, "events": [["A", 180.5]], "noise": 0.12}])
 
 
@@ -209,7 +218,15 @@ def test_every_number_says_where_in_the_json_it_is():
         else:
             decimals = len(shown.partition(".")[2])
             assert float(shown.replace("−", "-")) == pytest.approx(value, abs=0.5001 * 10.0**-decimals), pointer
-    assert {p.split("/")[1] for p, _ in marked} >= {"models", "findings", "what_if", "tests", "setups", "bidirectional", "noise_um"}
+    assert {p.split("/")[1] for p, _ in marked} >= {
+        "models",
+        "findings",
+        "what_if",
+        "tests",
+        "setups",
+        "bidirectional",
+        "noise_um",
+    }
 
 
 def test_page_is_the_same_every_time():
@@ -219,7 +236,8 @@ def test_page_is_the_same_every_time():
 def test_page_says_the_numbers():
     text = _plain(render(_content()))
     for said in (
-        "1.08 µm", "0.13 µm", "0.12 µm", "backlash.A", "servo_delay.A", "0.001991", "0.001971 to 0.002012", "10.25", "−3.40", "−12.3",
+        "1.08 µm", "0.13 µm", "0.12 µm", "backlash.A", "servo_delay.A", "0.001991", "0.001971 to 0.002012", "10.25",
+        "−3.40", "−12.3",
         "3.02 µm", "8.1", "−0.4", "2026-11-21", "0.1.0", "axis_location.EC0A", "half-differences", "Identified",
         "0.70 µm gained by the best single repair, backlash.A", "98.7", "1234 / 30", "2.02 µm, 33 %",
         "straightness.EXY , reaches 43 %", "rigid kinematics", "2.10 µm",
@@ -235,7 +253,9 @@ def test_figures_there_are_those_that_can_be_drawn():
     two = _content()
     assert (
         render(
-            dataclasses.replace(two, tests=[*two.tests, dataclasses.replace(two.tests[0], name="other", after=(), residual=None)])
+            dataclasses.replace(
+                two, tests=[*two.tests, dataclasses.replace(two.tests[0], name="other", after=(), residual=None)]
+            )
         ).count("<img")
         == 6
     )
@@ -243,7 +263,9 @@ def test_figures_there_are_those_that_can_be_drawn():
 
 def test_a_report_before_any_diagnosis_is_a_report():
     page = render(
-        ReportContent(title="t", summary=[], verdict=None, verdict_sentence="Not diagnosed yet.", models=[], findings=[], tests=[])
+        ReportContent(
+            title="t", summary=[], verdict=None, verdict_sentence="Not diagnosed yet.", models=[], findings=[], tests=[]
+        )
     )
     _checked(page)
     assert "Not diagnosed yet." in page and "<img" not in page and "Evidence" not in page and "Set-up" not in page
@@ -316,11 +338,13 @@ def test_steps_of_a_list_add_up_to_it():
     values = [1200, 1201, None, 1199, None, None, 1200]
     packed = steps(values)
     assert packed == [1200, 1, None, -2, None, None, 1]
-    assert [None if d is None else sum(x for x in packed[: i + 1] if x is not None) for i, d in enumerate(packed)] == values
+    assert [
+        None if d is None else sum(x for x in packed[: i + 1] if x is not None) for i, d in enumerate(packed)
+    ] == values
     assert steps([]) == []
 
 
-# -- the answer --------------------------------------------------------------------------------------------------------------------
+# -- the answer --------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -332,7 +356,10 @@ def test_steps_of_a_list_add_up_to_it():
         (make("backlash.X", width_um=12.34), "backlash of about 12 µm"),
         (make("servo_delay.Y", delay_ms=-0.5), "command delay of about −0.50 ms"),
         (make("velocity_feedforward.X", ratio=0.05), "velocity feedforward of about 5.0 %"),
-        (make("pitch_error.C", components=[[72, 0.001, 0.0], [1, -0.0012, 0.0]]), "pitch error of about 0.0012° at order 1 and 1 more"),
+        (
+            make("pitch_error.C", components=[[72, 0.001, 0.0], [1, -0.0012, 0.0]]),
+            "pitch error of about 0.0012° at order 1 and 1 more",
+        ),
         (make("worm_wear.A", depth_deg=0.002, centre_deg=30.0, width_deg=3.0), "worm wear of about 0.0020°"),
     ],
 )
@@ -343,8 +370,12 @@ def test_the_answer_names_cause_and_size(effect, said):
 def test_the_answer_compares_with_the_machine_file(m1):
     former = m1.effect("friction.Y")
     torque = former.values["coulomb_Nm"]
-    assert answer.sized(former.replaced(coulomb_Nm=1.5 * torque), former).endswith("(about 50 % above the machine file's)")
-    assert answer.sized(former.replaced(coulomb_Nm=0.8 * torque), former).endswith("(about 20 % below the machine file's)")
+    assert answer.sized(former.replaced(coulomb_Nm=1.5 * torque), former).endswith(
+        "(about 50 % above the machine file's)"
+    )
+    assert answer.sized(former.replaced(coulomb_Nm=0.8 * torque), former).endswith(
+        "(about 20 % below the machine file's)"
+    )
 
 
 def test_every_effect_of_the_catalogue_has_a_name_in_the_answer():
@@ -352,7 +383,9 @@ def test_every_effect_of_the_catalogue_has_a_name_in_the_answer():
     assert set(kinds) <= set(answer._WORDS)
     for kind, cls in kinds.items():
         leading = answer._WORDS[kind][1]
-        assert all(any(p.name.startswith(leading) for p in cls.parameters_of(s)) for s in cls.subjects_of(FIVE_AXIS)), kind
+        assert all(any(p.name.startswith(leading) for p in cls.parameters_of(s)) for s in cls.subjects_of(FIVE_AXIS)), (
+            kind
+        )
 
 
 def _found(effect, alternatives=()):
@@ -375,12 +408,15 @@ NEXT = {
             "These 7 tests cannot decide. Next: one 4-minute test (cone, Y 100 mm, 4000 mm/min).",
         ),
         (
-            "ambiguous", [_found(make("servo_delay.C", delay_ms=0.5), ("servo_gain.C", "backlash.C"))], NEXT | {"decides": False},
+            "ambiguous", [_found(make("servo_delay.C", delay_ms=0.5), ("servo_gain.C", "backlash.C"))],
+            NEXT | {"decides": False},
             ["C axis: command delay of about 0.50 ms, or a wrong position gain of C, or backlash of C."],
-            "These 7 tests cannot decide. No test within reach decides. The best is one of 4 minutes (cone, Y 100 mm, 4000 mm/min).",
+            "These 7 tests cannot decide. No test within reach decides. The best is one of 4 minutes (cone, Y 100 "
+            "mm, 4000 mm/min).",
         ),
         (
-            "identified", [_found(make("backlash.A", width_deg=0.002)), _found(make("squareness.XY", angle_urad=21.4))], None,
+            "identified", [_found(make("backlash.A", width_deg=0.002)), _found(make("squareness.XY",
+            angle_urad=21.4))], None,
             ["A axis: backlash of about 0.0020°.", "XY: squareness error of about 21 µrad."],
             "No other effect of the catalogue explains the measurement as well.",
         ),
@@ -405,10 +441,12 @@ def test_a_gain_does_not_treat_an_open_cause_as_decided():
     page = _plain(render(dataclasses.replace(content, what_if=dataclasses.replace(content.what_if, rows=[row]))))
     assert "gained by the best single repair, backlash.A, if that is the cause" in page
     assert "the cause could also be servo_delay.A" in page and "Some causes are open" in page
-    assert "if that is the cause" not in _plain(render(content)) and "Some causes are open" not in _plain(render(content))
+    assert "if that is the cause" not in _plain(render(content)) and "Some causes are open" not in _plain(
+        render(content)
+    )
 
 
-# -- repairs -----------------------------------------------------------------------------------------------------------------------
+# -- repairs -----------------------------------------------------------------------------------------------------------
 
 
 def test_lags_that_differ_are_a_cause_and_can_be_matched(quiet):
@@ -434,7 +472,7 @@ def test_friction_that_has_grown_can_go_back(m1):
     assert not any(name.endswith("in the file") for name in {c.name for c in whatif.causes(grown, m1)})
 
 
-# -- trend -------------------------------------------------------------------------------------------------------------------------
+# -- trend -------------------------------------------------------------------------------------------------------------
 
 
 def test_series_judge_by_their_intervals():
@@ -456,7 +494,17 @@ def test_trend_page_says_its_numbers_and_escapes_names():
     content = trend.TrendContent("t", [("m", HOSTILE)], [row, row], [g, s], HOSTILE, [("seed", "none")])
     page = render_trend(content)
     text = _plain(page)
-    for said in ("0.001000", "0.002120", "0.001120", "0.000022", "grew", "within uncertainty", "1.33", "2026-03-01", "Identified"):
+    for said in (
+        "0.001000",
+        "0.002120",
+        "0.001120",
+        "0.000022",
+        "grew",
+        "within uncertainty",
+        "1.33",
+        "2026-03-01",
+        "Identified",
+    ):
         assert said in text, said
     assert "<script src" not in page and not any("evil" in link for link in _checked(page).links)
     assert render_trend(content) == page

@@ -1,4 +1,6 @@
-"""The report in headless Chromium: loads nothing, its controls work, it prints figures, and what it says is what the JSON says."""
+"""The report in headless Chromium: loads nothing, its controls work, it prints figures, and what it says is what
+the JSON says.
+"""
 
 import json
 import shutil
@@ -19,7 +21,8 @@ pytestmark = [
     pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine: the report is not opened in a browser"),
 ]
 FLAGS = (
-    "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking --disable-component-update --disable-sync"
+    "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
+    "--disable-component-update --disable-sync"
 ).split()
 TESTS = ("cone45-centre-ccw", "rotary-a-tangential-ccw")
 HOSTILE = "</script><img src=x onerror=\"document.title='taken'\"> & <b>shop</b>"
@@ -128,7 +131,10 @@ def test_numbers_on_the_page_are_those_of_the_json(watched, made):
     for row, effect in zip(data["findings"], found, strict=True):
         assert (row["rms_before_um"], row["rms_after_um"]) == (effect["rms_before_um"], effect["rms_after_um"])
         assert row["parameters"][0]["value"] == pytest.approx(effect["parameters"]["width_deg"], rel=1e-5)
-    assert (models[data["start"]]["rms_um"], models[-1]["rms_um"]) == (diagnosed["rms_before_um"], diagnosed["rms_after_um"])
+    assert (models[data["start"]]["rms_um"], models[-1]["rms_um"]) == (
+        diagnosed["rms_before_um"],
+        diagnosed["rms_after_um"],
+    )
     assert [m["label"] for m in models] == [
         "rigid kinematics", "+ drives", "machine as given", "+ backlash.A", "data sheet calibrated",
     ]  # fmt: skip
@@ -142,7 +148,10 @@ def test_the_best_repair_is_the_hidden_backlash(made):
     rows = what_if["rows"]
     assert rows[0]["cause"] == "backlash.A" and rows[0]["how"] == "full simulation" and rows[0]["kind"] == "adjust"
     assert [r["gain_um"] for r in rows] == sorted((r["gain_um"] for r in rows), reverse=True)
-    assert rows[0]["gain_um"] == pytest.approx(what_if["rms_um"] - rows[0]["rms_um"], abs=2e-4) and rows[0]["gain_um"] > 0.3
+    assert (
+        rows[0]["gain_um"] == pytest.approx(what_if["rms_um"] - rows[0]["rms_um"], abs=2e-4)
+        and rows[0]["gain_um"] > 0.3
+    )
     assert rows[0]["gain_percent"] == pytest.approx(100.0 * rows[0]["gain_um"] / what_if["rms_um"], abs=0.06)
     assert {r["cause"]: r["kind"] for r in rows}["friction.A"] == "share"
     assert rows[0]["circle"] == TESTS[0]
@@ -274,7 +283,9 @@ def test_prints_figures_instead_of_controls(browser, made):
     assert all(images.nth(i).is_visible() for i in range(images.count()))
     assert w.page.evaluate("[...document.images].every(i => i.complete && i.naturalWidth > 100)")
     before, after = (w.page.locator(".pair figure").nth(i).bounding_box() for i in (0, 1))
-    assert before["y"] == after["y"] and before["x"] < after["x"]  # side by side on a sheet, though that is as narrow as a phone
+    assert (
+        before["y"] == after["y"] and before["x"] < after["x"]
+    )  # side by side on a sheet, though that is as narrow as a phone
     for control in ("#model", "#previous", "#tests-shown", "#cards", "#ladder-plot"):
         assert not w.page.is_visible(control)
     assert w.page.evaluate("document.documentElement.scrollWidth") <= 680
@@ -299,7 +310,9 @@ def test_fits_a_phone_and_works_without_script(browser, made):
 
 @pytest.fixture(scope="module")
 def campaigns(tmp_path_factory):
-    """Two dated campaigns of one machine, the later one with more backlash in its machine file, and one of another machine."""
+    """Two dated campaigns of one machine, the later one with more backlash in its machine file, and one of another
+    machine.
+    """
     folder = tmp_path_factory.mktemp("trend")
     early, late, other = (cut(folder / n, n, date(2026, m, 1)) for n, m in (("early", 3), ("late", 5), ("other", 6)))
     for width, campaign in ((0.001, early), (0.002, late)):
@@ -325,7 +338,9 @@ def test_trend_of_two_campaigns(browser, campaigns, tmp_path):
     for pointer, text in shown:
         there = value(data, pointer)
         decimals = len(text.partition(".")[2])
-        assert text == "–" if there is None else number(text) == pytest.approx(there, abs=0.5001 * 10.0**-decimals), pointer
+        assert text == "–" if there is None else number(text) == pytest.approx(there, abs=0.5001 * 10.0**-decimals), (
+            pointer
+        )
     visible = "[...document.querySelectorAll('[data-group=figure] path[data-name]')].map(e => e.dataset.name)"
     before = w.page.evaluate(visible)
     w.page.uncheck(f"input[name='{before[0]}']")
@@ -346,7 +361,9 @@ def test_trend_of_two_machines_is_refused_before_the_work(campaigns, tmp_path):
 
 def test_report_without_diagnosis_and_without_force(campaigns, tmp_path):
     page, machine = tmp_path / "page.html", tmp_path / "machine.toml"
-    machine.write_text((campaigns[0] / "machine.toml").read_text() + '\n[[effect]]\nid = "squareness.XY"\nangle_urad = 5.0\n')
+    machine.write_text(
+        (campaigns[0] / "machine.toml").read_text() + '\n[[effect]]\nid = "squareness.XY"\nangle_urad = 5.0\n'
+    )
     options = ("--no-diagnose", "-o", page, "--machine", machine)
     data = command("report", campaigns[0], *options)
     assert (data["verdict"], data["diagnosis"], data["findings"], data["date"]) == (None, None, [], "2026-03-01")

@@ -1,4 +1,6 @@
-"""The shell: a campaign started from nothing, completion, colours that can be switched off, output that fits 80 columns."""
+"""The shell: a campaign started from nothing, completion, colours that can be switched off, output that fits 80
+columns.
+"""
 
 import fcntl
 import io
@@ -26,7 +28,7 @@ from mjsim.effects import registry
 from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS
 
-# -- mjsim new campaign ----------------------------------------------------------------------------------------------------------------
+# -- mjsim new campaign ------------------------------------------------------------------------------------------------
 
 
 def test_a_new_campaign_runs_at_once(tmp_path):
@@ -42,7 +44,9 @@ def test_a_new_campaign_runs_at_once(tmp_path):
     campaign = read_campaign(folder)
     assert (campaign.name, mjsim.read_machine(campaign.machine_file).name) == ("my machine", "my machine")
     assert {t.kind for t in campaign.tests} == set(KINDS) and not campaign.measured
-    result = run("simulate", folder, "--test", "rotary-c-tangential-ccw", "--out", folder / "out", "--no-plots", "--json")
+    result = run(
+        "simulate", folder, "--test", "rotary-c-tangential-ccw", "--out", folder / "out", "--no-plots", "--json"
+    )
     assert result.exit_code == 0, result.output
     (row,) = json.loads(result.stdout)["tests"]
     assert np.isfinite(row["max_um"]) and row["max_um"] - row["min_um"] > 0.1
@@ -52,7 +56,8 @@ def test_a_new_campaign_runs_at_once(tmp_path):
 def test_the_template_explains_its_keys_and_what_is_commented_out_is_right_too(tmp_path, name):
     mjsim.new_campaign(tmp_path / "c")
     text = (tmp_path / "c" / name).read_text()
-    bare = "\n".join(line.removeprefix("# ") if line.startswith(("# [[", "# ")) and ("=" in line or "[[" in line) else line
+    bare = "\n".join(line.removeprefix("# ") if line.startswith(("# [[",
+    "# ")) and ("=" in line or "[[" in line) else line
                      for line in text.splitlines() if not line.startswith(("# Each", "# When")))  # fmt: skip
     (tmp_path / "c" / name).write_text(bare)
     if name == "campaign.toml":
@@ -89,7 +94,7 @@ def test_a_new_campaign_overwrites_nothing(tmp_path):
     assert run("new", "campaign", tmp_path / "full" / "mine.txt").exit_code == 2
 
 
-# -- help and completion ---------------------------------------------------------------------------------------------------------------
+# -- help and completion -----------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -104,12 +109,17 @@ def command(tmp_path_factory):
 def complete(command, *words):
     """What bash proposes for the last word, through the function that the printed script defines."""
     script = (
-        'eval "$(mjsim completion bash)"; COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); compopt() { COMPREPLY=("compopt:$2"); }; '
+        'eval "$(mjsim completion bash)"; COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); compopt() { '
+        'COMPREPLY=("compopt:$2"); }; '
         "$(complete -p mjsim | sed 's/.*-F \\([^ ]*\\) .*/\\1/') mjsim; printf '%s\\n' \"${COMPREPLY[@]}\""
     )
     env = {**os.environ, "PATH": f"{command}:{os.environ['PATH']}"}
     done = subprocess.run(
-        ["bash", "--norc", "-c", script, "bash", "mjsim", *map(str, words)], capture_output=True, text=True, env=env, timeout=60
+        ["bash", "--norc", "-c", script, "bash", "mjsim", *map(str, words)],
+        capture_output=True,
+        text=True,
+        env=env,
+        timeout=60,
     )
     assert (done.returncode, done.stderr) == (0, "")
     return done.stdout.split("\n")[:-1]
@@ -118,7 +128,9 @@ def complete(command, *words):
 def test_completion_in_bash(command):
     healthy = examples() / "healthy"
     assert set(complete(command, "")) >= {"compare", "import", "export", "new", "completion"}
-    assert complete(command, "add", healthy, "backlash.") == [f"backlash.{a}" for a in registry.kinds()["backlash"].subjects_of(FIVE_AXIS)]
+    assert complete(command, "add", healthy, "backlash.") == [
+        f"backlash.{a}" for a in registry.kinds()["backlash"].subjects_of(FIVE_AXIS)
+    ]
     assert complete(command, "simulate", healthy, "--test", "circle") == ["circle-xy-ccw", "circle-xy-cw"]
     assert complete(command, "simulate", healthy / "none", "--test", "c") == [""], "no campaign, nothing to propose"
     assert complete(command, "compare", "ex") == ["compopt:default"], "the shell's own completion of files"
@@ -132,7 +144,7 @@ def test_completion_scripts(shell):
     assert run("completion", "csh").exit_code == 2
 
 
-# -- colours and 80 columns ------------------------------------------------------------------------------------------------------------
+# -- colours and 80 columns --------------------------------------------------------------------------------------------
 
 
 def on_a_terminal(command, cwd=None, **environment):
@@ -159,12 +171,20 @@ def short(good, tmp_path_factory):
     import shutil
 
     folder = shutil.copytree(good, tmp_path_factory.mktemp("shell") / "c")
-    step = {"action": "start", "effect": "", "machine_file": "machine.toml", "effects": ["friction.X"], "rms_um": 1.5, "noise_um": 0.1,
+    step = {"action": "start", "effect": "", "machine_file": "machine.toml", "effects": ["friction.X"], "rms_um": 1.5,
+        "noise_um": 0.1,
             "tests": {"turn": 1.5}}  # fmt: skip
-    added = {**step, "action": "add", "effect": "axis_location.EX0C", "tests": {"a-test-with-a-name-that-is-rather-long-for-a-table": 0.2}}
+    added = {
+        **step,
+        "action": "add",
+        "effect": "axis_location.EX0C",
+        "tests": {"a-test-with-a-name-that-is-rather-long-for-a-table": 0.2},
+    }
     (folder / ".mjsim").mkdir()
     (folder / ".mjsim" / "history.json").write_text(json.dumps({"steps": [step, added]}))
-    (folder / "run.b5r").write_text('<T><PLANE TEST_PLANE="XY"/><FEATURE NAME="AF_REVERSAL_SPIKES_A_NEG" DT="UT_LENGTH_UM">1</FEATURE></T>')
+    (folder / "run.b5r").write_text(
+        '<T><PLANE TEST_PLANE="XY"/><FEATURE NAME="AF_REVERSAL_SPIKES_A_NEG" DT="UT_LENGTH_UM">1</FEATURE></T>'
+    )
     mjsim.import_features(folder, [folder / "run.b5r"])
     return folder
 
@@ -224,7 +244,9 @@ def test_the_plain_progress_bar_goes_away(plain):
 def test_colours_on_a_terminal_and_where_they_are_asked_for(command):
     env = {**{k: v for k, v in os.environ.items() if k != "NO_COLOR"}, "TERM": "xterm", "FORCE_COLOR": "1"}
     forced = subprocess.run([command / "mjsim", "effects"], capture_output=True, text=True, env=env, timeout=60).stdout
-    plain = subprocess.run([command / "mjsim", "effects"], capture_output=True, text=True, env={**env, "NO_COLOR": "1"}, timeout=60).stdout
+    plain = subprocess.run(
+        [command / "mjsim", "effects"], capture_output=True, text=True, env={**env, "NO_COLOR": "1"}, timeout=60
+    ).stdout
     assert "\x1b[1m" in forced
     assert forced.replace("\x1b[1m", "").replace("\x1b[0m", "").split() == plain.split() and "\x1b" not in plain
     assert "\x1b[1m" in on_a_terminal([command / "mjsim", "effects"])[1]

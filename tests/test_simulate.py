@@ -24,7 +24,9 @@ FEED = 6000.0
 
 
 def loaded(machine):
-    """A machine with effects of every sort in it: drive, transmission with and without memory, geometry, table's error motion."""
+    """A machine with effects of every sort in it: drive, transmission with and without memory, geometry, table's
+    error motion.
+    """
     for effect in (
         make("servo_gain.C", ratio=1.03),
         make("servo_delay.Y", delay_ms=0.7),
@@ -65,9 +67,11 @@ def tests(cone, circle, turn):
 
 
 def test_multibody_equals_independent_axes(machine, bare, tests):
-    """The balanced machine's mass matrix is diagonal: below 0.1 nm in the reading, 0.01 nm where no effect couples the axes.
+    """The balanced machine's mass matrix is diagonal: below 0.1 nm in the reading, 0.01 nm where no effect couples the
+    axes.
 
-    A wobbling table loads the C motor a little, with the square of the speed: 1 nm is allowed at six times the usual feed.
+    A wobbling table loads the C motor a little, with the square of the speed: 1 nm is allowed at six times the usual
+    feed.
     """
     for build_up, limit in ((lambda m: m, 1e-11), (loaded, 1e-10), (lambda m: wobbling(loaded(m)), 1e-9)):
         equipped = build_up(machine)
@@ -93,7 +97,9 @@ def test_the_campaigns_of_the_examples(m1):
 
 
 def test_what_is_left_out_of_the_model_changes_nothing(machine, tests, monkeypatch):
-    """Without meshes, shapes to touch, tendon and balanced gravity the reading is the same to rounding, and the model is a small one."""
+    """Without meshes, shapes to touch, tendon and balanced gravity the reading is the same to rounding, and the
+    model is a small one.
+    """
     equipped = wobbling(loaded(machine))
     small = mjmodel.build_model(build(equipped))
     lean = simulate(equipped, tests[:2])
@@ -118,7 +124,9 @@ def test_a_light_motion_is_the_same_motion(machine, tests):
 
 
 def identical(a, b):
-    return all(np.array_equal(getattr(a, k), getattr(b, k)) for k in ("time", "phi", "command", "position", "deviation"))
+    return all(
+        np.array_equal(getattr(a, k), getattr(b, k)) for k in ("time", "phi", "command", "position", "deviation")
+    )
 
 
 def test_bit_identical_whatever_the_threads_and_the_order(m1, tests):
@@ -164,7 +172,9 @@ def test_an_unstable_drive_is_refused(m1, tests):
 # --- inertias and forces ---
 
 
-@pytest.mark.parametrize("equip", [lambda m: m, loaded, lambda m: wobbling(loaded(m))], ids=["as shipped", "loaded", "wobbling"])
+@pytest.mark.parametrize(
+    "equip", [lambda m: m, loaded, lambda m: wobbling(loaded(m))], ids=["as shipped", "loaded", "wobbling"]
+)
 def test_mass_matrix_is_the_data_sheet(machine, equip):
     plant = build(equip(machine))
     model = mjmodel.build_model(plant)
@@ -189,7 +199,9 @@ def test_mass_matrix_is_the_data_sheet(machine, equip):
 
 
 def test_forces_are_what_the_motors_give(machine, bare, cone):
-    """Without transmission errors the joints' generalized force is gear · J dω/dt of the motors, from the motion of the drives."""
+    """Without transmission errors the joints' generalized force is gear · J dω/dt of the motors, from the motion of
+    the drives.
+    """
     still = bare(machine)
     for effect in machine.effects:
         still = still.with_effect(effect)  # friction acts on the motor, not on the joint
@@ -231,7 +243,10 @@ class WaveOfX(Effect):
 
     kind = "wave_of_x"
     subjects = ("X",)
-    parameters = (Parameter("amplitude_um", "height", 0.0, 100.0, neutral=0.0, scale=1.0), Parameter("lead_mm", "length", 1.0, 1000.0))
+    parameters = (
+        Parameter("amplitude_um", "height", 0.0, 100.0, neutral=0.0, scale=1.0),
+        Parameter("lead_mm", "length", 1.0, 1000.0),
+    )
     title = "Wave of the X position"
     definition = "x + amplitude·sin(2π x/lead)"
     source = "test"

@@ -1,4 +1,6 @@
-"""Every file that mjsim reads, after the accidents that happen to files: read with sensible values, or refused in one sentence."""
+"""Every file that mjsim reads, after the accidents that happen to files: read with sensible values, or refused in
+one sentence.
+"""
 
 import gzip
 import json
@@ -47,7 +49,9 @@ def spoiled(data, rng):
     """The file after one accident: cut, lines lost, doubled or exchanged, another number or word, another encoding."""
     lines, at = data.split(b"\n"), rng.randrange(len(data))
     i, j = rng.randrange(len(lines)), rng.randrange(len(lines))
-    kind = rng.choice(("cut", "byte", "lose", "double", "exchange", "number", "number", "word", "ends", "encoding", "delete", "empty"))
+    kind = rng.choice(
+        ("cut", "byte", "lose", "double", "exchange", "number", "number", "word", "ends", "encoding", "delete", "empty")
+    )
     if kind == "cut":
         return data[:at]
     if kind == "byte":
@@ -80,7 +84,7 @@ def one_replaced(data, pattern, new, rng):
     return data[:begin] + new + data[end:]
 
 
-# -- what is read, and what has to hold of it ----------------------------------------------------------------------------
+# -- what is read, and what has to hold of it --------------------------------------------------------------------------
 
 
 def finite(*values):
@@ -112,7 +116,9 @@ def check_machine(machine):
 
 
 def check_program(nc):
-    assert np.isfinite(nc.motion.points).all() and (nc.motion.seconds > 0).all() and len(nc.lines) == len(nc.motion.points)
+    assert (
+        np.isfinite(nc.motion.points).all() and (nc.motion.seconds > 0).all() and len(nc.lines) == len(nc.motion.points)
+    )
 
 
 def check_sweep(sweep):
@@ -162,7 +168,8 @@ B5R = b"""<?xml version="1.0" encoding="utf-8" standalone="yes"?>
 RUNS = B5R.replace(b"</BALLBAR_RUN>", b"<READINGS>1.5 2 -3.25 1e2 0 4 7</READINGS></BALLBAR_RUN>")
 IMPORTED = (
     b'{"source": "a.b5r", "header": {"plane": "XY"}, "axes": ["X", "Y"], "features": [\n'
-    b'{"name": "AF_BACKLASH_A_POS", "type": "UT_LENGTH_UM", "value": 2.4, "unit": "um", "run": "", "analysis": ""}\n]}\n'
+    b'{"name": "AF_BACKLASH_A_POS", "type": "UT_LENGTH_UM", "value": 2.4, "unit": "um", "run": "", "analysis": '
+    b'""}\n]}\n'
 )
 HISTORY = (
     b'{"steps": [\n{"action": "start", "effect": "", "machine_file": "machine.toml", "effects": ["friction.X"],\n'
@@ -172,7 +179,9 @@ HISTORY = (
 
 @dataclass
 class Kind:
-    """A kind of file: its place below a folder with the short campaign, its content, who reads it, what holds of the result."""
+    """A kind of file: its place below a folder with the short campaign, its content, who reads it, what holds of
+    the result.
+    """
 
     place: str
     content: Any
@@ -192,7 +201,9 @@ KINDS = {
     ".b5r": Kind("run.b5r", B5R, read_b5r, lambda got: beside([got], {"backlash.X": {"width_um": 2.0}})),
     "runs in .b5r": Kind("recorded.b5r", RUNS, read_recorded, check_runs),
     "features": Kind("short/imported/a.json", IMPORTED, lambda p: imported_features(p.parent.parent)),
-    "history": Kind("short/.mjsim/history.json", HISTORY, lambda p: read_history(read_campaign(p.parent.parent, traces=False))),
+    "history": Kind(
+        "short/.mjsim/history.json", HISTORY, lambda p: read_history(read_campaign(p.parent.parent, traces=False))
+    ),
     "data set": Kind("out/sweep.json", None, lambda p: Folder.check(sweep_of(p.parent.parent), p.parent), named="out"),
     "effect": Kind("mine.py", OWN.format(kind="mine_spoiled").encode(), registry.load_file),
 }
@@ -241,7 +252,7 @@ def test_spoiled(folder, name):
     assert refusals > 0
 
 
-# -- what stands where a file is expected --------------------------------------------------------------------------------
+# -- what stands where a file is expected ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", [n for n in KINDS if n not in ("history", "features", "data set")])
@@ -275,7 +286,9 @@ def test_a_file_that_may_not_be_read(folder, name, monkeypatch):
         kind.read(path)
 
 
-@pytest.mark.parametrize(("name", "allowed"), [("machine", "5 MB"), ("trace", "thin the trace"), ("NC program", "20 MB")])
+@pytest.mark.parametrize(
+    ("name", "allowed"), [("machine", "5 MB"), ("trace", "thin the trace"), ("NC program", "20 MB")]
+)
 def test_a_file_that_is_too_large(folder, name, allowed):
     """Its size is enough to refuse it (the file is sparse)."""
     path = folder / KINDS[name].place

@@ -47,5 +47,7 @@ def test_what_makes_no_sense_is_refused_in_one_sentence(tmp_path, lines, said):
 def test_writing_a_machine_keeps_the_table(tmp_path):
     machine = read(tmp_path, "squareness = { urad = 24.0 } # of the acceptance test")
     mjsim.write_machine(machine.with_drive("X", position_gain=44.0), machine.file, tmp_path / "new.toml")
-    assert "squareness = { urad = 24.0 } # of the acceptance test" in (tmp_path / "new.toml").read_text(encoding="utf-8")
+    assert "squareness = { urad = 24.0 } # of the acceptance test" in (tmp_path / "new.toml").read_text(
+        encoding="utf-8"
+    )
     assert mjsim.read_machine(tmp_path / "new.toml").tolerance == machine.tolerance

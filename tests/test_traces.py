@@ -1,4 +1,6 @@
-"""Traces and campaigns as users' programs write them: the same in another encoding, a sensor at its stop, odd clocks."""
+"""Traces and campaigns as users' programs write them: the same in another encoding, a sensor at its stop, odd
+clocks.
+"""
 
 import shutil
 
@@ -62,7 +64,7 @@ def test_a_test_survives_its_table():
                 assert getattr(again, key) == close, key
 
 
-# -- a sensor at its stop ------------------------------------------------------------------------------------------------
+# -- a sensor at its stop ----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("low, high", [(-1e9, 250.0), (-250.0, 1e9), (-250.0, 250.0), (-399.0, 1e9)])
@@ -101,7 +103,7 @@ def test_what_was_left_out_is_said(campaign):
     assert f"its stop, or beyond its range, in {held} of {len(time)} samples" in said
 
 
-# -- clocks --------------------------------------------------------------------------------------------------------------
+# -- clocks ------------------------------------------------------------------------------------------------------------
 
 
 def test_rates_that_no_recorder_has(campaign):

@@ -17,7 +17,10 @@ import mjsim
 
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-MODULES = {".".join(f.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): f for f in sorted((ROOT / "mjsim").rglob("*.py"))}
+MODULES = {
+    ".".join(f.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): f
+    for f in sorted((ROOT / "mjsim").rglob("*.py"))
+}
 #: Most lines of a module; a longer one holds more than one concept.
 LONGEST = 300
 #: A text that names axes, an error of theirs, or an effect on one: X, XYZ, EXC, EC0A, backlash.A.
@@ -28,8 +31,8 @@ NAMES_AXES = {
     "mjsim.paper": "reproduces the figures of one published machine",
     "mjsim.importing.features": "a .b5r file calls the two axes of its plane A and B, whatever they are",
 }
-#: What no file of the repository speaks of, each written so that it does not match itself: places on the machine of whoever wrote it,
-#: sittings at it, hosts of package registries.
+#: What no file of the repository speaks of, each written so that it does not match itself: places on the machine of
+#: whoever wrote it, sittings at it, hosts of package registries.
 FORBIDDEN = {
     "machine path": r"/wor[k]/|/tm[p]/[a-z]+/|/hom[e]/[a-z]|/roo[t]/",
     "registry host": r"pyp[i]\.org|pythonhoste[d]\.org|npmj[s]\.(org|com)|proxy\.golan[g]",
@@ -50,9 +53,15 @@ def run_script(name, *arguments):
 def tracked():
     """Files of the repository, or of its source distribution."""
     if (ROOT / ".git").exists():
-        names = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\0")
+        names = subprocess.run(
+            ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True
+        ).stdout.split("\0")
         return [ROOT / n for n in names if n and (ROOT / n).is_file()]
-    return [f for f in ROOT.rglob("*") if f.is_file() and not any(p.startswith((".", "__pycache__")) for p in f.relative_to(ROOT).parts)]
+    return [
+        f
+        for f in ROOT.rglob("*")
+        if f.is_file() and not any(p.startswith((".", "__pycache__")) for p in f.relative_to(ROOT).parts)
+    ]
 
 
 @pytest.mark.parametrize("command", [("ruff", "check", "."), ("ruff", "format", "--check", ".")], ids=" ".join)
@@ -74,7 +83,9 @@ def _declared(body):
     for node in body:
         if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith("_"):
             yield node.name, getattr(node, "body", [])
-        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and not node.target.id.startswith("_"):
+        elif (
+            isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and not node.target.id.startswith("_")
+        ):
             yield node.target.id, []
 
 
@@ -143,7 +154,12 @@ def test_every_part_is_in_the_architecture():
 def test_imports_go_one_way():
     layers = _layers()
     rooms = {m: file for m, file in MODULES.items() if m != "mjsim"}  # the package itself only hands names on
-    wrong = [f"{m} imports {t}" for m, file in rooms.items() for t in _imports(file) - {"mjsim"} if layers[_part(t)] > layers[_part(m)]]
+    wrong = [
+        f"{m} imports {t}"
+        for m, file in rooms.items()
+        for t in _imports(file) - {"mjsim"}
+        if layers[_part(t)] > layers[_part(m)]
+    ]
     assert not wrong, "\n".join(wrong)
 
 
@@ -165,7 +181,11 @@ def _texts(file):
     tree = ast.parse(file.read_text())
     owners = [n for n in ast.walk(tree) if isinstance(n, ast.Module | ast.ClassDef | ast.FunctionDef)]
     said = {n.body[0].value for n in owners if n.body and isinstance(n.body[0], ast.Expr)}
-    return [(n.lineno, n.value) for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str) and n not in said]
+    return [
+        (n.lineno, n.value)
+        for n in ast.walk(tree)
+        if isinstance(n, ast.Constant) and isinstance(n.value, str) and n not in said
+    ]
 
 
 def test_axes_come_from_the_machine():
@@ -195,7 +215,10 @@ def test_python_versions_are_declared_alike():
     low, high = map(int, re.fullmatch(r">=3\.(\d+),<3\.(\d+)", project["requires-python"]).groups())
     names = [c.rpartition(" :: ")[2] for c in project["classifiers"] if re.search(r":: 3\.\d+$", c)]
     assert names == [f"3.{minor}" for minor in range(low, high)]
-    assert PROJECT["tool"]["pyright"]["pythonVersion"] == names[0] and PROJECT["tool"]["ruff"]["target-version"] == f"py3{low}"
+    assert (
+        PROJECT["tool"]["pyright"]["pythonVersion"] == names[0]
+        and PROJECT["tool"]["ruff"]["target-version"] == f"py3{low}"
+    )
     for page in ("README.md", "CONTRIBUTING.md"):
         assert f"Python {names[0]} to {names[-1]}" in (ROOT / page).read_text(), page
 
@@ -204,14 +227,22 @@ def test_dependencies_are_ranges_with_a_reason_and_the_lock_has_one_version_of_e
     text = (ROOT / "pyproject.toml").read_text()
     locked = dict(re.findall(r"^([\w.-]+)==([\w.]+)", (ROOT / "requirements.lock").read_text(), re.MULTILINE))
     project = PROJECT["project"]
-    tables = [project["dependencies"], *project["optional-dependencies"].values(), *PROJECT["dependency-groups"].values()]
+    tables = [
+        project["dependencies"],
+        *project["optional-dependencies"].values(),
+        *PROJECT["dependency-groups"].values(),
+    ]
     for requirement in (r for table in tables for r in table):
         assert re.search(rf'"{re.escape(requirement)}", *# \w', text), f"{requirement}: no reason in pyproject.toml"
         wanted = Requirement(requirement)
         if wanted.name != "mjsim":
             assert any(s.operator == ">=" for s in wanted.specifier), f"{requirement}: no lower bound"
-            assert not any(s.operator == "==" for s in wanted.specifier), f"{requirement}: a pin, which belongs into the lock"
-            assert locked[wanted.name] in wanted.specifier, f"{requirement}: requirements.lock has {locked[wanted.name]}"
+            assert not any(s.operator == "==" for s in wanted.specifier), (
+                f"{requirement}: a pin, which belongs into the lock"
+            )
+            assert locked[wanted.name] in wanted.specifier, (
+                f"{requirement}: requirements.lock has {locked[wanted.name]}"
+            )
 
 
 def test_the_lock_has_hashes_and_no_addresses():
@@ -229,7 +260,9 @@ def test_the_part_of_the_lock_that_a_group_needs(groups):
     assert ("jinja2" in names, "markupsafe" in names) == 2 * (bool(groups),)
     assert ("pandas" in names, "av" in names) == 2 * ("all" in groups,)
     if "dev" in groups:
-        assert part.splitlines() == [line for line in (ROOT / "requirements.lock").read_text().splitlines() if line[:1] != "#"]
+        assert part.splitlines() == [
+            line for line in (ROOT / "requirements.lock").read_text().splitlines() if line[:1] != "#"
+        ]
 
 
 def test_the_workflow_runs_every_python():

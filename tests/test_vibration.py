@@ -36,7 +36,9 @@ def shaken(campaign, machine, axis, amplitude, frequency):
     return replace(campaign, traces=traces)
 
 
-@pytest.mark.parametrize(("axis", "amplitude", "frequency"), [("X", 0.3e-6, 43.7), ("Y", 0.6e-6, 6.1), ("Z", 0.8e-6, 71.0)])
+@pytest.mark.parametrize(
+    ("axis", "amplitude", "frequency"), [("X", 0.3e-6, 43.7), ("Y", 0.6e-6, 6.1), ("Z", 0.8e-6, 71.0)]
+)
 def test_a_planted_vibration_is_found(healthy, axis, amplitude, frequency):
     machine = read_machine(healthy.machine_file)
     problem = trusted_problem(shaken(healthy, machine, axis, amplitude, frequency), build(machine))
@@ -59,7 +61,10 @@ def test_traces_of_different_rates_are_searched_together(healthy):
     """Two tests recorded at half the third one's rate: the spectra are laid over each other at the same frequencies."""
     machine = read_machine(healthy.machine_file)
     campaign = shaken(healthy, machine, "X", 0.3e-6, 31.3)
-    coarse = {n: replace(t, time=t.time[::2], deviation=t.deviation[::2], valid=t.valid[::2]) for n, t in campaign.traces.items()}
+    coarse = {
+        n: replace(t, time=t.time[::2], deviation=t.deviation[::2], valid=t.valid[::2])
+        for n, t in campaign.traces.items()
+    }
     mixed = replace(campaign, traces={**coarse, TESTS[2]: campaign.traces[TESTS[2]]})
     (line,) = separate(trusted_problem(mixed, build(machine)), machine).lines
     assert line.effect.id == "vibration.X"

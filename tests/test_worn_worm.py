@@ -1,6 +1,8 @@
-"""A worm wheel that is worn on one flank: what the effect is, and that the paper's deflection (section 3.1) is named and removed.
+"""A worm wheel that is worn on one flank: what the effect is, and that the paper's deflection (section 3.1) is named
+and removed.
 
-The campaign is the independent generator's; the pitch errors of A and C are in the machine's file already, as if identified before.
+The campaign is the independent generator's; the pitch errors of A and C are in the machine's file already, as if
+identified before.
 """
 
 from dataclasses import replace
@@ -64,15 +66,21 @@ def test_one_flank_acts_one_way(motion, motor, m1, direction, way):
 
 
 def test_two_flanks_make_a_whole_tooth(motion, motor, m1):
-    """Equal wear of both flanks is wear without a direction, away from the reversals; unequal wear is felt as each flank carries."""
+    """Equal wear of both flanks is wear without a direction, away from the reversals; unequal wear is felt as each
+    flank carries.
+    """
     x = motor[:, 3]
     equal = load(motion, m1, *(make("worm_wear.A", **SHAPE, direction=d) for d in ("CW", "CCW")))[:, 3]
     started = int(np.argmax(np.abs(x - x[0]) > 0.05 * DEG))
     plain = load(motion, m1, make("worm_wear.A", **SHAPE))[:, 3]
     np.testing.assert_allclose(equal[started:], plain[started:], rtol=0, atol=1e-14)
     other = {"depth_deg": -0.001, "centre_deg": 50.0, "width_deg": 2.0}
-    both = load(motion, m1, make("worm_wear.A", **SHAPE, direction="CW"), make("worm_wear.A", **other, direction="CCW"))[:, 3]
-    np.testing.assert_allclose(both, x - dent(x, **SHAPE) * share(x, -1.0) - dent(x, **other) * share(x, 1.0), rtol=0, atol=1e-13)
+    both = load(
+        motion, m1, make("worm_wear.A", **SHAPE, direction="CW"), make("worm_wear.A", **other, direction="CCW")
+    )[:, 3]
+    np.testing.assert_allclose(
+        both, x - dent(x, **SHAPE) * share(x, -1.0) - dent(x, **other) * share(x, 1.0), rtol=0, atol=1e-13
+    )
 
 
 def test_without_a_direction_only_the_place_counts(motion, motor, m1):
@@ -98,7 +106,10 @@ def test_no_depth_is_no_wear(m1, bare, cone):
 
 
 def test_machine_files_hold_one_wear_per_flank(m1, tmp_path):
-    flanks = [make("worm_wear.A", **SHAPE, direction="CW"), make("worm_wear.A", **{**SHAPE, "depth_deg": 0.001}, direction="CCW")]
+    flanks = [
+        make("worm_wear.A", **SHAPE, direction="CW"),
+        make("worm_wear.A", **{**SHAPE, "depth_deg": 0.001}, direction="CCW"),
+    ]
     path = tmp_path / "machine.toml"
     write_machine(m1.with_effect(flanks[0]).with_effect(flanks[1]), m1.path, path)
     worn = [e for e in read_machine(path).effects if e.kind == "worm_wear"]
@@ -161,7 +172,9 @@ def test_the_deflection_is_one_worn_flank_and_goes_with_it(measured):
         before, after = (deflection(c, name, 147, 163) for c in (change.before, change.after))
         assert before < -3e-6  # inward
         assert abs(after) < 0.2e-6
-        assert abs(deflection(change.before, name, 197, 213)) < 0.2 * abs(before)  # not mirrored: it is no matter of the place alone
+        assert abs(deflection(change.before, name, 197, 213)) < 0.2 * abs(
+            before
+        )  # not mirrored: it is no matter of the place alone
     worn = [e for e in read_machine(campaign.machine_file).effects if e.kind == "worm_wear"]
     assert [e.values["direction"] for e in worn] == ["CW"]
     assert change.after.rms < 1.3 * result.noise  # the drives' own departures from their data sheet are left

@@ -22,7 +22,7 @@ def campaign(good, tmp_path):
     return shutil.copytree(good, tmp_path / "short")
 
 
-# -- a full disk, an interrupt -------------------------------------------------------------------------------------------
+# -- a full disk, an interrupt -----------------------------------------------------------------------------------------
 
 WRITING = {
     "simulate": ["simulate", "{c}", "--out", "{c}/out/deeper", "--test", "turn", "--no-plots"],
@@ -67,7 +67,8 @@ def full():
 
 
 @pytest.mark.parametrize(
-    ("name", "end"), [*((n, "full") for n in WRITING), ("simulate", "Ctrl-C"), ("remove", "Ctrl-C"), ("import", "Ctrl-C")]
+    ("name", "end"),
+    [*((n, "full") for n in WRITING), ("simulate", "Ctrl-C"), ("remove", "Ctrl-C"), ("import", "Ctrl-C")],
 )
 def test_all_or_nothing(campaign, name, end, monkeypatch):
     """Whatever action of the disk is the one that fails: what was there is there, and nothing else.
@@ -130,7 +131,7 @@ def test_a_test_named_like_a_file_of_the_export(campaign):
     refused(campaign.parent, ["export", campaign, "--out", campaign / "out", "--json"], "figures", "rename")
 
 
-# -- the host process ----------------------------------------------------------------------------------------------------
+# -- the host process --------------------------------------------------------------------------------------------------
 
 HOST = """
 import sys, warnings, mujoco, scipy.optimize  # SciPy adds filters of its own
@@ -168,7 +169,7 @@ def test_an_unstable_machine_leaves_no_log(campaign, tmp_path, monkeypatch):
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
 
 
-# -- what is nobody's fault, or mjsim's ----------------------------------------------------------------------------------
+# -- what is nobody's fault, or mjsim's --------------------------------------------------------------------------------
 
 
 def test_a_fault_of_its_own_is_one_sentence(campaign, monkeypatch):

@@ -47,7 +47,8 @@ LEAVES = {" ".join(words): (words, command) for words, command in leaves(main)}
 GOOD = {
     "campaign": "short", "machine": "short/machine.toml", "out": "out", "effect": "backlash.A", "sweep": "sweep.toml",
     "files": "turn.txt", "folder": "fresh", "shell": "bash", "test": "turn", "program": "p.nc", "file": "p.nc",
-    "nc write out": "n.nc", "nc read out": "n.csv", "nc feed out": "n.csv", "report out": "r.html", "animate out": "a.gif",
+    "nc write out": "n.nc", "nc read out": "n.csv", "nc feed out": "n.csv", "report out": "r.html",
+    "animate out": "a.gif",
 }  # fmt: skip
 PLACES = ("nowhere", "short/traces", "short/traces/turn.csv")
 NUMBERS = ("nan", "-1", "text")
@@ -133,6 +134,8 @@ def test_one_wrong_argument(folder, key):
         assert result.stdout == "" and "Traceback" not in result.stderr and os.getcwd() == str(folder), what
         assert snapshot(folder) == before, what
         if result.exit_code == 1:
-            assert result.stderr.startswith("mjsim: ") and result.stderr.count("\n") == 1 and len(result.stderr) < 700, what
+            assert (
+                result.stderr.startswith("mjsim: ") and result.stderr.count("\n") == 1 and len(result.stderr) < 700
+            ), what
         else:
             assert "Error: " in result.stderr or "Usage: " in result.stderr, what

@@ -1,7 +1,7 @@
 """A step in the scale of a rotary axis: from one position on, the encoder reads wrong by a constant.
 
-Written after `mjsim diagnose examples/unlisted` had said that the rest depends on the position of C and had drawn its curve: flat, with
-one step near -300°. Two numbers say all of it, and both can be fitted.
+Written after `mjsim diagnose examples/unlisted` had said that the rest depends on the position of C and had drawn its
+curve: flat, with one step near -300°. Two numbers say all of it, and both can be fitted.
 """
 
 import numpy as np

@@ -26,7 +26,9 @@ _LEFT = 860
 class Board:
     """Frames of a ladder of ``labels`` (n) with their comparisons ``rungs`` (n)."""
 
-    def __init__(self, campaign: str, labels: list[str], rungs: list[Comparison], tests: list[str], size: tuple[int, int]):
+    def __init__(
+        self, campaign: str, labels: list[str], rungs: list[Comparison], tests: list[str], size: tuple[int, int]
+    ):
         """``tests``: names of those to show, up to nine. ``size``: width and height of the frames, pixels."""
         self._labels, self._rungs, self._size = labels, rungs, size
         self._rms = np.array([c.rms for c in rungs]) / UM
@@ -36,7 +38,9 @@ class Board:
         self._figure = style.new_figure(BASE[0] / DPI, BASE[1] / DPI)
         self._figure.set_dpi(DPI * scale)
         self._moving: list = []
-        self._text(20, 26, f"{campaign}: what the model leaves, measured − simulated", 10.5, ha="left", fontweight="bold")
+        self._text(
+            20, 26, f"{campaign}: what the model leaves, measured − simulated", 10.5, ha="left", fontweight="bold"
+        )
         self._polars()
         self._chart()
         for artist in self._moving:
@@ -50,7 +54,9 @@ class Board:
         self._canvas.restore_region(self._still)
         low = min(int(place), len(self._rungs) - 1)
         high, weight = min(low + 1, len(self._rungs) - 1), place - low
-        for (phi, value), line, number, ladder in zip(self._curves, self._lines, self._values, self._tests, strict=True):
+        for (phi, value), line, number, ladder in zip(
+            self._curves, self._lines, self._values, self._tests, strict=True
+        ):
             line.set_data(_mixed(phi, low, high, weight), _mixed(value, low, high, weight))
             number.set_text(style.micrometres(_mixed([t.rms / UM for t in ladder], low, high, weight)))
         now = float(_mixed(self._rms, low, high, weight))
@@ -77,7 +83,10 @@ class Board:
     def _text(self, x: float, y: float, words: str, size: float, **more):
         """A text at a place of the layout (pixels from the top left corner)."""
         return self._figure.text(
-            x / BASE[0], 1 - y / BASE[1], words, **{"va": "center", "ha": "center", "fontsize": size, "color": style.INK} | more
+            x / BASE[0],
+            1 - y / BASE[1],
+            words,
+            **{"va": "center", "ha": "center", "fontsize": size, "color": style.INK} | more,
         )
 
     def _polars(self) -> None:
@@ -94,7 +103,12 @@ class Board:
         side = min(width - 24, height - 48) if n > 1 else height - 90
         for k, trace in enumerate(start):
             x, y = (k % columns + 0.5) * width, 50 + (k // columns) * height
-            place = ((x - side / 2) / BASE[0], 1 - (y + (34 if n > 1 else 58) + side) / BASE[1], side / BASE[0], side / BASE[1])
+            place = (
+                (x - side / 2) / BASE[0],
+                1 - (y + (34 if n > 1 else 58) + side) / BASE[1],
+                side / BASE[0],
+                side / BASE[1],
+            )
             axes = style.polar_axes(self._figure, place)
             draw_polar(axes, [trace], step, small=n > 1)
             if n > 1:
@@ -129,7 +143,14 @@ class Board:
             spine.set(visible=side in ("left", "bottom"), color=style.NOMINAL, linewidth=0.6)
         (self._dot,) = axes.plot([], [], "o", color=ERROR, markersize=8, markeredgecolor="white", zorder=5)
         self._text(left + width, top - 62, "RMS of all tests", 8.0, ha="right", color=style.SOFT)
-        self._text(left + width, top + height + 16, f"dashed: noise, {style.micrometres(noise)}", 7.5, ha="right", color=style.NOISE)
+        self._text(
+            left + width,
+            top + height + 16,
+            f"dashed: noise, {style.micrometres(noise)}",
+            7.5,
+            ha="right",
+            color=style.NOISE,
+        )
         self._text(left - 50, top - 18, "µm", 7.5, ha="left", color=style.SOFT)
         self._now = self._text(left + width, top - 34, "", 15.0, ha="right", fontweight="bold", color=ERROR)
         self._name = self._text(left - 50, 430, "", 9.5, ha="left", fontweight="bold", color=ERROR)
@@ -137,12 +158,16 @@ class Board:
         self._rows = []
         for row, k in enumerate(self._listed):
             words = f"{self._labels[k]}:  {style.micrometres(self._rms[k])}"
-            self._rows.append(self._text(left - 50, 462 + 25 * row, words, style.fitted(words, 8.5, 360 / DPI), ha="left"))
+            self._rows.append(
+                self._text(left - 50, 462 + 25 * row, words, style.fitted(words, 8.5, 360 / DPI), ha="left")
+            )
         self._moving += [self._dot, self._now, self._name, *self._rows]
 
 
 def _curves(ladder: list[ComparedTest]) -> tuple[np.ndarray, np.ndarray]:
-    """Plot angles (rad) and residuals (µm) of one test under every model, (models, points); the same samples in each."""
+    """Plot angles (rad) and residuals (µm) of one test under every model, (models, points); the same samples in
+    each.
+    """
     stride = max(1, math.ceil(len(ladder[0].phi) / POINTS))
     shift = math.radians(kind_of(ladder[0].test).plot_offset_deg)
     phi = np.array([t.phi[::stride] + shift for t in ladder])

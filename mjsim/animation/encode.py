@@ -20,7 +20,19 @@ SUFFIXES = (".mp4", ".gif")
 _BT709 = 1
 #: Colours of lines that a palette of the commonest colours would merge, bright and shaded.
 ERROR = "#d91a40"
-MEANT = ("#ffffff", style.MEASURED, style.SIMULATED, "#e98a62", ERROR, "#e8748a", "#7a9cc6", "#ff6b0d", "#c04f08", "#1a529e", "#f2bf14")
+MEANT = (
+    "#ffffff",
+    style.MEASURED,
+    style.SIMULATED,
+    "#e98a62",
+    ERROR,
+    "#e8748a",
+    "#7a9cc6",
+    "#ff6b0d",
+    "#c04f08",
+    "#1a529e",
+    "#f2bf14",
+)
 
 
 def kind_of(path: Path) -> str:
@@ -63,7 +75,9 @@ class Mp4(AbstractContextManager):
 
         self._av = av
         self._file = av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"})
-        stream = self._file.add_stream("libx264", rate=Fraction(fps).limit_denominator(1001), options={"preset": "veryfast", "crf": "20"})
+        stream = self._file.add_stream(
+            "libx264", rate=Fraction(fps).limit_denominator(1001), options={"preset": "veryfast", "crf": "20"}
+        )
         stream.width, stream.height = size
         stream.pix_fmt = "yuv420p"
         context = stream.codec_context
@@ -101,16 +115,30 @@ class Gif(AbstractContextManager):
         palette = self._palette()
         frames = [Image.fromarray(f).quantize(palette=palette, dither=Image.Dither.NONE) for f in self._frames]
         frames[0].save(
-            self._path, format="GIF", save_all=True, append_images=frames[1:], duration=delays, loop=0, optimize=False, disposal=1
+            self._path,
+            format="GIF",
+            save_all=True,
+            append_images=frames[1:],
+            duration=delays,
+            loop=0,
+            optimize=False,
+            disposal=1,
         )
 
     def _palette(self) -> Image.Image:
-        """One palette for all frames, so that what stands still costs nothing: colours of four frames, and those that mean something."""
+        """One palette for all frames, so that what stands still costs nothing: colours of four frames, and those
+        that mean something.
+        """
         n = len(self._frames)
         chosen = [self._frames[k] for k in sorted({0, n // 3, 2 * n // 3, n - 1})]
-        common = Image.fromarray(np.vstack(chosen)).quantize(255 - len(MEANT), method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+        common = Image.fromarray(np.vstack(chosen)).quantize(
+            255 - len(MEANT), method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE
+        )
         palette = Image.new("P", (1, 1))
         palette.putpalette(
-            [*(common.getpalette() or [])[: 3 * (255 - len(MEANT))], *(v for colour in MEANT for v in ImageColor.getrgb(colour))]
+            [
+                *(common.getpalette() or [])[: 3 * (255 - len(MEANT))],
+                *(v for colour in MEANT for v in ImageColor.getrgb(colour)),
+            ]
         )
         return palette

@@ -20,15 +20,19 @@ _SYSTEMS = ("egl", "osmesa", "glfw")
 def chosen() -> str:
     """The renderer that is used: the user's MUJOCO_GL, EGL where it is not set.
 
-    It is not set here. MuJoCo reads it when it is imported, and fails at once where what it names is missing; the context is made here
-    instead, so that it also works where MuJoCo was imported long before.
+    It is not set here. MuJoCo reads it when it is imported, and fails at once where what it names is missing; the
+    context is made here instead, so that it also works where MuJoCo was imported long before.
 
     Raises:
-        InputError: MUJOCO_GL names nothing that exists, or says that there is no renderer, or MuJoCo cannot be imported with it.
+        InputError: MUJOCO_GL names nothing that exists, or says that there is no renderer, or MuJoCo cannot be imported
+            with it.
     """
     wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
     if wanted in _OFF:
-        raise InputError(f"MUJOCO_GL={wanted} switches off rendering, which a picture of the machine needs; unset it or say MUJOCO_GL=egl")
+        raise InputError(
+            f"MUJOCO_GL={wanted} switches off rendering, which a picture of the machine needs; unset it or say "
+            f"MUJOCO_GL=egl"
+        )
     if wanted and wanted not in (*_SYSTEMS, *_ON, "glx"):
         raise InputError(f"MUJOCO_GL={wanted}: no such renderer; allowed: {', '.join(_SYSTEMS)}, or not set at all")
     system = wanted if wanted in _SYSTEMS else "glfw" if wanted == "glx" else "egl"

@@ -24,7 +24,9 @@ MOST_TESTS, STAND, CHANGE = 9, 1.5, 1.0
 
 @dataclass(frozen=True)
 class LadderFilm:
-    """A file that was written: frames, size (pixels), frames per second, tests shown, and each model's name and RMS (m)."""
+    """A file that was written: frames, size (pixels), frames per second, tests shown, and each model's name and RMS
+    (m).
+    """
 
     file: Path
     frames: int
@@ -54,18 +56,23 @@ def animate_ladder(
 
     Args:
         campaign: with traces and a history of at least two models.
-        file, size, fps, force: as :func:`mjsim.animation.movie.animate` has them. tests: up to nine names; the worst ones when missing.
+        file, size, fps, force: as :func:`mjsim.animation.movie.animate` has them. tests: up to nine names; the worst
+            ones when missing.
         seconds: duration; 1.5 s for each model and 1 s between two of them when missing.
 
     Raises:
-        InputError: no history, one that does not hold the machines, unknown or too many tests, a wrong value, a file in the way.
+        InputError: no history, one that does not hold the machines, unknown or too many tests, a wrong value, a file in
+            the way.
     """
     file = Path(file)
     form = Format.of(file, size, fps)
     measured = [t.name for t in campaign.measured]
     for name in tests:
         if name not in measured:
-            raise InputError(f"{campaign.folder / 'campaign.toml'}: no measured test {name!r}; it has: {', '.join(measured) or 'none'}")
+            raise InputError(
+                f"{campaign.folder / 'campaign.toml'}: no measured test {name!r}; it has: "
+                f"{', '.join(measured) or 'none'}"
+            )
     if len(tests) > MOST_TESTS:
         raise InputError(f"{len(tests)} tests; allowed: up to {MOST_TESTS} in one picture")
     steps = read_history(campaign)
@@ -86,11 +93,20 @@ def animate_ladder(
     with files.whole(file, force) as neighbour, encode.writer(form.kind, neighbour, form.size, form.fps) as out:
         encode.add_all(out, map(board.frame, places(len(steps), count)), lambda k: progress("rendering", k, count))
         progress("writing", 0, 1)
-    return LadderFilm(file, count, form.size, form.fps, tuple(shown), tuple((s.label, c.rms) for s, c in zip(steps, rungs, strict=True)))
+    return LadderFilm(
+        file,
+        count,
+        form.size,
+        form.fps,
+        tuple(shown),
+        tuple((s.label, c.rms) for s, c in zip(steps, rungs, strict=True)),
+    )
 
 
 def places(models: int, frames: int) -> np.ndarray:
-    """Where on the ladder each frame stands, (frames,): whole numbers are models, between them one gives way to the next."""
+    """Where on the ladder each frame stands, (frames,): whole numbers are models, between them one gives way to the
+    next.
+    """
     whole = STAND * models + CHANGE * (models - 1)
     time = np.linspace(0.0, whole, frames)
     index = np.minimum(np.floor(time / (STAND + CHANGE)), models - 1)

@@ -9,7 +9,8 @@ from PIL import ImageDraw, ImageFont
 
 from mjsim.errors import InputError
 
-#: Width and height of the layout, the panel's share of the width, and the inset's edge and its distance from the corner, pixels.
+#: Width and height of the layout, the panel's share of the width, and the inset's edge and its distance from the
+#: corner, pixels.
 BASE, PANEL, INSET, MARGIN = (1280, 720), 520, 280, 12
 SMALLEST, LARGEST = (320, 180), (3840, 2160)
 #: Dots per inch of the static plots at the layout's own size, where 8.5 points become 15 pixels.
@@ -18,7 +19,9 @@ DPI = 130
 
 @dataclass(frozen=True)
 class Layout:
-    """The parts of a picture of ``width`` x ``height`` pixels: machine on the left, panel on the right, inset in the machine's corner."""
+    """The parts of a picture of ``width`` x ``height`` pixels: machine on the left, panel on the right, inset in
+    the machine's corner.
+    """
 
     width: int
     height: int
@@ -68,8 +71,12 @@ def font(pixels: int, bold: bool = False) -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(f"{matplotlib.get_data_path()}/fonts/ttf/{name}", pixels)
 
 
-def label(draw: ImageDraw.ImageDraw, corner: tuple[float, float], text: str, pixels: int, room: int, anchor: str = "ls") -> None:
-    """White text on a dark plate, ``corner`` being the text's ``anchor`` point; made smaller where ``room`` pixels do not hold it."""
+def label(
+    draw: ImageDraw.ImageDraw, corner: tuple[float, float], text: str, pixels: int, room: int, anchor: str = "ls"
+) -> None:
+    """White text on a dark plate, ``corner`` being the text's ``anchor`` point; made smaller where ``room`` pixels
+    do not hold it.
+    """
     face = font(fitted(text, pixels, room), True)
     left, top, right, bottom = draw.textbbox(corner, text, face, anchor)
     pad = pixels // 3

@@ -31,7 +31,9 @@ ASIDE = 0.2
 
 @dataclass(frozen=True)
 class Film:
-    """A file that was written: its frames, size (pixels), frames per second, seconds of test per second, and what is magnified."""
+    """A file that was written: its frames, size (pixels), frames per second, seconds of test per second, and what
+    is magnified.
+    """
 
     file: Path
     test: str
@@ -82,7 +84,8 @@ class Format:
         n = round(seconds * self.fps) if 0.0 < seconds < 1e6 else 0
         if not 2 <= n <= MOST_FRAMES:
             raise InputError(
-                f"a video of {seconds:g} s at {self.fps:g} frames per second has {n} frames; allowed: 2 to {MOST_FRAMES}; "
+                f"a video of {seconds:g} s at {self.fps:g} frames per second has {n} frames; allowed: 2 to "
+                f"{MOST_FRAMES}; "
                 "choose another length or rate"
             )
         return n
@@ -110,7 +113,8 @@ def animate(
         campaign: with traces; a test without one is shown simulated only. test: its name.
         file: ``.mp4`` or ``.gif``. machine: instead of the campaign's. camera: overview, closeup, side or bar.
         size: ``1280x720`` (GIF ``800x450``). fps: frames per second, 25 (GIF 10).
-        speed: seconds of test per second of video; seconds: duration of the video. One of them; else real time, at most 20 s (GIF 8 s).
+        speed: seconds of test per second of video; seconds: duration of the video. One of them; else real time, at most
+            20 s (GIF 8 s).
         magnify: factor of the error; chosen when missing. shadows: draw them, at half the speed. force: replace a file.
 
     Raises:
@@ -134,7 +138,9 @@ def animate(
     files.check_writable(file, force)
     machine = machine or machine_of(campaign)
     layout, speed = Layout(*form.size), duration / length
-    with Stage(chosen, max(layout.view_width, 2 * layout.px(INSET)), max(layout.height, 2 * layout.px(INSET)), shadows) as stage:
+    with Stage(
+        chosen, max(layout.view_width, 2 * layout.px(INSET)), max(layout.height, 2 * layout.px(INSET)), shadows
+    ) as stage:
         story = tell(campaign, machine, chosen, magnify, threads, progress)
         with files.whole(file, force) as neighbour, encode.writer(form.kind, neighbour, form.size, form.fps) as out:
             frames = pictures(story, stage, layout, camera, np.linspace(0.0, duration, count), speed)
@@ -160,7 +166,9 @@ def pictures(story: Story, stage, layout: Layout, camera: str, times: np.ndarray
     from mjsim.animation.trail import Trail
 
     panel, trail = Panel(story, layout, speed), Trail(story, stage)
-    inset, share, note = (BAR, 1.0, "close-up: red with the error, blue without") if camera in FAR else ("overview", 0.75, "")
+    inset, share, note = (
+        (BAR, 1.0, "close-up: red with the error, blue without") if camera in FAR else ("overview", 0.75, "")
+    )
     edge, margin = layout.px(share * INSET), layout.px(MARGIN)
     picture = Image.new("RGB", (layout.width, layout.height), "white")
     draw = ImageDraw.Draw(picture)
@@ -173,10 +181,20 @@ def pictures(story: Story, stage, layout: Layout, camera: str, times: np.ndarray
         fine = round(FINER * edge)
         close = Image.fromarray(stage.render(inset, fine, fine, balls, trail.lines(time, FINER * layout.scale)))
         picture.paste(close.resize((edge, edge), Image.Resampling.BOX), corner)
-        draw.rectangle((corner[0] - 1, corner[1] - 1, corner[0] + edge, corner[1] + edge), outline="white", width=layout.px(2))
-        label(draw, (2 * margin, layout.height - 2 * margin), story.magnified, layout.px(19), layout.view_width - 5 * margin)
+        draw.rectangle(
+            (corner[0] - 1, corner[1] - 1, corner[0] + edge, corner[1] + edge), outline="white", width=layout.px(2)
+        )
+        label(
+            draw,
+            (2 * margin, layout.height - 2 * margin),
+            story.magnified,
+            layout.px(19),
+            layout.view_width - 5 * margin,
+        )
         if note:
-            label(draw, (corner[0] + edge // 2, corner[1] + edge + 2 * margin), note, layout.px(13), edge - margin, "ms")
+            label(
+                draw, (corner[0] + edge // 2, corner[1] + edge + 2 * margin), note, layout.px(13), edge - margin, "ms"
+            )
         picture.paste(panel.frame(time), (layout.view_width, top))
         yield np.array(picture)
 

@@ -1,7 +1,7 @@
 """The plot beside the machine: a polar plot whose traces grow, and the numbers of the moment.
 
-The plot's frame is drawn by matplotlib once. A new frame adds only the new stretch of each line to that canvas and writes the numbers
-over a copy of it; nothing is drawn twice.
+The plot's frame is drawn by matplotlib once. A new frame adds only the new stretch of each line to that canvas and
+writes the numbers over a copy of it; nothing is drawn twice.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from mjsim.plots.polar import PolarTrace, draw_polar, scale_text
 from mjsim.units import DEG, MM, UM
 
 _HEIGHT = 720
-#: Places in the panel's layout, pixels: the polar axes (left, top, edge), the legend's line, and the first row of numbers.
+#: Places in the panel's layout, pixels: the polar axes (left, top, edge), the legend's line, and the first row of
+#: numbers.
 _PLOT, _LEGEND, _ROWS = (68, 104, 384), 536, 572
 _ROW = 25
 _COLOURS = {"measured": style.MEASURED, "simulated": style.SIMULATED, "error": ERROR}
@@ -41,7 +42,9 @@ class Panel:
         place = (x / PANEL, 1 - (y + side) / _HEIGHT, side / PANEL, side / _HEIGHT)
         self._axes = style.polar_axes(self._figure, place)
         whole = [
-            PolarTrace(s.name, s.phi / DEG, s.value / UM, "measured" if s.name == "measured" else "simulated", self._shift)
+            PolarTrace(
+                s.name, s.phi / DEG, s.value / UM, "measured" if s.name == "measured" else "simulated", self._shift
+            )
             for s in story.traces
         ]
         self._step = draw_polar(self._axes, whole)
@@ -50,7 +53,8 @@ class Panel:
             line.set(visible=False, linewidth=1.0)
         (self._hand,) = self._axes.plot([], [], color="#7a9cc6", linewidth=1.2, zorder=5)
         self._dots = [
-            self._axes.plot([], [], "o", color=_COLOURS[t.name], markersize=5.5, markeredgecolor="white", zorder=6)[0] for t in story.traces
+            self._axes.plot([], [], "o", color=_COLOURS[t.name], markersize=5.5, markeredgecolor="white", zorder=6)[0]
+            for t in story.traces
         ]
         self._texts()
         self._canvas = style.canvas(self._figure)
@@ -89,7 +93,13 @@ class Panel:
     def _texts(self) -> None:
         s = self.story
         text = lambda y, words, size, **more: self._figure.text(  # noqa: E731
-            0.5, 1 - y / _HEIGHT, words, ha="center", va="center", fontsize=style.fitted(words, size, PANEL / DPI - 0.2), **more
+            0.5,
+            1 - y / _HEIGHT,
+            words,
+            ha="center",
+            va="center",
+            fontsize=style.fitted(words, size, PANEL / DPI - 0.2),
+            **more,
         )
         text(22, f"{s.campaign}: {s.test.name}", 10.5, fontweight="bold", color=style.INK)
         where, _, rest = conditions(s.test).partition("; ")
@@ -98,10 +108,22 @@ class Panel:
         names = [(t.name, _COLOURS[t.name]) for t in s.traces]
         for k, (name, colour) in enumerate(names):
             self._figure.text(
-                (30 + 130 * k) / PANEL, 1 - _LEGEND / _HEIGHT, f"● {name}", va="center", fontsize=8.5, color=colour, fontweight="bold"
+                (30 + 130 * k) / PANEL,
+                1 - _LEGEND / _HEIGHT,
+                f"● {name}",
+                va="center",
+                fontsize=8.5,
+                color=colour,
+                fontweight="bold",
             )
         self._figure.text(
-            490 / PANEL, 1 - _LEGEND / _HEIGHT, scale_text(self._step), ha="right", va="center", fontsize=8.5, color=style.INK
+            490 / PANEL,
+            1 - _LEGEND / _HEIGHT,
+            scale_text(self._step),
+            ha="right",
+            va="center",
+            fontsize=8.5,
+            color=style.INK,
         )
         names = ", ".join(e.key for e in s.machine.effects) or "no effects"
         if len(names) > 74:
@@ -124,13 +146,20 @@ class Panel:
         phi = float(story.program.phi(np.array([time]))[0]) / DEG
         angle = (phi + self._shift) % 360.0 if kind_of(story.test).goes_round else phi
         name = kind_of(story.test).turns(story.test) or "angle"
-        rows = [(f"time (× {style.number(round(self.speed, 1))})", f"{time:.2f} s", style.INK), (name, f"{angle:.1f}°", style.INK)]
+        rows = [
+            (f"time (× {style.number(round(self.speed, 1))})", f"{time:.2f} s", style.INK),
+            (name, f"{angle:.1f}°", style.INK),
+        ]
         rows += [(s.name, _micro(s.at(time)), _COLOURS[s.name]) for s in story.traces]
         if story.measured:
             rows.append(("difference", _micro(story.error.at(time)), _COLOURS["error"]))
         self._column(draw, 30, 262, rows)
         axes = [
-            (a, f"{q / (MM if is_linear(a) else DEG):.3f} {'mm' if is_linear(a) else '° '}".replace("-", "−"), style.INK)
+            (
+                a,
+                f"{q / (MM if is_linear(a) else DEG):.3f} {'mm' if is_linear(a) else '° '}".replace("-", "−"),
+                style.INK,
+            )
             for a, q in zip(story.test.chain.letters, story.position(time), strict=True)
         ]
         self._column(draw, 312, 490, axes)

@@ -58,12 +58,13 @@ class Balls:
 class Stage:
     """One test's machine, ready to be posed and rendered; close it after use (or use it in a ``with`` block).
 
-    The bar is drawn from the table ball to the *ghost*: the point on the bar's line at its nominal length plus the magnified error.
-    Everything else has its true size.
+    The bar is drawn from the table ball to the *ghost*: the point on the bar's line at its nominal length plus the
+    magnified error. Everything else has its true size.
     """
 
     def __init__(self, test: BallBarTest, width: int, height: int, shadows: bool = False):
-        """For pictures of up to ``width`` x ``height`` pixels; ``shadows`` in those of the whole machine, at twice the computing.
+        """For pictures of up to ``width`` x ``height`` pixels; ``shadows`` in those of the whole machine, at twice the
+        computing.
 
         Raises:
             InputError: no OpenGL.
@@ -112,7 +113,9 @@ class Stage:
             self.close()
 
     def pose(self, position: np.ndarray, stretch: float = 0.0) -> Balls:
-        """Move the axes to ``position`` (5,) m and rad; the ghost stands ``stretch`` m beyond the bar's nominal length."""
+        """Move the axes to ``position`` (5,) m and rad; the ghost stands ``stretch`` m beyond the bar's nominal
+        length.
+        """
         self.data.qpos[self._joints] = position
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_camlight(self.model, self.data)
@@ -129,18 +132,27 @@ class Stage:
         """Inverse of :meth:`to_carrier`."""
         return point @ self.data.xmat[self.carrier].reshape(3, 3).T + self.data.xpos[self.carrier]
 
-    def render(self, camera: str, width: int, height: int, balls: Balls, lines: Sequence[Line] = (), aside: float = 0.0) -> np.ndarray:
+    def render(
+        self, camera: str, width: int, height: int, balls: Balls, lines: Sequence[Line] = (), aside: float = 0.0
+    ) -> np.ndarray:
         """A picture (height, width, 3) uint8 of the present pose; it is overwritten by the next of this size.
 
         Args:
-            camera: a name of :func:`cameras`. balls: what :meth:`pose` returned. lines: drawn along in world coordinates.
+            camera: a name of :func:`cameras`. balls: what :meth:`pose` returned. lines: drawn along in world
+                coordinates.
             aside: how far the picture's middle lies right of what the camera looks at, over half its width.
 
         Raises:
             InputError: an unknown camera.
         """
         mujoco.mjv_updateScene(
-            self.model, self.data, self._option, None, self._camera(camera), mujoco.mjtCatBit.mjCAT_ALL.value, self._scene
+            self.model,
+            self.data,
+            self._option,
+            None,
+            self._camera(camera),
+            mujoco.mjtCatBit.mjCAT_ALL.value,
+            self._scene,
         )
         self._draw_bar(balls)
         for line in lines:
@@ -162,7 +174,10 @@ class Stage:
         eye, ahead, up = (np.mean([getattr(c, k) for c in pair], axis=0) for k in ("pos", "forward", "up"))
         d = np.asarray(point) - eye
         scale = 0.5 * height * pair[0].frustum_near / pair[0].frustum_top
-        column = scale * (d @ np.cross(ahead, up)) / (d @ ahead) - 0.5 * height * pair[0].frustum_center / pair[0].frustum_top
+        column = (
+            scale * (d @ np.cross(ahead, up)) / (d @ ahead)
+            - 0.5 * height * pair[0].frustum_center / pair[0].frustum_top
+        )
         return np.array([0.5 * width + column, 0.5 * height - scale * (d @ up) / (d @ ahead)])
 
     def _camera(self, name: str) -> mujoco.MjvCamera:
@@ -170,7 +185,8 @@ class Stage:
         if name == BAR:
             camera.type = mujoco.mjtCamera.mjCAMERA_FREE
             camera.lookat[:] = self.data.site("table_ball").xpos
-            # 1.5 bars either side of the table ball; from the front, high enough to look under the spindle nose and onto the table
+            # 1.5 bars either side of the table ball; from the front, high enough to look under the spindle nose and
+            # onto the table
             camera.distance = 1.45 * self.test.length / np.tan(np.radians(17.0))
             camera.azimuth, camera.elevation = 65.0, -38.0
             return camera

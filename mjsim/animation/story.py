@@ -1,4 +1,6 @@
-"""What a video of one test shows: the axes' motion, the traces about one centre, the error that is magnified, and by how much."""
+"""What a video of one test shows: the axes' motion, the traces about one centre, the error that is magnified, and
+by how much.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ NEAR = 0.05
 
 @dataclass(frozen=True)
 class Signal:
-    """Something measured along a test: ``time`` (n,) s on the program's clock, ``phi`` (n,) rad, ``value`` (n,) m; NaN where invalid."""
+    """Something measured along a test: ``time`` (n,) s on the program's clock, ``phi`` (n,) rad, ``value`` (n,) m;
+    NaN where invalid.
+    """
 
     name: str
     time: np.ndarray
@@ -57,8 +61,9 @@ class Story:
     """One test as it is shown.
 
     Attributes:
-        simulation: the axes' motion. traces: measured (where there is one) and simulated, both about the least-squares centre of the
-            first of them. error: what is magnified. measured: whether the error is measured less simulated.
+        simulation: the axes' motion. traces: measured (where there is one) and simulated, both about the least-squares
+            centre of the first of them. error: what is magnified. measured: whether the error is measured less
+            simulated.
         magnification: drawn length over real length of the error.
     """
 
@@ -103,12 +108,18 @@ def _plain(factor: float) -> str:
 
 @one_blas_thread
 def tell(
-    campaign: Campaign, machine: Machine, test: BallBarTest, magnify: float | None = None, threads: int = 2, progress: Progress = silent
+    campaign: Campaign,
+    machine: Machine,
+    test: BallBarTest,
+    magnify: float | None = None,
+    threads: int = 2,
+    progress: Progress = silent,
 ) -> Story:
     """Simulate a test, and compare it as :func:`mjsim.workflow.compare` does where it was measured.
 
     Args:
-        magnify: factor of the error; chosen (1, 2, 5, 10 …) so that the largest error is a fifth of the bar, when ``None``.
+        magnify: factor of the error; chosen (1, 2, 5, 10 …) so that the largest error is a fifth of the bar, when
+            ``None``.
 
     Raises:
         InputError: ``magnify`` draws the error longer than the bar.
@@ -125,7 +136,8 @@ def tell(
         magnify = _nice_factor(FILL * test.length / max(largest, 1e-12))
     elif not (math.isfinite(magnify) and magnify >= 1.0 and magnify * largest <= 0.9 * test.length):
         raise InputError(
-            f"magnification {magnify:g}: the error is up to {largest / UM:.2f} µm and the bar {test.length * 1e3:g} mm; "
+            f"magnification {magnify:g}: the error is up to {largest / UM:.2f} µm and the bar "
+            f"{test.length * 1e3:g} mm; "
             f"allowed: 1 to {0.9 * test.length / max(largest, 1e-12):.0f}"
         )
     return Story(campaign.name, machine, test, simulation, traces, error, measured, magnify)

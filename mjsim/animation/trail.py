@@ -26,11 +26,17 @@ class Trail:
             balls = stage.pose(story.position(time))
             ideal[k] = stage.to_carrier(balls.ghost)
             known = np.isfinite(story.error.at(time + 0.02))
-            error[k] = stage.to_carrier(stage.pose(story.position(time), story.stretch(time + 0.02)).ghost) if known else np.nan
+            error[k] = (
+                stage.to_carrier(stage.pose(story.position(time), story.stretch(time + 0.02)).ghost)
+                if known
+                else np.nan
+            )
         self._ideal, self._error = ideal[: POINTS + 1], error
 
     def lines(self, time: float, scale: float) -> list[Line]:
-        """The lines to draw at ``time`` s in a picture of ``scale``; one turn of the error at most: turns would cover each other."""
+        """The lines to draw at ``time`` s in a picture of ``scale``; one turn of the error at most: turns would
+        cover each other.
+        """
         done = int(np.searchsorted(self.time, time, side="right"))
         to_world, wide = self._stage.to_world, max(1.0, 2.5 * scale)
         lines = [Line(to_world(self._ideal), BLUE, 0.6 * wide)]

@@ -18,8 +18,8 @@ class Commanded:
     Attributes:
         seconds: (n,) duration of each block by its F, s, above 0.
         points: (n + 1, axes) where the blocks begin and end, m and rad.
-        tip: whether the linear axes of ``points`` are the tool tip's in the work frame (tool centre point control), which the control turns
-            into axis positions all along a block; otherwise they are axis positions.
+        tip: whether the linear axes of ``points`` are the tool tip's in the work frame (tool centre point control),
+            which the control turns into axis positions all along a block; otherwise they are axis positions.
         chain: the machine's axes.
     """
 

@@ -14,7 +14,9 @@ _EDGE = 0.2
 
 
 def reversals(program: Program) -> dict[str, np.ndarray]:
-    """Signed test angles φ (rad) at which each axis reverses in the measured part, its ends included; other axes are left out."""
+    """Signed test angles φ (rad) at which each axis reverses in the measured part, its ends included; other axes
+    are left out.
+    """
     lo, hi = program.measured_span
     time = np.linspace(max(0.0, lo - _EDGE), min(program.duration, hi + _EDGE), 20001)
     q, phi = program.commands(time), program.phi(time)

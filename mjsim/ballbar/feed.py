@@ -12,8 +12,8 @@ def trapezoid(length: float, feed: float, acceleration: float = ACCELERATION):
     """Travel along a path of ``length`` (m) from rest to rest.
 
     Returns:
-        ``(duration, travel)``: the duration in s and a function of time (n,) s that gives the distance travelled (n,) m;
-        it holds its ends. A path too short for the feed gets a triangular profile.
+        ``(duration, travel)``: the duration in s and a function of time (n,) s that gives the distance travelled (n,)
+        m; it holds its ends. A path too short for the feed gets a triangular profile.
 
     >>> duration, travel = trapezoid(length=0.1, feed=0.01)
     >>> round(duration, 3), round(float(travel(duration / 2)), 3)

@@ -1,4 +1,6 @@
-"""A test that is driven by an NC program of its own: the angle of a commanded motion, and whether the program follows the test."""
+"""A test that is driven by an NC program of its own: the angle of a commanded motion, and whether the program
+follows the test.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,8 @@ TOUCH = 0.01 * DEG
 
 
 def angle(test: BallBarTest, q: np.ndarray) -> np.ndarray:
-    """The test's angle φ (n,) rad, within a turn, at axis positions ``q`` (n, axes): the place of the spindle ball on its circle.
+    """The test's angle φ (n,) rad, within a turn, at axis positions ``q`` (n, axes): the place of the spindle ball on
+    its circle.
 
     For a kind that does not go round it is the command that turns.
     """
@@ -50,7 +53,8 @@ class Followed:
 
     @cached_property
     def _profile(self):
-        # the control overrides all block times alike while it accelerates: the same trapezoid, in block time instead of path
+        # the control overrides all block times alike while it accelerates: the same trapezoid, in block time instead of
+        # path
         return trapezoid(self._motion.duration, 1.0, self.acceleration / self.test.feed)
 
     @property
@@ -90,7 +94,9 @@ class Followed:
             return 0.0
         if (phi - last) * (last - first) >= 0.0:
             return self.duration
-        return float(root_scalar(lambda t: self.phi(np.array([t]))[0] - phi, bracket=(0.0, self.duration), xtol=1e-9).root)
+        return float(
+            root_scalar(lambda t: self.phi(np.array([t]))[0] - phi, bracket=(0.0, self.duration), xtol=1e-9).root
+        )
 
 
 def check_path(test: BallBarTest, motion: Commanded, span: tuple[float, float], name: str) -> np.ndarray:
@@ -109,7 +115,8 @@ def check_path(test: BallBarTest, motion: Commanded, span: tuple[float, float], 
     if abs(off[worst]) > RANGE:
         raise InputError(
             f'{name}: is no program of test "{test.name}": at point {worst + 1} of {len(axes)} the balls are '
-            f"{(test.length + off[worst]) / MM:.3f} mm apart; allowed: the bar's {test.length / MM:g} ± {RANGE / MM:g} mm "
+            f"{(test.length + off[worst]) / MM:.3f} mm apart; allowed: the bar's {test.length / MM:g} ± "
+            f"{RANGE / MM:g} mm "
             f"(check the test, its table ball, the zero point, and the signs of {' and '.join(test.chain.rotary)})"
         )
     phi, (first, last) = unwrapped(test, axes), span
@@ -153,11 +160,13 @@ def deviation(driven: BallBarTest, nominal, times: int = 20001) -> dict:
     """How far a driven test's program is from the test's own one, at the same φ over the measured part.
 
     Args:
-        driven: from :func:`follow`. nominal: the ``Program`` of the same test without a commanded motion. times: instants looked at.
+        driven: from :func:`follow`. nominal: the ``Program`` of the same test without a commanded motion. times:
+            instants looked at.
 
     Returns:
-        ``position_um`` per linear axis, ``angle_urad`` per rotary axis, ``time_ms``, each the largest absolute deviation, and
-        ``reading_um``: ``[lowest, highest]`` reading of an ideal machine; ``feed_mm_min``: the mean feed.
+        ``position_um`` per linear axis, ``angle_urad`` per rotary axis, ``time_ms``, each the largest absolute
+        deviation, and ``reading_um``: ``[lowest, highest]`` reading of an ideal machine; ``feed_mm_min``: the mean
+        feed.
     """
     motion = Followed(driven)
     lo, hi = nominal.measured_span

@@ -1,19 +1,22 @@
 """ISO 230-4 figures of circular traces: G and F of one direction, G(b) and D of both.
 
-Definitions (ISO 230-4, terms and definitions, paraphrased; symbols as there). The wording follows the 2005 edition as commonly cited;
-it has not been checked against the text of the 2022 edition:
+Definitions (ISO 230-4, terms and definitions, paraphrased; symbols as there). The wording follows the 2005 edition as
+commonly cited; it has not been checked against the text of the 2022 edition:
 
-* circular error **G**: minimum radial separation of two concentric circles that envelop the actual path. The standard lets it be
+* circular error **G**: minimum radial separation of two concentric circles that envelop the actual path. The standard
+  lets it be
   evaluated as the radial range about the least-squares circle; this module does.
-* radial error **F**, as ``Fmax`` and ``Fmin``: deviation of the actual path from the nominal path, positive away from the centre. The
+* radial error **F**, as ``Fmax`` and ``Fmin``: deviation of the actual path from the nominal path, positive away from
+  the centre. The
   nominal centre is the one found by least squares, which the standard allows for full circles only.
 * bidirectional circular error **G(b)**: the same separation for two actual paths together, one run clockwise and one
   counter-clockwise, about their common least-squares centre.
-* mean bidirectional radial error **D**: radius of the least-squares circle of both paths together minus the nominal radius.
+* mean bidirectional radial error **D**: radius of the least-squares circle of both paths together minus the nominal
+  radius.
 
-The bar reads along the radius, so a centre offset of a few µm on a circle of many mm shows as ``cx·cos φ + cy·sin φ`` and the
-least-squares circle is the projection of the reading on ``[cos φ, sin φ, 1]``. The constant is no eccentricity: it stays in F and
-is D, and cancels in G. Angles and lengths are SI; the figures are in µm, as their names say.
+The bar reads along the radius, so a centre offset of a few µm on a circle of many mm shows as ``cx·cos φ + cy·sin φ``
+and the least-squares circle is the projection of the reading on ``[cos φ, sin φ, 1]``. The constant is no eccentricity:
+it stays in F and is D, and cancels in G. Angles and lengths are SI; the figures are in µm, as their names say.
 """
 
 from __future__ import annotations
@@ -80,7 +83,9 @@ class BidirectionalFigures:
     centre_um: tuple[float, float]
 
 
-def least_squares_circle(phi_rad: ArrayLike, deviation_m: ArrayLike, weight: ArrayLike | None = None) -> LeastSquaresCircle:
+def least_squares_circle(
+    phi_rad: ArrayLike, deviation_m: ArrayLike, weight: ArrayLike | None = None
+) -> LeastSquaresCircle:
     """Fit centre and radius to radial readings.
 
     Args:
@@ -119,13 +124,16 @@ def circular_figures(phi_rad: ArrayLike, deviation_m: ArrayLike) -> CircularFigu
     )
 
 
-def bidirectional_figures(phi_ccw: ArrayLike, dev_ccw: ArrayLike, phi_cw: ArrayLike, dev_cw: ArrayLike) -> BidirectionalFigures:
+def bidirectional_figures(
+    phi_ccw: ArrayLike, dev_ccw: ArrayLike, phi_cw: ArrayLike, dev_cw: ArrayLike
+) -> BidirectionalFigures:
     """G(b), D and centre of one path run counter-clockwise and clockwise.
 
     Both directions weigh the same, whatever their numbers of samples and revolutions.
 
     Args:
-        phi_ccw, phi_cw: (n,) and (m,) angle on the nominal circle, the same place having the same angle modulo 2π in both [rad].
+        phi_ccw, phi_cw: (n,) and (m,) angle on the nominal circle, the same place having the same angle modulo 2π in
+            both [rad].
         dev_ccw, dev_cw: (n,) and (m,) readings, outward positive [m].
 
     Raises:
@@ -146,7 +154,9 @@ def bidirectional_figures(phi_ccw: ArrayLike, dev_ccw: ArrayLike, phi_cw: ArrayL
 def _checked(phi_rad: ArrayLike, deviation_m: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     phi, deviation = np.asarray(phi_rad, dtype=float), np.asarray(deviation_m, dtype=float)
     if phi.ndim != 1 or phi.shape != deviation.shape:
-        raise ValueError(f"angle and deviation must be vectors of one length, not of shapes {phi.shape} and {deviation.shape}")
+        raise ValueError(
+            f"angle and deviation must be vectors of one length, not of shapes {phi.shape} and {deviation.shape}"
+        )
     if phi.size < 3:
         raise InputError(f"a circle needs at least 3 samples, {phi.size} given")
     if not (np.isfinite(phi).all() and np.isfinite(deviation).all()):

@@ -15,11 +15,12 @@ from mjsim.machine.chain import FIVE_AXIS, Chain
 class BallBarTest:
     """One ball-bar test. Lengths in m, angles in rad, feed in m/s; names as in ``campaign.toml``.
 
-    ``kind`` is a name of :data:`mjsim.ballbar.kinds.KINDS`: cone_frustum, circular, rotary or one of the user's own. ``sensitive`` is
-    perpendicular or parallel (cone_frustum), tangential, radial or axial (rotary). ``start``/``stop`` are the ends of a kind that does
-    not go round, ``setup`` names the tests that share both balls' offsets, ``started`` is the clock time of the NC program's start in s.
-    ``commanded`` is the motion of an NC file where one takes the place of the test's own program. ``chain`` has the axes of the machine
-    that runs the test. ``more`` holds the keys that only one's own kinds have, SI.
+    ``kind`` is a name of :data:`mjsim.ballbar.kinds.KINDS`: cone_frustum, circular, rotary or one of the user's own.
+    ``sensitive`` is perpendicular or parallel (cone_frustum), tangential, radial or axial (rotary). ``start``/``stop``
+    are the ends of a kind that does not go round, ``setup`` names the tests that share both balls' offsets, ``started``
+    is the clock time of the NC program's start in s. ``commanded`` is the motion of an NC file where one takes the
+    place of the test's own program. ``chain`` has the axes of the machine that runs the test. ``more`` holds the keys
+    that only one's own kinds have, SI.
     """
 
     name: str

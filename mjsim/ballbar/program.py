@@ -90,7 +90,9 @@ class Program:
         length = abs(last - first) * self.kind.radius(self.test)
         feed = min(self.test.feed, float(np.sqrt(self.acceleration * length)))
         ramp = feed / self.acceleration
-        lead = margin / feed + 0.5 * ramp if margin > 0.5 * feed * ramp else float(np.sqrt(2 * margin / self.acceleration))
+        lead = (
+            margin / feed + 0.5 * ramp if margin > 0.5 * feed * ramp else float(np.sqrt(2 * margin / self.acceleration))
+        )
         return lead, self.duration - lead
 
     def feed_words(self, phi: np.ndarray) -> np.ndarray:

@@ -29,7 +29,8 @@ def speed_warnings(test: BallBarTest) -> list[str]:
         scale, unit = (DEG, "°/s") if axis.rotary else (MM / 60.0, "mm/min")
         if v > most:
             out.append(
-                f"{test.name}: {axis.letter} has to move at {v / scale:.0f} {unit}; an ordinary machine reaches {most / scale:.0f} {unit}. "
+                f"{test.name}: {axis.letter} has to move at {v / scale:.0f} {unit}; an ordinary machine reaches "
+                f"{most / scale:.0f} {unit}. "
                 "A lower feed or another path needs less."
             )
     return out
@@ -40,4 +41,7 @@ def range_warning(test: BallBarTest, deviation: np.ndarray, sensor_range: float)
     largest = float(np.abs(deviation).max())
     if largest <= sensor_range:
         return ""
-    return f"{test.name}: the reading reaches {largest / MM:.3g} mm, beyond the sensor's range of ±{sensor_range / MM:g} mm."
+    return (
+        f"{test.name}: the reading reaches {largest / MM:.3g} mm, beyond the sensor's range of "
+        f"±{sensor_range / MM:g} mm."
+    )

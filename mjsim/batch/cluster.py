@@ -1,7 +1,8 @@
-"""Jobs on a running Dask cluster: chunks go to its workers, outcomes come back to the local folder; workers need no shared disk.
+"""Jobs on a running Dask cluster: chunks go to its workers, outcomes come back to the local folder; workers need no
+shared disk.
 
-A worker that dies takes nothing with it but the chunks that it was working on, which the scheduler gives to others. Effects of the
-user's own travel as the text of their files.
+A worker that dies takes nothing with it but the chunks that it was working on, which the scheduler gives to others.
+Effects of the user's own travel as the text of their files.
 """
 
 from __future__ import annotations
@@ -86,13 +87,18 @@ def _result(future: Any) -> list[Outcome]:
         return future.result()
     except (InputError, SimulationError):
         raise
-    except Exception as error:  # whatever the cluster makes of it: a worker lost for the fourth time, the scheduler gone
-        raise SimulationError(f"the cluster gave a chunk back: {type(error).__name__}: {error}; run the same command to go on") from None
+    except (
+        Exception
+    ) as error:  # whatever the cluster makes of it: a worker lost for the fourth time, the scheduler gone
+        raise SimulationError(
+            f"the cluster gave a chunk back: {type(error).__name__}: {error}; run the same command to go on"
+        ) from None
 
 
 @contextmanager
 def connected(address: str) -> Iterator[Any]:
-    """A client of the scheduler at ``address``, e.g. ``tcp://127.0.0.1:8786``, whose workers have been looked at; its log stays silent.
+    """A client of the scheduler at ``address``, e.g. ``tcp://127.0.0.1:8786``, whose workers have been looked at; its
+    log stays silent.
 
     Raises:
         InputError: the extra is not installed, no scheduler or worker is there, or versions differ.
@@ -121,12 +127,15 @@ def connected(address: str) -> Iterator[Any]:
 
 def _check_workers(client: Any, address: str) -> None:
     if not client.scheduler_info(n_workers=-1)["workers"]:
-        raise InputError(f"--scheduler {address}: the scheduler has no workers; start some with `dask worker {address}`")
+        raise InputError(
+            f"--scheduler {address}: the scheduler has no workers; start some with `dask worker {address}`"
+        )
     try:
         there = client.run(versions)
     except Exception as error:  # what a worker without mjsim raises depends on how far it gets
         raise InputError(
-            f"--scheduler {address}: a worker cannot run mjsim ({type(error).__name__}: {error}); install the same mjsim on all workers"
+            f"--scheduler {address}: a worker cannot run mjsim ({type(error).__name__}: {error}); install the same "
+            f"mjsim on all workers"
         ) from None
     for worker, found in there.items():
         _check_versions(worker, found, versions())
@@ -141,7 +150,7 @@ def _check_versions(worker: str, found: dict[str, str], wanted: dict[str, str]) 
             )
 
 
-# -- on the workers ----------------------------------------------------------------------------------------------------------------
+# -- on the workers ----------------------------------------------------------------------------------------------------
 
 
 class Shop:
@@ -184,7 +193,9 @@ def _recipe(packed: tuple) -> Recipe:
         for kind, subject, values, file, text in effects:
             if text is None:
                 if kind not in registry.kinds():
-                    raise InputError(f"a worker does not know the effect {kind!r}; install the package that brings it on all workers")
+                    raise InputError(
+                        f"a worker does not know the effect {kind!r}; install the package that brings it on all workers"
+                    )
                 cls = registry.kinds()[kind]
             else:
                 place = Path(scratch) / file

@@ -5,8 +5,8 @@
     DIR/results/part-00000.parquet     the finished data set
     DIR/traces/                        likewise, where traces are asked for
 
-A process that is killed leaves nothing else behind than hidden temporary files, which the next one takes away. A shard of
-traces is written before its shard of results, so a run with results has its trace.
+A process that is killed leaves nothing else behind than hidden temporary files, which the next one takes away. A shard
+of traces is written before its shard of results, so a run with results has its trace.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ class Folder:
     """The result folder of one sweep, held by one process at a time; use it in a ``with`` block.
 
     Args:
-        out: the folder; made when it is missing. force: forget results of another sweep (or of this one) and start anew.
+        out: the folder; made when it is missing. force: forget results of another sweep (or of this one) and start
+            anew.
 
     Raises:
         InputError: the folder holds another sweep's results, belongs to a running process, or cannot be written.
@@ -71,7 +72,9 @@ class Folder:
                     file.unlink()
         for file in self.out.glob(".sweep.json.*"):
             file.unlink()
-        write_whole(self.out / "sweep.json", json.dumps(self.description, indent=1, ensure_ascii=False) + "\n", force=True)
+        write_whole(
+            self.out / "sweep.json", json.dumps(self.description, indent=1, ensure_ascii=False) + "\n", force=True
+        )
         for folder in (self.results, *([self.traces] if self.sweep.every else [])):
             folder.mkdir(exist_ok=True)
             _recover(folder)
@@ -96,17 +99,22 @@ class Folder:
                     raise InputError(f"{out}: has a folder {folder!r} but no sweep.json; name another folder for --out")
             return
         try:
-            then = json.loads(file_bytes(file, _LARGEST, f"allowed: up to {_LARGEST / 1e6:.0f} MB; name another folder for --out"))
+            then = json.loads(
+                file_bytes(file, _LARGEST, f"allowed: up to {_LARGEST / 1e6:.0f} MB; name another folder for --out")
+            )
             changed = difference(describe(sweep), then)
         except InputError:
             raise
         except (ValueError, AttributeError, TypeError):
             raise InputError(f"{file}: is no description of a sweep; name another folder for --out") from None
         if changed:
-            raise InputError(f"{out}: was begun with another sweep: {changed}; name another folder, or give --force to start anew")
+            raise InputError(
+                f"{out}: was begun with another sweep: {changed}; name another folder, or give --force to start anew"
+            )
 
     def done(self) -> set[tuple[int, int]]:
-        """(run, test) of everything that is there; shards that cannot be read (a power cut) are taken away and so computed again.
+        """(run, test) of everything that is there; shards that cannot be read (a power cut) are taken away and so
+        computed again.
 
         Raises:
             InputError: a file has the name of one of this sweep's, and is none.
@@ -123,7 +131,9 @@ class Folder:
                 file.unlink()
                 continue
             try:
-                rows = {(int(r), index[t]) for r, t in zip(keys["run"].to_pylist(), keys["test"].to_pylist(), strict=True)}
+                rows = {
+                    (int(r), index[t]) for r, t in zip(keys["run"].to_pylist(), keys["test"].to_pylist(), strict=True)
+                }
             except (KeyError, TypeError, ValueError):
                 raise foreign from None
             if not all(0 <= r < self.sweep.runs for r, _ in rows):
@@ -150,7 +160,9 @@ class Folder:
         parameters = np.array([self.sweep.parameters(o.run) for o in outcomes]).reshape(len(outcomes), -1)
         figures = np.array([o.figures for o in outcomes]).reshape(len(outcomes), -1)
         of_run = [columns.numbers(p) for p in (*parameters.T, [o.duration for o in outcomes], *figures.T)]
-        return pa.table([*self._keys(outcomes), *of_run, columns.texts([o.error for o in outcomes])], schema=self._schema)
+        return pa.table(
+            [*self._keys(outcomes), *of_run, columns.texts([o.error for o in outcomes])], schema=self._schema
+        )
 
     def _trace_table(self, outcomes: list[Outcome]) -> pa.Table:
         lists = [columns.lists([None if o.trace is None else o.trace[i] for o in outcomes]) for i in range(3)]
@@ -180,8 +192,8 @@ def _write(path: Path, table: pa.Table) -> None:
 def _consolidate(folder: Path, wanted: pa.Schema, tests: list[str], order: tuple[str, str], rows: int) -> None:
     """Rewrite the shards of a folder as files of ``rows`` rows in order.
 
-    The new files are hidden until all are there; from the commit mark on, a killed process' successor ends the work. At no time has
-    the folder a run twice.
+    The new files are hidden until all are there; from the commit mark on, a killed process' successor ends the work. At
+    no time has the folder a run twice.
     """
     shards = sorted(folder.glob(f"{_SHARD}*.parquet"))
     if not shards:
@@ -195,7 +207,9 @@ def _consolidate(folder: Path, wanted: pa.Schema, tests: list[str], order: tuple
     row = np.concatenate([np.arange(len(k)) for k in keys])
     by = {"run": run, "test": test}
     sequence = np.lexsort([by[order[1]], by[order[0]]])
-    twice = (np.diff(run[sequence]) == 0) & (np.diff(test[sequence]) == 0)  # only where a shard was lost and computed again
+    twice = (np.diff(run[sequence]) == 0) & (
+        np.diff(test[sequence]) == 0
+    )  # only where a shard was lost and computed again
     sequence = sequence[np.concatenate([[True], ~twice])]
     for part, begin in enumerate(range(0, len(sequence), rows)):
         chosen = sequence[begin : begin + rows]

@@ -52,7 +52,12 @@ def versions() -> dict[str, str]:
     folder, digest = model_file().parent, hashlib.sha256()
     for file in sorted(p for p in folder.rglob("*") if p.suffix in (".xml", ".stl")):
         digest.update(f"{file.relative_to(folder).as_posix()}\0".encode() + file.read_bytes())
-    return {"mjsim": mjsim.__version__, "mujoco": mujoco.__version__, "numpy": np.__version__, "model": digest.hexdigest()}
+    return {
+        "mjsim": mjsim.__version__,
+        "mujoco": mujoco.__version__,
+        "numpy": np.__version__,
+        "model": digest.hexdigest(),
+    }
 
 
 def describe(sweep: Sweep) -> dict:
@@ -81,7 +86,9 @@ def result_columns(sweep: Sweep) -> dict[str, tuple]:
 
 def schema(columns: dict[str, tuple], description: dict) -> pa.Schema:
     """The Parquet schema of some columns, with units, meanings and the whole description inside."""
-    fields = [pa.field(k, kind, metadata={"unit": unit, "meaning": meaning}) for k, (kind, unit, meaning) in columns.items()]
+    fields = [
+        pa.field(k, kind, metadata={"unit": unit, "meaning": meaning}) for k, (kind, unit, meaning) in columns.items()
+    ]
     return pa.schema(fields, metadata={"mjsim.sweep": json.dumps(description, ensure_ascii=False)})
 
 
@@ -91,7 +98,9 @@ def trace_columns() -> dict[str, tuple]:
 
 
 def difference(now: dict, then: dict) -> str | None:
-    """In what a sweep differs from the one that a folder was begun with, or ``None``; comments and line breaks do not count."""
+    """In what a sweep differs from the one that a folder was begun with, or ``None``; comments and line breaks do
+    not count.
+    """
     if now["sweep"] != then.get("sweep"):
         a, b = now["sweep"], then.get("sweep") or {}
         keys = [k for k in sorted({*a, *b}) if a.get(k) != b.get(k)]

@@ -49,17 +49,27 @@ def check_design(place: str, table: SweepTable, tests: int) -> None:
     names = [v.parameter for v in table.vary]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f'{place}: [[vary]] "{name}" appears {names.count(name)} times; allowed: each parameter once')
+            raise InputError(
+                f'{place}: [[vary]] "{name}" appears {names.count(name)} times; allowed: each parameter once'
+            )
     if table.design == "grid" and table.samples is not None:
-        raise InputError(f"{place}: samples = {table.samples} does not belong to a grid, whose size follows from its [[vary]] entries")
+        raise InputError(
+            f"{place}: samples = {table.samples} does not belong to a grid, whose size follows from its [[vary]] "
+            f"entries"
+        )
     if table.design != "grid" and table.samples is None:
-        raise InputError(f"{place}: the key 'samples' is missing; design = {table.design!r} needs it, a whole number of at least 1")
+        raise InputError(
+            f"{place}: the key 'samples' is missing; design = {table.design!r} needs it, a whole number of at least 1"
+        )
     if table.design != "tolerances" and not table.vary:
-        raise InputError(f"{place}: there is no [[vary]]; design = {table.design!r} needs at least one parameter to vary")
+        raise InputError(
+            f"{place}: there is no [[vary]]; design = {table.design!r} needs at least one parameter to vary"
+        )
     simulations = run_count(table) * tests
     if simulations > LARGEST:
         raise InputError(
-            f"{place}: {run_count(table)} runs of {tests} test{'s' if tests > 1 else ''} are {simulations} simulations; "
+            f"{place}: {run_count(table)} runs of {tests} test{'s' if tests > 1 else ''} are {simulations} "
+            f"simulations; "
             f"allowed: up to {LARGEST}, take fewer values or design = 'latin_hypercube'"
         )
 
@@ -67,17 +77,23 @@ def check_design(place: str, table: SweepTable, tests: int) -> None:
 def _check_vary(place: str, v: VaryTable, design: str) -> None:
     if v.values is not None:
         if v.count is not None or (v.from_, v.to) != (None, None) or v.scale != "linear":
-            raise InputError(f"{place}: has values and from, to, count or scale; allowed: either a list of values or from and to")
+            raise InputError(
+                f"{place}: has values and from, to, count or scale; allowed: either a list of values or from and to"
+            )
         if len(set(v.values)) < len(v.values):
             raise InputError(f"{place}: values has a number twice; allowed: each value once")
         return
     if v.from_ is None or v.to is None:
-        raise InputError(f"{place}: the key {'from' if v.from_ is None else 'to'!r} is missing; allowed: values, or from and to")
+        raise InputError(
+            f"{place}: the key {'from' if v.from_ is None else 'to'!r} is missing; allowed: values, or from and to"
+        )
     if design == "latin_hypercube":
         if v.count is not None:
             raise InputError(f"{place}: count = {v.count} does not belong to a Latin hypercube, whose size is samples")
     elif v.count is None:
-        raise InputError(f"{place}: the key 'count' is missing; design = {design!r} needs values, or from, to and count")
+        raise InputError(
+            f"{place}: the key 'count' is missing; design = {design!r} needs values, or from, to and count"
+        )
     if v.from_ == v.to:
         raise InputError(f"{place}: from and to are both {v.to:g}; allowed: two different numbers")
     if v.scale == "log" and (v.from_ <= 0 or v.to <= 0):
@@ -87,8 +103,9 @@ def _check_vary(place: str, v: VaryTable, design: str) -> None:
 def make_design(table: SweepTable, chain: Chain) -> Design:
     """The values of every run of a checked sweep; the same seed gives the same design.
 
-    A Latin hypercube is stratified: each parameter has one value in each of ``samples`` equal parts of its range. An ensemble of
-    tolerances is one too, of normal deviates; every point of a grid beside it gets the same machines, so that points can be compared.
+    A Latin hypercube is stratified: each parameter has one value in each of ``samples`` equal parts of its range. An
+    ensemble of tolerances is one too, of normal deviates; every point of a grid beside it gets the same machines, so
+    that points can be compared.
 
     Args:
         table: the sweep file.
@@ -99,7 +116,9 @@ def make_design(table: SweepTable, chain: Chain) -> Design:
         unit = _hypercube(len(table.vary), samples, table.seed)
         return Design(np.column_stack([_spread(v, u) for v, u in zip(table.vary, unit.T, strict=True)]))
     levels = [_levels(v) for v in table.vary]
-    grid = np.stack(np.meshgrid(*levels, indexing="ij"), axis=-1).reshape(-1, len(levels)) if levels else np.zeros((1, 0))
+    grid = (
+        np.stack(np.meshgrid(*levels, indexing="ij"), axis=-1).reshape(-1, len(levels)) if levels else np.zeros((1, 0))
+    )
     if table.design == "grid":
         return Design(grid)
     unit = _hypercube(len(data_sheet(chain)), samples, table.seed)

@@ -1,7 +1,8 @@
 """The figures of one reading, compiled: what thousands of runs need without numpy's temporaries.
 
-The same numbers as :func:`mjsim.ballbar.iso230.circular_figures` gives (``tests/test_batch.py`` holds the difference); the angles of a
-test are the same in every run, so their sines and the normal equations of the least-squares circle are made once per test.
+The same numbers as :func:`mjsim.ballbar.iso230.circular_figures` gives (``tests/test_batch.py`` holds the difference);
+the angles of a test are the same in every run, so their sines and the normal equations of the least-squares circle are
+made once per test.
 """
 
 from __future__ import annotations
@@ -80,7 +81,8 @@ def _figures(deviation, basis, normal, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def distance(sensors, first, second, length, out):
-    """Distance of two sensed points less the bar's length, (n,) m: ``sensors`` (n, m), ``first`` and ``second`` their columns.
+    """Distance of two sensed points less the bar's length, (n,) m: ``sensors`` (n, m), ``first`` and ``second`` their
+    columns.
 
     Returns whether every value is finite.
     """

@@ -16,7 +16,8 @@ from mjsim.threads import one_blas_thread
 def run_local(workshop: Workshop, jobs: Iterable[Job], threads: int, deliver: Callable[[list[Outcome]], None]) -> None:
     """Run all jobs; ``deliver`` gets each outcome as it comes, in the calling thread.
 
-    When the calling thread is interrupted or ``deliver`` raises, the runs in flight are finished and delivered, and the exception goes on.
+    When the calling thread is interrupted or ``deliver`` raises, the runs in flight are finished and delivered, and the
+    exception goes on.
     """
     todo, lock, stop = iter(jobs), threading.Lock(), threading.Event()
     finished: SimpleQueue[Outcome | BaseException | None] = SimpleQueue()

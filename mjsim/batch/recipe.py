@@ -59,7 +59,8 @@ class Recipe:
             sheet: (sheet,) standard deviations by which the data sheet is moved, before the values are put in.
 
         Raises:
-            InputError: a value is out of its bounds, or an effect that the machine does not have needs more than was given.
+            InputError: a value is out of its bounds, or an effect that the machine does not have needs more than was
+                given.
         """
         machine = self.base if sheet is None else calibrated(self.base, sheet)
         effects: dict[str, dict[str, float]] = {}
@@ -86,10 +87,18 @@ def sheet_columns(machine: Machine) -> list[Target]:
             friction, key = machine.effect(f"friction.{p.axis}"), FRICTION_PARAMETERS[p.name]
             if friction is not None and not friction.is_neutral:
                 unit = next(q.unit for q in friction.parameters if q.name == key)
-                out.append(Target(f"{friction.key}.{key}", "effect", friction.key, key, unit, f"data sheet, ± {100 * p.sd:g} %"))
+                out.append(
+                    Target(
+                        f"{friction.key}.{key}", "effect", friction.key, key, unit, f"data sheet, ± {100 * p.sd:g} %"
+                    )
+                )
         else:
             key = DRIVE_KEYS[p.name]
-            out.append(Target(f"drive.{p.axis}.{key}", "drive", p.axis, key, DRIVE_UNITS[key], f"data sheet, ± {100 * p.sd:g} %"))
+            out.append(
+                Target(
+                    f"drive.{p.axis}.{key}", "drive", p.axis, key, DRIVE_UNITS[key], f"data sheet, ± {100 * p.sd:g} %"
+                )
+            )
     return out
 
 

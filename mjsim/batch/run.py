@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 #: ``progress(simulations done, all, steps done, all)``; what an earlier process has done counts as done.
 Progress = Callable[[int, int, int, int], None]
-#: Finished runs are written after this time, s, or this share of the time so far, so that long sweeps do not make too many files.
+#: Finished runs are written after this time, s, or this share of the time so far, so that long sweeps do not make too
+#: many files.
 FLUSH_S, FLUSH_SHARE = 1.0, 0.002
 #: Steps of MuJoCo that a chunk for a cluster has about: some seconds of work.
 _CHUNK_STEPS = 1_000_000
@@ -54,7 +55,11 @@ class BatchResult:
     @property
     def files(self) -> list[Path]:
         """Every file of the result."""
-        return [self.out / "sweep.json", *sorted(self.out.glob("results/part-*")), *sorted(self.out.glob("traces/part-*"))]
+        return [
+            self.out / "sweep.json",
+            *sorted(self.out.glob("results/part-*")),
+            *sorted(self.out.glob("traces/part-*")),
+        ]
 
     def to_dataframe(self) -> pd.DataFrame:
         """The results: one row per run and test, units in the columns' names."""
@@ -82,11 +87,13 @@ def batch(
 
     Args:
         sweep: a sweep file (or what :func:`mjsim.batch.sweep.read_sweep` makes of it). out: folder of the results.
-        threads: runs side by side on this machine. scheduler: address of a Dask scheduler whose workers do the runs instead.
+        threads: runs side by side on this machine. scheduler: address of a Dask scheduler whose workers do the runs
+            instead.
         force: start anew even if ``out`` holds results. progress: called after each run.
 
     Raises:
-        InputError: the sweep file or what it names is wrong, ``out`` holds another sweep, or the cluster cannot be used.
+        InputError: the sweep file or what it names is wrong, ``out`` holds another sweep, or the cluster cannot be
+            used.
         KeyboardInterrupt: the user stopped it; finished runs are in ``out``.
     """
     sweep = sweep if isinstance(sweep, Sweep) else read_sweep(sweep)
@@ -103,7 +110,9 @@ def batch(
             else:
                 from mjsim.batch.cluster import run_on_cluster
 
-                run_on_cluster(client, sweep.recipe, sweep.every, jobs, chunk_size(sweep, steps, writer.left), writer.take)
+                run_on_cluster(
+                    client, sweep.recipe, sweep.every, jobs, chunk_size(sweep, steps, writer.left), writer.take
+                )
         finally:
             writer.flush()
         folder.finish()
@@ -175,7 +184,9 @@ def chunk_size(sweep: Sweep, steps: list[int], left: int) -> int:
 
 
 def estimate(sweep: Sweep, threads: int) -> tuple[int, float]:
-    """MuJoCo steps of a whole sweep, and the seconds that they will take on ``threads`` cores, from one timed simulation."""
+    """MuJoCo steps of a whole sweep, and the seconds that they will take on ``threads`` cores, from one timed
+    simulation.
+    """
     steps = [step_count(sweep, i) for i in range(len(sweep.tests))]
     shortest = min(range(len(steps)), key=steps.__getitem__)
     workshop, job = Workshop(sweep.recipe, sweep.every), sweep.job(0, shortest)

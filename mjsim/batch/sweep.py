@@ -87,7 +87,11 @@ class Sweep:
         Raises:
             InputError: it would not be possible with the run's values.
         """
-        changes = {t.name: float(v) for t, v in zip(self.recipe.targets, self.design.values[run], strict=True) if t.kind == "test"}
+        changes = {
+            t.name: float(v)
+            for t, v in zip(self.recipe.targets, self.design.values[run], strict=True)
+            if t.kind == "test"
+        }
         return varied_test(*self._place(test), changes) if changes else self.tests[test]
 
     def _place(self, test: int) -> tuple[Path, str, dict]:
@@ -120,7 +124,18 @@ def read_sweep(path: str | Path) -> Sweep:
     targets = tuple(target_of(f'{path}: [[vary]] "{v.parameter}"', v.parameter, machine) for v in table.vary)
     every = (table.every_ms or EVERY_MS) if table.traces else 0
     inputs = _inputs(machine, machine_file, tables)
-    sweep = Sweep(table.name, path, text, data, Recipe(machine, targets), make_design(table, machine.chain), tests, every, inputs, tables)
+    sweep = Sweep(
+        table.name,
+        path,
+        text,
+        data,
+        Recipe(machine, targets),
+        make_design(table, machine.chain),
+        tests,
+        every,
+        inputs,
+        tables,
+    )
     _check_values(sweep)
     return sweep
 
@@ -132,7 +147,9 @@ def _near(path: Path, key: str, name: str) -> Path:
     return path.parent / name
 
 
-def _tests(path: Path, table: SweepTable, data: dict) -> tuple[tuple[BallBarTest, ...], tuple[tuple[Path, dict], ...], Path]:
+def _tests(
+    path: Path, table: SweepTable, data: dict
+) -> tuple[tuple[BallBarTest, ...], tuple[tuple[Path, dict], ...], Path]:
     """Tests, where each stands (file and table), and the machine file."""
     named = None if table.machine is None else _near(path, "machine", table.machine)
     if table.campaign is None:
@@ -149,7 +166,9 @@ def _tests(path: Path, table: SweepTable, data: dict) -> tuple[tuple[BallBarTest
     names = [t.name for t in tests]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f'{path}: [[test]] name "{name}" appears {names.count(name)} times; allowed: each name once')
+            raise InputError(
+                f'{path}: [[test]] name "{name}" appears {names.count(name)} times; allowed: each name once'
+            )
     chosen = _chosen(path, table.tests, names)
     pairs = [(t, (file, r)) for t, r in zip(tests, raw, strict=True) if t.name in chosen]
     return tuple(t for t, _ in pairs), tuple(place for _, place in pairs), machine_file
@@ -159,7 +178,9 @@ def _chosen(path: Path, tests: object, names: list[str]) -> list[str]:
     if tests == "all":
         return names
     if not isinstance(tests, list) or not tests or not all(isinstance(t, str) for t in tests):
-        raise InputError(f'{path}: tests = {str(tests)[:80]!r}; allowed: "all", or a list of names of: {", ".join(names)}')
+        raise InputError(
+            f'{path}: tests = {str(tests)[:80]!r}; allowed: "all", or a list of names of: {", ".join(names)}'
+        )
     for name in tests:
         if name not in names:
             raise InputError(f"{path}: tests: there is no test {name!r}; allowed: {', '.join(names)}")

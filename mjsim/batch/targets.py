@@ -43,7 +43,14 @@ def target_of(place: str, name: str, machine: Machine) -> Target:
         if axis not in machine.chain.letters or key not in DRIVE_UNITS:
             axes = ", ".join(machine.chain.letters)
             raise InputError(f"{place}: parameter = {name!r}; allowed: drive.<{axes}>.<{', '.join(DRIVE_UNITS)}>")
-        return Target(name, "drive", axis, key, DRIVE_UNITS[key], f"{key.split('_per_')[0]} of the {axis} drive, see the campaign format")
+        return Target(
+            name,
+            "drive",
+            axis,
+            key,
+            DRIVE_UNITS[key],
+            f"{key.split('_per_')[0]} of the {axis} drive, see the campaign format",
+        )
     if "." not in owner:
         kinds = [*registry.kinds(), *{e.kind for e in machine.effects}]
         near = difflib.get_close_matches(name, [*TEST_VALUES, *(f"{k}." for k in kinds)], n=1)
@@ -58,16 +65,22 @@ def target_of(place: str, name: str, machine: Machine) -> Target:
 def _effect_target(place: str, name: str, owner: str, key: str, machine: Machine) -> Target:
     present = machine.effect(owner)
     try:
-        cls, subject = (type(present), present.subject) if present is not None else registry.effect_class(owner, machine.chain)
+        cls, subject = (
+            (type(present), present.subject) if present is not None else registry.effect_class(owner, machine.chain)
+        )
     except InputError as error:
         raise InputError(f"{place}: parameter = {name!r}: {error}") from None
     parameters = {p.name: p for p in cls.parameters_of(subject)}
     numbers = [n for n, p in parameters.items() if p.kind == "number"]
     if key not in numbers:
         what = f"{key} of {owner} is no number" if key in parameters else f"{owner} has no parameter {key!r}"
-        raise InputError(f"{place}: parameter = {name!r}: {what}; allowed: {', '.join(numbers) or 'none of this effect'}")
+        raise InputError(
+            f"{place}: parameter = {name!r}: {what}; allowed: {', '.join(numbers) or 'none of this effect'}"
+        )
     p = parameters[key]
-    return Target(name, "effect", present.key if present is not None else owner, key, p.unit, f"{cls.title}: {p.meaning}")
+    return Target(
+        name, "effect", present.key if present is not None else owner, key, p.unit, f"{cls.title}: {p.meaning}"
+    )
 
 
 def check_drive_value(place: str, target: Target, value: float) -> None:
@@ -81,7 +94,9 @@ def check_drive_value(place: str, target: Target, value: float) -> None:
     try:
         bounds.validate_python(value)
     except ValidationError as error:
-        raise InputError(f"{place}: {value:g}; {error.errors()[0]['msg'].replace('Input should be', 'allowed:')}") from None
+        raise InputError(
+            f"{place}: {value:g}; {error.errors()[0]['msg'].replace('Input should be', 'allowed:')}"
+        ) from None
 
 
 def _annotated(field: Any) -> Any:
@@ -101,7 +116,10 @@ def varied_test(file: Path, place: str, table: dict, changes: dict[str, float]) 
     for name, value in changes.items():
         key, _, coordinate = name.partition(".")
         if "program" in table:
-            raise InputError(f'{place}: {name} cannot be varied: test "{table["name"]}" is driven by the NC program {table["program"]}')
+            raise InputError(
+                f'{place}: {name} cannot be varied: test "{table["name"]}" is driven by the NC program '
+                f"{table['program']}"
+            )
         if coordinate:
             table[key] = [value if a == coordinate else x for a, x in zip("xyz", table[key], strict=True)]
         else:

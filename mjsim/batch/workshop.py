@@ -1,7 +1,8 @@
 """Runs of a sweep, one by one and as fast as their MuJoCo steps: everything that runs have in common is made once.
 
-A run gives bit for bit the reading that :func:`mjsim.simulation.multibody.simulate` gives. What is shared: the commands of a test, the
-compiled structure of a model (a run only rewrites its numbers), MuJoCo's data and the buffers of a thread.
+A run gives bit for bit the reading that :func:`mjsim.simulation.multibody.simulate` gives. What is shared: the commands
+of a test, the compiled structure of a model (a run only rewrites its numbers), MuJoCo's data and the buffers of a
+thread.
 """
 
 from __future__ import annotations
@@ -38,7 +39,9 @@ _CTRL = int(mujoco.mjtState.mjSTATE_CTRL)
 
 @dataclass(frozen=True)
 class Job:
-    """One test of one run: ``run`` and ``test`` count from 0; ``values`` and ``sheet`` are the run's, as :class:`Recipe` takes them."""
+    """One test of one run: ``run`` and ``test`` count from 0; ``values`` and ``sheet`` are the run's, as
+    :class:`Recipe` takes them.
+    """
 
     run: int
     test: int
@@ -158,7 +161,14 @@ class Workshop:
         n = len(plan.time)
         sensors = self._buffer("sensors", n * model.nsensordata).reshape(n, model.nsensordata)
         self._mine.rollout.rollout(
-            [model], [data], initial[None], control[None], control_spec=_CTRL, skip_checks=True, nstep=n, sensordata=sensors[None]
+            [model],
+            [data],
+            initial[None],
+            control[None],
+            control_spec=_CTRL,
+            skip_checks=True,
+            nstep=n,
+            sensordata=sensors[None],
         )
         check_warnings(plan.test, data)
         out = self._buffer("deviation", n)

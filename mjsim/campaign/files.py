@@ -26,7 +26,8 @@ from mjsim.units import MM, UM
 _ATTRIBUTES = {f.name for f in fields(BallBarTest)}
 #: A test's program may last so long, s, and its measured part has to last so long (assumed): 1 ms of it is one step.
 LONGEST, SHORTEST = 7200.0, 0.1
-#: Longest stretch that may be missing at an end of a trace, s (assumed); more is taken for another feed or another test.
+#: Longest stretch that may be missing at an end of a trace, s (assumed); more is taken for another feed or another
+#: test.
 LARGEST_GAP = 4.5
 
 
@@ -36,7 +37,8 @@ def read_campaign(path: str | Path, traces: bool = True, as_is: bool = False, sp
     Args:
         path: the folder or its campaign.toml.
         traces: also read the recorded traces.
-        as_is: the campaign is not to be searched for mistakes (sign, unit, direction) when it is compared with a machine.
+        as_is: the campaign is not to be searched for mistakes (sign, unit, direction) when it is compared with a
+            machine.
         spans: refuse traces whose times are not those of their programs.
 
     Raises:
@@ -45,7 +47,9 @@ def read_campaign(path: str | Path, traces: bool = True, as_is: bool = False, sp
     path = Path(path)
     file = path / "campaign.toml" if os.path.isdir(path) else path
     if not os.path.isfile(file):
-        raise InputError(f"{file}: no such campaign; give a folder that holds a campaign.toml, or the path of a campaign.toml")
+        raise InputError(
+            f"{file}: no such campaign; give a folder that holds a campaign.toml, or the path of a campaign.toml"
+        )
     return campaign_from(file, parse(file), traces, as_is, spans)
 
 
@@ -63,7 +67,9 @@ def campaign_from(file: Path, data: dict, traces: bool = True, as_is: bool = Fal
     names = [t.name for t in tests]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f'{file}: [[test]] name "{name}" appears {names.count(name)} times; allowed: each name once')
+            raise InputError(
+                f'{file}: [[test]] name "{name}" appears {names.count(name)} times; allowed: each name once'
+            )
     i = table.instrument
     instrument = Instrument(i.resolution_um * UM, i.range_mm * MM, i.sample_rate_Hz)
     recorded: dict[str, Trace] = {}
@@ -88,7 +94,8 @@ def _inside(file: Path, folder: Path, name: str, key: str, outside: bool = False
 
 
 def check_span(path: Path, test: BallBarTest, trace: Trace, tests: tuple[BallBarTest, ...] = ()) -> None:
-    """Refuse a trace whose times are none of its test's program; ``path`` is what the message names, ``tests`` all of the campaign.
+    """Refuse a trace whose times are none of its test's program; ``path`` is what the message names, ``tests`` all of
+    the campaign.
 
     Raises:
         InputError: the trace is too long or too short, or its clock has another origin.
@@ -104,15 +111,20 @@ def check_span(path: Path, test: BallBarTest, trace: Trace, tests: tuple[BallBar
     elif other is not None:
         advice = f'it fits the program of test "{other}": are their traces exchanged?'
     else:
-        advice = mistake.sentence if mistake else "check feed_mm_min, revolutions and that the trace belongs to this test"
+        advice = (
+            mistake.sentence if mistake else "check feed_mm_min, revolutions and that the trace belongs to this test"
+        )
     raise InputError(
         f"{path}: time_s runs from {begin:.2f} to {end:.2f} s ({end - begin:.2f} s), the program of test "
-        f'"{test.name}" (feed {test.feed * 60e3:g} mm/min) is measured from {first:.2f} to {last:.2f} s ({last - first:.2f} s): {advice}'
+        f'"{test.name}" (feed {test.feed * 60e3:g} mm/min) is measured from {first:.2f} to {last:.2f} s '
+        f"({last - first:.2f} s): {advice}"
     )
 
 
 def spans_fit(test: BallBarTest, begin: float, end: float) -> bool:
-    """Whether a trace from ``begin`` to ``end`` s can be of the test: its program's measured part, or that with a gap at an end."""
+    """Whether a trace from ``begin`` to ``end`` s can be of the test: its program's measured part, or that with a
+    gap at an end.
+    """
     first, last = Program(test).measured_span
     inside = begin >= first - 0.5 and end <= last + 0.5
     want, have = last - first, end - begin
@@ -142,7 +154,9 @@ def test_of(file: Path, t: BallBarTable, chain: Chain = FIVE_AXIS) -> BallBarTes
     for key in kind.keys:
         words = key.words_of(chain)
         if words and getattr(t, key.name) not in (None, *words):
-            raise InputError(f"{place}: {key.name} = {getattr(t, key.name)!r}; allowed for {t.kind}: {', '.join(words)}")
+            raise InputError(
+                f"{place}: {key.name} = {getattr(t, key.name)!r}; allowed for {t.kind}: {', '.join(words)}"
+            )
     x, y, z = (p * MM for p in t.table_ball_mm)
     for key in ("program_dialect", "program_reversed", "program_rollover"):
         if t.program is None and getattr(t, key) is not None:
@@ -152,7 +166,9 @@ def test_of(file: Path, t: BallBarTable, chain: Chain = FIVE_AXIS) -> BallBarTes
     for key in kind.keys:
         value = getattr(t, key.name)
         if value is not None:
-            (given if key.attribute in _ATTRIBUTES else more)[key.attribute] = value if key.unit is None else value * key.unit
+            (given if key.attribute in _ATTRIBUTES else more)[key.attribute] = (
+                value if key.unit is None else value * key.unit
+            )
     test = BallBarTest(
         name=t.name,
         kind=t.kind,
@@ -178,7 +194,8 @@ def _check_duration(place: str, test: BallBarTest) -> None:
     lo, hi = program.measured_span
     if not program.duration <= LONGEST or not hi - lo >= SHORTEST:
         raise InputError(
-            f"{place}: its program would last {program.duration:.3g} s, {hi - lo:.3g} s of it measured; allowed: up to {LONGEST:g} s, and "
+            f"{place}: its program would last {program.duration:.3g} s, {hi - lo:.3g} s of it measured; allowed: "
+            f"up to {LONGEST:g} s, and "
             f"at least {SHORTEST:g} s measured; check feed_mm_min, bar_length_mm, table_ball_mm and how far it goes"
         )
 
@@ -186,13 +203,17 @@ def _check_duration(place: str, test: BallBarTest) -> None:
 def _driven(file: Path, place: str, test: BallBarTest, t: BallBarTable) -> BallBarTest:
     """The test with the motion that its NC file commands."""
     path = _inside(file, file.parent, t.program or "", f"{place} program")
-    nc = read_nc(path, t.program_dialect or "fanuc", tuple(t.program_reversed or ()), bool(t.program_rollover), chain=test.chain)
+    nc = read_nc(
+        path, t.program_dialect or "fanuc", tuple(t.program_reversed or ()), bool(t.program_rollover), chain=test.chain
+    )
     check_travel(nc.motion, model_limits(test.chain), nc.place)
     return driven_by(test, nc.motion, str(path))
 
 
 def test_table(test: BallBarTest) -> dict:
-    """A test as a ``[[test]]`` table of campaign.toml has it; what is not measured yet has no trace, no time and no program."""
+    """A test as a ``[[test]]`` table of campaign.toml has it; what is not measured yet has no trace, no time and no
+    program.
+    """
     out: dict = {"name": test.name, "kind": test.kind}
     for key in kind_of(test).keys:
         value = key.of(test)

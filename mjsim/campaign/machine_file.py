@@ -49,7 +49,8 @@ def read_machine(path: str | Path, text: str | None = None) -> Machine:
         want, other = ("worm_teeth", "lead_mm") if is_rotary(axis) else ("lead_mm", "worm_teeth")
         if getattr(d, other) is not None:
             raise InputError(
-                f"{path}: [drive.{axis}] unknown key {other!r}; a {'rotary' if is_rotary(axis) else 'linear'} axis has {want!r}"
+                f"{path}: [drive.{axis}] unknown key {other!r}; a {'rotary' if is_rotary(axis) else 'linear'} axis "
+                f"has {want!r}"
             )
         if getattr(d, want) is None:
             raise InputError(f"{path}: [drive.{axis}]: the key {want!r} is missing")
@@ -70,7 +71,9 @@ def _chain(path: Path, data: dict) -> Chain:
     """The chain that ``configuration`` names in a machine file."""
     configuration = data.get("configuration", FIVE_AXIS.configuration)
     if not isinstance(configuration, str):
-        raise InputError(f"{path}: configuration = {shown(configuration)}; allowed: a text such as {FIVE_AXIS.configuration!r}")
+        raise InputError(
+            f"{path}: configuration = {shown(configuration)}; allowed: a text such as {FIVE_AXIS.configuration!r}"
+        )
     try:
         return chain_of(configuration)
     except InputError as error:
@@ -92,7 +95,9 @@ def _effect(path: Path, number: int, entry: dict[str, Any], files: dict[str, str
     if len(effect_id) > 200 or not effect_id.isprintable():
         raise InputError(f"{path}: [[effect]] number {number}: id = {shown(effect_id)} is no effect's name")
     if source is not None and (not isinstance(source, str) or not source.strip() or not source.isprintable()):
-        raise InputError(f"{path}: [[effect]] number {number}: file = {shown(source)}; allowed: the path of a Python file (.py)")
+        raise InputError(
+            f"{path}: [[effect]] number {number}: file = {shown(source)}; allowed: the path of a Python file (.py)"
+        )
     cls = None
     try:
         if source is not None:
@@ -108,7 +113,9 @@ def _effect(path: Path, number: int, entry: dict[str, Any], files: dict[str, str
         allowed = [p.name for p in cls.parameters_of(subject)]
         for name in entry:
             if name not in allowed:
-                raise InputError(f"effect {effect_id}: unknown parameter {shown(name)}; allowed: {', '.join(allowed) or 'none'}")
+                raise InputError(
+                    f"effect {effect_id}: unknown parameter {shown(name)}; allowed: {', '.join(allowed) or 'none'}"
+                )
         return cls(subject, **entry)
     except InputError as error:
         hint = f"; `mjsim remove` takes {effect_id} out" if source is not None and cls is None else ""
@@ -124,7 +131,9 @@ def _rounded(value: Any) -> Any:
 
 
 def machine_document(machine: Machine, original: Path, former: str | None = None) -> str:
-    """TOML text of ``machine`` made by editing the text of ``original`` (or ``former``), so that comments and order stay."""
+    """TOML text of ``machine`` made by editing the text of ``original`` (or ``former``), so that comments and order
+    stay.
+    """
     former = read_text(original) if former is None else former
     document = tomlkit.parse(former)
     base = read_machine(original, former)
@@ -167,7 +176,9 @@ def _new_table(effect: Effect, machine: Machine, inline: bool) -> Table | Inline
 
 
 def machine_text(machine: Machine, original: Path, folder: Path, former: str | None = None) -> str:
-    """TOML text of ``machine`` as a file in ``folder``: as :func:`machine_document`, effect files named relative to ``folder``."""
+    """TOML text of ``machine`` as a file in ``folder``: as :func:`machine_document`, effect files named relative to
+    ``folder``.
+    """
     text = machine_document(machine, original, former)
     here, there = Path(original).resolve().parent, Path(folder).resolve()
     if machine.effect_files and here != there:
@@ -180,7 +191,9 @@ def machine_text(machine: Machine, original: Path, folder: Path, former: str | N
 
 
 def text_without(path: Path, effect_id: str) -> str:
-    """Text of a machine file less the effects of one id, whether their files can be loaded or not; the same text where there is none."""
+    """Text of a machine file less the effects of one id, whether their files can be loaded or not; the same text
+    where there is none.
+    """
     text = read_text(path)
     parse(path, text)  # says what is wrong where it is no TOML
     document = tomlkit.parse(text)

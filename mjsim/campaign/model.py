@@ -11,7 +11,8 @@ from mjsim.ballbar.measurement import BallBarTest, Instrument, Trace
 
 @dataclass(frozen=True)
 class Campaign:
-    """Tests of one machine with their traces (by test name; tests that were not measured are absent), and the day they were measured.
+    """Tests of one machine with their traces (by test name; tests that were not measured are absent), and the day they
+    were measured.
 
     ``as_is``: it is not to be searched for mistakes of the user's when it is compared with a machine.
     """

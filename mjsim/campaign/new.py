@@ -39,6 +39,8 @@ def new_campaign(folder: str | Path, name: str | None = None) -> list[Path]:
         raise InputError(f"{folder}: exists already and is no folder; allowed: a new or an empty folder")
     check_writable(folder / "campaign.toml")
     texts = {place: (_TEMPLATE / source).read_text(encoding="utf-8") for source, place in _FILES.items()}
-    contents = {folder / place: text.replace('"@NAME@"', json.dumps(name, ensure_ascii=False)) for place, text in texts.items()}
+    contents = {
+        folder / place: text.replace('"@NAME@"', json.dumps(name, ensure_ascii=False)) for place, text in texts.items()
+    }
     write_all(contents)
     return list(contents)

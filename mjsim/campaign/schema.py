@@ -97,7 +97,9 @@ _T = TypeVar("_T", bound=Table)
 
 
 def with_tests(schema: type[_T], chain: Chain = FIVE_AXIS) -> type[_T]:
-    """A schema with ``[[test]]`` tables, whose keys are those of the kinds known by now, on a machine with these axes."""
+    """A schema with ``[[test]]`` tables, whose keys are those of the kinds known by now, on a machine with these
+    axes.
+    """
     field = schema.model_fields["test"]
     return create_model(schema.__name__, __base__=schema, test=(list[ball_bar_table(chain)], field))  # pyright: ignore[reportInvalidTypeForm]
 

@@ -1,4 +1,6 @@
-"""What a trace's clock says about the program: another feed, another number of turns, another unit of time, another origin."""
+"""What a trace's clock says about the program: another feed, another number of turns, another unit of time, another
+origin.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +27,8 @@ class ClockMistake:
     """What would make a trace's times right.
 
     Attributes:
-        kind: feed, revolutions, time_unit, origin, or unclear (a feed, or a trace that was cut). value: the feed (m/s), the turns, the
-            factor of the times, or what has to be added to them (s). sentence: the same for the user.
+        kind: feed, revolutions, time_unit, origin, or unclear (a feed, or a trace that was cut). value: the feed (m/s),
+            the turns, the factor of the times, or what has to be added to them (s). sentence: the same for the user.
     """
 
     kind: str
@@ -36,11 +38,15 @@ class ClockMistake:
     @property
     def usual(self) -> bool:
         """Whether this is what people do: of feeds, a round one."""
-        return self.kind in ("time_unit", "origin") or (self.kind == "feed" and abs(math.remainder(self.value * 60e3, _ROUND)) < 1e-6)
+        return self.kind in ("time_unit", "origin") or (
+            self.kind == "feed" and abs(math.remainder(self.value * 60e3, _ROUND)) < 1e-6
+        )
 
 
 def explain(test: BallBarTest, first: float, last: float) -> ClockMistake | None:
-    """Why a trace that runs from ``first`` to ``last`` s does not fit its test's program; ``None`` where nothing ordinary explains it."""
+    """Why a trace that runs from ``first`` to ``last`` s does not fit its test's program; ``None`` where nothing
+    ordinary explains it.
+    """
     begin, end = Program(test).measured_span
     have, want = last - first, end - begin
     if have <= 0:
@@ -53,7 +59,9 @@ def explain(test: BallBarTest, first: float, last: float) -> ClockMistake | None
         if abs(shift) < _START:
             return None
         return ClockMistake(
-            "origin", shift, f"time_s counts from another instant than the start of the NC program, add {shift:.2f} s to all times"
+            "origin",
+            shift,
+            f"time_s counts from another instant than the start of the NC program, add {shift:.2f} s to all times",
         )
     if test.commanded is not None:
         return None
@@ -61,7 +69,9 @@ def explain(test: BallBarTest, first: float, last: float) -> ClockMistake | None
     if kind_of(test).goes_round and turns >= 1 and turns != test.revolutions:
         b, e = Program(replace(test, revolutions=turns)).measured_span
         if abs(have / (e - b) - 1.0) < _SAME / 4 and abs(first - b) < abs(first - _lead(test, _feed(test, have))):
-            return ClockMistake("revolutions", turns, f"it has {turns} revolution{'s' if turns > 1 else ''}, set revolutions = {turns}")
+            return ClockMistake(
+                "revolutions", turns, f"it has {turns} revolution{'s' if turns > 1 else ''}, set revolutions = {turns}"
+            )
     feed = _feed(test, have)
     if not test.feed / _MOST < feed < test.feed * _MOST or abs(first - _lead(test, feed)) > _START:
         return None

@@ -34,12 +34,16 @@ def check_tolerance(path: Path, table: dict[str, dict[str, float]], effects: tup
         if allowed and RATIO not in allowed and any(e.kind == kind for e in effects):
             allowed = (*allowed, RATIO)  # of the level that the file states
         if not allowed:
-            raise InputError(f"{path}: [tolerance] {kind}: this kind has no single size, so it cannot have a tolerance; take it out")
+            raise InputError(
+                f"{path}: [tolerance] {kind}: this kind has no single size, so it cannot have a tolerance; take it out"
+            )
         for unit in limits:
             if unit not in allowed:
                 raise InputError(f"{path}: [tolerance] {kind}: unit {unit!r}; allowed: {', '.join(allowed)}")
         if not limits:
-            raise InputError(f"{path}: [tolerance] {kind} has no limit; allowed: a table such as {{ {allowed[0]} = 10.0 }}")
+            raise InputError(
+                f"{path}: [tolerance] {kind} has no limit; allowed: a table such as {{ {allowed[0]} = 10.0 }}"
+            )
 
 
 def units_of(cls: type[Effect], chain: Chain) -> tuple[str, ...]:

@@ -18,7 +18,8 @@ _HEADER = ["time_s", "deviation_um"]
 _LARGEST = 200_000_000
 #: Most samples of one trace: half an hour at 1 kHz. A recorder that makes more tells nothing more about a machine.
 MOST = 2_000_000
-#: A reading that stands still for so many samples at its extreme, and leaves it by so many of its smallest steps, was cut off.
+#: A reading that stands still for so many samples at its extreme, and leaves it by so many of its smallest steps, was
+#: cut off.
 _FLAT, _CUT = 10, 20.0
 #: A trace may have so many times fewer samples than its usual step would give; fewer is no even recording.
 _UNEVEN = 20
@@ -26,7 +27,8 @@ _NUMBER = re.compile(r"\s*[+-]?(?:(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?|nan|inf|
 
 
 def read_trace(path: Path, instrument: Instrument) -> Trace:
-    """Read one trace; samples at or beyond the sensor's range, and those of a sensor that stands at its stop, are marked invalid.
+    """Read one trace; samples at or beyond the sensor's range, and those of a sensor that stands at its stop, are
+    marked invalid.
 
     Raises:
         InputError: names the file, the line, what was found and what is allowed.
@@ -35,7 +37,9 @@ def read_trace(path: Path, instrument: Instrument) -> Trace:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start} is not text; allowed: a CSV file with the header {','.join(_HEADER)}") from None
+        raise InputError(
+            f"{path}: byte {error.start} is not text; allowed: a CSV file with the header {','.join(_HEADER)}"
+        ) from None
     first, _, body = text.partition("\n")
     header = [h.strip() for h in first.split(",")]
     if header != _HEADER:
@@ -50,7 +54,8 @@ def read_trace(path: Path, instrument: Instrument) -> Trace:
     if valid.sum() < 50:
         at = f", and {int((inside & held).sum())} more stand at one extreme value" if (inside & held).any() else ""
         raise InputError(
-            f"{path}: only {int(inside.sum())} of {len(valid)} samples are inside the sensor's range of ±{instrument.range * 1e3:g} mm{at}"
+            f"{path}: only {int(inside.sum())} of {len(valid)} samples are inside the sensor's range of "
+            f"±{instrument.range * 1e3:g} mm{at}"
         )
     reading = np.clip(np.nan_to_num(deviation), -2 * instrument.range, 2 * instrument.range)
     return Trace(time, reading, valid, int((np.isfinite(deviation) & ~valid).sum()))
@@ -72,20 +77,26 @@ def _columns(path: Path, lines: list[str]) -> tuple[np.ndarray, np.ndarray]:
         return [number for number, row in enumerate(lines, start=2) if row.strip()][i]
 
     if not np.isfinite(time).all():
-        raise InputError(f"{path}, line {line(int(np.flatnonzero(~np.isfinite(time))[0]))}: time_s is not a finite number")
+        raise InputError(
+            f"{path}, line {line(int(np.flatnonzero(~np.isfinite(time))[0]))}: time_s is not a finite number"
+        )
     if np.abs(time).max() > 1e12:
-        raise InputError(f"{path}, line {line(int(np.argmax(np.abs(time))))}: time_s = {np.abs(time).max():g}; allowed: seconds")
+        raise InputError(
+            f"{path}, line {line(int(np.argmax(np.abs(time))))}: time_s = {np.abs(time).max():g}; allowed: seconds"
+        )
     steps = np.diff(time)
     back = np.flatnonzero(steps <= 0)
     if len(back):
         i = int(back[0])
         raise InputError(
-            f"{path}, line {line(i + 1)}: time_s = {time[i + 1]:g} after {time[i]:g}; allowed: times that grow from line to line"
+            f"{path}, line {line(i + 1)}: time_s = {time[i + 1]:g} after {time[i]:g}; allowed: times that grow "
+            f"from line to line"
         )
     usual = float(np.median(steps))
     if time[-1] - time[0] > _UNEVEN * usual * len(time):
         raise InputError(
-            f"{path}: {len(time)} samples in {time[-1] - time[0]:.4g} s, though every other one follows within {usual:.3g} s; "
+            f"{path}: {len(time)} samples in {time[-1] - time[0]:.4g} s, though every other one follows within "
+            f"{usual:.3g} s; "
             "allowed: samples at an even rate"
         )
     return time, deviation
@@ -98,15 +109,18 @@ def check_rows(path: Path, rows: int) -> None:
         InputError: it has more than :data:`MOST` rows.
     """
     if rows > MOST:
-        raise InputError(f"{path}: {rows} rows; allowed: up to {MOST}, keep one row in {-(-rows // MOST)}, or the mean of as many")
+        raise InputError(
+            f"{path}: {rows} rows; allowed: up to {MOST}, keep one row in {-(-rows // MOST)}, or the mean of as many"
+        )
 
 
 def saturated(deviation: np.ndarray) -> np.ndarray:
-    """Which samples (n,) of a reading (n,) m are those of a sensor at its stop: flat tops at its highest or lowest value.
+    """Which samples (n,) of a reading (n,) m are those of a sensor at its stop: flat tops at its highest or lowest
+    value.
 
-    A stop cuts a curve off: the reading stays at one value for :data:`_FLAT` samples or more, and as far before and after as it
-    stays there it is away from it by :data:`_CUT` of its smallest steps or more. A peak that is flat because its digits are few is
-    left by a few such steps only.
+    A stop cuts a curve off: the reading stays at one value for :data:`_FLAT` samples or more, and as far before and
+    after as it stays there it is away from it by :data:`_CUT` of its smallest steps or more. A peak that is flat
+    because its digits are few is left by a few such steps only.
     """
     out = np.zeros(len(deviation), bool)
     known = deviation[np.isfinite(deviation)]
@@ -150,8 +164,14 @@ def _first_bad_line(lines: list[str]) -> str:
         row = line.split(",")
         if len(row) != 2:
             columns = f"{len(row)} column{'s' if len(row) > 1 else ''}"
-            return f", line {number}: {columns} in {shown(line, 60)}; allowed: two numbers, time_s and deviation_um (decimal point)"
+            return (
+                f", line {number}: {columns} in {shown(line, 60)}; allowed: two numbers, time_s and deviation_um "
+                f"(decimal point)"
+            )
         for name, value in zip(_HEADER, row, strict=True):
             if not _NUMBER.fullmatch(value):
-                return f", line {number}: {name} = {shown(value.strip(), 40)} is not a number; allowed: a number with a decimal point"
+                return (
+                    f", line {number}: {name} = {shown(value.strip(), 40)} is not a number; allowed: a number with "
+                    f"a decimal point"
+                )
     return ": the table cannot be read; allowed: two columns of numbers"

@@ -16,10 +16,11 @@ from mjsim.cli import common
 @common.threads_option
 @common.options
 def command(campaign, effect, machine, force, threads, as_is, as_json, quiet) -> None:
-    """Fit EFFECT (an id such as backlash.A, or the path of your own effect file) to CAMPAIGN and put it into the machine file.
+    """Fit EFFECT (an id such as backlash.A, or the path of your own effect file) to CAMPAIGN and put it into the
+    machine file.
 
-    Comments and order of the file stay. Its former text is kept in the campaign's .mjsim folder. An effect that makes the residual
-    larger is refused.
+    Comments and order of the file stay. Its former text is kept in the campaign's .mjsim folder. An effect that makes
+    the residual larger is refused.
 
     \b
     Example: mjsim add examples/hidden-backlash backlash.A
@@ -69,7 +70,8 @@ def show_change(word: str, data: dict) -> None:
     rows = [[t["name"], _number(t["rms_before_um"]), _number(t["rms_after_um"])] for t in data["tests"]]
     click.echo()
     common.table(
-        ["test", "RMS before µm", "after µm"], [*rows, ["all tests", _number(data["rms_before_um"]), _number(data["rms_after_um"])]]
+        ["test", "RMS before µm", "after µm"],
+        [*rows, ["all tests", _number(data["rms_before_um"]), _number(data["rms_after_um"])]],
     )
     click.echo(f"\nnoise {data['noise_um']:.3f} µm")
 

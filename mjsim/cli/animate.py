@@ -13,15 +13,30 @@ from mjsim.cli import common
 @common.campaign_argument
 @common.machine_option
 @click.option(
-    "--test", "tests", multiple=True, shell_complete=common.test_names, help="The test to show (with --ladder: up to nine of them)."
+    "--test",
+    "tests",
+    multiple=True,
+    shell_complete=common.test_names,
+    help="The test to show (with --ladder: up to nine of them).",
 )
-@click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="File to write: .mp4 or .gif.")
-@click.option("--ladder", is_flag=True, help="Show the models of the campaign's history one after the other instead of one test.")
+@click.option(
+    "-o", "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="File to write: .mp4 or .gif."
+)
+@click.option(
+    "--ladder", is_flag=True, help="Show the models of the campaign's history one after the other instead of one test."
+)
 @click.option("--camera", default=None, help="overview (default), closeup, side, or bar, which follows the ball bar.")
 @click.option("--size", default=None, help="WIDTHxHEIGHT in pixels (default: 1280x720; GIF: 800x450).")
 @click.option("--fps", type=common.NUMBER, default=None, help="Frames per second (default: 25; GIF: 10).")
-@click.option("--speed", type=common.NUMBER, default=None, help="Times real time (default: 1, faster where the video gets too long).")
-@click.option("--seconds", type=common.NUMBER, default=None, help="Length of the video (default: up to 20; GIF: up to 8).")
+@click.option(
+    "--speed",
+    type=common.NUMBER,
+    default=None,
+    help="Times real time (default: 1, faster where the video gets too long).",
+)
+@click.option(
+    "--seconds", type=common.NUMBER, default=None, help="Length of the video (default: up to 20; GIF: up to 8)."
+)
 @click.option("--magnify", default="auto", show_default=True, help="How many times its size the error is drawn.")
 @click.option("--shadows", is_flag=True, help="Draw shadows; takes longer.")
 @click.option("--force", is_flag=True, help="Replace a file that exists.")
@@ -29,7 +44,23 @@ from mjsim.cli import common
 @common.threads_option
 @common.options
 def command(
-    campaign, machine, tests, out, ladder, camera, size, fps, speed, seconds, magnify, shadows, force, threads, as_is, as_json, quiet
+    campaign,
+    machine,
+    tests,
+    out,
+    ladder,
+    camera,
+    size,
+    fps,
+    speed,
+    seconds,
+    magnify,
+    shadows,
+    force,
+    threads,
+    as_is,
+    as_json,
+    quiet,
 ) -> None:
     """Write a video of a test of CAMPAIGN: the machine moving, the bar's error magnified, the trace growing beside it.
 
@@ -63,7 +94,10 @@ def command(
             from mjsim.animation.ladder import animate_ladder
 
             film = animate_ladder(c, out, tests, size, fps, seconds, force, common.cores(threads), progress)
-            about = {"tests": list(film.tests), "models": [{"label": name, "rms_um": round(rms * 1e6, 4)} for name, rms in film.models]}
+            about = {
+                "tests": list(film.tests),
+                "models": [{"label": name, "rms_um": round(rms * 1e6, 4)} for name, rms in film.models],
+            }
             words = f"{len(film.models)} models, {len(film.tests)} tests"
         else:
             from mjsim.animation.gl import chosen
@@ -95,7 +129,14 @@ def command(
     if as_json:
         size_px = {"width": film.size[0], "height": film.size[1]}
         common.print_json(
-            {"file": str(film.file), "frames": film.frames, "fps": film.fps, "seconds": round(film.seconds, 3), **size_px, **about}
+            {
+                "file": str(film.file),
+                "frames": film.frames,
+                "fps": film.fps,
+                "seconds": round(film.seconds, 3),
+                **size_px,
+                **about,
+            }
         )
         return
     common.say(f"{film.file}: {film.seconds:.1f} s, {film.size[0]}x{film.size[1]}, {words}", quiet)

@@ -38,7 +38,9 @@ class _LimitType(click.ParamType):
                 raise ValueError
             return Limit(value.strip(), match[1], match[2], float(match[3]))
         except ValueError:
-            self.fail(f"{value!r}; allowed: one of {', '.join(_FIGURES)}, then <=, <, >= or >, then a number", param, ctx)
+            self.fail(
+                f"{value!r}; allowed: one of {', '.join(_FIGURES)}, then <=, <, >= or >, then a number", param, ctx
+            )
 
 
 _FIGURES = ("circular_error_um", "radial_max_um", "radial_min_um", "rms_um", "max_um", "min_um", "duration_s")
@@ -51,7 +53,11 @@ LIMIT = _LimitType()
 @click.option("--scheduler", metavar="ADDRESS", help="Run on the workers of this Dask scheduler.")
 @click.option("--dry-run", is_flag=True, help="Only say how many runs there are, and how long they take.")
 @click.option(
-    "--limit", "limits", type=LIMIT, multiple=True, help='Count the simulations within a limit, as in "circular_error_um<=6" (repeatable).'
+    "--limit",
+    "limits",
+    type=LIMIT,
+    multiple=True,
+    help='Count the simulations within a limit, as in "circular_error_um<=6" (repeatable).',
 )
 @click.option("--force", is_flag=True, help="Start anew, whatever --out holds.")
 @common.threads_option
@@ -81,7 +87,9 @@ def command(sweep, out, scheduler, dry_run, limits, force, threads, as_json, qui
 
             def progress(done: int, total: int, steps: int, all_steps: int) -> None:
                 signals.raise_again()
-                bar("simulating", round(total * steps / all_steps), total)  # a long test counts more, so that the time left is right
+                bar(
+                    "simulating", round(total * steps / all_steps), total
+                )  # a long test counts more, so that the time left is right
 
             result = batch(s, out, cores, scheduler, force, progress)
     except KeyboardInterrupt as stop:
@@ -120,7 +128,8 @@ def _say(r, limits: list[Limit]) -> None:
     if r.simulated:
         before = f" ({total - r.simulated} were there already)" if r.simulated < total else ""
         common.paragraph(
-            f"{r.runs} runs of {r.tests} test{'s' if r.tests > 1 else ''}: {r.simulated} simulations in {_duration(r.seconds)}{before}, "
+            f"{r.runs} runs of {r.tests} test{'s' if r.tests > 1 else ''}: {r.simulated} simulations in "
+            f"{_duration(r.seconds)}{before}, "
             f"{r.simulated / r.seconds:.1f} a second, {r.steps / r.seconds / 1e3:.0f} thousand steps a second"
         )
     else:
@@ -134,7 +143,9 @@ def _say(r, limits: list[Limit]) -> None:
 
 
 def _results(r, limits: list[Limit]) -> None:
-    """The results test by test: lowest, median and highest value of each figure over the runs; runs within the limits."""
+    """The results test by test: lowest, median and highest value of each figure over the runs; runs within the
+    limits.
+    """
     data = r.to_dataframe()
     shown = ["circular_error_um", "max_um", "min_um", *(x.figure for x in limits)]
     rows = []
@@ -147,7 +158,10 @@ def _results(r, limits: list[Limit]) -> None:
     for x in limits:
         good = x.within(data[x.figure])
         known = int(data[x.figure].notna().sum())
-        common.paragraph(f"{x.text}: {int(good.sum())} of {known} simulations" + (f" ({100 * good.sum() / known:.1f} %)" if known else ""))
+        common.paragraph(
+            f"{x.text}: {int(good.sum())} of {known} simulations"
+            + (f" ({100 * good.sum() / known:.1f} %)" if known else "")
+        )
 
 
 def _describe(s, cores: int, as_json: bool, quiet: bool) -> None:
@@ -159,8 +173,15 @@ def _describe(s, cores: int, as_json: bool, quiet: bool) -> None:
     rows = [s.parameters(run) for run in range(shown)]
     if as_json:
         first = [{"run": run, **dict(zip(names, row, strict=True))} for run, row in enumerate(rows)]
-        data = {"name": s.name, "runs": s.runs, "tests": [t.name for t in s.tests], "simulations": s.runs * len(s.tests)}
-        common.print_json({**data, "steps": steps, "estimated_seconds": round(seconds, 1), "threads": cores, "first": first})
+        data = {
+            "name": s.name,
+            "runs": s.runs,
+            "tests": [t.name for t in s.tests],
+            "simulations": s.runs * len(s.tests),
+        }
+        common.print_json(
+            {**data, "steps": steps, "estimated_seconds": round(seconds, 1), "threads": cores, "first": first}
+        )
         return
     if quiet:
         return

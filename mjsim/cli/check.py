@@ -13,16 +13,19 @@ from mjsim.cli import common
 @common.campaign_argument
 @common.machine_option
 @click.option(
-    "--fix", type=click.Path(path_type=Path, file_okay=False), help="Write a corrected copy of the campaign into this new folder."
+    "--fix",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Write a corrected copy of the campaign into this new folder.",
 )
 @common.threads_option
 @common.options
 def command(campaign, machine, fix, threads, as_json, quiet) -> None:
     """Look for what people get wrong in CAMPAIGN: unit, sign, direction, feed, clock, exchanged traces.
 
-    Friction leaves a spike where an axis reverses, and tests of one set-up share the balls' offsets. Both tell whether a trace is what
-    campaign.toml says, whatever is wrong with the machine. A test is "ok" only where its reversals show it. Commands that compare traces
-    with a model look as well. They refuse what is certainly wrong, unless they are told --as-is.
+    Friction leaves a spike where an axis reverses, and tests of one set-up share the balls' offsets. Both tell whether
+    a trace is what campaign.toml says, whatever is wrong with the machine. A test is "ok" only where its reversals show
+    it. Commands that compare traces with a model look as well. They refuse what is certainly wrong, unless they are
+    told --as-is.
 
     \b
     Example: mjsim check my-machine
@@ -49,7 +52,8 @@ def command(campaign, machine, fix, threads, as_json, quiet) -> None:
     common.table(["test", "size", "agreement", "finding"], rows, text=(0, 3))
     click.echo()
     common.paragraph(
-        "Size: what the trace shows at the axes' reversals, over what the model gives there. Agreement: their correlation. –: the model "
+        "Size: what the trace shows at the axes' reversals, over what the model gives there. Agreement: their "
+        "correlation. –: the model "
         "shows nothing there."
     )
     for t in data["tests"]:
@@ -58,7 +62,9 @@ def command(campaign, machine, fix, threads, as_json, quiet) -> None:
     for question in data["questions"]:
         common.paragraph(question)
     if data["not_measured"]:
-        common.paragraph(f"Not checked, because campaign.toml names no trace for them: {', '.join(data['not_measured'])}.")
+        common.paragraph(
+            f"Not checked, because campaign.toml names no trace for them: {', '.join(data['not_measured'])}."
+        )
     for m in data["mistakes"]:
         common.paragraph(m["sentence"])
     if files:

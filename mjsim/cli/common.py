@@ -23,14 +23,12 @@ from mjsim.errors import InputError, SimulationError, shortened
 
 #: Columns that output fits where stdout is no terminal.
 WIDTH = 80
-
-
 #: With this variable set, a fault of mjsim's own shows where it happened.
 TRACEBACK = "MJSIM_TRACEBACK"
 
 
 def options(command: Callable) -> Callable:
-    """Add ``--json`` and ``--quiet`` and turn errors into one sentence and exit status 1; no traceback ever reaches a user."""
+    """Add ``--json`` and ``--quiet``; turn errors into one sentence and exit status 1, never a traceback."""
 
     @wraps(command)
     def run(*args, **kwargs):
@@ -39,7 +37,9 @@ def options(command: Callable) -> Callable:
                 stream.reconfigure(errors="replace")
         try:
             with signals.caught(), warnings.catch_warnings():
-                if not sys.warnoptions:  # what numpy or a plotting library has to say is for developers (python -W default shows it)
+                if (
+                    not sys.warnoptions
+                ):  # what numpy or a plotting library has to say is for developers (python -W default shows it)
                     warnings.simplefilter("ignore")
                 return command(*args, **kwargs)
         except (InputError, SimulationError) as error:
@@ -65,14 +65,20 @@ def options(command: Callable) -> Callable:
             _own_fault(fault)
 
     run = click.option("--quiet", is_flag=True, help="Print nothing but errors (and the JSON, with --json).")(run)
-    return click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout and nothing else there.")(run)
+    return click.option(
+        "--json", "as_json", is_flag=True, help="Print one JSON object on stdout and nothing else there."
+    )(run)
 
 
 def _line_of_user(fault: Exception) -> str:
     """File and line of a user's own effect that an error passed through last; empty where there is none."""
     import traceback
 
-    frames = [(f, n) for f, n in traceback.walk_tb(fault.__traceback__) if str(f.f_globals.get("__name__")).startswith("mjsim_user_")]
+    frames = [
+        (f, n)
+        for f, n in traceback.walk_tb(fault.__traceback__)
+        if str(f.f_globals.get("__name__")).startswith("mjsim_user_")
+    ]
     return f"{Path(frames[-1][0].f_code.co_filename).name}, line {frames[-1][1]}" if frames else ""
 
 
@@ -143,8 +149,12 @@ def test_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> l
 
 
 campaign_argument = click.argument("campaign", type=click.Path(path_type=Path))
-machine_option = click.option("--machine", type=click.Path(path_type=Path), help="Machine file to use instead of the campaign's.")
-as_is_option = click.option("--as-is", is_flag=True, help="Do not look for a wrong unit, sign or direction first (see mjsim check).")
+machine_option = click.option(
+    "--machine", type=click.Path(path_type=Path), help="Machine file to use instead of the campaign's."
+)
+as_is_option = click.option(
+    "--as-is", is_flag=True, help="Do not look for a wrong unit, sign or direction first (see mjsim check)."
+)
 threads_option = click.option(
     "--threads", type=click.IntRange(1, 256), default=None, help="Tests worked on side by side (default: all cores)."
 )
@@ -154,7 +164,9 @@ def cores(threads: int | None) -> int:
     """Threads asked for, or all cores."""
     import os
 
-    return threads or len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else threads or os.cpu_count() or 1
+    return (
+        threads or len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else threads or os.cpu_count() or 1
+    )
 
 
 def print_json(data: dict) -> None:
@@ -177,15 +189,20 @@ def finite(value):
 
 
 def styled(stream) -> bool:
-    """Whether output may have colours: NO_COLOR forbids them, FORCE_COLOR asks for them, otherwise a terminal that is not dumb has them."""
+    """Whether output may have colours: NO_COLOR forbids them, FORCE_COLOR asks for them, otherwise a terminal that
+    is not dumb has them.
+    """
     if os.environ.get("NO_COLOR"):
         return False
-    return bool(os.environ.get("FORCE_COLOR")) or (stream.isatty() and os.environ.get("TERM", "") not in ("dumb", "unknown"))
+    return bool(os.environ.get("FORCE_COLOR")) or (
+        stream.isatty() and os.environ.get("TERM", "") not in ("dumb", "unknown")
+    )
 
 
 @contextmanager
 def progress_bar(quiet: bool, left: bool = False):
-    """A ``progress(stage, done, total)`` function that draws on stderr; silent when quiet or when stderr is no terminal.
+    """A ``progress(stage, done, total)`` function that draws on stderr; silent when quiet or when stderr is no
+    terminal.
 
     ``left``: show the time left as well, where the steps of a stage take equally long.
 
@@ -232,7 +249,9 @@ def say(text: str, quiet: bool) -> None:
     """A message for the user on stderr; wrapped on a terminal, one line elsewhere."""
     if not quiet:
         columns = shutil.get_terminal_size((WIDTH, 24)).columns
-        click.echo("\n".join(_wrapped(line, columns) for line in text.split("\n")) if sys.stderr.isatty() else text, err=True)
+        click.echo(
+            "\n".join(_wrapped(line, columns) for line in text.split("\n")) if sys.stderr.isatty() else text, err=True
+        )
 
 
 def width() -> int:
@@ -248,7 +267,12 @@ def paragraph(text: str, indent: str = "") -> None:
 def _wrapped(text: str, columns: int, indent: str = "") -> str:
     """Lines of at most so many columns; paths and names are not broken."""
     return textwrap.fill(
-        text, columns, initial_indent=indent, subsequent_indent=indent + "  ", break_on_hyphens=False, break_long_words=False
+        text,
+        columns,
+        initial_indent=indent,
+        subsequent_indent=indent + "  ",
+        break_on_hyphens=False,
+        break_long_words=False,
     )
 
 
@@ -262,7 +286,9 @@ def table(columns: list[str], rows: list[list[str]], text: tuple[int, ...] = (0,
     colours = styled(sys.stdout)
     # the colour system is all or nothing: rich on its own leaves bold type where NO_COLOR is set
     console = Console(width=width(), highlight=False, force_terminal=colours, color_system="auto" if colours else None)
-    t = Table(box=box.SIMPLE_HEAD if sys.stdout.isatty() else None, show_edge=False, pad_edge=False, header_style="bold")
+    t = Table(
+        box=box.SIMPLE_HEAD if sys.stdout.isatty() else None, show_edge=False, pad_edge=False, header_style="bold"
+    )
     for i, name in enumerate(columns):
         t.add_column(Text(name), justify="left" if i in text else "right", overflow="fold")
     for row in rows:

@@ -14,7 +14,11 @@ from mjsim.cli.import_show import show_features
 @click.command("compare")
 @common.campaign_argument
 @common.machine_option
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder for plots (default: .mjsim/compare in the campaign).")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder for plots (default: .mjsim/compare in the campaign).",
+)
 @click.option("--no-plots", is_flag=True, help="Numbers only.")
 @click.option("--force", is_flag=True, help="Replace plots in the folder named by --out.")
 @common.as_is_option
@@ -68,7 +72,8 @@ def left_out_sentence(rows: list[dict], total: int) -> str:
     """How much of the data was left out, and of which tests.
 
     Args:
-        rows: ``test``, ``samples`` left out, ``of`` how many, ``disturbances`` found, samples at the sensor's stop (``saturated``).
+        rows: ``test``, ``samples`` left out, ``of`` how many, ``disturbances`` found, samples at the sensor's stop
+            (``saturated``).
         total: samples of all tests.
     """
     out = sum(r["samples"] for r in rows)
@@ -79,15 +84,25 @@ def left_out_sentence(rows: list[dict], total: int) -> str:
         why += [f"{r['saturated']} at the sensor's stop"] if r["saturated"] else []
         share = f"{r['samples']} of {r['of']}"
         parts.append(f"{r['test']} {share}" + (f" ({', '.join(why)})" if why else ""))
-    return f"Left out as disturbed or missing: {out} of {total} samples ({100.0 * out / total:.2g} %): {'; '.join(parts)}."
+    return (
+        f"Left out as disturbed or missing: {out} of {total} samples ({100.0 * out / total:.2g} %): {'; '.join(parts)}."
+    )
 
 
 def show(data: dict) -> None:
     """Tables of a comparison's JSON."""
     if data["not_measured"]:
-        common.paragraph(f"Not compared, because campaign.toml names no trace for them: {', '.join(data['not_measured'])}.")
+        common.paragraph(
+            f"Not compared, because campaign.toml names no trace for them: {', '.join(data['not_measured'])}."
+        )
     left = [
-        {"test": t["name"], "samples": t["samples_left_out"], "of": t["samples"], "disturbances": t["outliers"], "saturated": 0}
+        {
+            "test": t["name"],
+            "samples": t["samples_left_out"],
+            "of": t["samples"],
+            "disturbances": t["outliers"],
+            "saturated": 0,
+        }
         for t in data["tests"]
         if t["samples_left_out"]
     ]
@@ -102,7 +117,14 @@ def show(data: dict) -> None:
         angle = t["worst_plot_angle_deg"] if KINDS[t["kind"]].goes_round else t["worst_phi_deg"]
         reverses = t["worst_event"].removeprefix("reversal of ")
         rows.append(
-            [t["name"], f"{t['rms_um']:.3f}", f"{t['max_um']:.2f}", *g, f"{angle:.0f}°", "–" if reverses == t["worst_event"] else reverses]
+            [
+                t["name"],
+                f"{t['rms_um']:.3f}",
+                f"{t['max_um']:.2f}",
+                *g,
+                f"{angle:.0f}°",
+                "–" if reverses == t["worst_event"] else reverses,
+            ]
         )
     common.table(["test", "RMS µm", "max µm", "G meas.", "G sim.", "worst at", "reverses"], rows)
     ratio = f"{data['rms_um'] / data['noise_um']:.2f}" if data["noise_um"] else "–"
@@ -110,16 +132,19 @@ def show(data: dict) -> None:
     for t in data["tests"]:
         if t["samples_saturated"]:
             common.paragraph(
-                f"{t['name']}: the sensor stood at its stop, or beyond its range, in {t['samples_saturated']} of {t['samples']} samples; "
+                f"{t['name']}: the sensor stood at its stop, or beyond its range, in {t['samples_saturated']} of "
+                f"{t['samples']} samples; "
                 "they are left out, so that the largest errors of this test are not known"
             )
     common.paragraph(
-        f"RMS and max: measured less simulated; G: circular error (ISO 230-4), µm. Worst: plot angle φ + 180° (rotary tests: axis "
+        f"RMS and max: measured less simulated; G: circular error (ISO 230-4), µm. Worst: plot angle φ + 180° "
+        f"(rotary tests: axis "
         f"angle), and the axis that reverses there. Noise: {data['noise_source']}."
     )
     click.echo()
     rows = [
-        [k, *(f"{x:+.1f}" for x in v["table_ball_um"]), *(f"{x:+.1f}" for x in v["spindle_ball_um"])] for k, v in data["setups"].items()
+        [k, *(f"{x:+.1f}" for x in v["table_ball_um"]), *(f"{x:+.1f}" for x in v["spindle_ball_um"])]
+        for k, v in data["setups"].items()
     ]
     common.table(["set-up (µm)", "table ball x", "y", "z", "spindle ball x", "y", "z"], rows)
     shifts = ", ".join(f"{t['name']} {t['trigger_ms']:+.1f}" for t in data["tests"])
@@ -128,6 +153,7 @@ def show(data: dict) -> None:
     for b in data["iso230_4_bidirectional"]:
         m, s = b["measured"], b["simulated"]
         common.paragraph(
-            f"{b['ccw']} with {b['cw']}: G(b) {m['circular_error_um']:.2f} µm measured, {s['circular_error_um']:.2f} simulated; "
+            f"{b['ccw']} with {b['cw']}: G(b) {m['circular_error_um']:.2f} µm measured, "
+            f"{s['circular_error_um']:.2f} simulated; "
             f"D {m['mean_radial_error_um']:.2f} and {s['mean_radial_error_um']:.2f} µm"
         )

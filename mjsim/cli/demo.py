@@ -32,12 +32,16 @@ def command(out, threads, as_json, quiet) -> None:
 
     folder = prepare(out)
     common.say(
-        "A five-axis machine was measured with a ball bar in 13 tests. Something is wrong with it; its model does not know what.", quiet
+        "A five-axis machine was measured with a ball bar in 13 tests. Something is wrong with it; its model does "
+        "not know what.",
+        quiet,
     )
     common.say("When mjsim runs for the first time, it compiles the simulation, which takes some ten seconds.", quiet)
     with common.progress_bar(quiet) as progress:
         given, picture = first_look(folder, common.cores(threads), progress)
-    difference = f"Measured and simulated differ by {given.rms / UM:.3f} µm RMS. The noise is {given.noise / UM:.3f} µm."
+    difference = (
+        f"Measured and simulated differ by {given.rms / UM:.3f} µm RMS. The noise is {given.noise / UM:.3f} µm."
+    )
     common.say(f"{difference}\npicture: {picture.resolve()}", quiet)
     with common.progress_bar(quiet) as progress:
         demo = walk(folder, common.cores(threads), progress)

@@ -20,7 +20,9 @@ from mjsim.cli.import_show import show_features
     type=click.Path(path_type=Path, dir_okay=False),
     help="Save the machine with the effects found and the calibrated data sheet.",
 )
-@click.option("--max-effects", type=click.IntRange(1, 20), default=5, show_default=True, help="Look for at most so many effects.")
+@click.option(
+    "--max-effects", type=click.IntRange(1, 20), default=5, show_default=True, help="Look for at most so many effects."
+)
 @click.option("--force", is_flag=True, help="Replace the file named by --write.")
 @common.as_is_option
 @common.threads_option
@@ -66,7 +68,8 @@ def command(campaign, machine, write, max_effects, force, threads, as_is, as_jso
     show(data)
     for axis in _identifiable(c, data):
         common.paragraph(
-            f"pitch errors of many orders can look like this; the tangential tests of {axis} can be read for them first: "
+            f"pitch errors of many orders can look like this; the tangential tests of {axis} can be read for them "
+            f"first: "
             f"mjsim identify pitch-error {campaign} --axis {axis}"
         )
     if imported:
@@ -89,7 +92,8 @@ _SENTENCE = {
     "identified": "Identified: the effects below are missing, and nothing else explains the data as well.",
     "ambiguous": "Ambiguous: some effects below cannot be told from others by these tests.",
     "unknown": "Unknown: something repeatable is left that no effect of the catalogue explains.",
-    "nothing_found": "Nothing found: the model explains the measurement down to the noise and the data sheet's tolerances.",
+    "nothing_found": "Nothing found: the model explains the measurement down to the noise and the data sheet's "
+    "tolerances.",
 }
 
 
@@ -125,7 +129,8 @@ def show(data: dict) -> None:
         a, b = following["between"]
         click.echo()
         common.paragraph(
-            f"next test to tell {a} from {b}: {following['test']['name']}, expected difference {following['difference_um']:.2f} µm RMS"
+            f"next test to tell {a} from {b}: {following['test']['name']}, expected difference "
+            f"{following['difference_um']:.2f} µm RMS"
             + ("" if following["decides"] else " (not enough to decide)")
             + "; `mjsim plan` prints it as a table for campaign.toml"
         )

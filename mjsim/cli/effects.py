@@ -42,7 +42,9 @@ def command(effect, as_json, quiet) -> None:
         return
     if quiet:
         return
-    common.paragraph(f"{data['id'] if subject else cls.kind}: {data['title']}" + ("" if subject else f" ({', '.join(subjects)})"))
+    common.paragraph(
+        f"{data['id'] if subject else cls.kind}: {data['title']}" + ("" if subject else f" ({', '.join(subjects)})")
+    )
     click.echo()
     for word in ("definition", "source", "signature"):
         common.paragraph(f"{word}: {data[word]}")
@@ -55,7 +57,8 @@ def command(effect, as_json, quiet) -> None:
     if subject is None and any(cls.parameters_of(s) != cls.parameters_of(subjects[0]) for s in subjects):
         click.echo()
         common.paragraph(
-            f"these are the parameters of {cls.kind}.{subjects[0]}; other axes' can differ: mjsim effects {cls.kind}.{subjects[-1]}"
+            f"these are the parameters of {cls.kind}.{subjects[0]}; other axes' can differ: mjsim effects "
+            f"{cls.kind}.{subjects[-1]}"
         )
 
 

@@ -12,8 +12,16 @@ from mjsim.cli import common
 @click.command("export")
 @common.campaign_argument
 @common.machine_option
-@click.option("--test", "names", multiple=True, shell_complete=common.test_names, help="Only this test (may be given more than once).")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the CSV files.")
+@click.option(
+    "--test",
+    "names",
+    multiple=True,
+    shell_complete=common.test_names,
+    help="Only this test (may be given more than once).",
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the CSV files."
+)
 @click.option("--decimal-comma", is_flag=True, help="Semicolons and decimal commas, for spreadsheets that expect them.")
 @click.option("--force", is_flag=True, help="Replace files that exist.")
 @common.as_is_option
@@ -22,8 +30,8 @@ from mjsim.cli import common
 def command(campaign, machine, names, out, decimal_comma, force, threads, as_is, as_json, quiet) -> None:
     """Write the compared traces and their figures as CSV.
 
-    <test>.csv has time_s, phi_deg, measured_um, simulated_um, residual_um and valid (0: missing or left out); figures.csv the
-    ISO 230-4 figures of both traces per test, figures-both-directions.csv G(b) and D.
+    <test>.csv has time_s, phi_deg, measured_um, simulated_um, residual_um and valid (0: missing or left out);
+    figures.csv the ISO 230-4 figures of both traces per test, figures-both-directions.csv G(b) and D.
 
     \b
     Example: mjsim export examples/hidden-backlash --out tables

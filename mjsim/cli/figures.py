@@ -31,10 +31,11 @@ def _said(agrees: bool) -> str:
 @common.threads_option
 @common.options
 def command(out, only, force, threads, as_json, quiet) -> None:
-    """Regenerate figures 3 to 17 of the paper (Kato, Tsutsumi, Sato 2013) and print its numbers beside the simulated ones.
+    """Regenerate figures 3 to 17 of the paper (Kato, Tsutsumi, Sato 2013) and print its numbers beside the simulated
+    ones.
 
-    Writes fig03.png, fig03.svg … fig17.svg and numbers.csv. Where a figure needs a measurement, an independent simulation
-    stands in for it and says so; drive values that the paper does not print are assumed.
+    Writes fig03.png, fig03.svg … fig17.svg and numbers.csv. Where a figure needs a measurement, an independent
+    simulation stands in for it and says so; drive values that the paper does not print are assumed.
 
     \b
     Example: mjsim figures --out paper
@@ -55,11 +56,22 @@ def command(out, only, force, threads, as_json, quiet) -> None:
         short = [n for n in rows if len(plain(n.simulated)) <= _SHORT]
         common.table(
             ["number", "printed", "simulated", "±", "agrees"],
-            [[n.name, plain(n.printed), plain(n.simulated), f"{n.tolerance:g}" if n.tolerance else "", _said(n.agrees)] for n in short],
+            [
+                [
+                    n.name,
+                    plain(n.printed),
+                    plain(n.simulated),
+                    f"{n.tolerance:g}" if n.tolerance else "",
+                    _said(n.agrees),
+                ]
+                for n in short
+            ],
         )
         for n in rows:
             if n not in short:
-                common.paragraph(f"{n.name}: printed {plain(n.printed)}; simulated {plain(n.simulated)}; agrees: {_said(n.agrees)}")
+                common.paragraph(
+                    f"{n.name}: printed {plain(n.printed)}; simulated {plain(n.simulated)}; agrees: {_said(n.agrees)}"
+                )
     notes = [n for n in made.numbers if n.note]
     click.echo()
     for n in notes:

@@ -11,7 +11,11 @@ from mjsim.cli import common
 
 @click.command("history")
 @common.campaign_argument
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Plot file (default: .mjsim/ladder.png in the campaign).")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Plot file (default: .mjsim/ladder.png in the campaign).",
+)
 @click.option("--force", is_flag=True, help="Replace the file named by --out.")
 @common.options
 def command(campaign, out, force, as_json, quiet) -> None:
@@ -29,7 +33,9 @@ def command(campaign, out, force, as_json, quiet) -> None:
     c = read_campaign(campaign, traces=False)
     steps = read_history(c)
     if not steps:
-        raise InputError(f"{c.folder}: no model has been tried yet; `mjsim add {campaign} EFFECT` records the first steps")
+        raise InputError(
+            f"{c.folder}: no model has been tried yet; `mjsim add {campaign} EFFECT` records the first steps"
+        )
     plot = out or c.state_folder / "ladder.png"
     check_writable(plot, force or out is None)
     ladder_plot(steps, plot)

@@ -17,19 +17,27 @@ def command() -> None:
 
 @command.command("pitch-error")
 @common.campaign_argument
-@click.option("--axis", type=click.Choice(FIVE_AXIS.rotary), help="Rotary axis (default: every one that has tangential tests).")
+@click.option(
+    "--axis", type=click.Choice(FIVE_AXIS.rotary), help="Rotary axis (default: every one that has tangential tests)."
+)
 @common.machine_option
 @click.option("--per-direction", is_flag=True, help="Keep CW and CCW apart even where they agree.")
-@click.option("--write", type=click.Path(path_type=Path, dir_okay=False), help="Save the machine with the pitch errors put in.")
 @click.option(
-    "--out", type=click.Path(path_type=Path, file_okay=False), help="Folder for plots (default: .mjsim/identify in the campaign)."
+    "--write", type=click.Path(path_type=Path, dir_okay=False), help="Save the machine with the pitch errors put in."
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder for plots (default: .mjsim/identify in the campaign).",
 )
 @click.option("--no-plots", is_flag=True, help="Numbers only.")
 @click.option("--force", is_flag=True, help="Replace the file named by --write and plots in the folder named by --out.")
 @common.as_is_option
 @common.threads_option
 @common.options
-def pitch_error(campaign, axis, machine, per_direction, write, out, no_plots, force, threads, as_is, as_json, quiet) -> None:
+def pitch_error(
+    campaign, axis, machine, per_direction, write, out, no_plots, force, threads, as_is, as_json, quiet
+) -> None:
     """Pitch errors of the rotary axes of CAMPAIGN: orders, amplitudes and phases per direction, from tangential tests.
 
     \b
@@ -82,21 +90,24 @@ def show(axis: str, data: dict) -> None:
     for way, d in data["directions"].items():
         click.echo(f"{axis} {way}: {', '.join(d['tests'])}")
         common.paragraph(
-            f"arc {d['arc_deg']:.0f}°: orders closer than {d['resolution_per_rev']:.2g} per revolution cannot be told apart; noise makes "
+            f"arc {d['arc_deg']:.0f}°: orders closer than {d['resolution_per_rev']:.2g} per revolution cannot be "
+            f"told apart; noise makes "
             f"{1e3 * d['noise_floor_deg']:.2g}, a component needs {1e3 * d['detection_limit_deg']:.2g} (10⁻³ °)",
             "  ",
         )
         for f in d["local_faults"]:
             what = "glitch of a turning linear axis" if f["at_reversal"] else "local fault"
             common.paragraph(
-                f"{what} taken out: {1e3 * f['height_deg']:+.2f}·10⁻³ ° at {f['centre_deg']:.1f}°, width {f['width_deg']:.2g}°",
+                f"{what} taken out: {1e3 * f['height_deg']:+.2f}·10⁻³ ° at {f['centre_deg']:.1f}°, width "
+                f"{f['width_deg']:.2g}°",
                 "  ",
             )
         if d["components"]:
             _table(d)
             rms = d["rms_deg"]
             common.paragraph(
-                f"RMS (10⁻³ °): raw {1e3 * rms['raw']:.3f}, modified {1e3 * rms['modified']:.3f}, left {1e3 * rms['residual']:.3f}, "
+                f"RMS (10⁻³ °): raw {1e3 * rms['raw']:.3f}, modified {1e3 * rms['modified']:.3f}, left "
+                f"{1e3 * rms['residual']:.3f}, "
                 f"{1e3 * rms['residual_away_from_reversals']:.3f} where no linear axis turns back",
                 "  ",
             )

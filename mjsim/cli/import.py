@@ -18,18 +18,22 @@ from mjsim.cli.import_show import model_effects, runs_json, show_features, show_
 @import_options.angles
 @click.option("--preview", is_flag=True, help="Show what would be done; write nothing.")
 @click.option("--no-check", is_flag=True, help="Do not compare the trace's size with the model's.")
-@click.option("--show", "show", is_flag=True, help="What was imported of other systems' findings, beside the model's effects.")
+@click.option(
+    "--show", "show", is_flag=True, help="What was imported of other systems' findings, beside the model's effects."
+)
 @click.option("--force", is_flag=True, help="Replace traces that are there.")
 @common.options
 def command(files, campaign, preview, no_check, show, force, as_json, quiet, **given) -> None:
     """Bring measurement FILES of other systems into a campaign.
 
-    Tables as text (CSV, TXT): separator, decimal sign and byte order mark are found. Columns and units come from the header or from
-    options. Feed, bar length, plane and direction are read from English and German headers. The trace goes to traces/; a test that
-    campaign.toml does not have yet is added. FILE=TEST names the test of each of several files.
+    Tables as text (CSV, TXT): separator, decimal sign and byte order mark are found. Columns and units come from the
+    header or from options. Feed, bar length, plane and direction are read from English and German headers. The trace
+    goes to traces/; a test that campaign.toml does not have yet is added. FILE=TEST names the test of each of several
+    files.
 
-    Renishaw .b5r: header and diagnosed features go to imported/ and are shown beside mjsim's findings. Its recorded runs become the
-    traces of the tests that fit the header, or that FILE=TEST names. The format is not published: look at --preview first.
+    Renishaw .b5r: header and diagnosed features go to imported/ and are shown beside mjsim's findings. Its recorded
+    runs become the traces of the tests that fit the header, or that FILE=TEST names. The format is not published: look
+    at --preview first.
 
     \b
     Example: mjsim import run1.csv --campaign my-machine --test circle-xy-ccw
@@ -60,14 +64,20 @@ def command(files, campaign, preview, no_check, show, force, as_json, quiet, **g
     for path, test in pairs:
         if path in empty and (keys or name or test):
             option = "--test" if name else f"the test {test!r}" if test else import_options.options()[next(iter(keys))]
-            raise InputError(f"{path}: brings no trace, so that {option} has no meaning; allowed: --preview, --show, --force")
+            raise InputError(
+                f"{path}: brings no trace, so that {option} has no meaning; allowed: --preview, --show, --force"
+            )
     # features are read, and their places looked at, before anything is written: one wrong file stops all
     read = read_features(campaign, other)
     for path in () if preview else read:
         check_writable(path, force)
     pairs = [(f, test) for f, test in pairs if f not in empty]
     names = name or [test for _, test in pairs]
-    traces = import_traces(campaign, [f for f, _ in pairs], names, keys, options, force, preview, not no_check) if pairs else []
+    traces = (
+        import_traces(campaign, [f for f, _ in pairs], names, keys, options, force, preview, not no_check)
+        if pairs
+        else []
+    )
     if other and not preview:
         import_features(campaign, other, force)
     known = imported_features(campaign) if show else list(read.values())

@@ -21,14 +21,25 @@ def _specific():
         words = list(dict.fromkeys(w for k in keys for w in k.words_of(FIVE_AXIS)))
         kinds = [k.name for k in KINDS.values() if name in (key.name for key in k.keys)]
         value = click.Choice(words) if words else common.NUMBER if keys[0].unit is not None else int
-        yield click.option(keys[0].flag, name, type=value, help=f"{', '.join(kinds)}: {keys[0].help[:1].lower()}{keys[0].help[1:]}")
+        yield click.option(
+            keys[0].flag, name, type=value, help=f"{', '.join(kinds)}: {keys[0].help[:1].lower()}{keys[0].help[1:]}"
+        )
 
 
 test = kept(
-    click.option("--test", "name", shell_complete=common.test_names, help="Its test in campaign.toml (default: the file's name)."),
+    click.option(
+        "--test", "name", shell_complete=common.test_names, help="Its test in campaign.toml (default: the file's name)."
+    ),
     _common("kind", type=click.Choice(sorted(KINDS)), help="For a new test, as all below down to --started."),
     *_specific(),
-    _common("table_ball_mm", nargs=3, type=common.NUMBER, metavar="X Y Z", default=None, help="Table ball, mm from where A and C meet."),
+    _common(
+        "table_ball_mm",
+        nargs=3,
+        type=common.NUMBER,
+        metavar="X Y Z",
+        default=None,
+        help="Table ball, mm from where A and C meet.",
+    ),
     _common("bar_length_mm", type=common.NUMBER, help="Length of the bar, mm."),
     _common("feed_mm_min", type=common.NUMBER, help="Feed on the circle, mm/min."),
     _common("setup", help="Word that tests of one set-up share."),
@@ -42,16 +53,29 @@ columns = kept(
     click.option("--time-unit", type=click.Choice(["s", "ms"])),
     click.option("--angle-unit", type=click.Choice(["deg", "rad"])),
     click.option("--deviation-unit", type=click.Choice(["um", "mm", "inch", "mil", "uin", "V"])),
-    click.option("--scale", "um_per_volt", type=common.NUMBER, metavar="UM", help="µm per volt, with --deviation-unit V."),
-    click.option("--sign", type=click.Choice(["outward", "inward"]), default="outward", help="What is positive (default: outward)."),
+    click.option(
+        "--scale", "um_per_volt", type=common.NUMBER, metavar="UM", help="µm per volt, with --deviation-unit V."
+    ),
+    click.option(
+        "--sign",
+        type=click.Choice(["outward", "inward"]),
+        default="outward",
+        help="What is positive (default: outward).",
+    ),
     click.option("--absolute/--relative", "absolute", default=None, help="Lengths of the bar, or deviations."),
-    click.option("--clock", type=click.Choice(["program", "trace"]), help="Time counts from the program's start, or the trace's."),
+    click.option(
+        "--clock", type=click.Choice(["program", "trace"]), help="Time counts from the program's start, or the trace's."
+    ),
     click.option("--separator", type=click.Choice(["semicolon", "tab", "comma", "space"])),
     click.option("--decimal", type=click.Choice(["point", "comma"])),
-    click.option("--rows", nargs=2, type=int, metavar="FIRST LAST", default=None, help="Only these lines: one run of several."),
+    click.option(
+        "--rows", nargs=2, type=int, metavar="FIRST LAST", default=None, help="Only these lines: one run of several."
+    ),
 )
 angles = kept(
-    click.option("--angle-zero", type=common.NUMBER, default=0.0, metavar="DEG", help="The file's angle at φ = 0 (default 0)."),
+    click.option(
+        "--angle-zero", type=common.NUMBER, default=0.0, metavar="DEG", help="The file's angle at φ = 0 (default 0)."
+    ),
     click.option("--angle-sense", type=click.Choice(["ccw", "cw"]), help="Which way the file's angle counts."),
     click.option("--start-angle", type=common.NUMBER, metavar="DEG", help="φ of the first sample, where it is not 0."),
 )
@@ -67,4 +91,8 @@ def read(given: dict):
     keys = {k: list(v) if isinstance(v, tuple) else v for k, v in keys.items() if v is not None}
     inward = given.pop("sign") == "inward"
     zero, start = given.pop("angle_zero") * DEG, given.pop("start_angle")
-    return name, keys, Options(**given, inward=inward, angle_zero=zero, start_angle=None if start is None else start * DEG)
+    return (
+        name,
+        keys,
+        Options(**given, inward=inward, angle_zero=zero, start_angle=None if start is None else start * DEG),
+    )

@@ -13,14 +13,24 @@ def show_traces(traces: list) -> None:
     """A summary of every imported trace."""
     for t in traces:
         d = t.to_json()
-        new = "a new test in campaign.toml" if d["new_test"] else "its trace is new in campaign.toml" if d["added"] else ""
+        new = (
+            "a new test in campaign.toml"
+            if d["new_test"]
+            else "its trace is new in campaign.toml"
+            if d["added"]
+            else ""
+        )
         click.echo(f"{t.source.name} → test {d['test']}" + (f" ({new})" if new else ""))
         missing = f", {d['samples_missing']} of them missing or beyond the range" if d["samples_missing"] else ""
         common.paragraph(
-            f"{d['samples']} samples{missing}, {d['rate_Hz']:g} Hz; {d['duration_s']:.2f} s, the program {d['program_s']:.2f} s", "  "
+            f"{d['samples']} samples{missing}, {d['rate_Hz']:g} Hz; {d['duration_s']:.2f} s, the program "
+            f"{d['program_s']:.2f} s",
+            "  ",
         )
         common.paragraph(
-            f"{d['min_um']:.2f} to {d['max_um']:.2f} µm, RMS about the mean {d['rms_um']:.2f} µm; in the file: {d['unit']}", "  "
+            f"{d['min_um']:.2f} to {d['max_um']:.2f} µm, RMS about the mean {d['rms_um']:.2f} µm; in the file: "
+            f"{d['unit']}",
+            "  ",
         )
         for note in d["notes"]:
             common.paragraph(f"- {note}", "  ")
@@ -57,13 +67,21 @@ def runs_json(recorded, options) -> list[dict]:
 
 
 def show_runs(recorded, options, traces: list, named: bool) -> None:
-    """What a ``.b5r`` file holds as runs, and which of them found no test; nothing of that where the user named the test."""
+    """What a ``.b5r`` file holds as runs, and which of them found no test; nothing of that where the user named the
+    test.
+    """
     runs = runs_json(recorded, options)
     if not runs:
         return
     click.echo(f"{recorded.path.name}: {len(runs)} recorded run{'s' if len(runs) > 1 else ''}")
     rows = [
-        [r["direction"], str(r["readings"]), f"{r['min']:.4g} to {r['max']:.4g}", f"{r['without_eccentricity']:.4g}", _of_file(r)]
+        [
+            r["direction"],
+            str(r["readings"]),
+            f"{r['min']:.4g} to {r['max']:.4g}",
+            f"{r['without_eccentricity']:.4g}",
+            _of_file(r),
+        ]
         for r in runs
     ]
     common.table(["run", "readings", "range in the file", "without eccentricity", "circularity"], rows, text=(0,))
@@ -71,12 +89,15 @@ def show_runs(recorded, options, traces: list, named: bool) -> None:
         common.paragraph(f"- {r['direction']}: {r['unit']}", "  ")
     if recorded.said:
         common.paragraph(f"- also in the file, not used: {'; '.join(recorded.said)}", "  ")
-    common.paragraph("- no real file has been tried: look whether range, first angle and sense of the traces are right", "  ")
+    common.paragraph(
+        "- no real file has been tried: look whether range, first angle and sense of the traces are right", "  "
+    )
     directions = {t.test.direction for t in traces}
     left = [r["direction"] for r in runs if r["direction"] not in directions]
     if left and not named:
         common.paragraph(
-            f"- no trace made of {' and '.join(left)}: no test of the campaign fits plane, direction, length and feed of the file; "
+            f"- no trace made of {' and '.join(left)}: no test of the campaign fits plane, direction, length and "
+            f"feed of the file; "
             "FILE=TEST names one, --table-ball and the keys that the file lacks describe a new one",
             "  ",
         )
@@ -91,7 +112,8 @@ def show_features(imported: list, found: dict, circles: Iterable = (), silent: b
     """Table of other systems' findings beside mjsim's; the rows as plain data.
 
     Args:
-        imported: what :func:`mjsim.importing.features.imported_features` gives. found: id -> parameters, of the effects to compare with.
+        imported: what :func:`mjsim.importing.features.imported_features` gives. found: id -> parameters, of the effects
+            to compare with.
         circles: circular errors, see :func:`mjsim.importing.features.beside`. silent: print nothing.
     """
     from mjsim.importing.features import beside
@@ -109,14 +131,18 @@ def show_features(imported: list, found: dict, circles: Iterable = (), silent: b
     click.echo()
     common.table(
         ["feature", "run", "value", "cause in mjsim", "mjsim's own"],
-        [[_short(r), r["run"] or "–", _value(r), ", ".join(r["causes"]) or "–", ", ".join(r["mjsim"]) or "–"] for r in known],
+        [
+            [_short(r), r["run"] or "–", _value(r), ", ".join(r["causes"]) or "–", ", ".join(r["mjsim"]) or "–"]
+            for r in known
+        ],
         text=(0, 1, 3, 4),
     )
     unknown = [f"{r['feature']} {_value(r)}" for r in rows if r["causes"] is None]
     if unknown:
         common.paragraph(f"kept, meaning not known: {', '.join(unknown)}")
     common.paragraph(
-        "The values are the other system's, as its file has them; its signs are not published and are not compared. What such files look "
+        "The values are the other system's, as its file has them; its signs are not published and are not "
+        "compared. What such files look "
         "like is known from public parsers only: no real file has been tried."
     )
     click.echo()

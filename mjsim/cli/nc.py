@@ -12,7 +12,9 @@ from mjsim.machine.chain import is_rotary
 
 
 class _NC(click.Group):
-    """``mjsim nc CAMPAIGN …`` writes; ``read`` and ``feed`` are named (a campaign folder of such a name is given as ./read)."""
+    """``mjsim nc CAMPAIGN …`` writes; ``read`` and ``feed`` are named (a campaign folder of such a name is given as
+    ./read).
+    """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands:
@@ -33,8 +35,8 @@ class _NC(click.Group):
 def command() -> None:
     """Write a test of CAMPAIGN as the five-axis NC program that a shop would run; read one as the commanded motion.
 
-    Positions are X Y Z A C in mm and degrees; the zero point is where the A and C centrelines meet. Nothing is written where an axis
-    would leave its travel. docs/nc.md tells what each dialect means.
+    Positions are X Y Z A C in mm and degrees; the zero point is where the A and C centrelines meet. Nothing is written
+    where an axis would leave its travel. docs/nc.md tells what each dialect means.
 
     \b
     Example: mjsim nc examples/healthy --test cone15-x50-ccw -o cone.nc
@@ -76,7 +78,12 @@ def write(campaign, name, out, limit, max_speed, force, machine, as_json, quiet,
         "axes": axes_json(written.motion),
         "warnings": [*written.warnings, *([] if max_speed else ordinary_speed_warnings(test))],
     }
-    _show(data, f"{len(written.motion.seconds)} blocks, {written.motion.duration:.3f} s, F: {FEEDS[written.feed]}", as_json, quiet)
+    _show(
+        data,
+        f"{len(written.motion.seconds)} blocks, {written.motion.duration:.3f} s, F: {FEEDS[written.feed]}",
+        as_json,
+        quiet,
+    )
     if not as_json:
         common.say(f"written to {out}", quiet)
 
@@ -88,14 +95,19 @@ def write(campaign, name, out, limit, max_speed, force, machine, as_json, quiet,
 @options.limits
 @click.option("--campaign", type=click.Path(path_type=Path), help="Compare with a test of this campaign.")
 @click.option("--test", "name", shell_complete=common.test_names, help="That test.")
-@click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), help="CSV: time_s and the five axes at every block's end.")
+@click.option(
+    "-o",
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="CSV: time_s and the five axes at every block's end.",
+)
 @options.force
 @common.options
 def read(file, dialect, turned, rollover, limit, max_speed, campaign, name, out, force, as_json, quiet) -> None:
     """Read an NC program as the motion that it commands: blocks, time, travel and speed of the axes.
 
-    With --campaign and --test also how far it is from that test's own program, at the same angle. `program = "FILE"` in the test's table
-    of campaign.toml makes every command use it.
+    With --campaign and --test also how far it is from that test's own program, at the same angle. `program = "FILE"` in
+    the test's table of campaign.toml makes every command use it.
 
     \b
     Example: mjsim nc read cone.nc --campaign examples/healthy \\
@@ -135,7 +147,9 @@ def read(file, dialect, turned, rollover, limit, max_speed, campaign, name, out,
         "csv": str(out) if out else None,
         "warnings": speed_warnings(nc.motion, limits, nc.place),
     }
-    said = f"{len(nc.motion.seconds)} blocks, {nc.motion.duration:.3f} s, F: {nc.feed}" + (", tool centre point" if nc.motion.tip else "")
+    said = f"{len(nc.motion.seconds)} blocks, {nc.motion.duration:.3f} s, F: {nc.feed}" + (
+        ", tool centre point" if nc.motion.tip else ""
+    )
     _show(data, said, as_json, quiet)
     if as_json or quiet:
         return
@@ -148,7 +162,8 @@ def read(file, dialect, turned, rollover, limit, max_speed, campaign, name, out,
             + ", ".join(f"{a} {v:.3f} µm" for a, v in compared["position_um"].items())
             + ", "
             + ", ".join(f"{a} {v:.2f} µrad" for a, v in compared["angle_urad"].items())
-            + f", time {compared['time_ms']:.3f} ms; mean feed {compared['feed_mm_min']:.3f} mm/min; reading of an ideal machine "
+            + f", time {compared['time_ms']:.3f} ms; mean feed {compared['feed_mm_min']:.3f} mm/min; reading of an "
+            f"ideal machine "
             f"{compared['reading_um'][0]:.3f} to {compared['reading_um'][1]:.3f} µm"
         )
     if out:
@@ -156,7 +171,9 @@ def read(file, dialect, turned, rollover, limit, max_speed, campaign, name, out,
 
 
 def axes_json(motion) -> dict:
-    """Travel and speed of each axis: from, to, min, max in mm or °; slowest, mean and fastest block in mm/min or °/min."""
+    """Travel and speed of each axis: from, to, min, max in mm or °; slowest, mean and fastest block in mm/min or
+    °/min.
+    """
     import numpy as np
 
     from mjsim.nc.limits import scale

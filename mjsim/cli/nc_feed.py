@@ -16,15 +16,31 @@ from mjsim.cli import nc_options as options
 @click.option("--program", type=click.Path(path_type=Path), help="NC file (default: what `mjsim nc` would write).")
 @options.writing
 @options.signs
-@click.option("--cycle-ms", type=common.NUMBER, default=0.0, show_default=True, help="Interpolation cycle; 0: continuous.")
-@click.option("--block-ms", type=common.NUMBER, default=0.0, show_default=True, help="Shortest time that the control needs for a block.")
+@click.option(
+    "--cycle-ms", type=common.NUMBER, default=0.0, show_default=True, help="Interpolation cycle; 0: continuous."
+)
+@click.option(
+    "--block-ms",
+    type=common.NUMBER,
+    default=0.0,
+    show_default=True,
+    help="Shortest time that the control needs for a block.",
+)
 @click.option("--whole-cycles", is_flag=True, help="Every block lasts whole cycles, rounded up.")
-@click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), help="CSV: time_s, phi_deg, feed_mm_min, reading_um.")
-@click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), help="Picture of feed and reading over φ (.png or .svg).")
+@click.option(
+    "-o",
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="CSV: time_s, phi_deg, feed_mm_min, reading_um.",
+)
+@click.option(
+    "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Picture of feed and reading over φ (.png or .svg)."
+)
 @options.force
 @common.options
 def command(campaign, name, program, cycle_ms, block_ms, whole_cycles, out, plot, force, as_json, quiet, **how) -> None:
-    """The peripheral feed that block-wise interpolation of a test's program really gives, and what its straight blocks do to the reading.
+    """The peripheral feed that block-wise interpolation of a test's program really gives, and what its straight blocks
+    do to the reading.
 
     The control modelled moves the axes linearly within each block, without look-ahead and smoothing.
 
@@ -49,7 +65,12 @@ def command(campaign, name, program, cycle_ms, block_ms, whole_cycles, out, plot
     else:
         nc = parse_nc(nc_program(test, options.write_options(**how)).text, Path(f"{test.name}.nc"), *spelling)
     report = feed_report(test, nc.motion, Control(cycle_ms * 1e-3, block_ms * 1e-3, whole_cycles), str(nc.path))
-    data = {"test": test.name, "program": str(program) if program else None, "dialect": nc.dialect, "blocks": len(nc.motion.seconds)}
+    data = {
+        "test": test.name,
+        "program": str(program) if program else None,
+        "dialect": nc.dialect,
+        "blocks": len(nc.motion.seconds),
+    }
     data |= {"cycle_ms": cycle_ms, "block_ms": block_ms, "whole_cycles": whole_cycles, **report.to_json()}
     pages: dict[Path, str | bytes] = {out: report.to_csv()} if out else {}
     if plot:
@@ -57,7 +78,8 @@ def command(campaign, name, program, cycle_ms, block_ms, whole_cycles, out, plot
         from mjsim.plots.save import encoded
 
         title = (
-            f"{test.name}: {len(nc.motion.seconds)} blocks, {data['mean_block_ms']:.3g} ms each; mean feed {data['mean_mm_min']:.1f} mm/min"
+            f"{test.name}: {len(nc.motion.seconds)} blocks, {data['mean_block_ms']:.3g} ms each; mean feed "
+            f"{data['mean_mm_min']:.1f} mm/min"
         )
         figure = feed_figure(report.phi_deg, report.feed_mm_min, report.reading_um, data["nominal_mm_min"], title)
         pages[plot] = encoded(figure, plot)
@@ -69,11 +91,18 @@ def command(campaign, name, program, cycle_ms, block_ms, whole_cycles, out, plot
         return
     r, bar = report.to_json(), data["reading_um"]
     rows = [
-        ["feed, mm/min", f"nominal {r['nominal_mm_min']:.2f}, mean {r['mean_mm_min']:.2f}, {r['min_mm_min']:.2f} to {r['max_mm_min']:.2f}"],
+        [
+            "feed, mm/min",
+            f"nominal {r['nominal_mm_min']:.2f}, mean {r['mean_mm_min']:.2f}, {r['min_mm_min']:.2f} to "
+            f"{r['max_mm_min']:.2f}",
+        ],
         ["ripple", f"{r['ripple_percent']:.3f} % of the mean, lowest to highest"],
         ["duration", f"{r['duration_s']:.3f} s, ideal {r['ideal_duration_s']:.3f} s"],
         ["blocks", f"{data['blocks']}, shortest {r['shortest_block_ms']:.3f} ms, mean {r['mean_block_ms']:.3f} ms"],
-        ["reading, µm", f"{bar['min']:.3f} to {bar['max']:.3f}, mean {bar['mean']:.3f} (chords and rounding, ideal machine)"],
+        [
+            "reading, µm",
+            f"{bar['min']:.3f} to {bar['max']:.3f}, mean {bar['mean']:.3f} (chords and rounding, ideal machine)",
+        ],
         ["position, µm", ", ".join(f"{a} {v:.3f}" for a, v in r["position_um"].items()) + " off the path at most"],
         ["angle, µrad", ", ".join(f"{a} {v:.2f}" for a, v in r["angle_urad"].items()) + " off the path at most"],
         ["speed jumps", ", ".join(f"{a} {v:.2f}" for a, v in r["speed_jump_per_min"].items()) + " mm/min or °/min"],

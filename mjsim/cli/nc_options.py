@@ -14,7 +14,11 @@ ROTARY_AXIS = click.Choice(FIVE_AXIS.rotary)
 
 
 dialect = click.option(
-    "--dialect", type=click.Choice(["fanuc", "siemens", "linuxcnc"]), default="fanuc", show_default=True, help="Control."
+    "--dialect",
+    type=click.Choice(["fanuc", "siemens", "linuxcnc"]),
+    default="fanuc",
+    show_default=True,
+    help="Control.",
 )
 
 
@@ -31,13 +35,23 @@ def kept(*decorators):
 
 writing = kept(
     dialect,
-    click.option("--feed-mode", type=click.Choice(["a11", "inverse", "tcp"]), help="Meaning of F (default: a11; linuxcnc: inverse)."),
+    click.option(
+        "--feed-mode",
+        type=click.Choice(["a11", "inverse", "tcp"]),
+        help="Meaning of F (default: a11; linuxcnc: inverse).",
+    ),
     click.option("--step-deg", type=common.NUMBER, default=0.1, show_default=True, help="Angle φ from block to block."),
     click.option("--decimals", type=int, help="Decimals of the positions (default: the dialect's)."),
     click.option("--feed-decimals", type=int, help="Decimals of F (default: the dialect's)."),
 )
 signs = kept(
-    click.option("--reversed", "turned", type=ROTARY_AXIS, multiple=True, help="Axis whose command has the other sign (repeatable)."),
+    click.option(
+        "--reversed",
+        "turned",
+        type=ROTARY_AXIS,
+        multiple=True,
+        help="Axis whose command has the other sign (repeatable).",
+    ),
     click.option("--rollover", is_flag=True, help="C within 0 to 360°, the short way round."),
 )
 limits = kept(
@@ -49,7 +63,11 @@ limits = kept(
         help="Travel in mm or ° (default: the model's).",
     ),
     click.option(
-        "--max-speed", type=(AXIS, common.NUMBER), multiple=True, metavar="AXIS V", help="Warn above V mm/min or °/min (repeatable)."
+        "--max-speed",
+        type=(AXIS, common.NUMBER),
+        multiple=True,
+        metavar="AXIS V",
+        help="Warn above V mm/min or °/min (repeatable).",
     ),
 )
 force = click.option("--force", is_flag=True, help="Replace files that exist.")

@@ -23,7 +23,8 @@ def command() -> None:
 @click.option("--name", help="Name of the campaign (default: the folder's).")
 @common.options
 def campaign(folder, name, as_json, quiet) -> None:
-    """Start a campaign in FOLDER: commented campaign.toml and machine.toml that run as they are, and a folder for the traces.
+    """Start a campaign in FOLDER: commented campaign.toml and machine.toml that run as they are, and a folder for the
+    traces.
 
     FOLDER is new or empty.
 

@@ -22,10 +22,12 @@ from mjsim.cli import common
 @common.threads_option
 @common.options
 def command(campaign, machine, between, threads, as_is, as_json, quiet) -> None:
-    """Say which test to measure next: the one that best separates the effects that the data of CAMPAIGN cannot tell apart.
+    """Say which test to measure next: the one that best separates the effects that the data of CAMPAIGN cannot tell
+    apart.
 
-    Without --between the campaign is diagnosed first. Where nothing is ambiguous, the test is one that makes an effect show that
-    this campaign hides. Tests are judged by what they would add to the campaign's knowledge per minute of machine time.
+    Without --between the campaign is diagnosed first. Where nothing is ambiguous, the test is one that makes an effect
+    show that this campaign hides. Tests are judged by what they would add to the campaign's knowledge per minute of
+    machine time.
 
     \b
     Example: mjsim plan examples/two-candidates --between servo_gain.C servo_delay.C
@@ -44,7 +46,10 @@ def command(campaign, machine, between, threads, as_is, as_json, quiet) -> None:
     if quiet:
         return
     if result is None:
-        common.paragraph("Nothing to separate: no effect is ambiguous, and every effect of the catalogue is testable with this campaign.")
+        common.paragraph(
+            "Nothing to separate: no effect is ambiguous, and every effect of the catalogue is testable with this "
+            "campaign."
+        )
         return
     show(result, campaign)
 
@@ -60,7 +65,8 @@ def show(result, campaign) -> None:
     verdict = "decides" if data["decides"] else "does not decide, but comes nearest"
     aim = f"whether the machine has {a}" if b == "nothing" else f"between {a} and {b}"
     common.paragraph(
-        f"This test {verdict} {aim}: {name}. It takes {data['minutes']:.1f} min with handling. The expected difference is "
+        f"This test {verdict} {aim}: {name}. It takes {data['minutes']:.1f} min with handling. The expected "
+        f"difference is "
         f"{data['difference_um']:.2f} µm RMS; separation over the whole test: {data['separation']:.0f} σ."
     )
     common.paragraph(data["reason"])
@@ -70,11 +76,15 @@ def show(result, campaign) -> None:
     rows = [data, *data["runners_up"]]
     common.table(
         ["test", "difference µm", "separation σ", "time min"],
-        [[r["test"]["name"], f"{r['difference_um']:.2f}", f"{r['separation']:.0f}", f"{r['minutes']:.1f}"] for r in rows],
+        [
+            [r["test"]["name"], f"{r['difference_um']:.2f}", f"{r['separation']:.0f}", f"{r['minutes']:.1f}"]
+            for r in rows
+        ],
     )
     if any(r["separation"] > data["separation"] for r in data["runners_up"]):
         common.paragraph(
-            f"A separation of {data['enough']:.0f} σ decides, and {data['plenty']:.0f} σ are certain. More counts no further, so that "
+            f"A separation of {data['enough']:.0f} σ decides, and {data['plenty']:.0f} σ are certain. More counts "
+            f"no further, so that "
             "the shorter test is better; of tests alike the one that was looked at first comes first."
         )
     click.echo("\nNext:")

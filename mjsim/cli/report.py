@@ -20,7 +20,9 @@ from mjsim.cli import common
     help="The page to write.",
 )
 @common.machine_option
-@click.option("--max-effects", type=click.IntRange(1, 20), default=5, show_default=True, help="Look for at most so many effects.")
+@click.option(
+    "--max-effects", type=click.IntRange(1, 20), default=5, show_default=True, help="Look for at most so many effects."
+)
 @click.option("--no-diagnose", is_flag=True, help="Compare only; look for no missing effects.")
 @click.option("--force", is_flag=True, help="Replace the page.")
 @common.as_is_option

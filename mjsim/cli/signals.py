@@ -42,7 +42,9 @@ def caught() -> Iterator[None]:
 
 
 def raise_again() -> None:
-    """Raise once more what came in: Python drops an exception that is raised inside a destructor or a library's callback."""
+    """Raise once more what came in: Python drops an exception that is raised inside a destructor or a library's
+    callback.
+    """
     if _stop is not None:
         raise _stop
 

@@ -12,8 +12,16 @@ from mjsim.cli import common
 @click.command("simulate")
 @common.campaign_argument
 @common.machine_option
-@click.option("--test", "names", multiple=True, shell_complete=common.test_names, help="Only this test (may be given more than once).")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the traces and plots.")
+@click.option(
+    "--test",
+    "names",
+    multiple=True,
+    shell_complete=common.test_names,
+    help="Only this test (may be given more than once).",
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the traces and plots."
+)
 @click.option("--no-plots", is_flag=True, help="Only the CSV files.")
 @click.option("--force", is_flag=True, help="Replace files that exist.")
 @common.threads_option
@@ -61,9 +69,16 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
                 if not no_plots:
                     write(out / f"{s.test.name}.png", encode(polar_of_simulation(s), "png"))
     summary = simulation_summary(results)
-    warnings = [w for s in results for w in (*speed_warnings(s.test), range_warning(s.test, s.deviation, c.instrument.range)) if w]
+    warnings = [
+        w
+        for s in results
+        for w in (*speed_warnings(s.test), range_warning(s.test, s.deviation, c.instrument.range))
+        if w
+    ]
     if as_json:
-        common.print_json({"campaign": c.name, "machine": m.name, "out": str(out), "tests": summary, "warnings": warnings})
+        common.print_json(
+            {"campaign": c.name, "machine": m.name, "out": str(out), "tests": summary, "warnings": warnings}
+        )
         return
     if quiet:
         return

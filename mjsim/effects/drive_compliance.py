@@ -10,13 +10,19 @@ from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
 from mjsim.machine.subjects import every_axis
 
-_DAMPING = Parameter("damping_ratio", "of the load on the spring with the motor held", 1e-3, 2.0, default=0.05, scale=0.05)
+_DAMPING = Parameter(
+    "damping_ratio", "of the load on the spring with the motor held", 1e-3, 2.0, default=0.05, scale=0.05
+)
 _ROTARY = (
-    Parameter("stiffness_Nm_per_urad", "stiffness at the table", 1e-3, math.inf, neutral=math.inf, scale=1.0, inverse=True),
+    Parameter(
+        "stiffness_Nm_per_urad", "stiffness at the table", 1e-3, math.inf, neutral=math.inf, scale=1.0, inverse=True
+    ),
     _DAMPING,
 )
 _LINEAR = (
-    Parameter("stiffness_N_per_um", "stiffness along the slide", 0.1, math.inf, neutral=math.inf, scale=100.0, inverse=True),
+    Parameter(
+        "stiffness_N_per_um", "stiffness along the slide", 0.1, math.inf, neutral=math.inf, scale=100.0, inverse=True
+    ),
     _DAMPING,
 )
 
@@ -33,10 +39,13 @@ class DriveCompliance(Effect):
     title = "Elastic transmission between motor and load"
     parameters = _ROTARY
     definition = (
-        "Jm dω/dt = τ − C ω − τ_friction − T, Jl dω_l/dt = T, T = k (θ − θ_l) + 2 ζ √(k Jl) (ω − ω_l); Jl: the moving bodies, Jm = J − Jl"
+        "Jm dω/dt = τ − C ω − τ_friction − T, Jl dω_l/dt = T, T = k (θ − θ_l) + 2 ζ √(k Jl) (ω − ω_l); Jl: the "
+        "moving bodies, Jm = J − Jl"
     )
     source = "two-mass model of a feed drive (usual servo practice; not in the paper)"
-    signature = "The load lags in proportion to its acceleration, and rings after reversals, when the motor breaks free."
+    signature = (
+        "The load lags in proportion to its acceleration, and rings after reversals, when the motor breaks free."
+    )
     search = SearchHints(
         quasi_static=False,
         free=("stiffness_Nm_per_urad", "stiffness_N_per_um", "damping_ratio"),

@@ -25,4 +25,12 @@ class GravityWindup(Effect):
     search = SearchHints(free=("amplitude_deg", "phase_deg"))
 
     def apply(self, plant):
-        plant.add_op("gravity_windup", SINE, self.subject, self.si("amplitude_deg"), 1.0, math.radians(self.values["phase_deg"]), 0.0)
+        plant.add_op(
+            "gravity_windup",
+            SINE,
+            self.subject,
+            self.si("amplitude_deg"),
+            1.0,
+            math.radians(self.values["phase_deg"]),
+            0.0,
+        )

@@ -15,7 +15,11 @@ _ROTARY = (
     Parameter("components", "[order per table turn, amplitude °, phase °]", upper=1.0, kind="components", scale=0.001),
     Parameter("direction", "acts only while the axis turns this way", kind="choice", choices=("CW", "CCW")),
 )
-_LINEAR = (Parameter("components", "[order per screw turn, amplitude µm, phase °]", upper=1000.0, kind="components", scale=1.0),)
+_LINEAR = (
+    Parameter(
+        "components", "[order per screw turn, amplitude µm, phase °]", upper=1000.0, kind="components", scale=1.0
+    ),
+)
 
 
 @register

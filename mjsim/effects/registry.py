@@ -36,7 +36,9 @@ def register(cls: type[_E]) -> type[_E]:
         raise InputError(f"effect class {cls.__name__}: {why}")
     other = _REGISTRY.get(cls.kind)
     if other is not None and other.__module__ != cls.__module__:
-        raise InputError(f"effect kind {cls.kind!r} of {cls.__module__} is already taken by {other.__module__}; choose another kind")
+        raise InputError(
+            f"effect kind {cls.kind!r} of {cls.__module__} is already taken by {other.__module__}; choose another kind"
+        )
     _REGISTRY[cls.kind] = cls
     return cls
 
@@ -53,7 +55,8 @@ def _load_installed() -> None:
         except Exception as error:
             package = point.dist.name if point.dist else "?"
             raise InputError(
-                f"effect {point.name!r} of the installed package {package}: {type(error).__name__}: {error}; mend or uninstall the package"
+                f"effect {point.name!r} of the installed package {package}: {type(error).__name__}: {error}; mend "
+                f"or uninstall the package"
             ) from error
 
 
@@ -76,19 +79,28 @@ def load_file(path: Path) -> type[Effect]:
     """
     _load_installed()
     if path.suffix != ".py" or not path.is_file():
-        raise InputError(f"effect file {path}: no such file; allowed: the path of a Python file (.py) that registers one effect")
+        raise InputError(
+            f"effect file {path}: no such file; allowed: the path of a Python file (.py) that registers one effect"
+        )
     before = dict(_REGISTRY)
     module = ModuleType(f"{own.USER_MODULE}{path.stem}")
     module.__file__ = str(path)
     try:
         with own.running(f"effect file {path}", module.__name__):
-            exec(compile(path.read_bytes(), str(path), "exec"), module.__dict__)  # no __pycache__ beside the user's file
-        new = [cls for cls in _REGISTRY.values() if cls.__module__ == module.__name__ and before.get(cls.kind) is not cls]
+            exec(
+                compile(path.read_bytes(), str(path), "exec"), module.__dict__
+            )  # no __pycache__ beside the user's file
+        new = [
+            cls for cls in _REGISTRY.values() if cls.__module__ == module.__name__ and before.get(cls.kind) is not cls
+        ]
         if not new:
             raise InputError(f"effect file {path}: no class has @mjsim.register above it")
         if len(new) > 1:
             names = ", ".join(cls.__name__ for cls in new)
-            raise InputError(f"effect file {path}: {len(new)} classes have @mjsim.register above them ({names}); allowed: one class a file")
+            raise InputError(
+                f"effect file {path}: {len(new)} classes have @mjsim.register above them ({names}); allowed: one "
+                f"class a file"
+            )
     except BaseException as error:
         restore(before)
         if isinstance(error, SimulationError):
@@ -149,7 +161,10 @@ def _wrong_parameter(p: Parameter) -> str:
     if not 0.0 < p.scale < math.inf:
         return f"scale of the parameter {p.name} = {p.scale:g}; allowed: above 0"
     if not all(p.lower <= x <= p.upper for x in (p.lower, p.neutral, p.default) if x is not None):
-        return f"the parameter {p.name} has the bounds {p.lower:g} to {p.upper:g}; allowed: bounds around its neutral and default values"
+        return (
+            f"the parameter {p.name} has the bounds {p.lower:g} to {p.upper:g}; allowed: bounds around its neutral "
+            f"and default values"
+        )
     return ""
 
 

@@ -12,7 +12,9 @@ class ServoDelay(Effect):
     kind = "servo_delay"
     subjects = every_axis
     title = "Command delay of one axis"
-    parameters = (Parameter("delay_ms", "delay of the axis command; negative: earlier", -50.0, 50.0, neutral=0.0, scale=0.1),)
+    parameters = (
+        Parameter("delay_ms", "delay of the axis command; negative: earlier", -50.0, 50.0, neutral=0.0, scale=0.1),
+    )
     definition = "r(t) is replaced by r(t − delay)"
     source = "effect catalogue; dead time of the interpolator or drive bus"
     signature = "Like a difference of Kpp: v·delay along the axis' motion."

@@ -21,13 +21,24 @@ class Straightness(Effect):
         Parameter("quadratic_um", "bow over 100 mm of travel", -200.0, 200.0, neutral=0.0, scale=2.0),
         Parameter("cubic_um", "S-shape over 100 mm of travel", -200.0, 200.0, neutral=0.0, default=0.0, scale=2.0),
     )
-    definition = "displacement quadratic·(x/0.1 m)² + cubic·(x/0.1 m)³ in the first letter's direction, x the second letter's axis"
+    definition = (
+        "displacement quadratic·(x/0.1 m)² + cubic·(x/0.1 m)³ in the first letter's direction, x the second "
+        "letter's axis"
+    )
     source = "ISO 230-1 (straightness error motion), polynomial form assumed"
-    signature = "Three-lobed (quadratic) or two- and four-lobed (cubic) shapes on circles; tied to the position of one axis."
+    signature = (
+        "Three-lobed (quadratic) or two- and four-lobed (cubic) shapes on circles; tied to the position of one axis."
+    )
     search = SearchHints(free=("quadratic_um", "cubic_um"), seeds=[{"quadratic_um": 2.0, "cubic_um": 0.0}])
 
     def apply(self, plant):
         _, direction, axis = self.subject
         plant.add_op(
-            "straightness", POLYNOMIAL, direction, self.values["quadratic_um"] * UM, self.values["cubic_um"] * UM, _REFERENCE, source=axis
+            "straightness",
+            POLYNOMIAL,
+            direction,
+            self.values["quadratic_um"] * UM,
+            self.values["cubic_um"] * UM,
+            _REFERENCE,
+            source=axis,
         )

@@ -1,4 +1,6 @@
-"""Error motion of the rotary table, radial and tilt (ISO 230-7): a vector that goes round ``order`` times per table turn."""
+"""Error motion of the rotary table, radial and tilt (ISO 230-7): a vector that goes round ``order`` times per table
+turn.
+"""
 
 import math
 
@@ -17,7 +19,9 @@ _SHAPE = (
 
 def _hints(amplitude: str, size: float) -> SearchHints:
     """Orders -6 to 6 are tried; the order itself is a whole number and stays."""
-    return SearchHints(free=(amplitude, "phase_deg"), seeds=[{amplitude: size, "order": float(k)} for k in range(-6, 7) if k])
+    return SearchHints(
+        free=(amplitude, "phase_deg"), seeds=[{amplitude: size, "order": float(k)} for k in range(-6, 7) if k]
+    )
 
 
 def _go_round(effect: Effect, plant, amplitude: float, first: str, second: str) -> None:

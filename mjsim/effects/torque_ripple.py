@@ -21,9 +21,16 @@ class TorqueRipple(Effect):
     )
     definition = "τ_disturbance = a sin(order·θm + phase)"
     source = "effect catalogue; cogging of permanent-magnet motors"
-    signature = "A wave tied to the axis position whose height falls as the axis moves faster or slower than the loop's weak band."
+    signature = (
+        "A wave tied to the axis position whose height falls as the axis moves faster or slower than the loop's "
+        "weak band."
+    )
     # no seeds: the order is found by the spectrum over the axis position
     search = SearchHints(quasi_static=False, free=("amplitude_Nm", "phase_deg"), seeds=())
 
     def apply(self, plant):
-        plant.axes[self.subject].ripple = (self.si("amplitude_Nm"), self.values["order"], math.radians(self.values["phase_deg"]))
+        plant.axes[self.subject].ripple = (
+            self.si("amplitude_Nm"),
+            self.values["order"],
+            math.radians(self.values["phase_deg"]),
+        )

@@ -14,7 +14,8 @@ from mjsim.machine.subjects import linear_axes
 
 @register
 class Vibration(Effect):
-    """``phases`` holds the phase (rad, at the program's start) of every test by name; it is a nuisance of the test, so it stands in no
+    """``phases`` holds the phase (rad, at the program's start) of every test by name; it is a nuisance of the test, so
+    it stands in no
     machine file and is 0 where nothing was measured."""
 
     kind = "vibration"
@@ -27,7 +28,9 @@ class Vibration(Effect):
     )
     definition = "a sin(2π f t + φ), φ free in every test"
     source = "ISO 230-8 (vibrations); constant frequency and amplitude assumed"
-    signature = "A ripple of constant frequency that does not repeat from revolution to revolution, strongest along one axis."
+    signature = (
+        "A ripple of constant frequency that does not repeat from revolution to revolution, strongest along one axis."
+    )
 
     def __init__(self, subject, **values):
         super().__init__(subject, **values)

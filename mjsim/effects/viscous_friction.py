@@ -15,7 +15,10 @@ class ViscousFriction(Effect):
     parameters = (Parameter("ratio", "factor on C", 0.0, 20.0, neutral=1.0, scale=0.5),)
     definition = "C is multiplied by ratio"
     source = "paper Fig. 2 (C); ratio assumed"
-    signature = "A following error that grows with the axis' speed and fades within Ti; barely visible while the integrator has time."
+    signature = (
+        "A following error that grows with the axis' speed and fades within Ti; barely visible while the "
+        "integrator has time."
+    )
     search = SearchHints(quasi_static=False, tolerances={"ratio": 0.1})
 
     def apply(self, plant):

@@ -23,15 +23,22 @@ class WormWear(Effect):
         Parameter("depth_deg", "depth of the worn stretch", -0.1, 0.1, neutral=0.0, scale=0.001),
         Parameter("centre_deg", "axis position of its middle", -360.0, 360.0, scale=1.0),
         Parameter("width_deg", "standard deviation of its shape", 0.2, 90.0, scale=1.0),
-        Parameter("direction", "one worn flank: it carries only while the axis turns this way", kind="choice", choices=("CW", "CCW")),
+        Parameter(
+            "direction",
+            "one worn flank: it carries only while the axis turns this way",
+            kind="choice",
+            choices=("CW", "CCW"),
+        ),
     )
     definition = (
-        "x − depth·exp(−½((x − centre)/width)²), repeating every 360°; with a direction only while the axis turns that way "
+        "x − depth·exp(−½((x − centre)/width)²), repeating every 360°; with a direction only while the axis turns "
+        "that way "
         "(CCW: its coordinate grows), blended over 0.05° of travel after a reversal"
     )
     source = "paper section 3.1 (deflection blamed on the worm gear); Gaussian shape and blending assumed"
     signature = (
-        "A local dent wherever the axis passes the worn stretch: in both directions of motion where both flanks are worn, "
+        "A local dent wherever the axis passes the worn stretch: in both directions of motion where both flanks "
+        "are worn, "
         "in one where one flank is."
     )
     search = SearchHints(free=("depth_deg", "centre_deg", "width_deg"), seeds=_seeds)

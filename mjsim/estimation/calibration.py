@@ -1,4 +1,6 @@
-"""Effects that a machine of its class may have: always fitted, with the tolerance as prior, and a finding only beyond it."""
+"""Effects that a machine of its class may have: always fitted, with the tolerance as prior, and a finding only
+beyond it.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.machine.parameter import Parameter
 
-#: Order of a rotary table's error motion where none is stated: twice per turn (once per turn hides in the ball's offset).
+#: Order of a rotary table's error motion where none is stated: twice per turn (once per turn hides in the ball's
+#: offset).
 _TABLE_ORDER = 2.0
 #: Typical departure from a stated level, as friction has it.
 _TYPICAL_SHARE = 0.2
@@ -45,7 +48,9 @@ class Calibrated:
 
 
 def calibrated_effects(machine: Machine) -> list[Calibrated]:
-    """Every effect of the kinds for which the machine file states a tolerance, on every subject that the machine has."""
+    """Every effect of the kinds for which the machine file states a tolerance, on every subject that the machine
+    has.
+    """
     classes = registry.kinds() | {e.kind: type(e) for e in machine.effects}
     return [c for kind, limits in machine.tolerance.items() for c in _of_kind(machine, classes[kind], limits)]
 
@@ -53,7 +58,11 @@ def calibrated_effects(machine: Machine) -> list[Calibrated]:
 def _of_kind(machine: Machine, cls: type[Effect], limits: dict[str, float]) -> Iterator[Calibrated]:
     for subject in cls.subjects_of(machine.chain):
         present = machine.effect(f"{cls.kind}.{subject}")
-        sizes = {p.name: limit for p in cls.parameters_of(subject) if p.leading and (limit := _limit(p, subject, limits, present))}
+        sizes = {
+            p.name: limit
+            for p in cls.parameters_of(subject)
+            if p.leading and (limit := _limit(p, subject, limits, present))
+        }
         if not sizes:
             continue
         effect, names = _at_mean(machine, cls, subject, present, tuple(sizes))
@@ -122,7 +131,9 @@ TYPICAL_KINDS = (
 
 
 def typical_effects(machine: Machine) -> list[Calibrated]:
-    """Small errors that every machine has, at their typical sizes: where a joint fit begins when no tolerance is stated."""
+    """Small errors that every machine has, at their typical sizes: where a joint fit begins when no tolerance is
+    stated.
+    """
     classes = registry.kinds()
     out = []
     for kind in TYPICAL_KINDS:

@@ -1,4 +1,6 @@
-"""All candidates beside a fitted model as one whitened linear problem: the model's own effects, the catalogue, and generic curves."""
+"""All candidates beside a fitted model as one whitened linear problem: the model's own effects, the catalogue, and
+generic curves.
+"""
 
 from __future__ import annotations
 
@@ -60,7 +62,9 @@ class CandidateGroups:
     members: tuple[Member, ...]
 
     @classmethod
-    def at(cls, problem: Problem, fit: Fit, bank: SignatureBank, kept: set[str], curves: bool = True) -> CandidateGroups:
+    def at(
+        cls, problem: Problem, fit: Fit, bank: SignatureBank, kept: set[str], curves: bool = True
+    ) -> CandidateGroups:
         """The groups at a fitted model.
 
         Args:
@@ -107,7 +111,9 @@ def own_groups(f: EffectVector) -> list[tuple[int | None, np.ndarray]]:
 
 
 def _marginalised(fit: Fit, places: list[np.ndarray], blocks: list[np.ndarray], odds: list[float]):
-    """The linear problem of the model's own groups (``places`` in the vector) and of further ``blocks`` of columns; its groups."""
+    """The linear problem of the model's own groups (``places`` in the vector) and of further ``blocks`` of columns;
+    its groups.
+    """
     p = fit.parameters
     inside = np.concatenate(places) if places else np.zeros(0, int)
     always = np.setdiff1d(np.arange(p.size), inside)
@@ -123,7 +129,10 @@ def _marginalised(fit: Fit, places: list[np.ndarray], blocks: list[np.ndarray], 
     linear = LinearProblem.marginalised(columns, residual, fit.design[:, always], p.precision(1.0)[always])
     widths = [*(len(x) for x in places), *(b.shape[1] for b in blocks)]
     ends = np.cumsum([0, *widths])
-    groups = tuple(Group(str(i), np.arange(a, b), log_odds=o) for i, (a, b, o) in enumerate(zip(ends[:-1], ends[1:], odds, strict=True)))
+    groups = tuple(
+        Group(str(i), np.arange(a, b), log_odds=o)
+        for i, (a, b, o) in enumerate(zip(ends[:-1], ends[1:], odds, strict=True))
+    )
     return linear, groups
 
 
@@ -132,7 +141,9 @@ def _candidates(problem: Problem, fit: Fit, bank: SignatureBank, kept: set[str])
     have = {f.effect.key: f for f in fit.effects}
     if not bank.candidates:
         bank.compute(seeds(fit.base))
-    out = [(c, bank.matrix[:, s]) for c, s in zip(bank.candidates, bank.slices, strict=True) if c.effect.key not in have]
+    out = [
+        (c, bank.matrix[:, s]) for c, s in zip(bank.candidates, bank.slices, strict=True) if c.effect.key not in have
+    ]
     for axis in fit.base.chain.letters:
         for c, columns in spectral_candidates(problem, fit, bank, axis, _WAVES):
             mine = have.get(c.effect.key)

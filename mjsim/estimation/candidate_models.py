@@ -25,9 +25,13 @@ class CandidateModels:
         self.settings = fitter.problem.settings
 
     def start(self) -> Fit:
-        """The machine as given, its data sheet calibrated: exactly where it looks healthy, linearised where an effect bends it."""
+        """The machine as given, its data sheet calibrated: exactly where it looks healthy, linearised where an
+        effect bends it.
+        """
         linear = self.fitter.fit([], exact=False)
-        return self.exact_refit(linear) if np.abs(linear.sheet_deviation).max() < self.settings.distorted_sheet else linear
+        return (
+            self.exact_refit(linear) if np.abs(linear.sheet_deviation).max() < self.settings.distorted_sheet else linear
+        )
 
     def objective(self, fit: Fit) -> float:
         return penalised_objective(fit, self.settings)
@@ -35,10 +39,14 @@ class CandidateModels:
     def penalty(self, c: Candidate) -> float:
         """Penalty of a candidate's free parameters beyond the first, and of its direction."""
         further = len(EffectVector(c.effect, c.names).vector) - 1
-        return self.settings.parameter_penalty * further + self.settings.direction_penalty * ("direction" in c.effect.values)
+        return self.settings.parameter_penalty * further + self.settings.direction_penalty * (
+            "direction" in c.effect.values
+        )
 
     def ranked_candidates(self, fit: Fit, bank: SignatureBank) -> list[tuple[float, np.ndarray, Candidate]]:
-        """Best possible starting point of every effect at the residual of ``fit``, best first; gains are net of the parameters' penalty."""
+        """Best possible starting point of every effect at the residual of ``fit``, best first; gains are net of the
+        parameters' penalty.
+        """
         projector = Projector(fit)
         rows = projector.screen(bank)
         rows += one_direction_rows(fit, bank, rows)
@@ -54,16 +62,21 @@ class CandidateModels:
         return list(best.values())
 
     def refit(self, effects: list[EffectVector], start: Fit, c: Candidate) -> Fit:
-        """Joint fit with a candidate: exact where a drive changes, since drives bend the data sheet's linear columns."""
+        """Joint fit with a candidate: exact where a drive changes, since drives bend the data sheet's linear
+        columns.
+        """
         exact = not c.effect.search.quasi_static and start.sum_squares < self.settings.close_fit * self.problem.count
         fit = self.fitter.fit(effects, start=start, exact=exact, iterations=5 if exact else 4)
         return fit if exact or c.effect.search.quasi_static else self.exact_refit(fit)
 
     def exact_refit(self, fit: Fit, iterations: int = 6) -> Fit:
-        """Exact refit of a model that comes near the data; while effects are missing the data sheet would be driven far off."""
+        """Exact refit of a model that comes near the data; while effects are missing the data sheet would be driven
+        far off.
+        """
         if fit.sum_squares > self.settings.close_fit * self.problem.count:
             return fit
-        # a linearised data sheet that was moved far is a symptom of the linearisation: start exactly, and near the sheet
+        # a linearised data sheet that was moved far is a symptom of the linearisation: start exactly, and near the
+        # sheet
         limit = self.settings.close_sheet
         near = replace(fit, sheet_deviation=np.clip(fit.sheet_deviation, -limit, limit))
         exact = self.fitter.fit(fit.effects, start=near, exact=True, iterations=iterations)
@@ -92,7 +105,9 @@ class CandidateModels:
         return [*fit.effects, EffectVector(free.at(v), c.names)]
 
     def visible(self, fit: Fit, key: str) -> bool:
-        """Whether an effect of ``fit`` stands out of some test: significance alone would name what nobody needs to know."""
+        """Whether an effect of ``fit`` stands out of some test: significance alone would name what nobody needs to
+        know.
+        """
         present = self.fitter.machine.effect(key)
         without = fit.machine.without(key) if present is None else fit.machine.with_effect(present)
         parts = self.problem.difference(self.problem.readings(build(without)), fit.readings, fit.nuisance)
@@ -103,8 +118,8 @@ class CandidateModels:
     def start_without(self, without: Fit, fit: Fit, rest: list[EffectVector]) -> Fit:
         """Where competing models start: at ``without``, or where ``fit`` ended.
 
-        The latter holds if the lack of the effect has moved triggers or data sheet away from there: a competing model that explains
-        the data as well has them where ``fit`` has.
+        The latter holds if the lack of the effect has moved triggers or data sheet away from there: a competing model
+        that explains the data as well has them where ``fit`` has.
         """
         at = self.problem.nuisances[TRIGGERS]
         triggers = np.abs(without.nuisance[at] - fit.nuisance[at]).max()

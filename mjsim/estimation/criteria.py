@@ -21,7 +21,9 @@ def parameter_count(fit: Fit) -> int:
 
 
 def penalised_objective(fit: Fit, settings: DiagnosisSettings) -> float:
-    """Objective of a model plus the penalties of its effects' free parameters and chosen directions: the lower the better."""
+    """Objective of a model plus the penalties of its effects' free parameters and chosen directions: the lower the
+    better.
+    """
     directed = sum(f.effect.direction_sign != 0.0 for f in fit.effects)
     return fit.objective + settings.parameter_penalty * parameter_count(fit) + settings.direction_penalty * directed
 
@@ -47,12 +49,15 @@ def is_feasible(machine: Machine, x: np.ndarray, c: Candidate) -> bool:
 
 
 def is_large_enough(machine: Machine, free: EffectVector, settings: DiagnosisSettings) -> bool:
-    """Whether a fitted effect is large enough to be a cause of its own, and outside what the data sheet allows anyway."""
+    """Whether a fitted effect is large enough to be a cause of its own, and outside what the data sheet allows
+    anyway.
+    """
     effect: Effect = free.effect
     present = machine.effect(effect.key)
     counted = [n for n in free.names if n in effect.search.tolerances or free.specs[n].neutral is not None]
     return not counted or any(
-        _departs(effect, free.specs[n], effect.values[n], present.values[n] if present else None, settings.sheet_limit) for n in counted
+        _departs(effect, free.specs[n], effect.values[n], present.values[n] if present else None, settings.sheet_limit)
+        for n in counted
     )
 
 
@@ -66,7 +71,9 @@ def _departs(effect: Effect, p: Parameter, value: float, present: float | None, 
 
 
 def wald_statistic(machine: Machine, fit: Fit, index: int) -> float:
-    """Squared distance of an effect's linear entries from off, in standard deviations: a lower bound of what dropping it costs."""
+    """Squared distance of an effect's linear entries from off, in standard deviations: a lower bound of what
+    dropping it costs.
+    """
     f = fit.effects[index]
     v = f.vector
     present = machine.effect(f.effect.key)

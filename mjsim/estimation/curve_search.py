@@ -19,7 +19,8 @@ _FINER, _LONG = (2, 4), 300
 
 
 def best_curve_term(problem: Problem, fit: Fit, teeth: Iterable[str] = ()) -> CurveTerm | None:
-    """The generic term that explains most of a fit's residual, net of its coefficients' penalty; ``None`` where none is worth it.
+    """The generic term that explains most of a fit's residual, net of its coefficients' penalty; ``None`` where none is
+    worth it.
 
     ``teeth`` names rotary axes whose position is also looked at tooth by tooth.
     """
@@ -34,12 +35,19 @@ def best_curve_term(problem: Problem, fit: Fit, teeth: Iterable[str] = ()) -> Cu
         if other is not None and other.gain - other.chance_gain > net + penalty:
             best = other
     for axis in teeth:
-        best = max((t for t in (best, _best(problem, projector, generic.fine(axis))) if t), key=lambda t: t.gain - t.chance_gain)
+        best = max(
+            (t for t in (best, _best(problem, projector, generic.fine(axis))) if t),
+            key=lambda t: t.gain - t.chance_gain,
+        )
     if best is None or best.gain - best.chance_gain < settings.likelihood_ratio:
         return None
     if len(best.knots) <= _LONG:
         best = _best(problem, projector, [best, *(t for n in _FINER for t in generic.finer(best, n))]) or best
-    return best if any(np.std(p) > settings.visible_share * problem.noise.rms for p in visible(problem, fit, best)) else None
+    return (
+        best
+        if any(np.std(p) > settings.visible_share * problem.noise.rms for p in visible(problem, fit, best))
+        else None
+    )
 
 
 def _best(problem: Problem, projector: Projector, terms: Iterable[CurveTerm]) -> CurveTerm | None:
@@ -62,8 +70,9 @@ def visible(problem: Problem, fit: Fit, term: CurveTerm) -> list[np.ndarray]:
 def is_overfit(problem: Problem, start: Fit, fit: Fit, curve: CurveTerm | None, first_gain: float) -> bool:
     """Whether the named effects of ``fit`` only imitate one cause that is not in the catalogue.
 
-    Either one generic curve explains more than all of them, or they are many, leave something, and the curve explains most of it
-    and clearly more than the first of them did (an effect that is real explains as much as the generic curve that it looks like).
+    Either one generic curve explains more than all of them, or they are many, leave something, and the curve explains
+    most of it and clearly more than the first of them did (an effect that is real explains as much as the generic curve
+    that it looks like).
 
     Args:
         problem: The measured tests.

@@ -1,7 +1,7 @@
 """Generic terms: a free curve of one variable of one axis, displacing that axis, another one, or the table.
 
-They stand for causes that nobody listed. Displacements of other axes are included because machines do that: a slide's acceleration
-yaws its neighbour, a float of the table lifts the work.
+They stand for causes that nobody listed. Displacements of other axes are included because machines do that: a slide's
+acceleration yaws its neighbour, a float of the table lifts the work.
 """
 
 from __future__ import annotations
@@ -21,7 +21,15 @@ from mjsim.simulation.tracker import MotionTracker
 from mjsim.units import UM
 
 #: Knots of the free curve of each variable.
-KNOTS = {"position": 36, "direction": 24, "velocity": 12, "acceleration": 12, "torque": 10, "time_since_reversal": 10, "clock_time": 24}
+KNOTS = {
+    "position": 36,
+    "direction": 24,
+    "velocity": 12,
+    "acceleration": 12,
+    "torque": 10,
+    "time_since_reversal": 10,
+    "clock_time": 24,
+}
 _PER_TURN = 24  # of a rotary axis' position counted over all turns
 _FINE = 720  # of one turn, where single teeth are to be seen
 _IN_LEAD = 12  # of a linear axis' position within one turn of its screw
@@ -47,7 +55,8 @@ class CurveTerm:
     """One generic term.
 
     Attributes:
-        axis: whose motion it depends on (empty for the clock). moves: the axis that it displaces, or one of :data:`TABLE`.
+        axis: whose motion it depends on (empty for the clock). moves: the axis that it displaces, or one of
+            :data:`TABLE`.
         variable: as in the JSON of diagnose. knots: (k,) of the variable, SI. period: of the variable, SI, or ``None``.
         columns: per test (m, k) block means, m per unit of :attr:`unit`. signed: times the direction of motion.
         gain, coefficients (k,), their inverse covariance ``precision`` (k, k): of the fit, once it is made.
@@ -111,7 +120,9 @@ class CurveTerms:
 
     def moving(self) -> list[str]:
         """Axes that move in some test."""
-        return [a for i, a in enumerate(self.chain.letters) if any(np.ptp(m.position[:, i]) > 0.0 for m in self.motions)]
+        return [
+            a for i, a in enumerate(self.chain.letters) if any(np.ptp(m.position[:, i]) > 0.0 for m in self.motions)
+        ]
 
     def own(self) -> Iterator[CurveTerm]:
         """Terms of an axis in its own direction."""
@@ -150,7 +161,9 @@ class CurveTerms:
             if in_turns and is_rotary(axis) and hi - lo > 1.9 * np.pi:
                 yield from self._term(axis, moves, variable, np.arange(count) * (2 * np.pi / count), 2 * np.pi, x)
                 turns = (hi - lo) / (2 * np.pi)
-                if variable == "position" and moves == axis and turns > 1.1:  # a count that is not taken modulo one turn
+                if (
+                    variable == "position" and moves == axis and turns > 1.1
+                ):  # a count that is not taken modulo one turn
                     yield from self._term(axis, moves, variable, np.linspace(lo, hi, int(_PER_TURN * turns)), None, x)
             else:
                 yield from self._term(axis, moves, variable, np.linspace(lo, hi, count), None, x)
@@ -160,14 +173,18 @@ class CurveTerms:
                     yield from self._term(axis, moves, variable, np.arange(_IN_LEAD) * (lead / _IN_LEAD), lead, x)
 
     def fine(self, axis: str) -> Iterator[CurveTerm]:
-        """The position of a rotary axis in steps of half a degree: waves of single teeth, on a part of the wheel if need be."""
+        """The position of a rotary axis in steps of half a degree: waves of single teeth, on a part of the wheel if
+        need be.
+        """
         i = self.chain.index(axis)
         x = [m.position[:, i] for m in self.motions]
         if max(np.ptp(v) for v in x) > 1.9 * np.pi:
             yield from self._term(axis, axis, "position", np.arange(_FINE) * (2 * np.pi / _FINE), 2 * np.pi, x)
         else:
             lo, hi = min(v.min() for v in x), max(v.max() for v in x)
-            yield from self._term(axis, axis, "position", np.linspace(lo, hi, int(_FINE * (hi - lo) / (2 * np.pi)) + 2), None, x)
+            yield from self._term(
+                axis, axis, "position", np.linspace(lo, hi, int(_FINE * (hi - lo) / (2 * np.pi)) + 2), None, x
+            )
 
     def finer(self, term: CurveTerm, factor: int) -> Iterator[CurveTerm]:
         """The same term with ``factor`` times as many knots."""
@@ -176,7 +193,9 @@ class CurveTerms:
         i = self.chain.index(term.axis)
         n, first, last = factor * len(term.knots), term.knots[0], term.knots[-1]
         knots = first + np.arange(n) * (term.period / n) if term.period else np.linspace(first, last, n)
-        yield from self._term(term.axis, term.moves, term.variable, knots, term.period, [VALUE[term.variable](m, i) for m in self.motions])
+        yield from self._term(
+            term.axis, term.moves, term.variable, knots, term.period, [VALUE[term.variable](m, i) for m in self.motions]
+        )
 
     def _term(
         self, axis: str, moves: str, variable: str, knots: np.ndarray, period: float | None, values: list[np.ndarray]

@@ -32,7 +32,9 @@ def without_disturbances(problem: Problem, readings: Sequence[np.ndarray]) -> Pr
     for s, r in zip(samples, rest, strict=True):
         events[s.test.name] = mark_outliers(s, r, problem.noise.rms)
     for _ in range(MOST_EVENTS):
-        jumps = {k: at for k, s in enumerate(samples) if (at := largest_jump(s, rest[k], problem.noise.rms)) is not None}
+        jumps = {
+            k: at for k, s in enumerate(samples) if (at := largest_jump(s, rest[k], problem.noise.rms)) is not None
+        }
         accidents = [k for k in jumps if not _jumps_elsewhere(problem, jumps, k)]
         for k in accidents:
             if leave_out_shorter_side(samples[k], jumps[k], rest[k]):  # the ball sits anew in what is kept

@@ -79,12 +79,21 @@ def effect_source(chain: Chain, term: CurveTerm, values: np.ndarray, summary: st
         file_name: for its own doc string.
     """
     on_table = term.moves in TABLE
-    kind = f"unexplained_{term.variable}" + ("" if term.axis == term.moves else f"_moves_{term.moves.replace(' ', '_').lower()}")
+    kind = f"unexplained_{term.variable}" + (
+        "" if term.axis == term.moves else f"_moves_{term.moves.replace(' ', '_').lower()}"
+    )
     unit = _UNIT.get(term.variable, ("m", "rad"))[0 if is_linear(term.axis) else 1]
     target = "the work on the table, along " + term.moves[-1] if on_table else f"the {term.moves} axis"
-    columns = f"AXIS = {chain.index(term.axis)}  # column of the {term.axis} axis in {', '.join(chain.letters)}\n" if term.axis else ""
+    columns = (
+        f"AXIS = {chain.index(term.axis)}  # column of the {term.axis} axis in {', '.join(chain.letters)}\n"
+        if term.axis
+        else ""
+    )
     moved = TABLE.index(term.moves) if on_table else chain.index(term.moves)
-    columns += f"MOVED = {moved}  # {'direction x, y, z of the work frame' if on_table else f'column of the {term.moves} axis'}"
+    columns += (
+        f"MOVED = {moved}  # "
+        f"{'direction x, y, z of the work frame' if on_table else f'column of the {term.moves} axis'}"
+    )
     knots, period = term.knots, ""
     if on_table:
         columns = f"CHAIN = chain_of({chain.configuration!r})\n{columns}"

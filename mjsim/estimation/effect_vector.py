@@ -16,11 +16,13 @@ _WIDE = 1e3
 class EffectVector:
     """An effect whose ``names`` are fitted.
 
-    The vector is scaled so that one unit is the parameter's typical size. An ``amplitude_*`` with a free ``phase_deg`` becomes
-    (a cos φ, a sin φ), and so does every component of a pitch error: the reading is linear in those.
+    The vector is scaled so that one unit is the parameter's typical size. An ``amplitude_*`` with a free ``phase_deg``
+    becomes (a cos φ, a sin φ), and so does every component of a pitch error: the reading is linear in those.
     """
 
-    def __init__(self, effect: Effect, names: tuple[str, ...], prior: tuple[np.ndarray, np.ndarray] | None = None) -> None:
+    def __init__(
+        self, effect: Effect, names: tuple[str, ...], prior: tuple[np.ndarray, np.ndarray] | None = None
+    ) -> None:
         self.effect, self.names, self.prior = effect, tuple(names), prior
         self.specs = {p.name: p for p in effect.parameters_of(effect.subject)}
         self.amplitude = next((n for n in names if n.startswith("amplitude_")), None)
@@ -28,7 +30,9 @@ class EffectVector:
 
     @property
     def block(self) -> Block:
-        """The effect as a block of the parameter vector; without a prior of its own a wide one only keeps the equations regular."""
+        """The effect as a block of the parameter vector; without a prior of its own a wide one only keeps the
+        equations regular.
+        """
         labels = [f"{i}" for i in range(len(self.vector))]
         if self.prior is not None:
             mean, deviation = self.prior
@@ -61,7 +65,9 @@ class EffectVector:
 
     @property
     def neutral(self) -> np.ndarray:
-        """The vector's linear entries when the effect is off: leading parameters, or the two of an amplitude with its phase."""
+        """The vector's linear entries when the effect is off: leading parameters, or the two of an amplitude with
+        its phase.
+        """
         if self.polar:
             return np.zeros(2)
         return np.array([p.encode(p.neutral) for p in (self.specs[n] for n in self.names) if p.neutral is not None])
@@ -113,7 +119,9 @@ class EffectVector:
         return self.effect.replaced(**values)
 
     def nudged(self, j: int, step: float) -> tuple[Effect, float]:
-        """The effect with the ``j``-th entry of its vector moved by about ``step``, the other way at a bound; and by how much it moved."""
+        """The effect with the ``j``-th entry of its vector moved by about ``step``, the other way at a bound; and
+        by how much it moved.
+        """
         v = self.vector
         for sign in (1.0, -1.0):
             moved = v.copy()

@@ -1,11 +1,13 @@
 """Which groups of linear parameters the data need: sparse Bayesian selection (automatic relevance determination).
 
-All candidates stand together in one whitened linear problem. Each group of parameters has a Gaussian prior around zero whose
-width is found by maximising the evidence (marginal likelihood). A group whose best width is zero is not needed. The evidence
-charges every group for its own flexibility, so that a group of twenty parameters has to explain more than a group of one.
+All candidates stand together in one whitened linear problem. Each group of parameters has a Gaussian prior around zero
+whose width is found by maximising the evidence (marginal likelihood). A group whose best width is zero is not needed.
+The evidence charges every group for its own flexibility, so that a group of twenty parameters has to explain more than
+a group of one.
 
-Sources: Tipping, "Sparse Bayesian learning and the relevance vector machine", J. Machine Learning Research 1 (2001) 211-244;
-Tipping and Faul, "Fast marginal likelihood maximisation for sparse Bayesian models", AISTATS 2003, for one parameter a group.
+Sources: Tipping, "Sparse Bayesian learning and the relevance vector machine", J. Machine Learning Research 1 (2001)
+211-244; Tipping and Faul, "Fast marginal likelihood maximisation for sparse Bayesian models", AISTATS 2003, for one
+parameter a group.
 """
 
 from __future__ import annotations
@@ -16,7 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-#: Prior precisions that are tried for a group of several parameters, relative to the largest eigenvalue of its information.
+#: Prior precisions that are tried for a group of several parameters, relative to the largest eigenvalue of its
+#: information.
 _PRECISIONS = np.geomspace(1e-9, 1e3, 49)
 #: Factors to the best of them that are tried next.
 _FINER = np.geomspace(0.5, 2.0, 41)
@@ -54,7 +57,9 @@ class LinearProblem:
     score: np.ndarray
 
     @classmethod
-    def marginalised(cls, columns: np.ndarray, residual: np.ndarray, design: np.ndarray, precision: np.ndarray) -> LinearProblem:
+    def marginalised(
+        cls, columns: np.ndarray, residual: np.ndarray, design: np.ndarray, precision: np.ndarray
+    ) -> LinearProblem:
         """The problem of ``columns`` beside a ``design`` whose parameters have Gaussian priors around zero.
 
         Args:
@@ -74,12 +79,16 @@ class LinearProblem:
         return LinearProblem(self.gram / factor, self.score / factor)
 
     def beside(self, columns: np.ndarray, precision: np.ndarray) -> LinearProblem:
-        """The problem of all columns when those of ``columns`` (j,), with prior ``precision`` (j,), are in the model."""
+        """The problem of all columns when those of ``columns`` (j,), with prior ``precision`` (j,), are in the
+        model.
+        """
         if not len(columns):
             return self
         factor = cho_factor(self.gram[np.ix_(columns, columns)] + np.diag(precision))
         cross = self.gram[:, columns]
-        return LinearProblem(self.gram - cross @ cho_solve(factor, cross.T), self.score - cross @ cho_solve(factor, self.score[columns]))
+        return LinearProblem(
+            self.gram - cross @ cho_solve(factor, cross.T), self.score - cross @ cho_solve(factor, self.score[columns])
+        )
 
     def of(self, group: Group) -> tuple[np.ndarray, np.ndarray]:
         """Information (k, k) and score (k,) of one group."""
@@ -99,7 +108,9 @@ def log_bayes_factor(information: np.ndarray, score: np.ndarray, precision: floa
 
 
 def _log_bayes_factors(w: np.ndarray, squares: np.ndarray, precisions: np.ndarray) -> np.ndarray:
-    """As :func:`log_bayes_factor` for several precisions, from eigenvalues and squared scores along the eigenvectors."""
+    """As :func:`log_bayes_factor` for several precisions, from eigenvalues and squared scores along the
+    eigenvectors.
+    """
     a = precisions[:, None]
     return 0.5 * (squares / (w + a) - np.log1p(w / a)).sum(axis=1)
 
@@ -198,7 +209,10 @@ def _without(problem: LinearProblem, groups: Sequence[Group], model: dict[int, f
     rest = {h: a for h, a in model.items() if h != g}
     columns, precision = _columns(groups, rest)
     here = groups[g].columns
-    own = LinearProblem(problem.gram[np.ix_(np.append(here, columns), np.append(here, columns))], problem.score[np.append(here, columns)])
+    own = LinearProblem(
+        problem.gram[np.ix_(np.append(here, columns), np.append(here, columns))],
+        problem.score[np.append(here, columns)],
+    )
     k = len(here)
     beside = own.beside(np.arange(k, k + len(columns)), precision)
     return beside.gram[:k, :k], beside.score[:k]

@@ -26,7 +26,8 @@ _SCALES = (1.0, 0.5, 0.2, 0.05)
 _KEPT_PROMISE = 0.7
 #: Fall of the objective below which a fit has converged.
 _CONVERGED = 0.5
-#: A start that fits about so well (mean square), with its data sheet within so many standard deviations, needs no other beside it.
+#: A start that fits about so well (mean square), with its data sheet within so many standard deviations, needs no other
+#: beside it.
 _GOOD_START, _GOOD_SHEET = 1.5, 3.0
 
 
@@ -44,8 +45,8 @@ class Fit:
         objective: Squared whitened residuals plus prior penalties.
         sum_squares: Without the penalties.
         simulated_deviation: The data-sheet deviations of the simulated readings, (sheet,).
-        readings: Simulated readings on the GRID, one per test, m, with the fitted effects. The rest of ``sheet_deviation``
-            counts linearly where the fit is not exact.
+        readings: Simulated readings on the GRID, one per test, m, with the fitted effects. The rest of
+            ``sheet_deviation`` counts linearly where the fit is not exact.
         residual: Whitened, (count,).
         design: Whitened derivatives with respect to :attr:`vector`, (count, p).
         equations: Normal equations of the design, once it is made.
@@ -106,7 +107,9 @@ class Fit:
         vector = self.vector + step
         values = p.split(vector)
         effects = tuple(f.with_effect(f.at(values[f.block.name])) for f in self.effects)
-        return replace(self, effects=effects, nuisance=p.part(vector, self.nuisances), sheet_deviation=values[DATA_SHEET])
+        return replace(
+            self, effects=effects, nuisance=p.part(vector, self.nuisances), sheet_deviation=values[DATA_SHEET]
+        )
 
 
 def with_effects(machine: Machine, effects: list[Effect]) -> Machine:
@@ -117,7 +120,9 @@ def with_effects(machine: Machine, effects: list[Effect]) -> Machine:
 
 
 class Fitter:
-    """Fits models of one machine to one problem. The data sheet's derivative columns are computed once, at the start."""
+    """Fits models of one machine to one problem. The data sheet's derivative columns are computed once, at the
+    start.
+    """
 
     def __init__(self, problem: Problem, machine: Machine) -> None:
         self.problem, self.machine = problem, machine
@@ -143,15 +148,16 @@ class Fitter:
             effects: What is free, at its starting values.
             start: An earlier fit to start from.
             iterations: Gauss-Newton steps at most.
-            exact: Simulate again after every change of the data sheet. Otherwise its derivative columns stand in for small
-                changes (much faster, for ranking).
+            exact: Simulate again after every change of the data sheet. Otherwise its derivative columns stand in for
+                small changes (much faster, for ranking).
             fresh: Begin with fresh nuisances where that is nearer than ``start``.
         """
         now, sheet, white = self._start(tuple(effects), start, exact, fresh)
         anchor = now.sheet_deviation
         fresh = True
         for iteration in range(iterations):
-            # what the model fails to explain counts as noise: nuisances and data sheet stay near their priors until it is good
+            # what the model fails to explain counts as noise: nuisances and data sheet stay near their priors until it
+            # is good
             weight = max(1.0, now.sum_squares / self.problem.count)
             if fresh and exact and iteration:
                 sheet, white = self._sheet_columns(now)
@@ -170,13 +176,17 @@ class Fitter:
             now = trial
             if gain < _CONVERGED:
                 break
-            fresh = scale < 1.0 or gain < _KEPT_PROMISE * promised  # derivatives that keep their promise serve once more
+            fresh = (
+                scale < 1.0 or gain < _KEPT_PROMISE * promised
+            )  # derivatives that keep their promise serve once more
         return self._linearised(now, white)
 
     def _start(self, effects: tuple[EffectVector, ...], start: Fit | None, exact: bool, fresh: bool):
-        """The better of two starts, with its data-sheet columns: where ``start`` ended, or fresh nuisances and the sheet as printed.
+        """The better of two starts, with its data-sheet columns: where ``start`` ended, or fresh nuisances and the
+        sheet as printed.
 
-        A model that lacked an effect has distorted nuisances and data sheet; with the effect in it, a fresh start is often nearer.
+        A model that lacked an effect has distorted nuisances and data sheet; with the effect in it, a fresh start is
+        often nearer.
         """
         p, frozen = self.problem, self._frozen_sheet(effects)
         printed = np.zeros(len(frozen))
@@ -184,7 +194,11 @@ class Fitter:
         if start is not None:
             deviation = np.where(frozen, 0.0, start.sheet_deviation)
             made.append(Fit(self.machine, effects, p.nuisances, start.nuisance, deviation, frozen))
-        poor = start is None or start.sum_squares > _GOOD_START * p.count or np.abs(start.sheet_deviation).max() > _GOOD_SHEET
+        poor = (
+            start is None
+            or start.sum_squares > _GOOD_START * p.count
+            or np.abs(start.sheet_deviation).max() > _GOOD_SHEET
+        )
         if start is None or (fresh and poor):
             model = Fit(self.machine, effects, p.nuisances, p.nuisances.mean, printed, frozen)
             nuisance = fit_nuisance(p, p.readings(build(model.machine)))
@@ -205,7 +219,9 @@ class Fitter:
         return out
 
     def _sheet_columns(self, fit: Fit) -> tuple[list[np.ndarray], np.ndarray]:
-        """Data-sheet columns per test and whitened, at the fit's triggers; simulated anew for axes whose drives the effects change."""
+        """Data-sheet columns per test and whitened, at the fit's triggers; simulated anew for axes whose drives the
+        effects change.
+        """
         grids = self._grids
         axes = {f.effect.subject for f in fit.effects if not f.effect.search.quasi_static}
         if axes:
@@ -254,7 +270,9 @@ class Fitter:
                 plant = build(calibrated(with_effects(self.machine, others), fit.simulated_deviation))
                 for k, d in enumerate(p.difference(fit.readings, p.readings(plant), fit.nuisance)):
                     columns[k].append(d / change)
-        return [np.column_stack(c) if c else np.zeros((len(s.centre), 0)) for c, s in zip(columns, p.samples, strict=True)]
+        return [
+            np.column_stack(c) if c else np.zeros((len(s.centre), 0)) for c, s in zip(columns, p.samples, strict=True)
+        ]
 
     def _linearised(self, fit: Fit, sheet_white: np.ndarray, weight: float = 1.0) -> Fit:
         """The model with its design and Gauss-Newton step; priors count ``weight`` times."""

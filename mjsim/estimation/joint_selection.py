@@ -1,10 +1,11 @@
-"""Model selection for machines on which much is a little wrong: all candidates together in one linear problem, by evidence.
+"""Model selection for machines on which much is a little wrong: all candidates together in one linear problem, by
+evidence.
 
-First everything that a machine of its class may have is fitted at once, with its tolerance as prior (where none is stated, its
-typical size). At that model all other candidates stand together in one whitened linear problem, and sparse Bayesian selection
-says which of them the data need (:mod:`mjsim.estimation.evidence`). The model is fitted again with these, until nothing changes.
-Generic curves of one axis' motion compete with the named effects: where a curve is the better explanation, the cause is in no
-catalogue.
+First everything that a machine of its class may have is fitted at once, with its tolerance as prior (where none is
+stated, its typical size). At that model all other candidates stand together in one whitened linear problem, and sparse
+Bayesian selection says which of them the data need (:mod:`mjsim.estimation.evidence`). The model is fitted again with
+these, until nothing changes. Generic curves of one axis' motion compete with the named effects: where a curve is the
+better explanation, the cause is in no catalogue.
 """
 
 from __future__ import annotations
@@ -97,7 +98,9 @@ class JointSelector:
         return True
 
     def _chosen(self, groups: CandidateGroups, weight: float) -> SparseModel:
-        """The groups of largest evidence: with named effects and curves together, or one curve instead of them where that is better."""
+        """The groups of largest evidence: with named effects and curves together, or one curve instead of them
+        where that is better.
+        """
         linear, machine = groups.problem.scaled(weight), self.fitter.machine
         curves = {g for g, m in enumerate(groups.members) if m.curve is not None}
         excluded: set[int] = set()
@@ -106,7 +109,8 @@ class JointSelector:
             impossible = {
                 g
                 for g in chosen.precision
-                if (c := groups.members[g].candidate) is not None and not is_feasible(machine, chosen.value(groups.groups[g]), c)
+                if (c := groups.members[g].candidate) is not None
+                and not is_feasible(machine, chosen.value(groups.groups[g]), c)
             }
             if not impossible:
                 break
@@ -120,7 +124,9 @@ class JointSelector:
         return max(named, alone, key=lambda s: log_evidence(linear, groups.groups, s))
 
     def _effects(self, model: _Model, groups: CandidateGroups, chosen: SparseModel) -> list[EffectVector]:
-        """Effects of the next model: what is kept, and what was chosen, with the width that the evidence gave them as prior."""
+        """Effects of the next model: what is kept, and what was chosen, with the width that the evidence gave them
+        as prior.
+        """
         out = [f for f in model.fit.effects if f.effect.key in model.kept]
         model.odds = {}
         for f in model.fit.effects:
@@ -146,7 +152,11 @@ class JointSelector:
 
     def _release(self, model: _Model) -> bool:
         """Fit effects freely whose interval lies beyond the tolerance: these are findings. Whether there were any."""
-        beyond = [f for f in model.fit.effects if f.effect.key in model.kept and is_beyond(model.fit, f, model.kept[f.effect.key])]
+        beyond = [
+            f
+            for f in model.fit.effects
+            if f.effect.key in model.kept and is_beyond(model.fit, f, model.kept[f.effect.key])
+        ]
         if not beyond:
             return False
         keys = {f.effect.key for f in beyond}
@@ -157,7 +167,9 @@ class JointSelector:
         return True
 
     def _refit(self, effects: list[EffectVector], start: Fit, iterations: int) -> Fit:
-        """Joint fit; exact where the model comes near the data, since a linearised data sheet is driven far off otherwise."""
+        """Joint fit; exact where the model comes near the data, since a linearised data sheet is driven far off
+        otherwise.
+        """
         fit = self.fitter.fit(effects, start=start, exact=False, iterations=iterations)
         if fit.sum_squares > self.settings.close_fit * self.problem.count:
             return fit

@@ -1,8 +1,9 @@
-"""Derivatives of the readings by the numbers of quasi-static effects, without a new simulation: what a model of sixty needs.
+"""Derivatives of the readings by the numbers of quasi-static effects, without a new simulation: what a model of sixty
+needs.
 
-The axes' positions of the present model are kept. An effect of positions changes them by its own operations alone, a location
-error changes the frame in which the same positions are read. Both are tiny beside the motion, so that what the other effects do
-to them is of second order.
+The axes' positions of the present model are kept. An effect of positions changes them by its own operations alone, a
+location error changes the frame in which the same positions are read. Both are tiny beside the motion, so that what the
+other effects do to them is of second order.
 """
 
 from __future__ import annotations
@@ -49,7 +50,10 @@ class Linearisation:
         def one(k: int) -> np.ndarray:
             s, shift = self.problem.samples[k], self.problem.shift(k, self.nuisance)
             base = self._change(k, here)
-            parts = [s.sample((self._change(k, p) - base) / change, shift) for p, (_, change) in zip(moved, pairs, strict=True)]
+            parts = [
+                s.sample((self._change(k, p) - base) / change, shift)
+                for p, (_, change) in zip(moved, pairs, strict=True)
+            ]
             return np.column_stack(parts)
 
         return self.problem.map(one)

@@ -1,7 +1,8 @@
-"""Lines of constant frequency in the samples of a campaign's tests: frequency, axis, amplitude, and the phase in every test.
+"""Lines of constant frequency in the samples of a campaign's tests: frequency, axis, amplitude, and the phase in every
+test.
 
-A periodogram weighted with the reading's sensitivity to one axis (matched filter) gives frequency and axis; phases follow by least
-squares.
+A periodogram weighted with the reading's sensitivity to one axis (matched filter) gives frequency and axis; phases
+follow by least squares.
 """
 
 from __future__ import annotations
@@ -21,11 +22,12 @@ from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect
 from mjsim.units import UM
 
-#: Band that is searched: from here, Hz, to this share of the sample rate; what is slower than SLOW s is taken out before.
+#: Band that is searched: from here, Hz, to this share of the sample rate; what is slower than SLOW s is taken out
+#: before.
 LOWEST, HIGHEST = 2.0, 0.46
 SLOW = 1.0
-#: Around a peak the true line is looked for, in units of the spectral resolution: a wave whose sensitivity turns with the bar has side
-#: lines one or two turns off, and whole periods per turn leave no difference between turns.
+#: Around a peak the true line is looked for, in units of the spectral resolution: a wave whose sensitivity turns with
+#: the bar has side lines one or two turns off, and whole periods per turn leave no difference between turns.
 _AROUND = 7.0
 
 
@@ -46,8 +48,10 @@ class Line:
 
 @dataclass(frozen=True)
 class Record:
-    """One test's residual in single samples: ``x`` (n,) m with bad samples at 0, ``weight`` (n, 3) sensitivities to the linear axes (0 at
-    bad samples), ``time`` (n,) s from the program's start, ``noise`` power per sample, m², over the frequencies of ``x``'s spectrum."""
+    """One test's residual in single samples: ``x`` (n,) m with bad samples at 0, ``weight`` (n, 3) sensitivities to the
+    linear axes (0 at bad samples), ``time`` (n,) s from the program's start, ``noise`` power per sample, m², over the
+    frequencies of ``x``'s spectrum.
+    """
 
     name: str
     time: np.ndarray
@@ -64,8 +68,8 @@ class Record:
 def find(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray) -> Line | None:
     """The strongest vibration in the residuals ``rest``, or ``None``.
 
-    It is looked for in half-differences of revolutions, where nothing that belongs to the axes' positions is left, and measured in the
-    residuals themselves.
+    It is looked for in half-differences of revolutions, where nothing that belongs to the axes' positions is left, and
+    measured in the residuals themselves.
     """
     records = records_of(problem, rest, nuisance, True)
     if not records:
@@ -83,7 +87,9 @@ def records_of(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray, r
     for k, s in enumerate(problem.samples):
         shift, dt = problem.shift(k, nuisance), float(np.median(np.diff(s.time)))
         time, valid = s.time - shift, s.valid
-        weight = np.column_stack([s.sample_all(problem.sensitivity[k].axes[:, i], shift) for i in range(len(problem.chain.linear))])
+        weight = np.column_stack(
+            [s.sample_all(problem.sensitivity[k].axes[:, i], shift) for i in range(len(problem.chain.linear))]
+        )
         x = np.where(valid, rest[k], 0.0)
         if repeats:
             if not kind_of(s.test).repeats(s.test):
@@ -97,8 +103,12 @@ def records_of(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray, r
         x = np.where(valid, x - _slow(x, dt), 0.0)
         power = np.abs(np.fft.rfft(x)) ** 2 / valid.sum()
         width = max(5, round(1.5 * len(x) * dt)) | 1
-        floor = median_filter(power, size=width, mode="nearest") / np.log(2.0)  # the median of an exponential is ln 2 of its mean
-        out.append(Record(s.test.name, time, x, np.where(valid[:, None], weight, 0.0), np.maximum(floor, 1e-18), 1.0 / dt))
+        floor = median_filter(power, size=width, mode="nearest") / np.log(
+            2.0
+        )  # the median of an exponential is ln 2 of its mean
+        out.append(
+            Record(s.test.name, time, x, np.where(valid[:, None], weight, 0.0), np.maximum(floor, 1e-18), 1.0 / dt)
+        )
     return out
 
 
@@ -176,18 +186,27 @@ def _line(records: list[Record], frequency: float, chain: Chain, settings: Diagn
     phases = {r.name: float(np.angle(c)) for r, c in zip(records, waves, strict=True)}
     effect = Vibration(chain.linear[best], amplitude_um=amplitude / UM, frequency_Hz=f).with_phases(phases)
     size, sd_a, sd_f = amplitude / UM, 1.0 / UM / np.sqrt(info.sum()), 1.0 / (2.0 * np.pi * amplitude * np.sqrt(spread))
-    ci = {"amplitude_um": [max(0.0, size - 1.96 * sd_a), size + 1.96 * sd_a], "frequency_Hz": [f - 1.96 * sd_f, f + 1.96 * sd_f]}
-    others = tuple(f"vibration.{chain.linear[i]}" for i in fits if i != best and fits[i][1] > gain - settings.indistinguishable)
+    ci = {
+        "amplitude_um": [max(0.0, size - 1.96 * sd_a), size + 1.96 * sd_a],
+        "frequency_Hz": [f - 1.96 * sd_f, f + 1.96 * sd_f],
+    }
+    others = tuple(
+        f"vibration.{chain.linear[i]}" for i in fits if i != best and fits[i][1] > gain - settings.indistinguishable
+    )
     return Line(effect, ci, others, gain)
 
 
 def _refined(records: list[Record], frequency: float, i: int) -> tuple[float, float, float, float]:
     """Best frequency nearby for one axis, with :func:`_common` there."""
-    from scipy.optimize import minimize_scalar  # takes longer to load than a test to simulate, and most campaigns have no line
+    from scipy.optimize import (
+        minimize_scalar,
+    )  # takes longer to load than a test to simulate, and most campaigns have no line
 
     width = 1.0 / max(r.time[-1] - r.time[0] for r in records)
     near = frequency + np.arange(-_AROUND, _AROUND + 0.01, 0.125) * width
     coarse = float(near[int(np.argmax([_common(records, f, i)[0] for f in near]))])
     span = 0.2 * width
-    found = minimize_scalar(lambda f: -_common(records, f, i)[0], bounds=(coarse - span, coarse + span), method="bounded")
+    found = minimize_scalar(
+        lambda f: -_common(records, f, i)[0], bounds=(coarse - span, coarse + span), method="bounded"
+    )
     return (float(found.x), *_common(records, float(found.x), i))

@@ -9,17 +9,19 @@ import numpy as np
 from mjsim.estimation.least_squares import LeastSquares
 from mjsim.estimation.problem import Problem
 
-#: Successive blocks that make one independent value of the noise, and independent values of a model's failure in one test.
+#: Successive blocks that make one independent value of the noise, and independent values of a model's failure in one
+#: test.
 _CORRELATED, _MISFIT_POINTS = 5.0, 50.0
 
 
 def fit_nuisance(problem: Problem, readings: Sequence[np.ndarray], iterations: int = 12) -> np.ndarray:
     """Least-squares nuisances for fixed simulated readings.
 
-    Plain block means are fitted, not whitened ones: what is fitted here is what the eye would take out of the plots. Noise counts
-    with its correlation. What the model fails to explain counts as a few independent points per test only, so that a wrong model
-    does not drive the nuisances away from their priors. That failure is taken over all tests together (each test's own would let
-    one test win and leave its twin to pay). A constant rest of a test says nothing about its trigger.
+    Plain block means are fitted, not whitened ones: what is fitted here is what the eye would take out of the plots.
+    Noise counts with its correlation. What the model fails to explain counts as a few independent points per test only,
+    so that a wrong model does not drive the nuisances away from their priors. That failure is taken over all tests
+    together (each test's own would let one test win and leave its twin to pay). A constant rest of a test says nothing
+    about its trigger.
 
     Args:
         problem: The measured tests.

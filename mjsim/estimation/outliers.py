@@ -1,4 +1,6 @@
-"""Outliers: disturbances of a trace that do not repeat, such as a knocked bar: short ones, and a ball that stays in another seat."""
+"""Outliers: disturbances of a trace that do not repeat, such as a knocked bar: short ones, and a ball that stays in
+another seat.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ from mjsim.estimation.samples import Samples, revolution_time
 WINDOW = 2.0
 #: The same where no second revolution bears witness: a local fault of a wheel lasts longer than a knock.
 WINDOW_ALONE = 0.6
-#: Height above the ordinary, in robust standard deviations, where a second revolution bears witness and where none does.
+#: Height above the ordinary, in robust standard deviations, where a second revolution bears witness and where none
+#: does.
 HEIGHT, HEIGHT_ALONE = 10.0, 30.0
 #: Left out as well: before a disturbance, and after it while it rings out, s.
 MARGIN, RINGING = 0.1, 0.4
@@ -21,7 +24,8 @@ MARGIN, RINGING = 0.1, 0.4
 ABRUPT = 0.5
 #: More events than this in one test are no accident: they are left in for the diagnosis.
 MOST_EVENTS = 6
-#: A lasting jump of the reading: means over this long on both sides, s; least height in their standard deviations, and in m.
+#: A lasting jump of the reading: means over this long on both sides, s; least height in their standard deviations, and
+#: in m.
 SIDE, JUMP, LEAST_JUMP = 1.0, 10.0, 0.4e-6
 #: Height of a jump over the test's own 90 % quantile where nothing repeats.
 ALONE = 4.0
@@ -35,7 +39,8 @@ def mark_outliers(s: Samples, residual: np.ndarray, noise: float) -> int:
     """Mark outlying samples of one test as invalid.
 
     Args:
-        s: the samples; ``valid`` is changed in place. residual: (n,) m, per sample, of the model as given. noise: RMS, m.
+        s: the samples; ``valid`` is changed in place. residual: (n,) m, per sample, of the model as given. noise: RMS,
+            m.
 
     Returns:
         Number of disturbances found.
@@ -60,7 +65,9 @@ def mark_outliers(s: Samples, residual: np.ndarray, noise: float) -> int:
     if not high.any():
         return 0
     before, after = (max(1, round(m / dt)) for m in (MARGIN, RINGING))
-    wide = np.convolve(high, np.ones(before + after + 1))[before : before + len(high)] > 0.5  # from ``before`` ahead to ``after`` behind
+    wide = (
+        np.convolve(high, np.ones(before + after + 1))[before : before + len(high)] > 0.5
+    )  # from ``before`` ahead to ``after`` behind
     groups, count = _groups(wide)
     long = any((groups == g).sum() * dt > 0.5 * WINDOW + MARGIN + RINGING for g in range(1, count + 1))
     if count > MOST_EVENTS or long:
@@ -71,11 +78,12 @@ def mark_outliers(s: Samples, residual: np.ndarray, noise: float) -> int:
 
 
 def readmit_outliers(s: Samples, given: np.ndarray, residual: np.ndarray, noise: float) -> int:
-    """Count stretches again that were left out as disturbances and that a model follows: where nothing repeats, a quick local fault of
-    the machine looks like a knock until the model has it.
+    """Count stretches again that were left out as disturbances and that a model follows: where nothing repeats, a quick
+    local fault of the machine looks like a knock until the model has it.
 
     Args:
-        s: the samples; ``valid`` is changed in place. given: (n,) bool, ``valid`` before anything was left out. residual: (n,) m, per
+        s: the samples; ``valid`` is changed in place. given: (n,) bool, ``valid`` before anything was left out.
+            residual: (n,) m, per
         sample, of the fitted model. noise: RMS, m.
 
     Returns:
@@ -89,7 +97,9 @@ def readmit_outliers(s: Samples, given: np.ndarray, residual: np.ndarray, noise:
 
 
 def _groups(mask: np.ndarray) -> tuple[np.ndarray, int]:
-    """Number of the unbroken stretch of ``mask`` that each place is in, from 1 on, (n,), 0 outside; and how many stretches there are."""
+    """Number of the unbroken stretch of ``mask`` that each place is in, from 1 on, (n,), 0 outside; and how many
+    stretches there are.
+    """
     first = np.diff(mask, prepend=False) & mask
     return np.where(mask, np.cumsum(first), 0), int(first.sum())
 
@@ -115,10 +125,11 @@ def _near_reversals(s: Samples) -> np.ndarray:
 
 
 def largest_jump(s: Samples, residual: np.ndarray, noise: float) -> int | None:
-    """First sample after the largest lasting jump of one test, such as a ball that a knock has put into another seat; or ``None``.
+    """First sample after the largest lasting jump of one test, such as a ball that a knock has put into another seat;
+    or ``None``.
 
-    A jump shows in the difference of two revolutions, where what belongs to the machine's cycle is gone; the residual says in which of
-    the two. A test that does not repeat must show it far above everything else that it does.
+    A jump shows in the difference of two revolutions, where what belongs to the machine's cycle is gone; the residual
+    says in which of the two. A test that does not repeat must show it far above everything else that it does.
 
     Args:
         as for :func:`mark_outliers`, after it.
@@ -144,7 +155,8 @@ def leave_out_shorter_side(s: Samples, here: int, residual: np.ndarray) -> bool:
     """Leave out the shorter side of a jump before sample ``here``.
 
     Returns:
-        Whether the later side is kept: there the ball sits anew, and the jump's height is taken off the reading and the residual.
+        Whether the later side is kept: there the ball sits anew, and the jump's height is taken off the reading and the
+        residual.
     """
     dt = float(np.median(np.diff(s.time)))
     later = np.arange(len(s.time)) >= here
@@ -161,7 +173,9 @@ def leave_out_shorter_side(s: Samples, here: int, residual: np.ndarray) -> bool:
 
 
 def _jumps(x: np.ndarray, valid: np.ndarray, n: int) -> np.ndarray:
-    """Mean of the ``n`` values from each place on less that of the ``n`` before it, (len(x),); 0 where too few are valid."""
+    """Mean of the ``n`` values from each place on less that of the ``n`` before it, (len(x),); 0 where too few are
+    valid.
+    """
     total = np.concatenate([[0.0], np.cumsum(np.where(valid, x, 0.0))])
     number = np.concatenate([[0], np.cumsum(valid)])
     out = np.zeros(len(x))

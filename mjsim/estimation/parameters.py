@@ -21,8 +21,8 @@ class Block:
         lower: Lowest values allowed, (n,).
         upper: Highest values allowed, (n,).
         frozen: Which entries keep their values, (n,) bool.
-        informative: Whether the prior is knowledge. Otherwise it only keeps the equations regular: it follows the estimate
-            and costs nothing.
+        informative: Whether the prior is knowledge. Otherwise it only keeps the equations regular: it follows the
+            estimate and costs nothing.
     """
 
     name: str
@@ -88,11 +88,16 @@ class Parameters:
     @cached_property
     def _slices(self) -> dict[str, slice]:
         ends = np.cumsum([0, *(b.size for b in self.blocks)])
-        return {b.name: slice(int(first), int(last)) for b, first, last in zip(self.blocks, ends[:-1], ends[1:], strict=True)}
+        return {
+            b.name: slice(int(first), int(last))
+            for b, first, last in zip(self.blocks, ends[:-1], ends[1:], strict=True)
+        }
 
     @cached_property
     def _places(self) -> dict[tuple[str, str], int]:
-        return {(b.name, label): self._slices[b.name].start + i for b in self.blocks for i, label in enumerate(b.labels)}
+        return {
+            (b.name, label): self._slices[b.name].start + i for b in self.blocks for i, label in enumerate(b.labels)
+        }
 
     def __getitem__(self, name: str) -> slice:
         """Where a block stands in the vector."""

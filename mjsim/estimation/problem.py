@@ -29,13 +29,17 @@ from mjsim.simulation.stability import check_stable
 
 
 def sheet_plants(machine: Machine, axes: Iterable[str]) -> dict[int, Plant]:
-    """Plants with one number of some axes' data sheet moved by its standard deviation, by its place in the data sheet."""
+    """Plants with one number of some axes' data sheet moved by its standard deviation, by its place in the data
+    sheet.
+    """
     sheet = data_sheet(machine.chain)
     return {j: build(calibrated(machine, np.eye(len(sheet))[j])) for j, p in enumerate(sheet) if p.axis in axes}
 
 
 def sheet_grid(motion: AxesMotion, sens: BarSensitivity, base: Plant, moved: dict[int, Plant]) -> np.ndarray:
-    """Changes of one test's reading from ``base`` to each of ``moved``, (sheet, n) m on the GRID; zero for the others."""
+    """Changes of one test's reading from ``base`` to each of ``moved``, (sheet, n) m on the GRID; zero for the
+    others.
+    """
     sheet = data_sheet(base.chain)
     out = np.zeros((len(sheet), len(motion.time[::GRID_STEPS])))
     for j, plant in moved.items():
@@ -118,7 +122,8 @@ class Problem:
             SimulationError: A drive is unstable.
         """
         check_stable(plant)
-        # a user's plain-Python effect holds Python's lock, so that threads gain nothing, and has a time limit in the calling thread only
+        # a user's plain-Python effect holds Python's lock, so that threads gain nothing, and has a time limit in the
+        # calling thread only
         known = {*registry.kinds().values(), *map(type, plant.python_effects)}
         workers = Workers(1 if any(c.position_error is not Effect.position_error for c in known) else threads)
         tests = campaign.measured
@@ -128,9 +133,13 @@ class Problem:
         sensitivity = workers.map(lambda k: motions[k].sensitivity(plant, GRID_STEPS), len(tests))
         nuisances = Nuisances.of_tests(tests, settings.trigger_limit)
         outliers = {t.name: 0 for t in tests}
-        return cls(campaign, tests, tuple(samples), noise, motions, tuple(sensitivity), nuisances, outliers, workers, settings)
+        return cls(
+            campaign, tests, tuple(samples), noise, motions, tuple(sensitivity), nuisances, outliers, workers, settings
+        )
 
-    def with_samples(self, samples: Sequence[Samples], tests: tuple[BallBarTest, ...], outliers: Mapping[str, int]) -> Problem:
+    def with_samples(
+        self, samples: Sequence[Samples], tests: tuple[BallBarTest, ...], outliers: Mapping[str, int]
+    ) -> Problem:
         """The problem with other samples of its tests; the noise model stays."""
         nuisances = Nuisances.of_tests(tests, self.settings.trigger_limit)
         return replace(self, samples=tuple(samples), tests=tests, nuisances=nuisances, outliers=outliers)
@@ -192,11 +201,19 @@ class Problem:
     def offsets(self, k: int, nuisance: np.ndarray) -> np.ndarray:
         """What the set-up's ball offsets and the bar's length add to test ``k``'s reading, on the GRID, m."""
         n, sens, setup = self.nuisances, self.sensitivity[k], self.tests[k].setup
-        return sens.table @ n.table_ball(nuisance, setup) + sens.spindle @ n.spindle_ball(nuisance, setup) + n.length(nuisance)
+        return (
+            sens.table @ n.table_ball(nuisance, setup)
+            + sens.spindle @ n.spindle_ball(nuisance, setup)
+            + n.length(nuisance)
+        )
 
     def modelled(self, readings: Sequence[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
-        """Modelled block means of every test, m: simulated readings on the GRID with the nuisances (nuisances.size,) applied."""
-        return self.map(lambda k: self.samples[k].sample(readings[k] + self.offsets(k, nuisance), self.shift(k, nuisance)))
+        """Modelled block means of every test, m: simulated readings on the GRID with the nuisances
+        (nuisances.size,) applied.
+        """
+        return self.map(
+            lambda k: self.samples[k].sample(readings[k] + self.offsets(k, nuisance), self.shift(k, nuisance))
+        )
 
     def residual(self, readings: Sequence[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
         """Measured less modelled block means (m,) per test, m."""
@@ -205,8 +222,8 @@ class Problem:
     def nuisance_columns(self, readings: Sequence[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
         """Derivatives of the modelled block means, (m, 8) per test, m per prior standard deviation.
 
-        Columns are those of ``nuisances.of_test(test)``. The other nuisances do not reach that test: what is computed with these
-        columns grows with the tests, not with their square.
+        Columns are those of ``nuisances.of_test(test)``. The other nuisances do not reach that test: what is computed
+        with these columns grows with the tests, not with their square.
         """
 
         def columns(k: int) -> np.ndarray:
@@ -231,15 +248,18 @@ class Problem:
             row += len(part)
         return out
 
-    def difference(self, base: Sequence[np.ndarray], other: Sequence[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
+    def difference(
+        self, base: Sequence[np.ndarray], other: Sequence[np.ndarray], nuisance: np.ndarray
+    ) -> list[np.ndarray]:
         """``other - base`` as block means at the triggers of ``nuisance``, m."""
         return self.map(lambda k: self.samples[k].sample(other[k] - base[k], self.shift(k, nuisance)))
 
     def sheet_grids(self, machine: Machine, axes: Iterable[str] | None = None) -> list[np.ndarray]:
-        """Derivative of the readings with respect to the data sheet of some axes (all), (sheet, n) per test on the GRID.
+        """Derivative of the readings with respect to the data sheet of some axes (all), (sheet, n) per test on the
+        GRID.
 
-        In m per standard deviation. Only the changed axis is simulated; its motion enters through the reading's sensitivity.
-        Columns of other axes are zero.
+        In m per standard deviation. Only the changed axis is simulated; its motion enters through the reading's
+        sensitivity. Columns of other axes are zero.
         """
         base = build(machine)
         moved = sheet_plants(machine, machine.chain.letters if axes is None else axes)
@@ -247,7 +267,9 @@ class Problem:
         return self.map(lambda k: sheet_grid(self.motions[k], self.sensitivity[k], base, moved))
 
     def sample_grids(self, grids: Sequence[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
-        """Block means (m, columns) per test of readings' derivatives (columns, n) on the GRID, at the triggers of ``nuisance``."""
+        """Block means (m, columns) per test of readings' derivatives (columns, n) on the GRID, at the triggers of
+        ``nuisance``.
+        """
 
         def columns(k: int) -> np.ndarray:
             s, shift = self.samples[k], self.shift(k, nuisance)

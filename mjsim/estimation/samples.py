@@ -30,7 +30,8 @@ class Samples:
 
     Attributes:
         test: the test. block: length of a block, s. time: (n,) s, all samples. value: (n,) m. valid: (n,) bool.
-        edges: (m + 1,) first sample of each block. centre: (m,) s. mean: (m,) m. good: (m,) bool. left_out: (n,) m, what
+        edges: (m + 1,) first sample of each block. centre: (m,) s. mean: (m,) m. good: (m,) bool. left_out: (n,) m,
+            what
         ``mean`` leaves out of ``value``. given: (n,) bool, ``valid`` as recorded.
     """
 
@@ -72,11 +73,18 @@ class Samples:
     def copy(self) -> Samples:
         """Samples that can be marked without changing these."""
         out = copy(self)
-        out.valid, out.good, out.value, out.mean = self.valid.copy(), self.good.copy(), self.value.copy(), self.mean.copy()
+        out.valid, out.good, out.value, out.mean = (
+            self.valid.copy(),
+            self.good.copy(),
+            self.value.copy(),
+            self.mean.copy(),
+        )
         return out
 
     def without(self, part: np.ndarray) -> Samples:
-        """The samples with a part of the reading that is understood, (n,) m, left out of the block means; zeros: with nothing left out."""
+        """The samples with a part of the reading that is understood, (n,) m, left out of the block means; zeros:
+        with nothing left out.
+        """
         out = self.copy()
         out.left_out = part
         out.mean = self.average(self.value - part)
@@ -95,7 +103,9 @@ class Samples:
         return total / (count if x.ndim == 1 else count[:, None])
 
     def sample(self, grid: np.ndarray, shift: float) -> np.ndarray:
-        """A simulated reading (on the GRID from time 0) at the recorded times; ``shift`` s is added to the program's clock."""
+        """A simulated reading (on the GRID from time 0) at the recorded times; ``shift`` s is added to the
+        program's clock.
+        """
         out = np.empty(len(self.centre))
         _interpolate_blocks(np.ascontiguousarray(grid), (self.time - shift) / GRID, self.edges, out)
         return out
@@ -103,7 +113,9 @@ class Samples:
     def sample_all(self, grid: np.ndarray, shift: float, spacing: float = GRID) -> np.ndarray:
         """As :meth:`sample`, for every sample instead of block means; ``spacing`` is the grid's, s."""
         out = np.empty(len(self.time))
-        _interpolate_blocks(np.ascontiguousarray(grid), (self.time - shift) / spacing, np.arange(len(self.time) + 1), out)
+        _interpolate_blocks(
+            np.ascontiguousarray(grid), (self.time - shift) / spacing, np.arange(len(self.time) + 1), out
+        )
         return out
 
 
@@ -133,9 +145,13 @@ def _interpolate_blocks(y, u, edges, out):
 
 
 def make_samples(tests: tuple[BallBarTest, ...], traces: dict[str, Trace], block: float | None = None) -> list[Samples]:
-    """Samples of all measured tests, in blocks of one length: short ones where a test runs fast, unless ``block`` s says which."""
+    """Samples of all measured tests, in blocks of one length: short ones where a test runs fast, unless ``block`` s
+    says which.
+    """
     block = block or (BLOCKS[0] if max(t.feed for t in tests) <= SLOW else BLOCKS[1])
-    return [Samples(t, traces[t.name].time, traces[t.name].deviation, traces[t.name].valid.copy(), block) for t in tests]
+    return [
+        Samples(t, traces[t.name].time, traces[t.name].deviation, traces[t.name].valid.copy(), block) for t in tests
+    ]
 
 
 @dataclass(frozen=True)
@@ -161,7 +177,8 @@ class Noise:
         return np.concatenate([[1.0], -self.ar]) / self.innovation
 
     def whiten(self, s: Samples, columns: np.ndarray, kept: np.ndarray | None = None) -> np.ndarray:
-        """Innovations of block columns (m,) or (m, k) in units of their standard deviation; rows that touch a bad block are dropped.
+        """Innovations of block columns (m,) or (m, k) in units of their standard deviation; rows that touch a bad block
+        are dropped.
 
         ``kept``: the indices of :meth:`rows`, for who has them already.
         """
@@ -201,7 +218,8 @@ def _delayed(x: np.ndarray, delay: float, taps: int = 32) -> np.ndarray:
 def half_differences(s: Samples) -> tuple[np.ndarray, np.ndarray]:
     """Half the difference of successive revolutions: per sample and per block, m.
 
-    It has the noise's RMS over √2 and no repeatable signal. Slow drift between revolutions (eccentricity and its growth) is taken out.
+    It has the noise's RMS over √2 and no repeatable signal. Slow drift between revolutions (eccentricity and its
+    growth) is taken out.
     """
     turn = revolution_time(s.test)
     out = []
@@ -225,14 +243,17 @@ def usual_noise(block: float = BLOCKS[0], resolution: float = 0.1e-6) -> Noise:
     """The noise of an ordinary ball bar, where none can be measured (assumed: 0.12 µm, correlated over 0.05 s)."""
     ar = np.array([np.exp(-block / 0.05)])
     rms = max(0.12e-6, resolution)
-    return Noise(rms, 0.93 * rms, ar, 0.93 * rms * float(np.sqrt(1 - ar[0] ** 2)), "assumed: no test repeats its revolution")
+    return Noise(
+        rms, 0.93 * rms, ar, 0.93 * rms * float(np.sqrt(1 - ar[0] ** 2)), "assumed: no test repeats its revolution"
+    )
 
 
 def estimate_noise(samples: Sequence[Samples], resolution: float, order: int = 5) -> Noise:
     """Noise model of a campaign.
 
-    Tests with two revolutions or more give half-differences; their median spectrum over the tests counts, so that one test with
-    something that does not repeat does not raise the floor. Without any, 0.1 µm with the usual colour is assumed.
+    Tests with two revolutions or more give half-differences; their median spectrum over the tests counts, so that one
+    test with something that does not repeat does not raise the floor. Without any, 0.1 µm with the usual colour is
+    assumed.
     """
     repeated = [s for s in samples if kind_of(s.test).repeats(s.test)]
     if not repeated:

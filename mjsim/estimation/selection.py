@@ -1,4 +1,6 @@
-"""Which effects are missing: forward search with joint refits, then every effect found is tried against its competing models."""
+"""Which effects are missing: forward search with joint refits, then every effect found is tried against its
+competing models.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,8 @@ from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.progress import Progress, silent
 
-#: Fall of the penalised objective that makes a competing model the better one; how often one may take an effect's place.
+#: Fall of the penalised objective that makes a competing model the better one; how often one may take an effect's
+#: place.
 _BETTER, _SWAPS = 2.0, 3
 #: Most competing models that are fitted in one effect's place.
 _MOST_COMPETING = 6
@@ -33,8 +36,8 @@ class Found:
         key: Of the effect.
         gain: How far the objective falls with it.
         competing: Models with another effect in its place that the data cannot tell from it, by that effect's id.
-        rejected: How much worse the others do that were fitted in its place, by id. Where none came near enough to be fitted, the
-            best of them by its linear gain.
+        rejected: How much worse the others do that were fitted in its place, by id. Where none came near enough to be
+            fitted, the best of them by its linear gain.
     """
 
     key: str
@@ -74,7 +77,8 @@ class Selection:
 class ModelSelection(CandidateModels):
     """Runs one selection.
 
-    Effects are added while they pay. Then the needless ones are dropped, and the others are tried against what competes.
+    Effects are added while they pay. Then the needless ones are dropped, and the others are tried against what
+    competes.
     """
 
     def __init__(self, fitter: Fitter, progress: Progress = silent) -> None:
@@ -135,21 +139,31 @@ class ModelSelection(CandidateModels):
             trail.append({"effects": [f.effect.id for f in trial.effects], "objective": trial.objective})
             if best is None or self.objective(trial) < self.objective(best):
                 best = trial
-        if best is None or self.objective(fit) - self.objective(best) < self.settings.likelihood_ratio - self.settings.parameter_penalty:
+        if (
+            best is None
+            or self.objective(fit) - self.objective(best)
+            < self.settings.likelihood_ratio - self.settings.parameter_penalty
+        ):
             return None
         return self.exact_refit(best)
 
     def _is_overfit(self, start: Fit, fit: Fit) -> bool:
-        """Whether a growing pile of effects does worse than one generic term: then more of them are no explanation either."""
+        """Whether a growing pile of effects does worse than one generic term: then more of them are no explanation
+        either.
+        """
         count = parameter_count(fit)
         if count < self.settings.overfit_suspected or fit.sum_squares < self.settings.complete_fit * self.problem.count:
             return False
         if self._best_curve is None:
             self._best_curve = best_curve_term(self.problem, start)
-        return count >= self.settings.most_parameters or is_overfit(self.problem, start, fit, self._best_curve, self._first_gain)
+        return count >= self.settings.most_parameters or is_overfit(
+            self.problem, start, fit, self._best_curve, self._first_gain
+        )
 
     def _with_free_shapes(self, fit: Fit) -> Fit:
-        """``fit`` with the shapes of its effects free as well, where that pays: a wrong shape is easily taken for a second effect."""
+        """``fit`` with the shapes of its effects free as well, where that pays: a wrong shape is easily taken for a
+        second effect.
+        """
         machine, near = self.fitter.machine, fit.sum_squares < self.settings.close_fit * self.problem.count
         for i, f in enumerate(fit.effects):
             for j, (start, names) in enumerate(f.effect.search.shapes(f.effect, machine.effect(f.effect.key))):
@@ -165,7 +179,7 @@ class ModelSelection(CandidateModels):
                     fit = trial
         return fit
 
-    # -- pruning and competing models --------------------------------------------------------------------------------------------
+    # -- pruning and competing models ----------------------------------------------------------------------------------
 
     def _prune(self, fit: Fit) -> Fit:
         """Drop effects that the others have made unnecessary."""
@@ -186,7 +200,9 @@ class ModelSelection(CandidateModels):
         return fit
 
     def _against_competing(self, fit: Fit, bank: SignatureBank) -> tuple[Fit, list[Found]]:
-        """For every effect: its contribution, and the catalogue entries that do as well in its place (a better one takes it)."""
+        """For every effect: its contribution, and the catalogue entries that do as well in its place (a better one
+        takes it).
+        """
         found: dict[str, Found] = {}
         index = swaps = 0
         while index < len(fit.effects):
@@ -200,7 +216,9 @@ class ModelSelection(CandidateModels):
         return fit, sorted(found.values(), key=lambda f: -f.gain)
 
     def _competition(self, fit: Fit, index: int, bank: SignatureBank) -> tuple[Found, Fit | None]:
-        """What one effect contributes and what competes with it; the best model with another effect in its place, if one is better."""
+        """What one effect contributes and what competes with it; the best model with another effect in its place,
+        if one is better.
+        """
         mine = fit.effects[index]
         rest = [f for j, f in enumerate(fit.effects) if j != index]
         without = self.fitter.fit(rest, start=fit, exact=False, iterations=3)

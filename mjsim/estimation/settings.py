@@ -1,11 +1,11 @@
 """The numbers that decide in a diagnosis, each with its meaning and where its value comes from.
 
-Gains and penalties are falls of the objective: squared whitened residuals plus squared prior departures, which is minus twice
-a log posterior density. A likelihood ratio of e^6 is therefore 12.
+Gains and penalties are falls of the objective: squared whitened residuals plus squared prior departures, which is minus
+twice a log posterior density. A likelihood ratio of e^6 is therefore 12.
 
-Four sources of values: *nulls*, measured by ``scripts/null_bank.py`` on simulated machines without a missing effect; *bank*,
-chosen on the tuning half of the campaigns of ``scripts/benchmark_diagnosis.py`` and checked on the other half; *mistakes*, the
-same with ``scripts/benchmark_mistakes.py``; *assumed*, from the physics of machine and instrument.
+Four sources of values: *nulls*, measured by ``scripts/null_bank.py`` on simulated machines without a missing effect;
+*bank*, chosen on the tuning half of the campaigns of ``scripts/benchmark_diagnosis.py`` and checked on the other half;
+*mistakes*, the same with ``scripts/benchmark_mistakes.py``; *assumed*, from the physics of machine and instrument.
 """
 
 from __future__ import annotations
@@ -18,48 +18,53 @@ class DiagnosisSettings:
     """Settings of a diagnosis.
 
     Attributes:
-        likelihood_ratio: Likelihood-ratio statistic below which nothing is called an effect. Some 4,000 cells with two entries
-            each are tried; chance passes 30 once in a thousand campaigns (nulls).
-        parameter_penalty: Penalty of one more free parameter when models are compared, as in BIC, where it is the logarithm of
-            the number of independent residuals: 8 is that of 3,000 (bank).
+        likelihood_ratio: Likelihood-ratio statistic below which nothing is called an effect. Some 4,000 cells with two
+            entries each are tried; chance passes 30 once in a thousand campaigns (nulls).
+        parameter_penalty: Penalty of one more free parameter when models are compared, as in BIC, where it is the
+            logarithm of the number of independent residuals: 8 is that of 3,000 (bank).
         direction_penalty: Further penalty of an effect that acts in one direction of motion only (bank).
-        indistinguishable: Likelihood-ratio statistic within which a competing model cannot be told from the best one, and
-            within which another axis of a vibration cannot: a likelihood ratio of e^6 (bank).
-        visible_share: Least size of an effect: standard deviation of its part of the reading in its clearest test, as a share
-            of one sample's noise (bank).
-        sheet_limit: Standard deviations of the data sheet beyond which one of its numbers is wrong. It has 35 numbers: the
-            largest of a healthy machine is beyond 3 in one campaign of eleven, beyond 4 in one of 450 (normal distribution).
-        trigger_limit: Largest trigger shift that is believed, prior standard deviations. A model that fails badly would drive
-            triggers out of the range in which they act linearly (bank).
+        indistinguishable: Likelihood-ratio statistic within which a competing model cannot be told from the best one,
+            and within which another axis of a vibration cannot: a likelihood ratio of e^6 (bank).
+        visible_share: Least size of an effect: standard deviation of its part of the reading in its clearest test, as a
+            share of one sample's noise (bank).
+        sheet_limit: Standard deviations of the data sheet beyond which one of its numbers is wrong. It has 35 numbers:
+            the largest of a healthy machine is beyond 3 in one campaign of eleven, beyond 4 in one of 450 (normal
+            distribution).
+        trigger_limit: Largest trigger shift that is believed, prior standard deviations. A model that fails badly would
+            drive triggers out of the range in which they act linearly (bank).
         shortlist: Most candidates that are fitted in one step of the selection (bank).
         close_fit: Mean square of the whitened residuals below which a model is near enough to be fitted exactly (bank).
         close_sheet: Data-sheet deviations at which an exact fit starts at most, standard deviations (bank).
         distorted_sheet: A data sheet that is moved by so many standard deviations is hiding an effect (bank).
-        distorted_trigger: A trigger that moves by so many standard deviations when an effect is left out was holding the effect
-            up; competing models then start where the effect's model ended (bank).
+        distorted_trigger: A trigger that moves by so many standard deviations when an effect is left out was holding
+            the effect up; competing models then start where the effect's model ended (bank).
         shape_gain: Fall of the penalised objective by which a free shape of an effect must pay (bank).
         overfit_suspected: Free parameters from which a model is compared with one generic curve (bank).
         overfit_many: Free parameters from which a model with misfit is believed less than one generic curve (bank).
         most_parameters: Free parameters at which the selection ends (bank).
         complete_fit: Mean square of the whitened residuals up to which a model explains everything (bank).
-        overfit_share: Share of what many effects explain that one generic curve must explain to be the better explanation (bank).
+        overfit_share: Share of what many effects explain that one generic curve must explain to be the better
+            explanation (bank).
         overfit_gain: What that curve must explain, as a multiple of what the first effect explained (bank).
-        excess: Mean square of the whitened residuals above which something is left for sure, so that unusual generic curves are
-            tried as well (bank).
-        cross_axis_penalty: By how much a generic curve that moves another axis must be better than one of the axis itself (bank).
-        notable_share: Share of what the named effects explain that a generic curve must explain for them to be doubted (bank).
+        excess: Mean square of the whitened residuals above which something is left for sure, so that unusual generic
+            curves are tried as well (bank).
+        cross_axis_penalty: By how much a generic curve that moves another axis must be better than one of the axis
+            itself (bank).
+        notable_share: Share of what the named effects explain that a generic curve must explain for them to be doubted
+            (bank).
         testable_size: An effect is testable when three standard deviations of its size stay below so many typical sizes
             (assumed).
-        many_effects: Effects from which the derivatives of a model are taken without new simulations (assumed: single effects
-            are then tiny beside the motion).
-        log_odds: Logarithm of the prior odds that a cause of the catalogue is needed beside a calibrated machine. Some eighty
-            causes are considered: odds of e^-9 let chance name one in a hundred campaigns.
+        many_effects: Effects from which the derivatives of a model are taken without new simulations (assumed: single
+            effects are then tiny beside the motion).
+        log_odds: Logarithm of the prior odds that a cause of the catalogue is needed beside a calibrated machine. Some
+            eighty causes are considered: odds of e^-9 let chance name one in a hundred campaigns.
         curve_log_odds: The same for a generic curve, of which some two hundred are considered.
         most_vibrations: Most vibrations that are looked for (assumed).
-        vibration_false_alarm: Chance of one line of constant frequency by accident in a whole campaign (gamma distribution of
-            the summed periodograms).
+        vibration_false_alarm: Chance of one line of constant frequency by accident in a whole campaign (gamma
+            distribution of the summed periodograms).
         vibration_size: Least amplitude of a vibration, in units of one sample's noise (bank).
-        vibration_common: Share of what an amplitude per test would explain that one common amplitude must explain (bank).
+        vibration_common: Share of what an amplitude per test would explain that one common amplitude must explain
+            (bank).
     """
 
     likelihood_ratio: float = 30.0
@@ -103,13 +108,14 @@ class PitchSettings:
     """Settings of the identification of pitch errors.
 
     Attributes:
-        false_alarm: Chance that noise alone names one component or more in one direction of one axis (chi-square distribution).
-        trigger_limit: Largest trigger shift that is believed, prior standard deviations. Wider than the diagnosis' limit: phases of
-            high orders fix the trigger well (assumed).
+        false_alarm: Chance that noise alone names one component or more in one direction of one axis (chi-square
+            distribution).
+        trigger_limit: Largest trigger shift that is believed, prior standard deviations. Wider than the diagnosis'
+            limit: phases of high orders fix the trigger well (assumed).
         teeth: Teeth that the arc must cover, so that the tooth order stands apart from what lies below it (assumed).
         explained: Mean square of a test's whitened residuals up to which it ties the triggers (assumed).
-        slow_waves: So many waves below the tooth order in one test, and its machine file no longer says when the axes were where
-            (assumed).
+        slow_waves: So many waves below the tooth order in one test, and its machine file no longer says when the axes
+            were where (assumed).
         whole_order_sd: A whole order is taken for the order where it lies within so many standard deviations (assumed).
         whole_order_sharp: Standard deviation of an order up to which that is decided (assumed).
         directions_differ: Chance of calling different what is the same in both directions (likelihood-ratio test).
@@ -137,8 +143,10 @@ class MistakeSettings:
         agreement: Correlation of the spikes at reversals that a corrected test must reach (mistakes).
         improvement: By how much that correlation must be better than as given (mistakes).
         runner_up: The second best correction must leave so many times more (mistakes).
-        noise_ratio: A test without spikes whose noise is so many times less than the others' is in another unit (mistakes).
-        same_span: Programs whose measured parts begin and end within this of each other can have each other's trace, s (assumed).
+        noise_ratio: A test without spikes whose noise is so many times less than the others' is in another unit
+            (mistakes).
+        same_span: Programs whose measured parts begin and end within this of each other can have each other's trace, s
+            (assumed).
         contradiction: A test that fits so much better as given contradicts a mistake of all tests (mistakes).
         weak_agreement: So much correlation still says something of sign and size (mistakes).
         same_size: Sizes that differ by more than this factor are not of the same mistake (mistakes).

@@ -53,7 +53,9 @@ def parts_of(problem: Problem, fit: Fit, effects: Sequence[EffectVector]) -> lis
     return out
 
 
-def calibrations(problem: Problem, fit: Fit, calibrated: Sequence[Calibrated]) -> tuple[tuple[Calibration, ...], dict[str, float]]:
+def calibrations(
+    problem: Problem, fit: Fit, calibrated: Sequence[Calibrated]
+) -> tuple[tuple[Calibration, ...], dict[str, float]]:
     """The calibration table of a fitted model, and every effect's share of the explained squared error.
 
     Args:
@@ -62,8 +64,8 @@ def calibrations(problem: Problem, fit: Fit, calibrated: Sequence[Calibrated]) -
         calibrated: Its effects that stay inside their tolerance.
 
     Returns:
-        One entry per calibrated effect, and shares that sum to 1: of each finding by its key, and of the calibrated effects
-        together by ``kind.*``.
+        One entry per calibrated effect, and shares that sum to 1: of each finding by its key, and of the calibrated
+        effects together by ``kind.*``.
     """
     expected = {c.key: c for c in calibrated}
     parts = dict(zip((f.effect.key for f in fit.effects), parts_of(problem, fit, fit.effects), strict=True))

@@ -52,7 +52,10 @@ def seeds(machine: Machine) -> list[Candidate]:
             for present in mine:
                 out += [Candidate(present, names), *(Candidate(e, n) for e, n in hints.variants(present))]
             if all(e.key != effect_id for e in mine):  # one that acts in one direction leaves room for the other
-                out += [Candidate(cls(subject, **values), names) for values in hints.seeds_of(parameters, subject, machine.chain)]
+                out += [
+                    Candidate(cls(subject, **values), names)
+                    for values in hints.seeds_of(parameters, subject, machine.chain)
+                ]
     return out
 
 
@@ -91,7 +94,13 @@ class SignatureBank:
         free = EffectVector(c.effect, c.names)
         v = free.vector
         stateless = not present and self._stateless(c.effect)
-        changes_of = self.position_changes if stateless else self._reading_changes if c.effect.search.quasi_static else self._motor_changes
+        changes_of = (
+            self.position_changes
+            if stateless
+            else self._reading_changes
+            if c.effect.search.quasi_static
+            else self._motor_changes
+        )
         out: list[list[np.ndarray]] = [[] for _ in self.problem.tests]
         for move in moves:
             at = v + move if present else self._from_neutral(free, v, move)
@@ -104,8 +113,8 @@ class SignatureBank:
     def _moves(self, c: Candidate) -> tuple[bool, np.ndarray]:
         """Whether the model has the effect, and the small moves of its vector, one a row, that give its columns.
 
-        Where the model lacks it, only entries count that the reading is linear in: the leading size (and its quadrature); shapes come
-        with the refit.
+        Where the model lacks it, only entries count that the reading is linear in: the leading size (and its
+        quadrature); shapes come with the refit.
         """
         free = EffectVector(c.effect, c.names)
         present = any(e.key == c.effect.key for e in self._machine.effects)
@@ -120,12 +129,16 @@ class SignatureBank:
         return out
 
     def _stateless(self, effect: Effect) -> bool:
-        """Whether the effect is nothing but operations on positions without memory, but for the direction in which they last moved."""
+        """Whether the effect is nothing but operations on positions without memory, but for the direction in which
+        they last moved.
+        """
         if not effect.search.quasi_static or type(effect).position_error is not Effect.position_error:
             return False
         empty = build(replace(self.fit.base, effects=(effect,)))
         geometric = bool(empty.geometry.location or empty.geometry.squareness)
-        return bool(empty.ops) and not geometric and all(o.code != PLAY and o.out < empty.chain.count for o in empty.ops)
+        return (
+            bool(empty.ops) and not geometric and all(o.code != PLAY and o.out < empty.chain.count for o in empty.ops)
+        )
 
     def position_changes(self, effect: Effect) -> list[np.ndarray]:
         """Block means of what a :meth:`_stateless` effect changes, (m,) per test, m."""
@@ -134,7 +147,9 @@ class SignatureBank:
 
         def one(k: int) -> np.ndarray:
             s, motion = p.samples[k], p.motions[k]
-            grid = reading_change(ops, self.loads[k], motion.test.started + motion.time[::GRID_STEPS], p.sensitivity[k].axes)
+            grid = reading_change(
+                ops, self.loads[k], motion.test.started + motion.time[::GRID_STEPS], p.sensitivity[k].axes
+            )
             return s.sample(grid, p.shift(k, self.fit.nuisance))
 
         return p.map(one)
@@ -155,10 +170,14 @@ class SignatureBank:
         return p.map(one)
 
     def _with(self, effect: Effect) -> Machine:
-        return calibrated(with_effects(self.fit.base, [*(f.effect for f in self.fit.effects), effect]), self.fit.sheet_deviation)
+        return calibrated(
+            with_effects(self.fit.base, [*(f.effect for f in self.fit.effects), effect]), self.fit.sheet_deviation
+        )
 
     def _reading_changes(self, effect: Effect) -> list[np.ndarray]:
-        return self.problem.difference(self.base_readings, self.problem.readings(build(self._with(effect))), self.fit.nuisance)
+        return self.problem.difference(
+            self.base_readings, self.problem.readings(build(self._with(effect))), self.fit.nuisance
+        )
 
 
 class Projector:
@@ -185,7 +204,10 @@ class Projector:
         cross = self.design.T @ together
         reduced, score = self.equations.solve(cross), together.T @ self.residual - cross.T @ self.step
         ends = np.cumsum([0, *(c.shape[1] for c in columns)])
-        return [_solve(c.T @ c - cross[:, a:b].T @ reduced[:, a:b], score[a:b]) for c, (a, b) in zip(columns, pairwise(ends), strict=True)]
+        return [
+            _solve(c.T @ c - cross[:, a:b].T @ reduced[:, a:b], score[a:b])
+            for c, (a, b) in zip(columns, pairwise(ends), strict=True)
+        ]
 
     def screen(self, bank: SignatureBank) -> list[tuple[float, np.ndarray, Candidate]]:
         """Gain and coefficients of every candidate of the bank, best first."""

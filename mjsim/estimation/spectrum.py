@@ -18,12 +18,12 @@ _SLOWEST_RIPPLE = 0.95
 
 
 def orders(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: int = 6) -> dict[str, list[int]]:
-    """The ``count`` orders whose sine and cosine explain most of the residual: in both directions of motion (key ``""``), and for
-    rotary axes that turn both ways also in each alone (``"CCW"``, ``"CW"``).
+    """The ``count`` orders whose sine and cosine explain most of the residual: in both directions of motion (key
+    ``""``), and for rotary axes that turn both ways also in each alone (``"CCW"``, ``"CW"``).
 
-    Residual times sensitivity is gathered over the axis position (one turn) and transformed: this is the score of every order at
-    once. Its variance follows from the noise spectrum at the frequency at which the order passes. Nuisances are projected out
-    only afterwards, when the orders found are fitted.
+    Residual times sensitivity is gathered over the axis position (one turn) and transformed: this is the score of every
+    order at once. Its variance follows from the noise spectrum at the frequency at which the order passes. Nuisances
+    are projected out only afterwards, when the orders found are fitted.
     """
     i, rotary = problem.chain.index(axis), is_rotary(axis)
     turn = 2 * np.pi if rotary else 2 * np.pi / fit.base.drives[axis].gear
@@ -53,7 +53,9 @@ def orders(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: in
 
 
 def _backward(problem: Problem, rest: np.ndarray) -> np.ndarray:
-    """The residual weighted with the inverse noise covariance (generalised least squares): filtered forwards and backwards."""
+    """The residual weighted with the inverse noise covariance (generalised least squares): filtered forwards and
+    backwards.
+    """
     taps = problem.noise.taps
     whitened = np.convolve(rest, taps)[: len(rest)]
     return np.convolve(whitened[::-1], taps)[: len(rest)][::-1]
@@ -75,11 +77,15 @@ def _variance(problem: Problem, highest: int, speed: np.ndarray, weight: np.ndar
     return 0.5 * gain @ power[used]
 
 
-def spectral_candidates(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: int = 4) -> list[tuple[Candidate, np.ndarray]]:
-    """Candidates whose order is read off the spectrum of one axis, with whitened columns (count, 2): sine and cosine, per typical size.
+def spectral_candidates(
+    problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: int = 4
+) -> list[tuple[Candidate, np.ndarray]]:
+    """Candidates whose order is read off the spectrum of one axis, with whitened columns (count, 2): sine and cosine,
+    per typical size.
 
-    Pitch errors at the ``count`` best orders (at half as many where they act in one direction only), and a torque ripple at the best
-    one: all make a wave of the axis position, but the drive passes a torque on differently at different speeds.
+    Pitch errors at the ``count`` best orders (at half as many where they act in one direction only), and a torque
+    ripple at the best one: all make a wave of the axis position, but the drive passes a torque on differently at
+    different speeds.
     """
     cls, subject = registry.effect_class(f"pitch_error.{axis}", fit.machine.chain)
     scale = cls.parameters_of(subject)[0].scale
@@ -97,11 +103,15 @@ def spectral_candidates(problem: Problem, fit: Fit, bank: SignatureBank, axis: s
                 effect = cls(subject, components=[[float(order), 0.05 * scale, phase]], **values)
                 sides.append([d / 0.05 for d in bank.position_changes(effect)])
             columns = problem.whiten([np.column_stack(pair) for pair in zip(*sides, strict=True)])
-            out.append((Candidate(cls(subject, components=[[float(order), scale, 0.0]], **values), ("components",)), columns))
+            out.append(
+                (Candidate(cls(subject, components=[[float(order), scale, 0.0]], **values), ("components",)), columns)
+            )
     ripple, _ = registry.effect_class(f"torque_ripple.{axis}", fit.machine.chain)
     per_motor_turn = [n if not is_rotary(axis) else n / fit.base.drives[axis].gear for n in found[""]]
     fast = [n for n in per_motor_turn if n > _SLOWEST_RIPPLE]
     if fast and not fit.machine.effect(f"torque_ripple.{axis}"):
-        seed = Candidate(ripple(subject, amplitude_Nm=ripple.parameters[0].scale, order=float(fast[0])), ripple.search.free)
+        seed = Candidate(
+            ripple(subject, amplitude_Nm=ripple.parameters[0].scale, order=float(fast[0])), ripple.search.free
+        )
         out.append((seed, problem.whiten(bank.columns(seed))))
     return out

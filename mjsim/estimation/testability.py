@@ -13,7 +13,9 @@ _SEEN = (0.02, 1e-3)
 
 
 def detection_limits(projector: Projector, bank: SignatureBank) -> dict[str, float]:
-    """Three standard deviations of every effect's leading size, in typical sizes, with everything else free (best seed)."""
+    """Three standard deviations of every effect's leading size, in typical sizes, with everything else free (best
+    seed).
+    """
     limits: dict[str, float] = {}
     cross = projector.design.T @ bank.matrix
     reduced = projector.equations.solve(cross)
@@ -31,12 +33,15 @@ def not_testable(problem: Problem, projector: Projector, bank: SignatureBank) ->
     limits = detection_limits(projector, bank)
     waves = [i for i in registry.all_ids(problem.chain) if i not in limits]
     return sorted(
-        [i for i, limit in limits.items() if limit > problem.settings.testable_size] + [i for i in waves if not _shows(problem, i)]
+        [i for i, limit in limits.items() if limit > problem.settings.testable_size]
+        + [i for i in waves if not _shows(problem, i)]
     )
 
 
 def _shows(problem: Problem, effect_id: str) -> bool:
-    """Whether a wave on the effect's axis reaches any reading: the axis is seen, and moves where the wave is one of its position."""
+    """Whether a wave on the effect's axis reaches any reading: the axis is seen, and moves where the wave is one of
+    its position.
+    """
     cls, subject = registry.effect_class(effect_id, problem.chain)
     i = problem.chain.index(subject)
     return any(

@@ -28,9 +28,11 @@ class Unexplained:
     """Something repeatable that no catalogue effect explains.
 
     Attributes:
-        axes, variable: on what it depends. period: in units of the variable (°, mm, s), or ``None``. rms: m. tests: where it shows.
+        axes, variable: on what it depends. period: in units of the variable (°, mm, s), or ``None``. rms: m. tests:
+            where it shows.
         angles: per test of ``tests``, φ (deg) where it is largest. summary: one sentence.
-        curve: knots of the variable, the empirical term there and its standard deviation (file units: mm, °, m/s ... and µm or °).
+        curve: knots of the variable, the empirical term there and its standard deviation (file units: mm, °, m/s ...
+            and µm or °).
         labels: of the curve's two axes. left: RMS of what remains beyond the empirical term, m.
         source: text of an effect file in that form. effect_file, plot: where they were written, if they were.
     """
@@ -70,10 +72,13 @@ class Unexplained:
         }
 
 
-def find_unexplained(problem: Problem, selection: Selection, progress: Progress) -> tuple[Unexplained | None, Selection]:
+def find_unexplained(
+    problem: Problem, selection: Selection, progress: Progress
+) -> tuple[Unexplained | None, Selection]:
     """What is left after the search, described by the generic term that explains most of it.
 
-    Where a single generic term does much better than all the named effects together, they only overfitted: they are withdrawn.
+    Where a single generic term does much better than all the named effects together, they only overfitted: they are
+    withdrawn.
     """
     progress("looking at the rest", 0, 1)
     rest = best_curve_term(problem, selection.fit)
@@ -106,20 +111,35 @@ def describe(problem: Problem, fit: Fit, term: CurveTerm) -> Unexplained:
     parts = visible(problem, fit, term)
     rms = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
     rest = problem.residual(fit.readings, fit.nuisance)
-    left = float(np.sqrt(np.mean(np.concatenate([(r - p)[s.good] for r, p, s in zip(rest, parts, problem.samples, strict=True)]) ** 2)))
+    left = float(
+        np.sqrt(
+            np.mean(
+                np.concatenate([(r - p)[s.good] for r, p, s in zip(rest, parts, problem.samples, strict=True)]) ** 2
+            )
+        )
+    )
     spread = [float(np.std(p)) for p in parts]
     order = sorted(
-        (k for k in range(len(parts)) if spread[k] > problem.settings.visible_share * problem.noise.rms), key=lambda k: -spread[k]
+        (k for k in range(len(parts)) if spread[k] > problem.settings.visible_share * problem.noise.rms),
+        key=lambda k: -spread[k],
     )
-    where = tuple(float(np.degrees(problem.motions[k].program.phi(_worst_time(problem, fit, k, parts[k])))[0]) for k in order)
+    where = tuple(
+        float(np.degrees(problem.motions[k].program.phi(_worst_time(problem, fit, k, parts[k])))[0]) for k in order
+    )
     shows = tuple(problem.tests[k].name for k in order)
     x, x_label, period = _file_units(term, fit)
     factor, y_unit = (1.0 / DEG, "°") if is_rotary(term.moves) else (1.0 / UM, "µm")
     shown, spread_of = _seen(term)
     size = shown * term.unit
     power = np.sum([(c**2).sum(axis=0) for c in term.columns], axis=0)
-    curve = (x, np.where(power > 1e-4 * power.max(), size * factor, np.nan), spread_of * term.unit * factor)  # nan: no test goes there
-    source_of = f"depends on the {term.axis} axis' {_WORDS[term.variable]}" if term.axis else "follows the campaign's clock"
+    curve = (
+        x,
+        np.where(power > 1e-4 * power.max(), size * factor, np.nan),
+        spread_of * term.unit * factor,
+    )  # nan: no test goes there
+    source_of = (
+        f"depends on the {term.axis} axis' {_WORDS[term.variable]}" if term.axis else "follows the campaign's clock"
+    )
     what = "the table" if term.moves in TABLE else f"the {term.moves} axis"
     acts = (
         f"acts on {what} and {source_of}"
@@ -143,7 +163,9 @@ def _stem(axes: tuple[str, ...]) -> str:
 
 
 def _seen(term: CurveTerm) -> tuple[np.ndarray, np.ndarray]:
-    """The curve (k,) and its standard deviation without the shapes that set-up errors could take up as well (its level, above all)."""
+    """The curve (k,) and its standard deviation without the shapes that set-up errors could take up as well (its
+    level, above all).
+    """
     information, modes = np.linalg.eigh(term.precision)
     variance, modes = 1.0 / information[::-1], modes[:, ::-1]
     along = modes.T @ term.coefficients

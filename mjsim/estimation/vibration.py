@@ -1,7 +1,8 @@
 """Vibration: lines of constant frequency in what does not repeat from one revolution to the next.
 
-A vibration's phase is free in every test, so it is a nuisance with a size: it is looked for before everything else, in single
-samples (blocks would average it away, :mod:`mjsim.estimation.lines`), and left out of the data while the other effects are searched.
+A vibration's phase is free in every test, so it is a nuisance with a size: it is looked for before everything else, in
+single samples (blocks would average it away, :mod:`mjsim.estimation.lines`), and left out of the data while the other
+effects are searched.
 """
 
 from __future__ import annotations
@@ -60,11 +61,17 @@ def without_vibrations(machine: Machine) -> Machine:
 
 
 def is_news(line: Line, machine: Machine) -> bool:
-    """Whether ``machine`` lacks this vibration, or has it at another size (outside the interval and by more than a tenth)."""
+    """Whether ``machine`` lacks this vibration, or has it at another size (outside the interval and by more than a
+    tenth).
+    """
     for e in machine.effects:
         if e.kind == "vibration" and _same(e, line.effect):
             a, b = e.values["amplitude_um"], line.effect.values["amplitude_um"]
-            return bool(line.ci95) and abs(a - b) > 0.1 * b and not line.ci95["amplitude_um"][0] <= a <= line.ci95["amplitude_um"][1]
+            return (
+                bool(line.ci95)
+                and abs(a - b) > 0.1 * b
+                and not line.ci95["amplitude_um"][0] <= a <= line.ci95["amplitude_um"][1]
+            )
     return True
 
 
@@ -83,10 +90,13 @@ def _without(problem: Problem, lines: list[Line], nuisance: np.ndarray) -> Probl
     return problem.without([part(k) for k in range(len(problem.samples))])
 
 
-def phased(problem: Problem, machine: Machine, readings: list[np.ndarray] | None = None, nuisance: np.ndarray | None = None) -> Machine:
+def phased(
+    problem: Problem, machine: Machine, readings: list[np.ndarray] | None = None, nuisance: np.ndarray | None = None
+) -> Machine:
     """``machine`` with the phases that its vibrations have in the measured tests.
 
-    ``readings`` are simulated ones of the machine without vibrations, ``nuisance`` is fitted to them; both are made where missing.
+    ``readings`` are simulated ones of the machine without vibrations, ``nuisance`` is fitted to them; both are made
+    where missing.
     """
     waves = [e for e in machine.effects if isinstance(e, Vibration) and not e.is_neutral]
     if not waves:

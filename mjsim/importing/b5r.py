@@ -1,9 +1,10 @@
 """Renishaw Ballbar 20 ``.b5r``: header and diagnosed features.
 
-The format is not published. What is read here is what parsers in public repositories agree on: attributes ``TEST_SPEC@NAME``,
-``PLANE@TEST_PLANE`` and ``MACHINE_TESTED@NAME``; elements ``A_AXIS_NAME``, ``B_AXIS_NAME``, ``OPERATOR``, ``DATE_STARTED``,
-``SERIAL_NUMBER``, ``LAST_CALIBRATED``; results as ``FEATURE`` with ``NAME``, ``DT`` (data type) and the value as text. The recorded
-runs are read in :mod:`mjsim.importing.b5r_runs`. No real file has been tried.
+The format is not published. What is read here is what parsers in public repositories agree on: attributes
+``TEST_SPEC@NAME``, ``PLANE@TEST_PLANE`` and ``MACHINE_TESTED@NAME``; elements ``A_AXIS_NAME``, ``B_AXIS_NAME``,
+``OPERATOR``, ``DATE_STARTED``, ``SERIAL_NUMBER``, ``LAST_CALIBRATED``; results as ``FEATURE`` with ``NAME``, ``DT``
+(data type) and the value as text. The recorded runs are read in :mod:`mjsim.importing.b5r_runs`. No real file has been
+tried.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ _LARGEST = 10_000_000
 #: Data type -> unit as it is shown. The factors to other units are left to whoever converts.
 UNITS = {
     "UT_LENGTH_UM": "µm", "UT_LENGTH_MM": "mm", "UT_LENGTH_M": "m", "UT_SQUARENESS": "µm/m", "UT_SERVO_MISMATCH": "ms",
-    "UT_FEEDRATE": "mm/min", "UT_SPEED": "mm/s", "UT_ANGLE": "°", "UT_PERCENT": "%", "UT_SCALE_ERROR": "ppm", "UT_RANKING": "",
+    "UT_FEEDRATE": "mm/min", "UT_SPEED": "mm/s", "UT_ANGLE": "°", "UT_PERCENT": "%", "UT_SCALE_ERROR": "ppm",
+    "UT_RANKING": "",
 }  # fmt: skip
 _ATTRIBUTES = {"test": ("TEST_SPEC", "NAME"), "plane": ("PLANE", "TEST_PLANE"), "machine": ("MACHINE_TESTED", "NAME")}
 _ELEMENTS = {
@@ -41,8 +43,10 @@ class Feature:
     """One diagnosed feature.
 
     Attributes:
-        name, type: as in the file. value: a number, or the text where it is none. unit: as shown, empty where the type is not known.
-        run: direction of the run that it belongs to, empty where it belongs to none. analysis: the analysis that it belongs to.
+        name, type: as in the file. value: a number, or the text where it is none. unit: as shown, empty where the type
+            is not known.
+        run: direction of the run that it belongs to, empty where it belongs to none. analysis: the analysis that it
+            belongs to.
     """
 
     name: str
@@ -55,7 +59,9 @@ class Feature:
 
 @dataclass(frozen=True)
 class Imported:
-    """A file of another system: where it came from, its header, the letters of its first and second axis, its features."""
+    """A file of another system: where it came from, its header, the letters of its first and second axis, its
+    features.
+    """
 
     source: str
     header: dict[str, str]
@@ -90,7 +96,9 @@ def parse_xml(path: Path) -> Element:
     try:
         return ElementTree.fromstring(data)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise InputError(f"{path}: not valid XML: {error}; allowed: a .b5r file, which is XML, or a table as text") from None
+        raise InputError(
+            f"{path}: not valid XML: {error}; allowed: a .b5r file, which is XML, or a table as text"
+        ) from None
 
 
 def read_b5r(path: Path) -> Imported:
@@ -103,7 +111,10 @@ def read_b5r(path: Path) -> Imported:
     features = tuple(_features(root))
     header = _header(root)
     if not features and next(root.iter("READINGS"), None) is None:
-        raise InputError(f"{path}: XML without any FEATURE element (root {root.tag[:40]!r}); allowed: a .b5r file with diagnosed features")
+        raise InputError(
+            f"{path}: XML without any FEATURE element (root {root.tag[:40]!r}); allowed: a .b5r file with "
+            f"diagnosed features"
+        )
     return Imported(path.name, header, _axes(root, header), features)
 
 
@@ -121,8 +132,12 @@ def _header(root: Element) -> dict[str, str]:
 
 
 def _axes(root: Element, header: dict[str, str]) -> tuple[str, ...]:
-    """Letters of the first and second axis: as the file names them, otherwise the plane's; none where neither is known."""
-    named = tuple((next(root.iter(tag), Element(tag)).text or "").strip().upper() for tag in ("A_AXIS_NAME", "B_AXIS_NAME"))
+    """Letters of the first and second axis: as the file names them, otherwise the plane's; none where neither is
+    known.
+    """
+    named = tuple(
+        (next(root.iter(tag), Element(tag)).text or "").strip().upper() for tag in ("A_AXIS_NAME", "B_AXIS_NAME")
+    )
     plane = header.get("plane", "").upper()
     return named if "".join(named) in _PLANES else tuple(plane) if plane in _PLANES else ()
 
@@ -137,7 +152,9 @@ def _features(element: Element, run: str = "", analysis: str = ""):
     for child in element:
         if child.tag == "FEATURE":
             kind = child.get("DT", "").strip()
-            yield Feature(child.get("NAME", "").strip(), kind, _value(child.text), UNITS.get(kind.upper(), ""), run, analysis)
+            yield Feature(
+                child.get("NAME", "").strip(), kind, _value(child.text), UNITS.get(kind.upper(), ""), run, analysis
+            )
         yield from _features(child, run, analysis)
 
 

@@ -22,10 +22,19 @@ from mjsim.units import UM
 
 #: Units that the data may decide for, in µm. They lie a factor of ten apart, so that one at most agrees.
 CANDIDATES = {"µm": 1.0, "0.1 µm": 0.1, "mm": 1000.0}
-#: The readings' circular deviation may be so many times the file's circularity, or a part of it: filters and centring differ.
+#: The readings' circular deviation may be so many times the file's circularity, or a part of it: filters and centring
+#: differ.
 AGREES = 3.0
 _HUGE = 1e9
-_SPEC = ("INSTRUMENT", "DYNAMIC_BALLBAR", "PLANE", "NOMINAL_LENGTH", "PROGRAMMED_FEEDRATE", "A_AXIS_NAME", "B_AXIS_NAME")
+_SPEC = (
+    "INSTRUMENT",
+    "DYNAMIC_BALLBAR",
+    "PLANE",
+    "NOMINAL_LENGTH",
+    "PROGRAMMED_FEEDRATE",
+    "A_AXIS_NAME",
+    "B_AXIS_NAME",
+)
 _TYPES = {"UT_LENGTH_UM": 1.0, "UT_LENGTH_MM": 1e3, "UT_LENGTH_M": 1e6}
 
 
@@ -47,9 +56,11 @@ class Run:
 
     @property
     def spread(self) -> float:
-        """Circular deviation of the readings: largest minus smallest without mean and eccentricity, in the unit of the file.
+        """Circular deviation of the readings: largest minus smallest without mean and eccentricity, in the unit of the
+        file.
 
-        The readings are taken as evenly spaced over one, two or three turns, whichever explains more of them as eccentricity.
+        The readings are taken as evenly spaced over one, two or three turns, whichever explains more of them as
+        eccentricity.
         """
         turn = np.linspace(0.0, 2 * np.pi, len(self.readings), endpoint=False)
         spreads = []
@@ -127,12 +138,20 @@ class Recorded:
         where = f"{self.path}: READINGS of run {run.direction}"
         fits = []
         if run.circularity is not None:
-            fits = [name for name, um in CANDIDATES.items() if run.circularity / AGREES <= run.spread * um <= run.circularity * AGREES]
-            found = f"without eccentricity they range over {run.spread:.4g}, the file's circularity is {run.circularity:.4g} µm"
+            fits = [
+                name
+                for name, um in CANDIDATES.items()
+                if run.circularity / AGREES <= run.spread * um <= run.circularity * AGREES
+            ]
+            found = (
+                f"without eccentricity they range over {run.spread:.4g}, the file's circularity is "
+                f"{run.circularity:.4g} µm"
+            )
             if not fits or (run.unit and run.unit not in fits):
                 said = f"the file says {run.unit}; " if run.unit else ""
                 raise InputError(
-                    f"{where}: {said}{found}; allowed: a unit of {', '.join(CANDIDATES)} that fits both, or --deviation-unit um or mm, "
+                    f"{where}: {said}{found}; allowed: a unit of {', '.join(CANDIDATES)} that fits both, or "
+                    f"--deviation-unit um or mm, "
                     "or --scale UM (µm for a reading of 1)"
                 )
             return fits[0], found
@@ -155,7 +174,9 @@ def read_recorded(path: Path) -> Recorded:
     runs = [_run(path, element, direction, imported) for element, direction in _elements(root)]
     for run in runs:
         if sum(r.direction == run.direction for r in runs) > 1:
-            raise InputError(f"{path}: READINGS of more than one run {run.direction}; allowed: one run CW and one run CCW in a file")
+            raise InputError(
+                f"{path}: READINGS of more than one run {run.direction}; allowed: one run CW and one run CCW in a file"
+            )
     return Recorded(path, imported, tuple(runs), tuple(_said(root)))
 
 
@@ -173,14 +194,18 @@ def _elements(root: Element):
 def _run(path: Path, element: Element, direction: str, imported: Imported) -> Run:
     if direction.upper() not in ("CW", "CCW"):
         found = f"RUN_DIRECTION {direction[:20]!r}" if direction else "no RUN_DIRECTION"
-        raise InputError(f"{path}: READINGS behind {found}; allowed: RUN_DIRECTION CW or CCW before them, in the same element")
+        raise InputError(
+            f"{path}: READINGS behind {found}; allowed: RUN_DIRECTION CW or CCW before them, in the same element"
+        )
     direction = direction.upper()
     words = (element.text or "").split()
     values = np.array([_number(w) for w in words])
     if not len(values) or not np.isfinite(values).all():
         bad = int(np.flatnonzero(~np.isfinite(values))[0]) if len(values) else -1
         found = f"reading {bad + 1} is {words[bad][:20]!r}" if len(values) else "no number"
-        raise InputError(f"{path}: READINGS of run {direction}: {found}; allowed: numbers with a decimal point, separated by spaces")
+        raise InputError(
+            f"{path}: READINGS of run {direction}: {found}; allowed: numbers with a decimal point, separated by spaces"
+        )
     return Run(direction, values, _unit(element), _circularity(imported, direction))
 
 
@@ -214,8 +239,14 @@ def _circularity(imported: Imported, direction: str) -> float | None:
 
 
 def _said(root: Element):
-    """Elements of the test's description that nothing here reads, and the attributes of the readings; few, and short."""
+    """Elements of the test's description that nothing here reads, and the attributes of the readings; few, and
+    short.
+    """
     spec = next(root.iter("TEST_SPEC"), None)
-    leaves = [e for e in spec.iter() if e.tag not in _SPEC and (e.text or "").strip() and not len(e)] if spec is not None else []
+    leaves = (
+        [e for e in spec.iter() if e.tag not in _SPEC and (e.text or "").strip() and not len(e)]
+        if spec is not None
+        else []
+    )
     attributes = [f"READINGS@{k} {v}" for e, _ in _elements(root) for k, v in e.attrib.items()]
     return [text[:60] for text in (*(f"{e.tag} {(e.text or '').strip()}" for e in leaves[:20]), *attributes[:6])]

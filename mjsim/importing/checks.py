@@ -21,9 +21,11 @@ from mjsim.units import UM
 SMALLEST, LARGEST = 0.2 * UM, 1000.0 * UM
 #: What a machine in use shows, m: only units that lead here are proposed.
 _USUAL = (0.5 * UM, 100.0 * UM)
-#: A machine may err so many times more, or less, than its model before a unit is in question; a unit has to explain all but this much.
+#: A machine may err so many times more, or less, than its model before a unit is in question; a unit has to explain all
+#: but this much.
 _STRANGE, _EXPLAINED = 10.0, 4.0
-#: A trace may last so much longer or shorter than its test, as a ratio, without a question; a trigger is exact to some ms.
+#: A trace may last so much longer or shorter than its test, as a ratio, without a question; a trigger is exact to some
+#: ms.
 _LASTS = 0.01
 #: What even a perfect model leaves, m: noise and small errors (assumed).
 _UNMODELLED = 0.5 * UM
@@ -64,18 +66,21 @@ def duration_question(test: BallBarTest, trace: Trace, tests: Sequence[BallBarTe
     others = [name for name, span in spans.items() if abs(lasts - span) <= 0.5 * _LASTS * span]
     other = f" The test {' or '.join(others[:3])} lasts as long." if others else ""
     return (
-        f"the trace lasts {lasts:.2f} s, the test {end - begin:.2f} s ({100 * (lasts / (end - begin) - 1):+.1f} %).{other} "
+        f"the trace lasts {lasts:.2f} s, the test {end - begin:.2f} s ({100 * (lasts / (end - begin) - 1):+.1f} "
+        f"%).{other} "
         "Is it the trace of this test, and is the feed right?"
     )
 
 
-def questions(test: BallBarTest, trace: Trace, unit: str, machine: Machine | None = None, tests: Sequence[BallBarTest] = ()) -> list[str]:
+def questions(
+    test: BallBarTest, trace: Trace, unit: str, machine: Machine | None = None, tests: Sequence[BallBarTest] = ()
+) -> list[str]:
     """What has to be asked about a trace; empty where nothing is strange.
 
     Args:
         test: the trace's test. trace: as it would be kept. unit: the one that it was read in, a key of
-            :data:`mjsim.importing.units.LENGTH`. machine: its model, for what is to be expected; ``None`` leaves that out. tests: of the
-            campaign.
+            :data:`mjsim.importing.units.LENGTH`. machine: its model, for what is to be expected; ``None`` leaves that
+            out. tests: of the campaign.
     """
     duration = duration_question(test, trace, tests)
     return [*([duration] if duration else []), *_size_questions(test, trace, unit, machine)]
@@ -96,7 +101,10 @@ def _size_questions(test: BallBarTest, trace: Trace, unit: str, machine: Machine
     proposal = _proposal(unit, size, (model / _EXPLAINED, model * _EXPLAINED))
     if not proposal:
         return []  # the machine may be far from its model; that is what a diagnosis is for
-    return [f"the trace's RMS without eccentricity is {_um(size)}, {size / model:.3g} times what the model gives ({_um(model)}){proposal}"]
+    return [
+        f"the trace's RMS without eccentricity is {_um(size)}, {size / model:.3g} times what the model gives "
+        f"({_um(model)}){proposal}"
+    ]
 
 
 def _proposal(unit: str, size: float, usual: tuple[float, float]) -> str:

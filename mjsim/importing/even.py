@@ -1,7 +1,7 @@
 """Samples whose times or angles have few digits, put back where an even clock took them.
 
-Recorders sample evenly. Rounded angles make the samples a little early, a little late, or fall on one place; taken at their word, that
-jitter would pass for noise and for gaps in the trace.
+Recorders sample evenly. Rounded angles make the samples a little early, a little late, or fall on one place; taken at
+their word, that jitter would pass for noise and for gaps in the trace.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ _EXACT = 1e-3
 
 
 def quantum(x: np.ndarray) -> float:
-    """The last decimal place that ``x`` (n,) uses, as a number (0.001 for three decimals); 0 where it uses more than six."""
+    """The last decimal place that ``x`` (n,) uses, as a number (0.001 for three decimals); 0 where it uses more
+    than six.
+    """
     for decimals in range(7):
         scaled = x * 10.0**decimals
         if np.abs(scaled - np.round(scaled)).max(initial=0.0) < 1e-4:
@@ -42,7 +44,9 @@ def evenly(time: np.ndarray, deviation: np.ndarray, step: float, notes: list[str
         if even is not None:
             clock, off, rate = even
             if off > _EXACT / rate:
-                notes.append(f"angles or times are rounded: the {len(clock)} samples are taken as evenly spaced, {rate:.6g} Hz")
+                notes.append(
+                    f"angles or times are rounded: the {len(clock)} samples are taken as evenly spaced, {rate:.6g} Hz"
+                )
                 return clock, values
     if count < len(time):
         notes.append(f"{len(time) - count} samples at an angle that was there already left out")
@@ -50,7 +54,9 @@ def evenly(time: np.ndarray, deviation: np.ndarray, step: float, notes: list[str
 
 
 def _line(time: np.ndarray, number: np.ndarray, step: float) -> tuple[np.ndarray, float, float] | None:
-    """Times on the even clock that fits best, how far off it the given ones are, its rate; ``None`` where rounding does not explain it."""
+    """Times on the even clock that fits best, how far off it the given ones are, its rate; ``None`` where rounding
+    does not explain it.
+    """
     slope, first = np.polyfit(number, time, 1)
     off = float(np.abs(time - first - slope * number).max())
     if slope <= 0 or off > 0.75 * step + 1e-9 or len(np.unique(number)) < len(number):

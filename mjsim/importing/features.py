@@ -1,4 +1,6 @@
-"""Other systems' diagnosed features beside mjsim's own findings: kept in the campaign's folder ``imported``, one JSON file each."""
+"""Other systems' diagnosed features beside mjsim's own findings: kept in the campaign's folder ``imported``, one
+JSON file each.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +22,8 @@ from mjsim.io.inputs import file_bytes
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.units import unit_of
 
-#: Feature -> the effects that cause it in mjsim's catalogue. {a}, {b}: first and second axis of the plane; {own}, {other}: the axis
-#: that the feature's name ends in, and the other one; {plane}: as mjsim names it.
+#: Feature -> the effects that cause it in mjsim's catalogue. {a}, {b}: first and second axis of the plane; {own},
+#: {other}: the axis that the feature's name ends in, and the other one; {plane}: as mjsim names it.
 _CAUSES: tuple[tuple[re.Pattern, tuple[str, ...]], ...] = (
     (re.compile(r"AF_SQUARENESS"), ("squareness.{plane}",)),
     (re.compile(r"AF_BACKLASH_([AB])_(POS|NEG)"), ("backlash.{own}",)),
@@ -42,7 +44,9 @@ def features_folder(campaign: Campaign | str | Path) -> Path:
     return (campaign.folder if isinstance(campaign, Campaign) else campaign_file(Path(campaign)).parent) / "imported"
 
 
-def import_features(campaign: str | Path, files: Sequence[str | Path], force: bool = False, preview: bool = False) -> list[Imported]:
+def import_features(
+    campaign: str | Path, files: Sequence[str | Path], force: bool = False, preview: bool = False
+) -> list[Imported]:
     """Bring header and features of ``.b5r`` files into a campaign's folder ``imported``: all of them, or none.
 
     Raises:
@@ -84,12 +88,16 @@ def imported_features(campaign: Campaign | str | Path) -> list[Imported]:
         except InputError:
             raise
         except ValueError:
-            raise InputError(f"{path}: not features that `mjsim import` has written; move it away and import the file again") from None
+            raise InputError(
+                f"{path}: not features that `mjsim import` has written; move it away and import the file again"
+            ) from None
     return out
 
 
 def causes(feature: Feature, axes: Sequence[str]) -> tuple[str, ...] | None:
-    """Ids of the effects that mjsim gives as the cause: empty where it has none, ``None`` where the feature's meaning is not known."""
+    """Ids of the effects that mjsim gives as the cause: empty where it has none, ``None`` where the feature's
+    meaning is not known.
+    """
     for pattern, ids in _CAUSES:
         m = pattern.fullmatch(feature.name)
         if m is None:
@@ -105,18 +113,22 @@ def causes(feature: Feature, axes: Sequence[str]) -> tuple[str, ...] | None:
 
 
 def beside(
-    imported: Iterable[Imported], effects: Mapping[str, Mapping[str, Any]], circles: Iterable[tuple[str, str, str, float]] = ()
+    imported: Iterable[Imported],
+    effects: Mapping[str, Mapping[str, Any]],
+    circles: Iterable[tuple[str, str, str, float]] = (),
 ) -> list[dict]:
     """Every feature with what mjsim says of the same: rows as plain data.
 
     Args:
         imported: from :func:`imported_features`.
         effects: id -> parameters, of effects found or in the model.
-        circles: plane, direction (empty for both), name and measured circular error (µm) of the campaign's circular tests.
+        circles: plane, direction (empty for both), name and measured circular error (µm) of the campaign's circular
+            tests.
 
     Returns:
-        Dictionaries with ``source``, ``feature``, ``run``, ``value``, ``unit``, ``axes``, ``causes`` (ids, or ``None`` where the meaning is
-        not known) and ``mjsim``: texts such as ``"backlash.X 2 µm"``. Signs are not compared: the other system's are not published.
+        Dictionaries with ``source``, ``feature``, ``run``, ``value``, ``unit``, ``axes``, ``causes`` (ids, or ``None``
+        where the meaning is not known) and ``mjsim``: texts such as ``"backlash.X 2 µm"``. Signs are not compared: the
+        other system's are not published.
     """
     circles = list(circles)
     rows = []

@@ -1,4 +1,6 @@
-"""What a text file's header says about its test: ``feed: 1000 mm/min``, ``plane = XY``, and the keys of campaign.toml themselves."""
+"""What a text file's header says about its test: ``feed: 1000 mm/min``, ``plane = XY``, and the keys of
+campaign.toml themselves.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,15 @@ _SPACES, _LONGEST = re.compile(r" {2,}"), 300
 _VALUE = re.compile(r"^([+-]?\d+(?:[.,]\d+)?)\s*(\S*)$")
 _FEEDS = {"mm/min": 1.0, "m/min": 1000.0, "in/min": 25.4, "inch/min": 25.4, "ipm": 25.4}
 #: What English and German headers call a key, without its unit; in lower case.
-_FEED = {"feed", "feedrate", "feed rate", "programmed feedrate", "vorschub", "programmierter vorschub", "vorschubgeschwindigkeit"}
+_FEED = {
+    "feed",
+    "feedrate",
+    "feed rate",
+    "programmed feedrate",
+    "vorschub",
+    "programmierter vorschub",
+    "vorschubgeschwindigkeit",
+}
 _LENGTH = {
     "radius", "bar length", "ballbar length", "ball bar length", "nominal length", "test radius",
     "messradius", "kreisradius", "nennlänge", "stablänge",
@@ -28,7 +38,9 @@ _WAYS = {
 
 
 def test_keys(header: tuple[str, ...]) -> dict:
-    """Keys of a ``[[test]]`` table that the header's lines give; a number without a unit counts only under a key that names its unit."""
+    """Keys of a ``[[test]]`` table that the header's lines give; a number without a unit counts only under a key
+    that names its unit.
+    """
     out: dict = {}
     for line in header[:200]:
         m = _LINE.match(_SPACES.sub(" ", line[:_LONGEST].strip()))
@@ -44,7 +56,9 @@ def _read(name: str, unit: str, text: str) -> dict:
     if name in ball_bar_table().model_fields:
         return _own(name, text)
     word, number = name.lower().replace("_", " "), _VALUE.match(text)
-    if word in _PLANE and text.upper() in FIVE_AXIS.planes:  # XZ is seen from behind: which way its circle turns is not said
+    if (
+        word in _PLANE and text.upper() in FIVE_AXIS.planes
+    ):  # XZ is seen from behind: which way its circle turns is not said
         return {"plane": text.upper()}
     if word in _WAY and text.lower() in _WAYS:
         return {"direction": _WAYS[text.lower()]}

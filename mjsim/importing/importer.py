@@ -28,9 +28,10 @@ class ImportedTrace:
     """One trace as it was brought in, or as it would be.
 
     Attributes:
-        source: the measurement file. file: the trace's file in the campaign. test: its test; ``added`` whether campaign.toml got it or
-            its ``trace``, ``new_test`` whether it got the test.
-        trace: what was kept. unit: of the deviation in ``source``. notes: what was found and concluded. questions: what looks wrong.
+        source: the measurement file. file: the trace's file in the campaign. test: its test; ``added`` whether
+            campaign.toml got it or its ``trace``, ``new_test`` whether it got the test.
+        trace: what was kept. unit: of the deviation in ``source``. notes: what was found and concluded. questions: what
+            looks wrong.
         written: false for a preview.
     """
 
@@ -67,7 +68,11 @@ class ImportedTrace:
             "max_um": round(float(deviation.max()), 4),
             "rms_um": round(float(deviation.std()), 4),
             "first_rows": [
-                {"time_s": round(float(s), 6), "phi_deg": round(float(p / DEG), 4), "deviation_um": round(float(d / UM), 4)}
+                {
+                    "time_s": round(float(s), 6),
+                    "phi_deg": round(float(p / DEG), 4),
+                    "deviation_um": round(float(d / UM), 4),
+                }
                 for s, p, d in zip(t.time[:5], program.phi(t.time[:5]), t.deviation[:5], strict=True)
             ],
             "notes": list(self.notes),
@@ -89,9 +94,12 @@ def import_traces(
 
     Args:
         campaign: a folder with a campaign.toml, or the path of one.
-        files: tables as text, each with one run of one test; or ``.b5r`` files, whose runs go to the tests that fit their header.
-        test: the test's name for a single file, or a name (or ``None``) for each file. Without one the file's name is the test's.
-        keys: keys of the ``[[test]]`` table, as in campaign.toml, of tests that are not there yet; the files' headers come second.
+        files: tables as text, each with one run of one test; or ``.b5r`` files, whose runs go to the tests that fit
+            their header.
+        test: the test's name for a single file, or a name (or ``None``) for each file. Without one the file's name is
+            the test's.
+        keys: keys of the ``[[test]]`` table, as in campaign.toml, of tests that are not there yet; the files' headers
+            come second.
         options: how the files are read. force: replace traces that are there. preview: write nothing.
         check: also compare the trace's size with what the campaign's model gives, which simulates the test.
 
@@ -101,7 +109,9 @@ def import_traces(
     o = options or Options()
     file, text, known = into.read_document(Path(campaign))
     if isinstance(test, str) and len(files) > 1:
-        raise InputError(f"--test {test} names one test, {len(files)} files were given; allowed: FILE=TEST for each of them")
+        raise InputError(
+            f"--test {test} names one test, {len(files)} files were given; allowed: FILE=TEST for each of them"
+        )
     names = [test] * len(files) if test is None or isinstance(test, str) else test
     instrument = known.instrument if known else Instrument()
     out, contents = [], {}
@@ -110,7 +120,8 @@ def import_traces(
         entry = into.entry(file, text, name, dict(keys or {}), item.header, source)
         if entry.file in contents:
             raise InputError(
-                f"{source}: another of these files is test {name!r} as well; allowed: one file for each test (FILE=TEST names it)"
+                f"{source}: another of these files is test {name!r} as well; allowed: one file for each test "
+                f"(FILE=TEST names it)"
             )
         if not preview:
             check_writable(entry.file, force)
@@ -127,11 +138,25 @@ def import_traces(
             "a shorter bar is positive in the file: signs turned" if o.inward else "",
         )
         if trace.saturated:
-            notes = (*notes, f"{trace.saturated} samples of a sensor at its stop, or beyond its range: they count as missing")
-        asked = questions(entry.test, trace, recording.unit, _machine(file, text) if check else None, known.tests if known else ())
+            notes = (
+                *notes,
+                f"{trace.saturated} samples of a sensor at its stop, or beyond its range: they count as missing",
+            )
+        asked = questions(
+            entry.test, trace, recording.unit, _machine(file, text) if check else None, known.tests if known else ()
+        )
         asked += item.questions(entry.test)
         contents[entry.file] = into.trace_bytes(entry.file, time, deviation)
-        kept = (source, entry.file, entry.test, entry.added, trace, item.unit or recording.unit, tuple(n for n in notes if n), tuple(asked))
+        kept = (
+            source,
+            entry.file,
+            entry.test,
+            entry.added,
+            trace,
+            item.unit or recording.unit,
+            tuple(n for n in notes if n),
+            tuple(asked),
+        )
         out.append(ImportedTrace(*kept, written=not preview, new_test=entry.new_test))
     if not preview:
         into.write(file, text, contents, force)
@@ -139,7 +164,8 @@ def import_traces(
 
 
 def import_trace(campaign: str | Path, file: str | Path, test: str | None = None, **more: Any) -> ImportedTrace:
-    """Bring one recorded trace into a campaign; arguments as :func:`import_traces`, and those of :class:`Options` by name.
+    """Bring one recorded trace into a campaign; arguments as :func:`import_traces`, and those of :class:`Options` by
+    name.
 
     Raises:
         InputError: as :func:`import_traces`.
@@ -147,7 +173,9 @@ def import_trace(campaign: str | Path, file: str | Path, test: str | None = None
     own = {k: more.pop(k) for k in ("keys", "force", "preview", "check") if k in more}
     made = import_traces(campaign, [file], test, options=Options(**more), **own)
     if not made:
-        raise InputError(f"{file}: no run fits a test of the campaign; allowed: the name of its test, or keys of a new one")
+        raise InputError(
+            f"{file}: no run fits a test of the campaign; allowed: the name of its test, or keys of a new one"
+        )
     return made[0]
 
 

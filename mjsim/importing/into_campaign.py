@@ -1,4 +1,6 @@
-"""A campaign with one more trace: its CSV, and its ``[[test]]`` table, with comments and order of campaign.toml kept."""
+"""A campaign with one more trace: its CSV, and its ``[[test]]`` table, with comments and order of campaign.toml
+kept.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +69,9 @@ def campaign_file(folder: Path) -> Path:
 
 def test_name(file: Path) -> str:
     """A test's name from a file's: letters, digits and ``_ . + -``."""
-    name = re.sub(r"[^A-Za-z0-9_.+-]+", "-", file.name.removesuffix(".gz").rpartition(".")[0] or file.name).strip("-._+")
+    name = re.sub(r"[^A-Za-z0-9_.+-]+", "-", file.name.removesuffix(".gz").rpartition(".")[0] or file.name).strip(
+        "-._+"
+    )
     return name or "test"
 
 
@@ -75,7 +79,8 @@ def entry(file: Path, text: str, name: str, keys: dict, header: dict, source: Pa
     """Find or make the test of a trace.
 
     Args:
-        file: campaign.toml. text: its text, with earlier imports in it. name: of the test. keys: of its table, from options.
+        file: campaign.toml. text: its text, with earlier imports in it. name: of the test. keys: of its table, from
+            options.
         header: the same, from the measurement file ``source``.
 
     Raises:
@@ -88,7 +93,8 @@ def entry(file: Path, text: str, name: str, keys: dict, header: dict, source: Pa
         if keys:
             given = ", ".join(options()[k] for k in keys)
             raise InputError(
-                f'{file}: [[test]] "{name}" is there already and says how it was run; leave out {given}, or give another --test'
+                f'{file}: [[test]] "{name}" is there already and says how it was run; leave out {given}, or give '
+                f"another --test"
             )
         added = "trace" not in table
         if added:
@@ -124,7 +130,9 @@ def _complete(file: Path, name: str, keys: dict, source: Path) -> dict:
         kind = keys["kind"] = possible[0]
     common = [options()[k] for k in _COMMON if k not in keys]
     if kind not in KINDS:
-        needs = [f"--kind {k.name} ({', '.join(options()[n] for n in k.needed if n not in keys)})" for k in KINDS.values()]
+        needs = [
+            f"--kind {k.name} ({', '.join(options()[n] for n in k.needed if n not in keys)})" for k in KINDS.values()
+        ]
         raise InputError(
             f'{source}: test "{name}" is not in {file}; say how it was run: {" or ".join(needs)}'
             f"{', and ' + ', '.join(common) if common else ''}; or name a test of the campaign with --test"
@@ -148,7 +156,9 @@ def _append(document: tomlkit.TOMLDocument, new: dict) -> None:
     tables.append(table)
 
 
-def checked_trace(source: Path, test: BallBarTest, time: np.ndarray, deviation: np.ndarray, instrument: Instrument) -> Trace:
+def checked_trace(
+    source: Path, test: BallBarTest, time: np.ndarray, deviation: np.ndarray, instrument: Instrument
+) -> Trace:
     """The trace as reading it back will give it.
 
     Raises:
@@ -160,8 +170,10 @@ def checked_trace(source: Path, test: BallBarTest, time: np.ndarray, deviation: 
     valid = known & (np.abs(np.nan_to_num(deviation)) < instrument.range * (1 - 1e-9)) & ~saturated(deviation)
     if valid.sum() < max(50, 0.5 * known.sum()):
         raise InputError(
-            f"{source}: only {int(valid.sum())} of {len(valid)} samples are inside the sensor's range of ±{instrument.range * 1e3:g} mm "
-            f"(median {np.nanmedian(deviation) / UM:.6g} µm); check --deviation-unit, and --absolute where the column holds lengths"
+            f"{source}: only {int(valid.sum())} of {len(valid)} samples are inside the sensor's range of "
+            f"±{instrument.range * 1e3:g} mm "
+            f"(median {np.nanmedian(deviation) / UM:.6g} µm); check --deviation-unit, and --absolute where the "
+            f"column holds lengths"
         )
     trace = Trace(time, np.nan_to_num(deviation), valid, int((known & ~valid).sum()))
     check_span(source, test, trace)
@@ -176,7 +188,8 @@ def trace_bytes(file: Path, time: np.ndarray, deviation: np.ndarray) -> bytes:
 
 
 def write(file: Path, text: str, traces: dict[Path, bytes], force: bool = False) -> None:
-    """Write traces and campaign.toml: all of them or none. campaign.toml comes last; it is edited, which is the purpose.
+    """Write traces and campaign.toml: all of them or none. campaign.toml comes last; it is edited, which is the
+    purpose.
 
     Raises:
         InputError: a trace is there already and ``force`` is false, or a file cannot be written.

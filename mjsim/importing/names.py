@@ -6,7 +6,9 @@ from mjsim.ballbar.kinds import all_keys
 
 
 def options() -> dict[str, str]:
-    """Key -> option, in the order of a ``[[test]]`` table: those of single kinds lie between ``kind`` and the table ball."""
+    """Key -> option, in the order of a ``[[test]]`` table: those of single kinds lie between ``kind`` and the table
+    ball.
+    """
     return {
         "kind": "--kind",
         **{name: keys[0].flag for name, keys in all_keys().items()},

@@ -32,10 +32,12 @@ class Options:
 
     Attributes:
         separator, decimal, rows: as :func:`mjsim.importing.table.read_table`.
-        time, angle, deviation: columns, by name or number from 1. rate: samples per second where there is neither time nor angle.
+        time, angle, deviation: columns, by name or number from 1. rate: samples per second where there is neither time
+            nor angle.
         time_unit, angle_unit, deviation_unit: keys of :mod:`mjsim.importing.units`. um_per_volt: the sensor's scale.
         inward: the file counts a shorter bar as positive. absolute: the column holds the bar's length, not its change.
-        clock: ``program`` (times count from the start of the NC program) or ``trace`` (the first sample is where the trace begins).
+        clock: ``program`` (times count from the start of the NC program) or ``trace`` (the first sample is where the
+            trace begins).
         angle_zero: the file's angle (rad) at φ = 0. angle_sense: ``ccw`` or ``cw``, which way the file's angle counts.
         start_angle: φ (rad) of the first sample, where a test begins elsewhere than at φ = 0.
     """
@@ -72,7 +74,8 @@ class Recording:
     """A file's columns in SI.
 
     Attributes:
-        deviation: (n,) m, outward positive, nan where missing. time: (n,) s, or ``None``. angle: (n,) rad, or ``None``. lines: (n,).
+        deviation: (n,) m, outward positive, nan where missing. time: (n,) s, or ``None``. angle: (n,) rad, or ``None``.
+            lines: (n,).
         unit: of the deviation in the file. notes: what was found and what was concluded.
     """
 
@@ -132,13 +135,16 @@ def _the_rest(table: Table, at: dict[str, int | None], o: Options) -> None:
     """Find the deviation by exclusion, and say what is missing."""
     if at["time"] is None and at["angle"] is None and not o.rate:
         raise InputError(
-            f"{table.path}: which column is the time or the angle? say --time COLUMN or --angle COLUMN, or --rate HZ where there is none; "
+            f"{table.path}: which column is the time or the angle? say --time COLUMN or --angle COLUMN, or --rate "
+            f"HZ where there is none; "
             f"the file has {table.columns}"
         )
     if at["deviation"] is None:
         left = [i for i in range(len(table.names)) if i not in (at["time"], at["angle"])]
         if len(left) != 1:
-            raise InputError(f"{table.path}: which column is the deviation? say --deviation COLUMN; the file has {table.columns}")
+            raise InputError(
+                f"{table.path}: which column is the deviation? say --deviation COLUMN; the file has {table.columns}"
+            )
         at["deviation"] = left[0]
     used = [i for i in at.values() if i is not None]
     if len(set(used)) < len(used):
@@ -160,7 +166,8 @@ def _time_factor(table: Table, i: int, test: BallBarTest, o: Options, notes: lis
         fits = [u for u in QUANTITIES["time"] if 0.5 < have * factor(u, "time") / lasts < 2.0]
         if len(fits) != 1:
             raise InputError(
-                f'{table.path}: the time goes over {have:g} of an unknown unit, the program of test "{test.name}" lasts {lasts:.1f} s; '
+                f'{table.path}: the time goes over {have:g} of an unknown unit, the program of test "{test.name}" '
+                f"lasts {lasts:.1f} s; "
                 "say --time-unit s or ms"
             )
         unit = fits[0]
@@ -171,7 +178,10 @@ def _time_factor(table: Table, i: int, test: BallBarTest, o: Options, notes: lis
 def _angle_factor(table: Table, i: int, test: BallBarTest, o: Options, notes: list[str]) -> float:
     unit = o.angle_unit or unit_of_column(table.names[i], table.units[i], "angle")
     if unit is None:
-        whole, have = abs(np.subtract(*Program(test).measured_ends)), float(np.ptp(np.unwrap(table.values[:, i], period=360.0)))
+        whole, have = (
+            abs(np.subtract(*Program(test).measured_ends)),
+            float(np.ptp(np.unwrap(table.values[:, i], period=360.0))),
+        )
         have_rad = float(np.ptp(np.unwrap(table.values[:, i])))
         fits = [u for u, x in (("deg", have * DEG), ("rad", have_rad)) if 0.7 < x / whole < 1.5]
         if float(np.ptp(table.values[:, i])) > 8.0 * np.pi * max(1, test.revolutions):
@@ -191,25 +201,37 @@ def _deviation(table: Table, i: int | None, test: BallBarTest, o: Options, notes
     middle = float(np.nanmedian(raw))
     unit = o.deviation_unit or unit_of_column(table.names[i], table.units[i], "deviation")
     if unit is None:
-        units = [u for u in QUANTITIES["deviation"] if u != "V" and abs(middle * factor(u, "deviation") - test.length) < _NEAR]
+        units = [
+            u
+            for u in QUANTITIES["deviation"]
+            if u != "V" and abs(middle * factor(u, "deviation") - test.length) < _NEAR
+        ]
         if len(units) != 1 or o.absolute is False:
             raise InputError(
-                f"{table.path}: the deviation's unit is not known ({np.nanmin(raw):g} to {np.nanmax(raw):g}); say --deviation-unit "
+                f"{table.path}: the deviation's unit is not known ({np.nanmin(raw):g} to {np.nanmax(raw):g}); say "
+                f"--deviation-unit "
                 "um, mm, inch, mil, uin or V"
             )
         unit = units[0]
-        notes.append(f"deviation taken for {unit}: only so it is the bar's length of {test.length / MM:g} mm (--deviation-unit)")
+        notes.append(
+            f"deviation taken for {unit}: only so it is the bar's length of {test.length / MM:g} mm (--deviation-unit)"
+        )
     if (unit == "V") != (o.um_per_volt is not None):
         raise InputError(
-            f"{table.path}: the deviation is in {unit}; " + ("say --scale UM_PER_VOLT" if unit == "V" else "--scale is for volts only")
+            f"{table.path}: the deviation is in {unit}; "
+            + ("say --scale UM_PER_VOLT" if unit == "V" else "--scale is for volts only")
         )
     metres = raw * (o.um_per_volt * UM if o.um_per_volt is not None else factor(unit, "deviation"))
     absolute = o.absolute
     if absolute is None and unit != "V" and abs(middle * factor(unit, "deviation") - test.length) < _NEAR:
         absolute = True
-        notes.append(f"lengths, not deviations: the bar's {test.length / MM:g} mm are subtracted (--relative keeps them)")
+        notes.append(
+            f"lengths, not deviations: the bar's {test.length / MM:g} mm are subtracted (--relative keeps them)"
+        )
     if absolute and o.inward:
-        raise InputError(f"{table.path}: the column holds lengths of the bar, which grow outward; allowed: --sign outward")
+        raise InputError(
+            f"{table.path}: the column holds lengths of the bar, which grow outward; allowed: --sign outward"
+        )
     if absolute:
         metres = metres - test.length
     return (-metres if o.inward else metres), unit

@@ -1,4 +1,6 @@
-"""What a call of ``mjsim import`` has to bring in: one entry for each table of text, and for each run of a ``.b5r`` file."""
+"""What a call of ``mjsim import`` has to bring in: one entry for each table of text, and for each run of a ``.b5r``
+file.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,8 @@ from mjsim.importing.reading import Options
 from mjsim.importing.table import Table
 from mjsim.machine.chain import FIVE_AXIS
 
-#: The last reading of a closed circle is near the first: a gap of more than this part of the range has to be asked about.
+#: The last reading of a closed circle is near the first: a gap of more than this part of the range has to be asked
+#: about.
 _CLOSED = 0.3
 #: Feed and length of the file may differ by this from the test's, as a ratio.
 _SAME = 0.001
@@ -62,7 +65,8 @@ class Source:
         if self.options.start_angle is not None:
             begin, clock = f"φ = {np.degrees(self.options.start_angle):g}°", self.options.clock
         note = (
-            f"assumed, the file does not say: the {n} readings are evenly spaced over the {test.revolutions * 360}° of the test, in the "
+            f"assumed, the file does not say: the {n} readings are evenly spaced over the "
+            f"{test.revolutions * 360}° of the test, in the "
             f"order of the motion, begin at {begin}, and hold no feed-in or overshoot (--rate, --start-angle)"
         )
         return replace(self.options, rate=n / (hi - lo), clock=clock), [note]
@@ -76,16 +80,21 @@ class Source:
             said = self.header.get(key)
             if said is not None and abs(said - have) > _SAME * have:
                 word = "length" if key == "bar_length_mm" else "feed"
-                out.append(f"the file says {word} {said:g} {unit}, test {test.name} has {have:g} {unit}: is it the right test?")
+                out.append(
+                    f"the file says {word} {said:g} {unit}, test {test.name} has {have:g} {unit}: is it the right test?"
+                )
         if self.run.gap > _CLOSED:
             out.append(
-                f"the last reading of run {self.run.direction} is {100 * self.run.gap:.0f} % of the range away from the first: do the "
+                f"the last reading of run {self.run.direction} is {100 * self.run.gap:.0f} % of the range away "
+                f"from the first: do the "
                 "readings cover whole turns? mjsim has no circular test of a part of a circle"
             )
         return out
 
 
-def sources(files: Sequence[Path], names: Sequence[str | None], keys: dict, o: Options, known: Campaign | None) -> list[Source]:
+def sources(
+    files: Sequence[Path], names: Sequence[str | None], keys: dict, o: Options, known: Campaign | None
+) -> list[Source]:
     """What the files hold.
 
     Args:
@@ -104,7 +113,8 @@ def sources(files: Sequence[Path], names: Sequence[str | None], keys: dict, o: O
             recorded = read_recorded(path)
             if not recorded.runs:
                 raise InputError(
-                    f"{path}: brings no trace: it has no READINGS; allowed: a .b5r file with recorded runs, or a table as text"
+                    f"{path}: brings no trace: it has no READINGS; allowed: a .b5r file with recorded runs, or a "
+                    f"table as text"
                 )
             out += [_of_run(recorded, run, test, o) for run, test in runs_and_tests(recorded, name, keys, known)]
         else:
@@ -120,14 +130,19 @@ def _of_run(recorded: Recorded, run: Run, name: str, o: Options) -> Source:
     notes = [f"run {run.direction}; {why}"]
     plane = "".join(recorded.imported.axes)
     if plane[::-1] in FIVE_AXIS.planes:
-        notes.append(f"the file calls its plane {plane}: CW is taken for G02 of the plane {plane[::-1]}, which is not certain")
+        notes.append(
+            f"the file calls its plane {plane}: CW is taken for G02 of the plane {plane[::-1]}, which is not certain"
+        )
     table = Table(recorded.path, ("deviation",), ("um",), run.readings[:, None] * um, numbers, (), tuple(notes))
     header = {**recorded.keys, "direction": run.direction}
-    return Source(recorded.path, name, table, header, replace(o, deviation_unit="um", um_per_volt=None), recorded, run, unit)
+    return Source(
+        recorded.path, name, table, header, replace(o, deviation_unit="um", um_per_volt=None), recorded, run, unit
+    )
 
 
 def runs_and_tests(recorded: Recorded, name: str | None, keys: dict, known: Campaign | None) -> list[tuple[Run, str]]:
-    """Runs with the names of their tests; a run that no test of the campaign fits is left out if no key describes a new one.
+    """Runs with the names of their tests; a run that no test of the campaign fits is left out if no key describes a new
+    one.
 
     Args:
         recorded: the file.
@@ -154,7 +169,9 @@ def runs_and_tests(recorded: Recorded, name: str | None, keys: dict, known: Camp
     return out
 
 
-def _the_run(recorded: Recorded, runs: Sequence[Run], name: str | None, tests: Sequence[BallBarTest], keys: dict) -> Run:
+def _the_run(
+    recorded: Recorded, runs: Sequence[Run], name: str | None, tests: Sequence[BallBarTest], keys: dict
+) -> Run:
     """The run of a test that the user names."""
     test = next((t for t in tests if t.name == name), None)
     have = f"{recorded.path}: has {' and '.join(f'run {r.direction}' for r in recorded.runs) or 'no READINGS'}"
@@ -163,12 +180,16 @@ def _the_run(recorded: Recorded, runs: Sequence[Run], name: str | None, tests: S
         if test.kind != "circular" or (plane and set(test.plane) != set(plane)):
             other = f"test {test.name!r} is {test.kind} {test.plane}".rstrip()
             raise InputError(
-                f"{recorded.path}: holds a circle in {plane or 'a plane'}; {other}; allowed: FILE=TEST of such a circular test"
+                f"{recorded.path}: holds a circle in {plane or 'a plane'}; {other}; allowed: FILE=TEST of such a "
+                f"circular test"
             )
         runs = [r for r in runs if r.direction == test.direction]
         have += f", test {test.name!r} runs {test.direction}"
     if len(runs) != 1:
-        raise InputError(f"{have}; allowed: one run that fits" + ("" if test or keys.get("direction") else ", say --direction CW or CCW"))
+        raise InputError(
+            f"{have}; allowed: one run that fits"
+            + ("" if test or keys.get("direction") else ", say --direction CW or CCW")
+        )
     return runs[0]
 
 

@@ -32,7 +32,8 @@ class Table:
     """Numbers of a text file.
 
     Attributes:
-        path: the file. names, units: (k,) of the columns, empty texts where the file has none. values: (n, k), nan where a cell is empty.
+        path: the file. names, units: (k,) of the columns, empty texts where the file has none. values: (n, k), nan
+            where a cell is empty.
         lines: (n,) line numbers, from 1. header: lines above the table. notes: what was detected, for the user.
     """
 
@@ -51,7 +52,9 @@ class Table:
         return ", ".join(few) + (f" and {len(self.names) - 12} more" if len(self.names) > 12 else "")
 
 
-def read_table(path: Path, separator: str | None = None, decimal: str | None = None, rows: tuple[int, int] | None = None) -> Table:
+def read_table(
+    path: Path, separator: str | None = None, decimal: str | None = None, rows: tuple[int, int] | None = None
+) -> Table:
     """Read a table; what is not given is detected.
 
     Args:
@@ -73,8 +76,13 @@ def read_table(path: Path, separator: str | None = None, decimal: str | None = N
     values, numbers = _numbers(path, body, begin, first, sep, comma, width)
     header = lines[: first - 1 + begin]
     names, units = _names(header, sep, width)
-    keep = np.asarray(np.isfinite(values).any(axis=0), bool) | (len(values) == 0)  # a separator at the ends of the lines
-    names, units = tuple(n for n, k in zip(names, keep, strict=True) if k), tuple(u for u, k in zip(units, keep, strict=True) if k)
+    keep = np.asarray(np.isfinite(values).any(axis=0), bool) | (
+        len(values) == 0
+    )  # a separator at the ends of the lines
+    names, units = (
+        tuple(n for n, k in zip(names, keep, strict=True) if k),
+        tuple(u for u, k in zip(units, keep, strict=True) if k),
+    )
     shown = next(k for k, v in SEPARATORS.items() if v == sep)
     notes += [f"separator {shown}, decimal {'comma' if comma else 'point'}"] if width > 1 or comma else []
     notes += [f"{len(header)} header line{'s' if len(header) > 1 else ''}"] if header else []
@@ -92,16 +100,22 @@ def _text(path: Path) -> tuple[str, list[str]]:
             try:
                 return data.decode(encoding), [f"{name} with byte order mark"]
             except UnicodeDecodeError as error:
-                raise InputError(f"{path}: byte {error.start} is no {name} text, though the file begins with its mark") from None
+                raise InputError(
+                    f"{path}: byte {error.start} is no {name} text, though the file begins with its mark"
+                ) from None
     if b"\0" in data:
-        raise InputError(f"{path}: byte {data.index(0)} is not text; allowed: a table as text (.csv, .txt), or a .b5r file")
+        raise InputError(
+            f"{path}: byte {data.index(0)} is not text; allowed: a table as text (.csv, .txt), or a .b5r file"
+        )
     try:
         return data.decode(), []
     except UnicodeDecodeError:
         try:
             return data.decode("cp1252"), ["not UTF-8, read as Windows-1252"]
         except UnicodeDecodeError as error:
-            raise InputError(f"{path}: byte {error.start} is not text; allowed: a table as text (.csv, .txt), or a .b5r file") from None
+            raise InputError(
+                f"{path}: byte {error.start} is not text; allowed: a table as text (.csv, .txt), or a .b5r file"
+            ) from None
 
 
 def _split(line: str, sep: str | None) -> list[str]:
@@ -132,7 +146,11 @@ def _layout(path: Path, body: list[str], separator: str | None, decimal: str | N
     found = []
     for name, sep in SEPARATORS.items():
         for comma in (False, True):
-            if (separator not in (None, name)) or (decimal not in (None, "comma" if comma else "point")) or (comma and sep == ","):
+            if (
+                (separator not in (None, name))
+                or (decimal not in (None, "comma" if comma else "point"))
+                or (comma and sep == ",")
+            ):
                 continue
             widths = Counter(len(r) for line in look if (r := _row(line, sep, comma)))
             if widths:
@@ -142,12 +160,14 @@ def _layout(path: Path, body: list[str], separator: str | None, decimal: str | N
     if best < min(3, len(look)) or not best:
         near = look[0].strip()[:60] if look else ""
         raise InputError(
-            f"{path}: no table of numbers found ({len(look)} lines, first {near!r}); allowed: rows of numbers below any header"
+            f"{path}: no table of numbers found ({len(look)} lines, first {near!r}); allowed: rows of numbers "
+            f"below any header"
         )
     likely = [f for f in found if f[0] == best]
     if {(f[2], f[3]) for f in likely} >= {(",", False), (None, True)}:
         raise InputError(
-            f"{path}: {look[-1].strip()[:40]!r} is one number with a decimal comma or {len(look[-1].split(','))} columns; say "
+            f"{path}: {look[-1].strip()[:40]!r} is one number with a decimal comma or {len(look[-1].split(','))} "
+            f"columns; say "
             "--decimal comma or --separator comma"
         )
     _, width, sep, comma = max(likely, key=lambda f: f[1])
@@ -170,7 +190,8 @@ def _numbers(path: Path, body: list[str], begin: int, first: int, sep: str | Non
         row = _row(line, sep, comma)
         if row is None or len(row) != width:
             raise InputError(
-                f"{path}, line {i}: {line.strip()[:60]!r}; allowed: {width} number{'s' if width > 1 else ''} as in the lines above "
+                f"{path}, line {i}: {line.strip()[:60]!r}; allowed: {width} number{'s' if width > 1 else ''} as in "
+                f"the lines above "
                 "(--rows FIRST LAST takes a part of the file)"
             )
         values.append(row)

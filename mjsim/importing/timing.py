@@ -1,4 +1,6 @@
-"""When each sample of a recording was taken, on the clock of the test's program: from its times, or from its angles through the feed."""
+"""When each sample of a recording was taken, on the clock of the test's program: from its times, or from its angles
+through the feed.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,8 @@ def place(path: Path, recording: Recording, test: BallBarTest, o: Options) -> tu
     """Program times (n,) s, deviations (n,) m, and what was concluded.
 
     Raises:
-        InputError: the recording does not fit the program, or could fit it in two ways; the message names the option that decides.
+        InputError: the recording does not fit the program, or could fit it in two ways; the message names the option
+            that decides.
     """
     notes: list[str] = []
     program = Program(test)
@@ -43,7 +46,11 @@ def place(path: Path, recording: Recording, test: BallBarTest, o: Options) -> tu
             phi, deviation = _from_start_angle(path, recording, program, o)
         phi, deviation = _into_range(phi, deviation, program, notes)
         time = times_of(program, phi)
-        step = quantum(recording.angle / DEG) * DEG * kind_of(test).radius(test) / test.feed if recording.angle is not None else 0.0
+        step = (
+            quantum(recording.angle / DEG) * DEG * kind_of(test).radius(test) / test.feed
+            if recording.angle is not None
+            else 0.0
+        )
     return *evenly(time, deviation, step, notes), notes
 
 
@@ -52,11 +59,15 @@ def _from_start_angle(path: Path, r: Recording, program: Program, o: Options) ->
     _grows(path, r)
     assert r.time is not None and o.start_angle is not None
     sign = np.sign(program.ends[1] - program.ends[0])
-    return o.start_angle + sign * (r.time - r.time[0]) * program.test.feed / program.kind.radius(program.test), r.deviation
+    return o.start_angle + sign * (r.time - r.time[0]) * program.test.feed / program.kind.radius(
+        program.test
+    ), r.deviation
 
 
 def times_of(program: Program, phi: np.ndarray) -> np.ndarray:
-    """Program times (n,) s at which the program reaches φ (n,) rad: its angle over time, ramps included, inverted by bisection."""
+    """Program times (n,) s at which the program reaches φ (n,) rad: its angle over time, ramps included, inverted
+    by bisection.
+    """
     sign = np.sign(program.ends[1] - program.ends[0])
     low, high = np.zeros(len(phi)), np.full(len(phi), program.duration)
     for _ in range(52):
@@ -72,7 +83,8 @@ def _grows(path: Path, r: Recording) -> None:
     if len(back):
         i = int(back[0])
         raise InputError(
-            f"{path}, line {r.lines[i + 1]}: time {r.time[i + 1]:g} s after {r.time[i]:g} s; allowed: times that grow from line to line "
+            f"{path}, line {r.lines[i + 1]}: time {r.time[i + 1]:g} s after {r.time[i]:g} s; allowed: times that "
+            f"grow from line to line "
             "(--rows FIRST LAST takes one run of several)"
         )
 
@@ -90,14 +102,18 @@ def _clock(path: Path, time: np.ndarray, program: Program, o: Options, notes: li
         elif abs(have - want) <= 0.02 * want + 0.1:
             clock = "trace"
             where = "φ = 0" if program.kind.goes_round else f"{program.measured_ends[0] / DEG:g}°"
-            notes.append(f"first sample taken for {where}: the trace lasts as long as the measured part (--clock program)")
+            notes.append(
+                f"first sample taken for {where}: the trace lasts as long as the measured part (--clock program)"
+            )
         elif have > want and -0.5 <= time[0] <= lo and time[-1] <= program.duration + 0.5:
             clock = "program"
             notes.append("times taken as counting from the start of the NC program: they cover it (--clock)")
         else:
             raise InputError(
-                f'{path}: the times run from {time[0]:.2f} to {time[-1]:.2f} s; test "{program.test.name}" is measured for {want:.2f} s, '
-                f"from {lo:.2f} to {hi:.2f} s of its program; check feed, length, revolutions, or say --clock or --start-angle"
+                f'{path}: the times run from {time[0]:.2f} to {time[-1]:.2f} s; test "{program.test.name}" is '
+                f"measured for {want:.2f} s, "
+                f"from {lo:.2f} to {hi:.2f} s of its program; check feed, length, revolutions, or say --clock or "
+                f"--start-angle"
             )
     return time if clock == "program" else time - time[0] + lo
 
@@ -121,8 +137,10 @@ def _angles(path: Path, r: Recording, test: BallBarTest, o: Options, notes: list
     _one_way(path, r, grows * a)
     if o.angle_sense is None and grows != motion:
         raise InputError(
-            f'{path}: the angle {"grows" if grows > 0 else "falls"} while test "{test.name}" runs {test.direction}; say --angle-sense cw '
-            "if the file's angle counts clockwise, or --angle-sense ccw if its samples are listed by place, against the motion"
+            f'{path}: the angle {"grows" if grows > 0 else "falls"} while test "{test.name}" runs '
+            f"{test.direction}; say --angle-sense cw "
+            "if the file's angle counts clockwise, or --angle-sense ccw if its samples are listed by place, "
+            "against the motion"
         )
     phi = -a if o.angle_sense == "cw" else a
     deviation = r.deviation
@@ -138,13 +156,18 @@ def _one_way(path: Path, r: Recording, ahead: np.ndarray) -> None:
     if fall.max() > _JITTER:
         top = int(np.argmax(ahead[: int(np.argmax(fall > _JITTER)) + 1]))
         raise InputError(
-            f"{path}, line {r.lines[min(top + 1, len(r.lines) - 1)]}: the angle turns back; allowed: one run in one direction "
+            f"{path}, line {r.lines[min(top + 1, len(r.lines) - 1)]}: the angle turns back; allowed: one run in "
+            f"one direction "
             "(--rows FIRST LAST takes one run of several)"
         )
 
 
-def _into_range(phi: np.ndarray, deviation: np.ndarray, program: Program, notes: list[str]) -> tuple[np.ndarray, np.ndarray]:
-    """φ by whole turns into the measured part. What a circle that began elsewhere has beyond its end goes to its beginning."""
+def _into_range(
+    phi: np.ndarray, deviation: np.ndarray, program: Program, notes: list[str]
+) -> tuple[np.ndarray, np.ndarray]:
+    """φ by whole turns into the measured part. What a circle that began elsewhere has beyond its end goes to its
+    beginning.
+    """
     begin, end = program.measured_ends
     sign, whole = np.sign(end - begin), abs(end - begin)
     ahead = sign * (phi - begin)

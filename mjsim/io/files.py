@@ -57,7 +57,8 @@ def write_all(contents: Mapping[Path, str | bytes], force: bool = False) -> None
 
 @contextmanager
 def together(force: bool = False) -> Iterator[Callable[[Path, str | bytes], None]]:
-    """A function ``write(path, content)`` whose files appear at the end of the block; none of them where the block raises.
+    """A function ``write(path, content)`` whose files appear at the end of the block; none of them where the block
+    raises.
 
     Every file stands beside its place before the first one is moved there, so that a full disk is found out in time.
 
@@ -79,7 +80,8 @@ def together(force: bool = False) -> Iterator[Callable[[Path, str | bytes], None
 
 @contextmanager
 def whole(path: Path, force: bool = False) -> Iterator[Path]:
-    """A temporary neighbour of ``path`` for a writer that needs a file; it takes the place of ``path`` when the block ends well.
+    """A temporary neighbour of ``path`` for a writer that needs a file; it takes the place of ``path`` when the block
+    ends well.
 
     Raises:
         InputError: as :func:`write_whole`, also for an ``OSError`` inside the block.
@@ -93,7 +95,9 @@ def whole(path: Path, force: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def _cleaned(waiting: list[_Neighbour]) -> Iterator[None]:
-    """Takes temporary files away where the block raises, also when the user stops the program; an OSError becomes a sentence."""
+    """Takes temporary files away where the block raises, also when the user stops the program; an OSError becomes a
+    sentence.
+    """
     try:
         yield
     except BaseException as error:
@@ -120,7 +124,9 @@ def _check_free(path: Path, force: bool) -> None:
 
 
 class _Neighbour:
-    """A hidden file beside its place, whose name is known before it is there: whenever the program is stopped, it can be taken away."""
+    """A hidden file beside its place, whose name is known before it is there: whenever the program is stopped, it
+    can be taken away.
+    """
 
     def __init__(self, shown: Path) -> None:
         self.shown, self.path = shown, Path(os.path.realpath(shown))
@@ -143,7 +149,9 @@ class _Neighbour:
         self._appeared = not there
 
     def remove(self) -> None:
-        """Take the neighbour away, a file that was not there before, and the folders that were made for it and are empty."""
+        """Take the neighbour away, a file that was not there before, and the folders that were made for it and are
+        empty.
+        """
         with suppress(OSError):
             (self.path if self._appeared else self._new).unlink(missing_ok=True)
         for folder in self._folders:

@@ -53,7 +53,11 @@ def _sentence(schema: type[BaseModel], data: dict, problem: ErrorDetails) -> str
         allowed = _keys(schema, problem["loc"][:-1])
         key = str(problem["loc"][-1])
         near = difflib.get_close_matches(key, allowed, n=1)
-        return f"{owner}unknown key {shown(key)}" + (f" (did you mean {near[0]!r}?)" if near else "") + f"; allowed: {', '.join(allowed)}"
+        return (
+            f"{owner}unknown key {shown(key)}"
+            + (f" (did you mean {near[0]!r}?)" if near else "")
+            + f"; allowed: {', '.join(allowed)}"
+        )
     if kind == "missing":
         return f"{owner}the key {str(problem['loc'][-1])!r} is missing"
     text = problem["msg"].replace("Input should be", "allowed:").replace("Input should have", "allowed: to have")
@@ -72,7 +76,9 @@ def _place(data: dict, loc: tuple) -> tuple[str, str]:
         if isinstance(step, int):
             name = node.get("name") if isinstance(node, dict) else None
             words[-1] = f"[[{words[-1]}]] " + (
-                f'"{name}"' if isinstance(name, str) and name.isprintable() and len(name) <= 60 else f"number {step + 1}"
+                f'"{name}"'
+                if isinstance(name, str) and name.isprintable() and len(name) <= 60
+                else f"number {step + 1}"
             )
         else:
             words.append(str(step))

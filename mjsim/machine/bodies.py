@@ -35,7 +35,9 @@ def check_model(chain: Chain) -> None:
         InputError: there is no MuJoCo model with these axes.
     """
     if not has_model(chain):
-        raise InputError(f"configuration {chain.configuration!r} has no MuJoCo model; allowed: {FIVE_AXIS.configuration!r}")
+        raise InputError(
+            f"configuration {chain.configuration!r} has no MuJoCo model; allowed: {FIVE_AXIS.configuration!r}"
+        )
 
 
 @cache
@@ -50,7 +52,8 @@ def moving_bodies(chain: Chain) -> np.ndarray:
 
 
 def bodies_scale(own: np.ndarray, wanted: np.ndarray) -> float:
-    """Factor to the solids' densities so that no axis' solids ``own`` outweigh its drive's whole inertia ``wanted``, (axes,) each.
+    """Factor to the solids' densities so that no axis' solids ``own`` outweigh its drive's whole inertia ``wanted``,
+    (axes,) each.
 
     5 % of every axis stays on the motor side.
     """

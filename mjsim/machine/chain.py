@@ -1,8 +1,8 @@
 """A machine's kinematic chain: its axes and their order, and the names of its geometric errors.
 
-This is the only module that spells out axis letters. Letters follow ISO 841: X, Y, Z (and U, V, W beside them) are linear, A, B, C turn
-about X, Y, Z. Error names follow ISO 230-1: ``EYX`` is the straightness error of X in the direction of Y, ``EC0A`` the rotation
-of the A axis' centreline about Z, ``EXC`` the radial error motion of C along X.
+This is the only module that spells out axis letters. Letters follow ISO 841: X, Y, Z (and U, V, W beside them) are
+linear, A, B, C turn about X, Y, Z. Error names follow ISO 230-1: ``EYX`` is the straightness error of X in the
+direction of Y, ``EC0A`` the rotation of the A axis' centreline about Z, ``EXC`` the radial error motion of C along X.
 """
 
 from __future__ import annotations
@@ -51,7 +51,8 @@ class Axis(NamedTuple):
 
 
 class LocationError(NamedTuple):
-    """A location error of a rotary axis: its centreline displaced (m) or turned (rad) in the frame that carries the axis.
+    """A location error of a rotary axis: its centreline displaced (m) or turned (rad) in the frame that carries the
+    axis.
 
     Attributes:
         name: as ISO 230-1 names it.
@@ -67,7 +68,8 @@ class LocationError(NamedTuple):
 
 
 class Squareness(NamedTuple):
-    """Squareness error α of two linear axes: the spindle ball moves by ``sign``·α·(position of ``axis``) along ``along``.
+    """Squareness error α of two linear axes: the spindle ball moves by ``sign``·α·(position of ``axis``) along
+    ``along``.
 
     Attributes:
         name: the two axes.
@@ -104,11 +106,13 @@ def is_linear(letter: str) -> bool:
 class Chain:
     """The axes of a machine from the workpiece to the tool. Made by :func:`chain_of`.
 
-    Arrays of axis positions have one column per axis: the linear axes X, Y, Z, then the rotary ones in the order of their letters
-    (:attr:`letters`). A linear position is that of the spindle relative to the table, whichever of the two moves.
+    Arrays of axis positions have one column per axis: the linear axes X, Y, Z, then the rotary ones in the order of
+    their letters (:attr:`letters`). A linear position is that of the spindle relative to the table, whichever of the
+    two moves.
 
     Attributes:
-        configuration: e.g. ``"w-C'A'Y'bXZ-t"``: workpiece, axes that carry it (marked by '), bed, axes that carry the tool, tool.
+        configuration: e.g. ``"w-C'A'Y'bXZ-t"``: workpiece, axes that carry it (marked by '), bed, axes that carry the
+            tool, tool.
         work: axes on the workpiece's side, from the workpiece to the bed.
         tool: axes on the tool's side, from the bed to the tool.
     """
@@ -238,7 +242,8 @@ def chain_of(configuration: str) -> Chain:
     turning = [a.letter for a in work[:2]]
     if not match or linear != list(_ALONG) or len(letters) != 5 or turning not in [[_TABLE, a] for a in _TILTING]:
         raise InputError(
-            f"configuration {configuration[:40]!r} is unknown; allowed: a rotary table C on a tilting axis A or B, and each of X, Y, Z "
+            f"configuration {configuration[:40]!r} is unknown; allowed: a rotary table C on a tilting axis A or B, "
+            f"and each of X, Y, Z "
             f'once on either side of the bed, e.g. "{_EXAMPLE}"'
         )
     return Chain(configuration, work, tool)

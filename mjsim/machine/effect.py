@@ -1,8 +1,9 @@
 """What an effect is: one physical cause of motion error, one class in one file.
 
-A subclass names its parameters (unit in the name, bounds, the value that switches it off), says where it acts by overriding
-:meth:`Effect.apply` (drive, transmission, geometry), and is picked up everywhere by :func:`mjsim.effects.registry.register`.
-What a search for causes wants to know stands beside it, in ``search`` (:class:`mjsim.machine.hints.SearchHints`).
+A subclass names its parameters (unit in the name, bounds, the value that switches it off), says where it acts by
+overriding :meth:`Effect.apply` (drive, transmission, geometry), and is picked up everywhere by
+:func:`mjsim.effects.registry.register`. What a search for causes wants to know stands beside it, in ``search``
+(:class:`mjsim.machine.hints.SearchHints`).
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ MOST_COMPONENTS = 1000
 
 
 class Effect(ABC):
-    """One physical cause of motion error. ``values`` holds the parameters as the file gives them (units of their names).
+    """One physical cause of motion error. ``values`` holds the parameters as the file gives them (units of their
+    names).
 
     Attributes:
         kind: first half of the id.
@@ -55,7 +57,9 @@ class Effect(ABC):
     def __init__(self, subject: str, **values: Any) -> None:
         if not any(subject in self.subjects_of(chain) for chain in CHAINS):
             allowed = dict.fromkeys(s for chain in CHAINS for s in self.subjects_of(chain))
-            raise InputError(f"effect {self.kind}.{subject}: unknown subject {subject!r}; allowed: {', '.join(allowed)}")
+            raise InputError(
+                f"effect {self.kind}.{subject}: unknown subject {subject!r}; allowed: {', '.join(allowed)}"
+            )
         self.subject = subject
         specs = {p.name: p for p in self.parameters_of(subject)}
         for name in values:
@@ -108,20 +112,25 @@ class Effect(ABC):
             raise InputError(f"effect {self.id}: {p.name} = {shown(value)} is not a number")
         if not p.lower <= value <= p.upper:
             raise InputError(
-                f"effect {self.id}: {p.name} = {value:g} is out of bounds; allowed: {p.lower:g} to {p.upper:g} {p.unit}".rstrip()
+                f"effect {self.id}: {p.name} = {value:g} is out of bounds; allowed: {p.lower:g} to {p.upper:g} "
+                f"{p.unit}".rstrip()
             )
         return float(value)
 
     def _checked_components(self, p: Parameter, value: Any) -> list[list[float]]:
         if not isinstance(value, (list, tuple)):
-            raise InputError(f"effect {self.id}: components = {shown(value)}; allowed: a list of [order, amplitude, phase_deg]")
+            raise InputError(
+                f"effect {self.id}: components = {shown(value)}; allowed: a list of [order, amplitude, phase_deg]"
+            )
         if len(value) > MOST_COMPONENTS:
             raise InputError(f"effect {self.id}: {len(value)} components; allowed: up to {MOST_COMPONENTS}")
         rows = []
         for row in value:
             number = isinstance(row, (list, tuple)) and len(row) == 3
             if not number or any(isinstance(x, bool) or not isinstance(x, (int, float)) for x in row):
-                raise InputError(f"effect {self.id}: component {shown(row)}; allowed: [order, amplitude, phase_deg], three numbers")
+                raise InputError(
+                    f"effect {self.id}: component {shown(row)}; allowed: [order, amplitude, phase_deg], three numbers"
+                )
             order, amplitude, phase = row
             if not 0 < order <= 2000 or not abs(amplitude) <= p.upper or not math.isfinite(phase):
                 raise InputError(
@@ -140,7 +149,10 @@ class Effect(ABC):
         """True when the leading parameters switch the effect off; the plant then leaves it out altogether."""
         leading = [p for p in self.parameters_of(self.subject) if p.leading]
         return all(
-            not any(row[1] for row in self.values[p.name]) if p.kind == "components" else self.values[p.name] == p.neutral for p in leading
+            not any(row[1] for row in self.values[p.name])
+            if p.kind == "components"
+            else self.values[p.name] == p.neutral
+            for p in leading
         )
 
     def replaced(self, **values: Any) -> Self:

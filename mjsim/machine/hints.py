@@ -28,17 +28,19 @@ class SearchHints:
     """How a diagnosis looks for an effect.
 
     Attributes:
-        free: names of the parameters that are fitted; by default those that switch the effect off. Names that a subject does not have
-            are left out.
-        seeds: values from which fits start: a list, or a function of subject and chain. By default, the parameters that switch
-            the effect off are one typical size away from their neutral values.
+        free: names of the parameters that are fitted; by default those that switch the effect off. Names that a subject
+            does not have are left out.
+        seeds: values from which fits start: a list, or a function of subject and chain. By default, the parameters that
+            switch the effect off are one typical size away from their neutral values.
         quasi_static: whether the effect follows from the motion of the axes, without a new simulation of the drives.
         scanned: whether its orders or frequencies are read off a spectrum instead of being fitted from seeds.
-        least: smallest departure of the leading parameter from neutral that makes sense as a cause of its own (assumed).
-        tolerances: relative standard deviation that the data sheet allows a parameter; within four of them there is no effect.
+        least: smallest departure of the leading parameter from neutral that makes sense as a cause of its own
+            (assumed).
+        tolerances: relative standard deviation that the data sheet allows a parameter; within four of them there is no
+            effect.
         variants: function of the effect that the user's machine has already: other ways in which it may be wrong.
-        shapes: function of the effect found and the one that the user's machine has (or ``None``): other shapes that are tried
-            before a second effect is believed.
+        shapes: function of the effect found and the one that the user's machine has (or ``None``): other shapes that
+            are tried before a second effect is believed.
     """
 
     free: tuple[str, ...] = ()

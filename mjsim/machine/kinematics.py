@@ -1,12 +1,12 @@
 """Kinematic reference of a machine, written from the equations (not from the MJCF).
 
 It is the oracle that MuJoCo's site distance is tested against, and the fast path that the diagnosis searches with.
-Sources: Kato, Tsutsumi, Sato 2013, eq. A.6 to A.9; location errors of the rotary axes as in ISO 230-7 and ISO 230-1, composed
-as documented for the effect catalogue (``docs/theory.md``).
+Sources: Kato, Tsutsumi, Sato 2013, eq. A.6 to A.9; location errors of the rotary axes as in ISO 230-7 and ISO 230-1,
+composed as documented for the effect catalogue (``docs/theory.md``).
 
-Frames: the origin of work and machine frame is where the rotary centrelines intersect while all axes are at 0. Axis positions are
-arrays ``q`` of shape (n, axes) in the chain's order, m and rad; four more columns, where present, are the rotary
-table's error motion (:attr:`mjsim.machine.chain.Chain.columns`).
+Frames: the origin of work and machine frame is where the rotary centrelines intersect while all axes are at 0. Axis
+positions are arrays ``q`` of shape (n, axes) in the chain's order, m and rad; four more columns, where present, are the
+rotary table's error motion (:attr:`mjsim.machine.chain.Chain.columns`).
 """
 
 from __future__ import annotations
@@ -97,8 +97,9 @@ def machine_to_work(chain: Chain, q: np.ndarray, points: np.ndarray) -> np.ndarr
 def aim(chain: Chain, direction: np.ndarray) -> np.ndarray:
     """Rotary positions that bring work-frame directions onto the spindle; eq. A.6 and A.7 for the paper's machine.
 
-    The table turns the direction into the plane that the tilting axis sweeps; the tilting axis, whose angle is never negative,
-    then raises it. Where the direction is the table's axis, the table's position is arbitrary: the neighbour's value is kept.
+    The table turns the direction into the plane that the tilting axis sweeps; the tilting axis, whose angle is never
+    negative, then raises it. Where the direction is the table's axis, the table's position is arbitrary: the
+    neighbour's value is kept.
 
     Args:
         chain: the machine's axes.
@@ -174,8 +175,12 @@ def bar_vector(chain: Chain, q: np.ndarray, point: np.ndarray, geometry: Geometr
     return spindle - table_ball(chain, q, point, geometry)
 
 
-def reading(chain: Chain, q: np.ndarray, point: np.ndarray, length: float, geometry: Geometry | None = None) -> np.ndarray:
-    """Ball-bar reading ``|OS − OT| − L``, positive outward, (n,) m; arguments as :func:`bar_vector`, and the bar's length, m."""
+def reading(
+    chain: Chain, q: np.ndarray, point: np.ndarray, length: float, geometry: Geometry | None = None
+) -> np.ndarray:
+    """Ball-bar reading ``|OS − OT| − L``, positive outward, (n,) m; arguments as :func:`bar_vector`, and the bar's
+    length, m.
+    """
     return np.linalg.norm(bar_vector(chain, q, point, geometry), axis=1) - length
 
 

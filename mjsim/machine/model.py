@@ -13,8 +13,8 @@ from mjsim.machine.chain import FIVE_AXIS, Chain, chain_of
 from mjsim.machine.effect import Effect
 from mjsim.machine.plant import AxisPlant, Plant
 
-#: One standard deviation of the data sheet (relative). Controller settings are exact numbers in the control; what hangs on
-#: the motor and the mechanics is not. Source: campaign format, "data sheet".
+#: One standard deviation of the data sheet (relative). Controller settings are exact numbers in the control; what hangs
+#: on the motor and the mechanics is not. Source: campaign format, "data sheet".
 TOLERANCE = {
     "position_gain": 0.0003,
     "integral_time": 0.005,
@@ -53,8 +53,8 @@ class Machine:
     """Rigid kinematics + drives + a list of effects.
 
     Attributes:
-        tolerance: Limits (two standard deviations) of what a machine of this class may have without being at fault, by kind
-            of effect and unit, as in the machine file.
+        tolerance: Limits (two standard deviations) of what a machine of this class may have without being at fault, by
+            kind of effect and unit, as in the machine file.
     """
 
     name: str
@@ -78,12 +78,17 @@ class Machine:
             InputError: it was made in Python.
         """
         if self.path is None:
-            raise InputError(f"machine {self.name!r} was not read from a file; read it with read_machine, or write it to a file first")
+            raise InputError(
+                f"machine {self.name!r} was not read from a file; read it with read_machine, or write it to a file "
+                f"first"
+            )
         return self.path
 
     def effect(self, key: str) -> Effect | None:
         """The effect with this key (or id), or ``None``."""
-        return next((e for e in self.effects if e.key == key), None) or next((e for e in self.effects if e.id == key), None)
+        return next((e for e in self.effects if e.key == key), None) or next(
+            (e for e in self.effects if e.id == key), None
+        )
 
     def with_effect(self, effect: Effect) -> Machine:
         """A machine with ``effect`` appended, or in place of the one with the same key."""

@@ -1,8 +1,9 @@
 """Calls of a user's own effect: errors named with file and line, results checked, and a limit on the time of one call.
 
-The file runs with the rights of whoever starts mjsim, as any Python of theirs; nothing here confines it. The limit is kept by the
-signal SIGALRM. Python runs signal handlers in its main thread only, and between two of its own instructions: a call in another
-thread, on a system without that signal, or inside one long call of a C library has no limit.
+The file runs with the rights of whoever starts mjsim, as any Python of theirs; nothing here confines it. The limit is
+kept by the signal SIGALRM. Python runs signal handlers in its main thread only, and between two of its own
+instructions: a call in another thread, on a system without that signal, or inside one long call of a C library has no
+limit.
 """
 
 from __future__ import annotations
@@ -67,7 +68,11 @@ def running(what: str, module: str, parameters: Iterable[str] = ()) -> Iterator[
         hint = "; the motion's arrays cannot be changed: work on a copy" if "read-only" in str(error) else ""
         if isinstance(error, KeyError) and parameters:
             hint = f"; the effect has the parameters {', '.join(parameters)}"
-        said = f": {error}" if isinstance(error, InputError) else f" raised {type(error).__name__}: {error}".removesuffix(": ")
+        said = (
+            f": {error}"
+            if isinstance(error, InputError)
+            else f" raised {type(error).__name__}: {error}".removesuffix(": ")
+        )
         raise SimulationError(f"{what}{said}{_where(error, module)}{hint}") from error
 
 
@@ -84,7 +89,9 @@ def apply(effect: Effect, plant: Plant) -> None:
     with running(what, type(effect).__module__, effect.values):
         effect.apply(plant)
     if why := plant.unusable():
-        raise SimulationError(f"{what} put {why}{_defined(effect.apply)}; allowed: finite numbers, inertias, gains and gears above 0")
+        raise SimulationError(
+            f"{what} put {why}{_defined(effect.apply)}; allowed: finite numbers, inertias, gains and gears above 0"
+        )
 
 
 def position_error(effect: Any, motion: Motion) -> np.ndarray:
@@ -140,7 +147,9 @@ def _limit() -> float:
     except ValueError:
         value = math.nan
     if not 0.0 < value <= 86400.0:
-        raise InputError(f"environment variable {VARIABLE} = {text!r}; allowed: seconds above 0, up to 86400 (default {CALL_S:g})")
+        raise InputError(
+            f"environment variable {VARIABLE} = {text!r}; allowed: seconds above 0, up to 86400 (default {CALL_S:g})"
+        )
     return value
 
 
@@ -154,7 +163,9 @@ def _no_stdout() -> AbstractContextManager:
 
 @contextmanager
 def _alarm(seconds: float) -> Iterator[None]:
-    """SIGALRM raises inside after ``seconds``; nothing happens where the timer runs already, for a call around this one."""
+    """SIGALRM raises inside after ``seconds``; nothing happens where the timer runs already, for a call around this
+    one.
+    """
     if not _in_main_thread() or not hasattr(signal, "setitimer") or signal.getitimer(signal.ITIMER_REAL)[0]:
         yield
         return
@@ -173,7 +184,11 @@ def _alarm(seconds: float) -> Iterator[None]:
 
 def _where(error: BaseException, module: str) -> str:
     """File and line of ``module`` that an error passed through last; for a syntax error the line that is wrong."""
-    places = [(f.f_code.co_filename, line) for f, line in traceback.walk_tb(error.__traceback__) if f.f_globals.get("__name__") == module]
+    places = [
+        (f.f_code.co_filename, line)
+        for f, line in traceback.walk_tb(error.__traceback__)
+        if f.f_globals.get("__name__") == module
+    ]
     if isinstance(error, SyntaxError) and error.filename and error.lineno:
         places.append((error.filename, error.lineno))
     return f" ({Path(places[-1][0]).name}, line {places[-1][1]})" if places else ""

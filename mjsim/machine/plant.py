@@ -13,7 +13,17 @@ from mjsim.machine.kinematics import Geometry
 from mjsim.machine.motion import Motion
 
 #: Order in which position effects act, motor side to tool (effect catalogue).
-STAGES = ("pitch_error", "worm_wear", "backlash", "scale_error", "gravity_windup", "straightness", "user", "thermal_drift", "vibration")
+STAGES = (
+    "pitch_error",
+    "worm_wear",
+    "backlash",
+    "scale_error",
+    "gravity_windup",
+    "straightness",
+    "user",
+    "thermal_drift",
+    "vibration",
+)
 
 SINE, PLAY, BUMP, POLYNOMIAL, SCALE, SETTLE, VIBRATE = range(7)
 OP_SIZE = 10
@@ -25,9 +35,10 @@ STAGE = OP_SIZE - 1
 class AxisPlant:
     """One drive with every effect that changes it. SI, motor side; names as in :class:`mjsim.machine.model.Drive`.
 
-    ``coulomb`` = 0 is no friction; ``delay`` s; ``feedforward`` is the velocity feedforward's ratio; ``ripple`` is (amplitude
-    N·m, order per motor revolution, phase rad). ``load_inertia`` kg·m² (0: rigid), ``stiffness`` N·m/rad and ``damping`` N·m·s/rad
-    of an elastic transmission, all seen by the motor; ``inertia`` stays that of motor and load together.
+    ``coulomb`` = 0 is no friction; ``delay`` s; ``feedforward`` is the velocity feedforward's ratio; ``ripple`` is
+    (amplitude N·m, order per motor revolution, phase rad). ``load_inertia`` kg·m² (0: rigid), ``stiffness`` N·m/rad and
+    ``damping`` N·m·s/rad of an elastic transmission, all seen by the motor; ``inertia`` stays that of motor and load
+    together.
     """
 
     gear: float
@@ -107,17 +118,30 @@ class Plant:
         drive.stiffness = stiffness / drive.gear**2
         drive.damping = 2.0 * damping_ratio * float(np.sqrt(drive.stiffness * drive.load_inertia))
 
-    def add_op(self, stage: str, code: int, out: str, *parameters: float, source: str | None = None, phases: dict | None = None) -> None:
+    def add_op(
+        self, stage: str, code: int, out: str, *parameters: float, source: str | None = None, phases: dict | None = None
+    ) -> None:
         """Append an operation; operations of one stage keep the order of the effects."""
         column = self.chain.columns.index
-        self.ops.append(Op(STAGES.index(stage), code, column(out), column(source or out), tuple(map(float, parameters)), phases or {}))
+        self.ops.append(
+            Op(
+                STAGES.index(stage),
+                code,
+                column(out),
+                column(source or out),
+                tuple(map(float, parameters)),
+                phases or {},
+            )
+        )
 
     def sorted_ops(self) -> list[Op]:
         """Operations in the order in which they act."""
         return sorted(self.ops, key=lambda op: op.stage)
 
     def unusable(self) -> str:
-        """What in here no simulation can use, for a message; empty where all is well. For what a user's own effect has put in."""
+        """What in here no simulation can use, for a message; empty where all is well. For what a user's own effect
+        has put in.
+        """
         for name, axis in self.axes.items():
             for key, value in vars(axis).items():
                 numbers = value if key == "ripple" else (value,)
@@ -127,7 +151,11 @@ class Plant:
             if wrong := [k for k in above if getattr(axis, k) <= 0.0]:
                 return f"{wrong[0]} = {getattr(axis, wrong[0]):g} into the {name} drive"
         for op in self.ops:
-            if op.code not in range(VIBRATE + 1) or len(op.parameters) > STAGE - 3 or not np.all(np.isfinite(op.parameters)):
+            if (
+                op.code not in range(VIBRATE + 1)
+                or len(op.parameters) > STAGE - 3
+                or not np.all(np.isfinite(op.parameters))
+            ):
                 return f"an operation with code {op.code!r} and parameters {op.parameters!r} into the transmission"
         return ""
 

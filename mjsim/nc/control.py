@@ -1,7 +1,8 @@
 """What a control makes of the blocks: interpolation cycle, block time, and the feed that comes of it.
 
-A simple model of a control that interpolates block by block, without look-ahead and without smoothing: the axes move linearly within a
-block and change their speeds at once from block to block. Better controls round these corners; this is what they have to round.
+A simple model of a control that interpolates block by block, without look-ahead and without smoothing: the axes move
+linearly within a block and change their speeds at once from block to block. Better controls round these corners; this
+is what they have to round.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ class Control:
     """Attributes:
     cycle: interpolation cycle, s; 0 interpolates continuously.
     block_time: what the control needs to prepare a block, s: no block is shorter.
-    whole_cycles: whether every block lasts a whole number of cycles, rounded up (controls that end each block on a cycle); otherwise a
+    whole_cycles: whether every block lasts a whole number of cycles, rounded up (controls that end each block on a
+    cycle); otherwise a
         cycle runs over into the next block.
     """
 
@@ -57,7 +59,9 @@ def executed(motion: Commanded, control: Control) -> Commanded:
         InputError: a time is out of bounds, or whole cycles are asked for without a cycle.
     """
     if control.cycle and not SHORTEST <= control.cycle <= 1.0:
-        raise InputError(f"interpolation cycle of {control.cycle * 1e3:g} ms; allowed: {SHORTEST * 1e3:g} to 1000, or 0 for none")
+        raise InputError(
+            f"interpolation cycle of {control.cycle * 1e3:g} ms; allowed: {SHORTEST * 1e3:g} to 1000, or 0 for none"
+        )
     if not 0.0 <= control.block_time <= 10.0:
         raise InputError(f"block time of {control.block_time * 1e3:g} ms; allowed: 0 to 10000")
     if control.whole_cycles and not control.cycle:
@@ -77,8 +81,10 @@ class FeedReport:
         time: (n + 1,) s of block time. phi: (n + 1,) rad.
         reading: (n + 1,) m, of an ideal machine that follows the set-points: chord error and rounding of the positions.
         radius: of the circle, m. nominal: the test's feed, m/s.
-        duration, ideal: s, of the whole program by its blocks, and by its path and feed. seconds: (shortest, mean) block, s.
-        jump: (axes,) m/s and rad/s, largest change of each axis' speed from block to block (from cycle to cycle where there is one).
+        duration, ideal: s, of the whole program by its blocks, and by its path and feed. seconds: (shortest, mean)
+            block, s.
+        jump: (axes,) m/s and rad/s, largest change of each axis' speed from block to block (from cycle to cycle where
+            there is one).
         position: (axes,) m and rad, largest deviation of each axis from the test's path at the same angle.
         chain: the machine's axes.
     """
@@ -134,14 +140,20 @@ class FeedReport:
             "ideal_duration_s": self.ideal,
             "shortest_block_ms": self.seconds[0] * 1e3,
             "mean_block_ms": self.seconds[1] * 1e3,
-            "reading_um": {k: float(f(self.reading) / UM) for k, f in (("min", np.min), ("mean", np.mean), ("max", np.max))},
+            "reading_um": {
+                k: float(f(self.reading) / UM) for k, f in (("min", np.min), ("mean", np.mean), ("max", np.max))
+            },
             "position_um": {a: float(self.position[self.chain.index(a)] / UM) for a in self.chain.linear},
             "angle_urad": {a: float(self.position[self.chain.index(a)] / UM) for a in self.chain.rotary},
-            "speed_jump_per_min": {a: float(x / scale(a)) * 60.0 for a, x in zip(self.chain.letters, self.jump, strict=True)},
+            "speed_jump_per_min": {
+                a: float(x / scale(a)) * 60.0 for a, x in zip(self.chain.letters, self.jump, strict=True)
+            },
         }
 
     def to_csv(self) -> str:
-        """Columns ``time_s, phi_deg, feed_mm_min, reading_um``, one row per instant; the feed is that up to the next one."""
+        """Columns ``time_s, phi_deg, feed_mm_min, reading_um``, one row per instant; the feed is that up to the
+        next one.
+        """
         feed = np.append(self.feed_mm_min, self.feed_mm_min[-1:])
         text = io.StringIO()
         data = np.column_stack([self.time, self.phi_deg, feed, self.reading_um])
@@ -149,11 +161,14 @@ class FeedReport:
         return text.getvalue()
 
 
-def feed_report(test: BallBarTest, motion: Commanded, control: Control | None = None, name: str = "NC program") -> FeedReport:
+def feed_report(
+    test: BallBarTest, motion: Commanded, control: Control | None = None, name: str = "NC program"
+) -> FeedReport:
     """Simulate the interpolation of a test's NC program.
 
     Args:
-        test: what the program is for. motion: the program. control: ``None`` interpolates continuously. name: of the program, for messages.
+        test: what the program is for. motion: the program. control: ``None`` interpolates continuously. name: of the
+            program, for messages.
 
     Raises:
         InputError: the program is none of this test, or as :func:`executed`.
@@ -163,7 +178,9 @@ def feed_report(test: BallBarTest, motion: Commanded, control: Control | None = 
     check_path(test, motion, (first, last), name)
     control = control or Control()
     given = executed(motion, control)
-    fine = np.append(np.linspace(given.knots[:-1], given.knots[1:], _INSIDE, endpoint=False, axis=1).ravel(), given.duration)
+    fine = np.append(
+        np.linspace(given.knots[:-1], given.knots[1:], _INSIDE, endpoint=False, axis=1).ravel(), given.duration
+    )
     q = given.at(fine)
     phi = unwrapped(test, q)
     sign = np.sign(last - first)

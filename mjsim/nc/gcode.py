@@ -1,4 +1,6 @@
-"""One line of an NC program as words: comments, line numbers and control-specific spellings taken away; what is not understood is named."""
+"""One line of an NC program as words: comments, line numbers and control-specific spellings taken away; what is not
+understood is named.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +69,9 @@ def parse_line(text: str, siemens: bool = False, chain: Chain = FIVE_AXIS) -> Li
         rest = _take(_KEYWORD, rest, lambda m: setattr(line, "tip", m[1].upper() == "TRAORI"))
         rest = _take(_SHORTEST, rest, lambda m: _shortest(line, m[1].upper(), m[2], chain))
     if "(" in rest or ")" in rest:
-        raise GCodeError(f"{_shown(rest)!r} has a bracket without its other half, or a call; allowed: comments in ( ) or after ;")
+        raise GCodeError(
+            f"{_shown(rest)!r} has a bracket without its other half, or a call; allowed: comments in ( ) or after ;"
+        )
     rest = rest.strip()
     if rest.startswith("/"):
         raise GCodeError("a block skip '/', which depends on a switch of the control; allowed: blocks that always run")
@@ -76,7 +80,10 @@ def parse_line(text: str, siemens: bool = False, chain: Chain = FIVE_AXIS) -> Li
     while rest[at:].strip():
         word = _WORD.match(rest, at)
         if not word:
-            raise GCodeError(f"{_shown(rest[at:])!r}; allowed: words of a letter and a number such as X-1.5 (no variables, macros, calls)")
+            raise GCodeError(
+                f"{_shown(rest[at:])!r}; allowed: words of a letter and a number such as X-1.5 (no variables, "
+                f"macros, calls)"
+            )
         _add(line, word[1], word[2])
         at = word.end()
     return line

@@ -60,7 +60,9 @@ class Limits:
 
 
 def model_limits(chain: Chain = FIVE_AXIS) -> Limits:
-    """Joint ranges of the machine model; a joint without a range turns without end. Without limits where there is no model."""
+    """Joint ranges of the machine model; a joint without a range turns without end. Without limits where there is
+    no model.
+    """
     if chain != FIVE_AXIS:
         return Limits((-np.inf,) * chain.count, (np.inf,) * chain.count, chain=chain)
     root = ET.parse(model_file()).getroot()
@@ -89,7 +91,8 @@ def check_travel(motion: Commanded, limits: Limits, place: Callable[[int], str])
     outside = motion.axes[:, i]
     worst = outside[int(np.argmax(np.maximum(low[i] - outside, outside - high[i])))]
     raise InputError(
-        f"{place(first)}: {axis} = {outside[first] / s:.4f}{unit(axis)} leaves its travel (it goes to {worst / s:.4f}{unit(axis)}); "
+        f"{place(first)}: {axis} = {outside[first] / s:.4f}{unit(axis)} leaves its travel (it goes to "
+        f"{worst / s:.4f}{unit(axis)}); "
         f"allowed: {low[i] / s:g} to {high[i] / s:g}{unit(axis)}, or other limits (--limit {axis} LOW HIGH)"
     )
 
@@ -104,7 +107,8 @@ def speed_warnings(motion: Commanded, limits: Limits, place: Callable[[int], str
         if speeds[fastest, i] > limits.speed[i] * (1 + 1e-9):
             count = int((speeds[:, i] > limits.speed[i]).sum())
             out.append(
-                f"{axis} is faster than its {limits.speed[i] / scale(axis) * 60:g}{unit(axis)}/min in {count} of {len(speeds)} blocks "
+                f"{axis} is faster than its {limits.speed[i] / scale(axis) * 60:g}{unit(axis)}/min in {count} of "
+                f"{len(speeds)} blocks "
                 f"(up to {speeds[fastest, i] / scale(axis) * 60:.1f}{unit(axis)}/min, {place(fastest + 1)}): {slowed}"
             )
     return out

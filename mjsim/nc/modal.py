@@ -21,7 +21,8 @@ class Modal:
 
     Attributes:
         points: where blocks begin and end, mm and degrees. seconds: of each block. lines: in which a point stands.
-        kinds: 93, 94: feed modes of the blocks. feed_tip: tool centre point control in them. named: axes that some word names.
+        kinds: 93, 94: feed modes of the blocks. feed_tip: tool centre point control in them. named: axes that some word
+            names.
         ended: the program's end has been read.
     """
 
@@ -93,7 +94,8 @@ class Modal:
                 units = " ".join(f"G{u}" for u in self.d.units) + (" G43.4" if self.d.name == "fanuc" else "")
                 raise GCodeError(
                     f"G{g:g}; allowed in the dialect {self.d.name}: G0 G1 (straight lines), G90 G91, G93 G94, {units}, "
-                    "G4 G28 G30 G53 outside the feed blocks, one of G54 to G59, G17 G40 G43 G49 G61 G64 G80 (no arcs, cycles, macros)"
+                    "G4 G28 G30 G53 outside the feed blocks, one of G54 to G59, G17 G40 G43 G49 G61 G64 G80 (no "
+                    "arcs, cycles, macros)"
                 )
         return special
 
@@ -104,16 +106,22 @@ class Modal:
 
     def _check_words(self, line: Line, special: float | None) -> None:
         axes = self.chain.letters
-        allowed = {*"FSTHD"} | (set(axes) if special != 4 else set()) | {w for g in line.g for w in _WORDS_WITH.get(g, "")}
+        allowed = (
+            {*"FSTHD"} | (set(axes) if special != 4 else set()) | {w for g in line.g for w in _WORDS_WITH.get(g, "")}
+        )
         for letter in line.words:
             if letter not in allowed:
-                raise GCodeError(f"the word {letter}{line.words[letter]:g}; allowed: {' '.join(axes)} F, and N S T H D, which move nothing")
+                raise GCodeError(
+                    f"the word {letter}{line.words[letter]:g}; allowed: {' '.join(axes)} F, and N S T H D, which "
+                    f"move nothing"
+                )
         if self.d.strict_point and special != 4:
             for a in line.words:
                 if a not in line.points and (a in axes or (a == "F" and self.mode == 93)):
                     v = line.words[a]
                     raise GCodeError(
-                        f"{a}{v:g} without a decimal point, which means {v:g} or {v:g} smallest increments as the control is set "
+                        f"{a}{v:g} without a decimal point, which means {v:g} or {v:g} smallest increments as the "
+                        f"control is set "
                         f"(Fanuc parameter 3401#0); allowed: {a}{v:g}."
                     )
 
@@ -140,11 +148,22 @@ class Modal:
         if np.array_equal(end, start):
             return
         if self.over:
-            raise GCodeError(f"a feed block after {self.pause} behind line {self.last}, which takes an unknown time; allowed: one path")
+            raise GCodeError(
+                f"a feed block after {self.pause} behind line {self.last}, which takes an unknown time; allowed: "
+                f"one path"
+            )
         if self.seconds and self.tip != self.feed_tip:
-            raise GCodeError("tool centre point control switched within the path; allowed: before the first or after the last feed block")
+            raise GCodeError(
+                "tool centre point control switched within the path; allowed: before the first or after the last "
+                "feed block"
+            )
         if not self.seconds:
-            start = np.array([0.0 if np.isnan(v) and a not in self.named else v for a, v in zip(self.chain.letters, start, strict=True)])
+            start = np.array(
+                [
+                    0.0 if np.isnan(v) and a not in self.named else v
+                    for a, v in zip(self.chain.letters, start, strict=True)
+                ]
+            )
             end = np.where(np.isnan(end), start, end)
         for a, v in zip(self.chain.letters, start, strict=True):
             if np.isnan(v):
@@ -175,7 +194,10 @@ class Modal:
             else:
                 end[i] = value
             if self.seconds and self.motion == 1 and a not in self.named:
-                raise GCodeError(f"{a} for the first time, within the path; allowed: every axis that moves is named at the start point")
+                raise GCodeError(
+                    f"{a} for the first time, within the path; allowed: every axis that moves is named at the "
+                    f"start point"
+                )
             self.named.add(a)
         return end
 
@@ -190,9 +212,13 @@ class Modal:
         if self.tip:
             length = float(np.linalg.norm(size[self.chain.linear_columns]))
             if length == 0.0:
-                raise GCodeError("axes turn while the tool tip rests: F has no meaning with tool centre point control; allowed: G93")
+                raise GCodeError(
+                    "axes turn while the tool tip rests: F has no meaning with tool centre point control; allowed: G93"
+                )
         else:
-            length = float(np.linalg.norm(size * self.group * self.radius)) or float(np.linalg.norm(size[self.chain.rotary_columns]))
+            length = float(np.linalg.norm(size * self.group * self.radius)) or float(
+                np.linalg.norm(size[self.chain.rotary_columns])
+            )
         return length / self.feed
 
     def _m(self, m: float) -> None:

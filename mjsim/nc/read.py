@@ -44,7 +44,11 @@ class NCFile:
 
 
 def read_nc(
-    path: Path | str, dialect: str = "fanuc", reversed: tuple[str, ...] = (), rollover: bool = False, chain: Chain = FIVE_AXIS
+    path: Path | str,
+    dialect: str = "fanuc",
+    reversed: tuple[str, ...] = (),
+    rollover: bool = False,
+    chain: Chain = FIVE_AXIS,
 ) -> NCFile:
     """Read G-code as a commanded motion.
 
@@ -62,7 +66,12 @@ def read_nc(
 
 
 def parse_nc(
-    text: str, path: Path, dialect: str = "fanuc", reversed: tuple[str, ...] = (), rollover: bool = False, chain: Chain = FIVE_AXIS
+    text: str,
+    path: Path,
+    dialect: str = "fanuc",
+    reversed: tuple[str, ...] = (),
+    rollover: bool = False,
+    chain: Chain = FIVE_AXIS,
 ) -> NCFile:
     """As :func:`read_nc` for a program's text; ``path`` is its name in messages."""
     reader = Modal(find_dialect(dialect), tuple(reversed), rollover, chain)
@@ -73,13 +82,19 @@ def parse_nc(
             if reader.ended:
                 break
     except GCodeError as error:
-        hint = " (it looks like a Siemens program: say --dialect siemens)" if dialect != "siemens" and _siemens(text, path) else ""
+        hint = (
+            " (it looks like a Siemens program: say --dialect siemens)"
+            if dialect != "siemens" and _siemens(text, path)
+            else ""
+        )
         raise InputError(f"{path}, line {number}: {error}{hint}") from None
     if not reader.seconds:
         raise InputError(f"{path}: no block with a feed; allowed: an NC program with G1 blocks")
     motion = Commanded(np.array(reader.seconds), np.array(reader.points) * _units(chain), reader.feed_tip, chain)
     feed = " and ".join(f"G{k}" for k in sorted(reader.kinds))
-    return NCFile(path, dialect, motion, np.array(reader.lines), feed, tuple(a for a in chain.letters if a not in reader.named))
+    return NCFile(
+        path, dialect, motion, np.array(reader.lines), feed, tuple(a for a in chain.letters if a not in reader.named)
+    )
 
 
 def _siemens(text: str, path: Path) -> bool:
@@ -91,7 +106,14 @@ def motion_csv(motion: Commanded) -> str:
     """The motion at every point as CSV: time_s by the blocks, axis positions in mm and degrees."""
     text = io.StringIO()
     header = ",".join(["time_s", *(f"{a}_{'deg' if is_rotary(a) else 'mm'}" for a in motion.chain.letters)])
-    np.savetxt(text, np.column_stack([motion.knots, motion.axes / _units(motion.chain)]), "%.7f", ",", header=header, comments="")
+    np.savetxt(
+        text,
+        np.column_stack([motion.knots, motion.axes / _units(motion.chain)]),
+        "%.7f",
+        ",",
+        header=header,
+        comments="",
+    )
     return text.getvalue()
 
 
@@ -101,7 +123,12 @@ def _units(chain: Chain) -> np.ndarray:
 
 
 def _text(path: Path) -> str:
-    data = file_bytes(path, _LARGEST, f"allowed: an NC program of up to {_LARGEST / 1e6:.0f} MB", "no such file; allowed: an NC program")
+    data = file_bytes(
+        path,
+        _LARGEST,
+        f"allowed: an NC program of up to {_LARGEST / 1e6:.0f} MB",
+        "no such file; allowed: an NC program",
+    )
     if b"\0" in data:
         raise InputError(f"{path}: byte {data.index(0)} is not text; allowed: an NC program")
     try:

@@ -32,8 +32,10 @@ class Options:
     """How a program is written.
 
     Attributes:
-        dialect: ``fanuc``, ``siemens`` or ``linuxcnc``. feed: ``a11``, ``inverse`` or ``tcp``; empty: the dialect's usual one.
-        step_deg: angle φ from block to block, degrees. decimals, feed_decimals: of positions and of F; ``None``: the dialect's.
+        dialect: ``fanuc``, ``siemens`` or ``linuxcnc``. feed: ``a11``, ``inverse`` or ``tcp``; empty: the dialect's
+            usual one.
+        step_deg: angle φ from block to block, degrees. decimals, feed_decimals: of positions and of F; ``None``: the
+            dialect's.
         reversed: rotary axes whose command on the machine has the other sign.
         rollover: the table axis written within 0 to 360°, short way round.
         number: program number (fanuc).
@@ -64,7 +66,9 @@ class Written:
     warnings: list[str]
 
 
-def nc_program(test: BallBarTest, options: Options | None = None, limits: Limits | None = None, machine: str = "") -> Written:
+def nc_program(
+    test: BallBarTest, options: Options | None = None, limits: Limits | None = None, machine: str = ""
+) -> Written:
     """The NC program of a test. The same test and options give the same text.
 
     Args:
@@ -88,7 +92,9 @@ def nc_program(test: BallBarTest, options: Options | None = None, limits: Limits
     words = _feed_words(printed, motion.seconds, o, d, feed, test)
     rows = _positions(printed, test.chain, o, d, decimals)
     head = _comment_lines(test, o, d, feed, decimals, phi, motion, machine)
-    body = [f"N{i} G1 {rows[i]}{words[i - 1]}" if i == 1 else f"N{i} {rows[i]}{words[i - 1]}" for i in range(1, len(rows))]
+    body = [
+        f"N{i} G1 {rows[i]}{words[i - 1]}" if i == 1 else f"N{i} {rows[i]}{words[i - 1]}" for i in range(1, len(rows))
+    ]
     text = "\n".join([*head, *_start(rows[0], test.chain, d, feed), *body, *_end(d, feed), ""])
     return Written(text, motion, feed, speed_warnings(motion, limits, place))
 
@@ -120,15 +126,19 @@ def _feed(o: Options, d: Dialect, test: BallBarTest) -> str:
         raise InputError(f"unknown F convention {feed!r}; allowed: {', '.join(FEEDS)}")
     if feed not in d.feeds:
         why = " (its G94 counts the linear axes only)" if feed == "a11" else ""
-        raise InputError(f"F convention {feed!r} does not exist in the dialect {d.name}{why}; allowed: {', '.join(d.feeds)}")
+        raise InputError(
+            f"F convention {feed!r} does not exist in the dialect {d.name}{why}; allowed: {', '.join(d.feeds)}"
+        )
     if feed == "tcp" and not kind_of(test).moves_on_table:
         raise InputError(
-            f'test "{test.name}": the spindle ball rests relative to the table, so that F has no meaning with tool centre '
+            f'test "{test.name}": the spindle ball rests relative to the table, so that F has no meaning with tool '
+            f"centre "
             "point control; allowed: a11, inverse"
         )
     if o.rollover and d.name == "linuxcnc":
         raise InputError(
-            f"{test.chain.table_axis} within 0 to 360° is not written for linuxcnc, whose wrapped axes take the sign for the direction; "
+            f"{test.chain.table_axis} within 0 to 360° is not written for linuxcnc, whose wrapped axes take the "
+            f"sign for the direction; "
             "leave it out"
         )
     if not 1e-3 <= o.step_deg <= 10.0:
@@ -147,7 +157,9 @@ def _blocks(test: BallBarTest, o: Options, feed: str, decimals: int) -> tuple[np
     first, last = program.ends
     count = max(1, int(np.ceil(abs(last - first) / (o.step_deg * DEG) - 1e-9)))
     if count > MOST_BLOCKS:
-        raise InputError(f'test "{test.name}": {count} blocks of {o.step_deg:g}°; allowed: up to {MOST_BLOCKS}, by a larger step')
+        raise InputError(
+            f'test "{test.name}": {count} blocks of {o.step_deg:g}°; allowed: up to {MOST_BLOCKS}, by a larger step'
+        )
     phi = np.linspace(first, last, count + 1)
     q = program.path(phi)
     if feed == "tcp":
@@ -155,12 +167,17 @@ def _blocks(test: BallBarTest, o: Options, feed: str, decimals: int) -> tuple[np
     units = np.array([scale(a) for a in test.chain.letters])
     printed = np.round(q / units, decimals)
     if (np.diff(printed, axis=0) == 0).all(axis=1).any():
-        raise InputError(f'test "{test.name}": blocks of {o.step_deg:g}° are no motion with {decimals} decimals; allowed: a larger step')
+        raise InputError(
+            f'test "{test.name}": blocks of {o.step_deg:g}° are no motion with {decimals} decimals; allowed: a '
+            f"larger step"
+        )
     seconds = np.full(count, abs(last - first) / count * kind_of(test).radius(test) / test.feed)
     return phi, Commanded(seconds, printed * units, feed == "tcp", test.chain), printed
 
 
-def _feed_words(printed: np.ndarray, seconds: np.ndarray, o: Options, d: Dialect, feed: str, test: BallBarTest) -> list[str]:
+def _feed_words(
+    printed: np.ndarray, seconds: np.ndarray, o: Options, d: Dialect, feed: str, test: BallBarTest
+) -> list[str]:
     digits = d.feed_decimals if o.feed_decimals is None else o.feed_decimals
     if feed == "tcp":  # modal: one F for the whole path
         return [f" F{test.feed / MM * 60:.{digits}f}", *[""] * (len(seconds) - 1)]
@@ -169,13 +186,17 @@ def _feed_words(printed: np.ndarray, seconds: np.ndarray, o: Options, d: Dialect
         if values.max() > d.largest_inverse:
             step = np.ceil(1e3 * o.step_deg * values.max() / d.largest_inverse) / 1e3
             raise InputError(
-                f'test "{test.name}": blocks of {seconds.min() * 1e3:.3g} ms need F{values.max():.0f} with G93; allowed for {d.name}: '
+                f'test "{test.name}": blocks of {seconds.min() * 1e3:.3g} ms need F{values.max():.0f} with G93; '
+                f"allowed for {d.name}: "
                 f"up to {d.largest_inverse:.7g} 1/min, by a step of at least {step:g}°"
             )
     else:  # A.11 on the printed positions, so that rounding them does not change the time of a block
         values = np.linalg.norm(np.diff(printed, axis=0), axis=1) / (seconds / 60.0)
     if (np.round(values, digits) <= 0).any():
-        raise InputError(f'test "{test.name}": F of {values.min():.3g} is nothing with {digits} decimals; allowed: more decimals of F')
+        raise InputError(
+            f'test "{test.name}": F of {values.min():.3g} is nothing with {digits} decimals; allowed: more '
+            f"decimals of F"
+        )
     return [f" F{v:.{digits}f}" for v in values]
 
 
@@ -194,7 +215,9 @@ def _positions(printed: np.ndarray, chain: Chain, o: Options, d: Dialect, decima
     return [form.format(*(row + 0.0)) for row in np.where(values == 0.0, 0.0, values)]  # no minus before a zero
 
 
-def _comment_lines(test, o: Options, d: Dialect, feed: str, decimals: int, phi, motion: Commanded, machine: str) -> list[str]:
+def _comment_lines(
+    test, o: Options, d: Dialect, feed: str, decimals: int, phi, motion: Commanded, machine: str
+) -> list[str]:
     x, y, z = (f"{v / MM:g}" for v in test.table_ball)
     kind = kind_of(test).words(test).translate(_PLAIN).encode("ascii", "replace").decode()
     signs = ", ".join(f"{a}{'-' if a in o.reversed else '+'}" for a in test.chain.rotary)
@@ -210,7 +233,8 @@ def _comment_lines(test, o: Options, d: Dialect, feed: str, decimals: int, phi, 
         *([f"machine {machine}"] if machine else []),
         kind,
         f"table ball X{x} Y{y} Z{z} mm, bar {test.length / MM:g} mm, feed {test.feed / MM * 60:g} mm/min",
-        f"phi {phi[0] / DEG:g} to {phi[-1] / DEG:g} deg, {len(phi) - 1} blocks, step {abs(phi[1] - phi[0]) / DEG:.6g} deg, "
+        f"phi {phi[0] / DEG:g} to {phi[-1] / DEG:g} deg, {len(phi) - 1} blocks, step "
+        f"{abs(phi[1] - phi[0]) / DEG:.6g} deg, "
         f"{decimals} decimals, {motion.duration:.3f} s",
         f"zero point: where the {' and '.join(test.chain.rotary)} centrelines meet. "
         f"{' '.join(test.chain.linear)}: spindle ball centre, {where}",

@@ -6,8 +6,15 @@ from dataclasses import dataclass
 
 from mjsim.paper.runs import Run
 
-#: Colour and whether the line is broken, per offset in mm: positive offsets blue and full, negative ones red and broken.
-OFFSET_LOOK = {0: ("#222222", False), 50: ("#6baed6", False), 200: ("#08519c", False), -50: ("#f28e5c", True), -200: ("#b8330b", True)}
+#: Colour and whether the line is broken, per offset in mm: positive offsets blue and full, negative ones red and
+#: broken.
+OFFSET_LOOK = {
+    0: ("#222222", False),
+    50: ("#6baed6", False),
+    200: ("#08519c", False),
+    -50: ("#f28e5c", True),
+    -200: ("#b8330b", True),
+}
 METHOD_LOOK = {"perpendicular": ("#222222", False), "parallel": ("#d9480f", True)}
 
 
@@ -56,7 +63,8 @@ _CCW = "CCW, feed 1000 mm/min"
 _CONE = {15: f"θ = 15°, β = 10°, {_CCW}", 45: f"θ = 45°, β = 30°, {_CCW}"}
 _ONE_CAUSE = "Without friction and tracking delay: the trace with the cause less the trace without."
 _MEASUREMENT = (
-    "Measurement: an independent simulation (example kato2013), not the paper's data; that machine has one worn flank of the A worm. "
+    "Measurement: an independent simulation (example kato2013), not the paper's data; that machine has one worn "
+    "flank of the A worm. "
     "Both about their own least-squares circle."
 )
 
@@ -133,7 +141,8 @@ POLAR: tuple[PolarFigure, ...] = (
         f"{_CONE[15]}, $Z_T$ = 155 mm",
         _offsets("friction", 15, (50, -50, 200, -200), 5.0),
         2,
-        "The signs in (b) need a C axis that lags differently from the linear axes: its Kpp is taken 0.7 % higher (assumed).",
+        "The signs in (b) need a C axis that lags differently from the linear axes: its Kpp is taken 0.7 % higher "
+        "(assumed).",
     ),
     PolarFigure(
         10,
@@ -151,7 +160,13 @@ POLAR: tuple[PolarFigure, ...] = (
         2,
         f"{_ONE_CAUSE} The paper's caption prints $O_T$ = (0, 0, 155), where this cause would not show at all.",
     ),
-    PolarFigure(12, "Effect of friction of the linear axes", f"{_CONE[45]}, $Z_T$ = 155 mm", _offsets("friction", 45, (0, 200, -200)), 2),
+    PolarFigure(
+        12,
+        "Effect of friction of the linear axes",
+        f"{_CONE[45]}, $Z_T$ = 155 mm",
+        _offsets("friction", 45, (0, 200, -200)),
+        2,
+    ),
     PolarFigure(
         13,
         "Effect of the backlash of the A axis",

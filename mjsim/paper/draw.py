@@ -43,8 +43,17 @@ def polar_figure(figure: PolarFigure, traces: Traces, campaign: Campaign) -> Fig
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             names.setdefault(label, handle)
         text: dict[str, Any] = {"va": "center", "color": style.INK}
-        sheet.text(x / width, (y - 0.36) / height, panel.caption, ha="left", fontsize=style.TEXT, fontweight="bold", **text)
-        sheet.text((x + side) / width, (y - 0.36) / height, polar.scale_text(panel.um_per_div), ha="right", fontsize=style.TEXT, **text)
+        sheet.text(
+            x / width, (y - 0.36) / height, panel.caption, ha="left", fontsize=style.TEXT, fontweight="bold", **text
+        )
+        sheet.text(
+            (x + side) / width,
+            (y - 0.36) / height,
+            polar.scale_text(panel.um_per_div),
+            ha="right",
+            fontsize=style.TEXT,
+            **text,
+        )
     _legend(sheet, names, width, height, bottom)
     caption.write(sheet, text_below)
     return sheet
@@ -68,11 +77,25 @@ def velocity_figure(traces: Traces) -> Figure:
         (line,) = other.plot(angle, speed, color="#007a5a", lw=1.6, ls=(0, (1, 1)))
         names.setdefault("C axis (right scale)", line)
         _velocity_axes(axes, other, axis, "angular position φ, °" if i >= 2 else "")
-        axes.set_title(f"({'abcd'[i]}) {axis} and C axis, centre offset in {along}", fontsize=style.TEXT, fontweight="bold", loc="left")
-    sheet.legend(list(names.values()), list(names), loc="center", bbox_to_anchor=(0.5, 0.075), ncols=6, frameon=False, fontsize=style.TEXT)
+        axes.set_title(
+            f"({'abcd'[i]}) {axis} and C axis, centre offset in {along}",
+            fontsize=style.TEXT,
+            fontweight="bold",
+            loc="left",
+        )
+    sheet.legend(
+        list(names.values()),
+        list(names),
+        loc="center",
+        bbox_to_anchor=(0.5, 0.075),
+        ncols=6,
+        frameon=False,
+        fontsize=style.TEXT,
+    )
     caption.write(
         sheet,
-        "Fig. 9  Effect of the centre offset on the velocities of the X, Y and C axes (θ = 15°, β = 10°, CCW, feed 1000 mm/min, "
+        "Fig. 9  Effect of the centre offset on the velocities of the X, Y and C axes (θ = 15°, β = 10°, CCW, feed "
+        "1000 mm/min, "
         f"L = 100 mm, $Z_T$ = 155 mm), from the simulated positions. {_ASSUMED}",
     )
     return sheet
@@ -118,6 +141,8 @@ def _caption(figure: PolarFigure) -> str:
 def _legend(sheet: Figure, names: dict, width: float, height: float, bottom: float) -> None:
     names = {k: v for k, v in names.items() if k != "nominal circle"}
     sheet.legend(
-        list(names.values()), list(names), loc="center", bbox_to_anchor=(0.5, (bottom - 0.1) / height), ncols=len(names), frameon=False,
-        fontsize=style.fitted("".join(names) + 7 * "m" * len(names), style.TEXT, width), handlelength=2.2, columnspacing=1.4,
+        list(names.values()), list(names), loc="center", bbox_to_anchor=(0.5, (bottom - 0.1) / height),
+        ncols=len(names), frameon=False,
+        fontsize=style.fitted("".join(names) + 7 * "m" * len(names), style.TEXT, width), handlelength=2.2,
+        columnspacing=1.4,
     )  # fmt: skip

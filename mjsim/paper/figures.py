@@ -56,11 +56,13 @@ def figures(
     """Regenerate the paper's figures from the simulator.
 
     Args:
-        out: folder for ``fig03.png``, ``fig03.svg`` … ``fig17.svg`` and ``numbers.csv``. only: numbers of the figures wanted.
+        out: folder for ``fig03.png``, ``fig03.svg`` … ``fig17.svg`` and ``numbers.csv``. only: numbers of the figures
+            wanted.
         force: replace files that are there. threads: tests simulated side by side. progress: stage, done, total.
 
     Raises:
-        InputError: a number that the paper's simulated figures do not have, or a file in the way; then nothing is written.
+        InputError: a number that the paper's simulated figures do not have, or a file in the way; then nothing is
+            written.
     """
     out = Path(out)
     unknown = sorted(set(only) - set(NUMBERS))
@@ -85,7 +87,12 @@ def figures(
 
 def _makers(machine: PaperMachine, traces: Traces) -> dict[int, Callable[[], Figure]]:
     polar = {f.number: (lambda f=f: polar_figure(f, traces, machine.campaign)) for f in POLAR}
-    return {3: lambda: spectra_sheet(machine), 4: lambda: curves_sheet(machine), 9: lambda: velocity_figure(traces), **polar}
+    return {
+        3: lambda: spectra_sheet(machine),
+        4: lambda: curves_sheet(machine),
+        9: lambda: velocity_figure(traces),
+        **polar,
+    }
 
 
 def _csv(found: list[Number]) -> str:
@@ -93,7 +100,17 @@ def _csv(found: list[Number]) -> str:
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(["group", "name", "printed", "simulated", "tolerance", "agrees", "note"])
     for n in found:
-        rows.writerow([n.group, n.name, plain(n.printed), plain(n.simulated), f"{n.tolerance:g}", "yes" if n.agrees else "no", n.note])
+        rows.writerow(
+            [
+                n.group,
+                n.name,
+                plain(n.printed),
+                plain(n.simulated),
+                f"{n.tolerance:g}",
+                "yes" if n.agrees else "no",
+                n.note,
+            ]
+        )
     return text.getvalue()
 
 

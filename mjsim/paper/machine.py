@@ -38,13 +38,18 @@ class PaperMachine:
     def effects(self, cause: str) -> tuple[Effect, ...]:
         """The effects that a cause of :data:`CAUSES` stands for.
 
-        ``friction`` is the paper's "friction torque and tracking delay"; ``wheel.A`` is the tooth order of A's pitch error alone.
+        ``friction`` is the paper's "friction torque and tracking delay"; ``wheel.A`` is the tooth order of A's pitch
+        error alone.
         """
         found = {a: self.pitch[a].effects for a in self.pitch}
         friction = tuple(e for e in self.known.effects if e.kind == "friction")
         if cause == "wheel.A":
             teeth = self.known.drives["A"].gear
-            return tuple(e.replaced(components=rows) for e in found["A"] if (rows := [c for c in e.values["components"] if c[0] == teeth]))
+            return tuple(
+                e.replaced(components=rows)
+                for e in found["A"]
+                if (rows := [c for c in e.values["components"] if c[0] == teeth])
+            )
         return {
             "all": (*self.known.effects, *found["A"], *found["C"]),
             "friction": friction,

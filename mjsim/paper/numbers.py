@@ -29,7 +29,8 @@ class Number:
     """One printed number.
 
     Attributes:
-        group, name: where it stands in ``numbers.toml``. printed: the paper's. simulated: mjsim's. tolerance: what rounding or
+        group, name: where it stands in ``numbers.toml``. printed: the paper's. simulated: mjsim's. tolerance: what
+            rounding or
         graph reading deserves, in the same unit; 0 for counts and lists.
         note: a slip of the paper, or how the number was taken.
     """
@@ -69,7 +70,16 @@ def numbers(machine: PaperMachine, traces: Traces) -> list[Number]:
             found = simulated[group][name]
             value, note = found if isinstance(found, tuple) else (found, "")
             tolerance = said.get("tolerance", 2e-4 if "amplitude" in name else 1e-6 if group == "bar" else 0.0)
-            out.append(Number(group, name, said["value"], value, tolerance, "; ".join(n for n in (said.get("note", ""), note) if n)))
+            out.append(
+                Number(
+                    group,
+                    name,
+                    said["value"],
+                    value,
+                    tolerance,
+                    "; ".join(n for n in (said.get("note", ""), note) if n),
+                )
+            )
     return out
 
 
@@ -81,7 +91,9 @@ def _travel(traces: Traces) -> dict:
         s = traces.simulation(run)
         turn = (s.phi >= 0) & (s.phi <= 2 * np.pi)
         said = Program(run.test()).path(np.append(phi, 2 * np.pi))[:, i]
-        return round(float(np.ptp(said)) / DEG, 9), f"of the command; the simulated axis covers {np.ptp(s.position[turn, i]) / DEG:.3f}°"
+        return round(
+            float(np.ptp(said)) / DEG, 9
+        ), f"of the command; the simulated axis covers {np.ptp(s.position[turn, i]) / DEG:.3f}°"
 
     return {
         "A_range_deg_15_10": span(15, "A"),
@@ -141,7 +153,9 @@ def _worm(machine: PaperMachine, traces: Traces) -> dict:
         return sorted({c.order for w in ways for c in machine.pitch[axis].directions[w].components})
 
     both = orders("A", "CW", "CCW")
-    size = next((c.amplitude_deg for c in machine.pitch["C"].directions["CW"].components if c.order == 72), float("nan"))
+    size = next(
+        (c.amplitude_deg for c in machine.pitch["C"].directions["CW"].components if c.order == 72), float("nan")
+    )
     identified = "identified from the example's traces; what was planted there are the paper's orders"
     return {
         "A_teeth": int(machine.known.drives["A"].gear),

@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SOURCE = "From an independent simulation of the tangential tests (example kato2013), not the paper's data."
-#: Ends of the amplitude axes, °. The paper ends C's at 1.5e-3 as well and writes the height of order 72 beside the line.
+#: Ends of the amplitude axes, °. The paper ends C's at 1.5e-3 as well and writes the height of order 72 beside the
+#: line.
 _TOP = {"A": 1.5e-3, "C": 3.0e-3}
 #: The paper's scale of Fig. 4, ° per division.
 _DIVISION = 4e-3
@@ -31,7 +32,9 @@ def spectra_sheet(machine: PaperMachine) -> Figure:
             named = [(c.order, c.amplitude_deg) for c in d.components]
             axes = sheet.add_axes((0.055 + 0.5 * i, 0.595 - 0.385 * k, 0.435, 0.335))
             pitch.draw_spectrum(
-                axes, pitch.PitchSpectrum(way, d.orders, d.amplitude_deg, d.floor_deg, d.limit_deg, named, d.tooth_order), _TOP[axis]
+                axes,
+                pitch.PitchSpectrum(way, d.orders, d.amplitude_deg, d.floor_deg, d.limit_deg, named, d.tooth_order),
+                _TOP[axis],
             )
             axes.set_ylabel("amplitude, 10⁻³ deg", fontsize=style.SMALL)
             if way == "CW":  # the lower one
@@ -40,7 +43,9 @@ def spectra_sheet(machine: PaperMachine) -> Figure:
             handles, labels = axes.get_legend_handles_labels()
         sheet.text(0.055 + 0.5 * i, 0.96, f"({letter}) {axis} axis", fontsize=style.TEXT, fontweight="bold")
     labels = ["multiples of the teeth" if "multiples" in t else t for t in labels]
-    sheet.legend(handles, labels, loc="center", bbox_to_anchor=(0.5, 0.093), ncols=5, frameon=False, fontsize=style.TEXT)
+    sheet.legend(
+        handles, labels, loc="center", bbox_to_anchor=(0.5, 0.093), ncols=5, frameon=False, fontsize=style.TEXT
+    )
     caption.write(sheet, f"Fig. 3  Amplitude spectra of the pitch errors of the A and C axes. {_SOURCE}")
     return sheet
 
@@ -54,13 +59,19 @@ def curves_sheet(machine: PaperMachine) -> Figure:
         d = machine.pitch[axis].directions[way]
         x = 0.35 + 3.55 * i
         axes = style.polar_axes(sheet, (x / width, 1.15 / height, side / width, side / height))
-        pitch.draw_curves(axes, pitch.PitchCurves(way, d.position_deg, d.raw_deg, d.modified_deg, d.identified_deg), _DIVISION)
+        pitch.draw_curves(
+            axes, pitch.PitchCurves(way, d.position_deg, d.raw_deg, d.modified_deg, d.identified_deg), _DIVISION
+        )
         text = f"({'abc'[i]}) {axis} axis, {way}"
         sheet.text(x / width, 0.78 / height, text, fontsize=style.TEXT, fontweight="bold")
         sheet.text((x + side) / width, 0.78 / height, pitch.scale_text(_DIVISION), fontsize=style.TEXT, ha="right")
         handles, labels = axes.get_legend_handles_labels()
-    sheet.legend(handles, labels, loc="center", bbox_to_anchor=(0.5, 0.52 / height), ncols=3, frameon=False, fontsize=style.TEXT)
+    sheet.legend(
+        handles, labels, loc="center", bbox_to_anchor=(0.5, 0.52 / height), ncols=3, frameon=False, fontsize=style.TEXT
+    )
     caption.write(
-        sheet, f"Fig. 4  Raw, modified and identified data of the pitch errors of the A and C axes over the axis position. {_SOURCE}"
+        sheet,
+        f"Fig. 4  Raw, modified and identified data of the pitch errors of the A and C axes over the axis "
+        f"position. {_SOURCE}",
     )
     return sheet

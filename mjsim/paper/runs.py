@@ -60,18 +60,25 @@ class Run:
 
     @property
     def reference(self) -> Run | None:
-        """The run without the cause, where a figure shows it "without tracking delay and friction": what is drawn is the difference."""
-        return None if self.cause in ("all", "friction", "none") else Run("none", self.theta, self.x, self.y, self.method)
+        """The run without the cause, where a figure shows it "without tracking delay and friction": what is drawn
+        is the difference.
+        """
+        return (
+            None if self.cause in ("all", "friction", "none") else Run("none", self.theta, self.x, self.y, self.method)
+        )
 
 
 class Traces:
     """Simulations of all runs asked for.
 
     Args:
-        machine: the paper's machine. runs: what will be asked for. threads: tests side by side. progress: stage, done, total.
+        machine: the paper's machine. runs: what will be asked for. threads: tests side by side. progress: stage, done,
+            total.
     """
 
-    def __init__(self, machine: PaperMachine, runs: Iterable[Run], threads: int = 2, progress: Progress = silent) -> None:
+    def __init__(
+        self, machine: PaperMachine, runs: Iterable[Run], threads: int = 2, progress: Progress = silent
+    ) -> None:
         wanted = set(runs)
         wanted |= {r.reference for r in wanted if r.reference}
         self._done: dict[Run, Simulation] = {}

@@ -1,4 +1,6 @@
-"""An empirical curve with its uncertainty: what an unexplained error looks like over the variable that it depends on."""
+"""An empirical curve with its uncertainty: what an unexplained error looks like over the variable that it depends
+on.
+"""
 
 from __future__ import annotations
 
@@ -15,26 +17,43 @@ if TYPE_CHECKING:
 
 
 def curve_figure(
-    x: ArrayLike, y: ArrayLike, spread: ArrayLike, labels: tuple[str, str], title: str | None = None, period: float | None = None
+    x: ArrayLike,
+    y: ArrayLike,
+    spread: ArrayLike,
+    labels: tuple[str, str],
+    title: str | None = None,
+    period: float | None = None,
 ) -> Figure:
     """The curve through its knots, with a band of 1.96 standard deviations.
 
     Args:
         x: (n,) knots of the variable. y: (n,) value there. spread: (n,) its standard deviation; same unit as ``y``.
-        labels: of the two axes, with units. title: one or two lines. period: of the variable; marked where it fits in more than once.
+        labels: of the two axes, with units. title: one or two lines. period: of the variable; marked where it fits in
+            more than once.
 
     Raises:
         ValueError: the three differ in length, or there are fewer than two knots.
     """
     x, y, spread = (np.asarray(v, dtype=float) for v in (x, y, spread))
     if not (x.shape == y.shape == spread.shape) or x.ndim != 1 or x.size < 2:
-        raise ValueError(f"knots, values and spreads must be vectors of one length above 1, not of {x.shape}, {y.shape}, {spread.shape}")
+        raise ValueError(
+            f"knots, values and spreads must be vectors of one length above 1, not of {x.shape}, {y.shape}, "
+            f"{spread.shape}"
+        )
     figure = style.new_figure(7.2, 3.6)
     axes = figure.add_axes((0.1, 0.15, 0.87, 0.68))
     known = spread < 10.0 * max(float(np.median(spread)), 1e-12)  # knots that the tests hardly visit have no value
     low, high = np.where(known, y - 1.96 * spread, np.nan), np.where(known, y + 1.96 * spread, np.nan)
     axes.fill_between(x, low, high, color=style.BAND, edgecolor=style.BAND_EDGE, linewidth=0.6, label="95 % band")
-    axes.plot(x, np.where(known, y, np.nan), color=style.SIMULATED, linewidth=1.4, marker="o", markersize=2.5, label="empirical term")
+    axes.plot(
+        x,
+        np.where(known, y, np.nan),
+        color=style.SIMULATED,
+        linewidth=1.4,
+        marker="o",
+        markersize=2.5,
+        label="empirical term",
+    )
     axes.axhline(0.0, color=style.SOFT, linewidth=0.6)
     if period and 1.5 * period < np.ptp(x):
         for place in np.arange(np.ceil(x[0] / period) * period, x[-1], period):

@@ -14,11 +14,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def feed_figure(phi_deg: ArrayLike, feed_mm_min: ArrayLike, reading_um: ArrayLike, nominal_mm_min: float, title: str = "") -> Figure:
+def feed_figure(
+    phi_deg: ArrayLike, feed_mm_min: ArrayLike, reading_um: ArrayLike, nominal_mm_min: float, title: str = ""
+) -> Figure:
     """Two panels over φ: peripheral feed with the nominal one, and the reading of an ideal machine.
 
     Args:
-        phi_deg: (n + 1,) angle [deg]. feed_mm_min: (n,) feed between the angles [mm/min]. reading_um: (n + 1,) at the angles [µm].
+        phi_deg: (n + 1,) angle [deg]. feed_mm_min: (n,) feed between the angles [mm/min]. reading_um: (n + 1,) at the
+            angles [µm].
         nominal_mm_min: the test's feed [mm/min]. title: heading.
 
     Raises:
@@ -26,7 +29,9 @@ def feed_figure(phi_deg: ArrayLike, feed_mm_min: ArrayLike, reading_um: ArrayLik
     """
     phi, feed, reading = (np.asarray(v, dtype=float) for v in (phi_deg, feed_mm_min, reading_um))
     if not (phi.shape == reading.shape == (feed.size + 1,)):
-        raise ValueError(f"angles and readings must be one more than the feeds, not {phi.shape}, {reading.shape}, {feed.shape}")
+        raise ValueError(
+            f"angles and readings must be one more than the feeds, not {phi.shape}, {reading.shape}, {feed.shape}"
+        )
     figure = style.new_figure(7.2, 4.4)
     upper, lower = figure.add_axes((0.11, 0.53, 0.86, 0.33)), figure.add_axes((0.11, 0.11, 0.86, 0.33))
     upper.axhline(nominal_mm_min, color=style.NOMINAL, linewidth=1.0, linestyle="--", label="nominal")

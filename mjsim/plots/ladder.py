@@ -56,12 +56,27 @@ def ladder_figure(steps: Sequence[LadderStep], noise_um: float | None = None, ti
     axes = figure.add_axes((0.7 / width, bottom / height, (width - 1.75) / width, (height - bottom - top) / height))
     places = list(range(len(steps)))
     axes.step(
-        [-0.42, *places, places[-1] + 0.42], [values[0], *values, values[-1]], where="mid", color=style.NOMINAL, linewidth=1.0, zorder=2
+        [-0.42, *places, places[-1] + 0.42],
+        [values[0], *values, values[-1]],
+        where="mid",
+        color=style.NOMINAL,
+        linewidth=1.0,
+        zorder=2,
     )
-    axes.plot(places, values, "o", color=style.SIMULATED, markersize=6.0, markeredgecolor="white", markeredgewidth=1.0, zorder=3)
+    axes.plot(
+        places,
+        values,
+        "o",
+        color=style.SIMULATED,
+        markersize=6.0,
+        markeredgecolor="white",
+        markeredgewidth=1.0,
+        zorder=3,
+    )
     for place, value in zip(places, values, strict=True):
         axes.annotate(
-            style.micrometres(value), (place, value), xytext=(0.0, 7.0), textcoords="offset points", ha="center", va="bottom",
+            style.micrometres(value), (place, value), xytext=(0.0, 7.0), textcoords="offset points", ha="center",
+            va="bottom",
             fontsize=style.TEXT, fontweight="bold", color=style.INK,
         )  # fmt: skip
     floor = min([*values, noise_um] if noise_um else values)
@@ -75,8 +90,10 @@ def ladder_figure(steps: Sequence[LadderStep], noise_um: float | None = None, ti
     if noise_um is not None:
         axes.axhline(noise_um, color=style.NOISE, linewidth=0.9, linestyle=(0, (4, 2)), zorder=1)
         axes.annotate(
-            f"noise floor\n{style.micrometres(noise_um)}", (1.0, noise_um), xycoords=("axes fraction", "data"), xytext=(5.0, 0.0),
-            textcoords="offset points", ha="left", va="center", fontsize=style.SMALL, color=style.NOISE, annotation_clip=False,
+            f"noise floor\n{style.micrometres(noise_um)}", (1.0, noise_um), xycoords=("axes fraction", "data"),
+            xytext=(5.0, 0.0),
+            textcoords="offset points", ha="left", va="center", fontsize=style.SMALL, color=style.NOISE,
+            annotation_clip=False,
         )  # fmt: skip
     axes.set_xlim(-0.5, len(steps) - 0.5)
     axes.set_xticks(places, labels=labels)
@@ -88,12 +105,23 @@ def ladder_figure(steps: Sequence[LadderStep], noise_um: float | None = None, ti
     for side, spine in axes.spines.items():
         spine.set(visible=side in ("left", "bottom"), color=style.NOMINAL, linewidth=0.6)
     if title:
-        figure.text(0.5, 1.0 - 0.2 / height, title, ha="center", va="center", fontsize=style.TITLE, fontweight="bold", color=style.INK)
+        figure.text(
+            0.5,
+            1.0 - 0.2 / height,
+            title,
+            ha="center",
+            va="center",
+            fontsize=style.TITLE,
+            fontweight="bold",
+            color=style.INK,
+        )
     return figure
 
 
 def _wrapped(label: str, characters: int) -> str:
-    lines = textwrap.wrap(label.replace("+ ", "+\u00a0").replace("− ", "−\u00a0"), max(characters, 8), break_long_words=False) or [""]
+    lines = textwrap.wrap(
+        label.replace("+ ", "+\u00a0").replace("− ", "−\u00a0"), max(characters, 8), break_long_words=False
+    ) or [""]
     return "\n".join(lines[:3] if len(lines) <= 3 else [*lines[:2], lines[2] + " …"])
 
 

@@ -37,11 +37,15 @@ if TYPE_CHECKING:
 
 
 def simulation_csv(s: Simulation) -> str:
-    """One simulated test as CSV, every 5 ms: time_s, phi_deg, deviation_um, commanded and actual axis positions (mm, °)."""
+    """One simulated test as CSV, every 5 ms: time_s, phi_deg, deviation_um, commanded and actual axis positions
+    (mm, °).
+    """
     columns = s.columns()
     data = np.column_stack(list(columns.values()))[::5]
     text = io.StringIO()
-    np.savetxt(text, data, delimiter=",", header=",".join(columns), comments="", fmt=["%.3f", "%.6f", "%.4f"] + ["%.7f"] * 10)
+    np.savetxt(
+        text, data, delimiter=",", header=",".join(columns), comments="", fmt=["%.3f", "%.6f", "%.4f"] + ["%.7f"] * 10
+    )
     return text.getvalue()
 
 
@@ -60,12 +64,18 @@ def simulation_summary(results: list[Simulation]) -> list[dict]:
         try:
             if kind_of(s.test).goes_round:
                 row |= {
-                    k: round(v, 4) for k, v in asdict(circular_figures(s.phi[keep], s.deviation[keep])).items() if not isinstance(v, tuple)
+                    k: round(v, 4)
+                    for k, v in asdict(circular_figures(s.phi[keep], s.deviation[keep])).items()
+                    if not isinstance(v, tuple)
                 }
         except InputError:
             pass
         rows.append(
-            row | {"max_um": round(float(s.deviation[keep].max() / UM), 4), "min_um": round(float(s.deviation[keep].min() / UM), 4)}
+            row
+            | {
+                "max_um": round(float(s.deviation[keep].max() / UM), 4),
+                "min_um": round(float(s.deviation[keep].min() / UM), 4),
+            }
         )
     return rows
 
@@ -78,7 +88,9 @@ def conditions(test) -> str:
 
 
 def _centred(test, phi: np.ndarray, deviation: np.ndarray, valid: np.ndarray | None = None) -> np.ndarray:
-    """Deviation in µm without eccentricity (circles) or without its mean (partial arcs); invalid samples become gaps."""
+    """Deviation in µm without eccentricity (circles) or without its mean (partial arcs); invalid samples become
+    gaps.
+    """
     good = np.ones(len(phi), bool) if valid is None else valid
     try:
         if not kind_of(test).goes_round:
@@ -94,7 +106,9 @@ def polar_of_simulation(s: Simulation) -> Figure:
     keep = _span(Program(s.test), s.time)
     phi = s.phi[keep][::5]
     shift = kind_of(s.test).plot_offset_deg
-    trace = PolarTrace("simulated", phi / DEG, _centred(s.test, phi, s.deviation[keep][::5]), "simulated", shift_deg=shift)
+    trace = PolarTrace(
+        "simulated", phi / DEG, _centred(s.test, phi, s.deviation[keep][::5]), "simulated", shift_deg=shift
+    )
     return polar_figure([trace], s.test.name, conditions(s.test))
 
 
@@ -131,7 +145,9 @@ def comparison_plots(result: Comparison, folder: Path, progress: Progress = sile
     pages[overview] = encoded(_overview(result), overview)
     progress("plotting", total - 1, total)
     title = f"{result.campaign.name}: residual {result.rms / UM:.3f} µm RMS, noise {result.noise / UM:.3f} µm"
-    pages[residual] = encoded(residual_figure([residual_trace(t, result.noise) for t in result.tests], title=title), residual)
+    pages[residual] = encoded(
+        residual_figure([residual_trace(t, result.noise) for t in result.tests], title=title), residual
+    )
     write_all(pages, force=True)
     return [overview, residual, *files]
 
@@ -147,7 +163,9 @@ def _overview(result: Comparison) -> Figure:
 
 
 def unexplained_plot(result: Diagnosis, folder: Path) -> Diagnosis:
-    """The empirical term of an unexplained rest as a picture beside its effect file; the diagnosis that names the file."""
+    """The empirical term of an unexplained rest as a picture beside its effect file; the diagnosis that names the
+    file.
+    """
     u = result.unexplained
     if u is None:
         return result
@@ -159,7 +177,10 @@ def unexplained_plot(result: Diagnosis, folder: Path) -> Diagnosis:
 
 def ladder_plot(steps: list[Step], path: Path) -> None:
     """The error falling from model to model."""
-    save(ladder_figure([LadderStep(s.label, s.rms_um) for s in steps], steps[-1].noise_um, "Residual RMS of each model"), path)
+    save(
+        ladder_figure([LadderStep(s.label, s.rms_um) for s in steps], steps[-1].noise_um, "Residual RMS of each model"),
+        path,
+    )
 
 
 def pitch_plot_files(axes: Iterable[str], folder: Path) -> list[Path]:
@@ -173,8 +194,12 @@ def pitch_plots(name: str, results: dict[str, PitchIdentification], folder: Path
     pages = {}
     for (axis, r), spectra, curves in zip(results.items(), files[::2], files[1::2], strict=True):
         ways = r.directions.values()
-        pages[spectra] = encoded(spectrum_figure([pitch_spectrum(d) for d in ways], f"{name}: pitch errors of {axis}"), spectra)
-        pages[curves] = encoded(curves_figure([pitch_curves(d) for d in ways], f"{name}: pitch-error curves of {axis}"), curves)
+        pages[spectra] = encoded(
+            spectrum_figure([pitch_spectrum(d) for d in ways], f"{name}: pitch errors of {axis}"), spectra
+        )
+        pages[curves] = encoded(
+            curves_figure([pitch_curves(d) for d in ways], f"{name}: pitch-error curves of {axis}"), curves
+        )
     write_all(pages, force=True)
     return files
 
@@ -182,7 +207,9 @@ def pitch_plots(name: str, results: dict[str, PitchIdentification], folder: Path
 def pitch_spectrum(d: DirectionIdentification) -> PitchSpectrum:
     """One direction's spectrum as it is drawn."""
     named = [(c.order, c.amplitude_deg) for c in d.components]
-    return PitchSpectrum(f"{d.axis} {d.direction}", d.orders, d.amplitude_deg, d.floor_deg, d.limit_deg, named, d.tooth_order)
+    return PitchSpectrum(
+        f"{d.axis} {d.direction}", d.orders, d.amplitude_deg, d.floor_deg, d.limit_deg, named, d.tooth_order
+    )
 
 
 def pitch_curves(d: DirectionIdentification) -> PitchCurves:

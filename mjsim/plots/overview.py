@@ -14,7 +14,10 @@ if TYPE_CHECKING:
 
 
 def overview_figure(
-    tests: Sequence[tuple[str, Sequence[polar.PolarTrace]]], columns: int = 4, um_per_div: float | None = None, title: str | None = None
+    tests: Sequence[tuple[str, Sequence[polar.PolarTrace]]],
+    columns: int = 4,
+    um_per_div: float | None = None,
+    title: str | None = None,
 ) -> Figure:
     """One small polar plot per test, each with its scale below it.
 
@@ -46,13 +49,31 @@ def overview_figure(
         figure.text(
             centre, (y + plot + 0.3) / height, name, ha="center", va="center", fontweight="bold", color=style.INK,
             fontsize=style.fitted(name, style.SMALL, cell_w - 0.1))  # fmt: skip
-        figure.text(centre, (y - 0.14) / height, polar.scale_text(step), ha="center", va="center", fontsize=style.SMALL, color=style.SOFT)
+        figure.text(
+            centre,
+            (y - 0.14) / height,
+            polar.scale_text(step),
+            ha="center",
+            va="center",
+            fontsize=style.SMALL,
+            color=style.SOFT,
+        )
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             legend.setdefault(label, handle)
     if title:
-        figure.text(0.5, 1.0 - 0.2 / height, title, ha="center", va="center", fontsize=style.TITLE, fontweight="bold", color=style.INK)
+        figure.text(
+            0.5,
+            1.0 - 0.2 / height,
+            title,
+            ha="center",
+            va="center",
+            fontsize=style.TITLE,
+            fontweight="bold",
+            color=style.INK,
+        )
     figure.legend(
-        list(legend.values()), list(legend), loc="center", bbox_to_anchor=(0.5, 0.18 / height), ncols=max(len(legend), 1), frameon=False,
+        list(legend.values()), list(legend), loc="center", bbox_to_anchor=(0.5, 0.18 / height), ncols=max(len(legend),
+            1), frameon=False,
         fontsize=style.TEXT, handlelength=1.8,
     )  # fmt: skip
     return figure

@@ -1,4 +1,6 @@
-"""Pitch errors as the paper draws them: spectrum over peaks per revolution (its Fig. 3) and curves on the circle (its Fig. 4)."""
+"""Pitch errors as the paper draws them: spectrum over peaks per revolution (its Fig. 3) and curves on the circle
+(its Fig. 4).
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,8 @@ if TYPE_CHECKING:
 #: One unit of the drawings, deg.
 MILLI = 1e-3
 _LIMIT = "#0072b2"
-#: Largest deviation, in divisions, that the automatic scale allows, and divisions by which the raw data stand further out.
+#: Largest deviation, in divisions, that the automatic scale allows, and divisions by which the raw data stand further
+#: out.
 _FILL, _APART = 1.7, 2
 #: Width of a label in peaks per revolution, at the usual size.
 _LABEL = 70.0
@@ -29,8 +32,8 @@ _LABEL = 70.0
 class PitchSpectrum:
     """One direction's spectrum: ``orders`` (m,) per revolution; ``amplitude``, ``floor``, ``limit`` (m,) in degrees.
 
-    ``floor`` is the amplitude that noise alone gives, ``limit`` what a component must exceed. ``named``: (order, amplitude in
-    degrees) of the components. ``teeth``: of the worm wheel; its multiples are marked.
+    ``floor`` is the amplitude that noise alone gives, ``limit`` what a component must exceed. ``named``: (order,
+    amplitude in degrees) of the components. ``teeth``: of the worm wheel; its multiples are marked.
     """
 
     title: str
@@ -63,7 +66,9 @@ def draw_spectrum(axes, spectrum: PitchSpectrum, top: float | None = None) -> No
     sizes = [a for _, a in spectrum.named]
     top = (top or 1.15 * max([*sizes, float(amplitude.max()) * MILLI, 1e-6])) / MILLI
     teeth = np.arange(spectrum.teeth, orders[-1] + 1, spectrum.teeth)
-    axes.vlines(teeth, 0.0, top, color=style.GRID, linewidth=0.7, zorder=0, label=f"multiples of {spectrum.teeth} teeth")
+    axes.vlines(
+        teeth, 0.0, top, color=style.GRID, linewidth=0.7, zorder=0, label=f"multiples of {spectrum.teeth} teeth"
+    )
     axes.plot(orders, amplitude, color=style.MEASURED, linewidth=0.8, zorder=3, label="modified data")
     axes.plot(
         orders,
@@ -74,14 +79,34 @@ def draw_spectrum(axes, spectrum: PitchSpectrum, top: float | None = None) -> No
         zorder=4,
         label="least size of a component",
     )
-    axes.fill_between(orders, 0.0, np.asarray(spectrum.floor) / MILLI, color=style.BAND_EDGE, linewidth=0.0, zorder=2, label="noise")
+    axes.fill_between(
+        orders, 0.0, np.asarray(spectrum.floor) / MILLI, color=style.BAND_EDGE, linewidth=0.0, zorder=2, label="noise"
+    )
     if spectrum.named:
         n, size = np.array(spectrum.named, float).T
-        axes.plot(n, size / MILLI, "o", color=style.SIMULATED, markersize=3.2, markeredgewidth=0.0, zorder=5, label="identified")
+        axes.plot(
+            n,
+            size / MILLI,
+            "o",
+            color=style.SIMULATED,
+            markersize=3.2,
+            markeredgewidth=0.0,
+            zorder=5,
+            label="identified",
+        )
     axes.set_xlim(0.0, orders[-1])
     axes.set_ylim(0.0, top)
     _name(axes, spectrum.named, top)
-    axes.text(0.995, 0.93, spectrum.title, transform=axes.transAxes, ha="right", va="top", fontsize=style.TEXT, fontweight="bold")
+    axes.text(
+        0.995,
+        0.93,
+        spectrum.title,
+        transform=axes.transAxes,
+        ha="right",
+        va="top",
+        fontsize=style.TEXT,
+        fontweight="bold",
+    )
     axes.tick_params(labelsize=style.SMALL, color=style.NOMINAL, labelcolor=style.INK)
     for side, spine in axes.spines.items():
         spine.set(visible=side in ("left", "bottom"), color=style.NOMINAL, linewidth=0.6)
@@ -103,8 +128,10 @@ def _name(axes, named: Sequence[tuple[float, float]], top: float) -> None:
         y = min(y, 0.93 * top)
         taken.append((x, y))
         axes.annotate(
-            f"N={n:.4g}", (n, size / MILLI), (x, y), ha="center", va="bottom", fontsize=style.SMALL, color=style.SIMULATED,
-            arrowprops={"arrowstyle": "-", "color": style.SIMULATED, "linewidth": 0.4, "shrinkA": 0.0, "shrinkB": 2.0}, zorder=6,
+            f"N={n:.4g}", (n, size / MILLI), (x, y), ha="center", va="bottom", fontsize=style.SMALL,
+            color=style.SIMULATED,
+            arrowprops={"arrowstyle": "-", "color": style.SIMULATED, "linewidth": 0.4, "shrinkA": 0.0, "shrinkB": 2.0},
+            zorder=6,
         )  # fmt: skip
 
 
@@ -122,7 +149,8 @@ def _values(curves: PitchCurves) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def draw_curves(axes: PolarAxes, curves: PitchCurves, degrees_per_div: float | None = None) -> float:
-    """Draw one direction into polar ``axes``: modified and identified about one zero circle, raw about another, two divisions further out.
+    """Draw one direction into polar ``axes``: modified and identified about one zero circle, raw about another, two
+    divisions further out.
 
     Returns:
         Degrees per division.
@@ -141,7 +169,9 @@ def draw_curves(axes: PolarAxes, curves: PitchCurves, degrees_per_div: float | N
     axes.set_rorigin(-inner * step)
     axes.set_ylim(-inner * step, outer * step)
     axes.set_yticks([k * step for k in range(-inner + 1, outer)], labels=[])
-    axes.set_xticks(np.radians(np.arange(0, 360, 30)), labels=[f"{a}°" if a % 90 == 0 else "" for a in range(0, 360, 30)])
+    axes.set_xticks(
+        np.radians(np.arange(0, 360, 30)), labels=[f"{a}°" if a % 90 == 0 else "" for a in range(0, 360, 30)]
+    )
     axes.tick_params(axis="x", pad=0, labelsize=style.SMALL, labelcolor=style.INK)
     axes.grid(color=style.GRID, linewidth=0.5)
     axes.set_axisbelow(True)
@@ -179,7 +209,12 @@ def spectrum_figure(spectra: Sequence[PitchSpectrum], title: str) -> Figure:
     top = 1.2 * max(max([float(np.max(s.amplitude)), *(a for _, a in s.named)]) for s in spectra)
     for i, s in enumerate(spectra):
         axes = figure.add_axes(
-            (0.6 / width, (foot + (len(spectra) - 1 - i) * each) / height, (width - 0.8) / width, (each - 0.25) / height)
+            (
+                0.6 / width,
+                (foot + (len(spectra) - 1 - i) * each) / height,
+                (width - 0.8) / width,
+                (each - 0.25) / height,
+            )
         )
         draw_spectrum(axes, s, top)
         axes.set_ylabel("amplitude, 10⁻³ deg", fontsize=style.SMALL, color=style.INK)
@@ -187,9 +222,25 @@ def spectrum_figure(spectra: Sequence[PitchSpectrum], title: str) -> Figure:
             axes.set_xlabel("number of peaks per revolution", fontsize=style.TEXT, color=style.INK)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(
-        handles, labels, loc="center", bbox_to_anchor=(0.5, 0.17 / height), ncols=5, frameon=False, fontsize=style.SMALL, handlelength=1.8
+        handles,
+        labels,
+        loc="center",
+        bbox_to_anchor=(0.5, 0.17 / height),
+        ncols=5,
+        frameon=False,
+        fontsize=style.SMALL,
+        handlelength=1.8,
     )
-    figure.text(0.5, 1.0 - 0.2 / height, title, ha="center", va="center", fontsize=style.TITLE, fontweight="bold", color=style.INK)
+    figure.text(
+        0.5,
+        1.0 - 0.2 / height,
+        title,
+        ha="center",
+        va="center",
+        fontsize=style.TITLE,
+        fontweight="bold",
+        color=style.INK,
+    )
     return figure
 
 
@@ -210,8 +261,26 @@ def curves_figure(curves: Sequence[PitchCurves], title: str, degrees_per_div: fl
         axes = style.polar_axes(figure, place)
         step = draw_curves(axes, c, shared)
         centre = (0.1 + side * (i + 0.5)) / width
-        figure.text(centre, (foot - 0.12) / height, f"{c.title}, {scale_text(step)}", ha="center", va="center", fontsize=style.TEXT)
+        figure.text(
+            centre,
+            (foot - 0.12) / height,
+            f"{c.title}, {scale_text(step)}",
+            ha="center",
+            va="center",
+            fontsize=style.TEXT,
+        )
     handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="center", bbox_to_anchor=(0.5, 0.2 / height), ncols=3, frameon=False, fontsize=style.TEXT)
-    figure.text(0.5, 1.0 - 0.2 / height, title, ha="center", va="center", fontsize=style.TITLE, fontweight="bold", color=style.INK)
+    figure.legend(
+        handles, labels, loc="center", bbox_to_anchor=(0.5, 0.2 / height), ncols=3, frameon=False, fontsize=style.TEXT
+    )
+    figure.text(
+        0.5,
+        1.0 - 0.2 / height,
+        title,
+        ha="center",
+        va="center",
+        fontsize=style.TITLE,
+        fontweight="bold",
+        color=style.INK,
+    )
     return figure

@@ -1,8 +1,8 @@
 """Polar plot of circular traces, as in Kato, Tsutsumi and Sato, IJMTM 64 (2013) 1-11, figures 5 to 17.
 
-0° at the right, angles counter-clockwise, the nominal circle half-way out, deviations magnified on concentric divisions. The paper
-calls 180° what its appendix calls φ = 0, so a trace is plotted at φ + 180°; traces of rotary tests are plotted at the axis angle
-itself (``shift_deg=0``).
+0° at the right, angles counter-clockwise, the nominal circle half-way out, deviations magnified on concentric
+divisions. The paper calls 180° what its appendix calls φ = 0, so a trace is plotted at φ + 180°; traces of rotary tests
+are plotted at the axis angle itself (``shift_deg=0``).
 """
 
 from __future__ import annotations
@@ -62,7 +62,11 @@ class PolarTrace:
 
 
 def polar_figure(
-    traces: Sequence[PolarTrace], title: str, subtitle: str | None = None, um_per_div: float | None = None, size_in: float = 5.0
+    traces: Sequence[PolarTrace],
+    title: str,
+    subtitle: str | None = None,
+    um_per_div: float | None = None,
+    size_in: float = 5.0,
 ) -> Figure:
     """Polar plot of ``traces`` over each other.
 
@@ -89,7 +93,13 @@ def polar_figure(
         size = style.fitted(subtitle, style.TEXT, size_in - 0.3)
         figure.text(0.5, 1.0 - 0.44 / height, subtitle, color=style.SOFT, fontsize=size, **middle)
     figure.text(
-        1.0 - 0.25 / size_in, (bottom - 0.02) / height, scale_text(step), ha="right", va="center", fontsize=style.TEXT, color=style.INK
+        1.0 - 0.25 / size_in,
+        (bottom - 0.02) / height,
+        scale_text(step),
+        ha="right",
+        va="center",
+        fontsize=style.TEXT,
+        color=style.INK,
     )
     handles, labels = axes.get_legend_handles_labels()
     size = style.fitted("".join(labels) + 7 * "m" * len(labels), style.TEXT, size_in)
@@ -100,7 +110,9 @@ def polar_figure(
     return figure
 
 
-def draw_polar(axes: PolarAxes, traces: Sequence[PolarTrace], um_per_div: float | None = None, small: bool = False) -> float:
+def draw_polar(
+    axes: PolarAxes, traces: Sequence[PolarTrace], um_per_div: float | None = None, small: bool = False
+) -> float:
     """Draw the plot into polar ``axes``; radial data are deviations [µm], angles are plot angles [rad].
 
     Args:
@@ -130,7 +142,9 @@ def draw_polar(axes: PolarAxes, traces: Sequence[PolarTrace], um_per_div: float 
 
 
 def division_um(traces: Sequence[PolarTrace]) -> float:
-    """Deviation per division that suits the data: a 1-2-5 step [µm], never below 0.1 µm (the resolution of a ball bar)."""
+    """Deviation per division that suits the data: a 1-2-5 step [µm], never below 0.1 µm (the resolution of a ball
+    bar).
+    """
     low, high = _range_um(traces)
     return max(0.1, style.nice_step(max(-low, high, 1e-6) / FILL))
 
@@ -147,8 +161,12 @@ def _frame(axes: PolarAxes, inner: int, outer: int, step: float, small: bool) ->
     axes.set_ylim(-inner * step, outer * step)
     axes.set_yticks([k * step for k in range(-inner + 1, outer)], labels=[])
     named = (0, 90) if small else (0, 90, 180, 270)
-    axes.set_xticks(np.radians(np.arange(0, 360, 30)), labels=[f"{a}°" if a in named else "" for a in range(0, 360, 30)])
-    axes.tick_params(axis="x", pad=-2 if small else 1, labelsize=style.SMALL - 1.0 if small else style.TEXT, labelcolor=style.INK)
+    axes.set_xticks(
+        np.radians(np.arange(0, 360, 30)), labels=[f"{a}°" if a in named else "" for a in range(0, 360, 30)]
+    )
+    axes.tick_params(
+        axis="x", pad=-2 if small else 1, labelsize=style.SMALL - 1.0 if small else style.TEXT, labelcolor=style.INK
+    )
     axes.grid(color=style.GRID, linewidth=0.4 if small else 0.55)
     axes.set_axisbelow(True)
     for side in ("polar", "inner"):

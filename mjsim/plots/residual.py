@@ -32,7 +32,8 @@ class ResidualTrace:
         residual_um: (n,) measured minus simulated after the nuisance fit [µm].
         reversals: axis letter -> angles at which the axis reverses, as ``phi_deg`` counts [deg].
         noise_um: standard deviation of the measurement noise of one sample [µm]; None when unknown.
-        outlier: (n,) True where a sample is not to be judged; drawn grey, without effect on scale and RMS. None: no outliers.
+        outlier: (n,) True where a sample is not to be judged; drawn grey, without effect on scale and RMS. None: no
+            outliers.
         shift_deg: plot angle minus ``phi_deg`` [deg], as in polar plots: 180 for circles, 0 for rotary tests.
     """
 
@@ -59,7 +60,9 @@ class ResidualTrace:
         return self.shift_deg % 360.0 != 0.0 and float(np.ptp(np.asarray(self.phi_deg, dtype=float))) > 359.0
 
 
-def residual_figure(tests: Sequence[ResidualTrace], width_in: float = 7.6, panel_in: float = 1.35, title: str | None = None) -> Figure:
+def residual_figure(
+    tests: Sequence[ResidualTrace], width_in: float = 7.6, panel_in: float = 1.35, title: str | None = None
+) -> Figure:
     """One panel per test, stacked, all with the same µm scale.
 
     Revolutions lie over each other: what repeats is the model's, what does not is noise or drift.
@@ -89,13 +92,24 @@ def residual_figure(tests: Sequence[ResidualTrace], width_in: float = 7.6, panel
         axes.text(1.0, lift, _summary(trace), ha="right", color=style.SOFT, **across)
     figure.axes[-1].set_xlabel("plot angle, deg", fontsize=style.TEXT, color=style.INK)
     if title:
-        figure.text(0.5, 1.0 - 0.18 / height, title, ha="center", va="center", fontsize=style.TITLE, fontweight="bold", color=style.INK)
+        figure.text(
+            0.5,
+            1.0 - 0.18 / height,
+            title,
+            ha="center",
+            va="center",
+            fontsize=style.TITLE,
+            fontweight="bold",
+            color=style.INK,
+        )
     _legend(figure, tests, height)
     return figure
 
 
 def reversal_angles(trace: ResidualTrace) -> list[tuple[str, float]]:
-    """(axis, plot angle in deg) of every distinct reversal mark, sorted by angle; repeats in further revolutions are merged."""
+    """(axis, plot angle in deg) of every distinct reversal mark, sorted by angle; repeats in further revolutions
+    are merged.
+    """
     marks: list[tuple[str, float]] = []
     for axis, angles in trace.reversals.items():
         plotted = sorted(_shown(trace, np.asarray(list(angles), dtype=float)).tolist())
@@ -118,19 +132,37 @@ def _panel(axes: Axes, trace: ResidualTrace, limit: float) -> None:
     good = trace.good()
     phi, residual = np.asarray(trace.phi_deg, dtype=float), np.asarray(trace.residual_um, dtype=float)
     if trace.noise_um is not None:
-        axes.axhspan(-2.0 * trace.noise_um, 2.0 * trace.noise_um, color=style.BAND, linewidth=0, zorder=0, label="noise band, ±2σ")
+        axes.axhspan(
+            -2.0 * trace.noise_um,
+            2.0 * trace.noise_um,
+            color=style.BAND,
+            linewidth=0,
+            zorder=0,
+            label="noise band, ±2σ",
+        )
         for edge in (-2.0 * trace.noise_um, 2.0 * trace.noise_um):
             axes.axhline(edge, color=style.BAND_EDGE, linewidth=0.6, zorder=3.5)
     axes.axhline(0.0, color=style.NOMINAL, linewidth=0.6, zorder=1)
     if (~good).any():
         axes.plot(
-            _shown(trace, phi[~good]), residual[~good], ".", color=style.OUTLIER, markersize=1.6, zorder=1.5, label="left out (outliers)"
+            _shown(trace, phi[~good]),
+            residual[~good],
+            ".",
+            color=style.OUTLIER,
+            markersize=1.6,
+            zorder=1.5,
+            label="left out (outliers)",
         )
     angle, value = series.thinned(*series.broken(phi, np.where(good, residual, np.nan)))
     shown = _shown(trace, angle)
     wrap = np.flatnonzero(np.abs(np.diff(shown)) > 180.0) + 1
     axes.plot(
-        np.insert(shown, wrap, np.nan), np.insert(value, wrap, np.nan), color=style.MEASURED, linewidth=0.65, zorder=3, label="residual"
+        np.insert(shown, wrap, np.nan),
+        np.insert(value, wrap, np.nan),
+        color=style.MEASURED,
+        linewidth=0.65,
+        zorder=3,
+        label="residual",
     )
     axes.set_ylim(-limit, limit)
     if trace.full_circle():
@@ -162,18 +194,23 @@ def _marks(axes: Axes, trace: ResidualTrace, width_pt: float) -> None:
         line = axes.axvline(angle, color=colour, linewidth=0.8, linestyle=(0, (4, 2)), alpha=0.8, zorder=2)
         line.set_gid(f"reversal-{axis}")
         text = axes.annotate(
-            axis, (angle, 1.0), xycoords=("data", "axes fraction"), xytext=(letter_pt - line_pt, 1.5), textcoords="offset points",
+            axis, (angle, 1.0), xycoords=("data", "axes fraction"), xytext=(letter_pt - line_pt, 1.5),
+            textcoords="offset points",
             ha="center", va="bottom", fontsize=style.SMALL, fontweight="bold", color=colour,
         )  # fmt: skip
         text.set_gid(f"reversal-letter-{axis}")
 
 
 def spread(places: NDArray[np.float64], apart: float) -> NDArray[np.float64]:
-    """Sorted places moved as little as needed to be ``apart``: each cluster is laid out round its own middle, the order stays."""
+    """Sorted places moved as little as needed to be ``apart``: each cluster is laid out round its own middle, the
+    order stays.
+    """
     clusters: list[list[float]] = []  # [middle, members]
     for place in places:
         clusters.append([float(place), 1.0])
-        while len(clusters) > 1 and clusters[-1][0] - clusters[-2][0] < 0.5 * apart * (clusters[-1][1] + clusters[-2][1]):
+        while len(clusters) > 1 and clusters[-1][0] - clusters[-2][0] < 0.5 * apart * (
+            clusters[-1][1] + clusters[-2][1]
+        ):
             (last, m), (before, n) = clusters.pop(), clusters.pop()
             clusters.append([(last * m + before * n) / (m + n), m + n])
     return np.array([middle + (k - 0.5 * (n - 1.0)) * apart for middle, n in clusters for k in range(int(n))])
@@ -202,6 +239,7 @@ def _legend(figure: Figure, tests: Sequence[ResidualTrace], height_in: float) ->
     if any(reversal_angles(trace) for trace in tests):
         found["an axis reverses"] = Line2D([], [], color=style.SOFT, linewidth=0.8, linestyle=(0, (4, 2)))
     figure.legend(
-        list(found.values()), list(found), loc="center", bbox_to_anchor=(0.5, 0.12 / height_in), ncols=len(found), frameon=False,
+        list(found.values()), list(found), loc="center", bbox_to_anchor=(0.5, 0.12 / height_in), ncols=len(found),
+        frameon=False,
         fontsize=style.SMALL, handlelength=1.8, borderpad=0.0,
     )  # fmt: skip

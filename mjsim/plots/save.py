@@ -22,7 +22,8 @@ def encode(figure: Figure, kind: str) -> bytes:
     """The figure as an image file.
 
     Args:
-        kind: "png" (150 dpi) or "svg" (text as outlines, so that it looks the same everywhere). No dates, no random identifiers.
+        kind: "png" (150 dpi) or "svg" (text as outlines, so that it looks the same everywhere). No dates, no random
+            identifiers.
 
     Raises:
         ValueError: another kind.
@@ -33,7 +34,8 @@ def encode(figure: Figure, kind: str) -> bytes:
     elif kind == "svg":
         import matplotlib
 
-        # Identifiers inside an SVG are random unless this one setting names a salt; it is put back at once, under a lock.
+        # Identifiers inside an SVG are random unless this one setting names a salt; it is put back at once, under a
+        # lock.
         with _SVG:
             before = matplotlib.rcParams["svg.hashsalt"]
             matplotlib.rcParams["svg.hashsalt"] = "mjsim"

@@ -9,20 +9,25 @@ from numpy.typing import ArrayLike, NDArray
 PER_TURN = 2500
 
 
-def broken(angle_deg: ArrayLike, value: ArrayLike, largest_gap_deg: float = 1.5) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def broken(
+    angle_deg: ArrayLike, value: ArrayLike, largest_gap_deg: float = 1.5
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The same series with a NaN pair wherever neighbours lie apart, so that no line is drawn across a missing stretch.
 
     Args:
         angle_deg: (n,) angles in the order of recording [deg].
         value: (n,) values.
-        largest_gap_deg: neighbours this far apart, and eight times as far as is usual in this series, are not joined [deg].
+        largest_gap_deg: neighbours this far apart, and eight times as far as is usual in this series, are not joined
+            [deg].
 
     Raises:
         ValueError: the two differ in shape.
     """
     angle, value = np.asarray(angle_deg, dtype=float), np.asarray(value, dtype=float)
     if angle.ndim != 1 or angle.shape != value.shape:
-        raise ValueError(f"angle and value must be vectors of one length, not of shapes {angle.shape} and {value.shape}")
+        raise ValueError(
+            f"angle and value must be vectors of one length, not of shapes {angle.shape} and {value.shape}"
+        )
     if angle.size < 3:
         return angle, value
     step = np.abs(np.diff(angle))

@@ -19,7 +19,8 @@ BAND = "#e4ebf2"
 BAND_EDGE = "#8fb0d0"
 OUTLIER = "#b9b9b9"
 
-#: Near-black and vermilion differ in hue for every kind of colour vision and in lightness on a black-and-white print (Okabe and Ito 2008).
+#: Near-black and vermilion differ in hue for every kind of colour vision and in lightness on a black-and-white print
+#: (Okabe and Ito 2008).
 MEASURED = "#222222"
 SIMULATED = "#d9480f"
 
@@ -60,7 +61,9 @@ def canvas(figure: Figure) -> FigureCanvasAgg:
 
 
 def fitted(text: str, size: float, width_in: float) -> float:
-    """Font size [points] at which ``text`` keeps within ``width_in`` [inch]: ``size``, or less for a long text, by average letter width."""
+    """Font size [points] at which ``text`` keeps within ``width_in`` [inch]: ``size``, or less for a long text, by
+    average letter width.
+    """
     return min(size, width_in * 72.0 / (0.62 * max(len(text), 1)))
 
 

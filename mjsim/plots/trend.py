@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TrendSeries:
-    """One panel: title, unit, value per campaign with the ends of its interval (None where there is none), and whether it changed."""
+    """One panel: title, unit, value per campaign with the ends of its interval (None where there is none), and
+    whether it changed.
+    """
 
     title: str
     unit: str
@@ -45,7 +47,9 @@ def trend_figure(series: Sequence[TrendSeries], labels: Sequence[str], columns: 
         axes = figure.add_axes((x / width, y / height, (cell_w - 0.62) / width, (cell_h - 0.75) / height))
         colour = style.SIMULATED if s.changed else style.MEASURED
         there = [(i, v) for i, v in enumerate(s.values) if v is not None]
-        axes.plot([i for i, _ in there], [v for _, v in there], "-o", color=colour, linewidth=0.9, markersize=3.5, zorder=3)
+        axes.plot(
+            [i for i, _ in there], [v for _, v in there], "-o", color=colour, linewidth=0.9, markersize=3.5, zorder=3
+        )
         for i, (low, high) in enumerate(zip(s.lows, s.highs, strict=True)):
             if low is not None and high is not None:
                 axes.plot([i, i], [low, high], color=colour, linewidth=1.2, zorder=2)

@@ -59,7 +59,9 @@ _VARIABLES = {
 
 def _unknown(rest: Unexplained) -> str:
     axes = " and ".join(rest.axes)
-    return f"{axes} axis: an unknown error of {_short(rest.rms / UM)} µm RMS that depends on {_VARIABLES[rest.variable]}."
+    return (
+        f"{axes} axis: an unknown error of {_short(rest.rms / UM)} µm RMS that depends on {_VARIABLES[rest.variable]}."
+    )
 
 
 def _line(found: DiagnosedEffect, given: Machine) -> str:
@@ -80,7 +82,10 @@ def _named(effect_id: str) -> str:
     if name.endswith("gain"):
         name = f"wrong {name}"
     article = "an" if name[0] in "aeiou" else "a"
-    return f"{'' if kind in ('backlash', 'friction', 'viscous_friction', 'worm_wear') else article + ' '}{name} of {subject}"
+    return (
+        f"{'' if kind in ('backlash', 'friction', 'viscous_friction', 'worm_wear') else article + ' '}{name} of "
+        f"{subject}"
+    )
 
 
 def sized(effect: Effect, former: Effect | None = None) -> str:
@@ -101,8 +106,14 @@ def sized(effect: Effect, former: Effect | None = None) -> str:
     if parameter.neutral == 1.0:
         return f"{name} {_percent(value)}{direction}"
     old = former.values.get(parameter.name) if former else None
-    change = f" ({_percent(value / old, 'above', 'below')} the machine file's)" if isinstance(old, float) and old else ""
-    size = f"{_short(100.0 * value)} %" if leading == "ratio" else f"{_short(value)} {unit_of(parameter.name)[1]}".replace(" °", "°")
+    change = (
+        f" ({_percent(value / old, 'above', 'below')} the machine file's)" if isinstance(old, float) and old else ""
+    )
+    size = (
+        f"{_short(100.0 * value)} %"
+        if leading == "ratio"
+        else f"{_short(value)} {unit_of(parameter.name)[1]}".replace(" °", "°")
+    )
     return f"{name} {'with a stiffness ' if leading == 'stiffness' else ''}of about {size}{direction}{change}"
 
 
@@ -151,5 +162,7 @@ def short_test(table: dict) -> str:
     """A test's table as in campaign.toml, in a few words: kind, plane or axis, place of the table ball, feed."""
     kind = table["kind"].partition("_")[0]
     words = [" ".join(str(x) for x in (kind, table.get("plane"), table.get("axis")) if x)]
-    words += [f"{axis} {value:g} mm" for axis, value in zip(COORDINATES[:2], table["table_ball_mm"][:2], strict=True) if value]
+    words += [
+        f"{axis} {value:g} mm" for axis, value in zip(COORDINATES[:2], table["table_ball_mm"][:2], strict=True) if value
+    ]
     return ", ".join([*words, f"{table['feed_mm_min']:g} mm/min"])

@@ -32,7 +32,9 @@ def build_report(result: Diagnosis, threads: int = 2, progress: Progress = silen
     return render(diagnosed(result, threads, progress, thorough=thorough))
 
 
-def diagnosed(result: Diagnosis, threads: int = 2, progress: Progress = silent, date: str = "", thorough: bool = True) -> ReportContent:
+def diagnosed(
+    result: Diagnosis, threads: int = 2, progress: Progress = silent, date: str = "", thorough: bool = True
+) -> ReportContent:
     """Everything the page says about a diagnosed campaign.
 
     Args:
@@ -40,8 +42,8 @@ def diagnosed(result: Diagnosis, threads: int = 2, progress: Progress = silent, 
         threads: tests simulated side by side.
         progress: told what is being done.
         date: printed as it is.
-        thorough: simulate every step of the ladder and the three best repairs in the multibody model. Otherwise the last effect shares
-            its step with the calibrated data sheet and only the best repair is simulated in full.
+        thorough: simulate every step of the ladder and the three best repairs in the multibody model. Otherwise the
+            last effect shares its step with the calibrated data sheet and only the best repair is simulated in full.
     """
     problem = prepared(result, threads)
     models, start = ladder(result, problem, threads, progress, apart=thorough)
@@ -81,7 +83,9 @@ def _rest(percent: float | None) -> str:
     return f"{size} % of the squared error above the noise is left. It does not point to a cause."
 
 
-def compared(problem: Problem, given: Comparison, threads: int = 2, progress: Progress = silent, date: str = "") -> ReportContent:
+def compared(
+    problem: Problem, given: Comparison, threads: int = 2, progress: Progress = silent, date: str = ""
+) -> ReportContent:
     """Everything the page says about a campaign that was compared with its machine and not diagnosed."""
     models = basis(problem, given, threads, progress)
     repairs = what_if(problem, given, given.machine, (), threads, progress)
@@ -95,7 +99,9 @@ def compared(problem: Problem, given: Comparison, threads: int = 2, progress: Pr
     )
 
 
-def _content(models: list[Model], start: int, problem: Problem, final: Machine, repairs: WhatIf | None, date: str) -> dict:
+def _content(
+    models: list[Model], start: int, problem: Problem, final: Machine, repairs: WhatIf | None, date: str
+) -> dict:
     before, after = models[start].comparison, models[-1].comparison
     c, m = before.campaign, before.machine
     text = machine_document(final, m.path) if m.path else repr(final)
@@ -120,10 +126,12 @@ def _content(models: list[Model], start: int, problem: Problem, final: Machine, 
             ("Effects in the model as given", ", ".join(e.key for e in m.effects) or "none"),
         ],
         "models": [
-            ModelRow(x.label, _um(x.comparison.rms), [_um(t.rms) for t in x.comparison.tests], x.what, x.how) for x in models
+            ModelRow(x.label, _um(x.comparison.rms), [_um(t.rms) for t in x.comparison.tests], x.what,
+                x.how) for x in models
         ],
         "start": start,
-        "tests": [_section(b, a, before.noise, changed=before is not after) for b, a in zip(before.tests, after.tests, strict=True)],
+        "tests": [_section(b, a, before.noise, changed=before is not after) for b, a in zip(before.tests, after.tests,
+        strict=True)],
         "noise_um": _um(before.noise),
         "noise_source": before.noise_source,
         "setups": setups,

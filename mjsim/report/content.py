@@ -1,7 +1,8 @@
-"""What a report says, as plain data. :func:`mjsim.report.page.render` turns it into a page, :meth:`ReportContent.to_json` into JSON.
+"""What a report says, as plain data. :func:`mjsim.report.page.render` turns it into a page,
+:meth:`ReportContent.to_json` into JSON.
 
-Everything optional may be missing, and its place on the page then is too: a report before the diagnosis is a valid report.
-Lengths of errors are in µm, as the names say; other values carry their unit beside them.
+Everything optional may be missing, and its place on the page then is too: a report before the diagnosis is a valid
+report. Lengths of errors are in µm, as the names say; other values carry their unit beside them.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ class ModelRow:
     """One model of the ladder.
 
     Attributes:
-        label: such as ``+ backlash.A``. what: what it holds, in one sentence. how: ``kinematics`` or ``full simulation``.
+        label: such as ``+ backlash.A``. what: what it holds, in one sentence. how: ``kinematics`` or ``full
+            simulation``.
         rms_um: RMS residual over all tests [µm]. tests_um: of each test, in the report's order [µm].
     """
 
@@ -43,7 +45,8 @@ class ParameterRow:
 
     Attributes:
         name: as in the machine file, such as ``width_deg``; for one entry of a list, such as ``order 60, amplitude``.
-        value: estimate. low, high: ends of the 95 % interval; None when there is none. unit: symbol, empty for ratios and orders.
+        value: estimate. low, high: ends of the 95 % interval; None when there is none. unit: symbol, empty for ratios
+            and orders.
     """
 
     name: str
@@ -55,7 +58,9 @@ class ParameterRow:
 
 @dataclass(frozen=True)
 class Rejected:
-    """An effect that was tried in the place of one that was found. ``reaches_percent``: share of its gain that this one reaches."""
+    """An effect that was tried in the place of one that was found. ``reaches_percent``: share of its gain that this
+    one reaches.
+    """
 
     effect_id: str
     reaches_percent: float
@@ -97,12 +102,15 @@ class RepairRow:
 
     Attributes:
         cause: effect id, or what else would be changed. title: in words. term: what ball-bar software calls it.
-        kind: ``adjust``, ``compensate``, ``maintain`` (these can be repaired) or ``share`` (it can only be told how much it makes).
+        kind: ``adjust``, ``compensate``, ``maintain`` (these can be repaired) or ``share`` (it can only be told how
+            much it makes).
         remedy: how it is repaired. how: ``full simulation`` or ``drives alone``.
         rms_um: RMS of the machine's deviation without it [µm]. gain_um, gain_percent: how much that is less.
         tests_um: circular error G (arcs: peak to valley) of each test without it [µm]; empty for ``drives alone``.
-        circle: the circular test whose G falls most; circle_um, circle_percent: by how much. Reversal spikes show there, not in an RMS.
-        instead: ids of the effects that these tests cannot tell from this cause. The gain holds only if it is the cause.
+        circle: the circular test whose G falls most; circle_um, circle_percent: by how much. Reversal spikes show
+            there, not in an RMS.
+        instead: ids of the effects that these tests cannot tell from this cause. The gain holds only if it is the
+            cause.
     """
 
     cause: str
@@ -126,8 +134,10 @@ class WhatIf:
     """Repairs of the final model, the best first.
 
     Attributes:
-        rms_um: RMS over all tests of the final model's deviation about the least-squares circle (arcs: about the mean) [µm].
-        tests_um: circular error G (arcs: peak to valley) of each test [µm]. rows: one per cause, and all repairs together.
+        rms_um: RMS over all tests of the final model's deviation about the least-squares circle (arcs: about the mean)
+            [µm].
+        tests_um: circular error G (arcs: peak to valley) of each test [µm]. rows: one per cause, and all repairs
+            together.
     """
 
     rms_um: float
@@ -137,7 +147,9 @@ class WhatIf:
 
 @dataclass(frozen=True)
 class SetUpRow:
-    """Nuisance estimates of one set-up, never a machine effect: offsets of both balls, (3,) each [µm]; tests measured in it."""
+    """Nuisance estimates of one set-up, never a machine effect: offsets of both balls, (3,) each [µm]; tests
+    measured in it.
+    """
 
     setup: str
     table_ball_um: Sequence[float]
@@ -151,7 +163,8 @@ class TestSection:
 
     Attributes:
         name: as in the campaign. conditions: one line, such as ``cone frustum, θ = 15°, β = 10°, CCW, 1000 mm/min``.
-        before, after: traces of the polar plots with the model before and after; ``after`` empty when nothing was added.
+        before, after: traces of the polar plots with the model before and after; ``after`` empty when nothing was
+            added.
         residual: residual with the last model; None leaves the plot out.
         rms_before_um, rms_after_um: RMS residual [µm].
         measured, simulated_before, simulated_after: ISO 230-4 figures; None where they do not apply (partial arcs).
@@ -179,7 +192,9 @@ class TestSection:
 
 @dataclass(frozen=True)
 class BidirectionalRow:
-    """G(b) and D of one path that was run in both directions: names of the CCW and the CW test, figures of each model or None."""
+    """G(b) and D of one path that was run in both directions: names of the CCW and the CW test, figures of each
+    model or None.
+    """
 
     tests: tuple[str, str]
     measured: BidirectionalFigures
@@ -202,7 +217,8 @@ class ReportContent:
     Attributes:
         title: heading of the page.
         summary: (name, text) pairs on machine and campaign: configuration, number of tests, instrument and so on.
-        verdict: as in the output of ``mjsim diagnose``; None before a diagnosis. verdict_sentence: how sure the answer is.
+        verdict: as in the output of ``mjsim diagnose``; None before a diagnosis. verdict_sentence: how sure the answer
+            is.
         answer: the answer, one line per cause; empty before a diagnosis.
         models: the ladder, from rigid kinematics to the final model. start: index of the machine as given.
         findings: missing effects in the order of their contribution.

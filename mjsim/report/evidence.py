@@ -1,4 +1,6 @@
-"""The evidence for what a diagnosis found: parameters, shares, confidence in words, competing effects, what cannot be tested."""
+"""The evidence for what a diagnosis found: parameters, shares, confidence in words, competing effects, what cannot
+be tested.
+"""
 
 from __future__ import annotations
 
@@ -77,7 +79,10 @@ def confidence(gain: float, alternatives: tuple[str, ...]) -> str:
     ratio = gain / DIAGNOSIS.likelihood_ratio
     how = "certain" if ratio >= CERTAIN else "clear" if ratio >= CLEAR else "weak"
     size = f"{ratio:,.0f}".replace(",", "\u202f") if ratio >= 10.0 else f"{ratio:.1f}"
-    text = f"That something is missing is {how}: the gain is {size} times what chance alone reaches once in a thousand campaigns."
+    text = (
+        f"That something is missing is {how}: the gain is {size} times what chance alone reaches once in a "
+        f"thousand campaigns."
+    )
     if alternatives:
         return f"{text} Its kind is open: these tests fit {' and '.join(alternatives)} as well."
     return text
@@ -122,4 +127,8 @@ def next_test_sentence(following: dict | None) -> str:
 def rest_percent(result: Diagnosis) -> float | None:
     """Share of the squared error above the noise that stays, in per cent; None where there was none."""
     explainable = result.before.rms**2 - result.noise**2
-    return 100.0 * max(result.after.rms**2 - result.noise**2, 0.0) / explainable if explainable > (0.02 * UM) ** 2 else None
+    return (
+        100.0 * max(result.after.rms**2 - result.noise**2, 0.0) / explainable
+        if explainable > (0.02 * UM) ** 2
+        else None
+    )

@@ -1,4 +1,6 @@
-"""The ladder of models: rigid kinematics, the drives, the machine as given, each effect found, the calibrated data sheet."""
+"""The ladder of models: rigid kinematics, the drives, the machine as given, each effect found, the calibrated data
+sheet.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ KINEMATICS, SIMULATION = "kinematics", "full simulation"
 
 @dataclass(frozen=True)
 class Model:
-    """One model laid over the measurement: its label, what it holds in one sentence, how it was computed, the comparison."""
+    """One model laid over the measurement: its label, what it holds in one sentence, how it was computed, the
+    comparison.
+    """
 
     label: str
     what: str
@@ -36,7 +40,9 @@ class Model:
 
 
 def prepared(result: Diagnosis, threads: int = 2) -> Problem:
-    """The campaign as the diagnosis has judged it: with the disturbances left out that its final model does not follow."""
+    """The campaign as the diagnosis has judged it: with the disturbances left out that its final model does not
+    follow.
+    """
     problem = trusted_problem(result.campaign, build(result.before.machine), threads)
     if any(problem.outliers.values()):
         readings = problem.readings(build(phased(problem, result.machine)))
@@ -80,10 +86,16 @@ def basis(problem: Problem, given: Comparison, threads: int = 2, progress: Progr
     if effects:
         bare = replace(machine, effects=())
         drives = overlay(problem, bare, run(problem, bare, "simulating the drives alone", threads, progress))
-        out.append(Model("+ drives", "The servo loops of all axes, without friction and other effects.", SIMULATION, drives))
+        out.append(
+            Model("+ drives", "The servo loops of all axes, without friction and other effects.", SIMULATION, drives)
+        )
         out.append(Model("machine as given", f"The machine file as it is, with {effects}.", SIMULATION, given))
     else:
-        out.append(Model("machine as given", "The servo loops of all axes. The machine file has no effects.", SIMULATION, given))
+        out.append(
+            Model(
+                "machine as given", "The servo loops of all axes. The machine file has no effects.", SIMULATION, given
+            )
+        )
     return out
 
 
@@ -105,11 +117,15 @@ def ladder(
             out.append(Model(f"+ {effect.key}", text, SIMULATION, result.rungs[i + 1]))
         elif apart:
             whole = phased(problem, with_effects(result.before.machine, found))
-            comparison = overlay(problem, whole, run(problem, whole, "simulating the data sheet as given", threads, progress))
+            comparison = overlay(
+                problem, whole, run(problem, whole, "simulating the data sheet as given", threads, progress)
+            )
             out.append(Model(f"+ {effect.key}", text, SIMULATION, comparison))
     inside = "Drive and friction values are adjusted within the data sheet's tolerances"
     if found and not apart:
-        out.append(Model(f"+ {found[-1].key}", f"{found[-1].title}: {_values(found[-1])}. {inside}.", SIMULATION, result.after))
+        out.append(
+            Model(f"+ {found[-1].key}", f"{found[-1].title}: {_values(found[-1])}. {inside}.", SIMULATION, result.after)
+        )
     else:
         out.append(Model("data sheet calibrated", f"The final model. {inside}.", SIMULATION, result.after))
     return out, start

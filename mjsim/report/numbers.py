@@ -1,4 +1,6 @@
-"""Numbers as the report prints them: fixed decimals per quantity, true minus signs, estimates rounded by their interval."""
+"""Numbers as the report prints them: fixed decimals per quantity, true minus signs, estimates rounded by their
+interval.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ def fixed(value: float | None, decimals: int) -> str:
 
 
 def decimals_of(parameter: ParameterRow) -> int:
-    """Decimals that show the 95 % interval to two significant digits; four significant digits of the value without an interval."""
+    """Decimals that show the 95 % interval to two significant digits; four significant digits of the value without
+    an interval.
+    """
     width = None if parameter.low is None or parameter.high is None else 0.5 * abs(parameter.high - parameter.low)
     if width and math.isfinite(width):
         return min(max(1 - math.floor(math.log10(width)), 0), 12)

@@ -1,7 +1,9 @@
-"""One self-contained HTML page from a report's content: numbers, images, styles and scripts inside, nothing loaded from anywhere.
+"""One self-contained HTML page from a report's content: numbers, images, styles and scripts inside, nothing loaded from
+anywhere.
 
-What is printed, and what shows without script, are matplotlib's figures; on a screen interactive plots take their place. Every
-number comes from the JSON that the page carries, and says by a JSON pointer (``data-json``) which one it is.
+What is printed, and what shows without script, are matplotlib's figures; on a screen interactive plots take their
+place. Every number comes from the JSON that the page carries, and says by a JSON pointer (``data-json``) which one it
+is.
 """
 
 from __future__ import annotations
@@ -32,7 +34,8 @@ _GROUPS = (
     (
         "figure",
         "Circular errors after ISO 230-4",
-        "Measured on the full circles that all campaigns have under the same conditions. The 95 % interval follows from the noise.",
+        "Measured on the full circles that all campaigns have under the same conditions. The 95 % interval follows "
+        "from the noise.",
     ),
     (
         "parameter",
@@ -164,7 +167,9 @@ def at(data: Any, pointer: str) -> Any:
 
 
 def script_json(data: Any) -> str:
-    """JSON that is safe inside a ``script`` element: no text can end the element or begin a comment. Not-a-numbers become null."""
+    """JSON that is safe inside a ``script`` element: no text can end the element or begin a comment. Not-a-numbers
+    become null.
+    """
     text = json.dumps(finite(data), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     for character in "<>&\u2028\u2029":
         text = text.replace(character, f"\\u{ord(character):04x}")
@@ -181,7 +186,9 @@ def finite(value: Any) -> Any:
 
 
 def data_uri(figure: Figure) -> str:
-    """The figure as the value of an ``img`` element's ``src``: a PNG with a palette, which is enough for a line drawing."""
+    """The figure as the value of an ``img`` element's ``src``: a PNG with a palette, which is enough for a line
+    drawing.
+    """
     import numpy as np
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image

@@ -16,7 +16,8 @@ from mjsim.plots.residual import reversal_angles
 from mjsim.units import DEG, MM, UM
 from mjsim.workflow.compare import ComparedTest
 
-#: Samples per turn that are kept, about; axis positions are given at this many instants, in between they are interpolated.
+#: Samples per turn that are kept, about; axis positions are given at this many instants, in between they are
+#: interpolated.
 PER_TURN, POSITIONS = 1000, 181
 
 
@@ -27,10 +28,11 @@ def test_traces(models: list[ComparedTest], start: int, noise: float) -> dict:
         models: the test's comparison per model. start: place of the machine as given. noise: RMS of one sample [m].
 
     Returns:
-        ``phi`` (n,) in 0.01°; ``measured`` (n,) and ``models`` (k, n) in 0.001 µm, measured with None where a sample is left out;
-        ``centre``: the eccentricity [a, b, c] in 0.001 µm that is taken out, a cos φ + b sin φ + c, of the measured trace and of every
-        model's; ``shift`` plot angle minus φ [°]; ``full``: a whole circle; ``events`` [axis, plot angle °]; ``axes``: φ in 0.01° and
-        the commanded positions of the axes [0.01 mm or 0.01°]; ``noise`` [µm]. The long lists are :func:`steps`.
+        ``phi`` (n,) in 0.01°; ``measured`` (n,) and ``models`` (k, n) in 0.001 µm, measured with None where a sample is
+        left out; ``centre``: the eccentricity [a, b, c] in 0.001 µm that is taken out, a cos φ + b sin φ + c, of the
+        measured trace and of every model's; ``shift`` plot angle minus φ [°]; ``full``: a whole circle; ``events``
+        [axis, plot angle °]; ``axes``: φ in 0.01° and the commanded positions of the axes [0.01 mm or 0.01°]; ``noise``
+        [µm]. The long lists are :func:`steps`.
     """
     t = models[start]
     keep = kept(t.phi, t.residual)
@@ -52,7 +54,9 @@ def test_traces(models: list[ComparedTest], start: int, noise: float) -> dict:
 
 
 def kept(phi: np.ndarray, signal: np.ndarray, per_turn: int = PER_TURN) -> np.ndarray:
-    """Indices of about ``per_turn`` samples per turn: the smallest and the largest ``signal`` of each stretch, and both ends."""
+    """Indices of about ``per_turn`` samples per turn: the smallest and the largest ``signal`` of each stretch, and
+    both ends.
+    """
     turns = max(float(np.ptp(phi)) / (2.0 * np.pi), 0.8)
     stretch = int(np.ceil(2.0 * len(phi) / (turns * per_turn)))
     if stretch < 3:
@@ -79,7 +83,10 @@ def _positions(t: ComparedTest) -> dict:
     time = np.linspace(*program.measured_span, POSITIONS)
     axes = t.test.chain.letters
     q = program.commands(time) / [DEG if is_rotary(a) else MM for a in axes]
-    return {"phi": steps(_whole(program.phi(time) / DEG, 100.0)), **{a: steps(_whole(q[:, i], 100.0)) for i, a in enumerate(axes)}}
+    return {
+        "phi": steps(_whole(program.phi(time) / DEG, 100.0)),
+        **{a: steps(_whole(q[:, i], 100.0)) for i, a in enumerate(axes)},
+    }
 
 
 def _whole(x: np.ndarray, factor: float) -> list[int]:
@@ -87,7 +94,9 @@ def _whole(x: np.ndarray, factor: float) -> list[int]:
 
 
 def steps(values: Sequence[int | None]) -> list[int | None]:
-    """Every number less the one before it, which takes half the characters; the first as it is, None where there is none."""
+    """Every number less the one before it, which takes half the characters; the first as it is, None where there is
+    none.
+    """
     out, before = [], 0
     for value in values:
         out.append(None if value is None else value - before)

@@ -1,4 +1,6 @@
-"""Several campaigns of one machine over time: which ISO 230-4 figure or which effect's parameter has changed beyond its uncertainty."""
+"""Several campaigns of one machine over time: which ISO 230-4 figure or which effect's parameter has changed beyond
+its uncertainty.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,8 @@ from mjsim.units import UM, unit_of
 from mjsim.workflow.compare import Comparison
 from mjsim.workflow.diagnose import DiagnosedEffect, Diagnosis
 
-#: 95 % interval of a circular error from the noise σ of one sample: it is the difference of two extremes, each with one sample's noise.
+#: 95 % interval of a circular error from the noise σ of one sample: it is the difference of two extremes, each with one
+#: sample's noise.
 _TWO_EXTREMES = 1.96 * math.sqrt(2.0)
 
 #: Verdicts of a series that has changed.
@@ -28,7 +31,8 @@ CHANGED = ("grew", "shrank")
 
 @dataclass(frozen=True)
 class CampaignRow:
-    """One campaign: name, day, number of tests, noise and RMS residual of the machine as given and of the final model [µm], verdict,
+    """One campaign: name, day, number of tests, noise and RMS residual of the machine as given and of the final model
+    [µm], verdict,
     and the effects found."""
 
     name: str
@@ -112,12 +116,16 @@ def content(results: Sequence[Diagnosis | Comparison]) -> TrendContent:
 
 
 def _sentence(figures: list[Series], parameters: list[Series]) -> str:
-    """What changed between the first and the last campaign: parameters by name, figures by the one that changed most."""
+    """What changed between the first and the last campaign: parameters by name, figures by the one that changed
+    most.
+    """
     parts = [f"{s.name} {s.verdict}" for s in parameters if s.verdict in CHANGED]
     moved = [s for s in figures if s.verdict in CHANGED]
     if moved:
         most = max(moved, key=lambda s: abs(s.change or 0.0))
-        parts.append(f"{len(moved)} of {len(figures)} circular errors changed, {most.name} the most ({most.change:+.2f} µm)")
+        parts.append(
+            f"{len(moved)} of {len(figures)} circular errors changed, {most.name} the most ({most.change:+.2f} µm)"
+        )
     if not parts:
         return "Nothing changed by more than its uncertainty."
     return f"Between the first and the last campaign: {', '.join(parts)}. These changes exceed their uncertainty."
@@ -162,7 +170,15 @@ def figure_series(befores: Sequence[Comparison]) -> list[Series]:
     for name in shared:
         iso = [next(t.iso for t in b.tests if t.test.name == name) for b in befores]
         if any(iso):
-            out.append(_series(f"G {name}", "µm", "figure", [i["measured"]["circular_error_um"] if i else None for i in iso], spread))
+            out.append(
+                _series(
+                    f"G {name}",
+                    "µm",
+                    "figure",
+                    [i["measured"]["circular_error_um"] if i else None for i in iso],
+                    spread,
+                )
+            )
     pairs = [{(p["ccw"], p["cw"]): p["measured"]["circular_error_um"] for p in b.bidirectional} for b in befores]
     for pair in pairs[0]:
         if set(pair) <= set(shared) and all(pair in p for p in pairs):
@@ -170,7 +186,9 @@ def figure_series(befores: Sequence[Comparison]) -> list[Series]:
     return out
 
 
-def _series(name: str, unit: str, group: str, values: list, half: list, notes: Sequence[str] = (), neutral: float = 0.0) -> Series:
+def _series(
+    name: str, unit: str, group: str, values: list, half: list, notes: Sequence[str] = (), neutral: float = 0.0
+) -> Series:
     """A series with symmetric intervals, and what its ends say."""
     lows = [None if v is None or h is None else round(v - h, 8) for v, h in zip(values, half, strict=True)]
     highs = [None if v is None or h is None else round(v + h, 8) for v, h in zip(values, half, strict=True)]
@@ -196,7 +214,9 @@ def _exceeds(values: list, half: list, a: int, b: int) -> bool:
 
 
 def parameter_series(results: Sequence[Diagnosis | Comparison]) -> list[Series]:
-    """Sizes of the effects that any diagnosis has found; without diagnoses, those of the machine files, which have no intervals."""
+    """Sizes of the effects that any diagnosis has found; without diagnoses, those of the machine files, which have
+    no intervals.
+    """
     done = [r for r in results if isinstance(r, Diagnosis)]
     if done:
         keys = dict.fromkeys((e.effect.key, e.effect.id) for r in done for e in r.effects)

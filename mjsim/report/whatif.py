@@ -1,8 +1,8 @@
 """What would be gained by repairing one cause: the final model simulated without it.
 
-Causes are ranked as ball-bar software ranks them, by what each makes of the whole error. The order comes from the drives alone
-(:mod:`mjsim.simulation.axes`, which agrees with the multibody model to far below 0.1 µm). The best repairs are then simulated in full;
-what nobody can repair is not, since it only fills the table.
+Causes are ranked as ball-bar software ranks them, by what each makes of the whole error. The order comes from the
+drives alone (:mod:`mjsim.simulation.axes`, which agrees with the multibody model to far below 0.1 µm). The best repairs
+are then simulated in full; what nobody can repair is not, since it only fills the table.
 """
 
 from __future__ import annotations
@@ -62,7 +62,8 @@ def lag(axis: AxisPlant) -> float:
 
 
 def causes(machine: Machine, given: Machine, found: Collection[str] = ()) -> list[Cause]:
-    """Everything in ``machine`` that could be taken out one by one; friction that was ``found`` (keys) to be off what ``given`` has
+    """Everything in ``machine`` that could be taken out one by one; friction that was ``found`` (keys) to be off what
+    ``given`` has
     can also go back to that."""
     out = []
     for effect in machine.effects:
@@ -71,8 +72,19 @@ def causes(machine: Machine, given: Machine, found: Collection[str] = ()) -> lis
         out.append(Cause(effect.key, effect.title, remedy(effect.kind), machine.without(effect.key)))
         former = given.effect(effect.key)
         if effect.kind == "friction" and effect.key in found and former is not None:
-            what = Remedy("maintain", "reversal spikes", "It differs from the machine file. Check lubrication, seals, covers and preload.")
-            out.append(Cause(f"{effect.key}{_FORMER}", "Friction differs from the machine file", what, machine.with_effect(former)))
+            what = Remedy(
+                "maintain",
+                "reversal spikes",
+                "It differs from the machine file. Check lubrication, seals, covers and preload.",
+            )
+            out.append(
+                Cause(
+                    f"{effect.key}{_FORMER}",
+                    "Friction differs from the machine file",
+                    what,
+                    machine.with_effect(former),
+                )
+            )
     lags = {a: lag(drive) for a, drive in build(machine).axes.items()}
     if max(lags.values()) - min(lags.values()) > _LAG:
         spread = ", ".join(f"{a} {lags[a] * 1e3:.2f}" for a in lags)
@@ -115,7 +127,8 @@ def what_if(
         found: keys of the effects that a diagnosis found.
         threads: tests simulated side by side.
         progress: told what is being done.
-        full: the best repairs that are simulated in the multibody model. With more than one, all repairs together are as well.
+        full: the best repairs that are simulated in the multibody model. With more than one, all repairs together are
+            as well.
 
     Returns:
         None when there is nothing to take out.
@@ -162,7 +175,9 @@ def _together(
     progress: Progress,
     same: RepairRow | None,
 ) -> RepairRow:
-    """All repairs in one row; ``same`` is the simulated row of a single repair that leaves the same machine, if there is one."""
+    """All repairs in one row; ``same`` is the simulated row of a single repair that leaves the same machine, if
+    there is one.
+    """
     title = "Everything above that can be repaired. What stays comes from the servo loops and from friction."
     how = SIMULATION if full else DRIVES
     if same is not None and full:
@@ -201,8 +216,12 @@ def _row(tests: tuple[BallBarTest, ...], cause: Cause, after: _Errors, before: _
     )
 
 
-def _circle(tests: tuple[BallBarTest, ...], before: list[float], after: list[float]) -> tuple[str, float | None, float | None]:
-    """Name of the circular test whose G falls most, by how much [µm] and per cent; empty where there is no such test."""
+def _circle(
+    tests: tuple[BallBarTest, ...], before: list[float], after: list[float]
+) -> tuple[str, float | None, float | None]:
+    """Name of the circular test whose G falls most, by how much [µm] and per cent; empty where there is no such
+    test.
+    """
     falls = [(b - a, b, t.name) for t, b, a in zip(tests, before, after, strict=True) if kind_of(t).goes_round]
     if not falls:
         return "", None, None

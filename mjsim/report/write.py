@@ -20,7 +20,9 @@ from mjsim.workflow.diagnose import Diagnosis, diagnose
 
 @dataclass(frozen=True)
 class Report:
-    """A report: ``html`` is the whole page, ``data`` its numbers and texts as plain JSON data (the page carries the same)."""
+    """A report: ``html`` is the whole page, ``data`` its numbers and texts as plain JSON data (the page carries the
+    same).
+    """
 
     html: str
     data: dict
@@ -48,7 +50,8 @@ def report(
     Nothing is written, neither here nor into the campaigns' folders.
 
     Args:
-        campaigns: one, or at least two; those with a day of measuring come in its order, where all have one, otherwise as given.
+        campaigns: one, or at least two; those with a day of measuring come in its order, where all have one, otherwise
+            as given.
         machines: the model of each.
         max_effects: at most so many missing effects are looked for.
         diagnosed: look for missing effects; otherwise compare only.
@@ -61,7 +64,9 @@ def report(
         campaign = campaigns if isinstance(campaigns, Campaign) else campaigns[0]
         machine = machines if isinstance(machines, Machine) else machines[0]
         return _single(campaign, machine, max_effects, diagnosed, threads, progress)
-    pairs = list(zip(campaigns, [machines] * len(campaigns) if isinstance(machines, Machine) else machines, strict=True))
+    pairs = list(
+        zip(campaigns, [machines] * len(campaigns) if isinstance(machines, Machine) else machines, strict=True)
+    )
     check_same_machine(pairs)
     if all(c.measured_on is not None for c, _ in pairs):
         pairs.sort(key=lambda pair: pair[0].measured_on or date.min)
@@ -76,14 +81,18 @@ def report(
     return Report(page.render_trend(content), page.finite(content.to_json()))
 
 
-def _single(campaign: Campaign, machine: Machine, max_effects: int, diagnosed: bool, threads: int, progress: Progress) -> Report:
+def _single(
+    campaign: Campaign, machine: Machine, max_effects: int, diagnosed: bool, threads: int, progress: Progress
+) -> Report:
     day = campaign.measured_on.isoformat() if campaign.measured_on else ""
     if diagnosed:
         content = build.diagnosed(diagnose(campaign, machine, max_effects, threads, progress), threads, progress, day)
     else:
         need_traces(campaign)
         problem = checked_problem(campaign, model.build(machine), threads)
-        content = build.compared(problem, compare(campaign, machine, threads, progress, problem), threads, progress, day)
+        content = build.compared(
+            problem, compare(campaign, machine, threads, progress, problem), threads, progress, day
+        )
     progress("writing the page", 0, 1)
     return Report(page.render(content), page.finite(content.to_json()))
 
@@ -91,7 +100,9 @@ def _single(campaign: Campaign, machine: Machine, max_effects: int, diagnosed: b
 def need_traces(campaign: Campaign) -> None:
     """Raise an :class:`InputError` for a campaign without a measured test."""
     if not campaign.measured:
-        raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; a report needs at least one measured test")
+        raise InputError(
+            f"{campaign.folder / 'campaign.toml'}: no test has a trace; a report needs at least one measured test"
+        )
 
 
 def check_same_machine(pairs: Sequence[tuple[Campaign, Machine]]) -> None:
@@ -110,4 +121,6 @@ def check_same_machine(pairs: Sequence[tuple[Campaign, Machine]]) -> None:
             what = f"another lead or number of worm teeth of {', '.join(axes)}"
         else:
             continue
-        raise InputError(f"{c.folder}: not of the same machine as {first.folder}: {what}; a trend needs campaigns of one machine")
+        raise InputError(
+            f"{c.folder}: not of the same machine as {first.folder}: {what}; a trend needs campaigns of one machine"
+        )

@@ -1,7 +1,8 @@
 """The axes' motion without the multibody model: the same compiled drives, axis by axis.
 
-The mass matrix of the balanced machine is diagonal, so this gives what the MuJoCo simulation gives (``tests/test_simulate.py``
-holds the difference); the diagnosis searches with it. Errors that are reported come from the MuJoCo simulation.
+The mass matrix of the balanced machine is diagonal, so this gives what the MuJoCo simulation gives
+(``tests/test_simulate.py`` holds the difference); the diagnosis searches with it. Errors that are reported come from
+the MuJoCo simulation.
 """
 
 from __future__ import annotations
@@ -37,7 +38,9 @@ def delayed_commands(program: Program, time: np.ndarray, plant: Plant) -> np.nda
 
 
 def behind(program: Program, time: np.ndarray, commands: np.ndarray, plant: Plant) -> np.ndarray:
-    """As :func:`delayed_commands`, from the ``commands`` (n, axes) of ``time`` (n,) s; these themselves where no drive has a delay."""
+    """As :func:`delayed_commands`, from the ``commands`` (n, axes) of ``time`` (n,) s; these themselves where no
+    drive has a delay.
+    """
     delays = [plant.axes[a].delay for a in plant.chain.letters]
     if not any(delays):
         return commands
@@ -91,7 +94,8 @@ class AxesMotion:
     """Motor-side motions of one test, computed per axis on demand and kept for the drives used last.
 
     Attributes:
-        test: the test. keep: motions kept per axis. light: give the fine time grid and its commands back after every :meth:`load`.
+        test: the test. keep: motions kept per axis. light: give the fine time grid and its commands back after every
+            :meth:`load`.
     """
 
     __test__ = False
@@ -137,8 +141,8 @@ class AxesMotion:
     def load(self, plant: Plant, every: int = 1) -> np.ndarray:
         """Load-side axis positions, m and rad, at every ``every``-th instant.
 
-        (n, axes), or with the table's error motion behind where the plant has one. A user's own effects see every instant;
-        play and direction see the given ones, which miss a turning point by less than 0.01 µm.
+        (n, axes), or with the table's error motion behind where the plant has one. A user's own effects see every
+        instant; play and direction see the given ones, which miss a turning point by less than 0.01 µm.
         """
         ops = plant.op_table(self.test.name, self.test.started)
         fine = 1 if plant.python_effects else every
@@ -159,8 +163,12 @@ class AxesMotion:
 
     def sensitivity(self, plant: Plant, every: int = 1) -> BarSensitivity:
         """The reading's derivatives at every ``every``-th instant, at the positions that the axes reach."""
-        return sensitivity(plant.chain, self.load(plant, every)[:, : plant.chain.count], np.asarray(self.test.table_ball))
+        return sensitivity(
+            plant.chain, self.load(plant, every)[:, : plant.chain.count], np.asarray(self.test.table_ball)
+        )
 
     def reading(self, plant: Plant, every: int = 1) -> np.ndarray:
         """Ball-bar reading in m at every ``every``-th instant."""
-        return reading(plant.chain, self.load(plant, every), np.asarray(self.test.table_ball), self.test.length, plant.geometry)
+        return reading(
+            plant.chain, self.load(plant, every), np.asarray(self.test.table_ball), self.test.length, plant.geometry
+        )

@@ -1,4 +1,5 @@
-"""The ball-bar reading of a whole motion, compiled: the equations of :mod:`mjsim.machine.kinematics`, in one pass for the search.
+"""The ball-bar reading of a whole motion, compiled: the equations of :mod:`mjsim.machine.kinematics`, in one pass for
+the search.
 
 ``tests/test_kinematics.py`` holds the difference to the written-out reference.
 """
@@ -15,16 +16,22 @@ from mjsim.machine.kinematics import Geometry
 
 
 def reading(chain: Chain, q: np.ndarray, point: np.ndarray, length: float, geometry: Geometry) -> np.ndarray:
-    """As :func:`mjsim.machine.kinematics.reading`: (n,) m for motions (n, axes), or with the table's error motion behind."""
+    """As :func:`mjsim.machine.kinematics.reading`: (n,) m for motions (n, axes), or with the table's error motion
+    behind.
+    """
     square = np.zeros((3, 3))
     for error in chain.squareness:
         square[error.along, chain.index(error.axis)] = error.sign * geometry.squareness.get(error.name, 0.0)
     columns = np.array([chain.index(a.letter) for a in chain.turning])
     along = np.array([a.along for a in chain.turning])
-    shifts, turns = (np.stack(x) for x in zip(*(geometry.displacement(chain, a.letter) for a in chain.turning), strict=True))
+    shifts, turns = (
+        np.stack(x) for x in zip(*(geometry.displacement(chain, a.letter) for a in chain.turning), strict=True)
+    )
     moving = chain.count if q.shape[1] > chain.count else 0
     out = np.empty(len(q))
-    _reading(np.ascontiguousarray(q), np.asarray(point, float), length, square, columns, along, shifts, turns, moving, out)
+    _reading(
+        np.ascontiguousarray(q), np.asarray(point, float), length, square, columns, along, shifts, turns, moving, out
+    )
     return out
 
 
@@ -41,7 +48,9 @@ def _turned(along, angle, x, y, z):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _reading(q, point, length, square, columns, along, shifts, turns, moving, out):
-    """``columns`` and ``along`` (rotary axes,) from the workpiece to the bed; ``moving``: first column of the table's error motion."""
+    """``columns`` and ``along`` (rotary axes,) from the workpiece to the bed; ``moving``: first column of the
+    table's error motion.
+    """
     first, second = min((along[0] + 1) % 3, (along[0] + 2) % 3), max((along[0] + 1) % 3, (along[0] + 2) % 3)
     p = np.empty(3)
     for n in range(q.shape[0]):

@@ -1,15 +1,16 @@
-"""The compiled control callback: drives and transmissions advance, generalized forces carry the joints to the load side.
+"""The compiled control callback: drives and transmissions advance, generalized forces carry the joints to the load
+side.
 
-At each instant MuJoCo calls :func:`control` (as ``mjcb_control``). It reads the axis commands of the next instant from ``ctrl``
-(and behind them what a user's own effects add to the axes there), advances the motors by one step
-(:mod:`mjsim.simulation.drive`), passes them through the transmission (:mod:`mjsim.simulation.transmission`), and applies the generalized
-forces ``M a + bias − passive`` that bring every joint to its load-side position one step later. MuJoCo's semi-implicit step is a
-leapfrog scheme when its velocities are read as half-step velocities, so the positions are those of the drives exactly and the
-velocities are of second order. What the multibody model adds beyond the data sheet (Coriolis, uncompensated gravity) acts back on
-the motors as load torque.
+At each instant MuJoCo calls :func:`control` (as ``mjcb_control``). It reads the axis commands of the next instant from
+``ctrl`` (and behind them what a user's own effects add to the axes there), advances the motors by one step
+(:mod:`mjsim.simulation.drive`), passes them through the transmission (:mod:`mjsim.simulation.transmission`), and
+applies the generalized forces ``M a + bias − passive`` that bring every joint to its load-side position one step later.
+MuJoCo's semi-implicit step is a leapfrog scheme when its velocities are read as half-step velocities, so the positions
+are those of the drives exactly and the velocities are of second order. What the multibody model adds beyond the data
+sheet (Coriolis, uncompensated gravity) acts back on the motors as load torque.
 
-Parameters stand in the model's numeric ``mjsim``, the drives' memory in ``userdata``, which is set up at time 0: nothing
-survives from an earlier run.
+Parameters stand in the model's numeric ``mjsim``, the drives' memory in ``userdata``, which is set up at time 0:
+nothing survives from an earlier run.
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ REACHED, TARGET, WANTED, MEMORIES = 0, 1, 1 + MAX_JOINTS, 1 + 2 * MAX_JOINTS
 _MODEL, _DATA = find_offsets()
 _NUMERIC_DATA, _NNZ, _ADR, _COL = (_MODEL[n] // 8 for n in ("numeric_data", "M_rownnz", "M_rowadr", "M_colind"))
 _QPOS, _QVEL, _CTRL, _FRC, _BIAS, _PASSIVE, _USER, _MASS, _TIME = (
-    _DATA[n] // 8 for n in ("qpos", "qvel", "ctrl", "qfrc_applied", "qfrc_bias", "qfrc_passive", "userdata", "M", "time")
+    _DATA[n] // 8
+    for n in ("qpos", "qvel", "ctrl", "qfrc_applied", "qfrc_bias", "qfrc_passive", "userdata", "M", "time")
 )
 #: More words than either structure's last field that is read.
 _WORDS = 1 << 16
@@ -186,7 +188,8 @@ def uninstall() -> None:
 def installed() -> Iterator[None]:
     """The callback is MuJoCo's control callback inside.
 
-    It is one per process: the first of several users puts it in, the last takes it out. MuJoCo's warnings are not heard inside.
+    It is one per process: the first of several users puts it in, the last takes it out. MuJoCo's warnings are not heard
+    inside.
     """
     global _users
     with silent():

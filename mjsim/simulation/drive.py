@@ -4,9 +4,9 @@
     τ     = Kvp [(ω_ref − ω) + (1/Ti) ∫(ω_ref − ω) dt]
     J dω/dt = τ − C ω − τ_friction − τ_gravity − τ_disturbance          (paper, Fig. 2; friction: LuGre)
 
-The linear part over one sub-step is a matrix exponential (no time-step error for a command that is linear in the sub-step);
-the bristle state has its own exact exponential at the sub-step's mid velocity. Both together are of second order in the
-sub-step where the velocity keeps its sign; ``tests/test_convergence.py`` holds the measured errors.
+The linear part over one sub-step is a matrix exponential (no time-step error for a command that is linear in the
+sub-step); the bristle state has its own exact exponential at the sub-step's mid velocity. Both together are of second
+order in the sub-step where the velocity keeps its sign; ``tests/test_convergence.py`` holds the measured errors.
 
 With an elastic transmission the load is a second mass on a spring, and two more states:
 
@@ -26,8 +26,9 @@ from mjsim.machine.plant import AxisPlant
 #: MuJoCo's time step and the drive's sub-steps in it, from the convergence study (``tests/test_convergence.py``).
 STEP = 1.0e-3
 SUBSTEPS = 2
-#: Largest phase of the motor's swing on its bristles in a sub-step, rad: coupled explicitly, they are unstable at 2 and good to
-#: 0.02 µm below this (``tests/test_oracle_drives.py``). Friction that asks for more sub-steps than the last number is refused.
+#: Largest phase of the motor's swing on its bristles in a sub-step, rad: coupled explicitly, they are unstable at 2 and
+#: good to 0.02 µm below this (``tests/test_oracle_drives.py``). Friction that asks for more sub-steps than the last
+#: number is refused.
 PHASE, MOST_SUBSTEPS = 0.5, 400
 
 # state of one axis
@@ -77,7 +78,8 @@ def substeps_of(axis: AxisPlant, step: float, least: int = SUBSTEPS) -> int:
 def equations(axis: AxisPlant) -> tuple[np.ndarray, np.ndarray]:
     """The linear part x' = F x + G u, F (n, n) and G (n, 3).
 
-    States are θ, ω, ∫(ω_ref − ω) dt, and with an elastic transmission θ, ω of the load; inputs r, dr/dt and a torque against the motor.
+    States are θ, ω, ∫(ω_ref − ω) dt, and with an elastic transmission θ, ω of the load; inputs r, dr/dt and a torque
+    against the motor.
     """
     p = axis
     J, Kv, Kp, Ti, ff = p.inertia - p.load_inertia, p.velocity_gain, p.position_gain, p.integral_time, p.feedforward
@@ -94,7 +96,9 @@ def equations(axis: AxisPlant) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _exponential(F: np.ndarray, G: np.ndarray, substep: float) -> np.ndarray:
-    """Exact sub-step of x' = F x + G u, (n, n + 3): of the state, of r, of r's change over the sub-step, of the torque."""
+    """Exact sub-step of x' = F x + G u, (n, n + 3): of the state, of r, of r's change over the sub-step, of the
+    torque.
+    """
     n = len(F)
     big = np.zeros((n + 3, n + 3))
     big[:n, :n], big[:n, n:], big[n, n + 1] = F, G, 1.0
@@ -125,7 +129,8 @@ def _row(e, i, th, om, it, lth, lom, ra, dr, f):
 def bristle(z, end, way):
     """LuGre's bristle while the motor slides one way: its deflection afterwards, and the mean on the way.
 
-    ``end`` is the deflection at which it slides on, ``way`` how far the motor turns, in units of the way over which it gets there.
+    ``end`` is the deflection at which it slides on, ``way`` how far the motor turns, in units of the way over which it
+    gets there.
     """
     e = math.exp(-way)
     return end + (z - end) * e, end + (z - end) * (1.0 - e) / way
@@ -133,7 +138,9 @@ def bristle(z, end, way):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def advance(p, s, r_next, load_torque, substep, substeps):
-    """Advance one axis over one step: ``r_next`` is the command (axis units) at its end, ``load_torque`` acts against the motor."""
+    """Advance one axis over one step: ``r_next`` is the command (axis units) at its end, ``load_torque`` acts
+    against the motor.
+    """
     rb, r0, r1 = s[R_BEFORE], s[R_NOW], r_next * p[GEAR]
     slope, curve = 0.5 * (r1 - rb), 0.5 * (r1 - 2.0 * r0 + rb)
     th, om, it, z = s[THETA], s[OMEGA], s[INTEGRAL], s[BRISTLE]
@@ -202,7 +209,9 @@ def advance(p, s, r_next, load_torque, substep, substeps):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def run(p, commands, substep, substeps, out):
-    """Load position in axis units, ``out`` (n,), for ``commands`` (n,) one step apart; the axis without the multibody model."""
+    """Load position in axis units, ``out`` (n,), for ``commands`` (n,) one step apart; the axis without the
+    multibody model.
+    """
     s = np.zeros(STATE_SIZE)
     start(p, s, commands[0])
     out[0] = commands[0]

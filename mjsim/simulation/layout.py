@@ -1,7 +1,8 @@
 """Where the compiled callback finds MuJoCo's arrays: byte offsets into mjModel and mjData.
 
-The offsets are found at start-up in live structures: the pointer to an array that Python also sees (``data.qpos``) stands in the
-structure as that array's address. Two instances must agree, so a changed MuJoCo layout is noticed at once, not guessed.
+The offsets are found at start-up in live structures: the pointer to an array that Python also sees (``data.qpos``)
+stands in the structure as that array's address. Two instances must agree, so a changed MuJoCo layout is noticed at
+once, not guessed.
 """
 
 from __future__ import annotations
@@ -50,5 +51,7 @@ def find_offsets() -> tuple[dict[str, int], dict[str, int]]:
         in_data["time"] = _offset(data._address, int(np.float64(data.time).view(np.uint64)), "time")
         found.append((in_model, in_data))
     if found[0] != found[1]:
-        raise SimulationError(f"MuJoCo {mujoco.__version__}: structure offsets are not reproducible; install the pinned version")
+        raise SimulationError(
+            f"MuJoCo {mujoco.__version__}: structure offsets are not reproducible; install the pinned version"
+        )
     return found[0]

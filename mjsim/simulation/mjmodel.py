@@ -1,4 +1,6 @@
-"""The MuJoCo model of a machine: the MJCF, the effects' native edits, the data sheet's inertias, the callback's parameters."""
+"""The MuJoCo model of a machine: the MJCF, the effects' native edits, the data sheet's inertias, the callback's
+parameters.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ def build_model(plant: Plant, step: float = STEP, substeps: int = SUBSTEPS) -> m
 
 
 def structure(plant: Plant) -> tuple:
-    """What :func:`compile_structure` makes of a plant, as a key: plants of one key differ in nothing but :func:`with_numbers`."""
+    """What :func:`compile_structure` makes of a plant, as a key: plants of one key differ in nothing but
+    :func:`with_numbers`.
+    """
     return len(plant.ops), plant.width, bool(plant.python_effects)
 
 
@@ -51,7 +55,9 @@ def compile_structure(plant: Plant, step: float = STEP) -> mujoco.MjModel:
     spec.option.timestep = step
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT) | int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
     spec.nuserdata = callback.userdata_size(count, len(plant.ops))
-    spec.add_numeric(name=callback.NUMERIC, data=np.zeros(callback.HEADER + count * AXIS_SIZE + len(plant.ops) * OP_SIZE))
+    spec.add_numeric(
+        name=callback.NUMERIC, data=np.zeros(callback.HEADER + count * AXIS_SIZE + len(plant.ops) * OP_SIZE)
+    )
     _strip(spec)
     if plant.width > count:
         _add_table_joints(spec, plant.chain)
@@ -61,7 +67,9 @@ def compile_structure(plant: Plant, step: float = STEP) -> mujoco.MjModel:
     return model
 
 
-def with_numbers(model: mujoco.MjModel, plant: Plant, own: np.ndarray, step: float = STEP, substeps: int = SUBSTEPS) -> mujoco.MjModel:
+def with_numbers(
+    model: mujoco.MjModel, plant: Plant, own: np.ndarray, step: float = STEP, substeps: int = SUBSTEPS
+) -> mujoco.MjModel:
     """A copy of ``model``, compiled of a plant of the same :func:`structure`, with the numbers of ``plant``.
 
     ``own`` (axes,) is :func:`mjsim.machine.bodies.own_inertia` of ``model``.
@@ -133,7 +141,12 @@ def _add_table_joints(spec: mujoco.MjSpec, chain: Chain) -> None:
     slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
     first, second = chain.axis(chain.table_axis).across
     shift_1, shift_2, tilt_1, tilt_2 = chain.table_motion
-    for name, kind, along in ((tilt_1, hinge, first), (tilt_2, hinge, second), (shift_1, slide, first), (shift_2, slide, second)):
+    for name, kind, along in (
+        (tilt_1, hinge, first),
+        (tilt_2, hinge, second),
+        (shift_1, slide, first),
+        (shift_2, slide, second),
+    ):
         table.add_joint(name=name, type=kind, axis=np.eye(3)[along])
     table.add_joint(name=chain.table_axis, type=hinge, **spin)
 
@@ -141,7 +154,8 @@ def _add_table_joints(spec: mujoco.MjSpec, chain: Chain) -> None:
 def _displace_axes(model: mujoco.MjModel, chain: Chain, geometry: Geometry) -> None:
     """Location errors move and turn the frames of the rotary axes, squareness turns the joints of the linear ones.
 
-    This is done in the compiled model: the compiler would normalise a turned joint axis and so scale its travel by 1 + α²/2.
+    This is done in the compiled model: the compiler would normalise a turned joint axis and so scale its travel by 1 +
+    α²/2.
     """
     for axis in chain.rotary:
         body = model.body(int(model.joint(axis).bodyid[0]))
@@ -162,7 +176,9 @@ def rotation_of(quat: np.ndarray) -> np.ndarray:
 
 
 def _set_inertia(model: mujoco.MjModel, plant: Plant, own: np.ndarray) -> None:
-    """Bodies' own inertia plus armature add up to J·gear² (armature is never negative: solids are scaled down instead)."""
+    """Bodies' own inertia plus armature add up to J·gear² (armature is never negative: solids are scaled down
+    instead).
+    """
     dofs = [model.joint(a).dofadr[0] for a in plant.chain.letters]
     want = plant.whole_inertia()
     scale = bodies_scale(own, want)
@@ -174,7 +190,9 @@ def _set_inertia(model: mujoco.MjModel, plant: Plant, own: np.ndarray) -> None:
 
 
 def for_test(model: mujoco.MjModel, test: BallBarTest, start: np.ndarray, ops: np.ndarray) -> mujoco.MjModel:
-    """A copy of ``model`` for one test: ball on the table, campaign clock, first command (axes,), its operations (n, OP_SIZE)."""
+    """A copy of ``model`` for one test: ball on the table, campaign clock, first command (axes,), its operations
+    (n, OP_SIZE).
+    """
     model = copy.copy(model)
     set_test(model, test, start, ops)
     return model

@@ -36,7 +36,8 @@ class Simulation:
 
     Attributes:
         test: the test. time: (n,) s from the program's start. phi: (n,) rad.
-        command, position: commanded and actual (load-side) axis positions, (n, axes) m and rad, in the order of the test's chain.
+        command, position: commanded and actual (load-side) axis positions, (n, axes) m and rad, in the order of the
+            test's chain.
         deviation: ball-bar reading, (n,) m, positive outward: distance of the two sites less the bar's length.
     """
 
@@ -48,11 +49,15 @@ class Simulation:
     deviation: np.ndarray
 
     def columns(self) -> dict[str, np.ndarray]:
-        """Everything by name, (n,) each: time_s, phi_deg, deviation_um, then commanded and actual positions in mm and degrees."""
+        """Everything by name, (n,) each: time_s, phi_deg, deviation_um, then commanded and actual positions in mm
+        and degrees.
+        """
         units = {a.letter: ("deg", DEG) if a.rotary else ("mm", MM) for a in self.test.chain.axes}
         out = {"time_s": self.time, "phi_deg": self.phi / DEG, "deviation_um": self.deviation / UM}
         for what, q in (("command", self.command), ("actual", self.position)):
-            out |= {f"{a}_{what}_{name}": x * (1 / size) for (a, (name, size)), x in zip(units.items(), q.T, strict=True)}
+            out |= {
+                f"{a}_{what}_{name}": x * (1 / size) for (a, (name, size)), x in zip(units.items(), q.T, strict=True)
+            }
         return out
 
     def to_dataframe(self) -> pd.DataFrame:
@@ -96,7 +101,9 @@ def simulate_each(
     step: float = STEP,
     substeps: int = SUBSTEPS,
 ) -> list[T]:
-    """As :func:`simulate`, but only what ``keep`` makes of each test stays in memory; a plant that is built already serves as well."""
+    """As :func:`simulate`, but only what ``keep`` makes of each test stays in memory; a plant that is built already
+    serves as well.
+    """
     plant = machine if isinstance(machine, Plant) else build(machine)
     check_stable(plant)
     with callback.silent():
@@ -144,7 +151,9 @@ def reading_of(s: Simulation) -> Reading:
 
 
 class Prepared(NamedTuple):
-    """One test at rest: program, time grid (n,), its commands (n, axes), controls (n, nu) at every instant, model and data."""
+    """One test at rest: program, time grid (n,), its commands (n, axes), controls (n, nu) at every instant, model
+    and data.
+    """
 
     program: Program
     time: np.ndarray
@@ -159,7 +168,9 @@ def _grid(program: Program, step: float) -> np.ndarray:
     return time_grid(program) if step == STEP else np.arange(int(np.ceil((program.duration + 0.1) / step)) + 1) * step
 
 
-def prepare(model: mujoco.MjModel, plant: Plant, test: BallBarTest, step: float = STEP, added: np.ndarray | None = None) -> Prepared:
+def prepare(
+    model: mujoco.MjModel, plant: Plant, test: BallBarTest, step: float = STEP, added: np.ndarray | None = None
+) -> Prepared:
     """One test ready to be stepped.
 
     Args:
@@ -182,8 +193,12 @@ def prepare(model: mujoco.MjModel, plant: Plant, test: BallBarTest, step: float 
     return Prepared(program, time, command, sent, model, data)
 
 
-def set_at_rest(model: mujoco.MjModel, data: mujoco.MjData, test: BallBarTest, ops: np.ndarray, sent: np.ndarray) -> None:
-    """Put the joints of ``data`` where the machine rests on its first controls ``sent`` (nu,), with the operations ``ops`` of ``test``."""
+def set_at_rest(
+    model: mujoco.MjModel, data: mujoco.MjData, test: BallBarTest, ops: np.ndarray, sent: np.ndarray
+) -> None:
+    """Put the joints of ``data`` where the machine rests on its first controls ``sent`` (nu,), with the operations
+    ``ops`` of ``test``.
+    """
     first = np.zeros(callback.MAX_JOINTS)
     count = test.chain.count
     first[:count] = sent[:count]
@@ -222,10 +237,14 @@ def check_warnings(test: BallBarTest, data: mujoco.MjData) -> None:
 
 def not_finite(test: BallBarTest) -> SimulationError:
     """What is wrong when a reading has numbers that are not finite."""
-    return SimulationError(f"test {test.name}: the simulated reading is not finite; check gains and inertias of the drives")
+    return SimulationError(
+        f"test {test.name}: the simulated reading is not finite; check gains and inertias of the drives"
+    )
 
 
-def _collect(program: Program, time: np.ndarray, command: np.ndarray, model, data, q: np.ndarray, sensors) -> Simulation:
+def _collect(
+    program: Program, time: np.ndarray, command: np.ndarray, model, data, q: np.ndarray, sensors
+) -> Simulation:
     check_warnings(program.test, data)
     bar = np.hstack([sensors[:, sensor(model, n)] for n in mjmodel.BALLS])
     deviation = np.linalg.norm(bar[:, :3] - bar[:, 3:], axis=1) - program.test.length

@@ -19,7 +19,8 @@ def check_stable(plant: Plant) -> None:
         if STEP * bristle_rate(axis) > PHASE * MOST_SUBSTEPS:
             least = axis.coulomb / (axis.inertia - axis.load_inertia) * (STEP / PHASE / MOST_SUBSTEPS) ** 2
             raise SimulationError(
-                f"drive {name}: friction with {axis.coulomb:.4g} N·m over presliding_rad = {axis.presliding:.4g} makes the motor's "
+                f"drive {name}: friction with {axis.coulomb:.4g} N·m over presliding_rad = {axis.presliding:.4g} "
+                f"makes the motor's "
                 f"{axis.inertia - axis.load_inertia:.4g} kg·m² swing faster than can be simulated; "
                 f"allowed with these: presliding_rad above {least:.4g}"
             )
@@ -27,14 +28,18 @@ def check_stable(plant: Plant) -> None:
             growth = float(np.linalg.eigvals(equations(axis)[0]).real.max())
             if growth > 0.0:
                 raise SimulationError(
-                    f"drive {name}: the control loop swings itself up on the elastic transmission, e-fold every {1.0 / growth:.2g} s "
-                    f"(position gain {axis.position_gain:.4g} 1/s, velocity gain {axis.velocity_gain:.4g} N·m·s/rad, effects included); "
+                    f"drive {name}: the control loop swings itself up on the elastic transmission, e-fold every "
+                    f"{1.0 / growth:.2g} s "
+                    f"(position gain {axis.position_gain:.4g} 1/s, velocity gain {axis.velocity_gain:.4g} "
+                    f"N·m·s/rad, effects included); "
                     f"lower the gains, or raise stiffness and damping of drive_compliance.{name}"
                 )
         elif (least := least_velocity_gain(axis)) >= axis.velocity_gain:
             raise SimulationError(
-                f"drive {name}: the control loop swings itself up: velocity gain {axis.velocity_gain:.4g} N·m·s/rad is too small for "
-                f"position gain {axis.position_gain:.4g} 1/s and integral time {axis.integral_time:.4g} s (effects included); "
+                f"drive {name}: the control loop swings itself up: velocity gain {axis.velocity_gain:.4g} "
+                f"N·m·s/rad is too small for "
+                f"position gain {axis.position_gain:.4g} 1/s and integral time {axis.integral_time:.4g} s (effects "
+                f"included); "
                 f"allowed with these: above {least:.4g}"
             )
 

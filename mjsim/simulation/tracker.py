@@ -32,7 +32,9 @@ class MotionTracker:
         self._velocity, self._sign, self._turned = np.zeros(count), np.zeros(count), np.zeros(count)
 
     def follow(self, time: np.ndarray, position: np.ndarray) -> Motion:
-        """The motion at the instants ``time`` (n,), one step apart and following the earlier ones; ``position`` (n, axes)."""
+        """The motion at the instants ``time`` (n,), one step apart and following the earlier ones; ``position`` (n,
+        axes).
+        """
         if self._last is None:
             self._last, self._turned = position[0], np.full(len(self._gear), time[0])
         velocity = np.diff(position, axis=0, prepend=np.array(self._last)[None]) / self.step
@@ -51,7 +53,9 @@ class MotionTracker:
         self._last, self._velocity = position[-1].copy(), velocity[-1].copy()
         friction = np.empty_like(position)
         _bristles(velocity * self._gear * self.step, self._presliding, self._bristle, friction)
-        torque = self._inertia * self._gear * acceleration + self._viscous * self._gear * velocity + self._coulomb * friction
+        torque = (
+            self._inertia * self._gear * acceleration + self._viscous * self._gear * velocity + self._coulomb * friction
+        )
         return Motion(*map(_shut, (time, self.started + time, position, velocity, acceleration, since, torque)))
 
 
@@ -64,7 +68,9 @@ def _shut(x: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _bristles(turned, presliding, z, out):
-    """Friction over the Coulomb level, (n, axes), from motor angles turned per instant: LuGre's bristles at slow sliding."""
+    """Friction over the Coulomb level, (n, axes), from motor angles turned per instant: LuGre's bristles at slow
+    sliding.
+    """
     for k in range(turned.shape[0]):
         for i in range(turned.shape[1]):
             d = turned[k, i]

@@ -1,8 +1,8 @@
 """From the motor to the load: the elementary operations that position effects are made of, compiled.
 
-An effect file combines these; definitions and order are the effect catalogue's. Each operation changes one axis position as a
-function of one axis position (or the clock) and has three numbers of memory; the stages of :data:`mjsim.machine.plant.STAGES` act one
-after the other.
+An effect file combines these; definitions and order are the effect catalogue's. Each operation changes one axis
+position as a function of one axis position (or the clock) and has three numbers of memory; the stages of
+:data:`mjsim.machine.plant.STAGES` act one after the other.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ MEMORY = 3
 BLEND = 0.05 * math.pi / 180.0
 
 
-# Both helpers stand inside the loop that calls them and index the whole tables: a call and a view of a row each cost as much as the
-# arithmetic.
+# Both helpers stand inside the loop that calls them and index the whole tables: a call and a view of a row each cost as
+# much as the arithmetic.
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _share(x, direction, memory, k, first):
     """How much of a direction-dependent term acts (0 to 1): row ``k`` of memory is (last position, share, -)."""
@@ -66,8 +66,8 @@ def _increment(ops, memory, k, x, clock, first):
 def apply_ops(ops, memory, q, clock, first):
     """Motor-side axis positions ``q`` (axes,) to load-side ones, in place.
 
-    Operations of one stage all start from the positions that the stage before left (a pitch error is a sum over one x), so
-    their order within a stage does not matter.
+    Operations of one stage all start from the positions that the stage before left (a pitch error is a sum over one x),
+    so their order within a stage does not matter.
 
     Args:
         ops: (n, OP_SIZE) code, out, source, parameters, stage; in acting order.

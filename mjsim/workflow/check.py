@@ -31,8 +31,9 @@ class CheckResult:
     """Mistakes of a campaign.
 
     Attributes:
-        campaign: as read. mistakes: in the order in which they are put right. tests: how each test's reversals agree with the model
-            (times, feeds and turns put right). corrected: the campaign without the mistakes that have one remedy.
+        campaign: as read. mistakes: in the order in which they are put right. tests: how each test's reversals agree
+            with the model (times, feeds and turns put right). corrected: the campaign without the mistakes that have
+            one remedy.
     """
 
     campaign: Campaign
@@ -45,7 +46,10 @@ class CheckResult:
         return {
             "campaign": self.campaign.name,
             "mistakes": [m.to_json() for m in self.mistakes],
-            "tests": [{"name": t.name, "size": t.factor, "agreement": t.agreement, "evidence": evidence_of(t) or None} for t in self.tests],
+            "tests": [
+                {"name": t.name, "size": t.factor, "agreement": t.agreement, "evidence": evidence_of(t) or None}
+                for t in self.tests
+            ],
             "questions": list(self.questions),
             "not_measured": [t.name for t in self.campaign.tests if t.name not in self.campaign.traces],
         }
@@ -99,7 +103,10 @@ def check(path: str | Path, machine: Machine | None = None, threads: int = 2) ->
 
 def _clocks(campaign: Campaign) -> list[Mistake]:
     """Mistakes that the times show, of single tests or, where all share one, of all."""
-    spans = {t.name: (float(campaign.traces[t.name].time[0]), float(campaign.traces[t.name].time[-1])) for t in campaign.measured}
+    spans = {
+        t.name: (float(campaign.traces[t.name].time[0]), float(campaign.traces[t.name].time[-1]))
+        for t in campaign.measured
+    }
     wrong = [t for t in campaign.measured if not spans_fit(t, *spans[t.name])]
     out: list[Mistake] = []
     for t in wrong:
@@ -114,7 +121,11 @@ def _clocks(campaign: Campaign) -> list[Mistake]:
         mistake = explain(t, *spans[t.name])
         if mistake is None:
             begin, end = spans[t.name]
-            out.append(Mistake("unclear", (t.name,), f"it runs from {begin:.2f} to {end:.2f} s, which is not this test's program"))
+            out.append(
+                Mistake(
+                    "unclear", (t.name,), f"it runs from {begin:.2f} to {end:.2f} s, which is not this test's program"
+                )
+            )
         else:
             out.append(Mistake(mistake.kind, (t.name,), mistake.sentence, factor=mistake.value))
     if len(out) == len(campaign.measured) > 1 and len({(m.kind, m.factor, m.evidence) for m in out}) == 1:
@@ -139,7 +150,9 @@ def write_corrected(result: CheckResult, folder: str | Path) -> list[Path]:
     document = tomlkit.parse(read_text(source / "campaign.toml"))
     tables = {str(t["name"]): t for t in document["test"]}
     contents: dict[Path, str | bytes] = {}
-    for file in sorted(p for p in source.rglob("*") if p.is_file() and not p.is_relative_to(result.campaign.state_folder)):
+    for file in sorted(
+        p for p in source.rglob("*") if p.is_file() and not p.is_relative_to(result.campaign.state_folder)
+    ):
         contents[out / file.relative_to(source)] = file.read_bytes()
     edits: dict[str, list[Mistake]] = {}
     for m in result.mistakes:
@@ -153,7 +166,9 @@ def write_corrected(result: CheckResult, folder: str | Path) -> list[Path]:
         for m in mistakes:
             time, deviation = rewritten(m, time, deviation)
         contents[out / file] = trace_bytes(out / file, time, deviation)
-    if result.campaign.machine_file.is_file() and not result.campaign.machine_file.resolve().is_relative_to(source.resolve()):
+    if result.campaign.machine_file.is_file() and not result.campaign.machine_file.resolve().is_relative_to(
+        source.resolve()
+    ):
         document["machine"] = str(result.campaign.machine_file.resolve())
     contents[out / "campaign.toml"] = tomlkit.dumps(document)
     write_all(contents)

@@ -35,11 +35,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ComparedTest:
-    """One test. Arrays over its samples: ``phi`` rad (signed), ``measured``, ``simulated``, ``residual`` in m, ``valid`` bool, ``time`` s
-    as recorded.
+    """One test. Arrays over its samples: ``phi`` rad (signed), ``measured``, ``simulated``, ``residual`` in m,
+    ``valid`` bool, ``time`` s as recorded.
 
-    ``simulated`` has the nuisances applied. ``rms``, ``maximum`` (m) are of the residual; ``worst_phi`` (rad) is where the model
-    fails most and ``worst_event`` the axis event there. ``iso`` holds ISO 230-4 figures (µm) of measured and simulated.
+    ``simulated`` has the nuisances applied. ``rms``, ``maximum`` (m) are of the residual; ``worst_phi`` (rad) is where
+    the model fails most and ``worst_event`` the axis event there. ``iso`` holds ISO 230-4 figures (µm) of measured and
+    simulated.
     """
 
     __test__ = False
@@ -66,7 +67,8 @@ class Comparison:
     """A campaign against a machine.
 
     Attributes:
-        noise: RMS of one sample's noise, m, and ``noise_source``, where it comes from. rms, maximum: of all residuals, m.
+        noise: RMS of one sample's noise, m, and ``noise_source``, where it comes from. rms, maximum: of all residuals,
+            m.
         setups: table-ball and spindle-ball offsets per set-up (6,) m. length: bar-length offset, m.
         bidirectional: ISO 230-4 figures of pairs of tests in both directions, µm.
         readings: simulated reading of each test on the engine's time grid, (n,) m, without nuisances.
@@ -105,7 +107,9 @@ class Comparison:
                     "max_um": _r(t.maximum / UM),
                     "samples": len(t.valid),
                     "samples_left_out": int((~t.valid).sum()),
-                    "samples_saturated": self.campaign.traces[t.test.name].saturated if t.test.name in self.campaign.traces else 0,
+                    "samples_saturated": self.campaign.traces[t.test.name].saturated
+                    if t.test.name in self.campaign.traces
+                    else 0,
                     "outliers": t.outliers,
                     "worst_phi_deg": _r(t.worst_phi / DEG, 1),
                     "worst_plot_angle_deg": _r((t.worst_phi / DEG + kind_of(t.test).plot_offset_deg) % 360, 1),
@@ -125,13 +129,17 @@ class Comparison:
 
     @property
     def warnings(self) -> list[str]:
-        """Tests that ask more of the axes than an ordinary machine can, and simulated readings beyond the sensor's range."""
+        """Tests that ask more of the axes than an ordinary machine can, and simulated readings beyond the sensor's
+        range.
+        """
         reach = self.campaign.instrument.range
         found = [w for t in self.tests for w in (*speed_warnings(t.test), range_warning(t.test, t.simulated, reach))]
         return [w for w in found if w]
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row per test: the entries of :meth:`to_json`, ISO 230-4 figures as columns ``measured_…``, ``simulated_…`` (µm)."""
+        """One row per test: the entries of :meth:`to_json`, ISO 230-4 figures as columns ``measured_…``,
+        ``simulated_…`` (µm).
+        """
         need("to_dataframe", "dataframe", "pandas")
         import pandas as pd
 
@@ -153,14 +161,17 @@ def compare(
 ) -> Comparison:
     """Simulate every measured test in the multibody model and lay it over the measurement.
 
-    The nuisances (ball offsets per set-up, bar length, trigger per test) are fitted by least squares with their priors; the machine
-    is taken as it is.
+    The nuisances (ball offsets per set-up, bar length, trigger per test) are fitted by least squares with their priors;
+    the machine is taken as it is.
 
     Raises:
-        InputError: no test of the campaign has a trace, or the traces show a mistake (:mod:`mjsim.estimation.mistakes`).
+        InputError: no test of the campaign has a trace, or the traces show a mistake
+            (:mod:`mjsim.estimation.mistakes`).
     """
     if not campaign.measured:
-        raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; comparing needs at least one measured test")
+        raise InputError(
+            f"{campaign.folder / 'campaign.toml'}: no test has a trace; comparing needs at least one measured test"
+        )
     plant = build(machine)
     problem = problem or checked_problem(campaign, plant, threads, keep_motions=False)
     with_phases = phased(problem, machine)
@@ -183,7 +194,9 @@ def overlay(problem: Problem, machine: Machine, simulations: Sequence[Simulation
     for k, s in enumerate(problem.samples):
         shift = problem.shift(k, nuisance)
         # the reading on its own fine grid: a vibration does not survive the coarse one
-        modelled = s.sample_all(simulations[k].deviation, shift, STEP) + s.sample_all(problem.offsets(k, nuisance), shift)
+        modelled = s.sample_all(simulations[k].deviation, shift, STEP) + s.sample_all(
+            problem.offsets(k, nuisance), shift
+        )
         residual = s.value - modelled
         good = s.valid
         phi = Program(s.test).phi(s.time - problem.shift(k, nuisance))
@@ -211,7 +224,9 @@ def overlay(problem: Problem, machine: Machine, simulations: Sequence[Simulation
         squares += float(residual[good] @ residual[good])
         count += int(good.sum())
     setups = {
-        name: np.concatenate([problem.nuisances.table_ball(nuisance, name), problem.nuisances.spindle_ball(nuisance, name)])
+        name: np.concatenate(
+            [problem.nuisances.table_ball(nuisance, name), problem.nuisances.spindle_ball(nuisance, name)]
+        )
         for name in dict.fromkeys(t.setup for t in problem.tests)
     }
     return Comparison(
@@ -237,7 +252,9 @@ def _iso(test: BallBarTest, phi: np.ndarray, measured: np.ndarray, simulated: np
     if not kind_of(test).goes_round:
         return {}
     try:
-        return {name: _rounded(circular_figures(phi, d)) for name, d in (("measured", measured), ("simulated", simulated))}
+        return {
+            name: _rounded(circular_figures(phi, d)) for name, d in (("measured", measured), ("simulated", simulated))
+        }
     except InputError:  # a gap of the trace leaves part of the circle open: the figures are not defined
         return {}
 
@@ -253,14 +270,26 @@ def _pairs(tests: list[ComparedTest]) -> list[dict]:
         for b in tests:
             same = all(
                 getattr(a.test, n) == getattr(b.test, n)
-                for n in ("kind", "table_ball", "length", "feed", "half_apex", "inclination", "sensitive", "plane", "setup")
+                for n in (
+                    "kind",
+                    "table_ball",
+                    "length",
+                    "feed",
+                    "half_apex",
+                    "inclination",
+                    "sensitive",
+                    "plane",
+                    "setup",
+                )
             )
             if kind_of(a.test).goes_round and same and a.test.direction == "CCW" and b.test.direction == "CW":
                 row: dict = {"ccw": a.test.name, "cw": b.test.name}
                 try:
                     for name in ("measured", "simulated"):
                         row[name] = _rounded(
-                            bidirectional_figures(a.phi[a.valid], getattr(a, name)[a.valid], b.phi[b.valid], getattr(b, name)[b.valid])
+                            bidirectional_figures(
+                                a.phi[a.valid], getattr(a, name)[a.valid], b.phi[b.valid], getattr(b, name)[b.valid]
+                            )
                         )
                 except InputError:
                     continue

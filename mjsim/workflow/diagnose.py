@@ -45,10 +45,12 @@ class DiagnosedEffect:
     """One missing effect.
 
     Attributes:
-        effect: with fitted parameters. free: names of the fitted ones. ci95: [low, high] per fitted parameter, file units.
-        rms_before, rms_after: of all tests, m, along the ladder of the effects found. alternatives: ids that the data cannot tell
-        from this one. tests: where it shows. gain: how far the objective (squared residuals in units of the noise) falls with it;
-        rejected: how much less of that the others reach that were fitted in its place, by id.
+        effect: with fitted parameters. free: names of the fitted ones. ci95: [low, high] per fitted parameter, file
+            units.
+        rms_before, rms_after: of all tests, m, along the ladder of the effects found. alternatives: ids that the data
+            cannot tell
+        from this one. tests: where it shows. gain: how far the objective (squared residuals in units of the noise)
+        falls with it; rejected: how much less of that the others reach that were fitted in its place, by id.
     """
 
     effect: Effect
@@ -64,9 +66,10 @@ class DiagnosedEffect:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Result of :func:`diagnose`. ``machine`` has the effects and the calibrated data sheet in it; ``before``, ``after`` are the
-    full comparisons of the machine as given and of the fitted one, ``rungs`` those of the ladder between them (one effect more
-    each; the last has the calibrated data sheet as well). Where the machine file states a tolerance, ``calibration`` has the
+    """Result of :func:`diagnose`. ``machine`` has the effects and the calibrated data sheet in it; ``before``,
+    ``after`` are the full comparisons of the machine as given and of the fitted one, ``rungs`` those of the ladder
+    between them (one effect more each; the last has the calibrated data sheet as well). Where the machine file states a
+    tolerance, ``calibration`` has the
     effects inside it, the first rung has these, and ``shares`` are those of the explained squared error."""
 
     campaign: Campaign
@@ -123,7 +126,8 @@ class Diagnosis:
         }
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row per fitted parameter of the effects found: effect, parameter, value, low, high (95 %), units of the names.
+        """One row per fitted parameter of the effects found: effect, parameter, value, low, high (95 %), units of the
+        names.
 
         Components of a pitch error are parameters ``order 72 amplitude`` and ``order 72 phase``.
         """
@@ -146,7 +150,9 @@ class Diagnosis:
 
 
 def write_effect_file(result: Diagnosis, folder: Path) -> Diagnosis:
-    """Write the unexplained rest's effect file into ``folder``; the diagnosis that names it. Nothing happens where none is left."""
+    """Write the unexplained rest's effect file into ``folder``; the diagnosis that names it. Nothing happens where
+    none is left.
+    """
     u = result.unexplained
     if u is None:
         return result
@@ -225,7 +231,11 @@ def diagnose(
 
     before = simulated(phased(problem, machine), "simulating the machine as given")
     expected = with_effects(machine, [c.effect.effect for c in explained.calibration])
-    calibrated = simulated(phased(problem, expected), "simulating the calibrated machine") if explained.calibration and found else None
+    calibrated = (
+        simulated(phased(problem, expected), "simulating the calibrated machine")
+        if explained.calibration and found
+        else None
+    )
     ladder = [calibrated or before]
     for i in range(1, len(found)):
         part = phased(problem, with_effects(expected, [e.effect for _, e in found[:i]]))
@@ -233,7 +243,9 @@ def diagnose(
     final = with_effects(selection.fit.machine, [line.effect for line in separated.lines])
     after = simulated(final, "simulating the fitted machine")
     ladder.append(after)
-    effects = tuple(replace(e, rms_before=a.rms, rms_after=b.rms) for (_, e), a, b in zip(found, ladder, ladder[1:], strict=False))
+    effects = tuple(
+        replace(e, rms_before=a.rms, rms_after=b.rms) for (_, e), a, b in zip(found, ladder, ladder[1:], strict=False)
+    )
     if effects:
         verdict = "ambiguous" if any(e.alternatives for e in effects) else "identified"
     else:
@@ -286,7 +298,9 @@ def _explain(separated: Separated, max_effects: int, progress: Progress) -> _Exp
 
 
 def _explain_within_tolerance(problem: Problem, fitter: Fitter, progress: Progress) -> _Explained:
-    """The same for a machine whose file states a tolerance: everything is calibrated at once, and findings lie beyond it."""
+    """The same for a machine whose file states a tolerance: everything is calibrated at once, and findings lie
+    beyond it.
+    """
     joint = JointSelector(fitter, progress).run()
     fit = joint.selection.fit
     rest = best_curve_term(problem, fit) if joint.curve is not None else None
@@ -303,21 +317,30 @@ def _found(problem: Problem, selection: Selection) -> list[tuple[float, Diagnose
         free = selection.fit.effects[at]
         ci = free.interval(free.vector, selection.fit.covariance_of(free))
         where = _where(problem, selection, at)
-        out.append((f.gain, DiagnosedEffect(free.effect, free.names, ci, 0.0, 0.0, f.alternatives, where, f.gain, f.rejected)))
+        out.append(
+            (f.gain, DiagnosedEffect(free.effect, free.names, ci, 0.0, 0.0, f.alternatives, where, f.gain, f.rejected))
+        )
     return out
 
 
 def _vibration(problem: Problem, line: Line) -> tuple[float, DiagnosedEffect]:
     i, size = problem.chain.index(line.effect.subject), line.effect.si("amplitude_um")
     spread = [size * np.sqrt(np.mean(s.axes[:, i] ** 2) / 2) for s in problem.sensitivity]
-    tests = tuple(t.name for t, x in zip(problem.tests, spread, strict=True) if x > problem.settings.visible_share * problem.noise.rms)
-    return line.gain, DiagnosedEffect(line.effect, line.effect.search.free, line.ci95, 0.0, 0.0, line.alternatives, tests, line.gain)
+    tests = tuple(
+        t.name
+        for t, x in zip(problem.tests, spread, strict=True)
+        if x > problem.settings.visible_share * problem.noise.rms
+    )
+    return line.gain, DiagnosedEffect(
+        line.effect, line.effect.search.free, line.ci95, 0.0, 0.0, line.alternatives, tests, line.gain
+    )
 
 
 def _where(problem: Problem, selection: Selection, index: int) -> tuple[str, ...]:
     """Tests in which an effect's part of the reading stands out of the noise (RMS above a quarter of it).
 
-    A set-up error that takes some of it up in one test moves the others of that set-up as well; these show nothing of the effect.
+    A set-up error that takes some of it up in one test moves the others of that set-up as well; these show nothing of
+    the effect.
     """
     machine = selection.fit.machine.without(selection.fit.effects[index].effect.key)
     original = selection.fit.base.effect(selection.fit.effects[index].effect.key)

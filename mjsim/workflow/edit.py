@@ -71,7 +71,9 @@ def resolve_effect(name: str, chain: Chain) -> tuple[type[Effect], list[str], Pa
 
 
 def file_reference(source: Path, machine_file: Path) -> str:
-    """An effect file as a machine file names it: relative where it lies beside or below the machine file, so that both can move."""
+    """An effect file as a machine file names it: relative where it lies beside or below the machine file, so that
+    both can move.
+    """
     folder = machine_file.resolve().parent
     return source.relative_to(folder).as_posix() if source.is_relative_to(folder) else str(source)
 
@@ -88,7 +90,8 @@ def add(
 ) -> Change:
     """Fit an effect to the campaign and put it into the machine file.
 
-    The drives' data sheet is calibrated inside its tolerances during the fit, but not written: the file gets the effect only.
+    The drives' data sheet is calibrated inside its tolerances during the fit, but not written: the file gets the effect
+    only.
 
     Args:
         campaign: with at least one measured test.
@@ -111,13 +114,16 @@ def add(
     progress("fitting", 0, 1)
     fitted_effect, ci95 = _fitted(problem, machine, cls, subjects)
     if source is not None:
-        machine = replace(machine, effect_files={**machine.effect_files, fitted_effect.id: file_reference(source, machine.file)})
+        machine = replace(
+            machine, effect_files={**machine.effect_files, fitted_effect.id: file_reference(source, machine.file)}
+        )
     before = compare(campaign, machine, threads, progress, problem)
     fitted = machine.with_effect(fitted_effect)
     after = compare(campaign, fitted, threads, progress, problem)
     if after.rms > before.rms and not force:
         raise InputError(
-            f"{machine.file}: {fitted_effect.id} makes the model worse: the residual RMS goes from {before.rms / UM:.3f} to "
+            f"{machine.file}: {fitted_effect.id} makes the model worse: the residual RMS goes from "
+            f"{before.rms / UM:.3f} to "
             f"{after.rms / UM:.3f} µm; nothing was written (--force adds it all the same)"
         )
     change = Change(fitted_effect.id, fitted_effect, ci95, before, after, fitted)
@@ -127,7 +133,11 @@ def add(
 
 
 def remove(
-    campaign: Campaign, effect: str, machine_file: str | Path | None = None, threads: int = 2, progress: Progress = silent
+    campaign: Campaign,
+    effect: str,
+    machine_file: str | Path | None = None,
+    threads: int = 2,
+    progress: Progress = silent,
 ) -> Change:
     """Take an effect out of the machine file again.
 
@@ -157,7 +167,9 @@ def remove(
     return change
 
 
-def _remove_unreadable(campaign: Campaign, effect_id: str, without: Machine, text: str, threads: int, progress: Progress) -> Change:
+def _remove_unreadable(
+    campaign: Campaign, effect_id: str, without: Machine, text: str, threads: int, progress: Progress
+) -> Change:
     """Take out an effect whose file is gone or broken: the error before cannot be known."""
     _need_traces(campaign)
     ladder.read_history(campaign)
@@ -169,7 +181,8 @@ def _remove_unreadable(campaign: Campaign, effect_id: str, without: Machine, tex
 def _need_traces(campaign: Campaign) -> None:
     if not campaign.measured:
         raise InputError(
-            f"{campaign.folder / 'campaign.toml'}: no test has a trace; the error before and after needs at least one measured test"
+            f"{campaign.folder / 'campaign.toml'}: no test has a trace; the error before and after needs at least "
+            f"one measured test"
         )
 
 
@@ -181,13 +194,16 @@ def _record(campaign: Campaign, action: str, change: Change, path: Path, text: s
 
 
 def _fitted(problem: Problem, machine: Machine, cls: type[Effect], subjects: list[str]) -> tuple[Effect, dict]:
-    """The effect at its best values on its best subject, with their 95 % intervals; vibrations are left out of the data meanwhile."""
+    """The effect at its best values on its best subject, with their 95 % intervals; vibrations are left out of the
+    data meanwhile.
+    """
     separated = separate(problem, machine)
     if cls.kind == "vibration":
         mine = [line for line in separated.lines if line.effect.subject in subjects and line.ci95]
         if not mine:
             raise InputError(
-                f"effect vibration.{'/'.join(subjects)}: no line of constant frequency along this axis stands out of the noise"
+                f"effect vibration.{'/'.join(subjects)}: no line of constant frequency along this axis stands out "
+                f"of the noise"
             )
         return mine[0].effect, mine[0].ci95
     fitter = Fitter(separated.problem, separated.machine)
@@ -206,7 +222,10 @@ def fit_effect(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str
     bank = SignatureBank(problem, start)
     selection = ModelSelection(fitter)
     effect_id, chain = f"{cls.kind}.{subject}", fitter.machine.chain
-    silent_here = f"effect {effect_id} does not change any reading of this campaign; nothing to fit (which axes move in its tests?)"
+    silent_here = (
+        f"effect {effect_id} does not change any reading of this campaign; nothing to fit (which axes move in its "
+        f"tests?)"
+    )
     names = cls.search.free_of(cls.parameters_of(subject))
     if cls.search.scanned:
         if subject in chain.letters and not any(np.ptp(m.commands[:, chain.index(subject)]) for m in problem.motions):
@@ -217,7 +236,9 @@ def fit_effect(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str
             base = fit = fitter.fit([EffectVector(present, names)], start=start, exact=False)
         for _ in range(12):
             rows = [
-                (*Projector(base).gain(w), c) for c, w in spectral_candidates(problem, base, bank, subject) if c.effect.key == effect_id
+                (*Projector(base).gain(w), c)
+                for c, w in spectral_candidates(problem, base, bank, subject)
+                if c.effect.key == effect_id
             ]
             gain, x, candidate = max(rows, key=lambda r: r[0], default=(0.0, None, None))
             if gain <= 0.0 and fit is None:
@@ -235,7 +256,9 @@ def fit_effect(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str
     if not bank.matrix.any():
         raise InputError(silent_here)
     rows = Projector(start).screen(bank)
-    best = {c.effect.key: (x, c) for _, x, c in sorted([*rows, *one_direction_rows(start, bank, rows)], key=lambda r: r[0])}
+    best = {
+        c.effect.key: (x, c) for _, x, c in sorted([*rows, *one_direction_rows(start, bank, rows)], key=lambda r: r[0])
+    }
     trials = [fitter.fit(selection.extended(start, c, x), start=start, exact=False) for x, c in best.values()]
     trial = min(trials, key=lambda t: penalised_objective(t, problem.settings))
     return fitter.fit(trial.effects, start=trial)

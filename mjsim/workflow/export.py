@@ -33,12 +33,13 @@ def export(
     threads: int = 2,
     progress: Progress = silent,
 ) -> list[Path]:
-    """Compare, and write a CSV per measured test, ``figures.csv`` and, for paths run both ways, ``figures-both-directions.csv``.
+    """Compare, and write a CSV per measured test, ``figures.csv`` and, for paths run both ways,
+    ``figures-both-directions.csv``.
 
     Args:
         campaign, machine: what is compared; the set-up's nuisances are fitted over all its tests.
-        out: folder. tests: only these. decimal_comma: semicolons and decimal commas, with a byte order mark, as spreadsheets of
-            many languages expect. force: replace files.
+        out: folder. tests: only these. decimal_comma: semicolons and decimal commas, with a byte order mark, as
+            spreadsheets of many languages expect. force: replace files.
 
     Returns:
         The files.
@@ -49,15 +50,23 @@ def export(
     known = [t.name for t in campaign.measured]
     for name in tests:
         if name not in known:
-            raise InputError(f"{campaign.folder / 'campaign.toml'}: no test {name!r} with a trace; it has: {', '.join(known) or 'none'}")
+            raise InputError(
+                f"{campaign.folder / 'campaign.toml'}: no test {name!r} with a trace; it has: "
+                f"{', '.join(known) or 'none'}"
+            )
     names = [n for n in known if not tests or n in tests]
     for name in names:
         if f"{name}.csv" in (FIGURES, PAIRS):
-            raise InputError(f"{campaign.folder / 'campaign.toml'}: test {name!r} would be written to the file of the figures; rename it")
+            raise InputError(
+                f"{campaign.folder / 'campaign.toml'}: test {name!r} would be written to the file of the figures; "
+                f"rename it"
+            )
     for file in (*(f"{n}.csv" for n in names), FIGURES, PAIRS):
         check_writable(Path(out) / file, force)
     result = compare(campaign, machine, threads, progress)
-    contents = {f"{t.test.name}.csv": trace_rows(t, campaign.traces[t.test.name]) for t in result.tests if t.test.name in names}
+    contents = {
+        f"{t.test.name}.csv": trace_rows(t, campaign.traces[t.test.name]) for t in result.tests if t.test.name in names
+    }
     contents[FIGURES] = figure_rows(result, names)
     if len(pairs := pair_rows(result, names)) > 1:
         contents[PAIRS] = pairs
@@ -66,7 +75,8 @@ def export(
 
 
 def trace_rows(t: ComparedTest, recorded: Trace) -> list[list[str]]:
-    """Header and samples: recorded time (s), signed angle φ (°), measured, simulated and residual (µm), 1 where the sample counts.
+    """Header and samples: recorded time (s), signed angle φ (°), measured, simulated and residual (µm), 1 where the
+    sample counts.
 
     What was not recorded is empty; a sample that was left out as an outlier is there, with 0.
     """
@@ -75,24 +85,48 @@ def trace_rows(t: ComparedTest, recorded: Trace) -> list[list[str]]:
     measured, residual = (np.where(there, x, np.nan) / UM for x in (t.measured, t.residual))
     columns = np.column_stack([t.time, t.phi / DEG, measured, t.simulated / UM, residual])
     for (time, phi, *values), valid in zip(columns, t.valid, strict=True):
-        rows.append([f"{time:.6f}", f"{phi:.6f}", *("" if np.isnan(v) else f"{v:.4f}" for v in values), str(int(valid))])
+        rows.append(
+            [f"{time:.6f}", f"{phi:.6f}", *("" if np.isnan(v) else f"{v:.4f}" for v in values), str(int(valid))]
+        )
     return rows
 
 
 def figure_rows(result: Comparison, names: Sequence[str]) -> list[list[str]]:
-    """Header and one row per test: how it was run, the residual, ISO 230-4 figures of both traces (µm; empty for part circles)."""
-    head = ["test", "kind", "plane_or_axis", "direction", "feed_mm_min", "bar_length_mm", "samples", "samples_left_out", "residual_rms_um",
+    """Header and one row per test: how it was run, the residual, ISO 230-4 figures of both traces (µm; empty for
+    part circles).
+    """
+    head = ["test", "kind", "plane_or_axis", "direction", "feed_mm_min", "bar_length_mm", "samples",
+        "samples_left_out", "residual_rms_um",
             "residual_max_um", "noise_um", "trigger_ms"]  # fmt: skip
-    both = [f"{what}_{short}" for what in ("measured", "simulated") for short in (*_ISO.values(), "centre_1_um", "centre_2_um")]
+    both = [
+        f"{what}_{short}"
+        for what in ("measured", "simulated")
+        for short in (*_ISO.values(), "centre_1_um", "centre_2_um")
+    ]
     rows = [[*head, *both]]
     for t in result.tests:
         if t.test.name not in names:
             continue
         kind = kind_of(t.test)
         place = kind.plane(t.test) or kind.turns(t.test)
-        how = [t.test.name, t.test.kind, place, t.test.direction, f"{t.test.feed / MM * 60:g}", f"{t.test.length / MM:g}"]
-        rest = [str(len(t.valid)), str(int((~t.valid).sum())), f"{t.rms / UM:.4f}", f"{t.maximum / UM:.4f}", f"{result.noise / UM:.4f}"]
-        rows.append([*how, *rest, f"{t.trigger * 1e3:.3f}", *(c for what in ("measured", "simulated") for c in _iso(t, what))])
+        how = [
+            t.test.name,
+            t.test.kind,
+            place,
+            t.test.direction,
+            f"{t.test.feed / MM * 60:g}",
+            f"{t.test.length / MM:g}",
+        ]
+        rest = [
+            str(len(t.valid)),
+            str(int((~t.valid).sum())),
+            f"{t.rms / UM:.4f}",
+            f"{t.maximum / UM:.4f}",
+            f"{result.noise / UM:.4f}",
+        ]
+        rows.append(
+            [*how, *rest, f"{t.trigger * 1e3:.3f}", *(c for what in ("measured", "simulated") for c in _iso(t, what))]
+        )
     return rows
 
 
@@ -108,7 +142,9 @@ def pair_rows(result: Comparison, names: Sequence[str]) -> list[list[str]]:
     rows = [["ccw", "cw", *(f"{what}_{k}_um" for what in ("measured", "simulated") for k in ("Gb", "D"))]]
     for b in result.bidirectional:
         if b["ccw"] in names and b["cw"] in names:
-            values = [b[what][k] for what in ("measured", "simulated") for k in ("circular_error_um", "mean_radial_error_um")]
+            values = [
+                b[what][k] for what in ("measured", "simulated") for k in ("circular_error_um", "mean_radial_error_um")
+            ]
             rows.append([b["ccw"], b["cw"], *(f"{v:.4f}" for v in values)])
     return rows
 

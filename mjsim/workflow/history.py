@@ -23,10 +23,11 @@ _LARGEST = 20_000_000
 
 @dataclass(frozen=True)
 class Step:
-    """One model: ``action`` (start, add, remove), the effect it was about, all effect keys, errors in µm (RMS, over all and per test).
+    """One model: ``action`` (start, add, remove), the effect it was about, all effect keys, errors in µm (RMS, over all
+    and per test).
 
-    ``model`` is the machine file's text with exactly this model, so that the step can be simulated again whatever became of the file;
-    empty in histories of versions that did not keep it.
+    ``model`` is the machine file's text with exactly this model, so that the step can be simulated again whatever
+    became of the file; empty in histories of versions that did not keep it.
     """
 
     action: str
@@ -66,7 +67,9 @@ def read_history(campaign: Campaign) -> list[Step]:
 
 
 def step_of(action: str, effect: str, machine_file: Path, comparison: Comparison, text: str | None = None) -> Step:
-    """A step from the comparison of the model that it led to; ``text`` in place of the machine file's, where that cannot be read."""
+    """A step from the comparison of the model that it led to; ``text`` in place of the machine file's, where that
+    cannot be read.
+    """
     return Step(
         action,
         effect,

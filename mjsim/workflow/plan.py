@@ -28,8 +28,9 @@ def plan(
 ) -> Plan | None:
     """The next test to run.
 
-    Without ``between`` the campaign is diagnosed first: the first effect that has alternatives is separated from its first one; where
-    nothing is ambiguous, the first effect that is not testable is made to show. ``None`` where there is neither.
+    Without ``between`` the campaign is diagnosed first: the first effect that has alternatives is separated from its
+    first one; where nothing is ambiguous, the first effect that is not testable is made to show. ``None`` where there
+    is neither.
 
     Args:
         between: two effect ids, or one and ``"nothing"``.
@@ -41,12 +42,17 @@ def plan(
     for i in ids:
         registry.effect_class(i, machine.chain)
     if between is not None and (len(between) != 2 or not ids or len(set(between)) != 2):
-        raise InputError(f"plan between {' and '.join(between)}: allowed are two different effects, or one effect and {NOTHING!r}")
+        raise InputError(
+            f"plan between {' and '.join(between)}: allowed are two different effects, or one effect and {NOTHING!r}"
+        )
     if between is not None and NOTHING in between:
         between = (ids[0], NOTHING)
     if not campaign.measured:
         if between is None:
-            raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; say which effects to separate (--between A B)")
+            raise InputError(
+                f"{campaign.folder / 'campaign.toml'}: no test has a trace; say which effects to separate "
+                f"(--between A B)"
+            )
         pair = _by_default(between[0], machine), _by_default(between[1], machine)
         return best_of(between, pair, campaign, usual_noise(), BLOCKS[0], threads, progress)
     progress("preparing", 0, 1)

@@ -133,7 +133,9 @@ def pairs() -> Iterator[Case]:
         hidden = tuple(templates.single(k, s, machine, rng) for k, s in (first, second))
         sizes = tuple(float(x) for x in rng.choice((0.3, 0.5, 0.8, 1.2), 2))
         label = f"pair-{first[0]}.{first[1]}+{second[0]}.{second[1]}-{i:02d}"
-        yield Case(label, machine, tuple(layout(name)), hidden, sizes, seed=30_000 + i, category="pair", half=_HALVES[i % 2])
+        yield Case(
+            label, machine, tuple(layout(name)), hidden, sizes, seed=30_000 + i, category="pair", half=_HALVES[i % 2]
+        )
 
 
 def _shared(first: tuple[str, str], second: tuple[str, str]) -> set[str]:
@@ -154,12 +156,21 @@ def unlisted() -> Iterator[Case]:
         size = float(rng.choice(_UNLISTED_SIZES))
         label = f"unlisted-{cause.name}-{i:02d}"
         half = _HALVES[(i + turn) % 2]
-        yield Case(label, machine, tuple(layout(name)), (cause,), (size,), seed=40_000 + i, category="unlisted", half=half)
+        yield Case(
+            label, machine, tuple(layout(name)), (cause,), (size,), seed=40_000 + i, category="unlisted", half=half
+        )
 
 
 def odd() -> Iterator[Case]:
     """Single effects on campaigns with knocks and gaps, and on sparse ones of two or three tests."""
-    easy = [("backlash", "A"), ("pitch_error", "A"), ("servo_gain", "X"), ("squareness", "XY"), ("pitch_error", "C"), ("worm_wear", "A")]
+    easy = [
+        ("backlash", "A"),
+        ("pitch_error", "A"),
+        ("servo_gain", "X"),
+        ("squareness", "XY"),
+        ("pitch_error", "C"),
+        ("worm_wear", "A"),
+    ]
     easy += [
         ("backlash", "X"),
         ("straightness", "EXY"),
@@ -183,7 +194,9 @@ def odd() -> Iterator[Case]:
         hidden = templates.single(kind, subject, machine, rng)
         label = f"{category}-{kind}.{subject}-{i // 2:02d}"
         knocks, missing = (int(rng.integers(2, 7)), int(rng.integers(0, 4))) if category == "outliers" else (0, 0)
-        case = Case(label, machine, tuple(layout(name)), (hidden,), (float(rng.choice((0.4, 0.8, 1.6))),), seed=50_000 + i)
+        case = Case(
+            label, machine, tuple(layout(name)), (hidden,), (float(rng.choice((0.4, 0.8, 1.6))),), seed=50_000 + i
+        )
         yield replace(case, outliers=knocks, gaps=missing, category=category, half=_HALVES[(i // 2) % 2])
 
 
@@ -192,13 +205,16 @@ REAL_SOUND, REAL_FAULTY, REAL_UNLISTED = 320, 240, 60
 _REAL_CAUSES = tuple(
     (kind, subject)
     for kind, subject in templates.SINGLES
-    if kind in real_machines.TOLERANCE or kind in ("servo_gain", "servo_delay", "worm_wear", "thermal_drift", "torque_ripple")
+    if kind in real_machines.TOLERANCE
+    or kind in ("servo_gain", "servo_delay", "worm_wear", "thermal_drift", "torque_ripple")
 )
 _REAL_LAYOUTS = ("standard", "rotaries", "feeds", "table", "full")
 
 
 def real() -> Iterator[Case]:
-    """Machines on which everything is a little wrong, with and without a stated tolerance, on drives of random data sheets."""
+    """Machines on which everything is a little wrong, with and without a stated tolerance, on drives of random data
+    sheets.
+    """
     for i in range(REAL_SOUND + REAL_FAULTY + REAL_UNLISTED):
         rng = np.random.default_rng([16, i])
         machine = f"R{i % 24}" if i % 3 else ("M1", "M2", "M3")[i // 3 % 3]
@@ -207,7 +223,11 @@ def real() -> Iterator[Case]:
         causes: list = []
         targets: list[float | None] = []
         if i >= REAL_SOUND + REAL_FAULTY:
-            which = next(w for w in rng.permutation(templates.UNLISTED) if _shows(templates.unlisted(int(w), machine, rng)[0], name))
+            which = next(
+                w
+                for w in rng.permutation(templates.UNLISTED)
+                if _shows(templates.unlisted(int(w), machine, rng)[0], name)
+            )
             causes.append(templates.unlisted(int(which), machine, rng)[1])
             targets.append(float(rng.choice((0.8, 1.2, 2.0))))
         elif i >= REAL_SOUND:
@@ -229,7 +249,11 @@ def real() -> Iterator[Case]:
             gaps=int(rng.integers(0, 3)) if i % 8 == 7 else 0,
             noise_um=round(float(rng.uniform(0.09, 0.16)), 3),
             seed=60_000 + i,
-            category="real-sound" if not causes else "real-unlisted" if i >= REAL_SOUND + REAL_FAULTY else "real-faulty",
+            category="real-sound"
+            if not causes
+            else "real-unlisted"
+            if i >= REAL_SOUND + REAL_FAULTY
+            else "real-faulty",
             half=_HALVES[i % 2],
             within=small,
             tolerance_stated=bool(i // 2 % 2),
@@ -247,7 +271,8 @@ def cases() -> list[Case]:
 
 
 def write_bank(folder: Path | str, wanted: Iterable[Case], heldout: bool = False) -> dict[str, dict]:
-    """Writes campaigns and answers.toml for a folder of them; what is there already is kept. Cases of one layout are taken together.
+    """Writes campaigns and answers.toml for a folder of them; what is there already is kept. Cases of one layout are
+    taken together.
 
     ``heldout`` adds tests that were not measured to the campaigns with effects of the catalogue.
     """

@@ -25,10 +25,12 @@ class Case:
     Attributes:
         name: folder name. machine: name of a nominal machine. tests: ``[[test]]`` tables.
         hidden: catalogue effects (tables as in machine.toml) and unlisted causes that the user's model lacks.
-        target_um: per hidden cause the signature's RMS after set-up errors to scale it to; None leaves it as it is. Empty: none is scaled.
+        target_um: per hidden cause the signature's RMS after set-up errors to scale it to; None leaves it as it is.
+            Empty: none is scaled.
         outliers, gaps: knocks and missing stretches per campaign. noise_um: RMS of a sample. seed: of everything drawn.
         category, half: for the bank.
-        within: small errors of a real machine, tables as in machine.toml. tolerance_stated: whether the machine file has limits for them.
+        within: small errors of a real machine, tables as in machine.toml. tolerance_stated: whether the machine file
+            has limits for them.
     """
 
     name: str
@@ -71,7 +73,9 @@ def _true(case: Case, hidden: bool = True) -> tuple[dict, dict]:
     return true_machine(nominal(case.machine), planted, case.rng(0))
 
 
-def truth(case: Case, test: dict, hidden: bool = True, tolerances: bool = True) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def truth(
+    case: Case, test: dict, hidden: bool = True, tolerances: bool = True
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Noise-free reading over a whole program, no set-up error: φ in degrees, time in s, deviation in µm.
 
     ``hidden=False`` leaves the hidden causes out; with ``tolerances=False`` as well it is the user's nominal machine.
@@ -101,7 +105,9 @@ def measure(case: Case) -> list[tuple[np.ndarray, np.ndarray]]:
     for k, test in enumerate(case.tests):
         clock = measurement.recorded_clock(Program(test).window, setup.trigger[k])
         shifts = {"ball_shift": setup.table[test["setup"]], "spindle_shift": setup.spindle[test["setup"]]}
-        true = simulate.reading(test, drive, effects, clock - setup.trigger[k], unlisted=case.unlisted(), phases=setup.phases[k], **shifts)
+        true = simulate.reading(
+            test, drive, effects, clock - setup.trigger[k], unlisted=case.unlisted(), phases=setup.phases[k], **shifts
+        )
         noise = measurement.noise(len(clock), case.noise_um, case.rng(10 + k))
         deviation = (true + setup.length) * 1e6 + noise + measurement.knocks(clock, int(knocked[k]), odd)
         keep = measurement.gaps(clock, int(missing[k]), odd)
@@ -149,7 +155,11 @@ def write_files(case: Case, folder: Path | str) -> None:
     (folder / "campaign.toml").write_text(tomlkit.dumps(head))
     model = nominal(case.machine)
     if case.tolerance_stated:
-        model = {"name": model["name"], "configuration": model["configuration"], "tolerance": real_machines.TOLERANCE} | model
+        model = {
+            "name": model["name"],
+            "configuration": model["configuration"],
+            "tolerance": real_machines.TOLERANCE,
+        } | model
     (folder / "machine.toml").write_text(tomlkit.dumps(model))
     for test, (time, deviation) in zip(case.tests, measure(case), strict=True):
         rows = "\n".join(f"{t:.3f},{d:.1f}" for t, d in zip(time, deviation, strict=True))

@@ -5,7 +5,8 @@
     J dω/dt = τ − C ω − τ_friction − τ_gravity − τ_disturbance
     dz/dt = ω − |ω| σ0 z / g(ω),  τ_friction = σ0 z + σ1 dz/dt,  σ0 = Tc / presliding,  σ1 = 0.3 √(σ0 J)
 
-With an elastic transmission the load is a second inertia on a spring; friction and gravity stay on the motor. All is in motor units (rad).
+With an elastic transmission the load is a second inertia on a spring; friction and gravity stay on the motor. All is in
+motor units (rad).
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from .kinematics import AXES, DEG
 GRID = 1e-3
 #: Integration steps per grid interval: 50 µs.
 SUBSTEPS = 20
-#: Assumed share of the moving bodies in an axis' whole inertia; the rest is the motor's rotor, coupling and screw or worm.
+#: Assumed share of the moving bodies in an axis' whole inertia; the rest is the motor's rotor, coupling and screw or
+#: worm.
 LOAD_SHARE = 0.6
 
 
@@ -62,16 +64,24 @@ def _integrate(r, steps, p, motor, load, torque):
         c2, c3 = 3.0 * (r1 - r0) - 2.0 * m0 - m1, 2.0 * (r0 - r1) + m0 + m1
         for s in range(steps):
             u = s / steps
-            a = _rates(r0 + u * (m0 + u * (c2 + u * c3)), (m0 + u * (2 * c2 + 3 * u * c3)) / GRID, th, om, acc, z, q, v, p)
+            a = _rates(
+                r0 + u * (m0 + u * (c2 + u * c3)), (m0 + u * (2 * c2 + 3 * u * c3)) / GRID, th, om, acc, z, q, v, p
+            )
             if s == 0:
                 torque[i] = a[6]
             u = (s + 0.5) / steps
             cmd, rate, e = r0 + u * (m0 + u * (c2 + u * c3)), (m0 + u * (2 * c2 + 3 * u * c3)) / GRID, 0.5 * h
-            b = _rates(cmd, rate, th + e * a[0], om + e * a[1], acc + e * a[2], z + e * a[3], q + e * a[4], v + e * a[5], p)
-            c = _rates(cmd, rate, th + e * b[0], om + e * b[1], acc + e * b[2], z + e * b[3], q + e * b[4], v + e * b[5], p)
+            b = _rates(
+                cmd, rate, th + e * a[0], om + e * a[1], acc + e * a[2], z + e * a[3], q + e * a[4], v + e * a[5], p
+            )
+            c = _rates(
+                cmd, rate, th + e * b[0], om + e * b[1], acc + e * b[2], z + e * b[3], q + e * b[4], v + e * b[5], p
+            )
             u = (s + 1.0) / steps
             cmd, rate = r0 + u * (m0 + u * (c2 + u * c3)), (m0 + u * (2 * c2 + 3 * u * c3)) / GRID
-            f = _rates(cmd, rate, th + h * c[0], om + h * c[1], acc + h * c[2], z + h * c[3], q + h * c[4], v + h * c[5], p)
+            f = _rates(
+                cmd, rate, th + h * c[0], om + h * c[1], acc + h * c[2], z + h * c[3], q + h * c[4], v + h * c[5], p
+            )
             e = h / 6.0
             th += e * (a[0] + 2.0 * (b[0] + c[0]) + f[0])
             om += e * (a[1] + 2.0 * (b[1] + c[1]) + f[1])
@@ -128,7 +138,9 @@ def delay(axis: str, effects: dict) -> float:
     return effects.get(f"servo_delay.{axis}", {}).get("delay_ms", 0.0) * 1e-3
 
 
-def run_axis(axis: str, drive: dict, effects: dict, command: np.ndarray, substeps: int = SUBSTEPS) -> tuple[np.ndarray, np.ndarray]:
+def run_axis(
+    axis: str, drive: dict, effects: dict, command: np.ndarray, substeps: int = SUBSTEPS
+) -> tuple[np.ndarray, np.ndarray]:
     """Position behind motor and elastic transmission in axis units, and motor torque in N m, on the command's grid.
 
     An axis that is never told to move rests where it is, its integrator holding gravity.
@@ -137,7 +149,8 @@ def run_axis(axis: str, drive: dict, effects: dict, command: np.ndarray, substep
         return command.copy(), np.full(len(command), float(drive["gravity_Nm"]))
     ratio, p = gear(drive), parameters(axis, drive, effects)
     if p[6] > 0.0:
-        # the bristle's rate |ω| σ0 / Tc grows with speed: the explicit steps have to stay well inside their limit of 2.8 per rate
+        # the bristle's rate |ω| σ0 / Tc grows with speed: the explicit steps have to stay well inside their limit of
+        # 2.8 per rate
         fastest = np.abs(np.diff(command)).max() / GRID * ratio
         substeps = max(substeps, int(np.ceil(GRID * fastest * p[7] / p[6] / 1.2)))
     motor, load, torque = (np.empty(len(command)) for _ in range(3))

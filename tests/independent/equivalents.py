@@ -1,7 +1,9 @@
-"""Which catalogue effects a campaign cannot tell from a hidden one: signatures that point the same way once set-up errors had their share.
+"""Which catalogue effects a campaign cannot tell from a hidden one: signatures that point the same way once set-up
+errors had their share.
 
-An alternative is a set of columns (sine and cosine for a free phase, quadratic and cubic for a straightness); its cosine with the hidden
-signature is that of the best combination. Combinations that need an absurd size are no explanation.
+An alternative is a set of columns (sine and cosine for a free phase, quadratic and cubic for a straightness); its
+cosine with the hidden signature is that of the best combination. Combinations that need an absurd size are no
+explanation.
 """
 
 from __future__ import annotations
@@ -23,7 +25,16 @@ _DRIVE = {
 }
 #: Kinds whose size cannot be negative; feedforward may shrink only where the machine has some.
 _ONE_SIDED = ("backlash", "velocity_feedforward", "drive_compliance")
-_LOCATION = {"EX0C": "um", "EY0C": "um", "EA0C": "urad", "EB0C": "urad", "EY0A": "um", "EZ0A": "um", "EB0A": "urad", "EC0A": "urad"}
+_LOCATION = {
+    "EX0C": "um",
+    "EY0C": "um",
+    "EA0C": "urad",
+    "EB0C": "urad",
+    "EY0A": "um",
+    "EZ0A": "um",
+    "EB0A": "urad",
+    "EC0A": "urad",
+}
 _STRAIGHT = ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
 
 
@@ -60,7 +71,10 @@ def alternatives(bench: Bench, cause: dict) -> list[tuple[str, list[dict]]]:
         rotary, drive = axis in "AC", bench.drive[axis]
         for kind, size in _DRIVE.items():
             known = bench.model.get(f"{kind}.{axis}", {})
-            add(f"{kind}.{axis}", {k: v + known.get(k, 0.0) if kind == "velocity_feedforward" else v for k, v in size.items()})
+            add(
+                f"{kind}.{axis}",
+                {k: v + known.get(k, 0.0) if kind == "velocity_feedforward" else v for k, v in size.items()},
+            )
         if friction := bench.model.get(f"friction.{axis}"):
             add(f"friction.{axis}", {"coulomb_Nm": 1.2 * friction["coulomb_Nm"]})
         stiffness = {"stiffness_Nm_per_urad": 0.3} if rotary else {"stiffness_N_per_um": 300.0}
@@ -72,7 +86,10 @@ def alternatives(bench: Bench, cause: dict) -> list[tuple[str, list[dict]]]:
         for n in sorted(orders["pitch_error"] - known):
             add(f"pitch_error.{axis}", *({"components": [[n, size, phase]]} for phase in (0.0, 90.0)))
         for n in sorted(orders["torque_ripple"]):
-            add(f"torque_ripple.{axis}", *({"amplitude_Nm": 0.05, "order": n, "phase_deg": phase} for phase in (0.0, 90.0)))
+            add(
+                f"torque_ripple.{axis}",
+                *({"amplitude_Nm": 0.05, "order": n, "phase_deg": phase} for phase in (0.0, 90.0)),
+            )
         for n in sorted(orders["table"]):
             for kind, key in (("radial_error_motion.C", "amplitude_um"), ("tilt_error_motion.C", "amplitude_urad")):
                 add(kind, *({key: 2.0, "order": n, "phase_deg": phase} for phase in (0.0, 90.0)))

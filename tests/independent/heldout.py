@@ -1,7 +1,9 @@
-"""Tests that were not measured, with their noise-free truth: do the fitted machine's predictions hold outside its campaign?
+"""Tests that were not measured, with their noise-free truth: do the fitted machine's predictions hold outside its
+campaign?
 
-The folder has the form that campaigns with known answers use: ``heldout/campaign.toml`` and, per test, ``NAME.truth.csv`` with the columns
-phi_deg, deviation_um (true machine, no set-up error) and nominal_um (the user's machine).
+The folder has the form that campaigns with known answers use: ``heldout/campaign.toml`` and, per test,
+``NAME.truth.csv`` with the columns phi_deg, deviation_um (true machine, no set-up error) and nominal_um (the user's
+machine).
 """
 
 from __future__ import annotations
@@ -21,7 +23,10 @@ EVERY = 4
 def tests(case: Case) -> list[dict]:
     """Cones at places, angles and directions that no layout of the bank has, some minutes after the campaign."""
     far = [cone(15, (-50, 0), "CW", 1500.0), cone(45, (0, 70), "CCW", 1500.0), cone(30, (40, 40), "CCW", 1500.0)]
-    return [{k: v for k, v in t.items() if k not in ("trace", "setup")} for t in arrange(far, case.tests[-1]["started_s"] + 300.0)]
+    return [
+        {k: v for k, v in t.items() if k not in ("trace", "setup")}
+        for t in arrange(far, case.tests[-1]["started_s"] + 300.0)
+    ]
 
 
 def write_heldout(case: Case, folder: Path | str) -> None:
@@ -37,5 +42,10 @@ def write_heldout(case: Case, folder: Path | str) -> None:
         nominal = truth(case, test, hidden=False, tolerances=False)[2]
         rows = np.column_stack([phi, true, nominal])[::EVERY]
         np.savetxt(
-            here / f"{test['name']}.truth.csv", rows, fmt="%.4f", delimiter=",", header="phi_deg,deviation_um,nominal_um", comments=""
+            here / f"{test['name']}.truth.csv",
+            rows,
+            fmt="%.4f",
+            delimiter=",",
+            header="phi_deg,deviation_um,nominal_um",
+            comments="",
         )

@@ -1,9 +1,10 @@
 """The paper's measurements, made again: its tests on a machine that is as the paper describes it, with a worn worm.
 
-From the paper: the tests, feed, bar and ball height, worm teeth, the orders of the pitch errors per direction (Fig. 3), the amplitude
-of C's order 72 turning CW, and an inward deflection between 135° and 180° at half apex 15° that went with the old rotary table
-(section 3.1). Assumed: everything else, above all the drives, the other amplitudes and all phases. The table ball of the C tests stands
-70 mm off the centreline: then X and Y turn back at 35°, 125°, 215° and 305°, as the projections of Fig. 4c do.
+From the paper: the tests, feed, bar and ball height, worm teeth, the orders of the pitch errors per direction (Fig. 3),
+the amplitude of C's order 72 turning CW, and an inward deflection between 135° and 180° at half apex 15° that went with
+the old rotary table (section 3.1). Assumed: everything else, above all the drives, the other amplitudes and all phases.
+The table ball of the C tests stands 70 mm off the centreline: then X and Y turn back at 35°, 125°, 215° and 305°, as
+the projections of Fig. 4c do.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ PITCH_ERRORS = {
     ("C", "CW"): [[72, 0.00250, -30.0], [180, 0.00050, 100.0], [216, 0.00040, 20.0], [360, 0.00030, -80.0]],
     ("C", "CCW"): [[72, 0.00100, -10.0], [90, 0.00060, 130.0], [216, 0.00035, 45.0], [360, 0.00025, -60.0]],
 }
-#: One flank of A's wheel is worn where the cradle is nearly level, the one that carries while A comes down: there A lags (x − depth).
+#: One flank of A's wheel is worn where the cradle is nearly level, the one that carries while A comes down: there A
+#: lags (x − depth).
 WEAR = {"id": "worm_wear.A", "depth_deg": -0.0035, "centre_deg": 7.5, "width_deg": 1.5, "direction": "CW"}
 
 

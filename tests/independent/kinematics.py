@@ -1,7 +1,7 @@
 """From axis positions to the ball-bar reading, with every geometric error of the catalogue.
 
-The chain is w-C'A'Y'bXZ-t: the table ball goes through C (and its error motions), C's location errors, A and A's location errors; the
-spindle ball is at (X, Y, Z) because Y is the command of the spindle relative to the table.
+The chain is w-C'A'Y'bXZ-t: the table ball goes through C (and its error motions), C's location errors, A and A's
+location errors; the spindle ball is at (X, Y, Z) because Y is the command of the spindle relative to the table.
 
 Units: m and rad. ``position`` is (n, 5) in the order X, Y, Z, A, C.
 """
@@ -44,7 +44,8 @@ def table_ball(position: np.ndarray, ball: np.ndarray, effects: dict, extra: np.
 
     Args:
         position: load-side axis positions. ball: in the work frame at A = C = 0, m.
-        effects: id -> parameters. extra: (n, 3) displacement of the ball in the cradle frame by a cause outside the catalogue.
+        effects: id -> parameters. extra: (n, 3) displacement of the ball in the cradle frame by a cause outside the
+            catalogue.
     """
     a, c = position[:, 3], position[:, 4]
     p = turn_z(c, np.broadcast_to(np.asarray(ball, float), (len(position), 3)))
@@ -71,7 +72,9 @@ def bar_reading(
     spindle_shift: np.ndarray | None = None,
     extra: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Change of the bar's length |spindle ball − table ball| − L, m, (n,). ``spindle_shift`` is the spindle ball's offset, m."""
+    """Change of the bar's length |spindle ball − table ball| − L, m, (n,). ``spindle_shift`` is the spindle ball's
+    offset, m.
+    """
     spindle = position[:, :3] if spindle_shift is None else position[:, :3] + spindle_shift
     return np.linalg.norm(spindle - table_ball(position, ball, effects, extra), axis=1) - length
 

@@ -1,7 +1,7 @@
 """Campaign layouts: which tests, where the table ball sits, in which order and when.
 
-A set-up is one mounting of both balls: tests share it while the table ball stays. Handling time between tests is some 20 s, and 3 min where
-the ball is moved (assumed). Ball height 155 mm over the rotary centre, bar 100 mm unless said.
+A set-up is one mounting of both balls: tests share it while the table ball stays. Handling time between tests is some
+20 s, and 3 min where the ball is moved (assumed). Ball height 155 mm over the rotary centre, bar 100 mm unless said.
 """
 
 from __future__ import annotations
@@ -15,7 +15,12 @@ _INCLINATION = {15: 10.0, 30: 20.0, 45: 30.0}
 
 
 def cone(
-    theta: int, ball: tuple, direction: str = "CCW", feed: float = 1000.0, sensitive: str = "perpendicular", revolutions: int = 2
+    theta: int,
+    ball: tuple,
+    direction: str = "CCW",
+    feed: float = 1000.0,
+    sensitive: str = "perpendicular",
+    revolutions: int = 2,
 ) -> dict:
     """A cone-frustum test; ``ball`` is (x, y) in mm."""
     return {
@@ -32,7 +37,9 @@ def cone(
     }
 
 
-def circle(plane: str, direction: str = "CCW", feed: float = 1000.0, ball: tuple = (0, 0), length: float = 100.0) -> dict:
+def circle(
+    plane: str, direction: str = "CCW", feed: float = 1000.0, ball: tuple = (0, 0), length: float = 100.0
+) -> dict:
     """A two-axis circle."""
     return {
         "name": f"circle-{plane.lower()}-{_place(ball)}-{direction.lower()}",
@@ -46,7 +53,9 @@ def circle(plane: str, direction: str = "CCW", feed: float = 1000.0, ball: tuple
     }
 
 
-def rotary(axis: str, begin: float, end: float, ball: tuple = (0, 0), sensitive: str = "tangential", feed: float = 1000.0) -> dict:
+def rotary(
+    axis: str, begin: float, end: float, ball: tuple = (0, 0), sensitive: str = "tangential", feed: float = 1000.0
+) -> dict:
     """One rotary axis turning."""
     return {
         "name": f"rotary-{axis.lower()}-{sensitive}-{_place(ball)}-{'ccw' if end > begin else 'cw'}",
@@ -175,7 +184,11 @@ _TESTS = {
         rotary("C", 0, 360, (110, 0), feed=3000.0),
     ],
     "sparse-cones": [cone(15, (0, 0), feed=1500.0), cone(45, (50, 0), "CW", feed=1500.0)],
-    "sparse-mixed": [cone(15, (50, 0), feed=1800.0), circle("XY", "CW", 2400.0, (50, 0)), rotary("C", 0, 360, (150, 0), feed=2400.0)],
+    "sparse-mixed": [
+        cone(15, (50, 0), feed=1800.0),
+        circle("XY", "CW", 2400.0, (50, 0)),
+        rotary("C", 0, 360, (150, 0), feed=2400.0),
+    ],
     "sparse-circles": [*_both(circle, "XY", feed=2000.0), circle("YZ", "CCW", 2000.0)],
     "mirror": [
         cone(15, (100, 0), feed=2000.0),

@@ -1,7 +1,8 @@
 """Nominal machines (what machine.toml says) and the true machine that differs from it inside the data sheet.
 
-Numbers are assumed, in the range of small and medium five-axis machining centres; M1 and M2 are also the machines of the examples.
-A machine is a dict as read from machine.toml: ``name``, ``configuration``, ``drive`` (by axis), ``effect`` (list).
+Numbers are assumed, in the range of small and medium five-axis machining centres; M1 and M2 are also the machines of
+the examples. A machine is a dict as read from machine.toml: ``name``, ``configuration``, ``drive`` (by axis),
+``effect`` (list).
 """
 
 from __future__ import annotations
@@ -23,7 +24,11 @@ TOLERANCE = {
 }
 FRICTION_TOLERANCE = {"coulomb_Nm": 0.05, "presliding_rad": 0.10}
 #: An effect that is planted with an exact size fixes the drive's number that it acts on.
-FIXES = {"servo_gain": "position_gain_per_s", "velocity_gain": "velocity_gain_Nms_per_rad", "viscous_friction": "viscous_Nms_per_rad"}
+FIXES = {
+    "servo_gain": "position_gain_per_s",
+    "velocity_gain": "velocity_gain_Nms_per_rad",
+    "viscous_friction": "viscous_Nms_per_rad",
+}
 
 # Per axis: lead mm or teeth, Kpp, Kvp, Ti, J, viscous, gravity, Coulomb, presliding
 _ROWS = {
@@ -90,7 +95,9 @@ def _drawn(name: str) -> tuple[tuple[float, ...], ...]:
         teeth = isinstance(travel, int)
         travel = int(travel * rng.choice([0.75, 1.0, 1.25])) if teeth else travel
         scale = rng.uniform(0.75, 1.3, len(rest))
-        rows.append((travel, float(f"{gain * kpp:.3g}"), *(float(f"{v * s:.3g}") for v, s in zip(rest, scale, strict=True))))
+        rows.append(
+            (travel, float(f"{gain * kpp:.3g}"), *(float(f"{v * s:.3g}") for v, s in zip(rest, scale, strict=True)))
+        )
     return tuple(rows)
 
 
@@ -114,8 +121,13 @@ MACHINES = ("M1", "M2", "M3", "M4", "M5")
 
 
 def by_id(effects: Iterable[dict]) -> dict[str, dict]:
-    """Effects as a mapping id -> parameters; a pitch error that acts one way only is an effect of its own, id@CW or id@CCW."""
-    return {e["id"] + (f"@{e['direction']}" if "direction" in e else ""): {k: v for k, v in e.items() if k != "id"} for e in effects}
+    """Effects as a mapping id -> parameters; a pitch error that acts one way only is an effect of its own, id@CW or
+    id@CCW.
+    """
+    return {
+        e["id"] + (f"@{e['direction']}" if "direction" in e else ""): {k: v for k, v in e.items() if k != "id"}
+        for e in effects
+    }
 
 
 def with_hidden(model: dict[str, dict], hidden: Iterable[dict]) -> dict[str, dict]:

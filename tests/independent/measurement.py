@@ -1,7 +1,9 @@
-"""What the instrument makes of the true bar length: set-up errors, trigger, coloured noise, resolution, range, knocks and gaps.
+"""What the instrument makes of the true bar length: set-up errors, trigger, coloured noise, resolution, range, knocks
+and gaps.
 
-Figures: typical set-up errors and resolution from the documentation; the noise's colour from the revolution-to-revolution differences
-of measured traces (first-order, 50 ms, on a white floor; 0.12 µm RMS in all, quantisation included).
+Figures: typical set-up errors and resolution from the documentation; the noise's colour from the
+revolution-to-revolution differences of measured traces (first-order, 50 ms, on a white floor; 0.12 µm RMS in all,
+quantisation included).
 """
 
 from __future__ import annotations

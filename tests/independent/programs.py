@@ -1,7 +1,8 @@
 """NC programs of the three kinds of ball-bar test, as exact functions of time.
 
-Nothing is interpolated between NC points: the path is evaluated in closed form, which is what points 0.1° apart approximate.
-Definitions: the paper's equations A.5 to A.9 and the feed profile (rest 10° before φ = 0, 0.5 m/s² at both ends).
+Nothing is interpolated between NC points: the path is evaluated in closed form, which is what points 0.1° apart
+approximate. Definitions: the paper's equations A.5 to A.9 and the feed profile (rest 10° before φ = 0, 0.5 m/s² at both
+ends).
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
-"""Machines on which everything is a little wrong: some sixty small numbers inside their tolerance, and what the tolerance is.
+"""Machines on which everything is a little wrong: some sixty small numbers inside their tolerance, and what the
+tolerance is.
 
-The limits are two standard deviations of a good used machine (assumed, in the range of ISO 10791 acceptance tolerances). Nothing here
-uses code of mjsim.
+The limits are two standard deviations of a good used machine (assumed, in the range of ISO 10791 acceptance
+tolerances). Nothing here uses code of mjsim.
 """
 
 from __future__ import annotations
@@ -63,7 +64,10 @@ def within(machine: str, rng: np.random.Generator) -> list[dict]:
             out.append({"id": f"backlash.{a}", key: abs(draw(t["backlash"][unit]))})
         coulomb = known[f"friction.{a}"]["coulomb_Nm"]
         out.append({"id": f"friction.{a}", "coulomb_Nm": coulomb * (1.0 + draw(t["friction"]["ratio"]))})
-    for kind, key, unit in (("radial_error_motion", "amplitude_um", "um"), ("tilt_error_motion", "amplitude_urad", "urad")):
+    for kind, key, unit in (
+        ("radial_error_motion", "amplitude_um", "um"),
+        ("tilt_error_motion", "amplitude_urad", "urad"),
+    ):
         a, b = draw(t[kind][unit] / np.sqrt(2.0)), draw(t[kind][unit] / np.sqrt(2.0))
         phase = float(np.degrees(np.arctan2(b, a)))
         out.append({"id": f"{kind}.C", key: float(np.hypot(a, b)), "order": 2.0, "phase_deg": phase})

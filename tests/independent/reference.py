@@ -1,10 +1,12 @@
-"""One axis from its command to its load side by a high-order adaptive integration: the drive's equations written out, nothing shared.
+"""One axis from its command to its load side by a high-order adaptive integration: the drive's equations written out,
+nothing shared.
 
     ω_ref = Kpp (r − θ) + ratio dr/dt                τ = Kvp [ (ω_ref − ω) + 1/Ti ∫(ω_ref − ω) dt ]
     J dω/dt = τ − C ω − τ_friction − τ_gravity − a sin(n θ + φ)
     dz/dt = ω − |ω| σ0 z / g(ω),   τ_friction = σ0 z + σ1 dz/dt,   g(ω) = Tc [1 + (s − 1) exp(−(ω/ω_s)²)]
 
-A machine is a dict as read from machine.toml. Commands are moves with continuous acceleration, with rests between. SI units.
+A machine is a dict as read from machine.toml. Commands are moves with continuous acceleration, with rests between. SI
+units.
 """
 
 from __future__ import annotations
@@ -17,7 +19,9 @@ from .kinematics import DEG, MICRO
 
 
 class Moves:
-    """Commanded position of one axis: (begin s, duration s, way) one after the other; x(t) = way (u − sin 2πu / 2π) in each."""
+    """Commanded position of one axis: (begin s, duration s, way) one after the other; x(t) = way (u − sin 2πu / 2π)
+    in each.
+    """
 
     def __init__(self, first: float, *moves: tuple[float, float, float]) -> None:
         self.first, self.moves = first, moves
@@ -35,8 +39,12 @@ class Moves:
         return 0.0
 
 
-def motor(drive: dict, effects: dict, moves: Moves, times: np.ndarray, rtol: float = 1e-10) -> tuple[np.ndarray, np.ndarray]:
-    """Motor side in axis units (n,) at ``times``, and the instants (m,) and positions at which it turns round, (m, 2)."""
+def motor(
+    drive: dict, effects: dict, moves: Moves, times: np.ndarray, rtol: float = 1e-10
+) -> tuple[np.ndarray, np.ndarray]:
+    """Motor side in axis units (n,) at ``times``, and the instants (m,) and positions at which it turns round, (m,
+    2).
+    """
     get = lambda kind, key, neutral: float(effects.get(kind, {}).get(key, neutral))  # noqa: E731
     n, late = gear(drive), get("servo_delay", "delay_ms", 0.0) * 1e-3
     kpp = drive["position_gain_per_s"] * get("servo_gain", "ratio", 1.0)
@@ -48,7 +56,11 @@ def motor(drive: dict, effects: dict, moves: Moves, times: np.ndarray, rtol: flo
     static, slow = get("friction", "static_ratio", 1.0), get("friction", "stribeck_velocity_rad_per_s", 1.0)
     s0 = tc / presliding
     s1 = 0.3 * np.sqrt(s0 * inertia)
-    a, order, phase = get("torque_ripple", "amplitude_Nm", 0.0), get("torque_ripple", "order", 1.0), get("torque_ripple", "phase_deg", 0.0)
+    a, order, phase = (
+        get("torque_ripple", "amplitude_Nm", 0.0),
+        get("torque_ripple", "order", 1.0),
+        get("torque_ripple", "phase_deg", 0.0),
+    )
 
     def rates(t, y):
         th, om, it, z = y
@@ -75,8 +87,11 @@ def motor(drive: dict, effects: dict, moves: Moves, times: np.ndarray, rtol: flo
     return np.concatenate(out) / n, np.array(turns).reshape(-1, 2) / [1.0, n]
 
 
-def load(axis: str, effects: dict, drive: dict, times: np.ndarray, position: np.ndarray, turns: np.ndarray) -> np.ndarray:
-    """Load side (n,) of a motor side (n,): pitch error, backlash, scale error, gravity wind-up, in the catalogue's order.
+def load(
+    axis: str, effects: dict, drive: dict, times: np.ndarray, position: np.ndarray, turns: np.ndarray
+) -> np.ndarray:
+    """Load side (n,) of a motor side (n,): pitch error, backlash, scale error, gravity wind-up, in the catalogue's
+    order.
 
     The play sees the turning points between the instants as well.
     """

@@ -47,7 +47,8 @@ _SIZE_RANGE = {
     "quadratic_um": (-30.0, 30.0),
     "cubic_um": (-30.0, 30.0),
 }
-#: The slowest mode of the load on an elastic transmission, rad/s (20 Hz); a softer axis would not have been commissioned.
+#: The slowest mode of the load on an elastic transmission, rad/s (20 Hz); a softer axis would not have been
+#: commissioned.
 _SLOWEST = 125.0
 #: Iterations for effects that are not linear in their size, and where to stop.
 TURNS, CLOSE = 4, 0.03
@@ -64,7 +65,10 @@ def scaled(bench: Bench, cause, factor: float):
         out["components"] = [[n, min(w * factor, largest), p] for n, w, p in cause["components"]]
     elif kind == "friction":
         known = bench.model.get(cause["id"], {})
-        for key, neutral in (("coulomb_Nm", known.get("coulomb_Nm", 0.0)), ("static_ratio", known.get("static_ratio", 1.0))):
+        for key, neutral in (
+            ("coulomb_Nm", known.get("coulomb_Nm", 0.0)),
+            ("static_ratio", known.get("static_ratio", 1.0)),
+        ):
             if key in cause:
                 out[key] = min(max(neutral + (cause[key] - neutral) * factor, 0.05 * neutral), 2.5 * neutral)
     elif kind == "drive_compliance":
@@ -93,7 +97,9 @@ def _rounded(value):
 
 
 def scaled_to(bench: Bench, cause, target_um: float):
-    """The cause at the size whose projected signature has an RMS of ``target_um``, or as large as a machine can have it."""
+    """The cause at the size whose projected signature has an RMS of ``target_um``, or as large as a machine can
+    have it.
+    """
     for _ in range(TURNS):
         now = bench.rms(cause)
         if now < 1e-9:

@@ -1,6 +1,8 @@
-"""Signatures of causes on a layout: what one of them adds to the bar readings, before and after the set-up errors take their share.
+"""Signatures of causes on a layout: what one of them adds to the bar readings, before and after the set-up errors take
+their share.
 
-A ``Bench`` is one machine on one list of tests, decimated; it keeps single-axis motions, so that a drive effect costs one axis' simulation.
+A ``Bench`` is one machine on one list of tests, decimated; it keeps single-axis motions, so that a drive effect costs
+one axis' simulation.
 """
 
 from __future__ import annotations
@@ -34,7 +36,10 @@ class Bench:
         self.time = [grid(p) for p in self.programs]
         self.commands = [p.commands(t) for p, t in zip(self.programs, self.time, strict=True)]
         self.pick = [
-            np.arange(int(np.ceil(p.window[0] / drives.GRID / EVERY)) * EVERY, int(p.window[1] / drives.GRID) + 1, EVERY) // FINE
+            np.arange(
+                int(np.ceil(p.window[0] / drives.GRID / EVERY)) * EVERY, int(p.window[1] / drives.GRID) + 1, EVERY
+            )
+            // FINE
             for p in self.programs
         ]
         self.slices, start = [], 0
@@ -99,7 +104,9 @@ class Bench:
         columns.append(np.full(self.size, measurement.LENGTH))
         for k in range(n):
             column = np.zeros(self.size)
-            column[self.slices[k]] = np.gradient(self._nominal[self.slices[k]], EVERY * drives.GRID) * measurement.TRIGGER
+            column[self.slices[k]] = (
+                np.gradient(self._nominal[self.slices[k]], EVERY * drives.GRID) * measurement.TRIGGER
+            )
             columns.append(column)
         basis = np.column_stack(columns)
         return basis, np.linalg.inv(basis.T @ basis + SIGMA**2 * np.eye(basis.shape[1]))

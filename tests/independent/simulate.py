@@ -63,7 +63,9 @@ class State:
         dt = self.time[1] - self.time[0]
         self.velocity = np.gradient(self.position, dt, axis=0)
         self.acceleration = np.gradient(self.velocity, dt, axis=0)
-        both = [_directions(np.ascontiguousarray(x), h, dt) for x, h in zip(self.position.T, REVERSAL_TRAVEL, strict=True)]
+        both = [
+            _directions(np.ascontiguousarray(x), h, dt) for x, h in zip(self.position.T, REVERSAL_TRAVEL, strict=True)
+        ]
         self.direction = np.column_stack([b[0] for b in both])
         self.since_reversal = np.column_stack([b[1] for b in both])
 

@@ -27,8 +27,18 @@ from .unlisted import (
     Unlisted,
 )
 
-_DRIVE = ("friction", "sticking", "viscous_friction", "servo_gain", "velocity_gain", "servo_delay", "torque_ripple", "velocity_feedforward")
-#: (kind, subject) of every single; ``sticking`` is friction with a static level, ``pitch_error_directed`` one that acts one way only.
+_DRIVE = (
+    "friction",
+    "sticking",
+    "viscous_friction",
+    "servo_gain",
+    "velocity_gain",
+    "servo_delay",
+    "torque_ripple",
+    "velocity_feedforward",
+)
+#: (kind, subject) of every single; ``sticking`` is friction with a static level, ``pitch_error_directed`` one that acts
+#: one way only.
 SINGLES: tuple[tuple[str, str], ...] = (
     *(
         (kind, axis)
@@ -63,7 +73,8 @@ LARGEST = {
     "straightness.EZY": 0.6,
     "axis_location.EB0C": 0.25,
 }
-#: Singles that hardly show in any layout at any sensible size, or that the set-up errors hide: not to be counted as misses.
+#: Singles that hardly show in any layout at any sensible size, or that the set-up errors hide: not to be counted as
+#: misses.
 FAINT = {
     *(f"viscous_friction.{a}" for a in AXES),
     *(f"sticking.{a}" for a in "XYC"),
@@ -88,7 +99,11 @@ def single(kind: str, subject: str, machine: str, rng: np.random.Generator) -> d
         if kind == "friction":
             return {"id": name, "coulomb_Nm": coulomb * 1.4}
         slow = 0.1 if not rotary else 0.5
-        return {"id": name, "static_ratio": 1.6 + 0.1 * (known[name].get("static_ratio", 1.0) - 1.0), "stribeck_velocity_rad_per_s": slow}
+        return {
+            "id": name,
+            "static_ratio": 1.6 + 0.1 * (known[name].get("static_ratio", 1.0) - 1.0),
+            "stribeck_velocity_rad_per_s": slow,
+        }
     if kind == "pitch_error" and rotary:
         first = [teeth, 0.001, phase]
         second = [float(rng.choice([1.0, 2.0, 2.0 * teeth])), 0.0005, float(rng.integers(0, 36) * 10)]
@@ -106,7 +121,11 @@ def single(kind: str, subject: str, machine: str, rng: np.random.Generator) -> d
             "servo_gain": lambda: {"ratio": 1.0 + 0.02 * sign},
             "velocity_gain": lambda: {"ratio": 0.8},
             "servo_delay": lambda: {"delay_ms": 0.5 * sign},
-            "torque_ripple": lambda: {"amplitude_Nm": 0.05, "order": float(rng.choice([1.0, 2.0, 3.0, 6.0])), "phase_deg": phase},
+            "torque_ripple": lambda: {
+                "amplitude_Nm": 0.05,
+                "order": float(rng.choice([1.0, 2.0, 3.0, 6.0])),
+                "phase_deg": phase,
+            },
             "velocity_feedforward": lambda: {"ratio": feedforward + 0.05},
             "drive_compliance": lambda: {**stiffness, "damping_ratio": round(float(rng.uniform(0.03, 0.1)), 3)},
             "backlash": lambda: {"width_deg": 0.001} if rotary else {"width_um": 2.0},
@@ -118,13 +137,26 @@ def single(kind: str, subject: str, machine: str, rng: np.random.Generator) -> d
             },
             "gravity_windup": lambda: {"amplitude_deg": 0.001, "phase_deg": phase},
             "scale_error": lambda: {"ppm": 10.0 * sign},
-            "thermal_drift": lambda: {"amplitude_um": 10.0 * sign, "time_constant_s": float(rng.choice([200.0, 400.0, 900.0]))},
+            "thermal_drift": lambda: {
+                "amplitude_um": 10.0 * sign,
+                "time_constant_s": float(rng.choice([200.0, 400.0, 900.0])),
+            },
             "vibration": lambda: {"amplitude_um": 0.3, "frequency_Hz": float(rng.choice([13.0, 27.0, 38.0, 61.0]))},
-            "straightness": lambda: {"quadratic_um": 2.0 * sign} if rng.uniform() < 0.6 else {"quadratic_um": 1.0, "cubic_um": 2.0 * sign},
+            "straightness": lambda: (
+                {"quadratic_um": 2.0 * sign} if rng.uniform() < 0.6 else {"quadratic_um": 1.0, "cubic_um": 2.0 * sign}
+            ),
             "squareness": lambda: {"angle_urad": 30.0 * sign},
             "axis_location": lambda: {location: 20.0 * sign},
-            "radial_error_motion": lambda: {"amplitude_um": 2.0, "order": float(rng.choice([2.0, 3.0])), "phase_deg": phase},
-            "tilt_error_motion": lambda: {"amplitude_urad": 10.0, "order": float(rng.choice([2.0, 3.0])), "phase_deg": phase},
+            "radial_error_motion": lambda: {
+                "amplitude_um": 2.0,
+                "order": float(rng.choice([2.0, 3.0])),
+                "phase_deg": phase,
+            },
+            "tilt_error_motion": lambda: {
+                "amplitude_urad": 10.0,
+                "order": float(rng.choice([2.0, 3.0])),
+                "phase_deg": phase,
+            },
         }[kind](),
     }
 
@@ -155,8 +187,18 @@ def unlisted(number: int, machine: str, rng: np.random.Generator) -> tuple[str, 
         lambda: ("Y", TorqueDeflection("Y", sign, moves="X")),
         lambda: ("X", ScrewWobble("X", moves="Y", lead_mm=drive["X"]["lead_mm"], phase_deg=phase)),
         lambda: ("Y", ScrewWobble("Y", moves="X", lead_mm=drive["Y"]["lead_mm"], phase_deg=phase)),
-        lambda: ("C", ToothPatch("C", order=float(drive["C"]["worm_teeth"]), centre_deg=begin, width_deg=float(rng.uniform(12.0, 30.0)))),
-        lambda: ("A", ToothPatch("A", order=float(drive["A"]["worm_teeth"]), centre_deg=16.0, width_deg=float(rng.uniform(2.5, 4.0)))),
+        lambda: (
+            "C",
+            ToothPatch(
+                "C", order=float(drive["C"]["worm_teeth"]), centre_deg=begin, width_deg=float(rng.uniform(12.0, 30.0))
+            ),
+        ),
+        lambda: (
+            "A",
+            ToothPatch(
+                "A", order=float(drive["A"]["worm_teeth"]), centre_deg=16.0, width_deg=float(rng.uniform(2.5, 4.0))
+            ),
+        ),
         lambda: ("X", SideThrow("X", sign, moves="Y")),
         lambda: ("Y", SideThrow("Y", sign, moves="X")),
         lambda: ("C", TableEgg("C", phase_deg=phase)),

@@ -1,7 +1,8 @@
 """From the motor's position to the load side's, in the catalogue's order of effects.
 
-pitch error, worm wear, backlash, scale error, gravity wind-up (each of its own axis), then straightness, squareness, thermal drift and
-vibration, which displace the spindle ball against the table. Units: m, rad, s; amplitudes in the unit that the parameter's name ends with.
+pitch error, worm wear, backlash, scale error, gravity wind-up (each of its own axis), then straightness, squareness,
+thermal drift and vibration, which displace the spindle ball against the table. Units: m, rad, s; amplitudes in the unit
+that the parameter's name ends with.
 """
 
 from __future__ import annotations
@@ -30,7 +31,9 @@ def _play(x, width):
 
 @njit(cache=True, nogil=True)
 def _growing(x, travel):
-    """1 where x has been growing for more than ``travel``, 0 where it has been falling for as long or never moved, a ramp between."""
+    """1 where x has been growing for more than ``travel``, 0 where it has been falling for as long or never moved,
+    a ramp between.
+    """
     w = np.empty_like(x)
     last = 0.0
     for i in range(len(x)):
@@ -58,7 +61,9 @@ def _wear(x: np.ndarray, e: dict) -> np.ndarray:
 
 
 def _axis(x: np.ndarray, axis: str, drive: dict, effects: dict) -> np.ndarray:
-    waves = [effects[k] for k in (f"pitch_error.{axis}", f"pitch_error.{axis}@CW", f"pitch_error.{axis}@CCW") if k in effects]
+    waves = [
+        effects[k] for k in (f"pitch_error.{axis}", f"pitch_error.{axis}@CW", f"pitch_error.{axis}@CCW") if k in effects
+    ]
     if waves:
         x = x + sum(_pitch(x, axis, drive, e) for e in waves)
     worn = [effects[k] for k in (f"worm_wear.{axis}", f"worm_wear.{axis}@CW", f"worm_wear.{axis}@CCW") if k in effects]

@@ -1,7 +1,8 @@
 """Causes that the catalogue does not have, to see whether a diagnosis admits that it does not know.
 
-Each is linear in ``amplitude`` and declares what a right verdict may say: its axes and the variables that it depends on, out of position,
-direction, velocity, acceleration, torque, time_since_reversal and clock_time. All sizes are assumed; SI units inside.
+Each is linear in ``amplitude`` and declares what a right verdict may say: its axes and the variables that it depends
+on, out of position, direction, velocity, acceleration, torque, time_since_reversal and clock_time. All sizes are
+assumed; SI units inside.
 """
 
 from __future__ import annotations
@@ -25,7 +26,9 @@ def unit(axis: str) -> float:
 
 @dataclass(frozen=True)
 class Unlisted:
-    """A cause outside the catalogue. ``axis`` is where it comes from, ``amplitude`` in µm (arcsec where it acts on A or C)."""
+    """A cause outside the catalogue. ``axis`` is where it comes from, ``amplitude`` in µm (arcsec where it acts on
+    A or C).
+    """
 
     axis: str
     amplitude: float = 1.0
@@ -148,7 +151,9 @@ class SuddenShift(Unlisted):
 
 @dataclass(frozen=True)
 class SlideFloat(Unlisted):
-    """A slide floats up on its oil film with speed and moves another axis: amplitude at 1 m/min, with the square root of the speed."""
+    """A slide floats up on its oil film with speed and moves another axis: amplitude at 1 m/min, with the square
+    root of the speed.
+    """
 
     variable: ClassVar = ("velocity",)
 

@@ -1,4 +1,6 @@
-"""Types of MuJoCo's rollouts, as far as mjsim uses them: states and sensors of whole runs, arrays (runs, steps, size)."""
+"""Types of MuJoCo's rollouts, as far as mjsim uses them: states and sensors of whole runs, arrays (runs, steps,
+size).
+"""
 
 from collections.abc import Sequence
 
@@ -6,7 +8,9 @@ import numpy as np
 
 from . import MjData, MjModel
 
-def rollout(model: MjModel, data: MjData, initial_state: np.ndarray, control: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
+def rollout(
+    model: MjModel, data: MjData, initial_state: np.ndarray, control: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]: ...
 
 class Rollout:
     def __init__(self, *, nthread: int) -> None: ...

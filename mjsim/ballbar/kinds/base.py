@@ -1,4 +1,6 @@
-"""What a kind of ball-bar test is: its keys in a campaign, its path, its words, and the tests of it that could be measured next."""
+"""What a kind of ball-bar test is: its keys in a campaign, its path, its words, and the tests of it that could be
+measured next.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +23,8 @@ class Key:
 
     Attributes:
         name: as in campaign.toml; it ends in its unit.
-        attribute: attribute of :class:`BallBarTest` that holds the value. A name that is none of them becomes an entry of
-            ``BallBarTest.more``.
+        attribute: attribute of :class:`BallBarTest` that holds the value. A name that is none of them becomes an entry
+            of ``BallBarTest.more``.
         unit: SI per unit of the file; ``None`` for texts and counts.
         type: what the value may be: ``float``, ``int`` or ``str``, with pydantic's bounds.
         words: what a text may be; a function of the machine's chain where it depends on the axes.
@@ -59,21 +61,27 @@ Angle = Annotated[float, Field(ge=-36_000, le=36_000, allow_inf_nan=False)]
 
 DIRECTION = Key("direction", "direction", words=("CW", "CCW"), help="Which way round.")
 REVOLUTIONS = Key(
-    "revolutions", "revolutions", type=Annotated[int, Field(ge=1, le=100)], needed=False, help="Whole revolutions (default 2)."
+    "revolutions",
+    "revolutions",
+    type=Annotated[int, Field(ge=1, le=100)],
+    needed=False,
+    help="Whole revolutions (default 2).",
 )
 FROM = Key("from_deg", "start", DEG, Angle, option="--from", help="Command at the start, °.")
 TO = Key("to_deg", "stop", DEG, Angle, option="--to", help="Command at the end, °.")
 
 
 class Kind(ABC):
-    """One kind of test. Its angle φ goes round in whole revolutions from φ = 0; for a kind that does not, see :class:`Arc`.
+    """One kind of test. Its angle φ goes round in whole revolutions from φ = 0; for a kind that does not, see
+    :class:`Arc`.
 
     Class attributes:
         name: as in campaign.toml.
         keys: of its ``[[test]]`` table, beside the ones that all kinds have, in their order there.
         goes_round: the path is a closed circle that is repeated in revolutions. Such a test has ISO 230-4 figures.
         margin: of φ at both ends of the program that is not measured, rad: run-in and run-out.
-        moves_on_table: the spindle ball moves relative to the table. Where it rests there, a feed of the tool centre point has no meaning.
+        moves_on_table: the spindle ball moves relative to the table. Where it rests there, a feed of the tool centre
+        point has no meaning.
     """
 
     name: ClassVar[str]
@@ -88,7 +96,9 @@ class Kind(ABC):
 
     @abstractmethod
     def angle(self, test: BallBarTest, q: np.ndarray) -> np.ndarray:
-        """φ (n,) rad, within a turn, at axis positions ``q`` (n, axes) on the path or near it: inverse of :meth:`path`."""
+        """φ (n,) rad, within a turn, at axis positions ``q`` (n, axes) on the path or near it: inverse of
+        :meth:`path`.
+        """
 
     @abstractmethod
     def words(self, test: BallBarTest) -> str:
@@ -152,12 +162,16 @@ class Kind(ABC):
         yield from ()
 
     def variations(self, test: BallBarTest) -> Iterator[BallBarTest]:
-        """Tests that differ from ``test`` in one condition of this kind's own: not in feed or direction, which all kinds have."""
+        """Tests that differ from ``test`` in one condition of this kind's own: not in feed or direction, which all
+        kinds have.
+        """
         yield from ()
 
 
 class Arc(Kind):
-    """A kind that goes from ``start`` to ``stop`` once: φ is the command that turns. It needs :data:`FROM` and :data:`TO` in its keys."""
+    """A kind that goes from ``start`` to ``stop`` once: φ is the command that turns. It needs :data:`FROM` and
+    :data:`TO` in its keys.
+    """
 
     goes_round = False
     margin = 2.0 * DEG
@@ -176,7 +190,8 @@ class Arc(Kind):
             return f"from_deg and to_deg are both {test.start / DEG:g}; the axis would not turn"
         if abs(test.stop - test.start) <= 2 * self.margin:
             return (
-                f"from_deg and to_deg are {abs(test.stop - test.start) / DEG:g}° apart; allowed: more than {2 * self.margin / DEG:g}°, "
+                f"from_deg and to_deg are {abs(test.stop - test.start) / DEG:g}° apart; allowed: more than "
+                f"{2 * self.margin / DEG:g}°, "
                 "as both ends of the turn are left out"
             )
         return ""

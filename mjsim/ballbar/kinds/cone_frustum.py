@@ -16,14 +16,32 @@ from mjsim.machine.chain import Chain
 from mjsim.machine.kinematics import aim, machine_to_work, work_to_machine
 from mjsim.units import DEG, MM
 
-_HALF_APEX = Key("half_apex_deg", "half_apex", DEG, Annotated[float, Field(gt=0, lt=90)], option="--half-apex", help="Half apex angle, °.")
-_INCLINATION = Key(
-    "inclination_deg", "inclination", DEG, Annotated[float, Field(ge=0, lt=90)], option="--inclination", help="Inclination, °."
+_HALF_APEX = Key(
+    "half_apex_deg",
+    "half_apex",
+    DEG,
+    Annotated[float, Field(gt=0, lt=90)],
+    option="--half-apex",
+    help="Half apex angle, °.",
 )
-_SENSITIVE = Key("sensitive_direction", "sensitive", words=("perpendicular", "parallel"), option="--sensitive", help="How the bar stands.")
+_INCLINATION = Key(
+    "inclination_deg",
+    "inclination",
+    DEG,
+    Annotated[float, Field(ge=0, lt=90)],
+    option="--inclination",
+    help="Inclination, °.",
+)
+_SENSITIVE = Key(
+    "sensitive_direction",
+    "sensitive",
+    words=("perpendicular", "parallel"),
+    option="--sensitive",
+    help="How the bar stands.",
+)
 
-#: Half apex and inclination of the cones that a plan looks at, rad: the paper's two, one that passes close to the table's axis (C turns
-#: fast there), and one on which C swings to and fro.
+#: Half apex and inclination of the cones that a plan looks at, rad: the paper's two, one that passes close to the
+#: table's axis (C turns fast there), and one on which C swings to and fro.
 _CONES = tuple((a * DEG, b * DEG) for a, b in ((15, 10), (45, 30), (20, 17), (10, 25)))
 #: Offsets of the table ball that a plan looks at, m: the first round's places, then along X or Y.
 _PLACES = ((0.0, 0.0), (0.1, 0.0), (0.0, 0.1), (-0.1, 0.0), (0.0, -0.1))
@@ -56,7 +74,9 @@ class ConeFrustum(Kind):
 
     def angle(self, test: BallBarTest, q: np.ndarray) -> np.ndarray:
         x, y, z = (machine_to_work(test.chain, q, q[:, test.chain.linear_columns]) - test.table_ball).T
-        return np.arctan2(y, np.cos(test.inclination) * x - np.sin(test.inclination) * z)  # the circle leans by β about Y
+        return np.arctan2(
+            y, np.cos(test.inclination) * x - np.sin(test.inclination) * z
+        )  # the circle leans by β about Y
 
     def radius(self, test: BallBarTest) -> float:
         return test.length * float(np.cos(test.half_apex)) if test.sensitive == "perpendicular" else test.length

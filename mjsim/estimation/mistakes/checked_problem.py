@@ -1,4 +1,6 @@
-"""The campaign as an estimation problem, after a look for mistakes: the way in for every command that believes the traces."""
+"""The campaign as an estimation problem, after a look for mistakes: the way in for every command that believes the
+traces.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ def checked_problem(
     keep_motions: bool = True,
     settings: DiagnosisSettings = DIAGNOSIS,
 ) -> Problem:
-    """A problem whose traces were looked at, without disturbances. A campaign that is to be taken ``as_is`` is not looked at.
+    """A problem whose traces were looked at, without disturbances. A campaign that is to be taken ``as_is`` is not
+    looked at.
 
     Args:
         campaign: With at least one measured test.
@@ -43,7 +46,9 @@ def checked_problem(
 
 
 @one_blas_thread
-def trusted_problem(campaign: Campaign, plant: Plant, threads: int = 2, settings: DiagnosisSettings = DIAGNOSIS) -> Problem:
+def trusted_problem(
+    campaign: Campaign, plant: Plant, threads: int = 2, settings: DiagnosisSettings = DIAGNOSIS
+) -> Problem:
     """As :func:`checked_problem`, for a campaign that is not looked at again."""
     problem = Problem.of(campaign, plant, threads, settings=settings)
     return without_disturbances(problem, problem.readings(plant))
@@ -64,4 +69,6 @@ def refuse(campaign: Campaign, mistakes: tuple[Mistake, ...]) -> None:
         if any(m.either for m in mistakes)
         else f"`mjsim check {campaign.folder} --fix NEW-FOLDER` writes a corrected copy"
     )
-    raise InputError(f"{campaign.folder / 'campaign.toml'}: {said}{more}; {remedy}, --as-is takes the files as they are")
+    raise InputError(
+        f"{campaign.folder / 'campaign.toml'}: {said}{more}; {remedy}, --as-is takes the files as they are"
+    )

@@ -1,8 +1,8 @@
 """What a trace says about the program that it was recorded with, whatever is wrong with the machine.
 
-Two things are hard to fake. *Reversals*: friction leaves a short spike where an axis turns round; its place, sign and size belong to
-one program, and effects that one looks for are broader or elsewhere. *Set-up*: tests of one set-up share the balls' offsets, so that
-their eccentricities have to agree.
+Two things are hard to fake. *Reversals*: friction leaves a short spike where an axis turns round; its place, sign and
+size belong to one program, and effects that one looks for are broader or elsewhere. *Set-up*: tests of one set-up share
+the balls' offsets, so that their eccentricities have to agree.
 """
 
 from __future__ import annotations
@@ -28,13 +28,15 @@ _SHIFTS = np.arange(-12, 13) * GRID
 VISIBLE_SPIKE = 0.06e-6
 #: Noise of a sample, m, against which the balls' priors are weighed.
 _NOISE = 0.1e-6
-#: What a model may leave in a test, m, and as how many independent values that counts: it must not drive the balls far from their priors.
+#: What a model may leave in a test, m, and as how many independent values that counts: it must not drive the balls far
+#: from their priors.
 _REST, _POINTS = 1e-6, 50.0
 
 
 @dataclass(frozen=True)
 class Variant:
-    """A test as it may have been run: what the machine as given would have measured, and how the reading follows the balls.
+    """A test as it may have been run: what the machine as given would have measured, and how the reading follows the
+    balls.
 
     Attributes:
         test: the test. reading: (n,) m on the GRID. sensitivity: along it.
@@ -51,7 +53,9 @@ class Variant:
         return cls(test, motion.reading(plant, GRID_STEPS), motion.sensitivity(plant, GRID_STEPS))
 
     def balls(self, s: Samples) -> np.ndarray:
-        """Columns (blocks, 6) of a trace: m per prior standard deviation of the table ball's and the spindle ball's offsets."""
+        """Columns (blocks, 6) of a trace: m per prior standard deviation of the table ball's and the spindle ball's
+        offsets.
+        """
         grids = [*(self.sensitivity.table.T * TABLE_BALL), *(self.sensitivity.spindle.T * SPINDLE_BALL)]
         return np.column_stack([s.sample(np.ascontiguousarray(g), 0.0) for g in grids])
 
@@ -61,7 +65,8 @@ class Spikes:
     """How a trace's spikes compare with a variant's.
 
     Attributes:
-        factor: measured over modelled size. agreement: correlation, -1 to 1. visible: whether the model has spikes to compare with.
+        factor: measured over modelled size. agreement: correlation, -1 to 1. visible: whether the model has spikes to
+            compare with.
     """
 
     factor: float
@@ -104,7 +109,8 @@ def level(s: Samples) -> float:
 
 
 def disagreement(parts: list[tuple[Variant, Samples, float]]) -> float:
-    """What the tests of one set-up leave when they share their balls' offsets: each a variant, a trace, the trace's factor.
+    """What the tests of one set-up leave when they share their balls' offsets: each a variant, a trace, the trace's
+    factor.
 
     As the RMS (m) that one test would have, were it all in that one.
     """

@@ -66,7 +66,9 @@ class Mistake:
         elif self.kind != "swapped":
             return f"{self.where}: {self.evidence}"
         else:
-            what = f"the traces of {_names(self.tests)} are exchanged" + (", or those of two of them" if self.either else "")
+            what = f"the traces of {_names(self.tests)} are exchanged" + (
+                ", or those of two of them" if self.either else ""
+            )
         return f"{what} ({self.evidence})"
 
     def to_json(self) -> dict:
@@ -84,7 +86,9 @@ class Mistake:
 
 
 def unit_of(factor: float) -> tuple[float, str] | None:
-    """What measured over expected size says of sign and unit: the correcting factor and the unit ("" for µm); ``None``: neither."""
+    """What measured over expected size says of sign and unit: the correcting factor and the unit ("" for µm);
+    ``None``: neither.
+    """
     sign = math.copysign(1.0, factor)
     size = abs(factor)
     if not size:

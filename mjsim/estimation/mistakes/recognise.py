@@ -1,8 +1,9 @@
 """Recognise a wrong sign, unit or direction, and exchanged traces, from the data.
 
-Each test is compared with what the machine as given would have measured, and with what it would have measured had the mistake been
-made. A mistake is named only where the files as they are do not fit at all and the corrected ones do, so that no fault of the machine
-passes for one: such a fault leaves most reversals as they are, or does not make another reading fit.
+Each test is compared with what the machine as given would have measured, and with what it would have measured had the
+mistake been made. A mistake is named only where the files as they are do not fit at all and the corrected ones do, so
+that no fault of the machine passes for one: such a fault leaves most reversals as they are, or does not make another
+reading fit.
 """
 
 from __future__ import annotations
@@ -50,14 +51,17 @@ def recognise(campaign: Campaign, machine: Machine, threads: int = 2, settings: 
     """Look for mistakes in a measured campaign.
 
     Args:
-        campaign: with at least one measured test. machine: the model as given; what is wrong with the machine may be missing in it.
+        campaign: with at least one measured test. machine: the model as given; what is wrong with the machine may be
+            missing in it.
     """
     plant = build(machine)
     problem = Problem.of(campaign, plant, threads, keep_motions=False)
     return find_mistakes(problem, plant, problem.readings(plant), settings)
 
 
-def find_mistakes(problem: Problem, plant: Plant, readings: list[np.ndarray], settings: MistakeSettings = MISTAKES) -> Findings:
+def find_mistakes(
+    problem: Problem, plant: Plant, readings: list[np.ndarray], settings: MistakeSettings = MISTAKES
+) -> Findings:
     """The same for a problem whose samples are as given, with the plant of the machine as given and its readings."""
     variants = [Variant(t, readings[k], problem.sensitivity[k]) for k, t in enumerate(problem.tests)]
     traces = make_samples(problem.tests, problem.campaign.traces)
@@ -86,10 +90,16 @@ def _shared_mistake(state: State, given: list[Spikes], reversed_run: Callable[[i
     fits = {k: state.fit(state.part(k)) or 0.0 for k in seen}
     if not seen:
         return None
-    strong = {k: known for k in seen if abs(given[k].agreement) >= state.settings.agreement and (known := unit_of(given[k].factor))}
+    strong = {
+        k: known
+        for k in seen
+        if abs(given[k].agreement) >= state.settings.agreement and (known := unit_of(given[k].factor))
+    }
     if strong and max(fits.values()) < state.settings.agreement - 0.1 and len(set(strong.values())) == 1:
         factor, unit = next(iter(strong.values()))
-        weak = [given[k].factor for k in seen if k not in strong and abs(given[k].agreement) > state.settings.weak_agreement]
+        weak = [
+            given[k].factor for k in seen if k not in strong and abs(given[k].agreement) > state.settings.weak_agreement
+        ]
         typical = float(np.median([given[k].factor for k in strong]))
         if any(not 1 / state.settings.same_size < f / typical < state.settings.same_size for f in weak):
             return None
@@ -101,8 +111,12 @@ def _shared_mistake(state: State, given: list[Spikes], reversed_run: Callable[[i
     if len(runs) < 2 or all(fits[k] >= state.settings.agreement for k in runs):
         return None
     after = {k: state.fit((reversed_run(k), state.traces[k], 1.0)) or 0.0 for k in runs}
-    better = [k for k in runs if after[k] >= state.settings.agreement and after[k] - fits[k] >= state.settings.improvement]
-    if len(better) < 2 or any(fits[k] >= state.settings.agreement and fits[k] - after[k] >= state.settings.contradiction for k in runs):
+    better = [
+        k for k in runs if after[k] >= state.settings.agreement and after[k] - fits[k] >= state.settings.improvement
+    ]
+    if len(better) < 2 or any(
+        fits[k] >= state.settings.agreement and fits[k] - after[k] >= state.settings.contradiction for k in runs
+    ):
         return None
     evidence = (
         f"the axes' reversals in {len(better)} tests agree with the other direction, correlation "

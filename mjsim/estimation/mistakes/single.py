@@ -1,4 +1,6 @@
-"""Mistakes of single tests, or of two whose traces are exchanged: every guess is tried, and one that stands out is named."""
+"""Mistakes of single tests, or of two whose traces are exchanged: every guess is tried, and one that stands out is
+named.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ class _Guess:
 
 @dataclass(frozen=True)
 class _Judged:
-    """A guess, how far it goes beyond what is asked of it (1: just enough), why, and whether only the set-up speaks for it."""
+    """A guess, how far it goes beyond what is asked of it (1: just enough), why, and whether only the set-up speaks
+    for it.
+    """
 
     guess: _Guess
     merit: float
@@ -36,7 +40,14 @@ class _Judged:
         """The same as a mistake; with competing models, one of several tests has it."""
         members = {k for j in (self, *competing) for k in j.guess.parts}
         names = tuple(state.variants[k].test.name for k in sorted(members))
-        return Mistake(self.guess.kind, names, self.evidence, factor=self.guess.factor, unit=self.guess.unit, either=bool(competing))
+        return Mistake(
+            self.guess.kind,
+            names,
+            self.evidence,
+            factor=self.guess.factor,
+            unit=self.guess.unit,
+            either=bool(competing),
+        )
 
 
 def single_mistakes(state: State, reversed_run: Callable[[int], Variant]) -> list[Mistake]:
@@ -59,7 +70,9 @@ def single_mistakes(state: State, reversed_run: Callable[[int], Variant]) -> lis
 
 
 def _equally_good(state: State, best: _Judged, judged: list[_Judged]) -> list[_Judged]:
-    """Guesses about other tests of the same set-up that bring it to agree as well: which of them is wrong cannot be told."""
+    """Guesses about other tests of the same set-up that bring it to agree as well: which of them is wrong cannot be
+    told.
+    """
     if not best.by_setup:
         return []
     setup = {state.variants[k].test.setup for k in best.guess.parts}
@@ -101,13 +114,19 @@ def _guesses(state: State, k: int, reversed_run: Callable[[int], Variant], touch
     out.append(_Guess("direction", {k: (reversed_run(k), trace, 1.0)}))
     span = np.array(Program(variant.test).measured_span)
     for j, other in enumerate(state.variants):
-        if j != k and j not in touched and np.abs(np.array(Program(other.test).measured_span) - span).max() < state.settings.same_span:
+        if (
+            j != k
+            and j not in touched
+            and np.abs(np.array(Program(other.test).measured_span) - span).max() < state.settings.same_span
+        ):
             out.append(_Guess("swapped", {k: (variant, state.traces[j], 1.0), j: (other, trace, 1.0)}))
     return out
 
 
 def _by_noise(state: State, k: int) -> tuple[float, str] | None:
-    """Sign and unit of a test that has no spikes, where it is quieter than the others are: a fault can only make it louder."""
+    """Sign and unit of a test that has no spikes, where it is quieter than the others are: a fault can only make it
+    louder.
+    """
     usual = float(np.median([level(s) for j, s in enumerate(state.traces) if j != k])) if len(state.traces) > 3 else 0.0
     own = level(state.traces[k])
     return unit_of(own / usual) if usual and 0.0 < own < usual / state.settings.noise_ratio else None
@@ -137,7 +156,9 @@ def _merit(state: State, k: int, guess: _Guess) -> _Judged:
     if guess.kind == "swapped" and len(gains) < 2:
         by_spikes = 0.0  # either trace has to fit where it would belong
     if by_spikes >= 1.0 and after <= 1.1 * before + 0.3e-6:
-        return _Judged(guess, by_spikes, f"correlation with what friction leaves at the axes' reversals {', '.join(texts)}")
+        return _Judged(
+            guess, by_spikes, f"correlation with what friction leaves at the axes' reversals {', '.join(texts)}"
+        )
     limits = state.settings
     agrees = before > limits.setup_disagrees and after < min(limits.setup_share * before, limits.setup_agrees)
     if agrees and not (guess.kind == "swapped" and by_spikes < 0.2):

@@ -44,7 +44,9 @@ class State:
         return found.agreement if known is not None and not known[1] else 0.0
 
     def disagrees(self, k: int) -> bool:
-        """Whether the set-up of test ``k`` leaves much more than its tests do on their own: else no correction makes it agree."""
+        """Whether the set-up of test ``k`` leaves much more than its tests do on their own: else no correction
+        makes it agree.
+        """
         members = self.members(k)
         disagreement_of = self.disagreement_of(k, {})
         if disagreement_of <= self.settings.setup_disagrees:

@@ -1,9 +1,10 @@
 """The paper's scheme (section 2.3, step 3): amplitude and phase of one component after the other, by turns.
 
 ``W1`` is taken from the amplitude spectrum; ``φ1`` is the one that minimises the difference between the curve and
-``W1 sin(N1 x + φ1)``; with it ``W1`` is found again by the same criterion, then ``φ1``, until both stay; then the next component, on
-what the ones before leave. Components are taken in the order of their size. The paper does not say what it does about the glitches
-where linear axes turn back; here they are left out, since four glitches per turn make lines at every multiple of four.
+``W1 sin(N1 x + φ1)``; with it ``W1`` is found again by the same criterion, then ``φ1``, until both stay; then the next
+component, on what the ones before leave. Components are taken in the order of their size. The paper does not say what
+it does about the glitches where linear axes turn back; here they are left out, since four glitches per turn make lines
+at every multiple of four.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from mjsim.estimation.pitch.parts import Alternation
 from mjsim.estimation.pitch.spectrum import amplitude
 from mjsim.units import DEG
 
-#: Relative change of the amplitude, and change of the phase in rad, below which the scheme has converged; rounds at most.
+#: Relative change of the amplitude, and change of the phase in rad, below which the scheme has converged; rounds at
+#: most.
 _SAME, _MOST = 1e-6, 50
 
 
@@ -44,7 +46,9 @@ def alternate(curve: Curve, orders: list[float]) -> list[Alternation]:
     return [found[i] for i in range(len(orders))]
 
 
-def _best_phase(weight: np.ndarray, rest: np.ndarray, size: float, sin: np.ndarray, cos: np.ndarray, phase: float) -> float:
+def _best_phase(
+    weight: np.ndarray, rest: np.ndarray, size: float, sin: np.ndarray, cos: np.ndarray, phase: float
+) -> float:
     """Phase that minimises ``Σ weight (rest - size sin(N x + phase))²``, by Newton's method from the best of twelve."""
     b = (weight * rest) @ sin, (weight * rest) @ cos
     g = (weight * sin) @ sin, (weight * sin) @ cos, (weight * cos) @ cos

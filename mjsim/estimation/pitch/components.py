@@ -1,8 +1,9 @@
-"""Choice of the components against the noise floor: the best explanation first, everything refitted, until only noise is left.
+"""Choice of the components against the noise floor: the best explanation first, everything refitted, until only noise
+is left.
 
-A dictionary holds waves of all orders and local faults. All set-up nuisances, the data sheet and the terms that are already in the
-model are projected out of it first, so that side lobes of a partial arc, an eccentricity or a friction glitch that the data sheet's
-tolerance explains count for nothing.
+A dictionary holds waves of all orders and local faults. All set-up nuisances, the data sheet and the terms that are
+already in the model are projected out of it first, so that side lobes of a partial arc, an eccentricity or a friction
+glitch that the data sheet's tolerance explains count for nothing.
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ from mjsim.estimation.pitch.directions import TurnDirection
 from mjsim.estimation.pitch.model import PitchModel, State
 from mjsim.estimation.pitch.terms import Fault, Term, Wave
 
-#: Share of a term that must be its own, not another's, to be looked at. Small: what is left by two waves closer than the resolution
-#: has to be explained by a second one, or its side lobes would be; :class:`Component` then says that the two cannot be taken apart.
+#: Share of a term that must be its own, not another's, to be looked at. Small: what is left by two waves closer than
+#: the resolution has to be explained by a second one, or its side lobes would be; :class:`Component` then says that the
+#: two cannot be taken apart.
 _OWN = 0.003
 #: Terms that explain less than this share of a round's best wait until the better ones are fitted.
 _SHARE = 0.02
@@ -33,7 +35,9 @@ _MEDIAN = 2.0 * np.log(2.0)
 
 
 def threshold(candidates: int, false_alarm: float) -> float:
-    """Fall of the squared residual that noise alone reaches with probability ``false_alarm`` somewhere among ``candidates`` waves."""
+    """Fall of the squared residual that noise alone reaches with probability ``false_alarm`` somewhere among
+    ``candidates`` waves.
+    """
     return 2.0 * float(np.log(candidates / false_alarm))
 
 
@@ -41,7 +45,8 @@ class Dictionary:
     """Candidate terms of one direction with their whitened columns, everything known projected out.
 
     Attributes:
-        terms: candidates. floor: (n,) by which the residual's own spectrum exceeds the noise model around each, at least 1.
+        terms: candidates. floor: (n,) by which the residual's own spectrum exceeds the noise model around each, at
+            least 1.
         gain: (n,) fall of the squared residual by each.
     """
 
@@ -82,9 +87,11 @@ class Dictionary:
         return s.sample(m.position[k][w.axis], shift), s.sample(m.factor(k, Wave(w.axis, w.direction, 1.0)), shift)
 
     def _candidates(self) -> tuple[np.ndarray, list[Term], np.ndarray]:
-        """Orders of the waves, all candidates (those waves first) and their columns; kept for the next dictionary of this direction.
+        """Orders of the waves, all candidates (those waves first) and their columns; kept for the next dictionary of
+        this direction.
 
-        A trigger that has moved meanwhile turns sine and cosine of a wave into each other, which leaves what they explain together.
+        A trigger that has moved meanwhile turns sine and cosine of a wave into each other, which leaves what they
+        explain together.
         """
         w, p, kept = self.direction, self.model.problem, self.model.kept
         key = (w.axis, w.direction, id(p.noise), tuple(self.model.weight[list(w.tests)]))
@@ -137,7 +144,9 @@ class Dictionary:
         return i, float(self.gain[i]), bool(self.gain[i] > self.limit * self.floor[i])
 
     def take(self, i: int) -> Term:
-        """Put a candidate into the model: refined, and projected out of residual and dictionary; with its estimated size."""
+        """Put a candidate into the model: refined, and projected out of residual and dictionary; with its estimated
+        size.
+        """
         term = self._refined(self.terms[i])
         own = self._own([term])
         q, r = np.linalg.qr(own)
@@ -157,7 +166,11 @@ class Dictionary:
         if isinstance(term, Fault):
             for fine in (1.0, 0.5, 0.25):
                 shifts, stretches = 0.5 * fine * np.arange(-2, 3), 1.35 ** (fine * np.arange(-2, 3))
-                near = [replace(term, centre=term.centre + d * term.width, width=term.width * f) for f in stretches for d in shifts]
+                near = [
+                    replace(term, centre=term.centre + d * term.width, width=term.width * f)
+                    for f in stretches
+                    for d in shifts
+                ]
                 d = self._own(near)
                 gain = (d.T @ rest) ** 2 / np.maximum(np.einsum("ij,ij->j", d, d), 1e-30)
                 term = near[int(np.argmax(gain))]
@@ -177,7 +190,9 @@ class Dictionary:
 
 
 def noise_excess(gain: np.ndarray, orders: np.ndarray) -> np.ndarray:
-    """By how much the residual's own spectrum lies above the noise model around each of the evenly spaced ``orders``, at least 1."""
+    """By how much the residual's own spectrum lies above the noise model around each of the evenly spaced
+    ``orders``, at least 1.
+    """
     side = round(_NEIGHBOURS / float(orders[1] - orders[0]))
     return np.maximum(1.0, _running_median(gain, side) / _MEDIAN)
 
@@ -190,7 +205,9 @@ def _running_median(x: np.ndarray, side: int) -> np.ndarray:
 
 
 def _pair_gain(b1, b2, g1, g2, g12, least) -> np.ndarray:
-    """Fall of the squared residual by pairs of columns with inner products ``g`` among them and ``b`` with the residual."""
+    """Fall of the squared residual by pairs of columns with inner products ``g`` among them and ``b`` with the
+    residual.
+    """
     det = g1 * g2 - g12**2
     ok = (np.minimum(g1, g2) > least) & (det > 1e-9 * g1 * g2)
     return np.where(ok, (g2 * b1**2 - 2 * g12 * b1 * b2 + g1 * b2**2) / np.where(ok, det, 1.0), 0.0)

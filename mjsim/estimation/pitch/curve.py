@@ -10,7 +10,8 @@ from mjsim.estimation.pitch.directions import TurnDirection
 from mjsim.estimation.pitch.model import PitchModel, State
 from mjsim.estimation.pitch.terms import Fault, Term, Wave
 
-#: Around a reversal of a linear axis its friction shows in the reading: from so long before the command turns to so long after, s.
+#: Around a reversal of a linear axis its friction shows in the reading: from so long before the command turns to so
+#: long after, s.
 BEFORE, AFTER = 0.1, 0.5
 
 
@@ -32,15 +33,18 @@ def terms_of(state: State, direction: TurnDirection) -> list[Term]:
 
 def components_of(state: State, direction: TurnDirection) -> list[Wave]:
     """The waves of this direction from the tooth order on, by order."""
-    return sorted((t for t in terms_of(state, direction) if isinstance(t, Wave) and t.test is None), key=lambda t: t.order)
+    return sorted(
+        (t for t in terms_of(state, direction) if isinstance(t, Wave) and t.test is None), key=lambda t: t.order
+    )
 
 
 def curve(model: PitchModel, state: State, direction: TurnDirection, k: int) -> Curve:
-    """The curves of test ``k``: reading over radius against the position that the drive has reached when the sample was taken.
+    """The curves of test ``k``: reading over radius against the position that the drive has reached when the sample was
+    taken.
 
-    What lies below the tooth order is described by cosines of half and whole periods over the arc, up to one resolution below the
-    tooth order, least squares together with the components and the local faults: nothing is folded round at the ends of an arc, as
-    zeroing lines of an FFT would, and no component leaks into what is taken out.
+    What lies below the tooth order is described by cosines of half and whole periods over the arc, up to one resolution
+    below the tooth order, least squares together with the components and the local faults: nothing is folded round at
+    the ends of an arc, as zeroing lines of an FFT would, and no component leaks into what is taken out.
     """
     p = model.problem
     s, shift = p.samples[k], p.shift(k, state.nuisance)

@@ -51,8 +51,8 @@ def identify_pitch_errors(
 ) -> dict[str, PitchIdentification]:
     """Pitch errors of rotary axes: components per direction, against the noise floor, with 95 % intervals.
 
-    All tests of the campaign help to tie set-up, triggers and data sheet; the components are chosen on the tangential tests. The
-    machine's own pitch errors of these axes are left out and found anew.
+    All tests of the campaign help to tie set-up, triggers and data sheet; the components are chosen on the tangential
+    tests. The machine's own pitch errors of these axes are left out and found anew.
 
     Args:
         campaign: with measured tangential tests.
@@ -121,8 +121,10 @@ def testable_axes(campaign: Campaign) -> tuple[str, ...]:
     if not axes:
         first, other = reversed(rotary)
         raise InputError(
-            f"{campaign.folder / 'campaign.toml'}: no measured tangential test of {other} or {first}; needed: a [[test]] with "
-            f'kind = "rotary", axis = "{first}" (or "{other}"), sensitive_direction = "tangential" and a trace, best in both directions'
+            f"{campaign.folder / 'campaign.toml'}: no measured tangential test of {other} or {first}; needed: a "
+            f"[[test]] with "
+            f'kind = "rotary", axis = "{first}" (or "{other}"), sensitive_direction = "tangential" and a trace, '
+            f"best in both directions"
         )
     return axes
 
@@ -156,19 +158,23 @@ def _check(campaign: Campaign, machine: Machine, axis: str, settings: PitchSetti
     file = campaign.folder / "campaign.toml"
     if not tests:
         raise InputError(
-            f'{file}: no measured tangential test of axis {axis}; needed: a [[test]] with kind = "rotary", axis = "{axis}", '
+            f'{file}: no measured tangential test of axis {axis}; needed: a [[test]] with kind = "rotary", axis = '
+            f'"{axis}", '
             f'sensitive_direction = "tangential" and a trace, best in both directions'
         )
     needed, teeth = _needed(machine, axis, settings), machine.drives[axis].gear
     for t in tests:
         if _arc(t) < needed:
             raise InputError(
-                f"{file}: test {t.name!r} measures {_arc(t) / DEG:.1f}° of {axis}; to tell the tooth order {teeth:g} from what lies below "
+                f"{file}: test {t.name!r} measures {_arc(t) / DEG:.1f}° of {axis}; to tell the tooth order "
+                f"{teeth:g} from what lies below "
                 f"it, from_deg and to_deg must be {(needed + 2 * kind_of(t).margin) / DEG:.1f}° apart or more"
             )
 
 
-def _result(model: PitchModel, state: State, directions: list[TurnDirection], axis: str, common: bool) -> PitchIdentification:
+def _result(
+    model: PitchModel, state: State, directions: list[TurnDirection], axis: str, common: bool
+) -> PitchIdentification:
     found = {w.direction: identified_direction(model, state, w) for w in directions}
     effects = _effects(model.problem.chain, axis, state, directions, common)
     notes = []
@@ -177,23 +183,29 @@ def _result(model: PitchModel, state: State, directions: list[TurnDirection], ax
     for k in (k for w in directions for k in w.tests):
         s = model.problem.samples[k]
         if not s.valid.all():
-            notes.append(f"{s.test.name}: {int((~s.valid).sum())} of {len(s.valid)} samples left out as missing or disturbed")
+            notes.append(
+                f"{s.test.name}: {int((~s.valid).sum())} of {len(s.valid)} samples left out as missing or disturbed"
+            )
     left_out = [t.name for k, t in enumerate(model.problem.tests) if k not in model.use]
     if left_out:
         notes.append(
-            f"not used, since the machine file does not explain them (mjsim diagnose says what it lacks): {', '.join(left_out)}; "
+            f"not used, since the machine file does not explain them (mjsim diagnose says what it lacks): "
+            f"{', '.join(left_out)}; "
             f"the phases would be more certain with them"
         )
     if any(k in model.frozen for w in directions for k in w.tests):
         notes.append(
-            "the machine file does not explain the friction glitches or the slow part of these tests; they were taken out, but do not "
+            "the machine file does not explain the friction glitches or the slow part of these tests; they were "
+            "taken out, but do not "
             "help to tie the start of the recording"
         )
     noise = model.problem.noise
     return PitchIdentification(axis, found, common, effects, noise.rms / UM, noise.source, tuple(notes))
 
 
-def _effects(chain: Chain, axis: str, state: State, directions: list[TurnDirection], common: bool) -> tuple[Effect, ...]:
+def _effects(
+    chain: Chain, axis: str, state: State, directions: list[TurnDirection], common: bool
+) -> tuple[Effect, ...]:
     cls, subject = registry.effect_class(f"pitch_error.{axis}", chain)
     out = []
     for w in directions[:1] if common else directions:

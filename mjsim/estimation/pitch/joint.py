@@ -1,4 +1,6 @@
-"""Joint least squares: the components of both axes and both directions together with set-up, triggers and data sheet."""
+"""Joint least squares: the components of both axes and both directions together with set-up, triggers and data
+sheet.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ _ROUNDS = 6
 
 
 def searched(model: PitchModel, state: State, directions: list[TurnDirection], rounds: int = _ROUNDS) -> State:
-    """Terms are added while the residual asks for them, everything refitted after each round; then what has become needless goes."""
+    """Terms are added while the residual asks for them, everything refitted after each round; then what has become
+    needless goes.
+    """
     for _ in range(rounds):
         new = [t for w in directions for t in chosen(model, state, w)]
         if not new:
@@ -33,7 +37,9 @@ def searched(model: PitchModel, state: State, directions: list[TurnDirection], r
 
 
 def pruned(model: PitchModel, state: State) -> State:
-    """Without the terms that the data do not ask for: each must be worth the threshold that let it in, everything else refitted."""
+    """Without the terms that the data do not ask for: each must be worth the threshold that let it in, everything
+    else refitted.
+    """
     limit = threshold(1000, model.settings.false_alarm)
     needed: set[int] = set()  # counted from the end, which dropping an earlier one leaves as it is
     while True:
@@ -72,8 +78,8 @@ def refined_noise(model: PitchModel, state: State) -> None:
 def joined(model: PitchModel, state: State, directions: list[TurnDirection]) -> State:
     """The chosen terms fitted to all tests of the campaign that the machine explains.
 
-    Ordinary tests tie the triggers and the data sheet. A machine that lacks another effect fails in some of them; such a failure
-    bends the triggers, so those tests are left out, the worst first.
+    Ordinary tests tie the triggers and the data sheet. A machine that lacks another effect fails in some of them; such
+    a failure bends the triggers, so those tests are left out, the worst first.
     """
     rotary = set(model.use)
     state = _freeze(model, state, directions)
@@ -94,10 +100,11 @@ def joined(model: PitchModel, state: State, directions: list[TurnDirection]) -> 
 
 
 def _freeze(model: PitchModel, state: State, directions: list[TurnDirection]) -> State:
-    """Tests in which the machine does not explain its reversals, or much that is slow, bear no witness of their trigger.
+    """Tests in which the machine does not explain its reversals, or much that is slow, bear no witness of their
+    trigger.
 
-    Their glitches and slow parts are described by terms, which would move with any trigger: only the prior and the other tests know
-    it. It goes back to where the prior has it, and the phases with it.
+    Their glitches and slow parts are described by terms, which would move with any trigger: only the prior and the
+    other tests know it. It goes back to where the prior has it, and the phases with it.
     """
     nuisances = model.problem.nuisances
     for w in directions:
@@ -105,7 +112,9 @@ def _freeze(model: PitchModel, state: State, directions: list[TurnDirection]) ->
         for k in w.tests:
             name = model.problem.tests[k].name
             slow = sum(isinstance(t, Wave) and t.test == name for t in state.terms)
-            if slow < model.settings.slow_waves and not any(isinstance(t, Fault) and at_turn(model, w, t) for t in terms_of(state, w)):
+            if slow < model.settings.slow_waves and not any(
+                isinstance(t, Fault) and at_turn(model, w, t) for t in terms_of(state, w)
+            ):
                 continue
             shift = model.problem.shift(k, state.nuisance)
             model.frozen[k] = shift
@@ -114,7 +123,9 @@ def _freeze(model: PitchModel, state: State, directions: list[TurnDirection]) ->
             state = replace(state, nuisance=nuisance)
             if not turned:
                 speed = np.median(np.gradient(model.position[k][w.axis], GRID))
-                moved = tuple(_moved_along(t, float(speed) * shift) if t in terms_of(state, w) else t for t in state.terms)
+                moved = tuple(
+                    _moved_along(t, float(speed) * shift) if t in terms_of(state, w) else t for t in state.terms
+                )
                 state, turned = replace(state, terms=moved), True
     return state
 
@@ -128,10 +139,14 @@ def _moved_along(t: Term, distance: float) -> Term:
 
 
 def at_turn(model: PitchModel, direction: TurnDirection, fault: Fault) -> bool:
-    """Whether a local fault stands where a linear axis turns back in some test of its direction: a glitch that the machine lacks."""
+    """Whether a local fault stands where a linear axis turns back in some test of its direction: a glitch that the
+    machine lacks.
+    """
     for k in direction.tests:
         time = model.problem.motions[k].time[::GRID_STEPS]
-        near = np.abs((model.position[k][direction.axis] - fault.centre + np.pi) % (2 * np.pi) - np.pi) < 0.5 * fault.width
+        near = (
+            np.abs((model.position[k][direction.axis] - fault.centre + np.pi) % (2 * np.pi) - np.pi) < 0.5 * fault.width
+        )
         if near.any() and at_reversals(model, k, time[near]).any():
             return True
     return False
@@ -144,10 +159,18 @@ def snapped(model: PitchModel, state: State, directions: list[TurnDirection]) ->
     for t, b in zip(state.terms, state.blocks, strict=True):
         if isinstance(t, Wave) and t.free_order:
             sd, whole = float(np.sqrt(state.covariance[b, b][2, 2])), round(t.order)
-            if sd < model.settings.whole_order_sharp and abs(t.order - whole) < max(model.settings.whole_order_sd * sd, 0.02):
+            if sd < model.settings.whole_order_sharp and abs(t.order - whole) < max(
+                model.settings.whole_order_sd * sd, 0.02
+            ):
                 phase = np.arctan2(t.s, t.c) + (t.order - whole) * centre[t.axis, t.direction]
                 size = np.hypot(t.c, t.s)
-                t = replace(t, order=float(whole), c=float(size * np.cos(phase)), s=float(size * np.sin(phase)), free_order=False)
+                t = replace(
+                    t,
+                    order=float(whole),
+                    c=float(size * np.cos(phase)),
+                    s=float(size * np.sin(phase)),
+                    free_order=False,
+                )
         terms.append(t)
     return model.fit(replace(state, terms=tuple(terms)), 5)
 
@@ -171,4 +194,6 @@ def shared(model: PitchModel, state: State, axis: str) -> State | None:
     # phases of the two directions may stand apart by the trigger: the fit finds the triggers that bring them together
     trial = model.fit(replace(state, terms=rest + tuple(both)), 12)
     separate = state.objective
-    return trial if trial.objective - separate < chi2.ppf(1.0 - model.settings.directions_differ, 2 * len(both)) else None
+    return (
+        trial if trial.objective - separate < chi2.ppf(1.0 - model.settings.directions_differ, 2 * len(both)) else None
+    )

@@ -1,6 +1,7 @@
 """The campaign's readings as a machine, its set-up and terms of the rotary axes; Gauss-Newton over all of them.
 
-Nuisances (ball offsets, length, triggers) and the data sheet have their priors, as in :mod:`mjsim.estimation`; terms are free.
+Nuisances (ball offsets, length, triggers) and the data sheet have their priors, as in :mod:`mjsim.estimation`; terms
+are free.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ _WIDE = 1e4
 
 @njit(cache=True, nogil=True)
 def _shares(x: np.ndarray, blend: float, direction: float) -> np.ndarray:
-    """How much of a term acts that belongs to one direction of motion, (n,) 0 to 1: it comes in over ``blend`` of travel."""
+    """How much of a term acts that belongs to one direction of motion, (n,) 0 to 1: it comes in over ``blend`` of
+    travel.
+    """
     out = np.zeros(len(x))
     last = 0.0
     for i in range(1, len(x)):
@@ -62,7 +65,9 @@ class State:
 
     @cached_property
     def parameters(self) -> Parameters:
-        """Everything that is fitted: nuisances, data sheet, and a block per term, whose values are moves from its present ones."""
+        """Everything that is fitted: nuisances, data sheet, and a block per term, whose values are moves from its
+        present ones.
+        """
         terms = [
             Block.normal(_term_block(i), [str(j) for j in range(t.size)], deviation=_WIDE, informative=False)
             for i, t in enumerate(self.terms)
@@ -101,9 +106,11 @@ class PitchModel:
     """Readings of a problem's tests for a machine without pitch errors, plus terms.
 
     Attributes:
-        problem: the campaign. machine: its machine. use: the tests (indices) that count. weight: (tests,) of each test's
+        problem: the campaign. machine: its machine. use: the tests (indices) that count. weight: (tests,) of each
+            test's
         residuals, 1 or, where it cannot be explained, 0. kept: dictionaries' columns. frozen: test
-        -> trigger (s) at which the machine's own part of the reading is held, where that part is no witness of the trigger.
+        -> trigger (s) at which the machine's own part of the reading is held, where that part is no witness of the
+        trigger.
     """
 
     def __init__(self, problem: Problem, machine: Machine, settings: PitchSettings = PITCH) -> None:
@@ -120,9 +127,12 @@ class PitchModel:
         plant = build(calibrated(self.machine, self.simulated_deviation))
         p = self.problem
         self.readings = p.readings(plant)
-        self.position = [{a: np.ascontiguousarray(m.motor(a, plant.axes[a], GRID_STEPS)) for a in p.chain.rotary} for m in p.motions]
+        self.position = [
+            {a: np.ascontiguousarray(m.motor(a, plant.axes[a], GRID_STEPS)) for a in p.chain.rotary} for m in p.motions
+        ]
         self.share = [
-            {(a, w): _shares(x, BLEND, sign) for a, x in q.items() for w, sign in (("CCW", 1.0), ("CW", -1.0))} for q in self.position
+            {(a, w): _shares(x, BLEND, sign) for a, x in q.items() for w, sign in (("CCW", 1.0), ("CW", -1.0))}
+            for q in self.position
         ]
 
     def recentred(self, state: State) -> None:
@@ -158,7 +168,9 @@ class PitchModel:
         return out
 
     def total(self, k: int, state: State) -> np.ndarray:
-        """Modelled reading of one test on the GRID, m, without what the data sheet has moved since it was last simulated."""
+        """Modelled reading of one test on the GRID, m, without what the data sheet has moved since it was last
+        simulated.
+        """
         return self.readings[k] + self.problem.offsets(k, state.nuisance) + self.terms_total(k, state)
 
     def residual(self, k: int, state: State) -> np.ndarray:
@@ -247,5 +259,8 @@ class PitchModel:
     def misfit(self, state: State) -> np.ndarray:
         """Mean square of each test's whitened residuals, unweighted, (tests,): 1 where only noise is left."""
         return np.array(
-            [float(np.mean(self.problem.noise.whiten(s, self.residual(k, state)) ** 2)) for k, s in enumerate(self.problem.samples)]
+            [
+                float(np.mean(self.problem.noise.whiten(s, self.residual(k, state)) ** 2))
+                for k, s in enumerate(self.problem.samples)
+            ]
         )

@@ -1,4 +1,6 @@
-"""What a curve of pitch errors is made of: its components, the same by the paper's scheme, and faults of single places."""
+"""What a curve of pitch errors is made of: its components, the same by the paper's scheme, and faults of single
+places.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +13,12 @@ class Component:
 
     Attributes:
         order: peaks per turn; a whole number where the data allow only one (``order_known``).
-        ci95: name -> (low, high) of ``amplitude_deg`` and ``phase_deg``, and of ``order`` where it is not known; they contain
-        trigger, set-up and data sheet. phase_fixed_trigger_deg: half width of the phase's interval were the trigger known.
-        multiple_of_teeth: whether the order is a multiple of the tooth number.
-        merged: orders of further waves that this one cannot be separated from on the arc measured; then its numbers are those of the
-        fit with all of them and no statement about one cause.
+        ci95: name -> (low, high) of ``amplitude_deg`` and ``phase_deg``, and of ``order`` where it is not known; they
+            contain
+        trigger, set-up and data sheet. phase_fixed_trigger_deg: half width of the phase's interval were the trigger
+        known. multiple_of_teeth: whether the order is a multiple of the tooth number. merged: orders of further waves
+        that this one cannot be separated from on the arc measured; then its numbers are those of the fit with all of
+        them and no statement about one cause.
     """
 
     order: float
@@ -38,7 +41,9 @@ class Component:
 
     @property
     def limited_by_trigger(self) -> bool:
-        """Whether the phase is known to no better than 3°, and would be to half its uncertainty were the trigger known."""
+        """Whether the phase is known to no better than 3°, and would be to half its uncertainty were the trigger
+        known.
+        """
         return self.phase_half_width_deg > 3.0 and self.phase_fixed_trigger_deg < 0.5 * self.phase_half_width_deg
 
     def to_json(self) -> dict:

@@ -1,4 +1,6 @@
-"""What an identification of pitch errors says: per direction the curves, the spectrum, the components, and how sure they are."""
+"""What an identification of pitch errors says: per direction the curves, the spectrum, the components, and how sure
+they are.
+"""
 
 from __future__ import annotations
 
@@ -23,12 +25,11 @@ class DirectionIdentification:
     Attributes:
         tests: names; the curves are those of the first. arc_deg, resolution (peaks per turn), tooth_order.
         position_deg, raw_deg, modified_deg, identified_deg: (n,) actual axis position and the curves over it, degrees:
-        reading over radius; without decentering, backlash offset, local faults and all below the tooth order; sum of the components.
-        at_reversal: (n,) bool, where a linear axis turns back and its friction makes a glitch.
-        orders, amplitude_deg, floor_deg, limit_deg: (m,) spectrum of the modified curve, the amplitude that noise alone gives (RMS),
-        and the one that a component must exceed.
-        trigger_ci95_ms: half width of each test's trigger shift. feed_mm_min, duration_s: of the first test.
-        tilts: whether the axis tilts the table.
+        reading over radius; without decentering, backlash offset, local faults and all below the tooth order; sum of
+        the components. at_reversal: (n,) bool, where a linear axis turns back and its friction makes a glitch. orders,
+        amplitude_deg, floor_deg, limit_deg: (m,) spectrum of the modified curve, the amplitude that noise alone gives
+        (RMS), and the one that a component must exceed. trigger_ci95_ms: half width of each test's trigger shift.
+        feed_mm_min, duration_s: of the first test. tilts: whether the axis tilts the table.
     """
 
     axis: str
@@ -66,7 +67,9 @@ class DirectionIdentification:
 
     @property
     def phase_limited_by_trigger(self) -> bool:
-        """Whether some phase is known to no better than 3°, and would be to half its uncertainty were the trigger known."""
+        """Whether some phase is known to no better than 3°, and would be to half its uncertainty were the trigger
+        known.
+        """
         return any(c.limited_by_trigger for c in self.components)
 
     @property
@@ -79,7 +82,8 @@ class DirectionIdentification:
         trigger = max(self.trigger_ci95_ms.values())
         return (
             f"the unknown start of the recording (±{trigger:.1f} ms) leaves the phase of order "
-            f"{', '.join(f'{c.order:g}' for c in limited)} uncertain by up to ±{worst:.0f}°. {self._remedy} ties it down; without one, "
+            f"{', '.join(f'{c.order:g}' for c in limited)} uncertain by up to ±{worst:.0f}°. {self._remedy} ties "
+            f"it down; without one, "
             f"3° need this test at {self.safe_feed_mm_min:.0f} mm/min or less"
         )
 
@@ -88,18 +92,25 @@ class DirectionIdentification:
         if self.tilts:
             return f"A cone-frustum test in the same campaign, in which {self.axis} turns both ways,"
         other = "CW" if self.direction == "CCW" else "CCW"  # the table turns against the cone's sense
-        return f"A cone-frustum test in the same campaign, off centre and run {other} so that {self.axis} turns {self.direction},"
+        return (
+            f"A cone-frustum test in the same campaign, off centre and run {other} so that {self.axis} turns "
+            f"{self.direction},"
+        )
 
     @property
     def safe_feed_mm_min(self) -> float:
-        """Feed of the first test at which the usual trigger (±20 ms, one standard deviation) costs 3° of the highest order's phase."""
+        """Feed of the first test at which the usual trigger (±20 ms, one standard deviation) costs 3° of the
+        highest order's phase.
+        """
         highest = max((c.order for c in self.components), default=float(self.tooth_order))
         speed = np.ptp(self.position_deg) / (self.duration_s * self.feed_mm_min)  # deg/s per mm/min
         return float(3.0 / (1.96 * TRIGGER * highest * speed))
 
     @property
     def differences(self) -> list[tuple[float, float]]:
-        """Joint least squares against the alternating scheme: relative amplitude and phase (deg) difference per component."""
+        """Joint least squares against the alternating scheme: relative amplitude and phase (deg) difference per
+        component.
+        """
         out = []
         for c, a in zip(self.components, self.alternating, strict=True):
             turn = (a.phase_deg - c.phase_deg + 180.0) % 360.0 - 180.0
@@ -133,7 +144,8 @@ class DirectionIdentification:
             },
             "rms_deg": {k: float(f"{v:.4g}") for k, v in self.rms_deg().items()},
             "local_faults": [
-                {k: float(f"{getattr(f, k):.5g}") for k in ("centre_deg", "width_deg", "height_deg")} | {"at_reversal": f.at_reversal}
+                {k: float(f"{getattr(f, k):.5g}") for k in ("centre_deg", "width_deg", "height_deg")}
+                | {"at_reversal": f.at_reversal}
                 for f in self.faults
             ],
             "trigger_ci95_ms": {k: round(v, 2) for k, v in self.trigger_ci95_ms.items()},
@@ -162,14 +174,20 @@ class PitchIdentification:
     notes: tuple[str, ...] = field(default=())
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row per component: axis, direction, order, amplitude and phase (degrees) with their 95 % intervals, multiple_of_teeth."""
+        """One row per component: axis, direction, order, amplitude and phase (degrees) with their 95 % intervals,
+        multiple_of_teeth.
+        """
         need("to_dataframe", "dataframe", "pandas")
         import pandas as pd
 
         rows = []
         for direction, d in self.directions.items():
             for c in d.components:
-                bounds = {f"{k}_{end}": c.ci95[k][i] for k in ("amplitude_deg", "phase_deg") for i, end in enumerate(("low", "high"))}
+                bounds = {
+                    f"{k}_{end}": c.ci95[k][i]
+                    for k in ("amplitude_deg", "phase_deg")
+                    for i, end in enumerate(("low", "high"))
+                }
                 row = {
                     "axis": self.axis,
                     "direction": direction,

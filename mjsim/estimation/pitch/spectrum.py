@@ -16,7 +16,9 @@ from mjsim.units import DEG
 
 @dataclass(frozen=True)
 class Spectrum:
-    """(m,) each: order per turn, and in degrees the modified curve's amplitude, noise alone (RMS), and what a component must exceed."""
+    """(m,) each: order per turn, and in degrees the modified curve's amplitude, noise alone (RMS), and what a
+    component must exceed.
+    """
 
     orders: np.ndarray
     amplitude: np.ndarray
@@ -25,7 +27,9 @@ class Spectrum:
 
 
 def amplitude(position: np.ndarray, value: np.ndarray, orders: np.ndarray) -> np.ndarray:
-    """Amplitude of ``value`` (n,) at positions ``position`` (n,) rad, evenly weighted over the position, at ``orders`` (m,)."""
+    """Amplitude of ``value`` (n,) at positions ``position`` (n,) rad, evenly weighted over the position, at
+    ``orders`` (m,).
+    """
     weight = np.abs(np.gradient(position))
     kernel = np.exp(-1j * orders[:, None] * position)
     return 2.0 * np.abs(kernel @ (weight * value)) / weight.sum()

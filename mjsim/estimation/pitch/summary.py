@@ -87,11 +87,22 @@ def _components(model: PitchModel, state: State, direction: TurnDirection) -> tu
         if main.free_order:
             half = 1.96 * float(np.sqrt(full[2, 2]))
             ci["order"] = (main.order - half, main.order + half)
-        multiple = abs(main.order / direction.teeth - round(main.order / direction.teeth)) * direction.teeth < 0.5 * min(
-            1.0, direction.resolution
-        )
+        multiple = abs(
+            main.order / direction.teeth - round(main.order / direction.teeth)
+        ) * direction.teeth < 0.5 * min(1.0, direction.resolution)
         rest = tuple(t.order for t in group if t is not main)
-        out.append(Component(main.order, main.amplitude_deg, main.phase_deg, ci, not main.free_order, float(known), bool(multiple), rest))
+        out.append(
+            Component(
+                main.order,
+                main.amplitude_deg,
+                main.phase_deg,
+                ci,
+                not main.free_order,
+                float(known),
+                bool(multiple),
+                rest,
+            )
+        )
     return tuple(out)
 
 
@@ -101,4 +112,6 @@ def _spread(t: Wave, covariance: np.ndarray) -> np.ndarray:
     a = float(np.hypot(*v))
     along, across = v / a, np.array([-v[1], v[0]]) / a
     c = covariance[:2, :2]
-    return np.array([np.sqrt(max(along @ c @ along, 0.0)) * UNIT / DEG, np.degrees(np.sqrt(max(across @ c @ across, 0.0)) / a)])
+    return np.array(
+        [np.sqrt(max(along @ c @ along, 0.0)) * UNIT / DEG, np.degrees(np.sqrt(max(across @ c @ across, 0.0)) / a)]
+    )

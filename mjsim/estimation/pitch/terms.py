@@ -21,7 +21,8 @@ class Wave:
 
     Attributes:
         axis: A or C. direction: CW, CCW, or empty for both directions. order: N per turn of the axis.
-        free_order: whether the order is fitted as well. test: the only test it acts in (what is below the tooth order); None: all.
+        free_order: whether the order is fitted as well. test: the only test it acts in (what is below the tooth order);
+            None: all.
     """
 
     axis: str
@@ -62,7 +63,9 @@ class Wave:
 
 @dataclass(frozen=True)
 class Fault:
-    """``height exp(-((x - centre)/width)²/2)``, once per turn: a local fault such as a worn stretch of the wheel; height in UNIT, rad."""
+    """``height exp(-((x - centre)/width)²/2)``, once per turn: a local fault such as a worn stretch of the wheel;
+    height in UNIT, rad.
+    """
 
     axis: str
     direction: str

@@ -1,4 +1,6 @@
-"""Tests that could be measured next: what this machine can reach, in the kinds, feeds, offsets and directions of a ball-bar campaign."""
+"""Tests that could be measured next: what this machine can reach, in the kinds, feeds, offsets and directions of a
+ball-bar campaign.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,10 @@ def _commands(test: BallBarTest) -> np.ndarray:
 def axis_speeds(test: BallBarTest) -> dict[str, tuple[float, str]]:
     """Highest speed of every axis that moves, and its unit (mm/min or °/s)."""
     _, speed = commanded_speed(test)
-    rows = {a.letter: (v / DEG, "°/s") if a.rotary else (v / MM * 60.0, "mm/min") for a, v in zip(test.chain.axes, speed, strict=True)}
+    rows = {
+        a.letter: (v / DEG, "°/s") if a.rotary else (v / MM * 60.0, "mm/min")
+        for a, v in zip(test.chain.axes, speed, strict=True)
+    }
     return {letter: (round(float(v), 1), unit) for letter, (v, unit) in rows.items() if v > 1e-3}
 
 
@@ -68,4 +73,6 @@ def neighbours(test: BallBarTest) -> Iterator[BallBarTest]:
 
 def _named(test: BallBarTest) -> BallBarTest:
     name = f"{kind_of(test).short_name(test)}-f{round(test.feed / MM * 60)}"
-    return replace(test, name=name, setup=name, commanded=None)  # another test than the one that an NC file was written for
+    return replace(
+        test, name=name, setup=name, commanded=None
+    )  # another test than the one that an NC file was written for

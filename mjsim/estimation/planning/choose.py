@@ -22,7 +22,9 @@ def worth(s: Separation) -> tuple[float, float]:
     return (1.0, min(s.deviance, PLENTY) / minutes(s.test)) if decides else (0.0, s.deviance)
 
 
-def choose(separator: Separator, tests: tuple[BallBarTest, ...], threads: int = 2, progress: Progress = silent) -> list[Separation]:
+def choose(
+    separator: Separator, tests: tuple[BallBarTest, ...], threads: int = 2, progress: Progress = silent
+) -> list[Separation]:
     """Candidate tests, best first: a coarse round over everything, then conditions varied around the best ones.
 
     Args:

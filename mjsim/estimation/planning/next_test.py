@@ -71,8 +71,12 @@ def _row(s: Separation, between: tuple[str, str]) -> dict:
     }
 
 
-def plan_for(problem: Problem, selection: Selection, threads: int = 2, progress: Progress = silent, hidden: bool = True) -> Plan | None:
-    """The next test after a search: see :func:`plan`. ``hidden``: also where nothing is ambiguous, for what is not testable."""
+def plan_for(
+    problem: Problem, selection: Selection, threads: int = 2, progress: Progress = silent, hidden: bool = True
+) -> Plan | None:
+    """The next test after a search: see :func:`plan`. ``hidden``: also where nothing is ambiguous, for what is not
+    testable.
+    """
     args = (problem.campaign, problem.noise, problem.samples[0].block, threads, progress)
     for f in selection.found:
         for other, fit in f.competing.items():
@@ -130,5 +134,7 @@ def typical(effect_id: str, chain: Chain) -> EffectVector:
     cls, subject = registry.effect_class(effect_id, chain)
     seeds = _seeds(effect_id, chain)
     if not seeds:
-        raise InputError(f"plan for {effect_id}: its orders are not known beforehand; measure any test in which its axis moves")
+        raise InputError(
+            f"plan for {effect_id}: its orders are not known beforehand; measure any test in which its axis moves"
+        )
     return EffectVector(cls(subject, **seeds[0]), cls.search.free_of(cls.parameters_of(subject)))

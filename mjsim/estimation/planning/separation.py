@@ -1,8 +1,8 @@
 """How well a test that was not measured yet would separate two explanations of the tests that were.
 
-Hunter and Reiner's T-optimality in its Bayesian form: the difference of the two predictions, in units of its noise, that is left when
-the second explanation has adapted everything it may still adapt: its effects and data sheet within what the campaign has left open,
-the new set-up within its priors.
+Hunter and Reiner's T-optimality in its Bayesian form: the difference of the two predictions, in units of its noise,
+that is left when the second explanation has adapted everything it may still adapt: its effects and data sheet within
+what the campaign has left open, the new set-up within its priors.
 """
 
 from __future__ import annotations
@@ -74,7 +74,9 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Separation:
-    """What a test would do: ``deviance`` (squared distance in noise units), ``difference`` RMS in m after adaptation."""
+    """What a test would do: ``deviance`` (squared distance in noise units), ``difference`` RMS in m after
+    adaptation.
+    """
 
     test: BallBarTest
     deviance: float
@@ -116,7 +118,9 @@ class Separator:
         return Separation(test, float(max(dw @ rest, 0.0)), float(np.sqrt(np.mean((d - J @ root @ adapted) ** 2))))
 
     def _prior_root(self, size: int) -> np.ndarray:
-        """Cholesky factor of the covariance of set-up and trigger, then length, data sheet of the axes concerned, effects."""
+        """Cholesky factor of the covariance of set-up and trigger, then length, data sheet of the axes concerned,
+        effects.
+        """
         other = self.other
         sheet = [other.parameters.place(DATA_SHEET, data_sheet(other.base.chain)[j].label) for j in self._moved]
         effects = [b.name for b in other.parameters.blocks if not b.informative]
@@ -127,7 +131,9 @@ class Separator:
         return root
 
     def _columns(self, motion: AxesMotion, base: np.ndarray):
-        """Derivatives of the other explanation's reading: set-up, trigger, length, data sheet, effects; m per prior unit."""
+        """Derivatives of the other explanation's reading: set-up, trigger, length, data sheet, effects; m per prior
+        unit.
+        """
         plant, other = self._plants[1], self.other
         sens = motion.sensitivity(plant, GRID_STEPS)
         yield from (sens.table * TABLE_BALL).T
@@ -139,7 +145,9 @@ class Separator:
             for j in range(len(f.vector)):
                 effect, change = f.nudged(j, _STEP)
                 effects = [g.effect if m != k else effect for m, g in enumerate(other.effects)]
-                there = motion.reading(build(calibrated(with_effects(other.base, effects), other.sheet_deviation)), GRID_STEPS)
+                there = motion.reading(
+                    build(calibrated(with_effects(other.base, effects), other.sheet_deviation)), GRID_STEPS
+                )
                 yield (there - base) / change if abs(change) > 1e-9 else np.zeros(len(base))
 
     def _whitened(self, columns: np.ndarray) -> np.ndarray:

@@ -23,7 +23,8 @@ class Format(ABC):
     def read(self, path: Path, options: Options) -> Table:
         """The numbers of a file.
 
-        Columns with the names ``time``, ``angle``, ``deviation`` and with units (``s``, ``deg``, ``um``) need no option.
+        Columns with the names ``time``, ``angle``, ``deviation`` and with units (``s``, ``deg``, ``um``) need no
+        option.
 
         Args:
             path: the file; :func:`mjsim.campaign.traces.read_bytes` reads it, up to a size limit.
