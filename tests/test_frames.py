@@ -10,7 +10,7 @@ from mjsim.effects.registry import make
 from mjsim.io.resources import examples
 from mjsim.paper.figures import PaperFigures
 from mjsim.paper.numbers import Number
-from mjsim.workflow.diagnose import DiagnosedEffect, Diagnosis
+from mjsim.workflow.diagnosis import DiagnosedEffect, Diagnosis
 
 
 def test_simulation(m1, cone):

@@ -39,7 +39,8 @@ def command(campaign, machine, write, max_effects, force, threads, as_is, as_jso
     from mjsim.importing.features import circles_of, imported_features
     from mjsim.io.files import check_writable
     from mjsim.plots.output import unexplained_plot
-    from mjsim.workflow.diagnose import diagnose, write_effect_file
+    from mjsim.workflow.diagnose import diagnose
+    from mjsim.workflow.diagnosis import write_effect_file
     from mjsim.workflow.edit import machine_of
 
     c = read_campaign(campaign, as_is=as_is)

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from mjsim.estimation.pitch.result import DirectionIdentification, PitchIdentification
-    from mjsim.workflow.diagnose import Diagnosis
+    from mjsim.workflow.diagnosis import Diagnosis
 
 
 def simulation_csv(s: Simulation) -> str:

@@ -10,7 +10,7 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.report.numbers import fixed
 from mjsim.units import UM, unit_of
-from mjsim.workflow.diagnose import DiagnosedEffect, Diagnosis
+from mjsim.workflow.diagnosis import DiagnosedEffect, Diagnosis
 
 #: Kind of effect -> its name in a sentence, and the parameter that says how large it is.
 _WORDS = {

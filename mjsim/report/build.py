@@ -24,7 +24,7 @@ from mjsim.report.traces import test_traces
 from mjsim.report.whatif import what_if
 from mjsim.units import DEG, UM
 from mjsim.workflow.compare import ComparedTest, Comparison
-from mjsim.workflow.diagnose import Diagnosis
+from mjsim.workflow.diagnosis import Diagnosis
 
 
 def build_report(result: Diagnosis, threads: int = 2, progress: Progress = silent, thorough: bool = True) -> str:

@@ -19,7 +19,8 @@ from mjsim.report.build import build_report
 from mjsim.report.write import need_report
 from mjsim.workflow import history as ladder
 from mjsim.workflow.compare import Comparison, compare
-from mjsim.workflow.diagnose import Diagnosis, diagnose
+from mjsim.workflow.diagnose import diagnose
+from mjsim.workflow.diagnosis import Diagnosis
 
 EXAMPLE = "hidden-backlash"
 

@@ -13,7 +13,7 @@ from mjsim.machine.chain import is_rotary
 from mjsim.report.answer import short_test
 from mjsim.report.content import Finding, NotTestable, ParameterRow, Rejected
 from mjsim.units import UM, unit_of
-from mjsim.workflow.diagnose import DiagnosedEffect, Diagnosis
+from mjsim.workflow.diagnosis import DiagnosedEffect, Diagnosis
 
 #: Gain, in thresholds, from which a finding is called certain, and from which clear.
 CERTAIN, CLEAR = 10.0, 2.0

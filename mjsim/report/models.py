@@ -22,7 +22,7 @@ from mjsim.progress import Progress, silent
 from mjsim.simulation.axes import time_grid
 from mjsim.simulation.multibody import Reading, Simulation, reading_of, simulate_each
 from mjsim.workflow.compare import Comparison, overlay
-from mjsim.workflow.diagnose import Diagnosis
+from mjsim.workflow.diagnosis import Diagnosis
 
 KINEMATICS, SIMULATION = "kinematics", "full simulation"
 

@@ -19,7 +19,7 @@ from mjsim.machine.model import Machine
 from mjsim.report.content import plain
 from mjsim.units import UM, unit_of
 from mjsim.workflow.compare import Comparison
-from mjsim.workflow.diagnose import DiagnosedEffect, Diagnosis
+from mjsim.workflow.diagnosis import DiagnosedEffect, Diagnosis
 
 #: 95 % interval of a circular error from the noise σ of one sample: it is the difference of two extremes, each with one
 #: sample's noise.

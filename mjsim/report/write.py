@@ -15,7 +15,8 @@ from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.report import build, page, trend
 from mjsim.workflow.compare import Comparison, compare
-from mjsim.workflow.diagnose import Diagnosis, diagnose
+from mjsim.workflow.diagnose import diagnose
+from mjsim.workflow.diagnosis import Diagnosis
 
 
 @dataclass(frozen=True)

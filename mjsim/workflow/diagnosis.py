@@ -1,0 +1,182 @@
+"""What a diagnosis found, and how it is handed on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mjsim.campaign.model import Campaign
+from mjsim.estimation.shares import Calibration
+from mjsim.estimation.unexplained import Unexplained
+from mjsim.io import files
+from mjsim.io.extras import need
+from mjsim.machine.effect import Effect
+from mjsim.machine.model import Machine
+from mjsim.units import UM
+from mjsim.workflow.compare import Comparison
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class DiagnosedEffect:
+    """One missing effect.
+
+    Attributes:
+        effect: With fitted parameters.
+        free: Names of the fitted ones.
+        ci95: [low, high] per fitted parameter, in the units of the names.
+        rms_before: RMS of all tests before it is in the model, m, along the ladder of the effects found.
+        rms_after: The same with it.
+        alternatives: Ids that the data cannot tell from this one.
+        tests: Where it shows.
+        gain: How far the objective (squared residuals in units of the noise) falls with it.
+        rejected: How much less of that the others reach that were fitted in its place, by id.
+    """
+
+    effect: Effect
+    free: tuple[str, ...]
+    ci95: dict
+    rms_before: float
+    rms_after: float
+    alternatives: tuple[str, ...]
+    tests: tuple[str, ...]
+    gain: float = 0.0
+    rejected: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Result of a diagnosis.
+
+    Attributes:
+        campaign: What was measured.
+        verdict: ``identified``, ``ambiguous``, ``unknown`` or ``nothing_found``.
+        noise: RMS of one sample's noise, m.
+        effects: What is missing, in the order of the contribution.
+        unexplained: Something repeatable that no effect of the catalogue explains.
+        not_testable: Ids that the tests could not show.
+        machine: With the effects and the calibrated data sheet in it.
+        before: Comparison of the machine as given.
+        after: Comparison of the fitted machine.
+        rungs: The ladder between them, one effect more each. The last has the calibrated data sheet as well. Where the
+            machine file states a tolerance, the first has everything that was calibrated within it.
+        next_test: The test that separates what is ambiguous, as in the JSON.
+        trail: The models that were tried.
+        calibration: Effects inside the tolerance of the machine file.
+        shares: Share of each effect in the explained squared error; calibrated effects together by kind.
+    """
+
+    campaign: Campaign
+    verdict: str
+    noise: float
+    effects: tuple[DiagnosedEffect, ...]
+    unexplained: Unexplained | None
+    not_testable: tuple[str, ...]
+    machine: Machine
+    before: Comparison
+    after: Comparison
+    rungs: tuple[Comparison, ...] = ()
+    next_test: dict | None = None
+    trail: list = field(default_factory=list)
+    calibration: tuple[Calibration, ...] = ()
+    shares: dict[str, float] = field(default_factory=dict)
+
+    def to_json(self) -> dict:
+        """The JSON of ``mjsim diagnose``: µm, degrees and the units of the parameters' names."""
+        return {
+            "verdict": self.verdict,
+            "noise_um": _r(self.noise / UM),
+            "rms_before_um": _r(self.before.rms / UM),
+            "rms_after_um": _r(self.after.rms / UM),
+            "effects": [
+                {
+                    "id": e.effect.id,
+                    "parameters": {k: _sig(v) for k, v in e.effect.values.items()},
+                    "ci95": {k: _sig(v) for k, v in e.ci95.items()},
+                    "rms_before_um": _r(e.rms_before / UM),
+                    "rms_after_um": _r(e.rms_after / UM),
+                    "alternatives": list(e.alternatives),
+                    "tests": list(e.tests),
+                }
+                for e in self.effects
+            ],
+            "unexplained": self.unexplained.to_json() if self.unexplained else None,
+            "not_testable": list(self.not_testable),
+            "samples": sum(row["samples"] for row in self.before.to_json()["tests"]),
+            "left_out": [
+                {
+                    "test": row["name"],
+                    "disturbances": row["outliers"],
+                    "samples": row["samples_left_out"],
+                    "of": row["samples"],
+                    "saturated": row["samples_saturated"],
+                }
+                for row in self.before.to_json()["tests"]
+                if row["samples_left_out"]
+            ],
+            "next_test": self.next_test,
+            "calibration": [_calibration_row(c) for c in self.calibration],
+            "shares": [{"id": name, "share": round(share, 4)} for name, share in self.shares.items()],
+        }
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row per fitted parameter of the effects found: effect, parameter, value, low, high (95 %), units of the
+        names.
+
+        Components of a pitch error are parameters ``order 72 amplitude`` and ``order 72 phase``.
+        """
+        need("to_dataframe", "dataframe", "pandas")
+        import pandas as pd
+
+        rows = []
+        for e in self.effects:
+            same = ", ".join(e.alternatives)
+            for name in e.free:
+                value, ci = e.effect.values[name], e.ci95.get(name)
+                if name == "components":
+                    for k, row in enumerate(value):
+                        for j, what in ((1, "amplitude"), (2, "phase")):
+                            low, high = (ci[0][k][j], ci[1][k][j]) if ci else (np.nan, np.nan)
+                            rows.append((e.effect.id, f"order {row[0]:g} {what}", row[j], low, high, same))
+                else:
+                    rows.append((e.effect.id, name, value, *(ci or (np.nan, np.nan)), same))
+        return pd.DataFrame(rows, columns=["effect", "parameter", "value", "low", "high", "alternatives"])
+
+
+def write_effect_file(result: Diagnosis, folder: Path) -> Diagnosis:
+    """Write the unexplained rest's effect file into ``folder``; the diagnosis that names it. Nothing happens where
+    none is left.
+    """
+    u = result.unexplained
+    if u is None:
+        return result
+    path = folder / f"{u.stem}.py"
+    files.write_whole(path, u.source, force=True)
+    return replace(result, unexplained=replace(u, effect_file=str(path)))
+
+
+def _calibration_row(c: Calibration) -> dict:
+    effect = c.effect.effect
+    return {
+        "id": effect.id,
+        "parameters": {name: _sig(effect.values[name]) for name in c.effect.names},
+        "ci95": {k: _sig(v) for k, v in c.ci95.items()},
+        "limit": _sig(c.limit),
+        "observable": c.observable,
+        "rms_um": _r(c.rms / UM),
+    }
+
+
+def _r(x: float) -> float:
+    return round(float(x), 4)
+
+
+def _sig(v):
+    if isinstance(v, (list, tuple)):
+        return [_sig(x) for x in v]
+    return float(f"{v:.6g}") if isinstance(v, (int, float)) else v
