@@ -12,11 +12,11 @@ import mujoco
 import numpy as np
 import pytest
 import trimesh
-from mjsim.machine.build import five_axis
-from mjsim.machine.build.folder import differences, write_folder
-from mjsim.machine.build.pieces import cylinder, loft
 
 from mjsim.machine.model import build
+from mjsim.machine.modelling import five_axis
+from mjsim.machine.modelling.folder import differences, write_folder
+from mjsim.machine.modelling.pieces import cylinder, loft
 from mjsim.simulation.mjmodel import build_model
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -284,7 +284,7 @@ def test_assets_are_closed_and_reproducible(tmp_path):
         assert mesh.is_winding_consistent, path.name
         assert mesh.volume > 0, path.name
     done = subprocess.run(
-        [sys.executable, "-m", "mjsim.machine.build", "--check"], cwd=ROOT, capture_output=True, text=True
+        [sys.executable, "-m", "mjsim.machine.modelling", "--check"], cwd=ROOT, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stdout + done.stderr
 
@@ -318,7 +318,7 @@ def solids() -> tuple[mujoco.MjModel, dict[str, list[int]]]:
     spec = mujoco.MjSpec.from_file(str(XML))
     machine = five_axis.machine()
     hollow = {"table_top", "table_scale", "table_mark"}  # inside the disc below, or paint
-    made = {(b.name, p.mesh): p.pieces for b in machine.bodies() for p in b.solids.parts if p.mesh not in hollow}
+    made = {(b.name, p.mesh): p.pieces for b in machine.bodies for p in b.parts if p.mesh not in hollow}
     made["table", "disc"] = [cylinder("z", five_axis.DIMENSIONS.table_radius, 0.055, five_axis.DIMENSIONS.table_top)]
     names: dict[str, list[str]] = {}
     for (body, mesh), pieces in made.items():
