@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
 
 from mjsim.errors import InputError
 from mjsim.io.resources import model_file
 from mjsim.machine.chain import FIVE_AXIS, Chain
 
+if TYPE_CHECKING:
+    import mujoco
+
 
 def own_inertia(model: mujoco.MjModel, chain: Chain = FIVE_AXIS) -> np.ndarray:
     """Inertia of the bodies that each axis of ``model`` moves, (axes,) kg and kg·m²; armatures are set to zero."""
+    import mujoco  # not above: reading a campaign needs no MuJoCo, whose import fails where its renderer is missing
+
     dofs = [model.joint(a).dofadr[0] for a in chain.letters]
     model.dof_armature[dofs] = 0.0
     data = mujoco.MjData(model)
@@ -47,6 +52,8 @@ def moving_bodies(chain: Chain) -> np.ndarray:
     Raises:
         InputError: no MJCF ships for these axes.
     """
+    import mujoco
+
     check_model(chain)
     return own_inertia(mujoco.MjModel.from_xml_path(str(model_file())))
 
