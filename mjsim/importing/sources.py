@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mjsim.ballbar.kinds.base import kind_of
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
 from mjsim.campaign.model import Campaign
@@ -177,7 +178,8 @@ def _the_run(
     have = f"{recorded.path}: has {' and '.join(f'run {r.direction}' for r in recorded.runs) or 'no READINGS'}"
     plane = "".join(recorded.imported.axes)
     if test is not None:
-        if test.kind != "circular" or (plane and set(test.plane) != set(plane)):
+        mine = kind_of(test).plane(test)
+        if not mine or (plane and set(mine) != set(plane)):
             other = f"test {test.name!r} is {test.kind} {test.plane}".rstrip()
             raise InputError(
                 f"{recorded.path}: holds a circle in {plane or 'a plane'}; {other}; allowed: FILE=TEST of such a "
@@ -195,7 +197,7 @@ def _the_run(
 
 def _fits(recorded: Recorded, run: Run, test: BallBarTest) -> bool:
     """Whether a test of the campaign is what the header describes."""
-    if test.kind != "circular" or test.plane != recorded.plane or test.direction != run.direction:
+    if kind_of(test).plane(test) != recorded.plane or test.direction != run.direction:
         return False
     said = recorded.keys
     pairs = ((said.get("bar_length_mm"), test.length * 1e3), (said.get("feed_mm_min"), test.feed * 6e4))
