@@ -16,7 +16,7 @@ from mjsim.estimation.samples import GRID_STEPS
 from mjsim.machine.effect import Effect
 from mjsim.machine.kinematics import Geometry
 from mjsim.machine.model import Machine, build
-from mjsim.machine.plant import Plant
+from mjsim.machine.plant import PLAY, Plant
 from mjsim.simulation.bar import reading
 from mjsim.simulation.transmission import reading_change
 
@@ -36,14 +36,15 @@ class Linearisation:
     def columns(self, free: EffectVector) -> list[np.ndarray] | None:
         """Derivative of the block means by the entries of an effect, (m, k) per test in m per typical size.
 
-        ``None`` where the effect needs a new simulation: it acts on a drive, moves the table, or is plain Python.
+        ``None`` where the effect needs a new simulation: it acts on a drive, has play, moves the table or is in Python.
         """
         if free.effect.in_python or not free.effect.search.quasi_static:
             return None
         n = len(free.vector)
         pairs = [free.nudged(j, _STEP) for j in range(n)]
         alone = [self._alone(e) for e in (free.effect, *(effect for effect, _ in pairs))]
-        if any(op.out >= self.machine.chain.count for plant in alone for op in plant.ops):
+        ops = [op for plant in alone for op in plant.ops]
+        if any(op.out >= self.machine.chain.count or op.code == PLAY for op in ops):
             return None
         here, *moved = alone
 
