@@ -10,7 +10,7 @@ better explanation, the cause is in no catalogue.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,7 +51,6 @@ class _Model:
     fit: Fit
     kept: dict[str, Calibrated]
     bank: SignatureBank
-    odds: dict[str, float] = field(default_factory=dict)
     curve: CurveTerm | None = None
 
 
@@ -128,12 +127,10 @@ class JointSelector:
         as prior.
         """
         out = [f for f in model.fit.effects if f.effect.key in model.kept]
-        model.odds = {}
         for f in model.fit.effects:
             mine = {m.wave: g for g, m in enumerate(groups.members) if m.free is f and g in chosen.precision}
             if mine:
                 out.append(_kept_waves(f, {wave: chosen.precision[g] for wave, g in mine.items()}))
-                model.odds[f.effect.key] = max(chosen.log_odds[g] for g in mine.values())
         new = [g for g in chosen.precision if groups.members[g].candidate is not None]
         new.sort(key=lambda g: -chosen.log_odds[g])
         for g in new:
@@ -143,7 +140,6 @@ class JointSelector:
             if same is not None and c.effect.kind != "pitch_error":
                 continue  # another place of the same cause: the refit finds the best one
             added = _added(self.fitter.machine, EffectVector(c.effect, c.names), x, chosen.precision[g])
-            model.odds[c.effect.key] = max(chosen.log_odds[g], model.odds.get(c.effect.key, -np.inf))
             if same is None:
                 out.append(added)
             else:
