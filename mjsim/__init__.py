@@ -21,6 +21,7 @@ _WHERE = {
     "check": "mjsim.workflow.check",
     "write_corrected": "mjsim.workflow.check",
     "compare": "mjsim.workflow.compare",
+    "calibrate": "mjsim.workflow.calibrate",
     "diagnose": "mjsim.workflow.diagnose",
     "plan": "mjsim.workflow.plan",
     "identify_pitch_errors": "mjsim.estimation.pitch.identify",

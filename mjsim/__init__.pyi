@@ -29,6 +29,7 @@ from mjsim.nc.write import write_nc as write_nc
 from mjsim.paper.figures import figures as figures
 from mjsim.report.write import report as report
 from mjsim.simulation.multibody import simulate as simulate
+from mjsim.workflow.calibrate import calibrate as calibrate
 from mjsim.workflow.check import check as check
 from mjsim.workflow.check import write_corrected as write_corrected
 from mjsim.workflow.compare import compare as compare
@@ -54,6 +55,7 @@ __all__ = [
     "animate",
     "animate_ladder",
     "batch",
+    "calibrate",
     "check",
     "compare",
     "diagnose",

@@ -9,6 +9,7 @@ import click
 from mjsim.ballbar.kinds import KINDS
 from mjsim.cli import common
 from mjsim.cli.import_show import show_features
+from mjsim.units import UM
 
 
 @click.command("compare")
@@ -19,16 +20,23 @@ from mjsim.cli.import_show import show_features
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder for plots (default: .mjsim/compare in the campaign).",
 )
+@click.option(
+    "--calibrate",
+    "calibrated",
+    is_flag=True,
+    help="Fit what the machine file has a tolerance for first, and compare that machine.",
+)
 @click.option("--no-plots", is_flag=True, help="Numbers only.")
 @click.option("--force", is_flag=True, help="Replace plots in the folder named by --out.")
 @common.as_is_option
 @common.threads_option
 @common.options
-def command(campaign, machine, out, no_plots, force, threads, as_is, as_json, quiet) -> None:
+def command(campaign, machine, out, calibrated, no_plots, force, threads, as_is, as_json, quiet) -> None:
     """Lay the simulation over the measurement of CAMPAIGN, test by test.
 
     The ball offsets of every set-up, the bar's length and each trigger are fitted with their priors and shown;
-    the machine is taken as it is.
+    the machine is taken as it is. With --calibrate, what the [tolerance] table of the machine file names is fitted
+    first; nothing else is looked for.
 
     \b
     Example: mjsim compare examples/hidden-backlash
@@ -37,7 +45,9 @@ def command(campaign, machine, out, no_plots, force, threads, as_is, as_json, qu
     from mjsim.importing.features import circles_of, imported_features
     from mjsim.io.files import check_writable
     from mjsim.plots.output import comparison_plots, plot_files
+    from mjsim.workflow.calibrate import calibrate
     from mjsim.workflow.compare import compare
+    from mjsim.workflow.diagnosis import calibration_json
     from mjsim.workflow.edit import machine_of
 
     c = read_campaign(campaign, as_is=as_is)
@@ -47,9 +57,14 @@ def command(campaign, machine, out, no_plots, force, threads, as_is, as_json, qu
         for file in plot_files(c.measured, out or c.state_folder / "compare"):
             check_writable(file, force or out is None)
     with common.progress_bar(quiet) as progress:
-        result = compare(c, m, common.cores(threads), progress)
+        fitted = calibrate(c, m, common.cores(threads), progress) if calibrated else None
+        result = fitted.after if fitted else compare(c, m, common.cores(threads), progress)
         plots = [] if no_plots else comparison_plots(result, out or c.state_folder / "compare", progress)
     data, found = result.to_json(), {}
+    if fitted:
+        data |= {"rms_as_given_um": round(fitted.before.rms / UM, 4)} | calibration_json(
+            fitted.calibration, fitted.shares
+        )
     if imported:
         found = {e.id: e.values for e in m.effects}
         data["imported"] = show_features(imported, found, circles_of(c, data), silent=True)
@@ -58,6 +73,14 @@ def command(campaign, machine, out, no_plots, force, threads, as_is, as_json, qu
         return
     if quiet:
         return
+    if fitted:
+        common.paragraph(
+            f"residual RMS {data['rms_as_given_um']:.3f} µm as given, {data['rms_um']:.3f} µm calibrated within "
+            "tolerance"
+        )
+        common.paragraph(calibration_sentence(data))
+        show_beyond(m, fitted.calibration)
+        click.echo()
     show(data)
     for warning in data["warnings"]:
         common.say(f"warning: {warning}", quiet)
@@ -86,6 +109,37 @@ def left_out_sentence(rows: list[dict], total: int) -> str:
         parts.append(f"{r['test']} {share}" + (f" ({', '.join(why)})" if why else ""))
     return (
         f"Left out as disturbed or missing: {out} of {total} samples ({100.0 * out / total:.2g} %): {'; '.join(parts)}."
+    )
+
+
+def show_beyond(machine, calibration) -> None:
+    """One line for each calibrated number that lies beyond its limit."""
+    from mjsim.report.causes import rows_of
+
+    for r in rows_of(machine, calibration):
+        if r.beyond:
+            common.paragraph(
+                f"Beyond its limit: {r.effect_id} {r.name} = {r.value:.4g} {r.unit} [{r.low:.4g}, {r.high:.4g}], "
+                f"limit {r.expected:.4g} ± {r.limit:.4g} {r.unit}. `mjsim diagnose` says what else there is."
+            )
+
+
+def percent(share: float) -> str:
+    """A share between 0 and 1 in per cent, as finely as one reads it."""
+    return "< 0.1 %" if share < 0.001 else f"{100.0 * share:.{1 if share < 0.1 else 0}f} %"
+
+
+def calibration_sentence(data: dict) -> str:
+    """One line on what was fitted within the tolerance of the machine file."""
+    rows = data["calibration"]
+    seen = sum(row["observable"] for row in rows)
+    inside = {row["id"].partition(".")[0] for row in rows}
+    share = sum(row["share"] for row in data["shares"] if row["id"].removesuffix(".*") in inside and "*" in row["id"])
+    largest = sorted(rows, key=lambda row: -row["rms_um"])[:3]
+    names = ", ".join(f"{row['id']} ({row['rms_um']:.2f} µm)" for row in largest)
+    return (
+        f"Calibrated within tolerance: {len(rows)} effects, {percent(share)} of the error, {seen} of them observable "
+        f"with these tests. Largest in the readings: {names}."
     )
 
 

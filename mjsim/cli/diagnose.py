@@ -8,8 +8,9 @@ import click
 
 from mjsim.ballbar.kinds import kind_of
 from mjsim.cli import common
-from mjsim.cli.compare import left_out_sentence
+from mjsim.cli.compare import calibration_sentence, left_out_sentence, percent
 from mjsim.cli.import_show import show_features
+from mjsim.report.remedies import remedy
 
 
 @click.command("diagnose")
@@ -66,7 +67,7 @@ def command(campaign, machine, write, max_effects, force, threads, as_is, as_jso
         return
     if quiet:
         return
-    show(data)
+    show(data, str(campaign))
     for axis in _identifiable(c, data):
         common.paragraph(
             f"pitch errors of many orders can look like this; the tangential tests of {axis} can be read for them "
@@ -98,23 +99,27 @@ _SENTENCE = {
 }
 
 
-def show(data: dict) -> None:
-    """A diagnosis' JSON as text."""
+#: What the final model has, for the sentence about the residual.
+_FITTED = {True: "with everything that was found and calibrated", False: "with what was found"}
+
+
+def show(data: dict, campaign: str = "CAMPAIGN") -> None:
+    """A diagnosis' JSON as text: what matters first, then the calibration, then where to look.
+
+    Args:
+        data: as :meth:`mjsim.workflow.diagnosis.Diagnosis.to_json` gives it.
+        campaign: its folder, for the commands that are proposed.
+    """
     common.paragraph(_SENTENCE[data["verdict"]])
     common.paragraph(
         f"residual RMS {data['rms_before_um']:.3f} µm as given, "
-        f"{data['rms_after_um']:.3f} µm with what was found; noise {data['noise_um']:.3f} µm"
+        f"{data['rms_after_um']:.3f} µm {_FITTED[bool(data['calibration'])]}; noise {data['noise_um']:.3f} µm"
     )
     if data["left_out"]:
         common.paragraph(left_out_sentence(data["left_out"], data["samples"]))
+    shares = {row["id"]: row["share"] for row in data["shares"]}
     for e in data["effects"]:
-        click.echo(f"\n  {e['id']}   {e['rms_before_um']:.3f} → {e['rms_after_um']:.3f} µm")
-        for line in parameter_lines(e["parameters"], e["ci95"]):
-            common.paragraph(line, "    ")
-        if e["alternatives"]:
-            common.paragraph(f"cannot be told from: {', '.join(e['alternatives'])}", "    ")
-        if e["tests"]:
-            common.paragraph(f"shows in: {', '.join(e['tests'])}", "    ")
+        _show_effect(e, shares.get(_key(e)))
     if data["calibration"]:
         click.echo()
         common.paragraph(calibration_sentence(data))
@@ -138,18 +143,30 @@ def show(data: dict) -> None:
     if data["not_testable"]:
         click.echo()
         common.paragraph(f"not testable with this campaign: {', '.join(data['not_testable'])}")
+    if data["effects"] or data["calibration"]:
+        click.echo("\nWhere to look:")
+        for e in data["effects"]:
+            common.paragraph(f"{e['id']}: {remedy(e['id'].partition('.')[0]).text}", "  ")
+        table = "the calibration against its limits and " if data["calibration"] else ""
+        common.paragraph(f"mjsim report {campaign}   shows {table}the error by cause", "  ")
 
 
-def calibration_sentence(data: dict) -> str:
-    """One line on what was fitted within the tolerance of the machine file."""
-    rows = data["calibration"]
-    seen = sum(row["observable"] for row in rows)
-    largest = sorted(rows, key=lambda row: -row["rms_um"])[:3]
-    names = ", ".join(f"{row['id']} ({row['rms_um']:.2f} µm)" for row in largest)
-    return (
-        f"calibrated within tolerance: {len(rows)} effects, {seen} of them observable with these tests; "
-        f"the largest in the readings: {names}; --json has the table"
-    )
+def _key(e: dict) -> str:
+    """Key of an effect of the JSON: its id, and its direction where it has one."""
+    direction = e["parameters"].get("direction")
+    return f"{e['id']}[{direction}]" if direction else e["id"]
+
+
+def _show_effect(e: dict, share: float | None) -> None:
+    """One finding: its share of the explained squared error, its parameters, and where it shows."""
+    part = "" if share is None else f"   {percent(share)} of the error"
+    click.echo(f"\n  {e['id']}{part}   {e['rms_before_um']:.3f} → {e['rms_after_um']:.3f} µm")
+    for line in parameter_lines(e["parameters"], e["ci95"]):
+        common.paragraph(line, "    ")
+    if e["alternatives"]:
+        common.paragraph(f"cannot be told from: {', '.join(e['alternatives'])}", "    ")
+    if e["tests"]:
+        common.paragraph(f"shows in: {', '.join(e['tests'])}", "    ")
 
 
 def parameter_lines(parameters: dict, intervals: dict) -> list[str]:

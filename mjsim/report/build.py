@@ -16,6 +16,7 @@ from mjsim.machine.model import Machine
 from mjsim.plots.output import conditions, polar_traces, residual_trace
 from mjsim.progress import Progress, silent
 from mjsim.report.answer import explained, headlines
+from mjsim.report.causes import calibration_rows, waterfall
 from mjsim.report.content import BidirectionalRow, ModelRow, ReportContent, SetUpRow, TestSection, WhatIf
 from mjsim.report.evidence import findings, next_test_sentence, rest_percent, untestable
 from mjsim.report.models import Model, basis, ladder, prepared
@@ -48,7 +49,9 @@ def diagnosed(
     problem = prepared(result, threads)
     models, start = ladder(result, problem, threads, progress, apart=thorough)
     keys = {e.effect.key for e in result.effects}
-    repairs = what_if(problem, result.after, result.before.machine, keys, threads, progress, full=3 if thorough else 1)
+    inside = {c.effect.effect.key for c in result.calibration}
+    full = 3 if thorough else 1
+    repairs = what_if(problem, result.after, result.before.machine, keys, threads, progress, full, inside)
     repairs = _opened(repairs, {e.effect.key: e.alternatives for e in result.effects})
     base = _content(models, start, problem, result.machine, repairs, date)
     rest = rest_percent(result)
@@ -64,6 +67,8 @@ def diagnosed(
             "curve": (*u.curve, u.labels, u.summary, u.period) if (u := result.unexplained) else None,
             "not_testable": untestable(result.not_testable, problem),
             "next_test": next_test_sentence(result.next_test),
+            "calibration": calibration_rows(result),
+            "waterfall": waterfall(result),
             "diagnosis": result.to_json(),
         }
     )

@@ -16,6 +16,7 @@ import numpy as np
 from mjsim.ballbar.iso230 import BidirectionalFigures, CircularFigures
 from mjsim.plots.polar import PolarTrace
 from mjsim.plots.residual import ResidualTrace
+from mjsim.report.causes import CalibrationRow, CauseShare
 
 #: Marks a field that only figures are made of: it is no part of the JSON.
 _DRAWN = {"drawn": True}
@@ -229,6 +230,7 @@ class ReportContent:
         unexplained: what is left that repeats and no catalogue effect explains, in one sentence.
         not_testable: effects this campaign cannot show. next_test: which test to run next and what it would tell apart.
         what_if: repairs and what each would gain.
+        calibration: numbers that the machine file has a tolerance for. waterfall: the error by cause.
         diagnosis: the JSON of ``mjsim diagnose``; None without one.
         provenance: (name, text) pairs: versions, seed, model hash. date: as it is to be printed; given by the caller.
         curve: what the unexplained rest looks like, as :func:`mjsim.plots.curve.curve_figure` takes it.
@@ -253,6 +255,8 @@ class ReportContent:
     not_testable: Sequence[NotTestable] = ()
     next_test: str = ""
     what_if: WhatIf | None = None
+    calibration: Sequence[CalibrationRow] = ()
+    waterfall: Sequence[CauseShare] = ()
     diagnosis: dict | None = None
     provenance: Sequence[tuple[str, str]] = ()
     date: str = ""

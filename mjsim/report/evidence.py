@@ -25,11 +25,16 @@ def findings(result: Diagnosis) -> list[Finding]:
     """One entry per effect, in the diagnosis' order."""
     data = result.to_json()["effects"]
     explainable = result.before.rms**2 - result.noise**2
-    return [_finding(e, row, explainable) for e, row in zip(result.effects, data, strict=True)]
+    return [
+        _finding(e, row, explainable, result.shares.get(e.effect.key))
+        for e, row in zip(result.effects, data, strict=True)
+    ]
 
 
-def _finding(e: DiagnosedEffect, data: dict, explainable: float) -> Finding:
+def _finding(e: DiagnosedEffect, data: dict, explainable: float, known: float | None) -> Finding:
     share = 100.0 * (e.rms_before**2 - e.rms_after**2) / explainable if explainable > 0.0 else None
+    if known is not None:
+        share = 100.0 * known
     rejected = None
     if e.rejected and e.gain > 0.0:
         name, loss = min(e.rejected.items(), key=lambda r: r[1])

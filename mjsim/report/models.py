@@ -25,6 +25,8 @@ from mjsim.workflow.compare import Comparison, overlay
 from mjsim.workflow.diagnosis import Diagnosis
 
 KINEMATICS, SIMULATION = "kinematics", "full simulation"
+#: The step of a machine whose file states a tolerance.
+WITHIN = "calibrated within tolerance"
 
 
 @dataclass(frozen=True)
@@ -110,13 +112,17 @@ def ladder(
     out = basis(problem, result.before, threads, progress)
     start = len(out) - 1
     found = [e.effect for e in result.effects]
+    within = [c.effect.effect for c in result.calibration]
+    if within and found:
+        text = f"All {len(within)} effects with a tolerance, at the values that the data and the tolerance give them."
+        out.append(Model(WITHIN, text, SIMULATION, result.rungs[0]))
     for i, effect in enumerate(found):
         last = i == len(found) - 1
         text = f"{effect.title}: {_values(effect)}. Data sheet as given."
         if not last:
             out.append(Model(f"+ {effect.key}", text, SIMULATION, result.rungs[i + 1]))
         elif apart:
-            whole = phased(problem, with_effects(result.before.machine, found))
+            whole = phased(problem, with_effects(result.before.machine, [*within, *found]))
             comparison = overlay(
                 problem, whole, run(problem, whole, "simulating the data sheet as given", threads, progress)
             )
@@ -126,6 +132,9 @@ def ladder(
         out.append(
             Model(f"+ {found[-1].key}", f"{found[-1].title}: {_values(found[-1])}. {inside}.", SIMULATION, result.after)
         )
+    elif within and not found:
+        text = f"The final model: {len(within)} effects with a tolerance. {inside}."
+        out.append(Model(WITHIN, text, SIMULATION, result.after))
     else:
         out.append(Model("data sheet calibrated", f"The final model. {inside}.", SIMULATION, result.after))
     return out, start

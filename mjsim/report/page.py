@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from mjsim.plots import curve, ladder, overview, polar, residual, trend
 from mjsim.plots.save import DPI
+from mjsim.plots.waterfall import Fall, waterfall_figure
 from mjsim.report import numbers
 from mjsim.report.content import ParameterRow, ReportContent, TestSection
 
@@ -73,6 +74,8 @@ def render(content: ReportContent) -> str:
         ladder_image=_ladder_image(content),
         curve_image=data_uri(curve.curve_figure(*content.curve)) if content.curve else None,
         overview_image=_overview_image(content),
+        waterfall_image=_waterfall_image(content),
+        unseen=sum(not row.observable for row in content.calibration),
         sections=[_section(test) for test in content.tests],
         iso_rows=any(test.measured is not None for test in content.tests),
         triggers=any(test.trigger_ms is not None for test in content.tests),
@@ -129,7 +132,11 @@ def page(template: str, data: dict, traces: Any, scripts: tuple[str, ...], **mor
         lstrip_blocks=True,
         loader=jinja2.FunctionLoader(asset),
     )
-    environment.filters.update(um=numbers.um, interval=lambda p: numbers.interval(ParameterRow(**p)))
+    environment.filters.update(
+        um=numbers.um,
+        interval=lambda p: numbers.interval(ParameterRow(**p)),
+        estimate=lambda p: numbers.estimate(ParameterRow(**p)),
+    )
 
     def number(pointer: str, decimals: int = 2) -> str:
         value = at(data, pointer)
@@ -208,6 +215,14 @@ def _ladder_image(content: ReportContent) -> str | None:
         return None
     steps = [ladder.LadderStep(row.label, row.rms_um) for row in content.models]
     return data_uri(ladder.ladder_figure(steps, content.noise_um))
+
+
+def _waterfall_image(content: ReportContent) -> str | None:
+    if not content.waterfall or not content.models:
+        return None
+    falls = [Fall(row.cause, row.percent, row.after_um, row.finding) for row in content.waterfall]
+    ends = content.models[content.start].rms_um, content.models[-1].rms_um
+    return data_uri(waterfall_figure(ends[0], falls, ends[1], content.noise_um))
 
 
 def _overview_image(content: ReportContent) -> str | None:

@@ -24,7 +24,7 @@ from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import AxisPlant
 from mjsim.progress import Progress, silent
 from mjsim.report.content import RepairRow, WhatIf
-from mjsim.report.models import SIMULATION, run
+from mjsim.report.models import SIMULATION, WITHIN, run
 from mjsim.report.remedies import Remedy, remedy
 from mjsim.simulation.axes import time_grid
 from mjsim.simulation.drive import STEP
@@ -61,13 +61,13 @@ def lag(axis: AxisPlant) -> float:
     return (1.0 - axis.feedforward) / axis.position_gain + axis.delay
 
 
-def causes(machine: Machine, given: Machine, found: Collection[str] = ()) -> list[Cause]:
+def causes(machine: Machine, given: Machine, found: Collection[str] = (), inside: Collection[str] = ()) -> list[Cause]:
     """Everything in ``machine`` that could be taken out one by one; friction that was ``found`` (keys) to be off what
     ``given`` has
-    can also go back to that."""
+    can also go back to that. Effects within their tolerance (keys ``inside``) go together."""
     out = []
     for effect in machine.effects:
-        if effect.is_neutral:
+        if effect.is_neutral or effect.key in inside:
             continue
         out.append(Cause(effect.key, effect.title, remedy(effect.kind), machine.without(effect.key)))
         former = given.effect(effect.key)
@@ -85,6 +85,9 @@ def causes(machine: Machine, given: Machine, found: Collection[str] = ()) -> lis
                     machine.with_effect(former),
                 )
             )
+    if inside:
+        what = Remedy("share", "", "A machine of this class may have it. The calibration shows each number.")
+        out.append(Cause(WITHIN, "Everything that was calibrated", what, _as_given(machine, given, inside)))
     lags = {a: lag(drive) for a, drive in build(machine).axes.items()}
     if max(lags.values()) - min(lags.values()) > _LAG:
         spread = ", ".join(f"{a} {lags[a] * 1e3:.2f}" for a in lags)
@@ -92,6 +95,14 @@ def causes(machine: Machine, given: Machine, found: Collection[str] = ()) -> lis
         what = Remedy("adjust", "servo mismatch", "Set gains, feedforward and delays so that all axes lag alike.")
         out.append(Cause("servo lag", title, what, _matched(machine, lags)))
     return out
+
+
+def _as_given(machine: Machine, given: Machine, keys: Collection[str]) -> Machine:
+    """``machine`` with some effects as ``given`` has them, or without them."""
+    for key in keys:
+        former = given.effect(key)
+        machine = machine.without(key) if former is None else machine.with_effect(former)
+    return machine
 
 
 def _matched(machine: Machine, lags: dict[str, float]) -> Machine:
@@ -117,6 +128,7 @@ def what_if(
     threads: int = 2,
     progress: Progress = silent,
     full: int = 3,
+    inside: Collection[str] = (),
 ) -> WhatIf | None:
     """Repair every cause in a machine alone, the best repair first, then all repairs together.
 
@@ -129,6 +141,7 @@ def what_if(
         progress: told what is being done.
         full: the best repairs that are simulated in the multibody model. With more than one, all repairs together are
             as well.
+        inside: keys of the effects within their tolerance.
 
     Returns:
         None when there is nothing to take out.
@@ -137,7 +150,7 @@ def what_if(
         SimulationError: see :func:`mjsim.simulation.multibody.simulate`.
     """
     machine = phased(problem, final.machine)
-    every = causes(machine, given, found)
+    every = causes(machine, given, found, inside)
     if not every:
         return None
     known = final.readings if machine is final.machine else ()

@@ -60,7 +60,7 @@ def diagnose(
         raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; a diagnosis needs measured tests")
     progress("preparing", 0, 1)
     separated = separate(checked_problem(campaign, build(machine), threads, settings=settings), machine)
-    explained = _explain(separated, max_effects, progress)
+    explained = select_model(separated, max_effects, progress)
     data, selection, unexplained = explained.data, explained.selection, explained.unexplained
     hidden = not_testable(data, Projector(selection.start), selection.bank)
     found = sorted(
@@ -120,7 +120,7 @@ def diagnose(
 
 
 @dataclass(frozen=True)
-class _Explained:
+class Explained:
     """Outcome of the model selection: the data that it ends on, the model, what is left, and what was calibrated."""
 
     data: Problem
@@ -130,7 +130,7 @@ class _Explained:
     shares: dict[str, float] = field(default_factory=dict)
 
 
-def _explain(separated: Separated, max_effects: int, progress: Progress) -> _Explained:
+def select_model(separated: Separated, max_effects: int = 5, progress: Progress = silent) -> Explained:
     """The model selection on data without vibrations."""
     problem = separated.problem
     fitter = Fitter(problem, separated.machine)
@@ -142,11 +142,11 @@ def _explain(separated: Separated, max_effects: int, progress: Progress) -> _Exp
         data = readmitted(problem, selection.fit.readings, selection.fit.nuisance)
         if data is not problem:
             refitted = fitter.with_problem(data).fit(selection.fit.effects, start=selection.fit)
-            return _Explained(data, replace(selection, fit=refitted), unexplained)
-    return _Explained(problem, selection, unexplained)
+            return Explained(data, replace(selection, fit=refitted), unexplained)
+    return Explained(problem, selection, unexplained)
 
 
-def _explain_within_tolerance(problem: Problem, fitter: Fitter, progress: Progress) -> _Explained:
+def _explain_within_tolerance(problem: Problem, fitter: Fitter, progress: Progress) -> Explained:
     """The same for a machine whose file states a tolerance: everything is calibrated at once, and findings lie
     beyond it.
     """
@@ -155,7 +155,7 @@ def _explain_within_tolerance(problem: Problem, fitter: Fitter, progress: Progre
     rest = best_curve_term(problem, fit) if joint.curve is not None else None
     progress("shares of the error", 0, 1)
     entries, shares = calibrations(problem, fit, joint.calibrated)
-    return _Explained(problem, joint.selection, describe(problem, fit, rest) if rest else None, entries, shares)
+    return Explained(problem, joint.selection, describe(problem, fit, rest) if rest else None, entries, shares)
 
 
 def _found(problem: Problem, selection: Selection) -> list[tuple[float, DiagnosedEffect]]:

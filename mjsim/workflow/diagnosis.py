@@ -86,6 +86,17 @@ class Diagnosis:
     calibration: tuple[Calibration, ...] = ()
     shares: dict[str, float] = field(default_factory=dict)
 
+    @property
+    def explained_shares(self) -> dict[str, float]:
+        """Share of each cause in the explained squared error, the largest first; from the ladder where the selection
+        has not computed them. They sum to 1.
+        """
+        if self.shares or not self.effects:
+            return self.shares
+        gains = {e.effect.key: max(0.0, e.rms_before**2 - e.rms_after**2) for e in self.effects}
+        whole = sum(gains.values()) or 1.0
+        return {key: gain / whole for key, gain in sorted(gains.items(), key=lambda item: -item[1])}
+
     def to_json(self) -> dict:
         """The JSON of ``mjsim diagnose``: µm, degrees and the units of the parameters' names."""
         return {
@@ -120,8 +131,7 @@ class Diagnosis:
                 if row["samples_left_out"]
             ],
             "next_test": self.next_test,
-            "calibration": [_calibration_row(c) for c in self.calibration],
-            "shares": [{"id": name, "share": round(share, 4)} for name, share in self.shares.items()],
+            **calibration_json(self.calibration, self.explained_shares),
         }
 
     def to_dataframe(self) -> pd.DataFrame:
@@ -158,6 +168,14 @@ def write_effect_file(result: Diagnosis, folder: Path) -> Diagnosis:
     path = folder / f"{u.stem}.py"
     files.write_whole(path, u.source, force=True)
     return replace(result, unexplained=replace(u, effect_file=str(path)))
+
+
+def calibration_json(entries: tuple[Calibration, ...], shares: dict[str, float]) -> dict:
+    """The keys ``calibration`` and ``shares`` of the JSON."""
+    return {
+        "calibration": [_calibration_row(c) for c in entries],
+        "shares": [{"id": name, "share": round(share, 4)} for name, share in shares.items()],
+    }
 
 
 def _calibration_row(c: Calibration) -> dict:

@@ -30,6 +30,7 @@ from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 from mjsim.units import UM
 from mjsim.workflow import history as ladder
+from mjsim.workflow.calibrate import fit_within_tolerance
 from mjsim.workflow.compare import Comparison, compare
 
 
@@ -90,8 +91,8 @@ def add(
 ) -> Change:
     """Fit an effect to the campaign and put it into the machine file.
 
-    The drives' data sheet is calibrated inside its tolerances during the fit, but not written: the file gets the effect
-    only.
+    The drives' data sheet, and what the machine file has a tolerance for, are calibrated during the fit, but not
+    written: the file gets the effect only.
 
     Args:
         campaign: with at least one measured test.
@@ -213,15 +214,15 @@ def _fitted(problem: Problem, machine: Machine, cls: type[Effect], subjects: lis
 
 
 def fit_effect(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str) -> Fit:
-    """Best fit of one effect over its starting points.
+    """Best fit of one effect over its starting points, beside what the machine file has a tolerance for.
 
     Raises:
         InputError: the campaign cannot show it.
     """
-    start = fitter.fit([], exact=False)
+    effect_id, chain = f"{cls.kind}.{subject}", fitter.machine.chain
+    start = fit_within_tolerance(fitter, without=effect_id)
     bank = SignatureBank(problem, start)
     selection = ModelSelection(fitter)
-    effect_id, chain = f"{cls.kind}.{subject}", fitter.machine.chain
     silent_here = (
         f"effect {effect_id} does not change any reading of this campaign; nothing to fit (which axes move in its "
         f"tests?)"

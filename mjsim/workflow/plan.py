@@ -10,11 +10,12 @@ from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.planning.next_test import NOTHING, Plan, best_of, plan_for, typical
 from mjsim.estimation.planning.separation import Explanation
 from mjsim.estimation.samples import BLOCKS, usual_noise
-from mjsim.estimation.selection import ModelSelection
 from mjsim.estimation.vibration import separate
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
+from mjsim.workflow.calibrate import fit_within_tolerance
+from mjsim.workflow.diagnose import select_model
 from mjsim.workflow.edit import fit_effect
 
 
@@ -58,12 +59,12 @@ def plan(
     progress("preparing", 0, 1)
     problem = checked_problem(campaign, build(machine), threads)
     separated = separate(problem, machine)
-    problem, fitter = separated.problem, Fitter(separated.problem, separated.machine)
     if between is None:
-        selection = ModelSelection(fitter, progress).run()
-        return plan_for(problem, selection, threads, progress)
+        explained = select_model(separated, progress=progress)
+        return plan_for(explained.data, explained.selection, threads, progress)
+    problem, fitter = separated.problem, Fitter(separated.problem, separated.machine)
     if NOTHING in between:
-        here = Explanation.of_fit(NOTHING, fitter.fit([], exact=False))
+        here = Explanation.of_fit(NOTHING, fit_within_tolerance(fitter, without=ids[0]))
         pair = here.with_effect(ids[0], typical(ids[0], machine.chain)), here
     else:
         fits = (fit_effect(problem, fitter, *registry.effect_class(i, machine.chain)) for i in between)

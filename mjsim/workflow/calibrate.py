@@ -1,0 +1,81 @@
+"""The calibration by itself: what the machine file has a tolerance for, fitted to a campaign, without any search."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mjsim.campaign.model import Campaign
+from mjsim.errors import InputError
+from mjsim.estimation.calibration import calibrated_effects
+from mjsim.estimation.fit import Fit, Fitter, with_effects
+from mjsim.estimation.mistakes.checked_problem import checked_problem
+from mjsim.estimation.shares import Calibration, calibrations
+from mjsim.estimation.vibration import separate
+from mjsim.machine.model import Machine, build
+from mjsim.progress import Progress, silent
+from mjsim.threads import one_blas_thread
+from mjsim.workflow.compare import Comparison, compare
+
+#: Gauss-Newton steps of a calibration: with linear data-sheet columns, and exact.
+_STEPS, _EXACT = 4, 3
+
+
+@dataclass(frozen=True)
+class CalibratedMachine:
+    """A machine that was calibrated within its tolerance.
+
+    Attributes:
+        machine: With the calibrated effects and the calibrated data sheet.
+        calibration: One entry for each effect with a tolerance.
+        shares: Share of each kind in the explained squared error.
+        before: Comparison of the machine as given.
+        after: Comparison of the calibrated machine.
+    """
+
+    machine: Machine
+    calibration: tuple[Calibration, ...]
+    shares: dict[str, float]
+    before: Comparison
+    after: Comparison
+
+
+@one_blas_thread
+def calibrate(campaign: Campaign, machine: Machine, threads: int = 2, progress: Progress = silent) -> CalibratedMachine:
+    """Fit everything that the machine file has a tolerance for, and look for nothing else.
+
+    Args:
+        campaign: With at least one measured test.
+        machine: As given, with a tolerance.
+        threads: Tests that are worked on side by side.
+        progress: Called as work gets on.
+
+    Raises:
+        InputError: The machine has no tolerance, no test is measured, or the traces show a mistake.
+    """
+    if not machine.tolerance:
+        raise InputError(
+            f"{machine.file}: has no [tolerance] table, so there is nothing to calibrate; "
+            "`mjsim new` writes the table of a typical machine, commented out"
+        )
+    before = compare(campaign, machine, threads, progress)
+    progress("calibrating within tolerance", 0, 1)
+    problem = checked_problem(campaign, build(machine), threads)
+    separated = separate(problem, machine)
+    fitter = Fitter(separated.problem, separated.machine)
+    fit = fit_within_tolerance(fitter)
+    fit = fitter.fit(fit.effects, start=fit, exact=True, iterations=_EXACT, fresh=False)
+    entries, shares = calibrations(separated.problem, fit, calibrated_effects(separated.machine))
+    final = with_effects(fit.machine, [line.effect for line in separated.lines])
+    return CalibratedMachine(final, entries, shares, before, compare(campaign, final, threads, progress, problem))
+
+
+def fit_within_tolerance(fitter: Fitter, without: str = "") -> Fit:
+    """The machine as given, with what its file has a tolerance for fitted beside set-up and data sheet.
+
+    Args:
+        fitter: Of the machine as given.
+        without: Id of an effect that is left out, because it is to be fitted freely.
+    """
+    start = fitter.fit([], exact=False)
+    expected = [c.free for c in calibrated_effects(fitter.machine) if c.free.effect.id != without]
+    return fitter.fit(expected, start=start, exact=False, iterations=_STEPS) if expected else start
