@@ -9,7 +9,8 @@ from mjsim.ballbar.feed import ACCELERATION, trapezoid
 from mjsim.ballbar.kinds import KINDS, kind_of
 from mjsim.ballbar.program import Program
 from mjsim.machine.chain import FIVE_AXIS
-from mjsim.machine.kinematics import aim, bar_vector
+from mjsim.machine.inverse import aim
+from mjsim.machine.kinematics import bar_vector
 
 DEG = np.pi / 180.0
 X, Y, Z, A, C = range(5)

@@ -27,7 +27,7 @@ LONGEST = 300
 AXES = re.compile(r"([a-z_]+\.)?([XYZABC]{1,5}|E[XYZABC]0?[XYZABC])")
 #: Modules and packages that may spell out axes, and why.
 NAMES_AXES = {
-    "mjsim.machine.chain": "says which letters there are",
+    "mjsim.machine.axis": "says which letters there are",
     "mjsim.paper": "reproduces the figures of one published machine",
     "mjsim.importing.features": "a .b5r file calls the two axes of its plane A and B, whatever they are",
 }

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from mjsim.machine.chain import FIVE_AXIS, Chain
-from mjsim.machine.kinematics import work_to_machine
+from mjsim.machine.inverse import linear_positions
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,4 +56,4 @@ class Commanded:
         if not self.tip:
             return points
         linear, rotary = self.chain.linear_columns, self.chain.rotary_columns
-        return np.hstack([work_to_machine(self.chain, points, points[:, linear]), points[:, rotary]])
+        return np.hstack([linear_positions(self.chain, points, points[:, linear]), points[:, rotary]])

@@ -176,8 +176,8 @@ def deviation(driven: BallBarTest, nominal, times: int = 20001) -> dict:
     phi = motion.phi(own)
     q = motion.commands(own)
     off = q - nominal.path(phi)
-    table = driven.chain.index(driven.chain.table_axis)
-    off[:, table] = (off[:, table] + np.pi) % (2 * np.pi) - np.pi  # whole turns of the table do not matter
+    for table in map(driven.chain.index, driven.chain.round_axes):
+        off[:, table] = (off[:, table] + np.pi) % (2 * np.pi) - np.pi  # whole turns do not matter
     off = np.abs(off).max(axis=0)
     sign = np.sign(phi[-1] - phi[0])
     late = own - own[0] - (np.interp(sign * phi, sign * nominal.phi(time), time) - lo)

@@ -32,7 +32,7 @@ class BallBarTest:
     inclination: float = 0.0
     sensitive: str = "perpendicular"
     plane: str = FIVE_AXIS.planes[0]
-    axis: str = FIVE_AXIS.table_axis
+    axis: str = FIVE_AXIS.round_axes[0]
     start: float = 0.0
     stop: float = 0.0
     direction: str = "CCW"

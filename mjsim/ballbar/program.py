@@ -108,8 +108,8 @@ class Program:
         path, t = self.kind.path, self.test
         lo, hi = path(t, np.asarray(phi) - h), path(t, np.asarray(phi) + h)
         step = hi - lo
-        table = t.chain.index(t.chain.table_axis)
-        step[:, table] = (step[:, table] + np.pi) % (2 * np.pi) - np.pi
+        for table in map(t.chain.index, t.chain.round_axes):
+            step[:, table] = (step[:, table] + np.pi) % (2 * np.pi) - np.pi
         sign = np.sign(self.ends[1] - self.ends[0])
         return sign * step / (2 * h) * t.feed / self.kind.radius(t)
 

@@ -7,7 +7,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from mjsim.ballbar.kinds import KINDS, all_keys, kind_of
+from mjsim.ballbar.kinds import KINDS, able_kinds, all_keys, kind_of
 from mjsim.ballbar.measurement import BallBarTest, Instrument, Trace
 from mjsim.ballbar.program import Program, driven_by
 from mjsim.campaign.machine_file import chain_in
@@ -145,6 +145,12 @@ def test_of(file: Path, t: BallBarTable, chain: Chain = FIVE_AXIS) -> BallBarTes
     """
     place = f'{file}: [[test]] "{t.name}"'
     kind = KINDS[t.kind]
+    if reason := kind.cannot(chain):
+        able = ", ".join(able_kinds(chain)) or "none of the known kinds"
+        raise InputError(
+            f"{place}: kind = {t.kind!r} is not for the configuration {chain.configuration!r}: {reason}; "
+            f"allowed: {able}"
+        )
     for key in kind.needed:
         if getattr(t, key) is None:
             raise InputError(f"{place}: the key {key!r} is missing; {t.kind} needs {', '.join(kind.needed)}")

@@ -29,8 +29,9 @@ def _one_of(words: Callable[[], Iterable[str]]) -> Callable[[str], str]:
     def check(text: str) -> str:
         allowed = list(words())
         if text not in allowed:
-            *most, last = map(repr, allowed)
-            raise PydanticCustomError("literal_error", "allowed: {words}", {"words": f"{', '.join(most)} or {last}"})
+            *most, last = map(repr, allowed) if allowed else ("no text, as the machine has none",)
+            named = f"{', '.join(most)} or {last}" if most else last
+            raise PydanticCustomError("literal_error", "allowed: {words}", {"words": named})
         return text
 
     return check

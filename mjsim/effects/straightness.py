@@ -32,11 +32,11 @@ class Straightness(Effect):
     search = SearchHints(free=("quadratic_um", "cubic_um"), seeds=[{"quadratic_um": 2.0, "cubic_um": 0.0}])
 
     def apply(self, plant):
-        _, direction, axis = self.subject
+        axis = self.subject[2]
         plant.add_op(
             "straightness",
             POLYNOMIAL,
-            direction,
+            plant.chain.straightness_column(self.subject),
             self.values["quadratic_um"] * UM,
             self.values["cubic_um"] * UM,
             _REFERENCE,

@@ -9,7 +9,7 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
 from mjsim.machine.plant import SINE
-from mjsim.machine.subjects import table_axis
+from mjsim.machine.subjects import wobbling_axes
 
 _SHAPE = (
     Parameter("order", "cycles per table turn k", -50.0, 50.0, scale=1.0),
@@ -34,7 +34,7 @@ def _go_round(effect: Effect, plant, amplitude: float, first: str, second: str) 
 @register
 class RadialErrorMotion(Effect):
     kind = "radial_error_motion"
-    subjects = table_axis
+    subjects = wobbling_axes
     title = "Radial error motion of the rotary table"
     parameters = (Parameter("amplitude_um", "radius of the motion", 0.0, 500.0, neutral=0.0, scale=1.0), *_SHAPE)
     definition = "table displaced by a (cos(kC + φ), sin(kC + φ), 0) in the cradle frame"
@@ -43,13 +43,13 @@ class RadialErrorMotion(Effect):
     search = _hints("amplitude_um", 1.0)
 
     def apply(self, plant):
-        _go_round(self, plant, self.si("amplitude_um"), *plant.chain.table_motion[:2])
+        _go_round(self, plant, self.si("amplitude_um"), *plant.chain.error_motion(self.subject)[:2])
 
 
 @register
 class TiltErrorMotion(Effect):
     kind = "tilt_error_motion"
-    subjects = table_axis
+    subjects = wobbling_axes
     title = "Tilt error motion of the rotary table"
     parameters = (Parameter("amplitude_urad", "angle of the wobble", 0.0, 5000.0, neutral=0.0, scale=5.0), *_SHAPE)
     definition = "table turned by a·cos(kC + φ) about cradle x and a·sin(kC + φ) about cradle y"
@@ -58,4 +58,4 @@ class TiltErrorMotion(Effect):
     search = _hints("amplitude_urad", 5.0)
 
     def apply(self, plant):
-        _go_round(self, plant, self.si("amplitude_urad"), *plant.chain.table_motion[2:])
+        _go_round(self, plant, self.si("amplitude_urad"), *plant.chain.error_motion(self.subject)[2:4])

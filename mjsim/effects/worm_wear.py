@@ -10,7 +10,7 @@ from mjsim.machine.subjects import rotary_axes
 
 def _seeds(subject, chain):
     """A grid over the places and widths that a cradle or a turning table can show."""
-    centres = range(0, 360, 10) if subject == chain.table_axis else range(-20, 101, 4)
+    centres = range(0, 360, 10) if subject in chain.round_axes else range(-20, 101, 4)
     return [{"depth_deg": 0.001, "centre_deg": float(c), "width_deg": w} for w in (2.0, 5.0, 12.0) for c in centres]
 
 

@@ -21,9 +21,9 @@ from mjsim.estimation.samples import GRID, GRID_STEPS, Noise, Samples, estimate_
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect
-from mjsim.machine.kinematics import BarSensitivity
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant
+from mjsim.machine.sensitivity import BarSensitivity
 from mjsim.simulation.axes import AxesMotion
 from mjsim.simulation.stability import check_stable
 

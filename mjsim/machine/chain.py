@@ -1,53 +1,37 @@
 """A machine's kinematic chain: its axes and their order, and the names of its geometric errors.
 
-This is the only module that spells out axis letters. Letters follow ISO 841: X, Y, Z (and U, V, W beside them) are
-linear, A, B, C turn about X, Y, Z. Error names follow ISO 230-1: ``EYX`` is the straightness error of X in the
-direction of Y, ``EC0A`` the rotation of the A axis' centreline about Z, ``EXC`` the radial error motion of C along X.
+Error names follow ISO 230-1: ``EYX`` is the straightness error of X in the direction of Y, ``EC0A`` the rotation of the
+A axis' centreline about Z, ``EXC`` the radial error motion of C along X.
 """
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from typing import NamedTuple
 
-import numpy as np
+from mjsim.machine.axis import ABOUT, ALONG, COORDINATES, Axis, Placement, axis_of, is_linear, is_rotary
+from mjsim.machine.configuration import parse
 
-from mjsim.errors import InputError
+__all__ = [
+    "CHAINS",
+    "COORDINATES",
+    "FIVE_AXIS",
+    "TOOL_LENGTH",
+    "Axis",
+    "Chain",
+    "ErrorMotion",
+    "LocationError",
+    "Placement",
+    "Squareness",
+    "axis_of",
+    "chain_of",
+    "is_linear",
+    "is_rotary",
+]
 
-_ALONG, _BESIDE, _ABOUT = "XYZ", "UVW", "ABC"
-#: Machine coordinates, named like the linear axes along them.
-COORDINATES = tuple(_ALONG)
-_CONFIGURATION = re.compile(rf"w-((?:[{_ALONG}{_BESIDE}{_ABOUT}]')*)b([{_ALONG}{_BESIDE}{_ABOUT}]*)-t")
-#: The rotary axis that carries the workpiece, and those that may tilt it.
-_TABLE, _TILTING = "C", ("A", "B")
-_EXAMPLE = "w-C'A'Y'bXZ-t"
-
-
-class Axis(NamedTuple):
-    """One axis.
-
-    Attributes:
-        letter: as ISO 841 names it.
-        along: coordinate along which it moves or about which it turns: 0, 1 or 2.
-        rotary: whether it turns.
-    """
-
-    letter: str
-    along: int
-    rotary: bool
-
-    @property
-    def direction(self) -> np.ndarray:
-        """Unit vector in machine coordinates, (3,)."""
-        return np.eye(3)[self.along]
-
-    @property
-    def across(self) -> tuple[int, int]:
-        """The two coordinates perpendicular to it, in their order."""
-        first, second = (i for i in range(3) if i != self.along)
-        return first, second
+#: From the pivot of a head to the spindle ball where nobody says, m (assumed).
+TOOL_LENGTH = 0.25
 
 
 class LocationError(NamedTuple):
@@ -59,6 +43,23 @@ class LocationError(NamedTuple):
         axis: letter of the rotary axis.
         along: coordinate along which it is displaced or about which it is turned: 0, 1 or 2.
         rotation: whether it is turned.
+    """
+
+    name: str
+    axis: str
+    along: int
+    rotation: bool
+
+
+class ErrorMotion(NamedTuple):
+    """A degree of freedom in which an axis errs as it moves: a displacement (m) or a tilt (rad) of what it carries, in
+    the frame that carries the axis.
+
+    Attributes:
+        name: as ISO 230-1 names it.
+        axis: letter of the axis.
+        along: coordinate along which it is displaced or about which it is tilted: 0, 1 or 2.
+        rotation: whether it is a tilt.
     """
 
     name: str
@@ -84,42 +85,26 @@ class Squareness(NamedTuple):
     sign: float
 
 
-def axis_of(letter: str) -> Axis:
-    """The axis that ISO 841 names ``letter``."""
-    for letters, rotary in ((_ALONG, False), (_BESIDE, False), (_ABOUT, True)):
-        if letter in letters:
-            return Axis(letter, letters.index(letter), rotary)
-    raise InputError(f"axis {letter!r} is unknown; allowed: {', '.join(_ALONG + _BESIDE + _ABOUT)}")
-
-
-def is_rotary(letter: str) -> bool:
-    """Whether an axis turns. Texts that are no axis letter do not."""
-    return len(letter) == 1 and letter in _ABOUT
-
-
-def is_linear(letter: str) -> bool:
-    """Whether an axis moves along a line. Texts that are no axis letter do not."""
-    return len(letter) == 1 and letter in _ALONG + _BESIDE
-
-
 @dataclass(frozen=True)
 class Chain:
     """The axes of a machine from the workpiece to the tool. Made by :func:`chain_of`.
 
     Arrays of axis positions have one column per axis: the linear axes X, Y, Z, then the rotary ones in the order of
     their letters (:attr:`letters`). A linear position is that of the spindle relative to the table, whichever of the
-    two moves.
+    two moves. A rotary axis turns what it carries by its position about its direction.
 
     Attributes:
         configuration: e.g. ``"w-C'A'Y'bXZ-t"``: workpiece, axes that carry it (marked by '), bed, axes that carry the
             tool, tool.
         work: axes on the workpiece's side, from the workpiece to the bed.
         tool: axes on the tool's side, from the bed to the tool.
+        tool_length: from the head's pivot to the spindle ball, m; 0 where no head turns.
     """
 
     configuration: str
     work: tuple[Axis, ...] = field(repr=False)
     tool: tuple[Axis, ...] = field(repr=False)
+    tool_length: float = field(default=0.0, repr=False)
 
     @cached_property
     def axes(self) -> tuple[Axis, ...]:
@@ -147,6 +132,11 @@ class Chain:
         return len(self.axes)
 
     @cached_property
+    def spatial(self) -> bool:
+        """Whether the tool reaches any place: a ball bar needs all of X, Y and Z."""
+        return self.linear == COORDINATES
+
+    @cached_property
     def linear_columns(self) -> slice:
         """Columns of the linear axes in an array of axis positions."""
         return slice(0, len(self.linear))
@@ -170,39 +160,88 @@ class Chain:
 
     @cached_property
     def turning(self) -> tuple[Axis, ...]:
-        """The rotary axes from the workpiece to the bed."""
+        """The rotary axes that carry the workpiece, from the workpiece to the bed."""
         return tuple(a for a in self.work if a.rotary)
 
     @cached_property
-    def table_axis(self) -> str:
-        """The rotary axis that carries the workpiece; it can go round."""
-        return self.turning[0].letter
+    def swivelling(self) -> tuple[Axis, ...]:
+        """The rotary axes that carry the tool, from the tool to the bed."""
+        return tuple(a for a in reversed(self.tool) if a.rotary)
 
     @cached_property
-    def tilt_axis(self) -> str:
-        """The rotary axis that tilts the table."""
-        return self.turning[1].letter
+    def carried(self) -> tuple[str, ...]:
+        """Letters of the linear axes that stand on a rotary axis and turn with it."""
+        out = []
+        for side in (self.work, tuple(reversed(self.tool))):  # both from the far end to the bed
+            turns = [i for i, a in enumerate(side) if a.rotary]
+            out += [a.letter for i, a in enumerate(side) if turns and i < turns[-1] and not a.rotary]
+        return tuple(out)
 
     @cached_property
-    def table_motion(self) -> tuple[str, ...]:
-        """Error motion of the rotary table: displacement along two coordinates (m), tilt about them (rad)."""
-        across = self.turning[0].across
-        return tuple(f"E{letters[i]}{self.table_axis}" for letters in (_ALONG, _ABOUT) for i in across)
+    def round_axes(self) -> tuple[str, ...]:
+        """Letters of the rotary axes that can go round: those parallel to the spindle, and the one next to the
+        workpiece.
+        """
+        return tuple(a.letter for a in self.axes if a.rotary and (a.vertical or a in self.turning[:1]))
+
+    @cached_property
+    def motions(self) -> tuple[ErrorMotion, ...]:
+        """Error motions of the rotary axes, radial and tilt of every axis from the workpiece to the tool.
+
+        Straightness errors come last that act across a rotary axis, so that no linear axis moves the same way.
+        """
+        rotary = (*self.turning, *reversed(self.swivelling))
+        out = [
+            ErrorMotion(f"E{letters[i]}{a.letter}", a.letter, i, letters == ABOUT)
+            for a in rotary
+            for letters in (ALONG, ABOUT)
+            for i in a.across
+        ]
+        return (*out, *self._crosswise)
+
+    @cached_property
+    def _crosswise(self) -> list[ErrorMotion]:
+        """Straightness errors whose direction turns against the linear axis along it."""
+        if not self.carried:
+            return []
+        group = {a: self._rotary_below(a) for a in self.linear}
+        return [
+            ErrorMotion(name, name[2], ALONG.index(name[1]), False)
+            for name in self.straightness
+            if group[name[1]] != group[name[2]]
+        ]
+
+    def _rotary_below(self, letter: str) -> tuple[str, ...]:
+        """Letters of the rotary axes between the bed and an axis."""
+        side = self.tool if letter in [a.letter for a in self.tool] else tuple(reversed(self.work))
+        at = [a.letter for a in side].index(letter)
+        return tuple(a.letter for a in side[:at] if a.rotary)
 
     @cached_property
     def columns(self) -> tuple[str, ...]:
-        """Columns of a motion: the axes, then the error motion of the rotary table."""
-        return (*self.letters, *self.table_motion)
+        """Columns of a motion: the axes, then error motions, of which arrays may leave out the last ones."""
+        return (*self.letters, *(m.name for m in self.motions))
+
+    def straightness_column(self, name: str) -> str:
+        """The column of a motion that a straightness error moves."""
+        return name if name in [m.name for m in self.motions] else name[1]
+
+    def error_motion(self, letter: str) -> tuple[str, ...]:
+        """Radial and tilt error motion of a rotary axis, two columns each."""
+        return tuple(m.name for m in self.motions if m.axis == letter)
 
     @cached_property
     def location_errors(self) -> tuple[LocationError, ...]:
-        """Location errors of the rotary axes, from the workpiece to the bed."""
-        return tuple(
-            LocationError(f"E{letters[i]}0{a.letter}", a.letter, i, letters == _ABOUT)
-            for a in self.turning
-            for letters in (_ALONG, _ABOUT)
-            for i in a.across
-        )
+        """Independent location errors of the rotary axes, from the workpiece to the bed and from there to the tool.
+
+        A displacement of the first axis on the bed's side of the head is left out where the table has the same one:
+        only the distance of the two shows.
+        """
+        out = [e for a in self.turning for e in _location_errors(a)]
+        outermost = {e.along for e in out if not e.rotation and e.axis == self.turning[-1].letter}
+        for number, axis in enumerate(reversed(self.swivelling)):
+            out += [e for e in _location_errors(axis) if number or e.rotation or e.along not in outermost]
+        return tuple(out)
 
     @cached_property
     def straightness(self) -> tuple[str, ...]:
@@ -212,8 +251,9 @@ class Chain:
     @cached_property
     def squareness(self) -> tuple[Squareness, ...]:
         """Squareness errors of the linear axes."""
-        x, y, z = self.linear
-        return Squareness(x + y, y, 0, -1.0), Squareness(y + z, z, 1, -1.0), Squareness(z + x, z, 0, 1.0)
+        x, y, z = ALONG
+        pairs = (Squareness(x + y, y, 0, -1.0), Squareness(y + z, z, 1, -1.0), Squareness(z + x, z, 0, 1.0))
+        return tuple(s for s in pairs if set(s.name) <= set(self.linear))
 
     @cached_property
     def planes(self) -> tuple[str, ...]:
@@ -221,12 +261,26 @@ class Chain:
         return tuple(s.name for s in self.squareness)
 
 
+def _location_errors(axis: Axis) -> list[LocationError]:
+    """The four location errors of a rotary axis."""
+    return [
+        LocationError(f"E{letters[i]}0{axis.letter}", axis.letter, i, letters == ABOUT)
+        for letters in (ALONG, ABOUT)
+        for i in axis.across
+    ]
+
+
 @cache
-def chain_of(configuration: str) -> Chain:
+def chain_of(
+    configuration: str, placements: tuple[tuple[str, Placement], ...] = (), tool_length: float | None = None
+) -> Chain:
     """The kinematic chain that a configuration describes.
 
     Args:
-        configuration: axes from the workpiece to the tool, e.g. ``"w-C'A'Y'bXZ-t"``.
+        configuration: axes from the workpiece to the tool, e.g. ``"w-C'A'Y'bXZ-t"``, or linear axes alone, e.g.
+            ``"XY"``.
+        placements: letters of rotary axes that are tilted or offset, each with its placement.
+        tool_length: from the head's pivot to the spindle ball, m; ``None`` is 0.25 m. Without a head it says nothing.
 
     Raises:
         InputError: it is none, or a kind of machine that mjsim cannot compute.
@@ -234,22 +288,12 @@ def chain_of(configuration: str) -> Chain:
     >>> chain_of("w-C'B'X'bYZ-t").letters
     ('X', 'Y', 'Z', 'B', 'C')
     """
-    match = _CONFIGURATION.fullmatch(configuration)
-    work = tuple(axis_of(a) for a in match[1].replace("'", "")) if match else ()
-    tool = tuple(axis_of(a) for a in match[2]) if match else ()
-    letters = [a.letter for a in (*work, *tool)]
-    linear = sorted(a for a in letters if not is_rotary(a))
-    turning = [a.letter for a in work[:2]]
-    if not match or linear != list(_ALONG) or len(letters) != 5 or turning not in [[_TABLE, a] for a in _TILTING]:
-        raise InputError(
-            f"configuration {configuration[:40]!r} is unknown; allowed: a rotary table C on a tilting axis A or B, "
-            f"and each of X, Y, Z "
-            f'once on either side of the bed, e.g. "{_EXAMPLE}"'
-        )
-    return Chain(configuration, work, tool)
+    length = TOOL_LENGTH if tool_length is None else tool_length
+    work, tool = parse(configuration, dict(placements), length)
+    return Chain(configuration, work, tool, length if any(a.rotary for a in tool) else 0.0)
 
 
 #: The machine whose model ships.
-FIVE_AXIS = chain_of(_EXAMPLE)
-#: One chain for each set of axes that a machine may have: what an effect may act on anywhere.
-CHAINS = (FIVE_AXIS, chain_of("w-C'B'X'bYZ-t"))
+FIVE_AXIS = chain_of("w-C'A'Y'bXZ-t")
+#: Chains that have together every axis and error that an effect may act on.
+CHAINS = (FIVE_AXIS, chain_of("w-C'B'X'bYZ-t"), chain_of("w-A'B'bXYZ-t"), chain_of("w-B'bXYZA-t"))

@@ -1,12 +1,16 @@
 """Kinematic reference of a machine, written from the equations (not from the MJCF).
 
 It is the oracle that MuJoCo's site distance is tested against, and the fast path that the diagnosis searches with.
-Sources: Kato, Tsutsumi, Sato 2013, eq. A.6 to A.9; location errors of the rotary axes as in ISO 230-7 and ISO 230-1,
-composed as documented for the effect catalogue (``docs/theory.md``).
+Sources: Kato, Tsutsumi, Sato 2013, eq. A.9; location errors of the rotary axes as in ISO 230-7 and ISO 230-1, composed
+as documented for the effect catalogue (``docs/theory.md``).
 
-Frames: the origin of work and machine frame is where the rotary centrelines intersect while all axes are at 0. Axis
-positions are arrays ``q`` of shape (n, axes) in the chain's order, m and rad; four more columns, where present, are the
-rotary table's error motion (:attr:`mjsim.machine.chain.Chain.columns`).
+Frames: with all axes at 0, work frame and machine frame coincide and the spindle ball is at their origin. A rotary
+table's centreline passes through it unless it is offset. Axis positions are arrays ``q`` of shape (n, axes) in the
+chain's order, m and rad; more columns, where present, are error motions
+(:attr:`mjsim.machine.chain.Chain.columns`).
+
+Linear axes that stand on no rotary axis add up to one vector, whichever side they are on. So the spindle ball's
+place is that vector plus what the head does, relative to what the table does.
 """
 
 from __future__ import annotations
@@ -15,7 +19,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mjsim.machine.chain import Axis, Chain
+from mjsim.machine.chain import Axis, Chain, ErrorMotion
 
 
 @dataclass
@@ -44,6 +48,14 @@ class Geometry:
                 shift[error.along] = value
         return shift, turn
 
+    def slide(self, chain: Chain, letter: str) -> np.ndarray:
+        """Direction (3,) of a linear axis: its unit vector, and what squareness adds to it."""
+        direction = chain.axis(letter).direction
+        for error in chain.squareness:
+            if error.axis == letter:
+                direction[error.along] += error.sign * self.squareness.get(error.name, 0.0)
+        return direction
+
 
 def rotation(along: int, angle: float) -> np.ndarray:
     """Rotation matrix (3, 3) by ``angle`` (rad) about coordinate ``along`` (0, 1 or 2)."""
@@ -59,9 +71,33 @@ def _turned(point: list, along: int, angle: np.ndarray | float) -> list:
     return out
 
 
+def turn_about(axis: Axis, vector: list, angle: np.ndarray) -> list:
+    """Vectors [x, y, z], (n,) each, turned by ``angle`` (n,) rad about the direction of a rotary axis."""
+    if not axis.tilted:
+        return _turned(vector, axis.along, angle)
+    (a, b, c), (x, y, z) = axis.unit, vector  # Rodrigues
+    cos, sin = np.cos(angle), np.sin(angle)
+    along = (a * x + b * y + c * z) * (1.0 - cos)
+    return [
+        cos * x + sin * (b * z - c * y) + a * along,
+        cos * y + sin * (c * x - a * z) + b * along,
+        cos * z + sin * (a * y - b * x) + c * along,
+    ]
+
+
 def _coordinates(points: np.ndarray, n: int) -> list[np.ndarray]:
     """x, y, z, (n,) each, of points (n, 3) or one point (3,)."""
     return list(np.broadcast_to(np.asarray(points, float), (n, 3)).T)
+
+
+def work_side(chain: Chain) -> tuple[Axis, ...]:
+    """Axes that turn the workpiece, and linear ones on top of these, from the workpiece to the bed."""
+    return tuple(a for a in chain.work if a.rotary or a.letter in chain.carried)
+
+
+def tool_side(chain: Chain) -> tuple[Axis, ...]:
+    """Axes that turn the tool, and linear ones on top of these, from the tool to the bed."""
+    return tuple(a for a in reversed(chain.tool) if a.rotary or a.letter in chain.carried)
 
 
 def work_to_machine(chain: Chain, q: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -69,7 +105,7 @@ def work_to_machine(chain: Chain, q: np.ndarray, points: np.ndarray) -> np.ndarr
 
     Args:
         chain: the machine's axes.
-        q: (n, axes) axis positions; the rotary ones count, rad.
+        q: (n, axes) axis positions, m and rad; what turns the workpiece counts, and what stands on that.
         points: (n, 3) or (3,) in the work frame, m.
 
     Returns:
@@ -80,80 +116,147 @@ def work_to_machine(chain: Chain, q: np.ndarray, points: np.ndarray) -> np.ndarr
     >>> work_to_machine(FIVE_AXIS, quarter, [0.1, 0.0, 0.155]).round(6).tolist()
     [[0.0, 0.1, 0.155]]
     """
+    return carried_by(chain, work_side(chain), q, points, -1.0)
+
+
+def carried_by(chain: Chain, side: tuple[Axis, ...], q: np.ndarray, points: np.ndarray, sign: float) -> np.ndarray:
+    """Points (n, 3) or (3,) of the far end of a ``side`` where its axes carry them, (n, 3) m."""
     p = _coordinates(points, len(q))
-    for axis in chain.turning:
-        p = _turned(p, axis.along, q[:, chain.index(axis.letter)])
+    for axis in side:
+        at = q[:, chain.index(axis.letter)]
+        if axis.rotary:
+            p = turn_about(axis, [x - c for x, c in zip(p, axis.point, strict=True)], at)
+            p = [x + c for x, c in zip(p, axis.point, strict=True)]
+        else:
+            p = [x + sign * at * u for x, u in zip(p, axis.unit, strict=True)]
     return np.column_stack(p)
 
 
 def machine_to_work(chain: Chain, q: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Inverse of :func:`work_to_machine`: work coordinates (n, 3) of machine ``points`` (n, 3), m."""
     p = _coordinates(points, len(q))
-    for axis in reversed(chain.turning):
-        p = _turned(p, axis.along, -q[:, chain.index(axis.letter)])
+    for axis in reversed(work_side(chain)):
+        at = q[:, chain.index(axis.letter)]
+        if axis.rotary:
+            p = turn_about(axis, [x - c for x, c in zip(p, axis.point, strict=True)], -at)
+            p = [x + c for x, c in zip(p, axis.point, strict=True)]
+        else:
+            p = [x + at * u for x, u in zip(p, axis.unit, strict=True)]
     return np.column_stack(p)
 
 
-def aim(chain: Chain, direction: np.ndarray) -> np.ndarray:
-    """Rotary positions that bring work-frame directions onto the spindle; eq. A.6 and A.7 for the paper's machine.
-
-    The table turns the direction into the plane that the tilting axis sweeps; the tilting axis, whose angle is never
-    negative, then raises it. Where the direction is the table's axis, the table's position is arbitrary: the
-    neighbour's value is kept.
-
-    Args:
-        chain: the machine's axes.
-        direction: (n, 3) unit vectors.
-
-    Returns:
-        (n, axes) axis positions, rad; the linear ones are 0, the table's are continuous.
-    """
-    x, y, z = np.asarray(direction, float).T
-    # what tilts upwards lies horizontally at a right angle to the tilting axis: vertical × tilting axis
-    ahead = np.cross([0.0, 0.0, 1.0], chain.axis(chain.tilt_axis).direction)
-    table = np.arctan2(ahead[1] * x, ahead[1] * y) if ahead[1] else np.arctan2(-ahead[0] * y, ahead[0] * x)
-    pole = np.hypot(x, y) < 1e-12
-    if pole.any() and not pole.all():
-        at = np.flatnonzero(~pole)
-        table = table[at[np.searchsorted(at, np.arange(len(table))).clip(0, len(at) - 1)]]
-    q = np.zeros((len(x), chain.count))
-    q[:, chain.index(chain.tilt_axis)] = np.arccos(np.clip(z, -1.0, 1.0))
-    q[:, chain.index(chain.table_axis)] = np.unwrap(table)
-    return q
+def grounded(chain: Chain, q: np.ndarray) -> np.ndarray:
+    """Sum of the linear axes that stand on no rotary axis, (n, 3) m."""
+    if not chain.carried:
+        return q[:, chain.linear_columns].copy()
+    out = q[:, chain.linear_columns].copy()
+    out[:, [chain.index(a) for a in chain.carried]] = 0.0
+    return out
 
 
-def table_ball(chain: Chain, q: np.ndarray, point: np.ndarray, geometry: Geometry | None = None) -> np.ndarray:
-    """Table-ball centre relative to the spindle ball at X = Y = Z = 0, with all location errors and table motions.
-
-    Each rotary axis turns the point; then its location errors act, ``R p + shift``. The table's error motion acts
-    between: displacement, then tilt about both coordinates, the first one outermost.
+def spindle_in_work(chain: Chain, q: np.ndarray) -> np.ndarray:
+    """The spindle ball of the ideal machine in the work frame.
 
     Args:
         chain: the machine's axes.
-        q: (n, axes) axis positions, or with the table's error motion behind, m and rad.
-        point: (3,) table-ball centre in the work frame, m.
-        geometry: location errors; ``None`` is the ideal machine.
+        q: (n, axes) axis positions, m and rad.
 
     Returns:
         (n, 3) m.
     """
+    spindle = grounded(chain, q)
+    if chain.swivelling:
+        spindle += carried_by(chain, tool_side(chain), q, np.zeros(3), 1.0)
+    return machine_to_work(chain, q, spindle)
+
+
+def tool_direction(chain: Chain, q: np.ndarray) -> np.ndarray:
+    """Direction from the tool's tip to the spindle in the work frame of the ideal machine, (n, 3)."""
+    d = _coordinates(np.array([0.0, 0.0, 1.0]), len(q))
+    for axis in chain.swivelling:
+        d = turn_about(axis, d, q[:, chain.index(axis.letter)])
+    for axis in reversed(chain.turning):
+        d = turn_about(axis, d, -q[:, chain.index(axis.letter)])
+    return np.column_stack(d)
+
+
+def table_ball(chain: Chain, q: np.ndarray, point: np.ndarray, geometry: Geometry | None = None) -> np.ndarray:
+    """Table-ball centre relative to the spindle ball at X = Y = Z = 0, with all location errors and error motions.
+
+    Each rotary axis turns the point about its centreline; then its location errors act, ``R p + shift``. Its error
+    motion acts between: displacement, then tilt about both coordinates, the first one outermost.
+
+    Args:
+        chain: the machine's axes.
+        q: (n, axes) axis positions, or with error motions behind, m and rad.
+        point: (3,) table-ball centre in the work frame, m.
+        geometry: location errors and squareness; ``None`` is the ideal machine.
+
+    Returns:
+        (n, 3) m.
+    """
+    return _real(chain, work_side(chain), q, point, geometry, -1.0)
+
+
+def spindle_ball(chain: Chain, q: np.ndarray, geometry: Geometry | None = None) -> np.ndarray:
+    """Spindle-ball centre, as :func:`table_ball`; linear axes on the table's side count as if they were here, (n, 3)
+    m.
+    """
+    spindle = grounded(chain, q)
+    angles = geometry.squareness if geometry is not None else {}
+    for error in chain.squareness if angles else ():
+        if error.axis not in chain.carried:
+            spindle[:, error.along] += error.sign * angles.get(error.name, 0.0) * q[:, chain.index(error.axis)]
+    for motion in _present(chain, q):
+        if motion.axis in chain.linear and motion.axis not in chain.carried:
+            spindle[:, motion.along] += q[:, chain.columns.index(motion.name)]
+    if chain.swivelling:
+        spindle += _real(chain, tool_side(chain), q, np.zeros(3), geometry, 1.0)
+    return spindle
+
+
+def _present(chain: Chain, q: np.ndarray) -> tuple[ErrorMotion, ...]:
+    """Error motions that have a column in ``q``."""
+    return chain.motions[: q.shape[1] - chain.count]
+
+
+def _real(
+    chain: Chain, side: tuple[Axis, ...], q: np.ndarray, point: np.ndarray, geometry: Geometry | None, sign: float
+) -> np.ndarray:
+    """A point of the far end of a ``side`` where its axes carry it with all their errors, (n, 3) m."""
     p = _coordinates(point, len(q))
-    for axis in chain.turning:
-        p = _turned(p, axis.along, q[:, chain.index(axis.letter)])
-        if axis.letter == chain.table_axis and q.shape[1] > chain.count:
-            p = _moved(p, axis, q[:, chain.count :])
+    motions = _present(chain, q)
+    for axis in side:
+        mine = [m for m in motions if m.axis == axis.letter]
+        at = q[:, chain.index(axis.letter)]
+        if not axis.rotary:
+            direction = axis.direction if geometry is None else geometry.slide(chain, axis.letter)
+            p = [x + sign * at * u for x, u in zip(p, direction, strict=True)]
+            for m in mine:
+                p[m.along] = p[m.along] + sign * q[:, chain.columns.index(m.name)]
+            continue
+        p = turn_about(axis, [x - c for x, c in zip(p, axis.point, strict=True)], at)
+        if mine:
+            p = _moved(p, mine, {m.name: q[:, chain.columns.index(m.name)] for m in mine})
         if geometry is not None and geometry.location:
             shift, turn = geometry.displacement(chain, axis.letter)
             p = list((np.column_stack(p) @ turn.T + shift).T)
+        p = [x + c for x, c in zip(p, axis.point, strict=True)]
     return np.column_stack(p)
 
 
-def _moved(point: list, axis: Axis, motion: np.ndarray) -> list:
-    """A point on the rotary table after the table's error ``motion``, (n, 4): displacements m, tilts rad."""
-    first, second = axis.across
+def _moved(point: list, motions: list[ErrorMotion], by: dict[str, np.ndarray]) -> list:
+    """A point behind a rotary axis after the axis' error motion ``by`` name, (n,) m or rad: displacements, then tilts,
+    the one about the first coordinate outermost.
+    """
     p = list(point)
-    p[first], p[second] = p[first] + motion[:, 0], p[second] + motion[:, 1]
-    return _turned(_turned(p, second, motion[:, 3]), first, motion[:, 2])
+    for m in motions:
+        if not m.rotation:
+            p[m.along] = p[m.along] + by[m.name]
+    for m in reversed(motions):
+        if m.rotation:
+            p = _turned(p, m.along, by[m.name])
+    return p
 
 
 def bar_vector(chain: Chain, q: np.ndarray, point: np.ndarray, geometry: Geometry | None = None) -> np.ndarray:
@@ -161,18 +264,14 @@ def bar_vector(chain: Chain, q: np.ndarray, point: np.ndarray, geometry: Geometr
 
     Args:
         chain: the machine's axes.
-        q: (n, axes) axis positions on the load side, or with the table's error motion behind, m and rad.
+        q: (n, axes) axis positions on the load side, or with error motions behind, m and rad.
         point: (3,) table-ball centre in the work frame while the rotary axes are at 0, m.
         geometry: location errors and squareness; ``None`` is the ideal machine.
 
     Returns:
         (n, 3) m.
     """
-    spindle = q[:, chain.linear_columns].copy()
-    angles = geometry.squareness if geometry is not None else {}
-    for error in chain.squareness if angles else ():
-        spindle[:, error.along] += error.sign * angles.get(error.name, 0.0) * q[:, chain.index(error.axis)]
-    return spindle - table_ball(chain, q, point, geometry)
+    return spindle_ball(chain, q, geometry) - table_ball(chain, q, point, geometry)
 
 
 def reading(
@@ -182,40 +281,3 @@ def reading(
     length, m.
     """
     return np.linalg.norm(bar_vector(chain, q, point, geometry), axis=1) - length
-
-
-@dataclass(frozen=True)
-class BarSensitivity:
-    """First derivatives of the reading along a motion.
-
-    Attributes:
-        axes: (n, axes) per axis position, m/m and m/rad.
-        spindle: (n, 3) per spindle-ball offset in machine axes, m/m.
-        table: (n, 3) per table-ball offset in the work frame, m/m.
-    """
-
-    axes: np.ndarray
-    spindle: np.ndarray
-    table: np.ndarray
-
-
-def sensitivity(chain: Chain, q: np.ndarray, point: np.ndarray) -> BarSensitivity:
-    """Derivatives of the ideal machine's reading.
-
-    Args:
-        chain: the machine's axes.
-        q: (n, axes) axis positions, m and rad.
-        point: (3,) table-ball centre in the work frame, m.
-    """
-    bar = bar_vector(chain, q, point)
-    unit = bar / np.linalg.norm(bar, axis=1)[:, None]
-    axes = np.zeros((len(q), chain.count))
-    axes[:, chain.linear_columns] = unit
-    p = _coordinates(point, len(q))
-    for number, axis in enumerate(chain.turning, start=1):
-        p = _turned(p, axis.along, q[:, chain.index(axis.letter)])
-        per_rad = list(np.cross(axis.direction, np.column_stack(p)).T)
-        for outer in chain.turning[number:]:
-            per_rad = _turned(per_rad, outer.along, q[:, chain.index(outer.letter)])
-        axes[:, chain.index(axis.letter)] = -np.einsum("ni,ni->n", unit, np.column_stack(per_rad))
-    return BarSensitivity(axes, unit, -machine_to_work(chain, q, unit))

@@ -99,8 +99,10 @@ class Plant:
 
     @property
     def width(self) -> int:
-        """Columns of a motion: the axes, and the table's error motion where an effect has one."""
-        return len(self.chain.columns) if any(op.out >= self.chain.count for op in self.ops) else self.chain.count
+        """Columns of a motion: the axes, and error motions up to the last one that an effect has, in fours."""
+        count = self.chain.count
+        more = max((op.out + 1 - count for op in self.ops), default=0)
+        return min(count + 4 * -(-max(0, more) // 4), len(self.chain.columns))
 
     def whole_inertia(self) -> np.ndarray:
         """J·gear² of every axis, (axes,) kg and kg·m²: motor and moving bodies together."""

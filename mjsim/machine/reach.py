@@ -4,23 +4,35 @@ from __future__ import annotations
 
 import numpy as np
 
-from mjsim.machine.chain import Chain
+from mjsim.machine.chain import Axis, Chain
 from mjsim.units import DEG
 
-#: Travel of linear axes across and along the spindle, m; of the axis that tilts the table and of the table, rad.
+#: Travel of linear axes across and along the spindle, m; of a rotary axis that tilts the table, of one that swivels the
+#: head, and of one that goes round, rad.
 _ACROSS, _ALONG_SPINDLE = (-0.3, 0.3), (-0.1, 0.5)
-_TILT, _TABLE = (-30 * DEG, 110 * DEG), (-50.0, 50.0)
-#: Speed of linear axes, m/s (20 m/min); of the axis that tilts the table and of the table, rad/s.
-_LINEAR_SPEED, _TILT_SPEED, _TABLE_SPEED = 0.33, 1.0, 2.0
+_TILT, _SWIVEL, _ROUND = (-30 * DEG, 110 * DEG), (-110 * DEG, 110 * DEG), (-50.0, 50.0)
+#: Speed of linear axes, m/s (20 m/min); of an axis that tilts or swivels and of one that goes round, rad/s.
+_LINEAR_SPEED, _TILT_SPEED, _ROUND_SPEED = 0.33, 1.0, 2.0
 
 
 def usual_travel(chain: Chain) -> np.ndarray:
     """Lowest and highest position of every axis, (axes, 2) m and rad."""
-    ends = {chain.tilt_axis: _TILT, chain.table_axis: _TABLE}
-    return np.array([ends.get(a.letter, _ALONG_SPINDLE if a.along == 2 else _ACROSS) for a in chain.axes])
+    return np.array([_travel(chain, a) for a in chain.axes])
+
+
+def _travel(chain: Chain, axis: Axis) -> tuple[float, float]:
+    if not axis.rotary:
+        return _ALONG_SPINDLE if axis.along == 2 else _ACROSS
+    if axis.letter in chain.round_axes:
+        return _ROUND
+    return _SWIVEL if axis in chain.tool or axis.tilted else _TILT
 
 
 def usual_speed(chain: Chain) -> np.ndarray:
     """Highest speed of every axis, (axes,) m/s and rad/s."""
-    speeds = {chain.tilt_axis: _TILT_SPEED, chain.table_axis: _TABLE_SPEED}
-    return np.array([speeds.get(a.letter, _LINEAR_SPEED) for a in chain.axes])
+    return np.array(
+        [
+            _LINEAR_SPEED if not a.rotary else _ROUND_SPEED if a.letter in chain.round_axes else _TILT_SPEED
+            for a in chain.axes
+        ]
+    )

@@ -20,14 +20,14 @@ def rotary_axes(chain: Chain) -> tuple[str, ...]:
     return chain.rotary
 
 
-def table_axis(chain: Chain) -> tuple[str, ...]:
-    """The rotary axis that carries the workpiece."""
-    return (chain.table_axis,)
+def wobbling_axes(chain: Chain) -> tuple[str, ...]:
+    """Rotary axes with an error motion: those that go round, and those of a head."""
+    return tuple(a.letter for a in chain.axes if a.letter in chain.round_axes or a in chain.swivelling)
 
 
 def tilting_axes(chain: Chain) -> tuple[str, ...]:
     """Rotary axes that are not vertical: gravity acts on what they carry."""
-    return tuple(a.letter for a in chain.axes if a.rotary and not a.direction[2])
+    return tuple(a.letter for a in chain.axes if a.rotary and not a.vertical)
 
 
 def axis_pairs(chain: Chain) -> tuple[str, ...]:

@@ -187,8 +187,8 @@ def feed_report(
     inside = np.flatnonzero((sign * phi >= sign * first - 1e-9) & (sign * phi <= sign * last + 1e-9))
     part = slice(int(inside[0]), int(inside[-1]) + 1)
     off = q[part] - nominal.path(phi[part])
-    table = test.chain.index(test.chain.table_axis)
-    off[:, table] = (off[:, table] + np.pi) % (2 * np.pi) - np.pi  # whole turns of the table do not matter
+    for table in map(test.chain.index, test.chain.round_axes):
+        off[:, table] = (off[:, table] + np.pi) % (2 * np.pi) - np.pi  # whole turns do not matter
     speeds = given.speeds()[part.start // _INSIDE : max(part.stop // _INSIDE, 1)]
     radius = kind_of(test).radius(test)
     blocks = block_times(motion, control)

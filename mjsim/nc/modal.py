@@ -188,7 +188,7 @@ class Modal:
                 if np.isnan(end[i]):
                     raise GCodeError(f"G91 with {a} before {a} has a known place; allowed: G90 with {a} first")
                 end[i] += value
-            elif a in line.shortest or (a == self.chain.table_axis and self.rollover):
+            elif a in line.shortest or (a in self.chain.round_axes and self.rollover):
                 before = 0.0 if np.isnan(end[i]) else end[i]
                 end[i] = value if np.isnan(end[i]) else before + (value - before + 180.0) % 360.0 - 180.0
             else:

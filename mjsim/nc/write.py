@@ -14,7 +14,7 @@ from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
 from mjsim.io.files import write_whole
 from mjsim.machine.chain import Chain
-from mjsim.machine.kinematics import machine_to_work
+from mjsim.machine.kinematics import spindle_in_work
 from mjsim.nc.dialects import FEEDS, Dialect, dialect
 from mjsim.nc.limits import Limits, check_travel, model_limits, scale, speed_warnings
 from mjsim.units import DEG, MM
@@ -137,9 +137,8 @@ def _feed(o: Options, d: Dialect, test: BallBarTest) -> str:
         )
     if o.rollover and d.name == "linuxcnc":
         raise InputError(
-            f"{test.chain.table_axis} within 0 to 360° is not written for linuxcnc, whose wrapped axes take the "
-            f"sign for the direction; "
-            "leave it out"
+            f"{' and '.join(test.chain.round_axes)} within 0 to 360° is not written for linuxcnc, whose wrapped axes "
+            "take the sign for the direction; leave it out"
         )
     if not 1e-3 <= o.step_deg <= 10.0:
         raise InputError(f"angle step {o.step_deg:g}°; allowed: 0.001 to 10")
@@ -163,7 +162,7 @@ def _blocks(test: BallBarTest, o: Options, feed: str, decimals: int) -> tuple[np
     phi = np.linspace(first, last, count + 1)
     q = program.path(phi)
     if feed == "tcp":
-        q[:, test.chain.linear_columns] = machine_to_work(test.chain, q, q[:, test.chain.linear_columns])
+        q[:, test.chain.linear_columns] = spindle_in_work(test.chain, q)
     units = np.array([scale(a) for a in test.chain.letters])
     printed = np.round(q / units, decimals)
     if (np.diff(printed, axis=0) == 0).all(axis=1).any():
@@ -204,13 +203,13 @@ def _positions(printed: np.ndarray, chain: Chain, o: Options, d: Dialect, decima
     values = printed.copy()
     for axis in o.reversed:
         values[:, chain.index(axis)] *= -1.0
-    table, i = chain.table_axis, chain.index(chain.table_axis)
-    if o.rollover:
-        values[:, i] = np.round(values[:, i] % 360.0, decimals) % 360.0
     number = f"{{:.{decimals}f}}"
     words = [a + number for a in chain.letters]
-    if o.rollover and d.name == "siemens":
-        words[i] = f"{table}=DC({number})"
+    for axis in chain.round_axes if o.rollover else ():
+        i = chain.index(axis)
+        values[:, i] = np.round(values[:, i] % 360.0, decimals) % 360.0
+        if d.name == "siemens":
+            words[i] = f"{axis}=DC({number})"
     form = " ".join(words)
     return [form.format(*(row + 0.0)) for row in np.where(values == 0.0, 0.0, values)]  # no minus before a zero
 
@@ -221,7 +220,7 @@ def _comment_lines(
     x, y, z = (f"{v / MM:g}" for v in test.table_ball)
     kind = kind_of(test).words(test).translate(_PLAIN).encode("ascii", "replace").decode()
     signs = ", ".join(f"{a}{'-' if a in o.reversed else '+'}" for a in test.chain.rotary)
-    axes, table = test.chain.letters, test.chain.table_axis
+    axes, table = test.chain.letters, " and ".join(test.chain.round_axes)
     said = {
         "a11": f"path of {' '.join(axes)}, mm and deg alike, per min",
         "inverse": "1/min of each block",

@@ -16,8 +16,8 @@ import numpy as np
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
 from mjsim.machine import own
-from mjsim.machine.kinematics import BarSensitivity, sensitivity
 from mjsim.machine.plant import AxisPlant, Plant
+from mjsim.machine.sensitivity import BarSensitivity, sensitivity
 from mjsim.simulation.bar import reading
 from mjsim.simulation.drive import STEP, discretise, run, substeps_of
 from mjsim.simulation.tracker import MotionTracker

@@ -33,8 +33,8 @@ from mjsim.simulation.transmission import MEMORY, apply_ops
 NUMERIC = "mjsim"
 # header of the block
 STEP_, N_OPS, CLOCK, N_JOINTS, N_CONTROLS, N_AXES = range(6)
-#: Most axes, and most joints: the axes and the rotary table's error motion.
-MAX_AXES, MAX_JOINTS = 6, 10
+#: Most axes, and most joints: the axes and error motions.
+MAX_AXES, MAX_JOINTS = 6, 24
 JOINTS = 8
 START = JOINTS + MAX_JOINTS
 SUBSTEPS_ = START + MAX_AXES

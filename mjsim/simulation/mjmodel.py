@@ -60,7 +60,7 @@ def compile_structure(plant: Plant, step: float = STEP) -> mujoco.MjModel:
     )
     _strip(spec)
     if plant.width > count:
-        _add_table_joints(spec, plant.chain)
+        _add_error_joints(spec, plant.chain, plant.width - count)
     _set_controls(spec, plant.chain, ("", " own effects") if plant.python_effects else ("",))
     model = spec.compile()
     model.actuator_gainprm[:] = 0.0
@@ -132,23 +132,24 @@ def _balanced(model: mujoco.MjModel) -> bool:
     return bool((model.body_gravcomp[model.body_weldid != 0] == 1.0).all())
 
 
-def _add_table_joints(spec: mujoco.MjSpec, chain: Chain) -> None:
-    """Four joints between cradle and table for its error motion, tilt outermost; the table axis stays innermost."""
-    table = spec.body("table")
-    old = spec.joint(chain.table_axis)
-    spin = {k: getattr(old, k) for k in ("axis", "armature")}
-    spec.delete(old)
+def _add_error_joints(spec: mujoco.MjSpec, chain: Chain, count: int) -> None:
+    """Joints for the first ``count`` error motions, on the side of their axis towards the bed: tilt outermost, then
+    displacement; the axis itself stays innermost.
+    """
     slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
-    first, second = chain.axis(chain.table_axis).across
-    shift_1, shift_2, tilt_1, tilt_2 = chain.table_motion
-    for name, kind, along in (
-        (tilt_1, hinge, first),
-        (tilt_2, hinge, second),
-        (shift_1, slide, first),
-        (shift_2, slide, second),
-    ):
-        table.add_joint(name=name, type=kind, axis=np.eye(3)[along])
-    table.add_joint(name=chain.table_axis, type=hinge, **spin)
+    motions = chain.motions[:count]
+    for axis in dict.fromkeys(m.axis for m in motions):
+        old = spec.joint(axis)
+        body = old.parent
+        kept = {k: getattr(old, k) for k in ("axis", "armature", "type")}  # before it is deleted
+        spec.delete(old)
+        mine = [m for m in motions if m.axis == axis]
+        work = chain.axis(axis) in chain.work
+        for m in sorted(mine, key=lambda m: not m.rotation):
+            # a slide that carries the table: the error is that of the spindle ball relative to it
+            sign = -1.0 if work and not chain.is_rotary(axis) else 1.0
+            body.add_joint(name=m.name, type=hinge if m.rotation else slide, axis=sign * np.eye(3)[m.along])
+        body.add_joint(name=axis, **kept)
 
 
 def _displace_axes(model: mujoco.MjModel, chain: Chain, geometry: Geometry) -> None:

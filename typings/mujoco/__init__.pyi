@@ -138,6 +138,8 @@ class MjData:
 class _SpecJoint:
     axis: np.ndarray
     armature: float
+    @property
+    def parent(self) -> _SpecBody: ...
 
 class _SpecBody:
     pos: np.ndarray

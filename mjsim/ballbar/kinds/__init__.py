@@ -3,9 +3,9 @@
 import pkgutil
 from importlib import import_module
 
-from mjsim.ballbar.kinds.base import KINDS, Kind, all_keys, kind_of, register
+from mjsim.ballbar.kinds.base import KINDS, Kind, able_kinds, all_keys, kind_of, register
 
 for _module in pkgutil.iter_modules(__path__):
     import_module(f"{__name__}.{_module.name}")
 
-__all__ = ["KINDS", "Kind", "all_keys", "kind_of", "register"]
+__all__ = ["KINDS", "Kind", "able_kinds", "all_keys", "kind_of", "register"]

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from mjsim.ballbar.measurement import BallBarTest
-from mjsim.machine.chain import Chain
+from mjsim.machine.chain import COORDINATES, Chain
 from mjsim.units import DEG, MM
 
 
@@ -151,6 +151,13 @@ class Kind(ABC):
         """Name of a proposed test, without its feed: letters, digits, ``_ . + -``."""
         return f"{self.name}-{place_name(test)}-{test.direction.lower()}".replace("_", "-")
 
+    def cannot(self, chain: Chain) -> str:
+        """Why a machine with these axes runs no test of this kind; empty where it does."""
+        missing = [a for a in COORDINATES if a not in chain.linear]
+        return (
+            f"it needs {', '.join(COORDINATES)}, and the machine has no {' and no '.join(missing)}" if missing else ""
+        )
+
     def proposals(self, chain: Chain, length: float, height: float) -> Iterator[BallBarTest]:
         """Tests of this kind that a plan looks at first; feed and name are put in later.
 
@@ -205,6 +212,11 @@ def place_name(test: BallBarTest) -> str:
         return f"{letter}{abs(mm)}{'neg' if mm < 0 else ''}" if mm else ""
 
     return "-".join(p for p in map(part, "xy", test.table_ball[:2]) if p) or "centre"
+
+
+def able_kinds(chain: Chain) -> list[str]:
+    """Names of the kinds of tests that a machine with these axes can run."""
+    return [name for name, kind in KINDS.items() if not kind.cannot(chain)]
 
 
 #: Name in campaign.toml -> kind.

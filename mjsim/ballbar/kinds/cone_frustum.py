@@ -13,7 +13,8 @@ from pydantic import Field
 from mjsim.ballbar.kinds.base import DIRECTION, REVOLUTIONS, Key, Kind, place_name, register
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.machine.chain import Chain
-from mjsim.machine.kinematics import aim, machine_to_work, work_to_machine
+from mjsim.machine.inverse import pose
+from mjsim.machine.kinematics import spindle_in_work
 from mjsim.units import DEG, MM
 
 _HALF_APEX = Key(
@@ -68,18 +69,21 @@ class ConeFrustum(Kind):
         P, apex = P @ tilt.T + OT, tilt @ apex + OT
         T = apex - P
         T /= np.linalg.norm(T, axis=1)[:, None]
-        q = aim(test.chain, T)
-        q[:, test.chain.linear_columns] = work_to_machine(test.chain, q, P)
-        return q
+        return pose(test.chain, P, T)
 
     def angle(self, test: BallBarTest, q: np.ndarray) -> np.ndarray:
-        x, y, z = (machine_to_work(test.chain, q, q[:, test.chain.linear_columns]) - test.table_ball).T
+        x, y, z = (spindle_in_work(test.chain, q) - test.table_ball).T
         return np.arctan2(
             y, np.cos(test.inclination) * x - np.sin(test.inclination) * z
         )  # the circle leans by β about Y
 
     def radius(self, test: BallBarTest) -> float:
         return test.length * float(np.cos(test.half_apex)) if test.sensitive == "perpendicular" else test.length
+
+    def cannot(self, chain: Chain) -> str:
+        turning = len(chain.rotary)
+        need = f"the tool's direction needs two rotary axes, and the machine has {turning or 'none'}"
+        return super().cannot(chain) or ("" if turning == 2 else need)
 
     def words(self, test: BallBarTest) -> str:
         cone = f"cone frustum θ = {test.half_apex / DEG:g}°, β = {test.inclination / DEG:g}°"

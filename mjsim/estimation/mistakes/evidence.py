@@ -16,8 +16,8 @@ from mjsim.ballbar.measurement import BallBarTest
 from mjsim.estimation.least_squares import ridge_solution
 from mjsim.estimation.nuisance import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER
 from mjsim.estimation.samples import GRID, GRID_STEPS, Samples
-from mjsim.machine.kinematics import BarSensitivity
 from mjsim.machine.plant import Plant
+from mjsim.machine.sensitivity import BarSensitivity
 from mjsim.simulation.axes import AxesMotion
 
 #: Spikes are what is left above this time constant of a Gaussian, s: friction's last some 0.1 s at every feed.

@@ -51,7 +51,7 @@ def identified_direction(model: PitchModel, state: State, direction: TurnDirecti
         _trigger_half_widths(state, variance, [p.tests[k].name for k in direction.tests]),
         p.tests[direction.tests[0]].feed * 60 / MM,
         float(np.ptp(p.samples[direction.tests[0]].centre)),
-        direction.axis == p.chain.tilt_axis,
+        direction.axis not in p.chain.round_axes,
     )
 
 

@@ -1,0 +1,128 @@
+"""One axis of a machine: its letter, where it points and where it sits.
+
+This module and :mod:`mjsim.machine.chain` are the only ones that spell out axis letters. Letters follow ISO 841: X, Y,
+Z (and U, V, W beside them) are linear, A, B, C turn about X, Y, Z.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mjsim.errors import InputError
+
+ALONG, BESIDE, ABOUT = "XYZ", "UVW", "ABC"
+#: Machine coordinates, named like the linear axes along them.
+COORDINATES = tuple(ALONG)
+#: A rotary axis may be turned away from the coordinate of its letter by so much: cosine of the angle (60°).
+_LEAST_COSINE = 0.5
+
+Vector = tuple[float, float, float]
+_ZERO: Vector = (0.0, 0.0, 0.0)
+_UNITS: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+class Placement(NamedTuple):
+    """How a rotary axis differs from the nominal one of its letter.
+
+    Attributes:
+        direction: along its centreline, in machine coordinates with all axes at 0; any length above 0. ``None`` is the
+            coordinate that its letter names.
+        offset: of a point of the centreline, m. On the workpiece's side it counts from the origin of the work frame,
+            on the tool's side from the head's pivot, which lies one tool length above the spindle ball.
+    """
+
+    direction: Vector | None = None
+    offset: Vector = _ZERO
+
+
+class Axis(NamedTuple):
+    """One axis.
+
+    Attributes:
+        letter: as ISO 841 names it.
+        along: coordinate that its letter names: 0, 1 or 2. A linear axis moves along it, a rotary one turns about it
+            unless it is tilted.
+        rotary: whether it turns.
+        unit: unit vector along which it moves or about which it turns, in machine coordinates with all axes at 0.
+        point: a point of the centreline of a rotary axis with all axes at 0, m; the spindle ball is then at the origin.
+    """
+
+    letter: str
+    along: int
+    rotary: bool
+    unit: Vector
+    point: Vector = _ZERO
+
+    @property
+    def direction(self) -> np.ndarray:
+        """Unit vector in machine coordinates with all axes at 0, (3,)."""
+        return np.array(self.unit)
+
+    @property
+    def centre(self) -> np.ndarray:
+        """A point of the centreline with all axes at 0, (3,) m."""
+        return np.array(self.point)
+
+    @property
+    def across(self) -> tuple[int, int]:
+        """The two coordinates other than that of its letter, in their order."""
+        first, second = (i for i in range(3) if i != self.along)
+        return first, second
+
+    @property
+    def tilted(self) -> bool:
+        """Whether it points elsewhere than its letter says."""
+        return self.unit != _UNITS[self.along]
+
+    @property
+    def vertical(self) -> bool:
+        """Whether it is parallel to the spindle."""
+        return abs(self.unit[2]) > 1.0 - 1e-9
+
+
+def axis_of(letter: str, placement: Placement | None = None, pivot: float = 0.0) -> Axis:
+    """The axis that ISO 841 names ``letter``.
+
+    Args:
+        letter: of the axis.
+        placement: direction and offset of a rotary axis; ``None`` is the nominal one.
+        pivot: height of the point from which the offset counts, m.
+
+    Raises:
+        InputError: there is no such axis, or it cannot be placed so.
+    """
+    letters = next((a for a in (ALONG, BESIDE, ABOUT) if letter in a), "")
+    if not letters:
+        raise InputError(f"axis {letter!r} is unknown; allowed: {', '.join(ALONG + BESIDE + ABOUT)}")
+    along = letters.index(letter)
+    if letters != ABOUT:
+        return Axis(letter, along, False, _UNITS[along])
+    placement = placement or Placement()
+    x, y, z = placement.offset
+    return Axis(letter, along, True, _unit(letter, along, placement.direction), (x, y, z + pivot))
+
+
+def _unit(letter: str, along: int, direction: Vector | None) -> Vector:
+    """Unit vector of a rotary axis."""
+    if direction is None:
+        return _UNITS[along]
+    length = float(np.linalg.norm(direction))
+    if not np.isfinite(length) or length == 0.0 or abs(direction[along]) < _LEAST_COSINE * length:
+        raise InputError(
+            f"axis {letter}: direction = {[float(d) for d in direction]}; allowed: within 60° of {ALONG[along]}, "
+            f"whose rotation {letter} names"
+        )
+    x, y, z = (float(d) / length for d in direction)
+    return x, y, z
+
+
+def is_rotary(letter: str) -> bool:
+    """Whether an axis turns. Texts that are no axis letter do not."""
+    return len(letter) == 1 and letter in ABOUT
+
+
+def is_linear(letter: str) -> bool:
+    """Whether an axis moves along a line. Texts that are no axis letter do not."""
+    return len(letter) == 1 and letter in ALONG + BESIDE
