@@ -9,7 +9,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from mjsim import batch, effects, report
+from mjsim import batch, effects, report, workbench
 
 __version__ = "0.1.0"
 
@@ -45,6 +45,7 @@ _WHERE = {
     "import_features": "mjsim.importing.features",
     "imported_features": "mjsim.importing.features",
     "export": "mjsim.workflow.export",
+    "workbench": "mjsim.workbench.state",
     "make_effect": "mjsim.effects.registry",
     "Effect": "mjsim.machine.effect",
     "Parameter": "mjsim.machine.parameter",
@@ -71,4 +72,4 @@ def __dir__() -> list[str]:
 
 # These packages bear the names of functions. Python binds a package's name once, when it is first imported; without
 # that binding __getattr__ gives the function, and `from mjsim.effects import ...` works as ever.
-del batch, effects, report
+del batch, effects, report, workbench

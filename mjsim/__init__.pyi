@@ -29,6 +29,7 @@ from mjsim.nc.write import write_nc as write_nc
 from mjsim.paper.figures import figures as figures
 from mjsim.report.write import report as report
 from mjsim.simulation.multibody import simulate as simulate
+from mjsim.workbench.state import workbench as workbench
 from mjsim.workflow.calibrate import calibrate as calibrate
 from mjsim.workflow.check import check as check
 from mjsim.workflow.check import write_corrected as write_corrected
@@ -79,6 +80,7 @@ __all__ = [
     "remove",
     "report",
     "simulate",
+    "workbench",
     "write_corrected",
     "write_machine",
     "write_nc",

@@ -113,7 +113,7 @@ def add(
         ladder.read_history(campaign)  # a damaged history stops us before the work
     problem = checked_problem(campaign, build(machine), threads)
     progress("fitting", 0, 1)
-    fitted_effect, ci95 = _fitted(problem, machine, cls, subjects)
+    fitted_effect, ci95 = best_effect(problem, machine, cls, subjects)
     if source is not None:
         machine = replace(
             machine, effect_files={**machine.effect_files, fitted_effect.id: file_reference(source, machine.file)}
@@ -194,7 +194,7 @@ def _record(campaign: Campaign, action: str, change: Change, path: Path, text: s
     write_all({**ladder.changed_machine(text, path, campaign), ladder.history_file(campaign): steps}, force=True)
 
 
-def _fitted(problem: Problem, machine: Machine, cls: type[Effect], subjects: list[str]) -> tuple[Effect, dict]:
+def best_effect(problem: Problem, machine: Machine, cls: type[Effect], subjects: list[str]) -> tuple[Effect, dict]:
     """The effect at its best values on its best subject, with their 95 % intervals; vibrations are left out of the
     data meanwhile.
     """

@@ -1,0 +1,176 @@
+"""The catalogue of effects as the workbench shows it: by axis, with sliders that have sensible ends."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from mjsim.effects import registry
+from mjsim.machine.chain import Chain
+from mjsim.machine.effect import Effect
+from mjsim.machine.parameter import Parameter
+
+#: A slider covers the whole range of a parameter where that is at most so many typical sizes.
+_WHOLE = 800.0
+#: Otherwise it reaches so many typical sizes to either side of off.
+_REACH = 20.0
+#: Steps of a slider.
+_STEPS = 1000
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One effect of the catalogue on one subject.
+
+    Attributes:
+        id: ``kind.SUBJECT``.
+        title: One line.
+        definition: The formula.
+        signature: What one sees in the traces.
+        axis: Letter of the axis that it belongs to; empty where it belongs to none.
+    """
+
+    id: str
+    title: str
+    definition: str
+    signature: str
+    axis: str
+
+    @property
+    def name(self) -> str:
+        """The kind in words, with the subject where that is not the axis: ``straightness EYX``."""
+        kind, _, subject = self.id.partition(".")
+        return kind.replace("_", " ") + ("" if subject == self.axis else f" {subject}")
+
+
+@dataclass(frozen=True)
+class Slider:
+    """Ends and step of a slider, in the parameter's unit; ``lower`` and ``upper`` are the catalogue's bounds."""
+
+    low: float
+    high: float
+    step: float
+    lower: float
+    upper: float
+
+
+def axis_of_subject(subject: str, chain: Chain) -> str:
+    """Letter of the axis that an effect on ``subject`` belongs to; empty where there is none."""
+    if subject in chain.letters:
+        return subject
+    for error in (*chain.location_errors, *chain.squareness):
+        if error.name == subject:
+            return error.axis
+    return subject[-1] if subject[-1:] in chain.letters else ""  # as ISO 230-1 names errors: the axis last
+
+
+def entries(chain: Chain) -> list[Entry]:
+    """The catalogue for a machine with these axes, in the order of its ids."""
+    out = []
+    for kind, cls in registry.kinds().items():
+        for subject in cls.subjects_of(chain):
+            axis = axis_of_subject(subject, chain)
+            out.append(Entry(f"{kind}.{subject}", cls.title, cls.definition, cls.signature, axis))
+    return out
+
+
+def by_axis(chain: Chain) -> dict[str, list[Entry]]:
+    """The catalogue by the letters of the axes, in their order; what belongs to no axis comes last."""
+    out: dict[str, list[Entry]] = {a: [] for a in chain.letters}
+    for entry in entries(chain):
+        out.setdefault(entry.axis, []).append(entry)
+    return {axis: rows for axis, rows in out.items() if rows}
+
+
+def switched_on(effect_id: str, chain: Chain) -> Effect:
+    """An effect at the size from which its fits start.
+
+    Args:
+        effect_id: ``kind.SUBJECT``.
+        chain: Axes of the machine.
+
+    Raises:
+        InputError: There is no such effect.
+    """
+    cls, subject = registry.effect_class(effect_id, chain)
+    parameters = cls.parameters_of(subject)
+    seeds = cls.search.seeds_of(parameters, subject, chain)
+    values = dict(seeds[0]) if seeds else {}
+    for p in parameters:
+        if p.kind == "components":
+            values.setdefault(p.name, [[1.0, p.scale, 0.0]])
+        elif p.kind == "number" and p.default is None:
+            values.setdefault(p.name, _beside_neutral(p))
+    return cls(subject, **values)
+
+
+def _beside_neutral(p: Parameter) -> float:
+    """A typical value: one typical size from off, or the typical size itself."""
+    if p.neutral is None or not math.isfinite(p.neutral):
+        return min(max(p.scale, p.lower), p.upper)
+    return min(max(p.neutral + p.scale, p.lower), p.upper)
+
+
+def slider(p: Parameter, value: float) -> Slider:
+    """The slider of a number: the catalogue's bounds where they are near, otherwise the sizes that occur.
+
+    Args:
+        p: The parameter.
+        value: Its present value, which the slider reaches as well.
+    """
+    off = p.neutral if p.neutral is not None else p.default if p.default is not None else 0.0
+    off = off if math.isfinite(off) else p.scale
+    if math.isfinite(p.lower) and math.isfinite(p.upper) and p.upper - p.lower <= _WHOLE * p.scale:
+        low, high = p.lower, p.upper
+    else:
+        low, high = max(p.lower, off - _REACH * p.scale), min(p.upper, off + _REACH * p.scale)
+    if math.isfinite(value):
+        low, high = min(low, value), max(high, value)
+    return Slider(low, high, nice((high - low) / _STEPS), p.lower, p.upper)
+
+
+def nice(step: float) -> float:
+    """The nearest 1, 2, 5 x 10^k at or below ``step``.
+
+    >>> nice(0.0345)
+    0.02
+    """
+    decade = 10.0 ** math.floor(math.log10(step) + 1e-9)
+    return max(f for f in (1.0, 2.0, 5.0) if f * decade <= step * (1 + 1e-9)) * decade
+
+
+def limits(p: Parameter) -> str:
+    """The bounds of a parameter in words, such as ``0 to 1 °``."""
+    ends = [("any" if not math.isfinite(x) or abs(x) >= 1e9 else f"{x:g}") for x in (p.lower, p.upper)]
+    return f"{ends[0]} to {ends[1]} {p.unit}".rstrip().replace("-", "−")
+
+
+def words(effect: Effect) -> str:
+    """The values of an effect in one line, such as ``width 0.002 °``."""
+    parts = []
+    for p in effect.parameters_of(effect.subject):
+        value = effect.values.get(p.name)
+        if p.kind == "components":
+            parts.append(", ".join(f"order {row[0]:g}: {row[1]:.3g}" for row in _largest(value or [])))
+        elif isinstance(value, float) and (p.leading or value != p.default):
+            parts.append(f"{spoken(p)} {value:.4g} {p.unit}".rstrip())
+        elif isinstance(value, str):
+            parts.append(value)
+    return ", ".join(part for part in parts if part)
+
+
+def _largest(rows: Iterable[list[float]]) -> list[list[float]]:
+    return sorted(rows, key=lambda row: -abs(row[1]))[:2]
+
+
+def spoken(p: Parameter) -> str:
+    """A parameter's name without its unit, in words."""
+    unit = next((u for u in _endings(p.name)), "")
+    return p.name.removesuffix(f"_{unit}").replace("_", " ") if unit else p.name.replace("_", " ")
+
+
+def _endings(name: str) -> list[str]:
+    from mjsim.units import UNITS
+
+    return [u for u in sorted(UNITS, key=len, reverse=True) if name.endswith(f"_{u}")]

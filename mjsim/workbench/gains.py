@@ -1,0 +1,163 @@
+"""How much of the present residual each effect of the catalogue could explain."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjsim.estimation.candidate_models import CandidateModels
+from mjsim.estimation.criteria import is_feasible
+from mjsim.estimation.data_sheet import data_sheet
+from mjsim.estimation.fit import Fit, Fitter
+from mjsim.estimation.problem import Problem
+from mjsim.estimation.signatures import Candidate, Projector, SignatureBank, seeds
+from mjsim.estimation.vibration import Separated, separate, without_vibrations
+from mjsim.machine.effect import Effect
+from mjsim.machine.model import Machine, build
+from mjsim.progress import Progress, silent
+from mjsim.threads import one_blas_thread
+from mjsim.workbench.opened import OpenCampaign
+
+
+class Stopped(Exception):
+    """The user has stopped the work, or it is not wanted any more."""
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What one effect could do for the present model.
+
+    Attributes:
+        share: Of the squared residual above the noise that it could explain, 0 to 1.
+        effect: The effect at its linear estimate.
+        significant: Whether chance is ruled out as the explanation.
+    """
+
+    share: float
+    effect: Effect
+    significant: bool
+
+
+class NearFitter(Fitter):
+    """A fitter for a model that differs from another one's in some effects: the derivatives with respect to the data
+    sheet are taken over, but for the axes whose drives differ.
+
+    Args:
+        other: Of the model that was fitted before.
+        machine: The model.
+    """
+
+    def __init__(self, other: Fitter, machine: Machine) -> None:
+        self.problem, self.machine, self._grids = other.problem, machine, other._grids
+        was, now = build(other.machine), build(machine)
+        changed = [a for a in machine.chain.letters if was.axes[a].key() != now.axes[a].key()]
+        if changed:
+            fresh = self.problem.sheet_grids(machine, changed)
+            of_changed = np.array([p.axis in changed for p in data_sheet(machine.chain)])[:, None]
+            self._grids = [np.where(of_changed, f, g) for f, g in zip(fresh, self._grids, strict=True)]
+
+
+class Gains:
+    """Signatures of the whole catalogue, computed once, and what they say of the present residual.
+
+    Signatures of small errors hardly depend on what else is in the model, so those of the machine file serve all
+    models.
+
+    Args:
+        opened: A campaign with measured tests.
+    """
+
+    def __init__(self, opened: OpenCampaign) -> None:
+        self.opened = opened
+        #: Held by whoever uses the campaign's background problem.
+        self.turn = threading.Lock()
+        self._separated: Separated | None = None
+        self._fitter: Fitter | None = None
+        self._bank: SignatureBank | None = None
+
+    @property
+    def ready(self) -> bool:
+        """Whether :meth:`prepare` is done."""
+        return self._bank is not None and bool(self._bank.candidates)
+
+    @property
+    def problem(self) -> Problem:
+        """The measured tests without vibrations."""
+        assert self._separated is not None
+        return self._separated.problem
+
+    @one_blas_thread
+    def prepare(self, progress: Progress = silent, stopped: Callable[[], bool] = lambda: False) -> None:
+        """Compute the signatures; takes some seconds, and nothing where they are there already.
+
+        Args:
+            progress: Stage, done, total.
+            stopped: Asked after each signature.
+
+        Raises:
+            Stopped: It was stopped.
+        """
+        with self.turn:
+            if self.ready:
+                return
+            fitter = self._fitter_of_file()
+            bank = SignatureBank(self.problem, fitter.fit([], exact=False))
+            candidates, count = seeds(fitter.machine), [0]
+
+            def done() -> None:
+                count[0] += 1
+                progress("signatures of the catalogue", count[0], len(candidates))
+                if stopped():
+                    raise Stopped
+
+            bank.compute(candidates, done)
+            self._bank = bank
+
+    def _fitter_of_file(self) -> Fitter:
+        """The fitter of the machine file's model, made once."""
+        if self._fitter is None:
+            assert self.opened.background is not None
+            self._separated = separate(self.opened.background, self.opened.machine)
+            self._fitter = Fitter(self.problem, self._separated.machine)
+        return self._fitter
+
+    def fitter(self, machine: Machine) -> Fitter:
+        """A fitter of a model; to be called while :attr:`turn` is held."""
+        return NearFitter(self._fitter_of_file(), without_vibrations(machine))
+
+    @one_blas_thread
+    def of(self, machine: Machine, waves: bool = True) -> dict[str, Gain]:
+        """What each effect could explain of a model's residual, by the effect's id.
+
+        Args:
+            machine: The model.
+            waves: Look for pitch errors and torque ripples as well, whose orders are read off a spectrum.
+        """
+        with self.turn:
+            assert self._bank is not None and self._separated is not None
+            fitter = self.fitter(machine)
+            fit = fitter.fit([], exact=False)
+            models = CandidateModels(fitter)
+            rows = models.ranked_candidates(fit, self._bank) if waves else _screened(models, fit, self._bank)
+            settings = self.problem.settings
+            lines = [line for line in self._separated.lines if machine.effect(line.effect.key) is None]
+            above = max(fit.sum_squares - self.problem.count, 0.0) + sum(line.gain for line in lines)
+            out: dict[str, Gain] = {}
+            for gain, x, c in rows:
+                share = min(max(gain, 0.0) / above, 1.0) if above else 0.0
+                best = out.get(c.id)
+                if best is None or share > best.share:
+                    effect = models.extended(fit, c, x)[-1].effect
+                    out[c.id] = Gain(share, effect, gain > settings.likelihood_ratio)
+            for line in lines:
+                out[line.effect.id] = Gain(min(line.gain / above, 1.0) if above else 0.0, line.effect, True)
+            return out
+
+
+def _screened(models: CandidateModels, fit: Fit, bank: SignatureBank) -> list[tuple[float, np.ndarray, Candidate]]:
+    """Gains of the bank's candidates at a model, net of the parameters' penalty."""
+    rows = Projector(fit).screen(bank)
+    return [(g - models.penalty(c), x, c) for g, x, c in rows if is_feasible(models.fitter.machine, x, c)]

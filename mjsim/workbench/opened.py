@@ -1,0 +1,78 @@
+"""A campaign that is open in the workbench: what all pages share and what no change of the model touches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.campaign.model import Campaign
+from mjsim.estimation.mistakes.checked_problem import checked_problem
+from mjsim.estimation.problem import Problem, Workers
+from mjsim.machine.model import Machine, build
+from mjsim.simulation.axes import AxesMotion
+from mjsim.threads import one_blas_thread
+from mjsim.workflow.edit import machine_of
+
+
+@dataclass(frozen=True)
+class OpenCampaign:
+    """A campaign with its machine, ready for changes of the model.
+
+    Attributes:
+        campaign: As it was read.
+        machine: The model in the machine file.
+        problem: The measured tests without outliers; ``None`` where nothing was measured.
+        background: The same tests with motions of their own, for work that takes seconds: it never holds up a change.
+        motions: The axes' motion in each test, by the test's name.
+        threads: Tests that are worked on side by side.
+    """
+
+    campaign: Campaign
+    machine: Machine
+    problem: Problem | None
+    background: Problem | None
+    motions: dict[str, AxesMotion]
+    threads: int
+
+    @classmethod
+    @one_blas_thread
+    def of(cls, campaign: Campaign, machine: Machine | str | Path | None = None, threads: int = 2) -> OpenCampaign:
+        """Prepare a campaign.
+
+        Args:
+            campaign: As it was read; it needs no traces.
+            machine: A model or the file of one; the campaign's own where it is missing.
+            threads: Tests that are worked on side by side.
+
+        Raises:
+            InputError: The machine file is wrong, or the traces show a mistake.
+        """
+        if not isinstance(machine, Machine):
+            machine = machine_of(campaign, machine)
+        problem = checked_problem(campaign, build(machine), threads) if campaign.measured else None
+        motions = {t.name: AxesMotion(t) for t in campaign.tests}
+        background = None
+        if problem is not None:
+            motions |= {t.name: m for t, m in zip(problem.tests, problem.motions, strict=True)}
+            own = tuple(AxesMotion(t, light=True) for t in problem.tests)
+            background = replace(problem, motions=own, workers=Workers(1))
+        return cls(campaign, machine, problem, background, motions, threads)
+
+    @property
+    def tests(self) -> tuple[BallBarTest, ...]:
+        """All tests, measured or not, in the campaign's order."""
+        return self.campaign.tests
+
+    @property
+    def measured(self) -> dict[str, int]:
+        """Place in the problem of every measured test, by name."""
+        return {t.name: k for k, t in enumerate(self.problem.tests)} if self.problem else {}
+
+    def test(self, name: str) -> BallBarTest:
+        """The test of this name.
+
+        Raises:
+            KeyError: there is none.
+        """
+        return next(t for t in self.tests if t.name == name)

@@ -1,0 +1,178 @@
+"""The workbench without a page: a model, its changes and what they do to the error."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+from mjsim.campaign.files import read_campaign
+from mjsim.campaign.model import Campaign
+from mjsim.errors import InputError
+from mjsim.io.toml import read_text
+from mjsim.machine.effect import Effect
+from mjsim.machine.model import Machine
+from mjsim.progress import Progress, silent
+from mjsim.workbench import fitting
+from mjsim.workbench import save as saving
+from mjsim.workbench.gains import Gain, Gains, Stopped
+from mjsim.workbench.opened import OpenCampaign
+from mjsim.workbench.picture import Picture, picture
+from mjsim.workbench.tried import Shared, TriedModel
+from mjsim.workflow.diagnose import diagnose
+from mjsim.workflow.diagnosis import Diagnosis
+
+
+class Workbench(TriedModel):
+    """A model that is changed effect by effect while its error is watched. Nothing is written before :meth:`save`.
+
+    Args:
+        shared: Of the campaign; :func:`workbench` makes it.
+    """
+
+    def __init__(self, shared: Shared) -> None:
+        super().__init__(shared)
+        self.diagnosis: Diagnosis | None = None
+        self._text = shared.text
+        self._lock = threading.Lock()
+
+    def update_gains(
+        self, waves: bool = True, progress: Progress = silent, stopped: Callable[[], bool] = lambda: False
+    ) -> dict[str, Gain]:
+        """How much of the present residual each effect could explain, by its id; takes some seconds.
+
+        Args:
+            waves: Also look for pitch errors and torque ripples, whose orders are read off a spectrum.
+            progress: Stage, done, total.
+            stopped: Asked now and then.
+
+        Raises:
+            Stopped: It was stopped.
+        """
+        if self.shared.gains is None:
+            return {}
+        self.shared.gains.prepare(progress, stopped)
+        if stopped():
+            raise Stopped
+        machine = self.machine
+        found = self.shared.gains.of(machine, waves)
+        if machine is self.machine:
+            self.gains = found if waves else {**self.gains, **found}
+        return self.gains
+
+    # -- fits and the diagnosis ----------------------------------------------------------------------------------------
+
+    def _need_gains(self) -> Gains:
+        if self.shared.gains is None:
+            raise InputError(f"{self.campaign.folder / 'campaign.toml'}: no test has a trace; there is nothing to fit")
+        return self.shared.gains
+
+    def fit(self, effect_id: str) -> Effect:
+        """Fit one effect, with set-up, instrument and data sheet beside it; it enters the model at its best values.
+
+        Raises:
+            InputError: There is no such effect, or it changes no reading.
+        """
+        gains, machine = self._need_gains(), self.machine
+        present = machine.effect(effect_id)
+        known = self.gains.get(effect_id)
+        if present is None and known is not None and known.significant:
+            present = known.effect
+        done = fitting.fit(gains, machine, [present]) if present else fitting.fit_new(gains, machine, effect_id)
+        self.intervals |= done.intervals
+        self.put(f"fit {effect_id}", done.machine)
+        effect = self.effect(effect_id)
+        assert effect is not None
+        return effect
+
+    def changed_effects(self) -> list[Effect]:
+        """Effects of the present model that the machine file lacks or has with other values."""
+        known = {e.key: e.values for e in self.saved.effects}
+        return [e for e in self.machine.effects if known.get(e.key) != e.values]
+
+    def fit_all(self) -> list[Effect]:
+        """Fit all effects together that the machine file lacks or has with other values.
+
+        Raises:
+            InputError: There is none.
+        """
+        gains, free = self._need_gains(), self.changed_effects()
+        if not free:
+            raise InputError("the model has no effect that the machine file lacks; switch one on first")
+        done = fitting.fit(gains, self.machine, free)
+        self.intervals |= done.intervals
+        self.put("fit all", done.machine)
+        return self.changed_effects()
+
+    def diagnose(self, progress: Progress = silent, max_effects: int = 5) -> Diagnosis:
+        """Search for what the present model lacks, as ``mjsim diagnose`` does.
+
+        Args:
+            progress: Stage, done, total; what it raises stops the search.
+            max_effects: At most so many effects.
+
+        Raises:
+            InputError: No test was measured.
+        """
+        self.diagnosis = diagnose(self.campaign, self.machine, max_effects, self.opened.threads, progress)
+        return self.diagnosis
+
+    def add(self, effect: Effect) -> None:
+        """Put an effect with its values into the model, such as one that a diagnosis found."""
+        self.put(f"+ {effect.key}", self.machine.with_effect(effect))
+
+    # -- writing -------------------------------------------------------------------------------------------------------
+
+    @property
+    def unsaved(self) -> list[saving.Change]:
+        """Steps from the machine file to the present model."""
+        return saving.changes(self.saved, self.machine)
+
+    def save(self, force: bool = False, progress: Progress = silent) -> list[saving.Change]:
+        """Write the present model to the machine file, and its steps to the history, as ``mjsim add`` does.
+
+        Args:
+            force: Save a model that fits worse than the file's, too.
+            progress: Stage, done, total.
+
+        Raises:
+            InputError: The file was changed meanwhile, nothing was measured, or the model fits worse.
+        """
+        with self._lock:
+            machine = self.machine
+            done = saving.save(self.shared.readings, self.saved, machine, self._text, force, progress)
+            if done:
+                self.saved, self._text = machine, read_text(machine.file)
+        return done
+
+    # -- pictures ------------------------------------------------------------------------------------------------------
+
+    def show(self, name: str | None = None) -> Picture:
+        """A picture that Jupyter draws.
+
+        Args:
+            name: A test: its traces. An effect: the tests that it changes most, with and without it. Nothing: all
+                tests with their errors.
+
+        Raises:
+            InputError: There is no such test or effect.
+        """
+        return picture(self, name)
+
+
+def workbench(
+    campaign: Campaign | str | Path, machine: Machine | str | Path | None = None, threads: int = 2
+) -> Workbench:
+    """Open a campaign in the workbench, without a page.
+
+    Args:
+        campaign: A campaign or its folder; it needs no traces.
+        machine: A model or the file of one; the campaign's own where it is missing.
+        threads: Tests that are worked on side by side.
+
+    Raises:
+        InputError: A file is wrong, or the traces show a mistake.
+    """
+    if not isinstance(campaign, Campaign):
+        campaign = read_campaign(campaign)
+    return Workbench(Shared(OpenCampaign.of(campaign, machine, threads)))

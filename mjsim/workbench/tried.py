@@ -1,0 +1,186 @@
+"""A model that is changed effect by effect: the changes, the ladder and the error."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from mjsim.campaign.model import Campaign
+from mjsim.io.toml import read_text
+from mjsim.machine.effect import Effect
+from mjsim.machine.model import Machine
+from mjsim.units import UM
+from mjsim.workbench import catalogue
+from mjsim.workbench.gains import Gain, Gains
+from mjsim.workbench.ladder import Ladder
+from mjsim.workbench.opened import OpenCampaign
+from mjsim.workbench.overlay import Overlay, overlay
+from mjsim.workbench.readings import Readings
+
+
+class Shared:
+    """What all workbenches of one campaign share: the campaign, simulated readings, signatures.
+
+    Args:
+        opened: The campaign.
+    """
+
+    def __init__(self, opened: OpenCampaign) -> None:
+        self.opened = opened
+        self.readings = Readings(opened)
+        self.gains = Gains(opened) if opened.problem is not None else None
+        self.text = read_text(opened.machine.path) if opened.machine.path else ""
+
+
+class TriedModel:
+    """A model that is changed effect by effect, with its ladder and its error.
+
+    Args:
+        shared: Of the campaign.
+    """
+
+    def __init__(self, shared: Shared) -> None:
+        self.shared, self.opened = shared, shared.opened
+        #: The model that the machine file has.
+        self.saved = self.opened.machine
+        self.ladder = Ladder(self.opened.machine)
+        #: 95 % intervals of fitted values, by the effect's key and the parameter's name.
+        self.intervals: dict[str, dict] = {}
+        #: What each effect could explain, by its id, as far as it is known.
+        self.gains: dict[str, Gain] = {}
+        self._values: dict[str, Effect] = {}
+
+    # -- the model -----------------------------------------------------------------------------------------------------
+
+    @property
+    def campaign(self) -> Campaign:
+        """The campaign."""
+        return self.opened.campaign
+
+    @property
+    def machine(self) -> Machine:
+        """The present model."""
+        return self.ladder.machine
+
+    def effect(self, effect_id: str) -> Effect | None:
+        """The present model's effect with this id or key; ``None`` where it has none."""
+        return self.machine.effect(effect_id)
+
+    def switch(self, effect_id: str, on: bool = True) -> None:
+        """Put an effect into the model or take it out.
+
+        An effect that was in the model before comes back with the values that it had. A new one starts at the linear
+        estimate from the residual where that is known, otherwise at its typical size.
+
+        Args:
+            effect_id: ``kind.SUBJECT``.
+            on: In or out.
+
+        Raises:
+            InputError: There is no such effect.
+        """
+        present = [e for e in self.machine.effects if effect_id in (e.id, e.key)]
+        if on == bool(present):
+            return
+        if not on:
+            for e in present:
+                self._values[e.id] = e
+            self.put(f"− {effect_id}", self.machine.without(effect_id))
+            return
+        self.put(f"+ {effect_id}", self.machine.with_effect(self.start_of(effect_id)))
+
+    def start_of(self, effect_id: str) -> Effect:
+        """An effect that the model lacks, as :meth:`switch` puts it in.
+
+        Raises:
+            InputError: There is no such effect.
+        """
+        gain = self.gains.get(effect_id)
+        estimate = gain.effect if gain is not None and gain.significant else None
+        return self._values.get(effect_id) or estimate or self._typical(effect_id)
+
+    def _typical(self, effect_id: str) -> Effect:
+        return self.saved.effect(effect_id) or catalogue.switched_on(effect_id, self.machine.chain)
+
+    def set(self, effect_id: str, **values: Any) -> None:
+        """Change values of an effect; one that the model lacks is put in first.
+
+        Args:
+            effect_id: ``kind.SUBJECT``, or its key with a direction.
+            **values: Parameters in the units of their names.
+
+        Raises:
+            InputError: There is no such effect or parameter, or a value is out of bounds.
+        """
+        effect = self.effect(effect_id) or self._typical(effect_id)
+        changed = effect.replaced(**values)
+        if changed.key != effect.key:  # another direction: the effect itself, not a second one
+            machine = self.machine.without(effect.key).with_effect(changed)
+        else:
+            machine = self.machine.with_effect(changed)
+        self.intervals.pop(effect.key, None)
+        self.put(f"{changed.key}: {catalogue.words(changed)}", machine, (effect.id, *sorted(values)))
+
+    def put(self, label: str, machine: Machine, merge: tuple | None = None) -> None:
+        """Make another model the present one.
+
+        Args:
+            label: What was changed.
+            machine: The model.
+            merge: Changes with the same key make one rung of the ladder.
+        """
+        self.ladder.push(label, machine, merge)
+
+    def undo(self) -> bool:
+        """Go back by one model; whether there was one."""
+        return self.ladder.undo()
+
+    def redo(self) -> bool:
+        """Go forward again by one model; whether there was one."""
+        return self.ladder.redo()
+
+    # -- the error -----------------------------------------------------------------------------------------------------
+
+    def quick(self, machine: Machine | None = None) -> Overlay:
+        """The present model (or another one) over all tests, with what is there of the multibody model and the drives
+        alone for the rest; some 0.1 s.
+
+        Raises:
+            InputError: An effect acts on what the machine does not have.
+            SimulationError: A drive is unstable.
+        """
+        machine = machine or self.machine
+        kept = self.shared.readings.kept(machine)
+        missing = [t.name for t in self.opened.tests if t.name not in kept]
+        alone = self.shared.readings.drives_alone(machine, missing) if missing else {}
+        return self._noted(overlay(self.opened, machine, alone | kept))
+
+    def full(self, names: Sequence[str] | None = None, machine: Machine | None = None) -> Overlay:
+        """As :meth:`quick`, after some tests (all) were simulated in the multibody model.
+
+        Args:
+            names: Of the tests.
+            machine: In place of the present model.
+
+        Raises:
+            InputError: There is no multibody model of such a machine.
+            SimulationError: The simulation cannot be trusted.
+        """
+        machine = machine or self.machine
+        self.shared.readings.multibody(machine, names if names is not None else [t.name for t in self.opened.tests])
+        return self.quick(machine)
+
+    def _noted(self, result: Overlay) -> Overlay:
+        if result.rms is not None:
+            self.ladder.note(result.machine, result.rms, result.engine)
+        return result
+
+    @property
+    def noise(self) -> float | None:
+        """RMS of one sample's noise, m; ``None`` where nothing was measured."""
+        return self.opened.problem.noise.rms if self.opened.problem is not None else None
+
+    def __repr__(self) -> str:
+        rms = self.ladder.present.rms
+        error = f", residual RMS {rms / UM:.3f} µm ({self.ladder.present.engine})" if rms is not None else ""
+        return f"<{type(self).__name__} {self.campaign.name}: {self.ladder.present.label}{error}>"

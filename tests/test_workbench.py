@@ -1,0 +1,219 @@
+"""The workbench without a page: what a change does to the error, the ladder, fits, saving."""
+
+import shutil
+import sys
+
+import numpy as np
+import pytest
+import tomlkit
+
+import mjsim
+from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import read_machine
+from mjsim.effects import registry
+from mjsim.errors import InputError
+from mjsim.io.resources import examples
+from mjsim.machine.chain import FIVE_AXIS
+from mjsim.workbench import catalogue, svg
+from mjsim.workbench.ladder import Ladder
+from mjsim.workbench.readings import DRIVES, MULTIBODY
+from mjsim.workbench.save import changes
+from mjsim.workflow.compare import compare
+from mjsim.workflow.history import read_history
+
+TESTS = ("cone15-centre-ccw", "circle-xy-ccw", "rotary-a-tangential-ccw")
+
+
+def cut(target, tests=TESTS, traces=True):
+    """The hidden-backlash example with some of its tests only."""
+    source = examples() / "hidden-backlash"
+    (target / "traces").mkdir(parents=True)
+    document = tomlkit.parse((source / "campaign.toml").read_text())
+    for i in reversed(range(len(document["test"]))):
+        if document["test"][i]["name"] not in tests:
+            del document["test"][i]
+        elif not traces:
+            del document["test"][i]["trace"]
+    (target / "campaign.toml").write_text(tomlkit.dumps(document))
+    for name in tests if traces else ():
+        shutil.copy(source / "traces" / f"{name}.csv.gz", target / "traces")
+    shutil.copy(source / "machine.toml", target)
+    return target
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory):
+    """One open campaign for all tests that write nothing."""
+    return mjsim.workbench(cut(tmp_path_factory.mktemp("workbench") / "campaign")).shared
+
+
+@pytest.fixture
+def bench(shared):
+    from mjsim.workbench.state import Workbench
+
+    return Workbench(shared)
+
+
+def test_ladder_goes_back_and_forth():
+    machine = read_machine(examples() / "healthy" / "machine.toml")
+    models = [machine.with_effect(registry.make("backlash.A", width_deg=0.001 * k)) for k in range(1, 6)]
+    ladder = Ladder(machine)
+    assert not ladder.undo() and not ladder.redo()
+    ladder.push("one", models[0])
+    ladder.push("two", models[1], "slider")
+    ladder.push("three", models[2], "slider")  # the same slider on its way: one rung
+    assert [r.label for r in ladder.rungs] == ["machine as given", "one", "three"]
+    ladder.settle()
+    ladder.push("four", models[3], "slider")
+    assert len(ladder.rungs) == 4
+    assert ladder.undo() and ladder.undo() and ladder.machine is models[0]
+    assert ladder.redo() and ladder.machine is models[2]
+    ladder.push("five", models[4])  # what was undone is gone
+    assert [r.label for r in ladder.rungs] == ["machine as given", "one", "three", "five"] and not ladder.can_redo
+    ladder.go(0)
+    assert ladder.machine is machine and ladder.can_redo and not ladder.can_undo
+    with pytest.raises(IndexError):
+        ladder.go(4)
+
+
+def test_both_engines_give_the_error_of_compare(bench, shared):
+    bench.set("backlash.A", width_deg=0.001)
+    quick = bench.quick()
+    full = bench.full()
+    said = compare(shared.opened.campaign, bench.machine, problem=shared.opened.problem)
+    assert (quick.engine, full.engine) == (DRIVES, MULTIBODY)
+    assert full.rms == pytest.approx(said.rms, rel=1e-9)
+    assert quick.rms == pytest.approx(said.rms, rel=0.01)
+    for t in said.tests:
+        trace = full.traces[t.test.name]
+        assert trace.rms == pytest.approx(t.rms, rel=1e-9)
+        assert np.allclose(trace.residual[t.valid], t.residual[t.valid], atol=1e-15)
+    assert sum(t.share for t in full.traces.values()) == pytest.approx(1.0)
+    assert bench.ladder.present.rms == full.rms and bench.ladder.present.engine == MULTIBODY
+
+
+def test_a_test_that_is_there_is_not_simulated_again(bench, monkeypatch):
+    bench.set("backlash.A", width_deg=0.0011)
+    part = bench.full([TESTS[0]])
+    assert [t.engine for t in part.traces.values()] == [MULTIBODY, DRIVES, DRIVES] and part.engine == DRIVES
+    bench.full()
+    monkeypatch.setattr(
+        sys.modules["mjsim.workbench.readings"], "simulate_each", lambda *_: pytest.fail("simulated again")
+    )
+    bench.set("backlash.A", width_deg=0.3)
+    bench.undo()
+    bench.set("backlash.A", width_deg=0.0011)
+    assert bench.full().engine == MULTIBODY
+
+
+def test_switch_keeps_the_values(bench):
+    bench.set("backlash.A", width_deg=0.0017)
+    bench.switch("backlash.A", False)
+    assert bench.effect("backlash.A") is None
+    bench.switch("backlash.A")
+    assert bench.effect("backlash.A").values == {"width_deg": 0.0017}
+    bench.switch("friction.X", False)
+    bench.switch("friction.X")
+    assert bench.effect("friction.X").values["coulomb_Nm"] == 1.0
+    with pytest.raises(InputError, match="out of bounds; allowed: 0 to 1 °"):
+        bench.set("backlash.A", width_deg=2.0)
+    with pytest.raises(InputError, match="unknown effect"):
+        bench.switch("gremlin.A")
+
+
+def test_every_effect_can_be_switched_on_and_has_sliders():
+    for effect_id in registry.all_ids():
+        effect = catalogue.switched_on(effect_id, FIVE_AXIS)
+        assert effect.id == effect_id and not effect.is_neutral
+        for p in effect.parameters_of(effect.subject):
+            if p.kind == "number":
+                s = catalogue.slider(p, effect.values[p.name])
+                assert p.lower <= s.low < s.high <= p.upper and s.low <= effect.values[p.name] <= s.high
+                assert 100 <= (s.high - s.low) / s.step <= 5000
+    shown = catalogue.by_axis(FIVE_AXIS)
+    assert list(shown)[: FIVE_AXIS.count] == list(FIVE_AXIS.letters)
+    assert sorted(e.id for rows in shown.values() for e in rows) == sorted(registry.all_ids())
+    assert {e.axis for rows in shown.values() for e in rows} == set(FIVE_AXIS.letters)
+
+
+def test_gains_name_what_hides_and_nothing_once_it_is_in(bench):
+    found = bench.update_gains()
+    best = max(found, key=lambda k: found[k].share)
+    assert best == "backlash.A" and found[best].share > 0.5 and found[best].significant
+    bench.switch("backlash.A")
+    assert bench.effect("backlash.A").values["width_deg"] == pytest.approx(0.002, rel=0.2)  # the linear estimate
+    effect = bench.fit("backlash.A")
+    assert effect.values["width_deg"] == pytest.approx(0.002, rel=0.02)
+    low, high = bench.intervals["backlash.A"]["width_deg"]
+    assert low < effect.values["width_deg"] < high
+    assert bench.full().rms < 1.3 * bench.noise
+    left = bench.update_gains()
+    assert not any(g.significant for g in left.values())
+    assert [c.words for c in bench.unsaved] == ["+ backlash.A"]
+    assert [e.key for e in bench.fit_all()] == ["backlash.A"]
+
+
+def test_save_writes_what_add_writes(tmp_path):
+    one, other = cut(tmp_path / "one"), cut(tmp_path / "other")
+    added = mjsim.add(read_campaign(one), "backlash.A")
+    bench = mjsim.workbench(other)
+    before = (other / "machine.toml").read_bytes()
+    bench.add(added.effect)
+    bench.full()
+    assert (other / "machine.toml").read_bytes() == before and not (other / ".mjsim").exists()
+    assert [c.words for c in bench.save()] == ["+ backlash.A"]
+    assert (other / "machine.toml").read_text() == (one / "machine.toml").read_text()
+    mine, theirs = read_history(read_campaign(other)), read_history(read_campaign(one))
+    assert mine == theirs
+    assert (other / ".mjsim" / "machine.001.toml").read_bytes() == before
+    assert bench.save() == [] and not bench.unsaved
+    bench.switch("backlash.A", False)
+    with pytest.raises(InputError, match="fits worse than the file's"):
+        bench.save()
+    assert [c.words for c in bench.save(force=True)] == ["− backlash.A"]
+    assert [s.label for s in read_history(read_campaign(other))][-1] == "- backlash.A"
+    (other / "machine.toml").write_text("# mine\n" + (other / "machine.toml").read_text())
+    bench.add(added.effect)
+    with pytest.raises(InputError, match="was changed since it was opened"):
+        bench.save()
+
+
+def test_changes_lead_from_one_model_to_the_other():
+    machine = read_machine(examples() / "healthy" / "machine.toml")
+    after = machine.without("friction.X").with_effect(registry.make("backlash.A", width_deg=0.001))
+    after = after.with_effect(machine.effect("friction.Y").replaced(coulomb_Nm=2.0))
+    steps = changes(machine, after)
+    assert [s.words for s in steps] == ["− friction.X", "+ friction.Y", "+ backlash.A"]
+    assert steps[-1].machine.effects == after.effects and changes(machine, machine) == []
+
+
+def test_without_traces_it_simulates(tmp_path):
+    bench = mjsim.workbench(cut(tmp_path / "planned", TESTS[:1], traces=False))
+    first = bench.full()
+    assert first.rms is None and bench.noise is None and bench.update_gains() == {}
+    bench.set("backlash.A", width_deg=0.01)
+    trace = bench.quick().traces[TESTS[0]]
+    assert np.ptp(trace.simulated - first.traces[TESTS[0]].simulated) > 1e-6 and trace.residual is None
+    assert "not measured" in bench.show(TESTS[0]).caption
+    with pytest.raises(InputError, match="no test has a trace"):
+        bench.fit("backlash.A")
+
+
+def test_pictures(bench):
+    every = bench.show()
+    assert every.html.count("<svg") == len(TESTS) and "µm (multibody), noise" in every.caption
+    one = bench.show(TESTS[0])._repr_html_()
+    assert one.count("<path") == 2 and "1 div.:" in one and 'class="turn"' in one
+    effect = bench.show("backlash.A")
+    assert effect.html.count("<svg") == 6 and "without it" in effect.caption
+    with pytest.raises(InputError, match="tests: cone15"):
+        bench.show("nothing.A")
+
+
+def test_thinned_lines_keep_their_peaks():
+    x = np.linspace(0.0, 1.0, 20001)
+    y = np.sin(20 * x)
+    y[7777], y[12345] = 5.0, np.nan
+    a, b = svg.thinned(x, y, 100)
+    assert len(a) <= 200 and np.nanmax(b) == 5.0 and np.nanmin(b) == pytest.approx(np.nanmin(y))
+    assert (np.diff(a) > 0).all()
