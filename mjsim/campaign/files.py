@@ -7,12 +7,14 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+from mjsim.axislog.measurement import LogInstrument, Logs
 from mjsim.ballbar.kinds import KINDS, able_kinds, all_keys, kind_of
 from mjsim.ballbar.measurement import BallBarTest, Instrument, Trace
 from mjsim.ballbar.program import Program, driven_by
+from mjsim.campaign.logs import log_tests, read_recording, split_tests
 from mjsim.campaign.machine_file import chain_in
 from mjsim.campaign.model import Campaign
-from mjsim.campaign.schema import BallBarTable, CampaignTable, with_tests
+from mjsim.campaign.schema import BallBarTable, CampaignTable, with_tests, without_tests
 from mjsim.campaign.span import explain
 from mjsim.campaign.traces import read_trace
 from mjsim.errors import InputError
@@ -21,7 +23,7 @@ from mjsim.io.toml import check, parse
 from mjsim.machine.chain import FIVE_AXIS, Chain
 from mjsim.nc.limits import check_travel, model_limits
 from mjsim.nc.read import read_nc
-from mjsim.units import MM, UM
+from mjsim.units import DEG, MM, UM
 
 _ATTRIBUTES = {f.name for f in fields(BallBarTest)}
 #: A test's program may last so long, s, and its measured part has to last so long (assumed): 1 ms of it is one step.
@@ -62,9 +64,12 @@ def campaign_from(file: Path, data: dict, traces: bool = True, as_is: bool = Fal
     folder = file.parent
     named = data.get("machine", CampaignTable.model_fields["machine"].default)
     chain = chain_in(folder / named) if isinstance(named, str) else FIVE_AXIS
-    table = check(file, with_tests(CampaignTable, chain), data)
+    bars, logged = split_tests(data)
+    schema = with_tests(CampaignTable, chain) if bars["test"] or not logged else without_tests(CampaignTable)
+    table = check(file, schema, bars if logged else data)
     tests = tuple(test_of(file, t, chain) for t in table.test)
-    names = [t.name for t in tests]
+    logs = log_tests(file, data, logged, chain) if logged else ()
+    names = [t.name for t in (*tests, *logs)]
     for name in names:
         if names.count(name) > 1:
             raise InputError(
@@ -81,7 +86,23 @@ def campaign_from(file: Path, data: dict, traces: bool = True, as_is: bool = Fal
                 if spans:
                     check_span(path, t, recorded[t.name], tests)
     machine = _inside(file, folder, table.machine, "machine", outside=True)
-    return Campaign(table.name, folder, machine, instrument, tests, recorded, table.measured_on, as_is)
+    recordings = {
+        t.name: read_recording(_inside(file, folder, t.trace, f'[[test]] "{t.name}" trace'), t)
+        for t in logs
+        if traces and t.trace is not None
+    }
+    recorder = LogInstrument(i.sample_rate_Hz, i.resolution_um * UM, i.resolution_deg * DEG)
+    return Campaign(
+        table.name,
+        folder,
+        machine,
+        instrument,
+        tests,
+        recorded,
+        table.measured_on,
+        as_is,
+        Logs(logs, recordings, recorder),
+    )
 
 
 def _inside(file: Path, folder: Path, name: str, key: str, outside: bool = False) -> Path:

@@ -10,6 +10,7 @@ import numpy as np
 import tomlkit
 from tomlkit.items import AoT, InlineTable, Table
 
+from mjsim.campaign.controllers import edit_controllers, read_controllers
 from mjsim.campaign.schema import machine_table
 from mjsim.campaign.tolerance import check_tolerance
 from mjsim.effects import registry
@@ -43,7 +44,7 @@ def read_machine(path: str | Path, text: str | None = None) -> Machine:
     data = parse(path, text)
     chain = _chain(path, data)
     table: Any = check(path, machine_table(chain), data)
-    drives = {}
+    drives, gears = {}, {}
     for axis in chain.letters:
         d = getattr(table.drive, axis)
         want, other = ("worm_teeth", "lead_mm") if is_rotary(axis) else ("lead_mm", "worm_teeth")
@@ -54,8 +55,16 @@ def read_machine(path: str | Path, text: str | None = None) -> Machine:
             )
         if getattr(d, want) is None:
             raise InputError(f"{path}: [drive.{axis}]: the key {want!r} is missing")
-        gear = d.worm_teeth if is_rotary(axis) else 2 * np.pi / (d.lead_mm * MM)
-        drives[axis] = Drive(axis, gear, **{k: getattr(d, v) for k, v in DRIVE_KEYS.items()})
+        gears[axis] = d.worm_teeth if is_rotary(axis) else 2 * np.pi / (d.lead_mm * MM)
+    controllers = read_controllers(path, table.controller, chain, gears)
+    for axis in chain.letters:
+        d, ran = getattr(table.drive, axis), [c[axis] for c in controllers.values() if axis in c]
+        numbers = {k: getattr(d, v) for k, v in DRIVE_KEYS.items()}
+        missing = [k for k, v in numbers.items() if v is None]
+        if missing and not ran:
+            raise InputError(f"{path}: [drive.{axis}]: the key {DRIVE_KEYS[missing[0]]!r} is missing")
+        numbers |= {k: getattr(ran[0], k) for k in missing}
+        drives[axis] = Drive(axis, gears[axis], **numbers)
     effects: list[Effect] = []
     files: dict[str, str] = {}
     for number, entry in enumerate(table.effect, start=1):
@@ -64,7 +73,9 @@ def read_machine(path: str | Path, text: str | None = None) -> Machine:
             raise InputError(f'{path}: [[effect]] "{effect.id}" appears twice; allowed: once (or one per direction)')
         effects.append(effect)
     check_tolerance(path, table.tolerance, tuple(effects), chain)
-    return Machine(table.name, drives, tuple(effects), path, table.configuration, files, table.tolerance)
+    factor = table.identify.factor if table.identify else None
+    tolerance, configuration = table.tolerance, table.configuration
+    return Machine(table.name, drives, tuple(effects), path, configuration, files, tolerance, controllers, factor)
 
 
 def _chain(path: Path, data: dict) -> Chain:
@@ -142,6 +153,7 @@ def machine_document(machine: Machine, original: Path, former: str | None = None
             value = getattr(machine.drives[axis], attribute)
             if value != getattr(base.drives[axis], attribute):
                 document["drive"][axis][key] = _rounded(value)
+    edit_controllers(document, machine.controllers, base.controllers)
     if "effect" not in document:
         document.append("effect", tomlkit.aot())
     tables = document["effect"]
@@ -161,6 +173,8 @@ def machine_document(machine: Machine, original: Path, former: str | None = None
             if not inline and len(tables) and not tables[-1].as_string().endswith("\n\n"):
                 tables[-1].add(tomlkit.nl())
             tables.append(_new_table(effect, machine, inline))
+    if not machine.effects and not base.effects and "effect" not in tomlkit.parse(former):
+        del document["effect"]
     text = tomlkit.dumps(document)
     return text.replace("\r\n", "\n").replace("\n", "\r\n") if "\r\n" in former else text
 

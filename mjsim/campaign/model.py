@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
 
+from mjsim.axislog.measurement import Logs
 from mjsim.ballbar.measurement import BallBarTest, Instrument, Trace
 
 
@@ -14,6 +15,7 @@ class Campaign:
     """Tests of one machine with their traces (by test name; tests that were not measured are absent), and the day they
     were measured.
 
+    ``logs`` holds the axis logs, where there are any.
     ``as_is``: it is not to be searched for mistakes of the user's when it is compared with a machine.
     """
 
@@ -25,6 +27,7 @@ class Campaign:
     traces: dict[str, Trace]
     measured_on: date | None = None
     as_is: bool = False
+    logs: Logs = field(default_factory=Logs)
 
     @property
     def measured(self) -> tuple[BallBarTest, ...]:

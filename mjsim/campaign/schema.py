@@ -13,11 +13,13 @@ from pydantic_core import PydanticCustomError
 from mjsim.ballbar.kinds import KINDS, all_keys
 from mjsim.ballbar.kinds.base import Key
 from mjsim.machine.chain import FIVE_AXIS, Chain
+from mjsim.machine.control import MOST_COEFFICIENTS
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 
 
-def _printable(text: str) -> str:
+def printable(text: str) -> str:
+    """Refuse a text with control characters."""
     if not text.isprintable():
         raise PydanticCustomError("printable", "allowed: text without line breaks, tabs and control characters")
     return text
@@ -38,7 +40,7 @@ def _one_of(words: Callable[[], Iterable[str]]) -> Callable[[str], str]:
 
 
 #: What is shown on terminals and in plots.
-Text = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_printable)]
+Text = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(printable)]
 #: A length of the set-up, a time on the campaign's clock: far more than any machine has (assumed).
 Length = Annotated[float, Field(ge=-10_000, le=10_000, allow_inf_nan=False)]
 Clock = Annotated[float, Field(ge=-1e10, le=1e10, allow_inf_nan=False)]
@@ -49,8 +51,9 @@ class Table(BaseModel):
 
 
 class InstrumentTable(Table):
-    kind: Literal["ball_bar"] = "ball_bar"
+    kind: Literal["ball_bar", "axis_log"] = "ball_bar"
     resolution_um: Annotated[float, Field(ge=1e-4, le=1000)] = 0.1
+    resolution_deg: Annotated[float, Field(ge=1e-9, le=1)] = 1e-4
     range_mm: Annotated[float, Field(ge=0.001, le=100)] = 1.0
     sample_rate_Hz: Annotated[float, Field(ge=0.1, le=1e6)] = 200.0
 
@@ -68,7 +71,7 @@ class BallBarTable(Table):
     program_dialect: Literal["fanuc", "siemens", "linuxcnc"] | None = None
     program_reversed: list[str] | None = None
     program_rollover: bool | None = None
-    setup: Annotated[str, Field(max_length=200), AfterValidator(_printable)] | None = None
+    setup: Annotated[str, Field(max_length=200), AfterValidator(printable)] | None = None
     started_s: Clock = 0.0
 
 
@@ -105,12 +108,47 @@ def with_tests(schema: type[_T], chain: Chain = FIVE_AXIS) -> type[_T]:
     return create_model(schema.__name__, __base__=schema, test=(list[ball_bar_table(chain)], field))  # pyright: ignore[reportInvalidTypeForm]
 
 
+def without_tests(schema: type[_T]) -> type[_T]:
+    """A schema whose ``[[test]]`` tables are all read elsewhere."""
+    return create_model(schema.__name__, __base__=schema, test=(Annotated[list[Any], Field(max_length=0)], ...))  # pyright: ignore[reportInvalidTypeForm]
+
+
+PositionGain = Annotated[float, Field(gt=0, le=1000)]
+VelocityGain = Annotated[float, Field(gt=0, le=10000)]
+Coefficients = Annotated[list[Number], Field(min_length=1, max_length=MOST_COEFFICIENTS)]
+
+
+class ControllerTable(Table):
+    """One ``[controller.NAME.AXIS]`` table: a cascade, or a discrete law R, S, T."""
+
+    position_gain_per_s: PositionGain | None = None
+    velocity_gain_Nms_per_rad: VelocityGain | None = None
+    integral_time_s: Annotated[float, Field(gt=0)] = float("inf")
+    velocity_feedforward: Annotated[float, Field(ge=0, le=2)] = 0.0
+    torque_lag_s: Annotated[float, Field(ge=0, le=1)] = 0.0
+    loop_delay_s: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+    sample_time_s: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+    clip_Nm: Annotated[float, Field(gt=0, le=1e4)] | None = None
+    clip_V: Annotated[float, Field(gt=0, le=1e4)] | None = None
+    torque_per_V: Annotated[float, Field(gt=0, le=1e4)] | None = None
+    anti_windup: bool = False
+    R: Coefficients | None = None
+    S: Coefficients | None = None
+    T: Coefficients | None = None
+
+
+class IdentifyTable(Table):
+    """How far the numbers of the data sheet are believed."""
+
+    factor: Annotated[float, Field(gt=1, le=1000)] = 5.0
+
+
 class DriveTable(Table):
     lead_mm: Annotated[float, Field(gt=0, le=1000)] | None = None
     worm_teeth: Annotated[float, Field(gt=0, le=10000)] | None = None
-    position_gain_per_s: Annotated[float, Field(gt=0, le=1000)]
-    velocity_gain_Nms_per_rad: Annotated[float, Field(gt=0, le=10000)]
-    integral_time_s: Annotated[float, Field(gt=0, le=10)]
+    position_gain_per_s: PositionGain | None = None
+    velocity_gain_Nms_per_rad: VelocityGain | None = None
+    integral_time_s: Annotated[float, Field(gt=0, le=10)] | None = None
     inertia_kgm2: Annotated[float, Field(gt=0, le=100)]
     viscous_Nms_per_rad: Annotated[float, Field(ge=0, le=100)]
     gravity_Nm: Annotated[float, Field(ge=-1e4, le=1e4)] = 0.0
@@ -120,12 +158,16 @@ class DriveTable(Table):
 def machine_table(chain: Chain) -> type[Table]:
     """What a machine file with the axes of ``chain`` may contain; the keys of its ``drive`` table are these axes."""
     axes: dict[str, Any] = {a: (DriveTable, ...) for a in chain.letters}
+    controlled: dict[str, Any] = {a: (ControllerTable | None, None) for a in chain.letters}
+    controllers = create_model("ControllersTable", __base__=Table, **controlled)
     return create_model(
         "MachineTable",
         __base__=Table,
         name=(Text, ...),
         configuration=(str, FIVE_AXIS.configuration),
         drive=(create_model("DrivesTable", __base__=Table, **axes), ...),
+        identify=(IdentifyTable | None, None),
+        controller=(dict[str, controllers], {}),  # pyright: ignore[reportInvalidTypeForm]
         tolerance=(dict[str, dict[str, Annotated[float, Field(gt=0, le=1e6)]]], {}),
         effect=(Annotated[list[dict[str, Any]], Field(max_length=1000)], []),
     )

@@ -66,9 +66,14 @@ def kinds() -> dict[str, type[Effect]]:
     return dict(sorted(_REGISTRY.items()))
 
 
-def all_ids(chain: Chain = FIVE_AXIS) -> list[str]:
-    """Every ``kind.SUBJECT`` of the catalogue for a machine with these axes."""
-    return [f"{k}.{s}" for k, cls in kinds().items() for s in cls.subjects_of(chain)]
+def all_ids(chain: Chain = FIVE_AXIS, for_logs: bool = False) -> list[str]:
+    """Every ``kind.SUBJECT`` of the catalogue for a machine with these axes.
+
+    Args:
+        chain: axes of the machine.
+        for_logs: those that are looked for in axis logs only, instead of all others.
+    """
+    return [f"{k}.{s}" for k, cls in kinds().items() if cls.for_logs == for_logs for s in cls.subjects_of(chain)]
 
 
 def load_file(path: Path) -> type[Effect]:

@@ -43,7 +43,7 @@ def seeds(machine: Machine) -> list[Candidate]:
     out = []
     for kind, cls in registry.kinds().items():
         hints = cls.search
-        if hints.scanned:
+        if hints.scanned or cls.for_logs:
             continue
         for subject in cls.subjects_of(machine.chain):
             effect_id, parameters = f"{kind}.{subject}", cls.parameters_of(subject)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import tomllib
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
@@ -91,11 +91,15 @@ def _place(data: dict, loc: tuple) -> tuple[str, str]:
 
 
 def _keys(schema: type[BaseModel], loc: tuple) -> list[str]:
-    for step in loc:
+    steps = iter(loc)
+    for step in steps:
         if isinstance(step, int):
             continue
         annotation = schema.model_fields[step].annotation
         while not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
-            annotation = next(a for a in get_args(annotation) if a is not type(None))
+            inner = [a for a in get_args(annotation) if a is not type(None)]
+            if get_origin(annotation) is dict:
+                next(steps, None)  # the name that the user gave to a table
+            annotation = inner[-1] if get_origin(annotation) is dict else inner[0]
         schema = annotation
     return [field.alias or name for name, field in schema.model_fields.items()]

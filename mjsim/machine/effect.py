@@ -40,6 +40,7 @@ class Effect(ABC):
         source: where the formula comes from.
         signature: what one sees in the traces.
         search: what a search for causes wants to know; by default it follows from the parameters.
+        for_logs: whether it is looked for in axis logs only.
 
     Raises:
         InputError: the subject or a parameter is unknown, missing, or a value is out of bounds.
@@ -53,6 +54,7 @@ class Effect(ABC):
     source: ClassVar[str]
     signature: ClassVar[str]
     search: ClassVar[SearchHints] = SearchHints()
+    for_logs: ClassVar[bool] = False
 
     def __init__(self, subject: str, **values: Any) -> None:
         if not any(subject in self.subjects_of(chain) for chain in CHAINS):

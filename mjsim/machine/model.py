@@ -10,6 +10,7 @@ import numpy as np
 from mjsim.errors import InputError
 from mjsim.machine import own
 from mjsim.machine.chain import FIVE_AXIS, Chain, chain_of
+from mjsim.machine.control import Control, Controller
 from mjsim.machine.effect import Effect
 from mjsim.machine.plant import AxisPlant, Plant
 
@@ -36,6 +37,7 @@ class Drive:
         gear: motor angle per axis position, rad/m (2π/lead) or rad/rad (worm-wheel teeth R).
         position_gain: Kpp, 1/s. velocity_gain: Kvp, N·m·s/rad. integral_time: Ti, s.
         inertia: J of the whole axis, kg·m². viscous: C, N·m·s/rad. gravity: N·m.
+        feedforward: ratio of the velocity feedforward. control: what the control does beside its gains.
     """
 
     axis: str
@@ -46,6 +48,8 @@ class Drive:
     inertia: float
     viscous: float
     gravity: float = 0.0
+    feedforward: float = 0.0
+    control: Control = field(default_factory=Control)
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,9 @@ class Machine:
     Attributes:
         tolerance: Limits (two standard deviations) of what a machine of this class may have without being at fault, by
             kind of effect and unit, as in the machine file.
+        controllers: By name what ran on each axis (axis logs). Where the drives have no gains of their own they stand
+            with those of the first.
+        factor: Within which each number of the data sheet is believed, where an identification is to find them.
     """
 
     name: str
@@ -64,6 +71,8 @@ class Machine:
     configuration: str = FIVE_AXIS.configuration
     effect_files: dict[str, str] = field(default_factory=dict)
     tolerance: dict[str, dict[str, float]] = field(default_factory=dict)
+    controllers: dict[str, dict[str, Controller]] = field(default_factory=dict)
+    factor: float | None = None
 
     @property
     def chain(self) -> Chain:
@@ -83,6 +92,24 @@ class Machine:
                 f"first"
             )
         return self.path
+
+    def under(self, controller: str | None) -> Machine:
+        """The machine while one of its controllers runs.
+
+        Args:
+            controller: Its name; ``None``: the drives as they are.
+
+        Raises:
+            InputError: There is no such controller.
+        """
+        if controller is None:
+            return self
+        if controller not in self.controllers:
+            allowed = ", ".join(self.controllers) or "none"
+            raise InputError(f"machine {self.name!r} has no controller {controller!r}; allowed: {allowed}")
+        tables = self.controllers[controller]
+        drives = {a: replace(d, **vars(tables[a])) if a in tables else d for a, d in self.drives.items()}
+        return replace(self, drives=drives)
 
     def effect(self, key: str) -> Effect | None:
         """The effect with this key (or id), or ``None``."""
@@ -112,15 +139,16 @@ class Machine:
         """
         if axis not in self.drives:
             raise InputError(f"machine {self.name!r} has no axis {axis!r}; allowed: {', '.join(self.drives)}")
-        known = [f.name for f in fields(Drive) if f.name != "axis"]
+        known = [f.name for f in fields(Drive) if f.name not in ("axis", "control")]
         for name, value in changes.items():
             if name not in known:
                 near = next((k for k in known if name.startswith(k)), None)
                 hint = f"; it is called {near} here, SI" if near else ""
                 raise InputError(f"with_drive({axis!r}): unknown number {name!r}{hint}; allowed: {', '.join(known)}")
             least = -np.inf if name == "gravity" else 0.0
-            if not np.isfinite(value) or value < least or (value == 0.0 and name not in ("viscous", "gravity")):
-                allowed = "a finite number" if name == "gravity" else "0 or more" if name == "viscous" else "above 0"
+            from_zero = ("viscous", "gravity", "feedforward")
+            if not np.isfinite(value) or value < least or (value == 0.0 and name not in from_zero):
+                allowed = "a finite number" if name == "gravity" else "0 or more" if name in from_zero else "above 0"
                 raise InputError(f"with_drive({axis!r}): {name} = {value:g}; allowed: {allowed}")
         return replace(self, drives={**self.drives, axis: replace(self.drives[axis], **changes)})
 
@@ -132,7 +160,17 @@ def build(machine: Machine) -> Plant:
         InputError: an effect acts on what this machine does not have.
     """
     axes = {
-        a: AxisPlant(d.gear, d.position_gain, d.velocity_gain, d.integral_time, d.inertia, d.viscous, d.gravity)
+        a: AxisPlant(
+            d.gear,
+            d.position_gain,
+            d.velocity_gain,
+            d.integral_time,
+            d.inertia,
+            d.viscous,
+            d.gravity,
+            d.feedforward,
+            control=d.control,
+        )
         for a, d in ((a, machine.drives[a]) for a in machine.chain.letters)
     }
     plant = Plant(axes, chain=machine.chain)

@@ -9,6 +9,7 @@ import numpy as np
 
 from mjsim.machine.bodies import bodies_scale, moving_bodies
 from mjsim.machine.chain import FIVE_AXIS, Chain
+from mjsim.machine.control import Control
 from mjsim.machine.kinematics import Geometry
 from mjsim.machine.motion import Motion
 
@@ -38,7 +39,9 @@ class AxisPlant:
     ``coulomb`` = 0 is no friction; ``delay`` s; ``feedforward`` is the velocity feedforward's ratio; ``ripple`` is
     (amplitude N·m, order per motor revolution, phase rad). ``load_inertia`` kg·m² (0: rigid), ``stiffness`` N·m/rad and
     ``damping`` N·m·s/rad of an elastic transmission, all seen by the motor; ``inertia`` stays that of motor and load
-    together.
+    together. What only the simulation of axis logs computes: ``asymmetry`` of the friction level (share by direction),
+    ``rising`` friction (N·m, rad/s at which it saturates), ``hold`` (share of the friction level up to which the
+    bristles are elastic), and ``control``.
     """
 
     gear: float
@@ -58,6 +61,10 @@ class AxisPlant:
     load_inertia: float = 0.0
     stiffness: float = 0.0
     damping: float = 0.0
+    asymmetry: float = 0.0
+    rising: tuple[float, float] = (0.0, 1.0)
+    hold: float = 0.0
+    control: Control = field(default_factory=Control)
 
     def key(self) -> tuple:
         """Hashable identity of the drive's behaviour (for caching motions)."""
@@ -146,7 +153,9 @@ class Plant:
         """
         for name, axis in self.axes.items():
             for key, value in vars(axis).items():
-                numbers = value if key == "ripple" else (value,)
+                if isinstance(value, Control) or (key == "integral_time" and value == np.inf):
+                    continue
+                numbers = value if isinstance(value, tuple) else (value,)
                 if not np.all(np.isfinite(np.asarray(numbers, float))):
                     return f"{key} = {value!r} into the {name} drive"
             above = ("gear", "position_gain", "velocity_gain", "integral_time", "inertia", "presliding")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mjsim.errors import SimulationError
+from mjsim.machine.control import Control
 from mjsim.machine.plant import AxisPlant, Plant
 from mjsim.simulation.drive import MOST_SUBSTEPS, PHASE, STEP, bristle_rate, equations
 
@@ -16,6 +17,11 @@ def check_stable(plant: Plant) -> None:
         SimulationError: names the drive and what to change.
     """
     for name, axis in plant.axes.items():
+        if what := only_in_logs(axis):
+            raise SimulationError(
+                f"drive {name}: {what} is simulated for axis logs only; take it out of the machine file for ball-bar "
+                f"tests"
+            )
         if STEP * bristle_rate(axis) > PHASE * MOST_SUBSTEPS:
             least = axis.coulomb / (axis.inertia - axis.load_inertia) * (STEP / PHASE / MOST_SUBSTEPS) ** 2
             raise SimulationError(
@@ -42,6 +48,19 @@ def check_stable(plant: Plant) -> None:
                 f"included); "
                 f"allowed with these: above {least:.4g}"
             )
+
+
+def only_in_logs(axis: AxisPlant) -> str:
+    """What a drive has that the simulation of a ball-bar test cannot compute, for a message; empty where nothing."""
+    control = Control(sample_time=axis.control.sample_time)
+    found = {
+        "a control with lag, delay, limit or a law of its own": axis.control != control,
+        "friction_direction": axis.asymmetry != 0.0,
+        "rising_friction": axis.rising[0] != 0.0,
+        "elastic_presliding": axis.hold != 0.0,
+        "a controller without an integrator": not np.isfinite(axis.integral_time),
+    }
+    return next((what for what, there in found.items() if there), "")
 
 
 def least_velocity_gain(axis: AxisPlant) -> float:

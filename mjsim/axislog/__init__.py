@@ -1,0 +1,1 @@
+"""What is measured: axis logs, the commanded and actual positions that a control recorded."""

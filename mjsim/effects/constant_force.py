@@ -1,0 +1,27 @@
+"""A constant torque against a motor."""
+
+from mjsim.effects.registry import register
+from mjsim.machine.effect import Effect
+from mjsim.machine.hints import SearchHints
+from mjsim.machine.parameter import Parameter
+from mjsim.machine.subjects import every_axis
+
+
+@register
+class ConstantForce(Effect):
+    kind = "constant_force"
+    subjects = every_axis
+    for_logs = True
+    title = "Constant force on an axis"
+    parameters = (
+        Parameter("torque_Nm", "torque against the motor's positive direction", -200.0, 200.0, neutral=0.0, scale=0.02),
+    )
+    definition = "τ_gravity grows by torque, also where the integrator does not hold it from the start"
+    source = "Janot, Gautier, Brunot 2019 (offset of EMPS); weight, cable drag, amplifier offset"
+    signature = (
+        "The following error is shifted by the same amount in both directions where no integrator takes it away."
+    )
+    search = SearchHints(quasi_static=False)
+
+    def apply(self, plant):
+        plant.axes[self.subject].gravity += self.si("torque_Nm")

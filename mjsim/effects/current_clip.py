@@ -1,0 +1,28 @@
+"""Limit of a drive's torque, as its current limit sets it."""
+
+from dataclasses import replace
+
+from mjsim.effects.registry import register
+from mjsim.machine.effect import Effect
+from mjsim.machine.hints import SearchHints
+from mjsim.machine.parameter import Parameter
+from mjsim.machine.subjects import every_axis
+
+
+@register
+class CurrentClip(Effect):
+    kind = "current_clip"
+    subjects = every_axis
+    for_logs = True
+    title = "Torque limit of a drive"
+    parameters = (
+        Parameter("torque_Nm", "largest torque of the motor", 1e-6, 1e5, neutral=1e5, scale=0.1, inverse=True),
+    )
+    definition = "the motor's torque stays within ±torque"
+    source = "amplifier and control: current and output limits"
+    signature = "The axis falls behind where it accelerates hardest; an integrator that runs on overshoots afterwards."
+    search = SearchHints(quasi_static=False)
+
+    def apply(self, plant):
+        axis = plant.axes[self.subject]
+        axis.control = replace(axis.control, clip=min(axis.control.clip, self.si("torque_Nm")))

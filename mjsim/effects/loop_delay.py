@@ -1,0 +1,35 @@
+"""Delay between the sampling of a position and the torque that answers it."""
+
+from dataclasses import replace
+
+from mjsim.effects.registry import register
+from mjsim.machine.effect import Effect
+from mjsim.machine.hints import SearchHints
+from mjsim.machine.parameter import Parameter
+from mjsim.machine.subjects import every_axis
+
+
+@register
+class LoopDelay(Effect):
+    kind = "loop_delay"
+    subjects = every_axis
+    for_logs = True
+    title = "Delay in the control loop"
+    parameters = (
+        Parameter(
+            "delay_ms",
+            "time from sampling to torque, beyond that of the machine file",
+            0.0,
+            20.0,
+            neutral=0.0,
+            scale=0.1,
+        ),
+    )
+    definition = "the torque of an instant acts delay later"
+    source = "digital control: computing time and current loop"
+    signature = "Less damping: motion rings after every change of the acceleration."
+    search = SearchHints(quasi_static=False, seeds=({"delay_ms": 0.1}, {"delay_ms": 1.0}))
+
+    def apply(self, plant):
+        axis = plant.axes[self.subject]
+        axis.control = replace(axis.control, loop_delay=axis.control.loop_delay + self.si("delay_ms"))

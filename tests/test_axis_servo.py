@@ -1,0 +1,142 @@
+"""The digital servo loop against closed forms: the difference equation of its control, and the motion of its plant."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from mjsim.machine.control import Control, Law
+from mjsim.machine.plant import AxisPlant
+from mjsim.simulation.servo import ServoStart, filters, follow
+
+GEAR = 2.0 * np.pi / 0.02
+STEP = 2e-4
+
+
+def drive(position_gain=100.0, velocity_gain=0.26, integral_time=np.inf, viscous=0.006, control=None, **more):
+    control = control or Control(sample_time=STEP)
+    return AxisPlant(GEAR, position_gain, velocity_gain, integral_time, 7e-4, viscous, 0.0, control=control, **more)
+
+
+def ramp(n=2000, speed=0.02):
+    time = STEP * np.arange(n)
+    return time, speed * np.clip(time - 0.02, 0.0, 0.1)
+
+
+def by_hand(axis, command, gain, law):
+    """θ of ``J ω' = u − C ω`` with ``u`` held between samples, from the control's difference equation, rad."""
+    F = np.array([[0.0, 1.0], [0.0, -axis.viscous / axis.inertia]])
+    E = expm(np.block([[F, np.array([[0.0], [1.0 / axis.inertia]])], [np.zeros((1, 3))]]) * STEP)
+    x, out = np.zeros(2), np.empty(len(command))
+    R, S, T = law
+    u, y, r = (np.zeros(8) for _ in range(3))
+    for k, value in enumerate(command * GEAR):
+        out[k] = x[0]
+        y, r, u = (np.concatenate([[new], old[:-1]]) for new, old in ((x[0], y), (value, r), (0.0, u)))
+        u[0] = T @ r[: len(T)] - S @ y[: len(S)] - R[1:] @ u[1 : len(R)]
+        x = E[:2, :2] @ x + E[:2, 2] * gain * u[0]
+    return out
+
+
+def test_lead_lag_is_the_cascade():
+    """A published lead-lag controller, 0.7533 u1 + 161.7 e − 158.49834 e1 (V per mm), stated as a cascade."""
+    axis = drive(99.99, 0.2639, feedforward=1.0, control=Control(sample_time=STEP, torque_lag=0.711e-3))
+    R, S, T = filters(axis, STEP)
+    to_volt = 0.2639 * GEAR * 1e-3 / 0.63864
+    assert R[1] == pytest.approx(-0.7533, abs=1e-4)
+    assert S == pytest.approx(T)  # with a feedforward of 1 the control sees the error alone
+    assert S * to_volt == pytest.approx([161.7, -158.498], rel=1e-3)
+
+
+@pytest.mark.parametrize("lag", [0.0, 1.5e-3])
+def test_without_friction_the_motion_is_that_of_the_difference_equation(lag):
+    axis = drive(control=Control(sample_time=STEP, torque_lag=lag), feedforward=0.3)
+    time, command = ramp()
+    found = follow(axis, time, command, ServoStart(0.0))
+    assert found.position * GEAR == pytest.approx(by_hand(axis, command, 0.26, filters(axis, STEP)), abs=1e-9)
+
+
+def test_a_law_of_its_own():
+    S = 1.2527 / (GEAR * 1e-3)
+    axis = drive(1.0, 0.63864, control=Control(sample_time=STEP, law=Law((1.0,), (S,), (S,))))
+    time, command = ramp()
+    expected = by_hand(axis, command, 0.63864, filters(axis, STEP))
+    assert follow(axis, time, command, ServoStart(0.0)).position * GEAR == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_constant_load_leaves_the_error_that_statics_give():
+    """P-P: τ = Kvp·Kpp·error; with an integrator the error goes away."""
+    time, command = ramp(6000)
+    load = 0.4
+    for integral_time, error in ((np.inf, load / (0.26 * 100.0)), (0.01, 0.0)):
+        axis = drive(integral_time=integral_time)
+        axis.gravity = load
+        found = follow(axis, time, command, ServoStart(0.0))
+        assert (command[-1] - found.position[-1]) * GEAR == pytest.approx(error, abs=1e-7)
+
+
+def test_the_clip_limits_and_the_integrator_winds_up():
+    time = STEP * np.arange(4000)
+    command = np.where(time > 0.01, 2e-3, 0.0)
+    overshoot = {}
+    for anti_windup in (False, True):
+        control = Control(sample_time=STEP, clip=0.05, anti_windup=anti_windup)
+        found = follow(drive(integral_time=0.02, control=control), time, command, ServoStart(0.0))
+        assert np.abs(found.torque).max() <= 0.05
+        overshoot[anti_windup] = found.position.max() - 2e-3
+    assert overshoot[False] > 2.0 * overshoot[True]
+
+
+def test_a_delay_of_whole_samples_moves_the_torque():
+    time, command = ramp()
+    torque = {}
+    for samples in (0, 3):
+        control = Control(sample_time=STEP, loop_delay=samples * STEP)
+        axis = drive(position_gain=1e-9, velocity_gain=1e-6, feedforward=1.0, control=control)  # in effect an open loop
+        torque[samples] = follow(axis, time, command, ServoStart(0.0)).torque
+    assert torque[3][3:] == pytest.approx(torque[0][:-3], abs=1e-11)
+    assert np.abs(torque[0]).max() > 0.0
+
+
+def test_friction_holds_below_its_level_and_slides_at_it():
+    time, command = ramp(3000, speed=0.05)
+    axis = drive(coulomb=0.3, presliding=0.003)
+    at_rest = follow(axis, time, np.zeros(len(time)), ServoStart(1e-6))
+    assert np.ptp(at_rest.position) < 1e-8  # 1 µm of error asks for less torque than the friction holds
+    moving = follow(axis, time, command, ServoStart(0.0))
+    k = np.searchsorted(time, 0.11)
+    speed = moving.velocity[k] * GEAR
+    assert moving.torque[k] == pytest.approx(0.3 + axis.viscous * speed, rel=1e-3)
+
+
+@pytest.mark.parametrize(("more", "extra"), [({"asymmetry": 0.2}, 0.06), ({"rising": (0.1, 3.0)}, 0.0995)])
+def test_friction_by_direction_and_speed(more, extra):
+    time, command = ramp(3000, speed=0.05)
+    axis = drive(coulomb=0.3, presliding=0.003, **more)
+    k = np.searchsorted(time, 0.11)
+    forth = follow(axis, time, command, ServoStart(0.0)).torque[k]
+    back = follow(axis, time, -command, ServoStart(0.0)).torque[k]
+    plain = 0.3 + axis.viscous * 0.05 * GEAR
+    assert forth == pytest.approx(plain + extra, rel=2e-3)
+    assert back == pytest.approx(-(plain + extra) if "rising" in more else -(plain - extra), rel=2e-3)
+
+
+def test_elastic_bristles_do_not_creep():
+    """A load that swings below the break-away level moves LuGre's motor away; with ``hold`` it comes back."""
+    time = STEP * np.arange(20000)
+    command = 20e-6 * (1.0 + np.sin(2 * np.pi * 5.0 * time))
+    drift = {}
+    for hold in (0.0, 0.8):
+        axis = drive(10.0, 1.0, coulomb=0.3, presliding=0.003, hold=hold)
+        q = follow(axis, time, command, ServoStart(0.0)).position
+        period = int(0.2 / STEP)
+        drift[hold] = abs(q[-period:].mean() - q[period : 2 * period].mean())
+    assert drift[0.8] < 0.1 * drift[0.0]
+
+
+def test_interpolated_positions_are_those_of_a_finer_control():
+    time, command = ramp()
+    slow = follow(drive(), time, command, ServoStart(0.0))
+    parabola = slow.time[:-1] + 0.3 * STEP
+    exact = slow.position[:-1] + 0.3 * STEP * slow.velocity[:-1]
+    assert slow.at(slow.time) == pytest.approx(slow.position, abs=1e-15)
+    assert np.abs(slow.at(parabola) - exact).max() < 0.5 * np.abs(np.gradient(slow.velocity, STEP)).max() * STEP**2
