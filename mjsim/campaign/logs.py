@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -20,19 +19,21 @@ from mjsim.units import DEG, MM
 
 #: Kind of a test that is an axis log.
 LOG = "log"
-#: Word of a signal in a column's name -> unit in that name -> factor to SI.
-_POSITION = {"mm": MM, "deg": DEG}
-SIGNALS: dict[str, dict[str, float]] = {
-    "command": _POSITION,
-    "actual": _POSITION,
-    "load": _POSITION,
-    "torque": {"Nm": 1.0},
-    "force": {"N": 1.0},
-    "current": {"A": 1.0},
-    "control": {"V": 1.0},
-    "velocity_command": {"mm_per_s": MM, "deg_per_s": DEG},
+#: What follows the axis letter in a column's name -> (signal, factor to SI).
+SIGNALS = {
+    "command_mm": ("command", MM),
+    "command_deg": ("command", DEG),
+    "actual_mm": ("actual", MM),
+    "actual_deg": ("actual", DEG),
+    "load_mm": ("load", MM),
+    "load_deg": ("load", DEG),
+    "torque_Nm": ("torque", 1.0),
+    "force_N": ("force", 1.0),
+    "current_A": ("current", 1.0),
+    "control_V": ("control", 1.0),
+    "velocity_command_mm_per_s": ("velocity_command", MM),
+    "velocity_command_deg_per_s": ("velocity_command", DEG),
 }
-_COLUMN = re.compile(r"([A-Z])_([a-z_]+?)_(mm_per_s|deg_per_s|mm|deg|Nm|N|A|V)")
 #: Fewest samples of a log.
 _FEWEST = 100
 
@@ -142,19 +143,19 @@ def _header(path: Path, names: list[str], test: LogTest) -> dict[str, dict[str, 
         raise InputError(f"{path}, {said}; allowed: time_s, then columns such as {test.axes[0]}_command_mm")
     out: dict[str, dict[str, tuple[int, float]]] = {a: {} for a in test.axes}
     for i, name in enumerate(names[1:], start=1):
-        match = _COLUMN.fullmatch(name)
-        axis, signal, unit = match.groups() if match else ("", "", "")
-        if signal not in SIGNALS or unit not in SIGNALS[signal]:
-            allowed = ", ".join(f"{test.axes[0]}_{s}_{'/'.join(u)}" for s, u in SIGNALS.items())
+        axis, _, ending = name.partition("_")
+        if ending not in SIGNALS or len(axis) != 1:
+            allowed = ", ".join(f"{test.axes[0]}_{ending}" for ending in SIGNALS)
             raise InputError(f"{path}, line 1: column {shown(name)}; allowed: time_s, {allowed}")
-        angle = unit.startswith("deg")
-        if unit in ("mm", "deg", "mm_per_s", "deg_per_s") and axis in test.axes and angle != test.chain.is_rotary(axis):
-            kind = "rotary axis is in deg" if test.chain.is_rotary(axis) else "linear axis is in mm"
+        signal, factor = SIGNALS[ending]
+        rotary = test.chain.is_rotary(axis)
+        if axis in test.axes and (("_mm" in f"_{ending}" and rotary) or ("_deg" in f"_{ending}" and not rotary)):
+            kind = "rotary axis is in deg" if rotary else "linear axis is in mm"
             raise InputError(f"{path}, line 1: column {name}; a {kind}")
         if axis in out:
             if signal in out[axis]:
                 raise InputError(f"{path}, line 1: {signal} of {axis} appears twice; allowed: once")
-            out[axis][signal] = (i, SIGNALS[signal][unit])
+            out[axis][signal] = (i, factor)
     for axis, found in out.items():
         for signal in ("command", "actual"):
             if signal not in found:

@@ -21,7 +21,7 @@ class CurrentClip(Effect):
     definition = "the motor's torque stays within ±torque"
     source = "amplifier and control: current and output limits"
     signature = "The axis falls behind where it accelerates hardest; an integrator that runs on overshoots afterwards."
-    search = SearchHints(quasi_static=False)
+    search = SearchHints(quasi_static=False, seeds=({"torque_Nm": 1.0},))
 
     def apply(self, plant):
         axis = plant.axes[self.subject]
