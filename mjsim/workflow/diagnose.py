@@ -16,6 +16,7 @@ from mjsim.estimation.joint_selection import JointSelector
 from mjsim.estimation.lines import Line
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.planning.next_test import plan_for
+from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.selection import ModelSelection, Selection
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
@@ -116,6 +117,7 @@ def diagnose(
         trail=selection.trail,
         calibration=explained.calibration,
         shares=explained.shares,
+        posterior=Posterior.of(selection.fit),
     )
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mjsim.campaign.model import Campaign
+from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.shares import Calibration
 from mjsim.estimation.unexplained import Unexplained
 from mjsim.io import files
@@ -69,6 +70,7 @@ class Diagnosis:
         trail: The models that were tried.
         calibration: Effects inside the tolerance of the machine file.
         shares: Share of each effect in the explained squared error; calibrated effects together by kind.
+        posterior: What the fit leaves uncertain about the machine; ``None`` where it was not kept.
     """
 
     campaign: Campaign
@@ -85,6 +87,7 @@ class Diagnosis:
     trail: list = field(default_factory=list)
     calibration: tuple[Calibration, ...] = ()
     shares: dict[str, float] = field(default_factory=dict)
+    posterior: Posterior | None = None
 
     @property
     def explained_shares(self) -> dict[str, float]:
