@@ -24,6 +24,9 @@ _WHERE = {
     "calibrate": "mjsim.workflow.calibrate",
     "diagnose": "mjsim.workflow.diagnose",
     "plan": "mjsim.workflow.plan",
+    "compensate": "mjsim.compensation.compensate",
+    "write_compensation": "mjsim.compensation.compensate",
+    "ControlSettings": "mjsim.compensation.controls",
     "identify_pitch_errors": "mjsim.estimation.pitch.identify",
     "report": "mjsim.report.write",
     "add": "mjsim.workflow.edit",
@@ -55,7 +58,13 @@ _WHERE = {
     "InputError": "mjsim.errors",
     "SimulationError": "mjsim.errors",
 }
-_RENAMED = {"history": "read_history", "effects": "kinds", "make_effect": "make", "NCOptions": "Options"}
+_RENAMED = {
+    "history": "read_history",
+    "effects": "kinds",
+    "make_effect": "make",
+    "NCOptions": "Options",
+    "ControlSettings": "Settings",
+}
 
 __all__ = ["__version__", *_WHERE]  # pyright: ignore[reportUnsupportedDunderAll]; type checkers read __init__.pyi
 

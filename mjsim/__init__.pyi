@@ -8,6 +8,9 @@ from mjsim.campaign.files import read_campaign as read_campaign
 from mjsim.campaign.machine_file import read_machine as read_machine
 from mjsim.campaign.machine_file import write_machine as write_machine
 from mjsim.campaign.new import new_campaign as new_campaign
+from mjsim.compensation.compensate import compensate as compensate
+from mjsim.compensation.compensate import write_compensation as write_compensation
+from mjsim.compensation.controls import Settings as ControlSettings
 from mjsim.effects.registry import kinds as effects
 from mjsim.effects.registry import make as make_effect
 from mjsim.effects.registry import register as register
@@ -44,6 +47,7 @@ from mjsim.workflow.plan import plan as plan
 __version__: str
 __all__ = [
     "Control",
+    "ControlSettings",
     "Effect",
     "InputError",
     "Motion",
@@ -59,6 +63,7 @@ __all__ = [
     "calibrate",
     "check",
     "compare",
+    "compensate",
     "diagnose",
     "driven_by",
     "effects",
@@ -81,6 +86,7 @@ __all__ = [
     "report",
     "simulate",
     "workbench",
+    "write_compensation",
     "write_corrected",
     "write_machine",
     "write_nc",

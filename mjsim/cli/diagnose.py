@@ -43,6 +43,7 @@ def command(campaign, machine, write, max_effects, force, threads, as_is, as_jso
     from mjsim.workflow.diagnose import diagnose
     from mjsim.workflow.diagnosis import write_effect_file
     from mjsim.workflow.edit import machine_of
+    from mjsim.workflow.saved import keep
 
     c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)
@@ -53,8 +54,9 @@ def command(campaign, machine, write, max_effects, force, threads, as_is, as_jso
         result = diagnose(c, m, max_effects, common.cores(threads), progress)
     try:
         result = unexplained_plot(write_effect_file(result, c.state_folder), c.state_folder)
+        keep(result, m)
     except InputError as error:
-        common.say(f"the effect file was not written: {error}", quiet)
+        common.say(f"the diagnosis was not kept beside the campaign: {error}", quiet)
     if write is not None:
         write_machine(result.machine, m.file, write, force=force)
     data, found, circles = result.to_json(), {}, []

@@ -265,7 +265,7 @@ def bar_vector(chain: Chain, q: np.ndarray, point: np.ndarray, geometry: Geometr
     Args:
         chain: the machine's axes.
         q: (n, axes) axis positions on the load side, or with error motions behind, m and rad.
-        point: (3,) table-ball centre in the work frame while the rotary axes are at 0, m.
+        point: (3,) or (n, 3) table-ball centre in the work frame while the rotary axes are at 0, m.
         geometry: location errors and squareness; ``None`` is the ideal machine.
 
     Returns:

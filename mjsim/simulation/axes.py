@@ -172,3 +172,32 @@ class AxesMotion:
         return reading(
             plant.chain, self.load(plant, every), np.asarray(self.test.table_ball), self.test.length, plant.geometry
         )
+
+
+def load_of(plant: Plant, test: BallBarTest, time: np.ndarray, commands: np.ndarray) -> np.ndarray:
+    """Load-side axis positions for commands that are not those of the test's program, as a control that corrects them
+    sends.
+
+    Args:
+        plant: the machine's numbers.
+        test: for the clock and the phases of vibrations.
+        time: instants from the program's start, evenly spaced, (n,) s.
+        commands: before the drives' delays, (n, axes) m and rad.
+
+    Returns:
+        (n, axes), or with the table's error motion behind where the plant has one, m and rad.
+    """
+    step = float(time[1] - time[0])
+    q = np.zeros((len(time), plant.width))
+    for i, a in enumerate(plant.chain.letters):
+        drive, r = plant.axes[a], commands[:, i]
+        if drive.delay:
+            r = np.interp(time - drive.delay, time, r)
+        q[:, i] = _driven(drive, r, step) if np.ptp(r) > 0.0 else r
+    ops = plant.op_table(test.name, test.started)
+    if len(ops):
+        q = transmit(ops, q, test.started + time)
+    if plant.python_effects:
+        axes = q[:, : plant.chain.count]
+        axes += _added(plant, test, time, axes, step)
+    return q

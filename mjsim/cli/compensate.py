@@ -1,0 +1,133 @@
+"""``mjsim compensate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mjsim.cli import common
+
+_NAMES = ("linuxcnc", "sinumerik", "heidenhain", "fanuc", "csv")
+
+
+@click.command("compensate")
+@common.campaign_argument
+@click.option("--control", type=click.Choice(_NAMES), required=True, help="Control that gets the corrections.")
+@click.option(
+    "-o", "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the files."
+)
+@common.machine_option
+@click.option(
+    "--programs",
+    type=click.Choice(("tcp", "axes")),
+    default="tcp",
+    show_default=True,
+    help="Forecast for programs with tool centre point control, or with axis positions.",
+)
+@click.option(
+    "--range",
+    "ranges",
+    type=(str, common.NUMBER, common.NUMBER),
+    multiple=True,
+    metavar="AXIS LOW HIGH",
+    help="Positions that the tables of an axis cover, mm or degrees (default: those of the tests).",
+)
+@click.option(
+    "--detection-unit",
+    type=click.FloatRange(1e-7, 0.1),
+    default=1e-4,
+    show_default=True,
+    help="Of Fanuc, mm or degrees.",
+)
+@click.option(
+    "--acceleration",
+    type=(str, common.NUMBER),
+    multiple=True,
+    metavar="AXIS VALUE",
+    help="MAX_ACCELERATION of LinuxCNC, mm/s² or °/s².",
+)
+@click.option("--force", is_flag=True, help="Replace files that are there.")
+@common.as_is_option
+@common.threads_option
+@common.options
+def command(
+    campaign,
+    control,
+    out,
+    machine,
+    programs,
+    ranges,
+    detection_unit,
+    acceleration,
+    force,
+    threads,
+    as_is,
+    as_json,
+    quiet,
+) -> None:
+    """Turn what was found about the machine of CAMPAIGN into what its control can take, and say what it will bring.
+
+    The diagnosis of the campaign is used, or made. Ambiguous effects and sizes below their own uncertainty are left
+    out; what a table cannot express is listed.
+
+    \b
+    Example: mjsim compensate examples/hidden-backlash --control linuxcnc -o corrections
+    """
+    from mjsim.campaign.files import read_campaign
+    from mjsim.compensation.compensate import compensate, write_compensation
+    from mjsim.compensation.controls import Settings
+    from mjsim.compensation.tables import scale
+    from mjsim.errors import InputError
+    from mjsim.plots.forecast import forecast_figure
+    from mjsim.plots.save import encode
+    from mjsim.workflow.edit import machine_of
+
+    c = read_campaign(campaign, as_is=as_is)
+    m = machine_of(c, machine)
+    chain = m.chain
+    for axis in [r[0] for r in ranges] + [a[0] for a in acceleration]:
+        if axis not in chain.letters:
+            raise InputError(f"axis {axis!r}; allowed: {', '.join(chain.letters)}")
+    if any(a <= 0 for _, a in acceleration):
+        raise InputError("--acceleration: allowed: values above 0")
+    settings = Settings(detection_unit, {a: v * scale(chain, a) for a, v in acceleration}, programs == "tcp")
+    spans = {a: (low * scale(chain, a), high * scale(chain, a)) for a, low, high in ranges}
+    with common.progress_bar(quiet) as progress:
+        result = compensate(c, m, control, settings, spans, common.cores(threads), progress)
+    picture = encode(forecast_figure(result.forecast), "png")
+    paths = write_compensation(result, out, force, {"forecast.png": picture})
+    data = result.to_json()
+    if as_json:
+        common.print_json({**data, "written": [str(p) for p in paths]})
+        return
+    if not quiet:
+        show(data, result)
+        common.say(f"files in {out}: {', '.join(p.name for p in paths)}", quiet)
+
+
+def show(data: dict, result) -> None:
+    """A compensation as text: what is corrected, what is left, the forecast."""
+    from mjsim.compensation.summary import size_lines
+
+    done = {row["id"] for row in data["corrects"]}
+    click.echo("Corrected:")
+    for w in result.worth:
+        if w.effect.key in done:
+            for line in size_lines(w):
+                common.paragraph(line.strip(), "  ")
+    if not done:
+        click.echo("  nothing")
+    if data["leaves"]:
+        click.echo("\nLeft:")
+        for row in data["leaves"]:
+            common.paragraph(f"{row['id']}: {row['reason']}", "  ")
+    if data["unexplained"]:
+        common.paragraph(f"Unexplained: {data['unexplained']}")
+    f = data["forecast"]
+    click.echo(f"\nForecast, RMS about the set-up, programs with {f['programs']}:")
+    rows = [[t["name"], *(f"{t[k]:.3f}" for k in ("before_um", "after_um", "perfect_um"))] for t in f["tests"]]
+    rows.append(["all tests", *(f"{f[k]:.3f}" for k in ("rms_before_um", "rms_after_um", "rms_perfect_um"))])
+    common.table(["test", "as it is µm", "forecast µm", "perfect µm"], rows)
+    if f["gone"] is not None:
+        common.paragraph(f"{100.0 * f['gone']:.1f} % of the squared error of the corrected causes will be gone.")

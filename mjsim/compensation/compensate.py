@@ -1,0 +1,109 @@
+"""``compensate``: from what was found to the files of a control, with a forecast of what they will bring."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from mjsim.campaign.model import Campaign
+from mjsim.compensation.controls import Settings, control
+from mjsim.compensation.forecast import Forecast, forecast
+from mjsim.compensation.result import Compensation
+from mjsim.compensation.summary import summary
+from mjsim.compensation.tables import ranges_of
+from mjsim.compensation.terms import wanted_of
+from mjsim.compensation.worth import Left, worth_typing
+from mjsim.errors import InputError
+from mjsim.io.files import write_all
+from mjsim.machine.model import Machine
+from mjsim.progress import Progress, silent
+from mjsim.threads import one_blas_thread
+from mjsim.workflow.diagnose import diagnose
+from mjsim.workflow.saved import SavedDiagnosis, keep, read_saved
+
+
+@one_blas_thread
+def compensate(
+    campaign: Campaign,
+    machine: Machine,
+    control_name: str,
+    settings: Settings | None = None,
+    ranges: dict[str, tuple[float, float]] | None = None,
+    threads: int = 2,
+    progress: Progress = silent,
+    saved: SavedDiagnosis | None = None,
+) -> Compensation:
+    """Corrections of what was found for one control.
+
+    The diagnosis that stands beside the campaign is used where it is up to date; otherwise the campaign is diagnosed.
+
+    Args:
+        campaign: With at least one measured test.
+        machine: As given, without the diagnosis.
+        control_name: One of :data:`mjsim.compensation.controls.CONTROLS`.
+        settings: What is set in the control.
+        ranges: Positions that tables cover, m or rad, by axis; of other axes what the tests cover.
+        threads: Tests simulated side by side.
+        progress: Called as work gets on.
+        saved: A diagnosis to use in any case.
+
+    Raises:
+        InputError: unknown control, nothing measured, or a range that is none.
+    """
+    who = control(control_name, settings)
+    if not campaign.measured:
+        raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; a correction needs measured tests")
+    if saved is None:
+        saved = read_saved(campaign, machine)
+    if saved is None:
+        saved = keep(diagnose(campaign, machine, threads=threads, progress=progress), machine)
+    worth, left = worth_typing(saved)
+    wanted, beyond = wanted_of(saved.machine, [w.effect for w in worth])
+    left += [Left(k, "no table or offset of a control has this form") for k in beyond]
+    worth = [w for w in worth if w.effect.key not in beyond]
+    chain = saved.machine.chain
+    covered = ranges_of(campaign.measured, chain)
+    for axis, (low, high) in (ranges or {}).items():
+        if axis not in covered or not low < high:
+            raise InputError(
+                f"range of {axis}: {low:g} to {high:g}; allowed: an axis of {', '.join(covered)}, low first"
+            )
+        covered[axis] = (low, high)
+    corrections = who.corrections(wanted, covered)
+    corrections = replace(corrections, left=tuple(dict.fromkeys([*left, *corrections.left])))
+    result = Compensation(campaign, who, saved, tuple(worth), corrections, Forecast(()), {})
+    count = [0]
+
+    def done() -> None:
+        count[0] += 1
+        progress("simulating the corrected machine", count[0], len(campaign.measured))
+
+    sound = saved.machine
+    for w in worth:
+        if w.effect.key in result.corrected:
+            sound = sound.without(w.effect.key)
+    expected = forecast(saved.machine, sound, campaign.measured, corrections, who.arithmetic(chain), threads, done)
+    result = replace(result, forecast=expected)
+    files = who.files(corrections)
+    return replace(result, files={"corrections.txt": summary(result), **files})
+
+
+def write_compensation(
+    result: Compensation, folder: Path | str, force: bool = False, more: dict[str, bytes] | None = None
+) -> list[Path]:
+    """Write the files into ``folder``, all or none; their paths.
+
+    Args:
+        result: The corrections.
+        folder: Made where it is not there.
+        force: Replace files that are there.
+        more: Further files by name, such as a picture.
+
+    Raises:
+        InputError: one is there already, or the folder cannot be written.
+    """
+    paths: dict[Path, str | bytes] = {
+        Path(folder) / name: text for name, text in {**result.files, **(more or {})}.items()
+    }
+    write_all(paths, force)
+    return list(paths)

@@ -1,0 +1,135 @@
+"""The forecast: the tests simulated as the machine is, with the corrections in its control, and after a perfect repair.
+
+The drives are simulated axis by axis (:mod:`mjsim.simulation.axes`), with the commands as the control corrects them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.ballbar.program import Program
+from mjsim.compensation.arithmetic import Arithmetic, corrected
+from mjsim.compensation.tables import Corrections
+from mjsim.machine.model import Machine, build
+from mjsim.machine.plant import Plant
+from mjsim.machine.sensitivity import sensitivity
+from mjsim.simulation.axes import load_of, time_grid
+from mjsim.simulation.bar import reading
+from mjsim.simulation.drive import STEP
+
+#: Every so many steps of a reading are judged.
+_EVERY = 5
+
+
+@dataclass(frozen=True)
+class TestForecast:
+    """One test. Readings about the set-up: what ball offsets and the bar's length can make is taken out.
+
+    Attributes:
+        test: The test.
+        phi: (n,) rad.
+        before: Of the machine as it is, (n,) m.
+        after: With the corrections, (n,) m.
+        perfect: Without the errors that are corrected, (n,) m.
+    """
+
+    __test__ = False
+
+    test: BallBarTest
+    phi: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    perfect: np.ndarray
+
+    def rms(self) -> tuple[float, float, float]:
+        """RMS before, after and perfect, m."""
+        return _rms(self.before), _rms(self.after), _rms(self.perfect)
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What the corrections will bring.
+
+    Attributes:
+        tests: One entry per test.
+    """
+
+    tests: tuple[TestForecast, ...]
+
+    def rms(self) -> tuple[float, float, float]:
+        """RMS over all tests before, after and perfect, m."""
+        stacked = [np.concatenate([getattr(t, n) for t in self.tests]) for n in ("before", "after", "perfect")]
+        return _rms(stacked[0]), _rms(stacked[1]), _rms(stacked[2])
+
+    @property
+    def gone(self) -> float | None:
+        """Share of the squared error of the corrected causes that goes; ``None`` where they make none."""
+        before, after, perfect = (x * x for x in self.rms())
+        return (before - after) / (before - perfect) if before - perfect > 1e-18 else None
+
+
+def forecast(
+    machine: Machine,
+    sound: Machine,
+    tests: Sequence[BallBarTest],
+    corrections: Corrections,
+    how: Arithmetic,
+    threads: int = 2,
+    done: Callable[[], None] = lambda: None,
+) -> Forecast:
+    """Simulate the tests before and after the corrections.
+
+    Args:
+        machine: As diagnosed.
+        sound: The same without the errors that are corrected.
+        tests: What is run.
+        corrections: What the control is told.
+        how: How it uses that.
+        threads: Tests side by side.
+        done: Called after each test.
+    """
+    plant, ideal = build(machine), build(sound)
+    changed = machine
+    for axis, gain in corrections.gains.items():
+        changed = changed.with_drive(axis, position_gain=gain)
+    repaired = build(changed)
+
+    def one(test: BallBarTest) -> TestForecast:
+        program = Program(test)
+        time = time_grid(program)
+        commands = program.commands(time)
+        low, high = program.measured_span
+        span = slice(int(np.ceil(low / STEP)), int(high / STEP) + 1, _EVERY)
+        base = _columns(plant, test, commands[span])
+        before = _about_set_up(_reading(plant, test, time, commands)[span], base)
+        after = _about_set_up(_reading(repaired, test, time, corrected(commands, corrections, how, STEP))[span], base)
+        perfect = _about_set_up(_reading(ideal, test, time, commands)[span], base)
+        done()
+        return TestForecast(test, program.phi(time[span]), before, after, perfect)
+
+    with ThreadPoolExecutor(max(1, min(threads, len(tests)))) as pool:
+        return Forecast(tuple(pool.map(one, tests)))
+
+
+def _reading(plant: Plant, test: BallBarTest, time: np.ndarray, commands: np.ndarray) -> np.ndarray:
+    q = np.ascontiguousarray(load_of(plant, test, time, commands))
+    return reading(plant.chain, q, np.asarray(test.table_ball), test.length, plant.geometry)
+
+
+def _columns(plant: Plant, test: BallBarTest, q: np.ndarray) -> np.ndarray:
+    """What the bar's length and the table ball's offset add to the reading, (n, 4)."""
+    s = sensitivity(plant.chain, q, np.asarray(test.table_ball))
+    return np.column_stack([np.ones(len(q)), s.table])
+
+
+def _about_set_up(deviation: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    return deviation - columns @ np.linalg.lstsq(columns, deviation, rcond=1e-10)[0]
+
+
+def _rms(x: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(x * x)))
