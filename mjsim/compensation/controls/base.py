@@ -162,7 +162,10 @@ class Control(ABC):
         held: dict[str, float] = {}
         left = []
         if wanted.location and not has_tilting_table(wanted.chain):
-            return held, [Left(wanted.keys[n], "kinematic data are written for a tilting rotary table only") for n in wanted.location]
+            return held, [
+                Left(wanted.keys[n], "kinematic data are written for a tilting rotary table only")
+                for n in wanted.location
+            ]
         for error in wanted.chain.location_errors:
             value = wanted.location.get(error.name, 0.0)
             if not value:
