@@ -23,6 +23,7 @@ _WHERE = {
     "compare": "mjsim.workflow.compare",
     "calibrate": "mjsim.workflow.calibrate",
     "diagnose": "mjsim.workflow.diagnose",
+    "explain": "mjsim.workflow.explain",
     "plan": "mjsim.workflow.plan",
     "compensate": "mjsim.compensation.compensate",
     "write_compensation": "mjsim.compensation.compensate",

@@ -40,6 +40,7 @@ from mjsim.workflow.compare import compare as compare
 from mjsim.workflow.diagnose import diagnose as diagnose
 from mjsim.workflow.edit import add as add
 from mjsim.workflow.edit import remove as remove
+from mjsim.workflow.explain import explain as explain
 from mjsim.workflow.export import export as export
 from mjsim.workflow.history import read_history as history
 from mjsim.workflow.plan import plan as plan
@@ -67,6 +68,7 @@ __all__ = [
     "diagnose",
     "driven_by",
     "effects",
+    "explain",
     "export",
     "feed_report",
     "figures",

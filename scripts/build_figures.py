@@ -23,12 +23,13 @@ from mjsim.campaign.files import read_campaign
 from mjsim.io.resources import examples, scene_file
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.plots import polar, style
-from mjsim.plots.output import ladder_plot, polar_traces, residual_trace
+from mjsim.plots.output import explanation_plot, ladder_plot, polar_traces, residual_trace
 from mjsim.plots.residual import residual_figure
 from mjsim.plots.save import save
 from mjsim.workflow import history as ladder
 from mjsim.workflow.compare import Comparison
 from mjsim.workflow.edit import Change, add
+from mjsim.workflow.explain import explain
 
 IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
 MODEL_PICTURE = scene_file().with_name("five_axis.png")
@@ -42,6 +43,7 @@ def main() -> None:
         change = add(campaign, EFFECT, record=False)
         test = next(t for t in campaign.tests if t.name == TEST)
         IMAGES.mkdir(parents=True, exist_ok=True)
+        explanation_plot(explain(campaign, change.before.machine, EFFECT), IMAGES / "explain.png")
         model_picture(test)
         hero(change, machine_picture(test, "overview", 1400), machine_picture(test, "closeup", 700))
         steps = [

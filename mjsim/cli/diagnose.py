@@ -149,6 +149,9 @@ def show(data: dict, campaign: str = "CAMPAIGN") -> None:
         click.echo("\nWhere to look:")
         for e in data["effects"]:
             common.paragraph(f"{e['id']}: {remedy(e['id'].partition('.')[0]).text}", "  ")
+        if data["effects"] or data["calibration"]:
+            which = data["effects"][0]["id"] if data["effects"] else "EFFECT"
+            common.paragraph(f"mjsim explain {campaign} {which}   shows its signature, and what looks like it", "  ")
         table = "the calibration against its limits and " if data["calibration"] else ""
         common.paragraph(f"mjsim report {campaign}   shows {table}the error by cause", "  ")
 

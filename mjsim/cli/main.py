@@ -21,6 +21,7 @@ _COMMANDS = {
     "compare": "Measured against simulated, test by test.",
     "export": "Compared traces and their figures as CSV.",
     "diagnose": "Which effects are missing.",
+    "explain": "One effect: its signature, what looks like it, why (not) named.",
     "identify": "Orders, amplitudes and phases of pitch errors, per direction.",
     "plan": "The next test that separates what cannot be told apart.",
     "compensate": "What to type into the control, and what it will bring.",

@@ -23,6 +23,7 @@ from mjsim.plots.pitch import PitchCurves, PitchSpectrum, curves_figure, spectru
 from mjsim.plots.polar import PolarTrace, polar_figure
 from mjsim.plots.residual import ResidualTrace, residual_figure
 from mjsim.plots.save import encoded, save
+from mjsim.plots.signature import SignatureTrace, signature_figure
 from mjsim.progress import Progress, silent
 from mjsim.simulation.multibody import Simulation
 from mjsim.units import DEG, MM, UM
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
     from mjsim.estimation.pitch.result import DirectionIdentification, PitchIdentification
     from mjsim.workflow.diagnosis import Diagnosis
+    from mjsim.workflow.explain import Explanation
 
 
 def simulation_csv(s: Simulation) -> str:
@@ -215,3 +217,20 @@ def pitch_spectrum(d: DirectionIdentification) -> PitchSpectrum:
 def pitch_curves(d: DirectionIdentification) -> PitchCurves:
     """One direction's curves as they are drawn."""
     return PitchCurves(f"{d.axis} {d.direction}", d.position_deg, d.raw_deg, d.modified_deg, d.identified_deg)
+
+
+def explanation_plot(result: Explanation, path: Path) -> None:
+    """The signature of one effect over all traces, as PNG or SVG."""
+    traces = [
+        SignatureTrace(
+            t.test.name,
+            t.phi / DEG,
+            t.signature / UM,
+            np.where(t.valid, t.residual, np.nan) / UM,
+            {axis: (angles / DEG).tolist() for axis, angles in t.reversals.items()},
+        )
+        for t in result.tests
+    ]
+    size = "at its fitted size" if result.fitted else "at a typical size"
+    note = f"{result.effect.title}, {size}: what it changes in the reading once the set-up is fitted"
+    save(signature_figure(traces, f"{result.effect.id}: {result.role}", note), path)
