@@ -11,8 +11,8 @@ from mjsim.axislog.measurement import LogInstrument, Logs
 from mjsim.ballbar.kinds import KINDS, able_kinds, all_keys, kind_of
 from mjsim.ballbar.measurement import BallBarTest, Instrument, Trace
 from mjsim.ballbar.program import Program, driven_by
+from mjsim.campaign.chain_file import chain_in
 from mjsim.campaign.logs import log_tests, read_recording, split_tests
-from mjsim.campaign.machine_file import chain_in
 from mjsim.campaign.model import Campaign
 from mjsim.campaign.schema import BallBarTable, CampaignTable, with_tests, without_tests
 from mjsim.campaign.span import explain

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import tomlkit
 from tomlkit.items import AoT, InlineTable, Table
 
+from mjsim.campaign.chain_file import chain_of_file, placed
 from mjsim.campaign.controllers import edit_controllers, read_controllers
 from mjsim.campaign.schema import machine_table
 from mjsim.campaign.tolerance import check_tolerance
@@ -18,7 +20,7 @@ from mjsim.errors import InputError
 from mjsim.io.files import write_whole
 from mjsim.io.inputs import shown
 from mjsim.io.toml import check, parse, read_text
-from mjsim.machine.chain import FIVE_AXIS, Chain, chain_of, is_rotary
+from mjsim.machine.chain import Chain, is_rotary
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Drive, Machine
 from mjsim.units import MM
@@ -42,7 +44,7 @@ def read_machine(path: str | Path, text: str | None = None) -> Machine:
     """
     path = Path(path)
     data = parse(path, text)
-    chain = _chain(path, data)
+    chain = chain_of_file(path, data)
     table: Any = check(path, machine_table(chain), data)
     drives, gears = {}, {}
     for axis in chain.letters:
@@ -75,28 +77,9 @@ def read_machine(path: str | Path, text: str | None = None) -> Machine:
     check_tolerance(path, table.tolerance, tuple(effects), chain)
     factor = table.identify.factor if table.identify else None
     tolerance, configuration = table.tolerance, table.configuration
-    return Machine(table.name, drives, tuple(effects), path, configuration, files, tolerance, controllers, factor)
-
-
-def _chain(path: Path, data: dict) -> Chain:
-    """The chain that ``configuration`` names in a machine file."""
-    configuration = data.get("configuration", FIVE_AXIS.configuration)
-    if not isinstance(configuration, str):
-        raise InputError(
-            f"{path}: configuration = {shown(configuration)}; allowed: a text such as {FIVE_AXIS.configuration!r}"
-        )
-    try:
-        return chain_of(configuration)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-
-
-def chain_in(path: Path) -> Chain:
-    """The chain of a machine file; the shipped machine's where the file cannot be read: who reads it whole says why."""
-    try:
-        return _chain(path, parse(path))
-    except InputError:
-        return FIVE_AXIS
+    machine = Machine(table.name, drives, tuple(effects), path, configuration, files, tolerance, controllers, factor)
+    placements, tool_length = placed(table)
+    return replace(machine, placements=placements, tool_length=tool_length)
 
 
 def _effect(path: Path, number: int, entry: dict[str, Any], files: dict[str, str], chain: Chain) -> Effect:

@@ -46,6 +46,10 @@ Length = Annotated[float, Field(ge=-10_000, le=10_000, allow_inf_nan=False)]
 Clock = Annotated[float, Field(ge=-1e10, le=1e10, allow_inf_nan=False)]
 
 
+#: From the pivot of a head to the ball, mm (assumed bounds).
+ToolLength = Annotated[float, Field(gt=0, le=5000)]
+
+
 class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
@@ -154,6 +158,21 @@ class DriveTable(Table):
     gravity_Nm: Annotated[float, Field(ge=-1e4, le=1e4)] = 0.0
 
 
+class AxisTable(Table):
+    """Where a rotary axis is, if not where its letter says."""
+
+    direction: Annotated[list[Number], Field(min_length=3, max_length=3)] | None = None
+    offset_mm: Annotated[list[Length], Field(min_length=3, max_length=3)] = [0.0, 0.0, 0.0]
+
+
+class PlacementTable(Table):
+    """The keys of a machine file that say where its rotary axes are."""
+
+    configuration: str = FIVE_AXIS.configuration
+    tool_length_mm: ToolLength | None = None
+    axis: dict[str, AxisTable] = {}
+
+
 @cache
 def machine_table(chain: Chain) -> type[Table]:
     """What a machine file with the axes of ``chain`` may contain; the keys of its ``drive`` table are these axes."""
@@ -165,6 +184,8 @@ def machine_table(chain: Chain) -> type[Table]:
         __base__=Table,
         name=(Text, ...),
         configuration=(str, FIVE_AXIS.configuration),
+        tool_length_mm=(ToolLength | None, None),
+        axis=(dict[str, AxisTable], {}),
         drive=(create_model("DrivesTable", __base__=Table, **axes), ...),
         identify=(IdentifyTable | None, None),
         controller=(dict[str, controllers], {}),  # pyright: ignore[reportInvalidTypeForm]

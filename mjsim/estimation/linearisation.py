@@ -8,6 +8,8 @@ other effects do to them is of second order.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from mjsim.estimation.effect_vector import EffectVector
@@ -62,7 +64,7 @@ class Linearisation:
     def _alone(self, effect: Effect) -> Plant:
         """The plant of a machine that has this effect only."""
         m = self.machine
-        return build(Machine(m.name, m.drives, (effect,), configuration=m.configuration))
+        return build(replace(m, effects=(effect,)))
 
     def _change(self, k: int, alone: Plant) -> np.ndarray:
         """What the operations and the geometry of one effect add to the reading of test ``k``, on the grid, m."""

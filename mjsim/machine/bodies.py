@@ -9,7 +9,8 @@ import numpy as np
 
 from mjsim.errors import InputError
 from mjsim.io.resources import model_file
-from mjsim.machine.chain import FIVE_AXIS, Chain
+from mjsim.machine.chain import COORDINATES, FIVE_AXIS, Chain
+from mjsim.machine.modelling.mjcf import machine_xml
 
 if TYPE_CHECKING:
     import mujoco
@@ -29,8 +30,8 @@ def own_inertia(model: mujoco.MjModel, chain: Chain = FIVE_AXIS) -> np.ndarray:
 
 
 def has_model(chain: Chain) -> bool:
-    """Whether there is a MuJoCo model with these axes."""
-    return chain == FIVE_AXIS
+    """Whether there is a MuJoCo model with these axes: the shipped one, or one that is made of the chain."""
+    return chain.spatial
 
 
 def check_model(chain: Chain) -> None:
@@ -41,21 +42,33 @@ def check_model(chain: Chain) -> None:
     """
     if not has_model(chain):
         raise InputError(
-            f"configuration {chain.configuration!r} has no MuJoCo model; allowed: {FIVE_AXIS.configuration!r}"
+            f"configuration {chain.configuration!r} has no MuJoCo model; allowed: machines with "
+            f"{', '.join(COORDINATES)}, such as {FIVE_AXIS.configuration!r}"
         )
 
 
-@cache
-def moving_bodies(chain: Chain) -> np.ndarray:
-    """:func:`own_inertia` of the MJCF as it ships.
+def model_spec(chain: Chain) -> mujoco.MjSpec:
+    """The editable model of a machine with these axes: the shipped one, or one that is made of the chain.
 
     Raises:
-        InputError: no MJCF ships for these axes.
+        InputError: there is none.
     """
     import mujoco
 
     check_model(chain)
-    return own_inertia(mujoco.MjModel.from_xml_path(str(model_file())))
+    if chain == FIVE_AXIS:
+        return mujoco.MjSpec.from_file(str(model_file()))
+    return mujoco.MjSpec.from_string(machine_xml(chain))
+
+
+@cache
+def moving_bodies(chain: Chain) -> np.ndarray:
+    """:func:`own_inertia` of the model with these axes.
+
+    Raises:
+        InputError: there is none.
+    """
+    return own_inertia(model_spec(chain).compile(), chain)
 
 
 def bodies_scale(own: np.ndarray, wanted: np.ndarray) -> float:

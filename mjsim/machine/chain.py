@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cache, cached_property
-from typing import NamedTuple
 
 from mjsim.machine.axis import ABOUT, ALONG, COORDINATES, Axis, Placement, axis_of, is_linear, is_rotary
 from mjsim.machine.configuration import parse
+from mjsim.machine.geometric_errors import ErrorMotion, LocationError, Squareness, location_errors_of
 
 __all__ = [
     "CHAINS",
@@ -32,57 +32,6 @@ __all__ = [
 
 #: From the pivot of a head to the spindle ball where nobody says, m (assumed).
 TOOL_LENGTH = 0.25
-
-
-class LocationError(NamedTuple):
-    """A location error of a rotary axis: its centreline displaced (m) or turned (rad) in the frame that carries the
-    axis.
-
-    Attributes:
-        name: as ISO 230-1 names it.
-        axis: letter of the rotary axis.
-        along: coordinate along which it is displaced or about which it is turned: 0, 1 or 2.
-        rotation: whether it is turned.
-    """
-
-    name: str
-    axis: str
-    along: int
-    rotation: bool
-
-
-class ErrorMotion(NamedTuple):
-    """A degree of freedom in which an axis errs as it moves: a displacement (m) or a tilt (rad) of what it carries, in
-    the frame that carries the axis.
-
-    Attributes:
-        name: as ISO 230-1 names it.
-        axis: letter of the axis.
-        along: coordinate along which it is displaced or about which it is tilted: 0, 1 or 2.
-        rotation: whether it is a tilt.
-    """
-
-    name: str
-    axis: str
-    along: int
-    rotation: bool
-
-
-class Squareness(NamedTuple):
-    """Squareness error α of two linear axes: the spindle ball moves by ``sign``·α·(position of ``axis``) along
-    ``along``.
-
-    Attributes:
-        name: the two axes.
-        axis: letter of the axis that is out of square.
-        along: coordinate of the displacement: 0, 1 or 2.
-        sign: +1 or −1.
-    """
-
-    name: str
-    axis: str
-    along: int
-    sign: float
 
 
 @dataclass(frozen=True)
@@ -185,6 +134,14 @@ class Chain:
         return tuple(a.letter for a in self.axes if a.rotary and (a.vertical or a in self.turning[:1]))
 
     @cached_property
+    def idle(self) -> str:
+        """Letter of the rotary axis next to the spindle that does not tilt the tool, as it is parallel to it; empty
+        where there is none.
+        """
+        last = [*self.swivelling[:1], *reversed(self.turning)][:1]
+        return last[0].letter if last and last[0].vertical else ""
+
+    @cached_property
     def motions(self) -> tuple[ErrorMotion, ...]:
         """Error motions of the rotary axes, radial and tilt of every axis from the workpiece to the tool.
 
@@ -237,10 +194,10 @@ class Chain:
         A displacement of the first axis on the bed's side of the head is left out where the table has the same one:
         only the distance of the two shows.
         """
-        out = [e for a in self.turning for e in _location_errors(a)]
+        out = [e for a in self.turning for e in location_errors_of(a)]
         outermost = {e.along for e in out if not e.rotation and e.axis == self.turning[-1].letter}
         for number, axis in enumerate(reversed(self.swivelling)):
-            out += [e for e in _location_errors(axis) if number or e.rotation or e.along not in outermost]
+            out += [e for e in location_errors_of(axis) if number or e.rotation or e.along not in outermost]
         return tuple(out)
 
     @cached_property
@@ -259,15 +216,6 @@ class Chain:
     def planes(self) -> tuple[str, ...]:
         """Planes of two linear axes, named by both; angles in a plane count from the first to the second."""
         return tuple(s.name for s in self.squareness)
-
-
-def _location_errors(axis: Axis) -> list[LocationError]:
-    """The four location errors of a rotary axis."""
-    return [
-        LocationError(f"E{letters[i]}0{axis.letter}", axis.letter, i, letters == ABOUT)
-        for letters in (ALONG, ABOUT)
-        for i in axis.across
-    ]
 
 
 @cache

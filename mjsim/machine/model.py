@@ -9,7 +9,7 @@ import numpy as np
 
 from mjsim.errors import InputError
 from mjsim.machine import own
-from mjsim.machine.chain import FIVE_AXIS, Chain, chain_of
+from mjsim.machine.chain import FIVE_AXIS, Chain, Placement, chain_of
 from mjsim.machine.control import Control, Controller
 from mjsim.machine.effect import Effect
 from mjsim.machine.plant import AxisPlant, Plant
@@ -57,6 +57,8 @@ class Machine:
     """Rigid kinematics + drives + a list of effects.
 
     Attributes:
+        placements: rotary axes that are tilted or offset: letter and placement.
+        tool_length: from the head's pivot to the spindle ball, m; ``None`` is that of the chain.
         tolerance: Limits (two standard deviations) of what a machine of this class may have without being at fault, by
             kind of effect and unit, as in the machine file.
         controllers: By name what ran on each axis (axis logs). Where the drives have no gains of their own they stand
@@ -73,11 +75,13 @@ class Machine:
     tolerance: dict[str, dict[str, float]] = field(default_factory=dict)
     controllers: dict[str, dict[str, Controller]] = field(default_factory=dict)
     factor: float | None = None
+    placements: tuple[tuple[str, Placement], ...] = ()
+    tool_length: float | None = None
 
     @property
     def chain(self) -> Chain:
         """The axes and their order."""
-        return chain_of(self.configuration)
+        return chain_of(self.configuration, self.placements, self.tool_length)
 
     @property
     def file(self) -> Path:

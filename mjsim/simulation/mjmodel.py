@@ -10,8 +10,7 @@ import mujoco
 import numpy as np
 
 from mjsim.ballbar.measurement import BallBarTest
-from mjsim.io.resources import model_file
-from mjsim.machine.bodies import bodies_scale, check_model, own_inertia
+from mjsim.machine.bodies import bodies_scale, model_spec, own_inertia
 from mjsim.machine.chain import Chain
 from mjsim.machine.kinematics import Geometry
 from mjsim.machine.plant import OP_SIZE, Plant
@@ -49,9 +48,8 @@ def compile_structure(plant: Plant, step: float = STEP) -> mujoco.MjModel:
     Raises:
         InputError: the machine has other axes than the model that ships.
     """
-    check_model(plant.chain)
     count = plant.chain.count
-    spec = mujoco.MjSpec.from_file(str(model_file()))
+    spec = model_spec(plant.chain)
     spec.option.timestep = step
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT) | int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
     spec.nuserdata = callback.userdata_size(count, len(plant.ops))

@@ -81,9 +81,11 @@ class ConeFrustum(Kind):
         return test.length * float(np.cos(test.half_apex)) if test.sensitive == "perpendicular" else test.length
 
     def cannot(self, chain: Chain) -> str:
-        turning = len(chain.rotary)
-        need = f"the tool's direction needs two rotary axes, and the machine has {turning or 'none'}"
-        return super().cannot(chain) or ("" if turning == 2 else need)
+        if wrong := super().cannot(chain):
+            return wrong
+        if len(chain.rotary) < 2:
+            return f"the tool's direction needs two rotary axes, and the machine has {len(chain.rotary) or 'none'}"
+        return f"{chain.idle} is parallel to the spindle, so that it does not tilt the tool" if chain.idle else ""
 
     def words(self, test: BallBarTest) -> str:
         cone = f"cone frustum θ = {test.half_apex / DEG:g}°, β = {test.inclination / DEG:g}°"

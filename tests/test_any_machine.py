@@ -1,0 +1,299 @@
+"""Machines of any chain against an independent closed form: products of exponentials in 4 x 4 matrices, written here
+from the configuration text alone.
+"""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjsim.campaign.machine_file import read_machine
+from mjsim.errors import InputError
+from mjsim.machine.chain import Placement, chain_of
+from mjsim.machine.inverse import linear_positions, pose, solutions
+from mjsim.machine.kinematics import Geometry, reading, spindle_in_work, tool_direction
+from mjsim.machine.model import Drive, Machine, build
+from mjsim.machine.plant import Op
+from mjsim.machine.sensitivity import sensitivity
+from mjsim.simulation import mjmodel
+from mjsim.simulation.bar import reading as compiled
+
+NUTATING = (("B", Placement((0.0, 1.0, 1.0))),)
+OFFSET = (("A", Placement(None, (0.0, 0.03, -0.05))), ("C", Placement(None, (0.004, -0.02, 0.0))))
+PIVOT = (("B", Placement(None, (0.01, 0, 0.02))),)
+#: Configuration, placements, tool length: table-table, head-table, head-head, nutating, fewer axes, slides on tables.
+MACHINES = [
+    ("w-C'A'Y'bXZ-t", (), None), ("w-C'B'X'bYZ-t", (), None), ("w-C'A'X'Y'bZ-t", (), None), ("w-C'B'bXYZ-t", (), None),
+    ("w-C'A'Z'bXY-t", OFFSET, None), ("w-A'C'Y'bXZ-t", (), None), ("w-B'A'Y'bXZ-t", (), None),
+    ("w-C'X'bYZB-t", (), 0.2), ("w-C'bXYZA-t", (), 0.25), ("w-C'Y'bXZB-t", PIVOT, None),
+    ("w-A'bXYZB-t", (), 0.3),
+    ("w-bXYZCA-t", (), 0.25), ("w-X'bYZCB-t", OFFSET[1:], 0.4), ("w-X'Y'bZAB-t", (), 0.25),
+    ("w-C'B'Y'bXZ-t", NUTATING, None), ("w-C'bXYZB-t", NUTATING, 0.25), ("w-bXYZCB-t", NUTATING, 0.25),
+    ("w-X'Y'bZ-t", (), None), ("w-C'bXYZ-t", (), None), ("w-bXYZB-t", (), 0.25),
+    ("w-X'C'bYZA-t", (), 0.25), ("w-C'bXYBZ-t", (), 0.25),
+]  # fmt: skip
+CHAINS = [chain_of(*m) for m in MACHINES]
+FIVE = [c for c in CHAINS if len(c.rotary) == 2 and not c.idle]
+BALL, LENGTH = np.array([0.083, -0.047, 0.155]), 0.1
+
+
+def named(chain):
+    return chain.configuration + ("*" if any(a.tilted or any(a.point) for a in chain.axes) else "")
+
+
+def exp(axis, amount, linear=False):
+    """exp of a twist through the origin times ``amount`` (n,): a rotation about ``axis``, or a shift along it."""
+    amount = np.atleast_1d(np.asarray(amount, float))[:, None, None]
+    out = np.tile(np.eye(4), (len(amount), 1, 1))
+    axis = np.asarray(axis, float)
+    if linear:
+        out[:, :3, 3] += amount[:, :, 0] * axis
+    else:
+        k = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+        out[:, :3, :3] += np.sin(amount) * k + (1 - np.cos(amount)) * k @ k
+    return out
+
+
+def move(v):
+    return exp(v, 1.0, linear=True)
+
+
+E = dict(zip("XYZABC", [*np.eye(3), *np.eye(3)], strict=True))
+
+
+class Oracle:
+    """A machine from its configuration text; knows no code of mjsim but where axes are placed."""
+
+    def __init__(self, machine, location=None, square=None):
+        text, placements, length = machine
+        self.placed = dict(placements)
+        left, right = text[2:-2].split("b")
+        self.sides = [list(left.replace("'", "")), list(reversed(right))]  # from the far end to the bed
+        self.length = 0.25 if length is None else length
+        self.location, self.square = location or {}, square or {}
+
+    def slide(self, a):
+        """Direction of a linear axis with its squareness errors."""
+        d = E[a].copy()
+        for name, axis, i, sign in (("XY", "Y", 0, -1), ("YZ", "Z", 1, -1), ("ZX", "Z", 0, 1)):
+            d[i] += sign * self.square.get(name, 0.0) * (axis == a)
+        return d
+
+    def joint(self, a, side, q, motion):
+        """(n, 4, 4) of one axis with its errors."""
+        if a in "XYZ":
+            sign = 1 if side else -1
+            out = exp(sign * self.slide(a), q[a], linear=True)
+            for name in motion:
+                if name[2] == a:
+                    out = exp(sign * E[name[1]], motion[name], linear=True) @ out
+            return out
+        p = self.placed.get(a)
+        d = E[a] if p is None or p.direction is None else np.array(p.direction) / np.linalg.norm(p.direction)
+        c = (np.zeros(3) if p is None else np.array(p.offset, float)) + [0, 0, self.length * side]
+        wobble, where = np.eye(4), np.eye(4)
+        for k in "ABC":  # the first one outermost
+            wobble = wobble @ exp(E[k], motion.get(f"E{k}{a}", 0.0))
+        for k in "XYZ":
+            wobble = wobble @ exp(E[k], motion.get(f"E{k}{a}", 0.0), linear=True)
+            where = where @ move(self.location.get(f"E{k}0{a}", 0.0) * E[k])
+        for k in "CBA":
+            where = where @ exp(E[k], self.location.get(f"E{k}0{a}", 0.0))
+        return move(c) @ where @ wobble @ exp(d, q[a]) @ move(-c)
+
+    def bar(self, q, motion, ball):
+        """From the table ball to the spindle ball, (n, 3)."""
+        ends = []
+        for which, side in enumerate(self.sides):
+            out = np.eye(4)[None]
+            for a in side:
+                out = self.joint(a, which, q, motion) @ out
+            ends.append(out @ [*(np.zeros(3) if which else ball), 1.0])
+        return (ends[1] - ends[0])[:, :3]
+
+
+def amounts(chain, n, seed):
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-1, 1, (n, len(chain.columns))) * 2e-3
+    q[:, chain.linear_columns] = rng.uniform(-0.3, 0.3, (n, 3))
+    q[:, chain.rotary_columns] = rng.uniform(-2.5, 2.5, (n, len(chain.rotary)))
+    return q
+
+
+def errors(chain, seed, size=4e-3):
+    rng = np.random.default_rng(seed)
+    return {e.name: rng.normal(0, size) for e in chain.location_errors}, {s: rng.normal(0, size) for s in chain.planes}
+
+
+def wanted(machine, chain, q, location=None, square=None, ball=BALL):
+    values = dict(zip(chain.columns, q.T, strict=False))
+    motion = {name: values[name] for name in chain.columns[chain.count : q.shape[1]]}
+    return np.linalg.norm(Oracle(machine, location, square).bar(values, motion, ball), axis=1) - LENGTH
+
+
+def drives(chain):
+    linear = Drive("", 628.3, 45.0, 4.0, 0.012, 0.012, 0.01)
+    rotary = Drive("", 72.0, 45.0, 1.5, 0.012, 0.004, 0.004)
+    return {a: replace(rotary if chain.is_rotary(a) else linear, axis=a) for a in chain.letters}
+
+
+def machine_of(machine, chain):
+    return Machine("m", drives(chain), configuration=machine[0], placements=machine[1], tool_length=machine[2])
+
+
+PAIRS = list(zip(MACHINES, CHAINS, strict=True))
+EACH = pytest.mark.parametrize(("machine", "chain"), PAIRS, ids=[named(c) for c in CHAINS])
+EACH_FIVE = pytest.mark.parametrize("chain", FIVE, ids=named)
+
+
+@EACH
+def test_the_reading_is_a_product_of_exponentials(machine, chain):
+    """All location errors, squareness and error motions at once, sizes at which the order of rotations counts."""
+    q = amounts(chain, 1000, 3)
+    location, square = errors(chain, 4)
+    want, geometry = wanted(machine, chain, q, location, square), Geometry(location, square)
+    np.testing.assert_allclose(reading(chain, q, BALL, LENGTH, geometry), want, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(compiled(chain, q, BALL, LENGTH, geometry), want, rtol=0, atol=1e-13)
+
+
+@EACH
+def test_mujoco_agrees_with_the_product_of_exponentials(machine, chain):
+    """1000 poses, all geometric errors at once, every body and joint of the model."""
+    q = amounts(chain, 1000, 5)
+    location, square = errors(chain, 6)
+    plant = build(machine_of(machine, chain))
+    plant.geometry.location.update(location)
+    plant.geometry.squareness.update(square)
+    plant.ops = [Op(0, 0, len(chain.columns) - 1, 0, ())]  # so that every error motion has its joint
+    assert plant.width == len(chain.columns)
+    model = mjmodel.build_model(plant)
+    model.body("table_fixture").pos[:] = BALL
+    data, got = mujoco.MjData(model), []
+    at = [model.joint(n).qposadr[0] for n in chain.columns]
+    ends = model.site("spindle_ball").id, model.site("table_ball").id
+    for row in q:
+        data.qpos[at] = row
+        mujoco.mj_kinematics(model, data)
+        got.append(np.linalg.norm(data.site_xpos[ends[0]] - data.site_xpos[ends[1]]) - LENGTH)
+    np.testing.assert_allclose(got, wanted(machine, chain, q, location, square), rtol=0, atol=1e-12)
+
+
+@EACH
+def test_sensitivity_is_the_derivative_on_any_machine(machine, chain):
+    q, h = amounts(chain, 40, 7)[:, : chain.count], 1e-6
+    s = sensitivity(chain, q, BALL)
+    for i in range(chain.count):
+        d = h * np.eye(chain.count)[i]
+        slope = (wanted(machine, chain, q + d) - wanted(machine, chain, q - d)) / (2 * h)
+        np.testing.assert_allclose(s.axes[:, i], slope, rtol=0, atol=1e-8)
+    for i in range(3):
+        d = h * np.eye(3)[i]
+        slope = (wanted(machine, chain, q, ball=BALL + d) - wanted(machine, chain, q, ball=BALL - d)) / (2 * h)
+        np.testing.assert_allclose(s.table[:, i], slope, rtol=0, atol=1e-8)
+
+
+@EACH_FIVE
+def test_inverse_kinematics_and_back(chain):
+    """Poses that the machine has taken: both ways reach them, and one of the two is the one that was taken."""
+    q = amounts(chain, 1000, 8)[:, : chain.count]
+    q[:, chain.rotary_columns] *= 0.9
+    p, d = spindle_in_work(chain, q), tool_direction(chain, q)
+    both = solutions(chain, d)
+    order = [chain.index(a.letter) for a in (*chain.turning, *reversed(chain.swivelling))]
+    near = []
+    for way in both:
+        back = q.copy()
+        back[:, order] = way
+        back[:, chain.linear_columns] = linear_positions(chain, back, p)
+        np.testing.assert_allclose(spindle_in_work(chain, back), p, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(tool_direction(chain, back), d, rtol=0, atol=1e-9)
+        off = back - q
+        off[:, chain.rotary_columns] = (off[:, chain.rotary_columns] + np.pi) % (2 * np.pi) - np.pi
+        near.append(np.abs(off).max(axis=1))
+    assert np.min(near, axis=0).max() < 1e-9
+    # no way is the other one's twin
+    assert np.median(np.max(near, axis=0)) > 0.1
+
+
+@EACH_FIVE
+def test_a_path_is_followed_without_jumps(chain):
+    """The tool goes round on a cone that both axes have to follow, around a direction that the machine reaches."""
+    middle = np.zeros((1, chain.count))
+    middle[:, chain.rotary_columns] = [0.5, 0.6]
+    axis, phi = tool_direction(chain, middle)[0], np.linspace(0, 4 * np.pi, 4001)
+    side = np.cross(axis, [0.3, 1.0, 0.2])
+    side /= np.linalg.norm(side)
+    d = np.cos(0.1) * axis + np.sin(0.1) * (np.cos(phi)[:, None] * side + np.sin(phi)[:, None] * np.cross(axis, side))
+    points = BALL + 0.1 * d
+    q = pose(chain, points, d)
+    assert np.abs(np.diff(q, axis=0)).max() < 0.02 and np.ptp(q[:, chain.rotary_columns], axis=0).min() > 0.1
+    np.testing.assert_allclose(spindle_in_work(chain, q), points, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(tool_direction(chain, q), d, rtol=0, atol=1e-9)
+
+
+@EACH
+def test_location_errors_are_independent_and_complete(machine, chain):
+    """Of all errors of all rotary axes, each that is left out is a sum of others, balls' offsets and axes' zeros; none
+    that is there is.
+    """
+    q, h = amounts(chain, 60, 9)[:, : chain.count], 1e-6
+    vectors = {}
+    for name in [f"E{k}0{a}" for a in chain.rotary for k in "XYZABC" if "XYZABC".index(k) % 3 != "ABC".index(a)]:
+        up, down = (Oracle(machine, {name: s * h}) for s in (1, -1))
+        at = dict(zip(chain.columns, q.T, strict=False))
+        vectors[name] = ((up.bar(at, {}, BALL) - down.bar(at, {}, BALL)) / (2 * h)).ravel()
+    kept = [e.name for e in chain.location_errors]
+    rank = np.linalg.matrix_rank(np.array([vectors[n] for n in kept]).T, tol=1e-5) if kept else 0
+    assert rank == len(kept)
+    everything = np.array(list(vectors.values())).T if vectors else np.zeros((1, 0))
+    assert np.linalg.matrix_rank(everything, tol=1e-5) == rank
+
+
+def machine_toml(configuration, more=""):
+    """A machine file with ordinary drives for every axis that the configuration names."""
+    tables = [f'name = "m"\nconfiguration = "{configuration}"\n{more}']
+    for a in sorted(set(configuration) & set("XYZABC")):
+        gear = "lead_mm = 10" if a in "XYZ" else "worm_teeth = 72"
+        tables.append(
+            f"[drive.{a}]\n{gear}\nposition_gain_per_s = 45\nvelocity_gain_Nms_per_rad = 2\nintegral_time_s = 0.012\n"
+            "inertia_kgm2 = 0.01\nviscous_Nms_per_rad = 0.01\n"
+        )
+    return "\n".join(tables)
+
+
+def test_a_machine_file_places_its_axes(tmp_path):
+    file = tmp_path / "machine.toml"
+    file.write_text(
+        machine_toml(
+            "w-C'bXYZB-t", "tool_length_mm = 240\n[axis.B]\ndirection = [0, 2, 2]\noffset_mm = [1, 2, 3]\n[axis.C]\n"
+            "offset_mm = [4, 0, 0]\n"
+        )
+    )  # fmt: skip
+    chain = read_machine(file).chain
+    assert chain.axis("B").unit == pytest.approx((0, 2**-0.5, 2**-0.5)) and chain.tool_length == 0.24
+    np.testing.assert_allclose(chain.axis("B").centre, [0.001, 0.002, 0.243], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(chain.axis("C").centre, [0.004, 0, 0], rtol=0, atol=1e-15)
+    assert chain_of("w-C'bXYZB-t") != chain
+
+
+@pytest.mark.parametrize(
+    ("configuration", "more", "message"),
+    [
+        ("w-C'bXYZB-t", "", "'tool_length_mm' is missing; allowed: the distance from the pivot of the head.* B turns"),
+        ("w-C'A'Y'bXZ-t", "tool_length_mm = 200", "tool_length_mm = 200; allowed: no such key"),
+        ("w-C'bXYZB-t", "tool_length_mm = -3", r"tool_length_mm.*-3.*greater|above 0"),
+        ("w-C'A'Y'bXZ-t", "[axis.B]\noffset_mm = [1, 0, 0]", r"axis 'B' cannot be placed in .*; allowed: C, A"),
+        ("w-C'A'Y'bXZ-t", "[axis.X]\noffset_mm = [1, 0, 0]", r"axis 'X' cannot be placed in .*; allowed: C, A"),
+        ("w-C'A'Y'bXZ-t", "[axis.A]\ndirection = [0, 0, 1]", r"axis A: direction = .* allowed: within 60° of X"),
+        ("w-C'A'Y'bXZ-t", "[axis.A]\ndirection = [0, 0, 0]", r"axis A: direction = .* allowed: within 60° of X"),
+        ("w-C'A'Y'bXZ-t", "[axis.A]\ndirection = [1, 0]", r"direction"),
+        ("w-C'A'Y'bXZ-t", "[axis.A]\noffset = 1", r"offset"),
+    ],
+)
+def test_bad_placements_are_refused(tmp_path, configuration, more, message):
+    file = tmp_path / "machine.toml"
+    file.write_text(machine_toml(configuration, more))
+    with pytest.raises(InputError, match=message) as error:
+        read_machine(file)
+    assert str(error.value).startswith(str(file)) and "\n" not in str(error.value)
