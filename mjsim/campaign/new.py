@@ -27,16 +27,7 @@ def new_campaign(folder: str | Path, name: str | None = None) -> list[Path]:
         InputError: the folder holds something already, or cannot be written.
     """
     folder = Path(folder)
-    name = name if name is not None else folder.absolute().name
-    if not name or not name.isprintable() or len(name) > 200:
-        raise InputError(f"{folder}: {name[:60]!r} is no name for a campaign; give a printable one with --name")
-    if folder.is_dir():
-        inside = sorted(p.name for p in folder.iterdir())
-        if inside:
-            more = f" and {len(inside) - 1} more" if len(inside) > 1 else ""
-            raise InputError(f"{folder}: is not empty, it holds {inside[0]!r}{more}; allowed: a new or an empty folder")
-    elif os.path.lexists(folder):
-        raise InputError(f"{folder}: exists already and is no folder; allowed: a new or an empty folder")
+    name = check_new_folder(folder, name, "campaign")
     check_writable(folder / "campaign.toml")
     texts = {place: (_TEMPLATE / source).read_text(encoding="utf-8") for source, place in _FILES.items()}
     contents = {
@@ -44,3 +35,27 @@ def new_campaign(folder: str | Path, name: str | None = None) -> list[Path]:
     }
     write_all(contents)
     return list(contents)
+
+
+def check_new_folder(folder: Path, name: str | None, what: str) -> str:
+    """The name of what is started in a folder, which has to be new or empty.
+
+    Args:
+        folder: new, or empty.
+        name: as the user gives it; the folder's when missing.
+        what: is started, for messages.
+
+    Raises:
+        InputError: the name is none, or the folder holds something already.
+    """
+    name = name if name is not None else folder.absolute().name
+    if not name or not name.isprintable() or len(name) > 200:
+        raise InputError(f"{folder}: {name[:60]!r} is no name for a {what}; give a printable one with --name")
+    if folder.is_dir():
+        inside = sorted(p.name for p in folder.iterdir())
+        if inside:
+            more = f" and {len(inside) - 1} more" if len(inside) > 1 else ""
+            raise InputError(f"{folder}: is not empty, it holds {inside[0]!r}{more}; allowed: a new or an empty folder")
+    elif os.path.lexists(folder):
+        raise InputError(f"{folder}: exists already and is no folder; allowed: a new or an empty folder")
+    return name

@@ -2,41 +2,51 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import click
 
 from mjsim.cli import common
-from mjsim.machine.chain import FIVE_AXIS
+from mjsim.machine.chain import FIVE_AXIS, Chain
 
 
 @click.command("effects")
 @click.argument("effect", required=False, shell_complete=common.effect_ids)
+@click.option(
+    "--machine",
+    "machine_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Machine file whose axes count (default: the shipped machine's).",
+)
 @common.options
-def command(effect, as_json, quiet) -> None:
+def command(effect, machine_file, as_json, quiet) -> None:
     """The catalogue of effects, or one of them (an id such as backlash.A, or a kind such as backlash).
 
     \b
     Example: mjsim effects pitch_error.C
     """
+    from mjsim.campaign.machine_file import read_machine
     from mjsim.effects import registry
     from mjsim.errors import InputError
 
-    known = registry.kinds()
+    chain = FIVE_AXIS if machine_file is None else read_machine(machine_file).chain
+    known = {k: c for k, c in registry.kinds().items() if c.subjects_of(chain)}
     if effect is None:
         if as_json:
-            common.print_json({"effects": [describe(cls, None) for cls in known.values()]})
+            common.print_json({"effects": [describe(cls, None, chain) for cls in known.values()]})
             return
         if not quiet:
-            rows = [[k, " ".join(c.subjects_of(FIVE_AXIS)), c.title] for k, c in known.items()]
+            rows = [[k, " ".join(c.subjects_of(chain)), c.title] for k, c in known.items()]
             common.table(["kind", "of", "what it is"], rows, text=(0, 1, 2))
             common.say("an effect's id is kind.SUBJECT; `mjsim effects KIND` or `mjsim effects ID` tells more", quiet)
         return
     if "." in effect:
-        cls, subject = registry.effect_class(effect)
+        cls, subject = registry.effect_class(effect, chain)
     elif effect in known:
         cls, subject = known[effect], None
     else:
         raise InputError(f"unknown effect {effect!r}; known kinds: {', '.join(known)}")
-    data, subjects = describe(cls, subject), cls.subjects_of(FIVE_AXIS)
+    data, subjects = describe(cls, subject, chain), cls.subjects_of(chain)
     if as_json:
         common.print_json(data)
         return
@@ -68,9 +78,9 @@ def _allowed(p: dict) -> str:
     return "list" if p["kind"] == "components" else f"{p['lower']:g} to {p['upper']:g}"
 
 
-def describe(cls, subject: str | None) -> dict:
-    """An effect class as plain data."""
-    subjects = cls.subjects_of(FIVE_AXIS)
+def describe(cls, subject: str | None, chain: Chain = FIVE_AXIS) -> dict:
+    """An effect class as plain data, on a machine with these axes."""
+    subjects = cls.subjects_of(chain)
     return {
         "id": f"{cls.kind}.{subject}" if subject else f"{cls.kind}.{{{','.join(subjects)}}}",
         "kind": cls.kind,

@@ -15,6 +15,7 @@ os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
 _COMMANDS = {
     "demo": "The hidden-effect walk-through: watch the error fall.",
     "new": "Start a campaign: a folder with commented files.",
+    "machine": "Machine file and MuJoCo model of any chain of axes.",
     "import": "Measurement files of other systems into a campaign.",
     "simulate": "Run a campaign's tests in the multibody model.",
     "check": "Wrong unit, sign, direction, feed? Exchanged traces?",

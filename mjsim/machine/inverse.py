@@ -17,8 +17,8 @@ from mjsim.machine.kinematics import carried_by, grounded, tool_side, turn_about
 _ROUNDING = 1e-9
 #: The first rotary axis is arbitrary where the direction is closer to it than this, rad.
 _POLE = 1e-12
-#: Where slides that stand on rotary axes are this close to one plane, a place has no one solution.
-_FLAT = 1e-9
+#: Least volume of the three directions in which the slides move, where some stand on rotary axes: 3° from a plane.
+_FLAT = 0.05
 
 
 def aim(chain: Chain, direction: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from mjsim.ballbar.measurement import BallBarTest
+from mjsim.errors import InputError
 from mjsim.machine.chain import COORDINATES, Chain
 from mjsim.units import DEG, MM
 
@@ -69,6 +70,10 @@ REVOLUTIONS = Key(
 )
 FROM = Key("from_deg", "start", DEG, Angle, option="--from", help="Command at the start, °.")
 TO = Key("to_deg", "stop", DEG, Angle, option="--to", help="Command at the end, °.")
+
+
+#: Places of a path at which it is tried whether the axes can follow.
+_LOOKED_AT = 361
 
 
 class Kind(ABC):
@@ -150,6 +155,14 @@ class Kind(ABC):
     def short_name(self, test: BallBarTest) -> str:
         """Name of a proposed test, without its feed: letters, digits, ``_ . + -``."""
         return f"{self.name}-{place_name(test)}-{test.direction.lower()}".replace("_", "-")
+
+    def out_of_reach(self, test: BallBarTest) -> str:
+        """Why the axes cannot follow the test's path; empty where they can."""
+        try:
+            self.path(test, np.linspace(*self.ends(test), _LOOKED_AT))
+        except InputError as error:
+            return str(error)
+        return ""
 
     def cannot(self, chain: Chain) -> str:
         """Why a machine with these axes runs no test of this kind; empty where it does."""

@@ -10,10 +10,11 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from mjsim.ballbar.kinds.base import DIRECTION, REVOLUTIONS, Key, Kind, place_name, register
+from mjsim.ballbar.kinds.base import DIRECTION, REVOLUTIONS, Key, Kind, kind_of, place_name, register
 from mjsim.ballbar.measurement import BallBarTest
+from mjsim.errors import InputError
 from mjsim.machine.chain import Chain
-from mjsim.machine.inverse import pose
+from mjsim.machine.inverse import is_tilting_table, pose, solutions
 from mjsim.machine.kinematics import spindle_in_work
 from mjsim.units import DEG, MM
 
@@ -44,6 +45,8 @@ _SENSITIVE = Key(
 #: Half apex and inclination of the cones that a plan looks at, rad: the paper's two, one that passes close to the
 #: table's axis (C turns fast there), and one on which C swings to and fro.
 _CONES = tuple((a * DEG, b * DEG) for a, b in ((15, 10), (45, 30), (20, 17), (10, 25)))
+#: Angles at which directions are tried, rad.
+_AROUND = np.linspace(0.0, 2 * np.pi, 73)
 #: Offsets of the table ball that a plan looks at, m: the first round's places, then along X or Y.
 _PLACES = ((0.0, 0.0), (0.1, 0.0), (0.0, 0.1), (-0.1, 0.0), (0.0, -0.1))
 _OFFSETS = tuple(o * MM for o in (-200, -100, -50, 50, 100, 200))
@@ -56,6 +59,10 @@ class ConeFrustum(Kind):
 
     def path(self, test: BallBarTest, phi: np.ndarray) -> np.ndarray:
         """Eq. A.1 to A.9."""
+        return pose(test.chain, *self._cone(test, phi))
+
+    def _cone(self, test: BallBarTest, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Spindle ball (n, 3) m and tool direction (n, 3) in the work frame; eq. A.1 to A.5."""
         L, theta, beta = test.length, test.half_apex, test.inclination
         if test.sensitive == "perpendicular":
             r = L * np.cos(theta)
@@ -69,13 +76,32 @@ class ConeFrustum(Kind):
         P, apex = P @ tilt.T + OT, tilt @ apex + OT
         T = apex - P
         T /= np.linalg.norm(T, axis=1)[:, None]
-        return pose(test.chain, P, T)
+        return P, T
 
     def angle(self, test: BallBarTest, q: np.ndarray) -> np.ndarray:
         x, y, z = (spindle_in_work(test.chain, q) - test.table_ball).T
         return np.arctan2(
             y, np.cos(test.inclination) * x - np.sin(test.inclination) * z
         )  # the circle leans by β about Y
+
+    def wrong(self, test: BallBarTest) -> str:
+        if _reaches(test):
+            return self.out_of_reach(test) if test.chain.carried else ""
+        most = test.half_apex + test.inclination
+        low, high = 0.0, test.inclination
+        if not _reaches(replace(test, inclination=low)):
+            return (
+                f"its tool directions lean up to {most / DEG:.1f}° from the spindle, further than "
+                f"{' and '.join(test.chain.rotary)} turn it; allowed: a smaller half_apex_deg"
+            )
+        while high - low > 0.01 * DEG:
+            middle = (low + high) / 2
+            low, high = (middle, high) if _reaches(replace(test, inclination=middle)) else (low, middle)
+        return (
+            f"its tool directions lean up to {most / DEG:.1f}° from the spindle, and "
+            f"{' and '.join(test.chain.rotary)} turn it by up to {(test.half_apex + low) / DEG:.1f}°; "
+            f"nearest possible: inclination_deg = {low / DEG:.2f}"
+        )
 
     def radius(self, test: BallBarTest) -> float:
         return test.length * float(np.cos(test.half_apex)) if test.sensitive == "perpendicular" else test.length
@@ -109,3 +135,16 @@ class ConeFrustum(Kind):
         for o in _OFFSETS:
             yield replace(test, table_ball=(o, y, z))
             yield replace(test, table_ball=(x, o, z))
+
+
+def _reaches(test: BallBarTest) -> bool:
+    """Whether the rotary axes bring the tool into every direction of the test."""
+    if is_tilting_table(test.chain):
+        return True
+    cone = kind_of(test)
+    assert isinstance(cone, ConeFrustum)
+    try:
+        solutions(test.chain, cone._cone(test, _AROUND)[1])
+    except InputError:
+        return False
+    return True

@@ -60,8 +60,10 @@ class Rotary(Arc):
         return test.axis
 
     def wrong(self, test: BallBarTest) -> str:
-        if (wrong := super().wrong(test)) or self.radius(test) >= _NEAREST:
+        if wrong := super().wrong(test):
             return wrong
+        if self.radius(test) >= _NEAREST:
+            return self.out_of_reach(test) if test.chain.carried else ""
         if test.chain.axis(test.axis) in test.chain.tool:
             swivel = [a.letter for a in test.chain.swivelling if not a.vertical]
             return (

@@ -36,7 +36,7 @@ class ToolStack:
         outermost = max((i for i, a in enumerate(reversed(chain.tool)) if a.letter in turning), default=-1)
         for number, axis in enumerate(reversed(chain.tool)):
             if number == outermost + 1:
-                self._head(above)
+                self._head(above, chain)
             link = Link(f"{axis.letter.lower()}_axis", "", axis, 1.0, self.rest)
             self.links.append(link)
             self.rest = []
@@ -44,7 +44,7 @@ class ToolStack:
             self._hold(link, axis, above, chain, number <= outermost)
             above += [s for s in link.solids if s not in above]
         if outermost + 1 == len(chain.tool):
-            self._head(above)
+            self._head(above, chain)
 
     def _hold(self, link: Link, axis: Axis, above: list[Solid], chain: Chain, in_head: bool) -> None:
         """Add to ``link`` what its axis needs, and to ``rest`` what carries that."""
@@ -72,6 +72,8 @@ class ToolStack:
         """Journals in one arm or two; the arms hang from a crown above all that swings upwards."""
         link.role = "fork head" if fork else "swivel head"
         place, distance = from_axis(axis, above)
+        if any(a.axis is not None and a.axis.rotary and not a.axis.vertical for a in self.links[:-1]):
+            place = np.linalg.norm(points(above) - axis.centre, axis=1)  # what hangs in it swivels as well
         higher = points(above)[:, 2] > axis.centre[2] + 0.01
         wide = float(np.abs(place).max()) + 0.01
         crown = float(axis.centre[2] + distance[higher].max(initial=0.08)) + 0.03
@@ -139,10 +141,15 @@ class ToolStack:
             )
             self._top = z + 0.13
 
-    def _head(self, above: list[Solid]) -> None:
+    def _head(self, above: list[Solid], chain: Chain) -> None:
         """The headstock, from whose rear face the slides go on."""
         z = self._top
         self.back = max(0.17, float(points(above)[:, 1].max()) + 0.03)
+        heads = chain.swivelling
+        if any(a.along == 0 or a.tilted for a in heads) or (len(heads) > 1 and any(a.vertical for a in heads)):
+            # the tool swings back, towards the slides
+            reach = max(float(np.linalg.norm(points(self.spindle.solids) - a.centre, axis=1).max()) for a in heads)
+            self.back = max(self.back, reach + 0.06)
         self.low, self.high = max(0.46, z), max(0.46, z) + 0.45
         self.rest.append(box((-0.15, 0.15), (-0.15, self.back), (z, z + 0.32), "white"))
         self.rest.append(box((-0.16, 0.16), (self.back - 0.12, self.back), (self.low, self.high), "light_grey"))

@@ -67,6 +67,8 @@ class WorkStack:
         link.role, along = "cradle", axis.along
         place, across = axis.centre[along], axis.centre[1 - along]
         wide = float(np.abs(from_axis(axis, above)[0]).max()) + 0.02
+        if any(k.axis is not None and k.axis.rotary and not k.axis.vertical for k in self.links[:-1]):
+            wide = float(np.linalg.norm(points(above) - axis.centre, axis=1).max()) + 0.02  # it tilts as well
         link.solids.append(
             oriented_box(
                 along, (place - wide, place + wide), (across - 0.16, across + 0.16), (self.below - 0.04, self.below),

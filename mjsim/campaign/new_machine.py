@@ -1,0 +1,118 @@
+"""A new machine's folder: the machine file and the MuJoCo model of any chain, ready to edit."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from mjsim.campaign.new import check_new_folder
+from mjsim.errors import InputError
+from mjsim.io.files import check_writable, write_all
+from mjsim.machine.chain import Axis, Chain, Placement, chain_of
+from mjsim.machine.modelling.mjcf import machine_xml
+from mjsim.machine.modelling.scene import scene_xml
+from mjsim.units import MM
+
+#: Drives of a small machining centre (assumed): comment behind each number.
+_LINEAR = """[drive.{axis}]
+lead_mm = 10.0                         # travel in one turn of the motor; CHANGE (5 to 20)
+position_gain_per_s = 45.0             # Kpp, as set in the control; CHANGE (20 to 100)
+velocity_gain_Nms_per_rad = 4.5        # Kvp, motor side (1 to 20)
+integral_time_s = 0.012                # Ti of the velocity loop (0.005 to 0.05)
+inertia_kgm2 = 0.0115                  # J of the whole axis at the motor shaft (0.001 to 0.1)
+viscous_Nms_per_rad = 0.01             # C, motor side (0.001 to 0.05)
+gravity_Nm = {gravity}                       # torque against gravity, motor side; 0 where nothing is lifted
+"""
+_ROTARY = """[drive.{axis}]
+worm_teeth = 72                        # turns of the motor in one turn of the axis; CHANGE (40 to 180)
+position_gain_per_s = 45.0
+velocity_gain_Nms_per_rad = 1.5
+integral_time_s = 0.012
+inertia_kgm2 = 0.004
+viscous_Nms_per_rad = 0.004
+gravity_Nm = 0.0
+"""
+_FRICTION = '[[effect]]\nid = "friction.{axis}"\ncoulomb_Nm = {coulomb}\npresliding_rad = {presliding}\n'
+
+
+def machine_text(chain: Chain, name: str) -> str:
+    """A commented machine file for a chain; its numbers are typical of a small machining centre.
+
+    Args:
+        chain: the axes.
+        name: of the machine.
+    """
+    out = [
+        "# The model of the machine: its axes, its drives, and the effects that are already known.\n"
+        "# The numbers are typical of a small machining centre. Take yours from the parameters of the control\n"
+        "# and from the data sheets of the motors.\n\n"
+        f"name = {json.dumps(name, ensure_ascii=False)}\n"
+        f'configuration = "{chain.configuration}"\n'
+    ]
+    if chain.swivelling:
+        length = f"tool_length_mm = {chain.tool_length / MM:g}"
+        out.append(f"{length:<38} # from the pivot of the head to the ball; CHANGE\n")
+    out.append("\n")
+    for axis in (a for a in chain.axes if a.rotary):
+        out.append(_axis_table(chain, axis))
+    for axis in chain.axes:
+        lifts = not axis.rotary and axis.along == 2
+        out.append((_ROTARY if axis.rotary else _LINEAR).format(axis=axis.letter, gravity="3.0" if lifts else "0.0"))
+        out.append("\n")
+    out.append("# Effects that are in the model. Every machine has friction.\n")
+    out.append("# `mjsim effects --machine FILE` lists all that this machine can have.\n\n")
+    for axis in chain.axes:
+        numbers = {"coulomb": 0.4, "presliding": 0.006} if axis.rotary else {"coulomb": 1.0, "presliding": 0.003}
+        out.append(_FRICTION.format(axis=axis.letter, **numbers) + "\n")
+    return "".join(out).rstrip() + "\n"
+
+
+def _axis_table(chain: Chain, axis: Axis) -> str:
+    """Where a rotary axis is; commented out where it is at its nominal place."""
+    pivot = chain.tool_length if axis in chain.tool else 0.0
+    offset = [round(v / MM, 9) + 0.0 for v in (axis.point[0], axis.point[1], axis.point[2] - pivot)]
+    away = "# " if not axis.tilted and not any(offset) else ""
+    start = "the pivot of the head" if axis in chain.tool else "the origin of the work frame"
+    return (
+        f"{away}[axis.{axis.letter}]\n"
+        f"{away}direction = [{', '.join(f'{v:.10g}' for v in axis.unit)}]    # of its centreline, all axes at 0\n"
+        f"{away}offset_mm = [{', '.join(f'{v:g}' for v in offset)}]    # of the centreline from {start}\n\n"
+    )
+
+
+def new_machine(
+    folder: str | Path,
+    configuration: str,
+    placements: tuple[tuple[str, Placement], ...] = (),
+    tool_length: float | None = None,
+    name: str | None = None,
+) -> list[Path]:
+    """Write machine.toml and the model of a machine; all of it, or nothing.
+
+    Args:
+        folder: new, or empty.
+        configuration: axes from the workpiece to the tool.
+        placements: rotary axes that are tilted or offset.
+        tool_length: from the pivot of the head to the ball, m.
+        name: of the machine; the folder's when missing.
+
+    Returns:
+        The files: machine.toml, and machine.xml and scene.xml where a ball bar can be held.
+
+    Raises:
+        InputError: the configuration is none, or the folder holds something already.
+    """
+    folder = Path(folder)
+    chain = chain_of(configuration, placements, tool_length)
+    if tool_length is not None and not chain.swivelling:
+        raise InputError(
+            f"tool length {tool_length / MM:g} mm: the head of {configuration!r} does not turn; leave it out"
+        )
+    name = check_new_folder(folder, name, "machine")
+    contents = {folder / "machine.toml": machine_text(chain, name)}
+    if chain.spatial:
+        contents[folder / "machine.xml"] = machine_xml(chain, "machine")
+        contents[folder / "scene.xml"] = scene_xml(chain, "machine.xml")
+    check_writable(folder / "machine.toml")
+    write_all(contents)
+    return list(contents)

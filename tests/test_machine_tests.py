@@ -1,0 +1,110 @@
+"""Ball-bar tests on machines of any chain: the bar keeps its length, and no body passes through another."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from test_any_machine import BALL, CHAINS, LENGTH, MACHINES, Oracle, named
+
+from mjsim.ballbar.kinds import KINDS
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.ballbar.program import Program
+from mjsim.errors import InputError
+from mjsim.machine.chain import chain_of
+from mjsim.machine.modelling.mjcf import machine_xml
+from mjsim.machine.reach import usual_travel
+from mjsim.units import DEG
+
+
+def possible(chain):
+    """One test of every kind and condition that the chain can follow."""
+    base = BallBarTest("t", "circular", (0.05, -0.02, 0.155), LENGTH, 0.02, chain=chain, setup="1")
+    for plane in chain.planes:
+        yield replace(base, name=f"circle-{plane}", plane=plane)
+    for axis in (*chain.turning, *chain.swivelling):
+        ends = (-0.3, 2.0) if axis.vertical else (-0.3, 0.8)
+        for sensitive in ("radial", "tangential", "axial"):
+            test = replace(
+                base, kind="rotary", name=f"{axis.letter}-{sensitive}", axis=axis.letter, sensitive=sensitive
+            )
+            name = f"{axis.letter}-{sensitive}"
+            yield replace(test, name=name, start=ends[0], stop=ends[1], revolutions=1)
+    for half, tilt, sensitive in ((15, 10, "perpendicular"), (20, 17, "parallel"), (10, 25, "perpendicular")):
+        cone = replace(base, kind="cone_frustum", name=f"cone-{half}-{tilt}", half_apex=half * DEG, sensitive=sensitive)
+        yield replace(cone, inclination=tilt * DEG, revolutions=1)
+
+
+ABLE = [
+    (m, t)
+    for m, c in zip(MACHINES, CHAINS, strict=True)
+    for t in possible(c)
+    if not KINDS[t.kind].cannot(c) and not KINDS[t.kind].wrong(t)
+]
+
+
+def test_most_tests_can_be_followed():
+    of = {c: {t.kind for _, t in ABLE if t.chain == c} for c in CHAINS}
+    five = [c for c in CHAINS if len(c.rotary) == 2 and not c.idle and not c.carried]
+    assert len(five) >= 14 and all(of[c] == {"circular", "rotary", "cone_frustum"} for c in five)
+    assert of[chain_of("w-X'Y'bZ-t")] == {"circular"}
+
+
+@pytest.mark.parametrize("machine", MACHINES, ids=[named(c) for c in CHAINS])
+def test_ideal_axes_keep_the_bars_length_along_every_test(machine):
+    chain = chain_of(*machine)
+    for _, test in (pair for pair in ABLE if pair[1].chain == chain):
+        first, last = KINDS[test.kind].ends(test)
+        phi = np.linspace(first, last, 1500)
+        q = Program(test).path(phi)
+        bar = Oracle(machine).bar(dict(zip(chain.letters, q.T, strict=True)), {}, np.array(test.table_ball))
+        assert np.abs(np.linalg.norm(bar, axis=1) - LENGTH).max() < 1e-9, test.name
+        assert np.abs(np.diff(q, axis=0)).max() < 0.3, test.name
+        back = KINDS[test.kind].angle(test, q) - phi
+        assert np.abs(back - 2 * np.pi * np.round(back / (2 * np.pi))).max() < 1e-8, test.name
+
+
+@pytest.mark.parametrize("chain", [c for c in CHAINS if "Z" not in c.carried], ids=named)
+def test_no_body_passes_through_another(chain):
+    """Along every test that stays inside the usual travel; the ends of the travel as well, one axis at a time."""
+    model = mujoco.MjModel.from_xml_string(machine_xml(chain))
+    data = mujoco.MjData(model)
+    at = [model.joint(a).qposadr[0] for a in chain.letters]
+    low, high = usual_travel(chain).T
+    home = np.zeros(chain.count)
+    home[2] = 0.5
+    poses = []
+    for i, axis in enumerate(chain.axes):
+        for end in (max(low[i], -3.0), min(high[i], 3.0)):
+            if axis.letter != "Z":  # down there is the table
+                poses.append(("end of travel", BALL, np.where(np.arange(chain.count) == i, end, home)))
+    for _, test in (pair for pair in ABLE if pair[1].chain == chain):
+        q = Program(test).path(np.linspace(*KINDS[test.kind].ends(test), 40))
+        if "Z" in test.plane and test.kind == "circular":
+            continue  # the lower half of an upright circle is below the table ball, on any machine
+        if (q >= low).all() and (q <= high).all():
+            poses += [(test.name, test.table_ball, row) for row in q]
+    assert len(poses) > 40
+    for name, ball, q in poses:
+        model.body("table_fixture").pos[:] = ball
+        data.qpos[at] = q
+        mujoco.mj_forward(model, data)
+        hits = {
+            tuple(sorted(model.body(model.geom_bodyid[g]).name for g in (c.geom1, c.geom2)))
+            for c in data.contact[: data.ncon]
+            if c.dist < -1e-4
+        }
+        assert not hits, (name, q.round(3), hits)
+
+
+def test_what_cannot_be_followed_is_refused():
+    """With the reason, and the nearest that can be."""
+    chain = chain_of("w-C'B'Y'bXZ-t", MACHINES[14][1])  # nutating: tilts up to 90°
+    cone = BallBarTest("t", "cone_frustum", (0, 0, 0.155), LENGTH, 0.02, chain=chain, half_apex=60 * DEG)
+    wrong = KINDS["cone_frustum"].wrong(replace(cone, inclination=40 * DEG))
+    assert "100" in wrong and "90" in wrong and "inclination_deg = " in wrong
+    nearest = float(wrong.partition("inclination_deg = ")[2].split()[0].rstrip(",;."))
+    assert not KINDS["cone_frustum"].wrong(replace(cone, inclination=nearest * DEG))
+    assert KINDS["cone_frustum"].wrong(replace(cone, inclination=(nearest + 0.2) * DEG))
+    with pytest.raises(InputError, match="cannot point along"):
+        Program(replace(cone, inclination=40 * DEG)).path(np.linspace(0, 6, 100))

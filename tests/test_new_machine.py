@@ -1,0 +1,76 @@
+"""``mjsim machine new`` and the catalogue of a machine."""
+
+import json
+
+import mujoco
+import pytest
+from click.testing import CliRunner
+
+from mjsim.campaign.machine_file import read_machine
+from mjsim.cli.main import main
+from mjsim.machine.chain import Placement, chain_of
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+@pytest.mark.parametrize(
+    ("options", "chain"),
+    [
+        (["w-C'A'Y'bXZ-t"], chain_of("w-C'A'Y'bXZ-t")),
+        (["w-C'bXYZB-t", "--tool-length", "240"], chain_of("w-C'bXYZB-t", (), 0.24)),
+        (["w-bXYZCA-t", "--offset", "A", "0", "0", "10"], None),
+        (["w-C'B'Y'bXZ-t", "--direction", "B", "0", "1", "1"], None),
+        (["XY"], chain_of("XY")),
+    ],
+)
+def test_a_new_machine_reads_back(tmp_path, options, chain):
+    folder = tmp_path / "new"
+    result = run("machine", "new", "--configuration", *options, "-o", folder, "--json")
+    assert result.exit_code == 0, result.output
+    machine = read_machine(folder / "machine.toml")
+    assert machine.chain.configuration == options[0] and json.loads(result.output)["axes"] == list(
+        machine.chain.letters
+    )
+    assert chain is None or machine.chain == chain
+    if machine.chain.spatial:
+        model = mujoco.MjModel.from_xml_path(str(folder / "scene.xml"))
+        assert [model.joint(a).name for a in machine.chain.letters] == list(machine.chain.letters)
+    again = run("machine", "new", "--configuration", *options, "-o", folder)
+    assert again.exit_code == 1 and "not empty" in again.output
+
+
+def test_options_place_axes(tmp_path):
+    run("machine", "new", "--configuration", "w-bXYZCA-t", "--offset", "A", "0", "0", "10", "-o", tmp_path / "a")
+    assert read_machine(tmp_path / "a" / "machine.toml").chain.axis("A").point == pytest.approx((0, 0, 0.26))
+    run("machine", "new", "--configuration", "w-C'B'Y'bXZ-t", "--direction", "B", "0", "1", "1", "-o", tmp_path / "b")
+    chain = read_machine(tmp_path / "b" / "machine.toml").chain
+    assert chain.axis("B").unit == pytest.approx(
+        chain_of("w-C'B'Y'bXZ-t", (("B", Placement((0, 1, 1))),)).axis("B").unit
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["w-C'D'Y'bXZ-t"], "is unknown"),
+        (["w-C'A'Y'bXZ-t", "--tool-length", "200"], "does not turn"),
+        (["w-C'bXYZB-t", "--tool-length", "-1"], "allowed: above 0"),
+        (["w-C'A'Y'bXZ-t", "--direction", "A", "0", "0", "1"], "within 60"),
+        (["w-C'A'Y'bXZ-t", "--offset", "B", "0", "0", "1"], "cannot be placed"),
+    ],
+)
+def test_wrong_options_write_nothing(tmp_path, options, said):
+    result = run("machine", "new", "--configuration", *options, "-o", tmp_path / "new")
+    assert result.exit_code == 1 and said in result.output and not (tmp_path / "new").exists()
+
+
+def test_the_catalogue_of_a_machine(tmp_path):
+    run("machine", "new", "--configuration", "w-C'bXYZB-t", "-o", tmp_path / "m")
+    listed = json.loads(run("effects", "--machine", tmp_path / "m" / "machine.toml", "--json").output)["effects"]
+    of = {e["kind"]: e["subjects"] for e in listed}
+    assert of["axis_location"] == ["EX0C", "EY0C", "EA0C", "EB0C", "EZ0B", "EA0B", "EC0B"]
+    assert of["gravity_windup"] == ["B"] and of["tilt_error_motion"] == ["B", "C"]
+    result = run("effects", "backlash.A", "--machine", tmp_path / "m" / "machine.toml")
+    assert result.exit_code == 1 and "X, Y, Z, B, C" in result.output
