@@ -9,7 +9,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from mjsim import batch, effects, report, workbench
+from mjsim import batch, effects, fleet, report, workbench
 
 __version__ = "0.1.0"
 
@@ -38,6 +38,7 @@ _WHERE = {
     "animate_ladder": "mjsim.animation.ladder",
     "figures": "mjsim.paper.figures",
     "batch": "mjsim.batch.run",
+    "fleet": "mjsim.fleet.run",
     "write_nc": "mjsim.nc.write",
     "read_nc": "mjsim.nc.read",
     "driven_by": "mjsim.ballbar.program",
@@ -82,4 +83,4 @@ def __dir__() -> list[str]:
 
 # These packages bear the names of functions. Python binds a package's name once, when it is first imported; without
 # that binding __getattr__ gives the function, and `from mjsim.effects import ...` works as ever.
-del batch, effects, report, workbench
+del batch, effects, fleet, report, workbench

@@ -17,6 +17,7 @@ from mjsim.effects.registry import register as register
 from mjsim.errors import InputError as InputError
 from mjsim.errors import SimulationError as SimulationError
 from mjsim.estimation.pitch.identify import identify_pitch_errors as identify_pitch_errors
+from mjsim.fleet.run import fleet as fleet
 from mjsim.importing.features import import_features as import_features
 from mjsim.importing.features import imported_features as imported_features
 from mjsim.importing.importer import import_trace as import_trace
@@ -72,6 +73,7 @@ __all__ = [
     "export",
     "feed_report",
     "figures",
+    "fleet",
     "history",
     "identify_pitch_errors",
     "import_features",

@@ -476,7 +476,7 @@ def test_friction_that_has_grown_can_go_back(m1):
 
 
 def test_series_judge_by_their_intervals():
-    series = lambda values, half: trend._series("x", "µm", "figure", values, half)  # noqa: E731
+    series = lambda values, half: trend.series_of("x", "µm", "figure", values, half)  # noqa: E731
     grew = series([1.0, 1.2, 2.0], [0.3, 0.3, 0.4])
     assert (grew.verdict, grew.since, grew.change) == ("grew", 2, 1.0)
     assert grew.uncertainty == pytest.approx(0.5)
@@ -489,8 +489,8 @@ def test_series_judge_by_their_intervals():
 
 def test_trend_page_says_its_numbers_and_escapes_names():
     row = trend.CampaignRow(HOSTILE, "2026-03-01", 3, 0.12, 1.33, 0.11, "identified", ["backlash.A"])
-    s = trend._series("backlash.A width_deg", "°", "parameter", [0.001, 0.00212], [0.00001, 0.00002], ["", HOSTILE])
-    g = trend._series("G circle", "µm", "figure", [3.0, 3.1], [0.3, 0.3])
+    s = trend.series_of("backlash.A width_deg", "°", "parameter", [0.001, 0.00212], [0.00001, 0.00002], ["", HOSTILE])
+    g = trend.series_of("G circle", "µm", "figure", [3.0, 3.1], [0.3, 0.3])
     content = trend.TrendContent("t", [("m", HOSTILE)], [row, row], [g, s], HOSTILE, [("seed", "none")])
     page = render_trend(content)
     text = _plain(page)

@@ -43,8 +43,12 @@ def run_on_cluster(client: Any, recipe: Recipe, every: int, jobs: Iterable[Job],
         InputError: a worker that joined later has other versions.
         SimulationError: a chunk failed on the cluster, or the scheduler went away.
     """
-    shop = client.submit(_unpack, _pack(recipe), every, pure=False)
-    _feed(client, shop, _chunks(jobs, size), deliver)
+    shop, mine = client.submit(_unpack, _pack(recipe), every, pure=False), versions()
+
+    def submit(chunk: list[Job]) -> Any:
+        return client.submit(_work, shop, chunk, mine, pure=False, retries=0)
+
+    feed(client, submit, _chunks(jobs, size), lambda _, future: deliver(_result(future)))
 
 
 def _chunks(jobs: Iterable[Job], size: int) -> Iterator[list[Job]]:
@@ -53,33 +57,40 @@ def _chunks(jobs: Iterable[Job], size: int) -> Iterator[list[Job]]:
         yield chunk
 
 
-def _feed(client: Any, shop: Any, chunks: Iterator[list[Job]], deliver: Callable[[list[Outcome]], None]) -> None:
+def feed(client: Any, submit: Callable[[Any], Any], parts: Iterator, deliver: Callable[[Any, Any], None]) -> None:
+    """Keep a cluster busy with parts of some work.
+
+    Args:
+        client: of :func:`connected`.
+        submit: hands one part to the client and returns its future.
+        parts: of the work; taken as the cluster needs them.
+        deliver: gets each part with its future, once that is done.
+    """
     from distributed import as_completed
 
-    mine, flight = versions(), as_completed(loop=client.loop)
-    open_futures: dict[str, Any] = {}
+    flight = as_completed(loop=client.loop)
+    open_futures: dict[str, tuple[Any, Any]] = {}
     wanted, asked = 0, -math.inf
 
     def send() -> None:
         nonlocal wanted, asked
         if time.monotonic() - asked > TIMEOUT_S:  # workers may come and go
             wanted, asked = (1 + AHEAD) * max(1, sum(client.nthreads().values())), time.monotonic()
-        while len(open_futures) < wanted and (chunk := next(chunks, None)) is not None:
-            future = client.submit(_work, shop, chunk, mine, pure=False, retries=0)
-            open_futures[future.key] = future
+        while len(open_futures) < wanted and (part := next(parts, None)) is not None:
+            future = submit(part)
+            open_futures[future.key] = part, future
             flight.add(future)
 
     try:
         send()
         while open_futures:
             future = next(flight)
-            outcomes = _result(future)
+            deliver(open_futures[future.key][0], future)
             del open_futures[future.key]
             future.release()
-            deliver(outcomes)
             send()
     finally:
-        client.cancel(list(open_futures.values()))
+        client.cancel([future for _, future in open_futures.values()])
 
 
 def _result(future: Any) -> list[Outcome]:

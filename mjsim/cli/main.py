@@ -34,6 +34,7 @@ _COMMANDS = {
     "animate": "A video of a test, or of the ladder.",
     "effects": "The catalogue of effects.",
     "figures": "The paper's figures 3 to 17, and its numbers beside simulated ones.",
+    "fleet": "Diagnose many campaigns; tables, and the trend of each machine.",
     "batch": "Sweeps over effects and tests: grids, Latin hypercubes, tolerances.",
     "completion": "Completion of commands, effects and tests in the shell.",
 }

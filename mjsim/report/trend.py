@@ -171,7 +171,7 @@ def figure_series(befores: Sequence[Comparison]) -> list[Series]:
         iso = [next(t.iso for t in b.tests if t.test.name == name) for b in befores]
         if any(iso):
             out.append(
-                _series(
+                series_of(
                     f"G {name}",
                     "µm",
                     "figure",
@@ -182,11 +182,11 @@ def figure_series(befores: Sequence[Comparison]) -> list[Series]:
     pairs = [{(p["ccw"], p["cw"]): p["measured"]["circular_error_um"] for p in b.bidirectional} for b in befores]
     for pair in pairs[0]:
         if set(pair) <= set(shared) and all(pair in p for p in pairs):
-            out.append(_series(f"G(b) {pair[0]} / {pair[1]}", "µm", "figure", [p[pair] for p in pairs], spread))
+            out.append(series_of(f"G(b) {pair[0]} / {pair[1]}", "µm", "figure", [p[pair] for p in pairs], spread))
     return out
 
 
-def _series(
+def series_of(
     name: str, unit: str, group: str, values: list, half: list, notes: Sequence[str] = (), neutral: float = 0.0
 ) -> Series:
     """A series with symmetric intervals, and what its ends say."""
@@ -238,7 +238,7 @@ def parameter_series(results: Sequence[Diagnosis | Comparison]) -> list[Series]:
                 half.append(h)
                 notes.append(note)
             unit = ("°" if is_rotary(subject) else "µm") if name.startswith("order ") else unit_of(name)[1]
-            out.append(_series(f"{key} {name}", unit, "parameter", values, half, notes, off or 0.0))
+            out.append(series_of(f"{key} {name}", unit, "parameter", values, half, notes, off or 0.0))
     return out
 
 
