@@ -122,13 +122,13 @@ def _reading(plant: Plant, test: BallBarTest, time: np.ndarray, commands: np.nda
 
 
 def _columns(plant: Plant, test: BallBarTest, q: np.ndarray) -> np.ndarray:
-    """What the bar's length and the table ball's offset add to the reading, (n, 4)."""
+    """What the bar's length and the offsets of both balls add to the reading, (n, 7)."""
     s = sensitivity(plant.chain, q, np.asarray(test.table_ball))
-    return np.column_stack([np.ones(len(q)), s.table])
+    return np.column_stack([np.ones(len(q)), s.table, s.spindle])
 
 
 def _about_set_up(deviation: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    return deviation - columns @ np.linalg.lstsq(columns, deviation, rcond=1e-10)[0]
+    return deviation - columns @ np.linalg.lstsq(columns, deviation, rcond=1e-8)[0]
 
 
 def _rms(x: np.ndarray) -> float:
