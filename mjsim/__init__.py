@@ -28,6 +28,8 @@ _WHERE = {
     "compensate": "mjsim.compensation.compensate",
     "write_compensation": "mjsim.compensation.compensate",
     "ControlSettings": "mjsim.compensation.controls",
+    "predict": "mjsim.prediction.predict",
+    "part": "mjsim.prediction.parts",
     "identify_pitch_errors": "mjsim.estimation.pitch.identify",
     "report": "mjsim.report.write",
     "add": "mjsim.workflow.edit",

@@ -31,6 +31,8 @@ from mjsim.nc.read import read_nc as read_nc
 from mjsim.nc.write import Options as NCOptions
 from mjsim.nc.write import write_nc as write_nc
 from mjsim.paper.figures import figures as figures
+from mjsim.prediction.parts import part as part
+from mjsim.prediction.predict import predict as predict
 from mjsim.report.write import report as report
 from mjsim.simulation.multibody import simulate as simulate
 from mjsim.workbench.state import workbench as workbench
@@ -81,7 +83,9 @@ __all__ = [
     "imported_features",
     "make_effect",
     "new_campaign",
+    "part",
     "plan",
+    "predict",
     "read_campaign",
     "read_machine",
     "read_nc",

@@ -26,6 +26,7 @@ _COMMANDS = {
     "identify": "Orders, amplitudes and phases of pitch errors, per direction.",
     "plan": "The next test that separates what cannot be told apart.",
     "compensate": "What to type into the control, and what it will bring.",
+    "predict": "The error that a part will have.",
     "report": "One offline page: evidence, plots, repairs; or a trend.",
     "add": "Fit an effect and put it into the machine file.",
     "remove": "Take an effect out of the machine file.",

@@ -226,6 +226,8 @@ class Modal:
             self.ended = True
         elif m in (0, 1, 60):
             self._pause(f"the stop M{m:g}")
+        elif m in (128, 129) and self.d.name != "linuxcnc":  # HEIDENHAIN's tool centre point control
+            self._switch_tip(m == 128)
         elif m >= 96 or m != int(m):
             raise GCodeError(f"M{m:g}; allowed: no calls of other programs")
 

@@ -78,11 +78,11 @@ def own_effects(plant: Plant, test: BallBarTest, time: np.ndarray) -> np.ndarray
     ops = plant.op_table(test.name, test.started)
     if len(ops):
         q = transmit(ops, q, test.started + time)
-    return _added(plant, test, time, q[:, : plant.chain.count], step)
+    return _added(plant, test.started, time, q[:, : plant.chain.count], step)
 
 
-def _added(plant: Plant, test: BallBarTest, time: np.ndarray, q: np.ndarray, step: float) -> np.ndarray:
-    motion = MotionTracker(step, test.started, plant).follow(time, q.copy())
+def _added(plant: Plant, started: float, time: np.ndarray, q: np.ndarray, step: float) -> np.ndarray:
+    motion = MotionTracker(step, started, plant).follow(time, q.copy())
     total = np.zeros_like(q)
     for effect in plant.python_effects:
         total += own.position_error(effect, motion)
@@ -155,7 +155,7 @@ class AxesMotion:
             q = transmit(ops, q, clock)
         if plant.python_effects:
             axes = q[:, : plant.chain.count]
-            axes += _added(plant, self.test, time, axes, STEP)
+            axes += _added(plant, self.test.started, time, axes, STEP)
         if self.light:
             for name in ("time", "commands"):
                 vars(self).pop(name, None)
@@ -174,30 +174,34 @@ class AxesMotion:
         )
 
 
-def load_of(plant: Plant, test: BallBarTest, time: np.ndarray, commands: np.ndarray) -> np.ndarray:
-    """Load-side axis positions for commands that are not those of the test's program, as a control that corrects them
-    sends.
+def load_of(plant: Plant, time: np.ndarray, commands: np.ndarray, started: float = 0.0, name: str = "") -> np.ndarray:
+    """Load-side axis positions for commands that belong to no test, or that a control has corrected.
 
     Args:
         plant: the machine's numbers.
-        test: for the clock and the phases of vibrations.
         time: instants from the program's start, evenly spaced, (n,) s.
         commands: before the drives' delays, (n, axes) m and rad.
+        started: start of the program on the campaign clock, s.
+        name: of the test whose vibrations these are, if any.
 
     Returns:
-        (n, axes), or with the table's error motion behind where the plant has one, m and rad.
+        (n, axes), or with error motions behind where the plant has some, m and rad.
     """
-    step = float(time[1] - time[0])
     q = np.zeros((len(time), plant.width))
     for i, a in enumerate(plant.chain.letters):
-        drive, r = plant.axes[a], commands[:, i]
-        if drive.delay:
-            r = np.interp(time - drive.delay, time, r)
-        q[:, i] = _driven(drive, r, step) if np.ptp(r) > 0.0 else r
-    ops = plant.op_table(test.name, test.started)
+        q[:, i] = motor_of(plant.axes[a], time, commands[:, i])
+    ops = plant.op_table(name, started)
     if len(ops):
-        q = transmit(ops, q, test.started + time)
+        q = transmit(ops, q, started + time)
     if plant.python_effects:
         axes = q[:, : plant.chain.count]
-        axes += _added(plant, test, time, axes, step)
+        axes += _added(plant, started, time, axes, float(time[1] - time[0]))
     return q
+
+
+def motor_of(drive: AxisPlant, time: np.ndarray, command: np.ndarray) -> np.ndarray:
+    """Position of one axis (n,) behind its drive for any ``command`` (n,) at ``time`` (n,) s, in axis units."""
+    if drive.delay:
+        command = np.interp(time - drive.delay, time, command)
+    # an axis that never moves stays: the integrator holds gravity
+    return _driven(drive, command, float(time[1] - time[0])) if np.ptp(command) > 0.0 else command

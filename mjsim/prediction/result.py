@@ -1,0 +1,131 @@
+"""The predicted error of a part, and how it is handed on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjsim.machine.model import Machine
+from mjsim.units import MM, UM
+
+PASSES, FAILS, UNKNOWN = "passes", "fails", "cannot say with these measurements"
+
+
+@dataclass(frozen=True)
+class Block:
+    """One block of the program.
+
+    Attributes:
+        line: Line of the NC file, or the block's number.
+        normal: Largest deviation normal to the path, m.
+        low, high: 95 % interval of it, m.
+        along: Deviation along the path where that is, m; negative: behind.
+    """
+
+    line: int
+    normal: float
+    low: float
+    high: float
+    along: float
+
+
+@dataclass(frozen=True)
+class Cause:
+    """What one error of the machine makes of the deviation normal to the path.
+
+    Attributes:
+        key: Of the effect, or ``servo lag``.
+        axis: What it acts on.
+        rms: Over the program, m.
+        at_worst: Share of the deviation where that is largest, m, signed.
+    """
+
+    key: str
+    axis: str
+    rms: float
+    at_worst: float
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """The error that a part will have on a machine.
+
+    Attributes:
+        program: Its name.
+        machine: The machine.
+        path: Programmed places of the tip, (n, 3) m in the workpiece.
+        normal: Deviation normal to the path, (n, 3) m.
+        along: Deviation along it, (n,) m.
+        blocks: Every block with its interval.
+        causes: What makes the deviation, the largest first.
+        largest: Largest normal deviation, m, and its 95 % interval.
+        tolerance: Allowed normal deviation, m, or ``None``.
+        verdict: ``passes``, ``fails`` or ``cannot say …``; empty without a tolerance.
+        reason: One sentence on the verdict.
+        uncertain: Effects that make most of the uncertainty of the largest deviation, with their share of its variance.
+        basis: What the interval follows from.
+        seconds: Duration of the program as the control runs it.
+    """
+
+    program: str
+    machine: Machine
+    path: np.ndarray
+    normal: np.ndarray
+    along: np.ndarray
+    blocks: tuple[Block, ...]
+    causes: tuple[Cause, ...]
+    largest: tuple[float, float, float]
+    tolerance: float | None
+    verdict: str
+    reason: str
+    uncertain: tuple[tuple[str, float], ...]
+    basis: str
+    seconds: float
+
+    @property
+    def worst(self) -> Block:
+        """The block with the largest normal deviation."""
+        return max(self.blocks, key=lambda b: b.normal)
+
+    def to_json(self) -> dict:
+        """Plain numbers in µm, as ``mjsim predict --json`` prints them."""
+        size = np.linalg.norm(self.normal, axis=1)
+        return {
+            "program": self.program,
+            "machine": self.machine.name,
+            "basis": self.basis,
+            "cutting_forces": "not included",
+            "duration_s": round(self.seconds, 3),
+            "largest_um": _um(self.largest[0]),
+            "largest_ci95_um": [_um(x) for x in self.largest[1:]],
+            "rms_um": _um(float(np.sqrt(np.mean(size**2)))),
+            "lag_um": _um(float(np.abs(self.along).max())),
+            "worst_line": self.worst.line,
+            "tolerance_um": None if self.tolerance is None else _um(self.tolerance),
+            "verdict": self.verdict or None,
+            "reason": self.reason or None,
+            "causes": [
+                {"id": c.key, "axis": c.axis, "rms_um": _um(c.rms), "at_worst_um": _um(c.at_worst)} for c in self.causes
+            ],
+            "uncertain": [{"id": k, "share": round(s, 3)} for k, s in self.uncertain],
+            "blocks": [
+                {
+                    "line": b.line,
+                    "normal_um": _um(b.normal),
+                    "ci95_um": [_um(b.low), _um(b.high)],
+                    "along_um": _um(b.along),
+                }
+                for b in self.blocks
+            ],
+        }
+
+    def to_csv(self) -> str:
+        """One line per kept instant: place in mm, deviation normal and along in µm."""
+        rows = ["x_mm,y_mm,z_mm,normal_x_um,normal_y_um,normal_z_um,along_um"]
+        data = np.column_stack([self.path / MM, self.normal / UM, self.along / UM])
+        return "\n".join([*rows, *(",".join(f"{v:.4f}" for v in row) for row in data), ""])
+
+
+def _um(x: float) -> float:
+    return round(float(x / UM), 3)
