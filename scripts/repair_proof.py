@@ -170,8 +170,11 @@ def report(folder: Path) -> None:
             off = np.abs([r["forecast_error"] for r in faulty])
             print(
                 f"{control}: {len(faulty)} faulty machines: median {100 * np.median(gone):.1f} % of the compensable "
-                f"squared error gone (lowest {100 * gone.min():.1f} %); forecast within 10 % for "
-                f"{int((off <= 0.1).sum())} of {len(off)}, median off by {100 * np.median(off):.1f} %, at most {100 * off.max():.1f} %"
+                f"squared error gone (lowest {100 * gone.min():.1f} %)"
+            )
+            print(
+                f"    forecast within 10 % for {int((off <= 0.1).sum())} of {len(off)}, median off by "
+                f"{100 * np.median(off):.1f} %, at most {100 * off.max():.1f} %"
             )
         if sound:
             worse = np.array([r["after_um"] / r["before_um"] - 1.0 for r in sound])
