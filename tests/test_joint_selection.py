@@ -1,5 +1,6 @@
 """A machine on which much is a little wrong: what its tolerance covers is calibrated, what lies beyond is a finding."""
 
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,9 @@ from independent.layouts import layout
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
-from mjsim.estimation.calibration import calibrated_effects
+from mjsim.campaign.new import new_campaign
+from mjsim.campaign.tolerance import TYPICAL_TOLERANCE
+from mjsim.estimation.calibration import calibrated_effects, expected_effects
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.joint_selection import JointSelector
 from mjsim.estimation.linearisation import Linearisation
@@ -76,7 +79,8 @@ def test_derivatives_without_simulation_are_those_of_the_readings(real):
         if columns is None:
             continue
         effect, change = f.nudged(0, 0.02)
-        moved = problem.readings(build(fit.machine.with_effect(effect)))
+        nudged = fit.machine.effect(f.effect.key).replaced(**{n: effect.values[n] for n in f.names})
+        moved = problem.readings(build(fit.machine.with_effect(nudged)))
         exact = problem.difference(base, moved, fit.nuisance)
         for cheap, full in zip(columns, exact, strict=True):
             # what is left out is of second order in the other effects
@@ -101,6 +105,17 @@ def test_the_prior_of_a_wave_has_two_orders_per_tooth(real):
     assert wave.deviation == pytest.approx(np.full(4, 0.0007 / 0.001))
 
 
-def test_a_machine_without_the_table_is_searched_as_before(real):
+def test_a_machine_without_the_table_has_what_a_typical_one_has(real):
     _, _, machine, _ = real
-    assert not calibrated_effects(replace(machine, tolerance={}))
+    without = replace(machine, tolerance={})
+    typical = replace(machine, tolerance=TYPICAL_TOLERANCE)
+    assert not calibrated_effects(without)
+    assert {c.key for c in expected_effects(without)} == {c.key for c in calibrated_effects(typical)}
+
+
+def test_the_typical_table_is_the_one_of_a_new_campaign(tmp_path):
+    new_campaign(tmp_path / "new")
+    text = (tmp_path / "new" / "machine.toml").read_text(encoding="utf-8")
+    table = text.split("# [tolerance]")[1].split("[drive.")[0]
+    stated = "\n".join(line.removeprefix("# ") for line in table.splitlines())
+    assert tomllib.loads(stated) == TYPICAL_TOLERANCE

@@ -13,6 +13,20 @@ from mjsim.machine.parameter import Parameter
 #: A limit that is relative to the stated or neutral value.
 RATIO = "ratio"
 
+#: What a typical machine has: the commented table of a new campaign. Sources: acceptance tolerances of ISO 10791-1 and
+#: -3 (squareness, straightness), -2 and ISO 230-2 (positioning, reversal), -6 (rotary axes), and makers' data sheets.
+TYPICAL_TOLERANCE: dict[str, dict[str, float]] = {
+    "axis_location": {"um": 12.0, "urad": 30.0},
+    "squareness": {"urad": 24.0},
+    "straightness": {"um": 1.6},
+    "scale_error": {"ppm": 20.0},
+    "pitch_error": {"um": 0.6, "deg": 0.0014},
+    "backlash": {"um": 0.8, "deg": 0.0008},
+    "friction": {RATIO: 0.4},
+    "radial_error_motion": {"um": 1.0},
+    "tilt_error_motion": {"urad": 8.0},
+}
+
 
 def check_tolerance(path: Path, table: dict[str, dict[str, float]], effects: tuple[Effect, ...], chain: Chain) -> None:
     """Refuse kinds and units that no effect has.

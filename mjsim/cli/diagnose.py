@@ -22,7 +22,9 @@ from mjsim.report.remedies import remedy
     help="Save the machine with the effects found and the calibrated data sheet.",
 )
 @click.option(
-    "--max-effects", type=click.IntRange(1, 20), default=5, show_default=True, help="Look for at most so many effects."
+    "--max-effects",
+    type=click.IntRange(1, 20),
+    help="Look for at most so many effects; otherwise for all that the data prove.",
 )
 @click.option("--force", is_flag=True, help="Replace the file named by --write.")
 @common.as_is_option

@@ -21,7 +21,9 @@ from mjsim.cli import common
 )
 @common.machine_option
 @click.option(
-    "--max-effects", type=click.IntRange(1, 20), default=5, show_default=True, help="Look for at most so many effects."
+    "--max-effects",
+    type=click.IntRange(1, 20),
+    help="Look for at most so many effects; otherwise for all that the data prove.",
 )
 @click.option("--no-diagnose", is_flag=True, help="Compare only; look for no missing effects.")
 @click.option("--force", is_flag=True, help="Replace the page.")

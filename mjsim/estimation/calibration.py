@@ -4,12 +4,12 @@ beyond it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.campaign.tolerance import RATIO, unit_of_size
+from mjsim.campaign.tolerance import RATIO, TYPICAL_TOLERANCE, unit_of_size
 from mjsim.effects import registry
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.machine.effect import Effect
@@ -19,8 +19,6 @@ from mjsim.machine.parameter import Parameter
 #: Order of a rotary table's error motion where none is stated: twice per turn (once per turn hides in the ball's
 #: offset).
 _TABLE_ORDER = 2.0
-#: Typical departure from a stated level, as friction has it.
-_TYPICAL_SHARE = 0.2
 #: A limit is this many standard deviations of the prior.
 LIMIT_DEVIATIONS = 2.0
 
@@ -51,11 +49,24 @@ def calibrated_effects(machine: Machine) -> list[Calibrated]:
     """Every effect of the kinds for which the machine file states a tolerance, on every subject that the machine
     has.
     """
+    return _of_table(machine, machine.tolerance)
+
+
+def expected_effects(machine: Machine) -> list[Calibrated]:
+    """Every effect that a machine of its class may have.
+
+    These are of the kinds for which the machine file states a tolerance. Where it states none, they are of the kinds
+    that a typical machine has.
+    """
+    return _of_table(machine, machine.tolerance or TYPICAL_TOLERANCE)
+
+
+def _of_table(machine: Machine, table: Mapping[str, Mapping[str, float]]) -> list[Calibrated]:
     classes = registry.kinds() | {e.kind: type(e) for e in machine.effects}
-    return [c for kind, limits in machine.tolerance.items() for c in _of_kind(machine, classes[kind], limits)]
+    return [c for kind, limits in table.items() for c in _of_kind(machine, classes[kind], limits)]
 
 
-def _of_kind(machine: Machine, cls: type[Effect], limits: dict[str, float]) -> Iterator[Calibrated]:
+def _of_kind(machine: Machine, cls: type[Effect], limits: Mapping[str, float]) -> Iterator[Calibrated]:
     for subject in cls.subjects_of(machine.chain):
         present = machine.effect(f"{cls.kind}.{subject}")
         sizes = {
@@ -73,7 +84,7 @@ def _of_kind(machine: Machine, cls: type[Effect], limits: dict[str, float]) -> I
         yield Calibrated(free.with_prior(free.vector, deviation), free.vector, deviation, sizes)
 
 
-def _limit(p: Parameter, subject: str, limits: dict[str, float], present: Effect | None) -> float | None:
+def _limit(p: Parameter, subject: str, limits: Mapping[str, float], present: Effect | None) -> float | None:
     """Limit of a leading parameter in the unit of its name, or ``None`` where the table has none."""
     unit = unit_of_size(p, subject)
     if unit in limits:
@@ -114,36 +125,3 @@ def _entries(free: EffectVector, name: str) -> int:
     if name == "components":
         return 2 * len(free.effect.values["components"])
     return 2 if free.polar and name == free.amplitude else 1
-
-
-#: Kinds of small errors that every machine has, for machines whose file states no tolerance.
-TYPICAL_KINDS = (
-    "axis_location",
-    "squareness",
-    "straightness",
-    "scale_error",
-    "pitch_error",
-    "backlash",
-    "friction",
-    "radial_error_motion",
-    "tilt_error_motion",
-)
-
-
-def typical_effects(machine: Machine) -> list[Calibrated]:
-    """Small errors that every machine has, at their typical sizes: where a joint fit begins when no tolerance is
-    stated.
-    """
-    classes = registry.kinds()
-    out = []
-    for kind in TYPICAL_KINDS:
-        cls = classes[kind]
-        for subject in cls.subjects_of(machine.chain):
-            sizes = {}
-            for p in cls.parameters_of(subject):
-                if p.leading:
-                    present = machine.effect(f"{kind}.{subject}")
-                    stated = present.values[p.name] if present is not None and p.kind == "number" else 0.0
-                    sizes[unit_of_size(p, subject)] = LIMIT_DEVIATIONS * max(p.scale, _TYPICAL_SHARE * stated)
-            out += [c for c in _of_kind(machine, cls, sizes) if c.key.endswith(subject)]
-    return out

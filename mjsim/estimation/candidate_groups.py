@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.evidence import Group, LinearProblem, best_precision
 from mjsim.estimation.fit import Fit
 from mjsim.estimation.problem import Problem
+from mjsim.estimation.settings import DiagnosisSettings
 from mjsim.estimation.signatures import Candidate, SignatureBank, seeds
 from mjsim.estimation.spectrum import spectral_candidates
 
@@ -31,12 +32,14 @@ class Member:
     Attributes:
         free: The model's own effect, or ``None``.
         wave: Which of its components, for a pitch error.
+        entries: Which entries of its vector.
         candidate: An effect that is not in the model, or ``None``.
         curve: A generic curve, or ``None``.
     """
 
     free: EffectVector | None = None
     wave: int | None = None
+    entries: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     candidate: Candidate | None = None
     curve: CurveTerm | None = None
 
@@ -55,11 +58,13 @@ class CandidateGroups:
         problem: Information and score of all columns; what is always in the model is marginalised.
         groups: What may be in the model or not.
         members: What each group stands for.
+        settings: What decides in a diagnosis.
     """
 
     problem: LinearProblem
     groups: tuple[Group, ...]
     members: tuple[Member, ...]
+    settings: DiagnosisSettings
 
     @classmethod
     def at(
@@ -85,7 +90,7 @@ class CandidateGroups:
             at = np.arange(parameters.size)[parameters[f.block.name]]
             for wave, entries in own_groups(f):
                 places.append(at[entries])
-                members.append(Member(free=f, wave=wave))
+                members.append(Member(free=f, wave=wave, entries=entries))
                 odds.append(settings.log_odds)
         others = _candidates(problem, fit, bank, kept)
         count: dict[str, int] = {}
@@ -100,7 +105,7 @@ class CandidateGroups:
             blocks.append(columns)
             members.append(Member(curve=term))
             odds.append(settings.curve_log_odds - math.log(tried))
-        return cls(*_marginalised(fit, places, blocks, odds), tuple(members))
+        return cls(*_marginalised(fit, places, blocks, odds), tuple(members), settings)
 
 
 def own_groups(f: EffectVector) -> list[tuple[int | None, np.ndarray]]:

@@ -224,7 +224,7 @@ class Fitter:
         """
         grids = self._grids
         axes = {f.effect.subject for f in fit.effects if not f.effect.search.quasi_static}
-        if axes:
+        if axes and len(fit.effects) < self.problem.settings.many_effects:
             mine = np.array([p.axis in axes for p in data_sheet(self.machine.chain)])[:, None]
             fresh = self.problem.sheet_grids(fit.machine, axes)
             grids = [np.where(mine, a, b) for a, b in zip(fresh, grids, strict=True)]

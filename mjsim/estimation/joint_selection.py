@@ -1,11 +1,12 @@
 """Model selection for machines on which much is a little wrong: all candidates together in one linear problem, by
 evidence.
 
-First everything that a machine of its class may have is fitted at once, with its tolerance as prior (where none is
-stated, its typical size). At that model all other candidates stand together in one whitened linear problem, and sparse
-Bayesian selection says which of them the data need (:mod:`mjsim.estimation.evidence`). The model is fitted again with
-these, until nothing changes. Generic curves of one axis' motion compete with the named effects: where a curve is the
-better explanation, the cause is in no catalogue.
+First everything that a machine of its class may have is fitted at once, with its tolerance as prior. Where no tolerance
+is stated, typical sizes stand in, and what the data prove is a finding whatever its size. At that model all other
+candidates stand together in one whitened linear problem, and sparse Bayesian selection says which of them the data need
+(:mod:`mjsim.estimation.evidence`). The model is fitted again with these, until nothing changes. Where something is left
+that no named effect explains, generic curves of one axis' motion compete with them: where a curve is the better
+explanation, the cause is in no catalogue.
 """
 
 from __future__ import annotations
@@ -14,19 +15,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjsim.estimation.calibration import Calibrated, calibrated_effects, typical_effects
+from mjsim.estimation.calibration import Calibrated, expected_effects
 from mjsim.estimation.candidate_groups import CandidateGroups, own_groups
 from mjsim.estimation.criteria import is_feasible, is_large_enough
 from mjsim.estimation.curve_terms import CurveTerm
 from mjsim.estimation.effect_vector import EffectVector
+from mjsim.estimation.equivalents import equivalents
 from mjsim.estimation.evidence import SparseModel, log_evidence, select
 from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.selection import Found, Selection
 from mjsim.estimation.signatures import SignatureBank
+from mjsim.estimation.verdicts import is_beyond, log_odds
 from mjsim.progress import Progress, silent
 
 #: Most rounds of selection and refit; Gauss-Newton steps of the first fit and of the others.
 _ROUNDS, _FIRST, _STEPS = 5, 4, 3
+#: Signatures are computed again where the misfit has fallen to this share.
+_NEARER = 0.5
 
 
 @dataclass(frozen=True)
@@ -35,7 +40,7 @@ class JointSelection:
 
     Attributes:
         selection: Start, final model and findings, as of :class:`ModelSelection`.
-        calibrated: Effects with a tolerance that stay inside it.
+        calibrated: Effects that a machine of its class may have and that are no findings.
         curve: The generic curve that explains what no effect of the catalogue does, if there is one.
     """
 
@@ -46,11 +51,22 @@ class JointSelection:
 
 @dataclass
 class _Model:
-    """The model in the making: its fit, what stays in it whatever the data say, and a curve beside it."""
+    """The model in the making.
+
+    Attributes:
+        fit: Its fit.
+        kept: What stays in it whatever the data say.
+        expected: Keys of all effects that a machine of its class may have.
+        bank: Signatures of the candidates.
+        bank_misfit: Mean square of the whitened residuals at which they were computed.
+        curve: A curve beside the effects.
+    """
 
     fit: Fit
     kept: dict[str, Calibrated]
+    expected: frozenset[str]
     bank: SignatureBank
+    bank_misfit: float = np.inf
     curve: CurveTerm | None = None
 
 
@@ -65,28 +81,41 @@ class JointSelector:
         """Fit what the machine may have, select what else the data need, and release what lies beyond its tolerance."""
         machine = self.fitter.machine
         start = self.fitter.fit([], exact=False)
-        expected = {c.key: c for c in calibrated_effects(machine)}
-        first = [*expected.values(), *(typical_effects(machine) if not expected else ())]
+        expected = {c.key: c for c in expected_effects(machine)}
         self.progress("fitting everything that a machine may have", 0, 1)
-        fit = self._refit([c.free for c in first], start, _FIRST)
-        model = _Model(fit, expected, SignatureBank(self.problem, fit))
+        fit = self._refit([c.free for c in expected.values()], start, _FIRST)
+        model = _Model(fit, expected, frozenset(expected), SignatureBank(self.problem, fit))
         for number in range(_ROUNDS):
             self.progress("selecting causes by evidence", number, _ROUNDS)
-            changed = self._select(model)
-            released = self._release(model)
-            if not changed and not released:
+            # a curve would explain anything: the named effects are tried first
+            changed = self._select(model, curves=False) or self._release(model)
+            if not changed and not (self._incomplete(model) and self._select(model, curves=True)):
                 break
         model.fit = self.fitter.fit(model.fit.effects, start=model.fit, exact=True, iterations=_STEPS, fresh=False)
-        found = self._found(model)
+        if not machine.tolerance:
+            for key in self._proven(model):
+                del model.kept[key]
+        found = [self._against_equivalents(model, f) for f in self._found(model)]
         return JointSelection(Selection(start, model.fit, found, model.bank), tuple(model.kept.values()), model.curve)
 
     # -- one round -----------------------------------------------------------------------------------------------------
 
-    def _select(self, model: _Model) -> bool:
-        """Replace the free effects of the model by those that the data need; whether that changed it."""
-        model.bank = SignatureBank(self.problem, model.fit)
-        groups = CandidateGroups.at(self.problem, model.fit, model.bank, set(model.kept))
-        weight = max(1.0, model.fit.sum_squares / self.problem.count)
+    def _incomplete(self, model: _Model) -> bool:
+        """Whether the model leaves more than the noise."""
+        return model.fit.sum_squares > self.settings.complete_fit * self.problem.count
+
+    def _select(self, model: _Model, curves: bool) -> bool:
+        """Replace the free effects of the model by those that the data need; whether that changed it.
+
+        Args:
+            model: The model in the making.
+            curves: Whether generic curves compete with the effects.
+        """
+        misfit = model.fit.sum_squares / self.problem.count
+        if misfit < _NEARER * model.bank_misfit:
+            model.bank, model.bank_misfit = SignatureBank(self.problem, model.fit), misfit
+        groups = CandidateGroups.at(self.problem, model.fit, model.bank, set(model.kept), curves)
+        weight = max(1.0, misfit)
         chosen = self._chosen(groups, weight)
         model.curve = next((groups.members[g].curve for g in chosen.precision if groups.members[g].curve), None)
         effects = self._effects(model, groups, chosen)
@@ -187,23 +216,24 @@ class JointSelector:
             out.append(Found(f.effect.key, float(columns @ columns)))
         return sorted(out, key=lambda f: -f.gain)
 
+    def _against_equivalents(self, model: _Model, found: Found) -> Found:
+        """The finding with the effects that could stand in its place."""
+        if found.key in model.expected:
+            return found  # a machine of its class has it: the others would have to be there besides
+        groups = CandidateGroups.at(self.problem, model.fit, model.bank, set(model.kept), curves=False)
+        self.progress(f"what could stand in place of {found.key}", 0, 1)
+        competing = equivalents(
+            model.fit, groups, found.key, lambda effects: self._refit(effects, model.fit, _STEPS), _added
+        )
+        return replace(found, competing=competing)
 
-def is_beyond(fit: Fit, f: EffectVector, expected: Calibrated) -> bool:
-    """Whether the 95 % interval of a calibrated effect lies beyond its limit."""
-    intervals = f.interval(f.vector, fit.covariance_of(f))
-    for name, limit in expected.limits.items():
-        for low, high, centre in _sizes(intervals[name], expected, name):
-            if low - centre > limit or high - centre < -limit:
-                return True
-    return False
-
-
-def _sizes(interval: list, expected: Calibrated, name: str) -> list[tuple[float, float, float]]:
-    """Lower end, upper end and prior mean of one size, or of every wave."""
-    if name != "components":
-        return [(interval[0], interval[1], expected.free.effect.values[name])]
-    rows = expected.free.effect.values[name]
-    return [(low[1], high[1], row[1]) for low, high, row in zip(*interval, rows, strict=False)]
+    def _proven(self, model: _Model) -> list[str]:
+        """Keys of the effects beside which, at typical sizes as prior, the data leave no doubt that they are there."""
+        return [
+            f.effect.key
+            for f in model.fit.effects
+            if f.effect.key in model.kept and log_odds(model.fit, f) + self.settings.log_odds > 0.0
+        ]
 
 
 def _kept_waves(f: EffectVector, precision: dict[int | None, float]) -> EffectVector:

@@ -1,13 +1,14 @@
-"""Derivatives of the readings by the numbers of quasi-static effects, without a new simulation: what a model of sixty
-needs.
+"""Derivatives of the readings by the numbers of effects without simulating the whole machine anew: what a model of
+sixty needs.
 
-The axes' positions of the present model are kept. An effect of positions changes them by its own operations alone, a
-location error changes the frame in which the same positions are read. Both are tiny beside the motion, so that what the
-other effects do to them is of second order.
+The axes' motions of the present model are kept. An effect of positions changes them by its own operations alone, a
+location error changes the frame in which the same positions are read, and one that changes a drive has that drive
+simulated alone. All of them are tiny beside the motion, so that what the other effects do to them is of second order.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -16,11 +17,10 @@ from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import GRID_STEPS
 from mjsim.machine.effect import Effect
-from mjsim.machine.kinematics import Geometry
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import PLAY, Plant
 from mjsim.simulation.bar import reading
-from mjsim.simulation.transmission import reading_change
+from mjsim.simulation.transmission import reading_change, transmit
 
 #: Size of the numerical step, of a typical size.
 _STEP = 0.02
@@ -32,32 +32,29 @@ class Linearisation:
     def __init__(self, problem: Problem, machine: Machine, nuisance: np.ndarray) -> None:
         self.problem, self.machine, self.nuisance = problem, machine, nuisance
         self.plant = build(machine)
+        self._plays: dict[str, Plant] = {}
         motions = problem.motions
         self.loads = problem.map(lambda k: np.ascontiguousarray(motions[k].load(self.plant, GRID_STEPS)))
 
     def columns(self, free: EffectVector) -> list[np.ndarray] | None:
         """Derivative of the block means by the entries of an effect, (m, k) per test in m per typical size.
 
-        ``None`` where the effect needs a new simulation: it acts on a drive, has play, moves the table or is in Python.
+        ``None`` where the effect needs a new simulation: it is in Python, or changes a drive by more than its numbers.
         """
-        if free.effect.in_python or not free.effect.search.quasi_static:
+        if free.effect.in_python:
             return None
-        n = len(free.vector)
-        pairs = [free.nudged(j, _STEP) for j in range(n)]
-        alone = [self._alone(e) for e in (free.effect, *(effect for effect, _ in pairs))]
-        ops = [op for plant in alone for op in plant.ops]
-        if any(op.out >= self.machine.chain.count or op.code == PLAY for op in ops):
-            return None
-        here, *moved = alone
+        pairs = [free.nudged(j, _STEP) for j in range(len(free.vector))]
+        effects = [free.effect, *(effect for effect, _ in pairs)]
+        plants = [self._alone(e) if e.search.quasi_static else self._with(e, free.names) for e in effects]
+        part_of = self._part_of(free.effect, plants)
+        axis = free.effect.subject
 
         def one(k: int) -> np.ndarray:
             s, shift = self.problem.samples[k], self.problem.shift(k, self.nuisance)
-            base = self._change(k, here)
-            parts = [
-                s.sample((self._change(k, p) - base) / change, shift)
-                for p, (_, change) in zip(moved, pairs, strict=True)
-            ]
-            return np.column_stack(parts)
+            here, *moved = (part_of(k, plant, axis) for plant in plants)
+            return np.column_stack(
+                [s.sample((m - here) / change, shift) for m, (_, change) in zip(moved, pairs, strict=True)]
+            )
 
         return self.problem.map(one)
 
@@ -66,16 +63,76 @@ class Linearisation:
         m = self.machine
         return build(replace(m, effects=(effect,)))
 
-    def _change(self, k: int, alone: Plant) -> np.ndarray:
-        """What the operations and the geometry of one effect add to the reading of test ``k``, on the grid, m."""
-        p, load = self.problem, self.loads[k]
-        test = p.motions[k].test
-        out = np.zeros(len(load))
+    def _with(self, effect: Effect, names: tuple[str, ...]) -> Plant:
+        """The plant of the model with these numbers of an effect; the data sheet gives the others."""
+        mine = self.machine.effect(effect.key)
+        assert mine is not None
+        return build(self.machine.with_effect(mine.replaced(**{n: effect.values[n] for n in names})))
+
+    def _part_of(self, effect: Effect, plants: list[Plant]) -> Callable[[int, Plant, str], np.ndarray]:
+        """What computes the part of the reading that such an effect changes, but for a constant part."""
+        if not effect.search.quasi_static:
+            return self._of_drive
+        if any(p.geometry.location or p.geometry.squareness for p in plants):
+            return self._of_geometry
+        if any(op.out >= p.chain.count for p in plants for op in p.ops):
+            return self._of_table
+        return self._of_operations
+
+    def _of_drive(self, k: int, plant: Plant, axis: str) -> np.ndarray:
+        """What one drive adds to the reading of test ``k``, on the grid, m."""
+        p, i = self.problem, plant.chain.index(axis)
+        motion = p.motions[k]
+        if not motion.moves[i]:
+            return np.zeros(len(self.loads[k]))
+        position = motion.motor(axis, plant.axes[axis], GRID_STEPS)
+        play = self._play_of(axis)
+        if play.ops:  # while the play is crossed, what the drive does is not seen
+            q = np.zeros((len(position), plant.chain.count))
+            q[:, i] = position
+            position = transmit(play.op_table(motion.test.name, motion.test.started), q, self._clock(k))[:, i]
+        return p.sensitivity[k].axes[:, i] * position
+
+    def _play_of(self, axis: str) -> Plant:
+        """The plant of a machine that has nothing but the model's play of one axis."""
+        if axis not in self._plays:
+            mine = [e for e in self.machine.effects if e.subject == axis and not e.in_python]
+            playing = [e for e in mine if any(op.code == PLAY for op in self._alone(e).ops)]
+            self._plays[axis] = build(replace(self.machine, effects=tuple(playing)))
+        return self._plays[axis]
+
+    def _of_geometry(self, k: int, alone: Plant, axis: str) -> np.ndarray:
+        """The reading of test ``k`` with the geometry of one effect, on the grid, m."""
+        test = self.problem.motions[k].test
+        return reading(alone.chain, self._axes(k), np.asarray(test.table_ball), test.length, alone.geometry)
+
+    def _of_table(self, k: int, alone: Plant, axis: str) -> np.ndarray:
+        """The reading of test ``k`` with one error motion of the table, on the grid, m."""
+        test, axes = self.problem.motions[k].test, self._axes(k)
+        q = np.zeros((len(axes), max(alone.width, self.plant.width)))
+        q[:, : axes.shape[1]] = axes
         if alone.ops:
-            clock = test.started + p.motions[k].time[::GRID_STEPS]
-            out += reading_change(alone.op_table(test.name, test.started), load, clock, p.sensitivity[k].axes)
-        if alone.geometry.location or alone.geometry.squareness:
-            axes = np.ascontiguousarray(load[:, : self.machine.chain.count])
-            where = self.machine.chain, axes, np.asarray(test.table_ball), test.length
-            out += reading(*where, alone.geometry) - reading(*where, Geometry())
-        return out
+            q = transmit(alone.op_table(test.name, test.started), q, self._clock(k))
+        return reading(alone.chain, q, np.asarray(test.table_ball), test.length, alone.geometry)
+
+    def _of_operations(self, k: int, alone: Plant, axis: str) -> np.ndarray:
+        """What the operations of one effect add to the reading of test ``k``, on the grid, m."""
+        test, axes = self.problem.motions[k].test, self._axes(k)
+        if not alone.ops:
+            return np.zeros(len(axes))
+        if any(op.code == PLAY for op in alone.ops):
+            # play has memory: what it does follows from the motion in front of it
+            i = alone.chain.index(axis)
+            axes = axes.copy()
+            axes[:, i] = self.problem.motions[k].motor(axis, self.plant.axes[axis], GRID_STEPS)
+        ops = alone.op_table(test.name, test.started)
+        return reading_change(ops, axes, self._clock(k), self.problem.sensitivity[k].axes)
+
+    def _axes(self, k: int) -> np.ndarray:
+        """Axis positions of test ``k``, (n, axes)."""
+        return np.ascontiguousarray(self.loads[k][:, : self.plant.chain.count])
+
+    def _clock(self, k: int) -> np.ndarray:
+        """Campaign clock of test ``k`` on the grid, (n,) s."""
+        motion = self.problem.motions[k]
+        return motion.test.started + motion.time[::GRID_STEPS]

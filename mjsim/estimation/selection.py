@@ -63,6 +63,7 @@ class Selection:
         trail: The models that were tried.
         first_gain: What the first effect alone explained.
         best_curve: The generic curve that explains most at ``start``, where it was looked for.
+        complete: Whether the search ended by itself, and not because few effects do not explain the data.
     """
 
     start: Fit
@@ -72,6 +73,7 @@ class Selection:
     trail: list[dict] = field(default_factory=list)
     first_gain: float = 0.0
     best_curve: CurveTerm | None = None
+    complete: bool = True
 
 
 class ModelSelection(CandidateModels):
@@ -87,8 +89,13 @@ class ModelSelection(CandidateModels):
         self._first_gain = 0.0
         self._tried: set[tuple] = set()
 
-    def run(self, max_effects: int = 5) -> Selection:
-        """Search with at most ``max_effects`` effects."""
+    def run(self, max_effects: int | None = None) -> Selection:
+        """Search for a few effects that explain the data.
+
+        Args:
+            max_effects: At most so many. Without it, the search is given up where few effects are not enough.
+        """
+        most = max_effects if max_effects is not None else self.settings.few_effects + 1
         start = self.start()
         bank = SignatureBank(self.problem, start)
         candidates = seeds(self.fitter.machine)
@@ -101,7 +108,7 @@ class ModelSelection(CandidateModels):
         bank.compute(candidates, tick)
         fit, trail = start, []
         while True:
-            better = self._best_extension(fit, bank, trail, len(fit.effects) < max_effects)
+            better = self._best_extension(fit, bank, trail, len(fit.effects) < most)
             reshaped = self._with_free_shapes(fit)
             if reshaped is not fit:
                 fit = reshaped
@@ -111,6 +118,8 @@ class ModelSelection(CandidateModels):
             else:
                 self._first_gain = self._first_gain or self.objective(fit) - self.objective(better)
                 fit = better
+                if max_effects is None and self._needs_more(fit):
+                    return Selection(start, fit, [], bank, trail, self._first_gain, complete=False)
         fit = self._prune(fit)
         found = []
         if fit.effects:
@@ -146,6 +155,11 @@ class ModelSelection(CandidateModels):
         ):
             return None
         return self.exact_refit(best)
+
+    def _needs_more(self, fit: Fit) -> bool:
+        """Whether a few effects are in the model and leave something all the same."""
+        many = len(fit.effects) >= self.settings.few_effects
+        return many and fit.sum_squares > self.settings.complete_fit * self.problem.count
 
     def _is_overfit(self, start: Fit, fit: Fit) -> bool:
         """Whether a growing pile of effects does worse than one generic term: then more of them are no explanation

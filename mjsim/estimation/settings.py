@@ -54,6 +54,8 @@ class DiagnosisSettings:
             (bank).
         testable_size: An effect is testable when three standard deviations of its size stay below so many typical sizes
             (assumed).
+        few_effects: Effects after which a model that leaves something is given up: the machine is a little wrong
+            everywhere, or the cause is in no catalogue (bank).
         many_effects: Effects from which the derivatives of a model are taken without new simulations (assumed: single
             effects are then tiny beside the motion).
         log_odds: Logarithm of the prior odds that a cause of the catalogue is needed beside a calibrated machine. Some
@@ -90,6 +92,7 @@ class DiagnosisSettings:
     cross_axis_penalty: float = 20.0
     notable_share: float = 0.02
     testable_size: float = 10.0
+    few_effects: int = 3
     many_effects: int = 8
     log_odds: float = -9.0
     curve_log_odds: float = -12.0

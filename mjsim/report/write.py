@@ -41,7 +41,7 @@ def need_report() -> None:
 def report(
     campaigns: Campaign | Sequence[Campaign],
     machines: Machine | Sequence[Machine],
-    max_effects: int = 5,
+    max_effects: int | None = None,
     diagnosed: bool = True,
     threads: int = 2,
     progress: Progress = silent,
@@ -54,7 +54,7 @@ def report(
         campaigns: one, or at least two; those with a day of measuring come in its order, where all have one, otherwise
             as given.
         machines: the model of each.
-        max_effects: at most so many missing effects are looked for.
+        max_effects: at most so many missing effects are looked for; without it as many as the data prove.
         diagnosed: look for missing effects; otherwise compare only.
 
     Raises:
@@ -83,7 +83,7 @@ def report(
 
 
 def _single(
-    campaign: Campaign, machine: Machine, max_effects: int, diagnosed: bool, threads: int, progress: Progress
+    campaign: Campaign, machine: Machine, max_effects: int | None, diagnosed: bool, threads: int, progress: Progress
 ) -> Report:
     day = campaign.measured_on.isoformat() if campaign.measured_on else ""
     if diagnosed:

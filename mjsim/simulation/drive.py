@@ -16,6 +16,7 @@ With an elastic transmission the load is a second mass on a spring, and two more
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numba import njit
@@ -44,6 +45,12 @@ AXIS_SIZE = _TWO_MASS + 5 * 8
 
 def discretise(axis: AxisPlant, substep: float) -> np.ndarray:
     """Parameters of one axis, (AXIS_SIZE,), for sub-steps of ``substep`` s."""
+    return _discretised(axis.key(), substep).copy()
+
+
+@lru_cache(maxsize=512)  # one drive runs in every test of a campaign
+def _discretised(key: tuple, substep: float) -> np.ndarray:
+    axis = AxisPlant(*key)
     p = axis
     F, G = equations(axis)
     E = _exponential(F, G, substep)

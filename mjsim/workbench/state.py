@@ -104,12 +104,12 @@ class Workbench(TriedModel):
         self.put("fit all", done.machine)
         return self.changed_effects()
 
-    def diagnose(self, progress: Progress = silent, max_effects: int = 5) -> Diagnosis:
+    def diagnose(self, progress: Progress = silent, max_effects: int | None = None) -> Diagnosis:
         """Search for what the present model lacks, as ``mjsim diagnose`` does.
 
         Args:
             progress: Stage, done, total; what it raises stops the search.
-            max_effects: At most so many effects.
+            max_effects: At most so many effects; without it as many as the data prove.
 
         Raises:
             InputError: No test was measured.

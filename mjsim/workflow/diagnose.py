@@ -32,12 +32,15 @@ from mjsim.threads import one_blas_thread
 from mjsim.workflow.compare import Comparison, overlay
 from mjsim.workflow.diagnosis import DiagnosedEffect, Diagnosis
 
+#: Most findings that get a rung of the ladder of their own; smaller ones share the last.
+_RUNGS = 5
+
 
 @one_blas_thread
 def diagnose(
     campaign: Campaign,
     machine: Machine,
-    max_effects: int = 5,
+    max_effects: int | None = None,
     threads: int = 2,
     progress: Progress = silent,
     settings: DiagnosisSettings = DIAGNOSIS,
@@ -49,7 +52,7 @@ def diagnose(
     Args:
         campaign: With at least one measured test.
         machine: As given.
-        max_effects: At most so many different effects.
+        max_effects: At most so many different effects; without it as many as the data prove.
         threads: Tests that are worked on side by side.
         progress: Called as work gets on.
         settings: What decides.
@@ -87,14 +90,15 @@ def diagnose(
         else None
     )
     ladder = [calibrated or before]
-    for i in range(1, len(found)):
+    for i in range(1, min(len(found), _RUNGS)):
         part = phased(problem, with_effects(expected, [e.effect for _, e in found[:i]]))
         ladder.append(simulated(part, f"simulating with {i} effect{'s' if i > 1 else ''}"))
     final = with_effects(selection.fit.machine, [line.effect for line in separated.lines])
     after = simulated(final, "simulating the fitted machine")
-    ladder.append(after)
+    last = len(ladder) - 1
+    ladder += [after] * max(1, len(found) - last)
     effects = tuple(
-        replace(e, rms_before=a.rms, rms_after=b.rms) for (_, e), a, b in zip(found, ladder, ladder[1:], strict=False)
+        replace(e, rms_before=ladder[min(i, last)].rms, rms_after=ladder[i + 1].rms) for i, (_, e) in enumerate(found)
     )
     if effects:
         verdict = "ambiguous" if any(e.alternatives for e in effects) else "identified"
@@ -132,13 +136,19 @@ class Explained:
     shares: dict[str, float] = field(default_factory=dict)
 
 
-def select_model(separated: Separated, max_effects: int = 5, progress: Progress = silent) -> Explained:
-    """The model selection on data without vibrations."""
+def select_model(separated: Separated, max_effects: int | None = None, progress: Progress = silent) -> Explained:
+    """The model selection on data without vibrations.
+
+    Where the machine file states a tolerance, all effects are judged together. Where it states none, a few effects are
+    tried first: what they explain down to the noise needs no others.
+    """
     problem = separated.problem
     fitter = Fitter(problem, separated.machine)
     if separated.machine.tolerance:
-        return _explain_within_tolerance(problem, fitter, progress)
+        return _explain_jointly(problem, fitter, progress)
     selection = ModelSelection(fitter, progress).run(max_effects)
+    if not selection.complete:
+        return _explain_jointly(problem, fitter, progress)
     unexplained, selection = find_unexplained(problem, selection, progress)
     if selection.found:
         data = readmitted(problem, selection.fit.readings, selection.fit.nuisance)
@@ -148,16 +158,19 @@ def select_model(separated: Separated, max_effects: int = 5, progress: Progress 
     return Explained(problem, selection, unexplained)
 
 
-def _explain_within_tolerance(problem: Problem, fitter: Fitter, progress: Progress) -> Explained:
-    """The same for a machine whose file states a tolerance: everything is calibrated at once, and findings lie
-    beyond it.
+def _explain_jointly(problem: Problem, fitter: Fitter, progress: Progress) -> Explained:
+    """The same with everything that a machine may have calibrated at once: findings lie beyond its tolerance, or are
+    proven where none is stated.
     """
     joint = JointSelector(fitter, progress).run()
     fit = joint.selection.fit
     rest = best_curve_term(problem, fit) if joint.curve is not None else None
     progress("shares of the error", 0, 1)
     entries, shares = calibrations(problem, fit, joint.calibrated)
-    return Explained(problem, joint.selection, describe(problem, fit, rest) if rest else None, entries, shares)
+    explained = joint.selection.start.sum_squares - fit.sum_squares
+    found = [replace(f, gain=shares.get(f.key, 0.0) * explained) for f in joint.selection.found]
+    selection = replace(joint.selection, found=sorted(found, key=lambda f: -f.gain))
+    return Explained(problem, selection, describe(problem, fit, rest) if rest else None, entries, shares)
 
 
 def _found(problem: Problem, selection: Selection) -> list[tuple[float, DiagnosedEffect]]:

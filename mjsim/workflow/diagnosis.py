@@ -64,8 +64,8 @@ class Diagnosis:
         machine: With the effects and the calibrated data sheet in it.
         before: Comparison of the machine as given.
         after: Comparison of the fitted machine.
-        rungs: The ladder between them, one effect more each. The last has the calibrated data sheet as well. Where the
-            machine file states a tolerance, the first has everything that was calibrated within it.
+        rungs: The ladder between them, one effect more each. The last has the calibrated data sheet as well. From the
+            fifth effect on they share the last rung. Where effects were calibrated, the first has all of these.
         next_test: The test that separates what is ambiguous, as in the JSON.
         trail: The models that were tried.
         calibration: Effects inside the tolerance of the machine file.
