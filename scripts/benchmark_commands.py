@@ -54,7 +54,7 @@ def run(*args: str | Path) -> Run:
     """``mjsim`` with ``args`` as from a shell; the variables that hold this process' linear algebra to one core are
     not passed on.
     """
-    env = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+    env = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")} | {"MJSIM_CACHE": "off"}
     begin = time.perf_counter()
     child = subprocess.Popen([_MJSIM, *map(str, args)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=env)
     _, status, usage = os.wait4(child.pid, 0)

@@ -22,6 +22,7 @@ from mjsim.simulation.cache import forget_stale_code
 from mjsim.simulation.multibody import simulate
 
 forget_stale_code()
+os.environ.setdefault("MJSIM_CACHE", "off")  # each test computes what it looks at
 os.environ.setdefault("MJSIM_TRACEBACK", "1")  # a fault of mjsim's own is shown as it is
 # A job started in the background ignores Ctrl-C, and so would the commands under test.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

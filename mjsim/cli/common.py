@@ -31,12 +31,14 @@ def options(command: Callable) -> Callable:
     """Add ``--json`` and ``--quiet``; turn errors into one sentence and exit status 1, never a traceback."""
 
     @wraps(command)
-    def run(*args, **kwargs):
+    def run(*args, no_cache: bool = False, **kwargs):
         for stream in (sys.stdout, sys.stderr):  # a terminal that has no µ, a folder's name that is no text
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="replace")
         try:
-            with signals.caught(), warnings.catch_warnings():
+            from mjsim.io.cache import cached
+
+            with signals.caught(), warnings.catch_warnings(), cached(wanted=not no_cache):
                 if (
                     not sys.warnoptions
                 ):  # what numpy or a plotting library has to say is for developers (python -W default shows it)
@@ -64,6 +66,7 @@ def options(command: Callable) -> Callable:
                 fail(f"{line}: raised {type(fault).__name__}: {fault}")
             _own_fault(fault)
 
+    run = click.option("--no-cache", is_flag=True, help="Compute everything anew.")(run)
     run = click.option("--quiet", is_flag=True, help="Print nothing but errors (and the JSON, with --json).")(run)
     return click.option(
         "--json", "as_json", is_flag=True, help="Print one JSON object on stdout and nothing else there."
@@ -162,8 +165,6 @@ threads_option = click.option(
 
 def cores(threads: int | None) -> int:
     """Threads asked for, or all cores."""
-    import os
-
     return (
         threads or len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else threads or os.cpu_count() or 1
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -11,6 +13,9 @@ from mjsim.cli import common
 from mjsim.cli.compare import calibration_sentence, left_out_sentence, percent
 from mjsim.cli.import_show import show_features
 from mjsim.report.remedies import remedy
+
+#: Seconds above which it is said how long a diagnosis will take.
+_LONG_S = 5.0
 
 
 @click.command("diagnose")
@@ -52,8 +57,11 @@ def command(campaign, machine, write, max_effects, force, threads, as_is, as_jso
     imported = imported_features(c)
     if write is not None:
         check_writable(write, force)
+    done = say_how_long(c, quiet or as_json)
     with common.progress_bar(quiet) as progress:
         result = diagnose(c, m, max_effects, common.cores(threads), progress)
+    done()
+    say_cached(quiet or as_json)
     try:
         result = unexplained_plot(write_effect_file(result, c.state_folder), c.state_folder)
         keep(result, m)
@@ -92,6 +100,37 @@ def _identifiable(campaign, data: dict) -> list[str]:
         return []
     tests = {kind_of(t).turns(t) for t in campaign.measured if t.sensitive == "tangential"}
     return [axis for axis in rest["axes"] if axis in tests]
+
+
+def say_cached(quiet: bool) -> None:
+    """Say that a diagnosis was not computed but taken from the cache."""
+    from mjsim.io.cache import store
+
+    kept = store()
+    if kept is not None and kept.hits["diagnoses"]:
+        common.say("this campaign was diagnosed before: taken from the cache (--no-cache repeats it)", quiet)
+
+
+def say_how_long(campaign, quiet: bool) -> Callable[[], None]:
+    """Say how long a diagnosis will take, by the last one on this computer.
+
+    Returns:
+        To be called when it is done, so that the next one knows.
+    """
+    from mjsim.io.cache import store
+
+    kept, begun = store(), time.monotonic()
+    measured = sum(float(t.time[-1] - t.time[0]) for t in campaign.traces.values())
+    pace = kept.seconds("diagnose") if kept else None
+    if pace and pace * measured > _LONG_S:
+        tests = f"{len(campaign.measured)} test{'s' if len(campaign.measured) > 1 else ''}"
+        common.say(f"a diagnosis of {tests} takes about {pace * measured:.0f} s, by the last one", quiet)
+
+    def done() -> None:
+        if kept is not None and measured and not kept.hits["diagnoses"]:
+            kept.took("diagnose", (time.monotonic() - begun) / measured)
+
+    return done
 
 
 _SENTENCE = {

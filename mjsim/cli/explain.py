@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
+from mjsim.cli.diagnose import parameter_lines, say_cached
 
 #: Most effects that look alike on the terminal, and the cosine from which one is worth a line.
 _MOST, _LEAST = 6, 0.2
@@ -48,6 +49,7 @@ def command(campaign, effect, machine, out, no_plots, force, threads, as_is, as_
         check_writable(plot, force or out is None)
     with common.progress_bar(quiet) as progress:
         result = explain(c, m, effect, common.cores(threads), progress)
+    say_cached(quiet or as_json)
     if plot is not None and result.tests:
         explanation_plot(result, plot)
     data = result.to_json() | {"plot": str(plot) if plot is not None and result.tests else None}
@@ -71,8 +73,6 @@ _ROLES = {
 
 def show(data: dict) -> None:
     """An explanation's JSON as text."""
-    from mjsim.cli.diagnose import parameter_lines
-
     click.echo(f"{data['id']}: {data['title']}")
     common.paragraph(f"{_ROLES[data['role']]}. {data['reason']}")
     if data["ci95"]:

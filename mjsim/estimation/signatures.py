@@ -14,6 +14,7 @@ from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit, with_effects
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import GRID_STEPS
+from mjsim.io.cache import remembered
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import PLAY
@@ -80,13 +81,25 @@ class SignatureBank:
         widths = [self._moves(c)[1].shape[0] for c in candidates]
         ends = np.cumsum([0, *widths])
         self.slices = [slice(int(a), int(b)) for a, b in pairwise(ends)]
-        self.matrix = np.empty((self.problem.count, int(ends[-1])))
-        for c, s in zip(candidates, self.slices, strict=True):
-            self.matrix[:, s] = self.problem.whiten(self.columns(c))
-            if done:
-                done()
+        self.matrix = remembered(
+            "signatures", lambda: self._depends_on(candidates), lambda: self._matrix(candidates, done)
+        )
         self.candidates = list(candidates)
         self.own = [self.matrix[:, s].T @ self.matrix[:, s] for s in self.slices]
+
+    def _matrix(self, candidates: list[Candidate], done: Callable[[], None] | None) -> np.ndarray:
+        matrix = np.empty((self.problem.count, self.slices[-1].stop if self.slices else 0))
+        for c, s in zip(candidates, self.slices, strict=True):
+            matrix[:, s] = self.problem.whiten(self.columns(c))
+            if done:
+                done()
+        return matrix
+
+    def _depends_on(self, candidates: list[Candidate]) -> tuple:
+        """Everything that the matrix follows from, for the cache."""
+        p, fit = self.problem, self.fit
+        model = fit.base, [f.effect for f in fit.effects], fit.sheet_deviation, fit.nuisance
+        return (*model, p.tests, p.samples, p.noise, p.sensitivity, [(c.effect, c.names) for c in candidates])
 
     def columns(self, c: Candidate) -> list[np.ndarray]:
         """Block-mean signatures per test, (m, k), m per typical size."""

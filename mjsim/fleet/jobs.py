@@ -8,12 +8,11 @@ import os
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
-import mjsim
 from mjsim.batch.describe import versions
 from mjsim.errors import InputError
+from mjsim.io.cache import code
 
 _CAMPAIGN = "campaign.toml"
 
@@ -70,7 +69,7 @@ def campaigns_in(folders: Sequence[Path]) -> list[Path]:
 
 def job_of(folder: Path, options: Options) -> Job:
     """A campaign as a job."""
-    digest = hashlib.sha256(json.dumps([versions(), vars(options), _code()]).encode())
+    digest = hashlib.sha256(json.dumps([versions(), vars(options), code()]).encode())
     for name, content in sorted(files_of(folder).items()):
         digest.update(f"{name}\0{len(content)}\0".encode())
         digest.update(content)
@@ -122,13 +121,3 @@ def _table(file: Path) -> dict:
 
 def _tables(value: object) -> list[dict]:
     return [row for row in value if isinstance(row, dict)] if isinstance(value, list) else []
-
-
-@cache
-def _code() -> str:
-    """Hash of mjsim's own modules, so that results of other code are not taken for this one's."""
-    digest, root = hashlib.sha256(), Path(mjsim.__file__).parent
-    for room in ("units.py", "machine", "effects", "ballbar", "campaign", "simulation", "estimation", "workflow"):
-        for file in sorted([root / room] if room.endswith(".py") else (root / room).rglob("*.py")):
-            digest.update(f"{file.relative_to(root)}\0".encode() + file.read_bytes())
-    return digest.hexdigest()

@@ -20,7 +20,8 @@ from mjsim.machine.kinematics import reading
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
 from mjsim.simulation.axes import time_grid
-from mjsim.simulation.multibody import Reading, Simulation, reading_of, simulate_each
+from mjsim.simulation.multibody import Reading, Simulation
+from mjsim.simulation.readings import readings_of
 from mjsim.workflow.compare import Comparison, overlay
 from mjsim.workflow.diagnosis import Diagnosis
 
@@ -69,7 +70,7 @@ def run(problem: Problem, machine: Machine, stage: str, threads: int = 2, progre
         count[0] += 1
         progress(stage, count[0], len(problem.tests))
 
-    return simulate_each(machine, problem.tests, reading_of, threads, done)
+    return readings_of(machine, problem.tests, threads, done)
 
 
 def basis(problem: Problem, given: Comparison, threads: int = 2, progress: Progress = silent) -> list[Model]:

@@ -25,7 +25,8 @@ from mjsim.io.extras import need
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
 from mjsim.simulation.drive import STEP
-from mjsim.simulation.multibody import Reading, Simulation, reading_of, simulate_each
+from mjsim.simulation.multibody import Reading, Simulation
+from mjsim.simulation.readings import readings_of
 from mjsim.threads import one_blas_thread
 from mjsim.units import DEG, UM
 
@@ -183,7 +184,7 @@ def compare(
         count[0] += 1
         progress("simulating", count[0], len(problem.tests))
 
-    return overlay(problem, with_phases, simulate_each(plant, problem.tests, reading_of, threads, done))
+    return overlay(problem, with_phases, readings_of(plant, problem.tests, threads, done))
 
 
 def overlay(problem: Problem, machine: Machine, simulations: Sequence[Simulation | Reading]) -> Comparison:

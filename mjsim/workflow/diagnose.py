@@ -25,9 +25,10 @@ from mjsim.estimation.signatures import Projector
 from mjsim.estimation.testability import not_testable
 from mjsim.estimation.unexplained import Unexplained, describe, find_unexplained
 from mjsim.estimation.vibration import Separated, is_news, phased, separate
+from mjsim.io.cache import remembered
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
-from mjsim.simulation.multibody import reading_of, simulate_each
+from mjsim.simulation.readings import readings_of
 from mjsim.threads import one_blas_thread
 from mjsim.workflow.compare import Comparison, overlay
 from mjsim.workflow.diagnosis import DiagnosedEffect, Diagnosis
@@ -62,6 +63,22 @@ def diagnose(
     """
     if not campaign.measured:
         raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; a diagnosis needs measured tests")
+    return remembered(
+        "diagnoses",
+        lambda: (campaign, machine, max_effects, settings),
+        lambda: _diagnose(campaign, machine, max_effects, threads, progress, settings),
+    )
+
+
+def _diagnose(
+    campaign: Campaign,
+    machine: Machine,
+    max_effects: int,
+    threads: int,
+    progress: Progress,
+    settings: DiagnosisSettings,
+) -> Diagnosis:
+    """The diagnosis itself, whatever the cache has."""
     progress("preparing", 0, 1)
     separated = separate(checked_problem(campaign, build(machine), threads, settings=settings), machine)
     explained = select_model(separated, max_effects, progress)
@@ -80,7 +97,7 @@ def diagnose(
             count[0] += 1
             progress(stage, count[0], len(problem.tests))
 
-        return overlay(problem, m, simulate_each(m, problem.tests, reading_of, threads, done))
+        return overlay(problem, m, readings_of(m, problem.tests, threads, done))
 
     before = simulated(phased(problem, machine), "simulating the machine as given")
     expected = with_effects(machine, [c.effect.effect for c in explained.calibration])
