@@ -33,13 +33,14 @@ def sentence(extra):
 
 def test_every_extra_that_is_named_exists():
     known = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    assert set(known) == {"report", "video", "dataframe", "batch", "distributed", "all"}
+    assert set(known) == {"report", "video", "dataframe", "batch", "distributed", "workbench", "all"}
 
 
 @pytest.mark.parametrize(
     ("extra", "missing", "command"),
     [
         ("report", "jinja2", ["report", HEALTHY, "-o", "{t}/page.html"]),
+        ("workbench", "nicegui", ["open", HEALTHY, "--no-browser"]),
         ("video", "av", ["animate", HEALTHY, "--test", "circle-xy-ccw", "-o", "{t}/film.mp4"]),
     ],
 )

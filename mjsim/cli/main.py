@@ -17,6 +17,7 @@ _COMMANDS = {
     "new": "Start a campaign: a folder with commented files.",
     "machine": "Machine file and MuJoCo model of any chain of axes.",
     "import": "Measurement files of other systems into a campaign.",
+    "open": "The workbench: change the model, watch the error fall, live.",
     "simulate": "Run a campaign's tests in the multibody model.",
     "check": "Wrong unit, sign, direction, feed? Exchanged traces?",
     "compare": "Measured against simulated, test by test.",

@@ -66,9 +66,11 @@ def axis_of_subject(subject: str, chain: Chain) -> str:
 
 
 def entries(chain: Chain) -> list[Entry]:
-    """The catalogue for a machine with these axes, in the order of its ids."""
+    """The catalogue for a machine with these axes, in the order of its ids; without what only axis logs can show."""
     out = []
     for kind, cls in registry.kinds().items():
+        if cls.for_logs:
+            continue
         for subject in cls.subjects_of(chain):
             axis = axis_of_subject(subject, chain)
             out.append(Entry(f"{kind}.{subject}", cls.title, cls.definition, cls.signature, axis))

@@ -56,9 +56,8 @@ class Workbench(TriedModel):
             raise Stopped
         machine = self.machine
         found = self.shared.gains.of(machine, waves)
-        if machine is self.machine:
-            self.gains = found if waves else {**self.gains, **found}
-        return self.gains
+        self.gains, self._gains_of, self.gains_complete = found, machine, waves
+        return found
 
     # -- fits and the diagnosis ----------------------------------------------------------------------------------------
 
@@ -127,6 +126,11 @@ class Workbench(TriedModel):
     def unsaved(self) -> list[saving.Change]:
         """Steps from the machine file to the present model."""
         return saving.changes(self.saved, self.machine)
+
+    def save_makes_worse(self) -> bool:
+        """Whether the present model fits worse than the machine file's, by the drives alone."""
+        now, file = self.quick().rms, self.quick(self.saved).rms
+        return now is not None and file is not None and now > file
 
     def save(self, force: bool = False, progress: Progress = silent) -> list[saving.Change]:
         """Write the present model to the machine file, and its steps to the history, as ``mjsim add`` does.

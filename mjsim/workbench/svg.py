@@ -67,7 +67,8 @@ def polar(
         parts += _marks(trace, reversals or {})
         parts.append(f'<text class="scale" x="96" y="97">1 div.: {style.number(step)} µm</text>')
     title = escape(f"{trace.test.name}: polar plot, {trace.engine}")
-    return f'<svg class="polar" viewBox="-100 -100 200 200" role="img" aria-label="{title}">{"".join(parts)}</svg>'
+    box = "-87 -87 174 174" if small else "-100 -100 200 200"
+    return f'<svg class="polar" viewBox="{box}" role="img" aria-label="{title}">{"".join(parts)}</svg>'
 
 
 def cursor(trace: Trace, place: int) -> str:

@@ -48,6 +48,9 @@ class TriedModel:
         self.intervals: dict[str, dict] = {}
         #: What each effect could explain, by its id, as far as it is known.
         self.gains: dict[str, Gain] = {}
+        #: Whether pitch errors and torque ripples are among them.
+        self.gains_complete = False
+        self._gains_of: Machine | None = None
         self._values: dict[str, Effect] = {}
 
     # -- the model -----------------------------------------------------------------------------------------------------
@@ -169,6 +172,11 @@ class TriedModel:
         machine = machine or self.machine
         self.shared.readings.multibody(machine, names if names is not None else [t.name for t in self.opened.tests])
         return self.quick(machine)
+
+    @property
+    def gains_are_old(self) -> bool:
+        """Whether :attr:`gains` are those of another model than the present one."""
+        return self._gains_of is not None and self._gains_of is not self.machine
 
     def _noted(self, result: Overlay) -> Overlay:
         if result.rms is not None:

@@ -36,6 +36,9 @@ class mjtFramebuffer(_Enum):
     mjFB_OFFSCREEN: mjtFramebuffer
 
 class mjtGeom(_Enum):
+    mjGEOM_BOX: mjtGeom
+    mjGEOM_CYLINDER: mjtGeom
+    mjGEOM_MESH: mjtGeom
     mjGEOM_SPHERE: mjtGeom
     mjGEOM_CAPSULE: mjtGeom
     mjGEOM_LINE: mjtGeom
@@ -101,6 +104,31 @@ class MjModel:
     body_weldid: np.ndarray
     body_inertia: np.ndarray
     dof_armature: np.ndarray
+    body_jntadr: np.ndarray
+    body_jntnum: np.ndarray
+    body_parentid: np.ndarray
+    body_pos: np.ndarray
+    body_quat: np.ndarray
+    geom_bodyid: np.ndarray
+    geom_dataid: np.ndarray
+    geom_group: np.ndarray
+    geom_matid: np.ndarray
+    geom_pos: np.ndarray
+    geom_quat: np.ndarray
+    geom_rbound: np.ndarray
+    geom_rgba: np.ndarray
+    geom_size: np.ndarray
+    geom_type: np.ndarray
+    jnt_axis: np.ndarray
+    jnt_type: np.ndarray
+    mat_rgba: np.ndarray
+    mesh_face: np.ndarray
+    mesh_faceadr: np.ndarray
+    mesh_facenum: np.ndarray
+    mesh_vert: np.ndarray
+    mesh_vertadr: np.ndarray
+    mesh_vertnum: np.ndarray
+    nbody: int
     jnt_range: np.ndarray
     jnt_limited: np.ndarray
     _address: int
@@ -122,6 +150,7 @@ class _Site:
     xpos: np.ndarray
 
 class MjData:
+    geom_xpos: np.ndarray
     time: float
     qpos: np.ndarray
     qvel: np.ndarray

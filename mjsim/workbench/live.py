@@ -1,0 +1,220 @@
+"""A workbench whose error is computed in the background: at once by the drives alone, soon after by the multibody
+model, then what each effect could explain.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from mjsim.errors import InputError, SimulationError
+from mjsim.machine.effect import Effect
+from mjsim.workbench.gains import Stopped
+from mjsim.workbench.overlay import Overlay
+from mjsim.workbench.picture import most_changed
+from mjsim.workbench.readings import MULTIBODY
+from mjsim.workbench.state import Workbench
+
+#: Multibody results of the tests that are not shown appear at least so often, s.
+_EVERY = 1.0
+#: The signatures wait so long for a change to be simulated, s; then they go on.
+_PATIENCE = 5.0
+
+
+@dataclass(frozen=True)
+class Job:
+    """Work that the user waits for.
+
+    Attributes:
+        name: What is done.
+        stage: What is done just now.
+        done: Steps of the stage that are done, of ``total``.
+        total: Steps of the stage.
+    """
+
+    name: str
+    stage: str = ""
+    done: int = 0
+    total: int = 0
+
+
+class Live:
+    """Keeps the error of a workbench up to date; a page looks at :attr:`version` and draws what has changed.
+
+    Args:
+        bench: The workbench. After a change of its model, call :meth:`changed`.
+    """
+
+    def __init__(self, bench: Workbench) -> None:
+        self.bench = bench
+        #: Counts whatever a page may want to draw again: traces, and bars of the effects.
+        self.version, self.bars = 0, 0
+        #: The newest error, and the one of another model that is drawn beside it, with its name.
+        self.overlay: Overlay | None = None
+        self.other: Overlay | None = None
+        self.other_name = "before"
+        #: Tests that are simulated first.
+        self.shown: list[str] = [t.name for t in bench.opened.tests[:1]]
+        #: What went wrong, in one sentence; empty where nothing did.
+        self.error = ""
+        self.job: Job | None = None
+        #: How far the signatures of the catalogue are, 0 to 1.
+        self.signatures = 1.0 if bench.shared.gains is None or bench.shared.gains.ready else 0.0
+        self._stop_job = threading.Event()
+        self._asked, self._ended = 0, False
+        self._wake = [threading.Event() for _ in range(3)]
+        self._calm = threading.Event()
+        for wake, work in zip(self._wake, (self._quick, self._full, self._update_bars), strict=True):
+            threading.Thread(target=self._loop, args=(wake, work), daemon=True).start()
+        self.changed()
+
+    def changed(self) -> None:
+        """The model is another one: compute its error."""
+        self._asked += 1
+        self._calm.clear()
+        self._wake[0].set()
+
+    def show(self, name: str) -> None:
+        """Simulate this test first from now on."""
+        self.shown = [name]
+        self._wake[1].set()
+
+    def close(self) -> None:
+        """End the threads."""
+        self._ended = True
+        self._stop_job.set()
+        for wake in self._wake:
+            wake.set()
+
+    # -- threads -------------------------------------------------------------------------------------------------------
+
+    def _loop(self, wake: threading.Event, work: Callable[[], None]) -> None:
+        while not self._ended:
+            wake.wait()
+            wake.clear()
+            if self._ended:
+                return
+            try:
+                work()
+            except Stopped:
+                pass
+            except (InputError, SimulationError) as error:
+                self.error = str(error)
+                self.version += 1
+                self._calm.set()
+
+    def _quick(self) -> None:
+        asked = self._asked
+        result = self.bench.quick()
+        self.error = ""
+        self._publish(result)
+        if asked == self._asked:
+            self._wake[1].set()
+
+    def _full(self) -> None:
+        """The shown tests first, then the others, a few at a time, until the model changes."""
+        asked, machine, opened = self._asked, self.bench.machine, self.bench.opened
+        kept = self.bench.shared.readings.kept(machine)
+        first = [n for n in self.shown if n not in kept]
+        rest = [t.name for t in opened.tests if t.name not in kept and t.name not in first]
+        chunks = [first] if first else []
+        chunks += [rest[i : i + opened.threads] for i in range(0, len(rest), opened.threads)]
+        last = 0.0
+        for i, names in enumerate(chunks):
+            if asked != self._asked or self._ended:
+                return
+            self.bench.shared.readings.multibody(machine, names)
+            now = time.monotonic()
+            if i == 0 or i == len(chunks) - 1 or now - last > _EVERY:
+                if asked != self._asked:
+                    return
+                self._publish(self.bench.quick(machine))
+                last = now
+        if asked == self._asked:
+            self._calm.set()
+            self._wake[2].set()
+
+    def _publish(self, result: Overlay) -> None:
+        if result.machine is not self.bench.machine:
+            return
+        former = self.overlay
+        if former is not None and former.machine is not result.machine and former.engine == MULTIBODY:
+            self.other, self.other_name = former, "before"
+        self.overlay = result
+        self.version += 1
+
+    def preview(self, effect: Effect) -> str:
+        """Draw the present model with an effect beside it; the name of the test that the effect changes most.
+
+        Raises:
+            InputError: The effect acts on what the machine does not have.
+        """
+        now = self.bench.quick()
+        self.other, self.other_name = self.bench.quick(self.bench.machine.with_effect(effect)), f"with {effect.key}"
+        self.version += 1
+        return most_changed(now, self.other)[0]
+
+    def _update_bars(self) -> None:
+        gains = self.bench.shared.gains
+        if gains is None:
+            return
+        if not gains.ready:
+
+            def progress(_: str, done: int, total: int) -> None:
+                self._calm.wait(_PATIENCE)  # a change of the model goes first
+                self.signatures = done / total
+                self.bars += 1
+
+            gains.prepare(progress, lambda: self._ended)
+        self.signatures = 1.0
+        asked = self._asked
+        for waves in (False, True):
+            self.bench.update_gains(waves, stopped=lambda: self._ended or asked != self._asked)
+            self.bars += 1
+            if asked != self._asked:
+                return
+
+    # -- work that the user waits for ----------------------------------------------------------------------------------
+
+    def run(self, name: str, work: Callable[..., Any]) -> Any:
+        """Do something that takes a while; one such work at a time.
+
+        Args:
+            name: What is done.
+            work: Called with ``progress(stage, done, total)``.
+
+        Returns:
+            What ``work`` returns.
+
+        Raises:
+            Stopped: It was stopped by :meth:`stop`.
+            InputError: Other work is going on, or as ``work``.
+        """
+        if self.job is not None:
+            raise InputError(f"{self.job.name} is still going on; wait for it or stop it")
+        self._stop_job.clear()
+        self.job = Job(name)
+
+        def progress(stage: str, done: int, total: int) -> None:
+            if self._stop_job.is_set():
+                raise Stopped
+            self.job = replace(Job(name), stage=stage, done=done, total=total)
+
+        try:
+            progress("preparing", 0, 0)
+            return work(progress)
+        finally:
+            self.job = None
+
+    def stop(self) -> None:
+        """Stop the work that :meth:`run` does, at its next step."""
+        self._stop_job.set()
+
+    @property
+    def settled(self) -> bool:
+        """Whether the shown error is the multibody model's, of all tests and of the present model."""
+        now = self.overlay
+        return now is not None and now.machine is self.bench.machine and now.engine == MULTIBODY
