@@ -153,3 +153,40 @@ def test_the_line_on_the_calibration():
 def test_calibrating_needs_a_tolerance(m1, tmp_path):
     with pytest.raises(ValueError, match=r"has no \[tolerance\] table"):
         calibrate(SimpleNamespace(), m1)
+
+
+def test_effects_beyond_the_ladder_share_its_last_step():
+    from mjsim.workflow.diagnosis import Diagnosis
+
+    def own(effects, rungs):
+        return Diagnosis.own_rungs.fget(SimpleNamespace(effects=effects, rungs=rungs))
+
+    a, b, c, d, e, last = (object() for _ in range(6))
+    assert own((), (a, last)) == 0
+    assert own((1, 2), (a, b, last)) == 2
+    assert own(tuple(range(7)), (a, b, c, d, e, last, last, last)) == 4
+
+
+def test_many_findings_are_a_table(capsys):
+    from mjsim.cli.diagnose import show
+
+    def finding(i):
+        waves = {"components": [[60.0, 0.001, 5.0], [120.0, 0.003, 7.0]]}
+        ends = {
+            "components": [[[60.0, 0.0009, 4.0], [120.0, 0.0029, 6.0]], [[60.0, 0.0011, 6.0], [120.0, 0.0031, 8.0]]]
+        }
+        parameters, ci95 = (waves, ends) if i == 5 else ({"ppm": 3.0 + i}, {"ppm": [2.0 + i, 4.0 + i]})
+        kind = "pitch_error.A" if i == 5 else f"scale_error.{'XYZ'[i % 3]}"
+        rms = {"rms_before_um": 1.0, "rms_after_um": 0.5}
+        return {"id": kind, "parameters": parameters, "ci95": ci95, **rms, "alternatives": [], "tests": []}
+
+    data = {
+        "verdict": "identified", "rms_before_um": 2.0, "rms_after_um": 0.12, "noise_um": 0.11, "left_out": [],
+        "effects": [finding(i) for i in range(7)], "shares": [{"id": "pitch_error.A", "share": 0.02}],
+        "calibration": [], "unexplained": None, "next_test": None, "not_testable": [],
+    }  # fmt: skip
+    show(data, "c")
+    text = capsys.readouterr().out
+    assert text.count("→") == 4  # in full
+    assert "order 120: 0.003 and 1 more" in text and "0.0029 to 0.0031" in text and "2.0 %" in text
+    assert all(len(line) <= 80 for line in text.splitlines())

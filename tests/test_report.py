@@ -435,6 +435,17 @@ def test_the_first_box_names_the_answer(m1, verdict, effects, following, lines, 
     assert " ".join(lines) in page and sentence in page
 
 
+def test_many_causes_leave_the_first_box_short(m1):
+    found = [_found(make("scale_error.X", ppm=float(i + 1))) for i in range(9)]
+    result = SimpleNamespace(effects=found, before=SimpleNamespace(machine=m1), unexplained=None)
+    lines = answer.headlines(result)
+    assert len(lines) == 5 and lines[-1] == "And 5 smaller causes, each with its share in the table."
+    rows = [dataclasses.replace(_content().findings[0], rms_before_um=None, rms_after_um=None) for _ in range(9)]
+    page = render(_content(findings=rows))
+    assert "The other 3 effects in detail" in page and page.count("<details>") == page.count("</details>") == 1
+    assert "share the last step of the ladder" in page
+
+
 def test_a_gain_does_not_treat_an_open_cause_as_decided():
     content = _content()
     row = dataclasses.replace(content.what_if.rows[0], instead=("servo_delay.A",))

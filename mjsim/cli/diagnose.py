@@ -14,6 +14,8 @@ from mjsim.cli.compare import calibration_sentence, left_out_sentence, percent
 from mjsim.cli.import_show import show_features
 from mjsim.report.remedies import remedy
 
+#: Findings that are shown in full; the smaller ones follow one a line.
+_DETAILED = 4
 #: Seconds above which it is said how long a diagnosis will take.
 _LONG_S = 5.0
 
@@ -161,8 +163,9 @@ def show(data: dict, campaign: str = "CAMPAIGN") -> None:
     if data["left_out"]:
         common.paragraph(left_out_sentence(data["left_out"], data["samples"]))
     shares = {row["id"]: row["share"] for row in data["shares"]}
-    for e in data["effects"]:
+    for e in data["effects"][:_DETAILED]:
         _show_effect(e, shares.get(_key(e)))
+    _show_smaller(data["effects"][_DETAILED:], shares)
     if data["calibration"]:
         click.echo()
         common.paragraph(calibration_sentence(data))
@@ -188,7 +191,7 @@ def show(data: dict, campaign: str = "CAMPAIGN") -> None:
         common.paragraph(f"not testable with this campaign: {', '.join(data['not_testable'])}")
     if data["effects"] or data["calibration"]:
         click.echo("\nWhere to look:")
-        for e in data["effects"]:
+        for e in data["effects"][:_DETAILED]:
             common.paragraph(f"{e['id']}: {remedy(e['id'].partition('.')[0]).text}", "  ")
         if data["effects"] or data["calibration"]:
             which = data["effects"][0]["id"] if data["effects"] else "EFFECT"
@@ -201,6 +204,30 @@ def _key(e: dict) -> str:
     """Key of an effect of the JSON: its id, and its direction where it has one."""
     direction = e["parameters"].get("direction")
     return f"{e['id']}[{direction}]" if direction else e["id"]
+
+
+def _show_smaller(effects: list[dict], shares: dict[str, float]) -> None:
+    """The findings behind the largest ones, one line each."""
+    if not effects:
+        return
+    click.echo()
+    rows = [
+        [", or ".join([e["id"], *e["alternatives"]]), percent(shares.get(_key(e), 0.0)), *_size(e)] for e in effects
+    ]
+    common.table(["smaller findings", "of the error", "size", "95 % interval"], rows, text=(0, 2, 3))
+
+
+def _size(e: dict) -> tuple[str, str]:
+    """The first fitted number of a finding, or its largest wave, with its interval."""
+    name = next((n for n in e["parameters"] if n in e["ci95"]), None)
+    if name is None:
+        return "–", "–"
+    value, ends = e["parameters"][name], e["ci95"][name]
+    if name == "components":
+        i = max(range(len(value)), key=lambda k: value[k][1])
+        more = f" and {len(value) - 1} more" if len(value) > 1 else ""
+        return f"order {value[i][0]:g}: {value[i][1]:.4g}{more}", f"{ends[0][i][1]:.4g} to {ends[1][i][1]:.4g}"
+    return f"{name} = {value:.4g}", f"{ends[0]:.4g} to {ends[1]:.4g}"
 
 
 def _show_effect(e: dict, share: float | None) -> None:

@@ -18,7 +18,10 @@ _MOST = 10
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder of the results.")
 @click.option("--scheduler", metavar="ADDRESS", help="Diagnose on the workers of this Dask scheduler.")
 @click.option(
-    "--max-effects", type=click.IntRange(1, 20), default=5, show_default=True, help="Look for at most so many effects."
+    "--max-effects",
+    type=click.IntRange(1, 100),
+    default=None,
+    help="Look for at most so many effects (default: all).",
 )
 @click.option(
     "--time-limit",

@@ -22,11 +22,11 @@ class Options:
     """How every campaign is diagnosed.
 
     Attributes:
-        max_effects: At most so many missing effects are looked for.
+        max_effects: At most so many missing effects are looked for; without it as many as the data prove.
         as_is: Do not look for a wrong unit, sign or direction first.
     """
 
-    max_effects: int = 5
+    max_effects: int | None = None
     as_is: bool = False
 
 

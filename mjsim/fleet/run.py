@@ -82,7 +82,7 @@ def fleet(
     out: str | Path,
     cores: int = 2,
     scheduler: str | None = None,
-    max_effects: int = 5,
+    max_effects: int | None = None,
     as_is: bool = False,
     time_limit: float = TIME_LIMIT_S,
     progress: Progress = silent,
@@ -97,7 +97,7 @@ def fleet(
         out: Folder of the results.
         cores: Campaigns side by side on this machine.
         scheduler: Address of a Dask scheduler whose workers diagnose instead.
-        max_effects: At most so many missing effects are looked for in each.
+        max_effects: At most so many missing effects are looked for in each; without it as many as the data prove.
         as_is: Do not look for wrong units, signs or directions first.
         time_limit: Seconds after which a campaign is given up, on this machine.
         progress: Called after each campaign.

@@ -39,12 +39,16 @@ _WORDS = {
 
 def headlines(result: Diagnosis) -> list[str]:
     """One line per missing effect, such as ``C axis: position gain about 3 % too high, or a command delay of C.``"""
-    lines = [_line(e, result.before.machine) for e in result.effects]
+    lines = [_line(e, result.before.machine) for e in result.effects[:_MOST]]
+    if len(result.effects) > _MOST:
+        lines.append(f"And {len(result.effects) - _MOST} smaller causes, each with its share in the table.")
     if result.unexplained:
         lines.append(_unknown(result.unexplained))
     return lines or ["No effect is missing from the machine's model."]
 
 
+#: Causes that the first box names; the table below has the others.
+_MOST = 4
 #: What an unknown error depends on, in a sentence.
 _VARIABLES = {
     "position": "its position",

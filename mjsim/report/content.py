@@ -74,7 +74,8 @@ class Finding:
     Attributes:
         effect_id: such as ``backlash.A``. title: the effect in words.
         parameters: what was fitted.
-        rms_before_um, rms_after_um: RMS residual over all tests without and with it [µm], along the ladder.
+        rms_before_um, rms_after_um: RMS residual over all tests without and with it [µm], along the ladder; None
+            where it shares its step with others.
         alternatives: ids that these data cannot tell from this one.
         sentence: how it shows. tests: names of the tests that show it.
         share_percent: its share of the squared error above the noise that the machine as given leaves.
@@ -85,8 +86,8 @@ class Finding:
     effect_id: str
     title: str
     parameters: Sequence[ParameterRow]
-    rms_before_um: float
-    rms_after_um: float
+    rms_before_um: float | None
+    rms_after_um: float | None
     alternatives: Sequence[str] = ()
     sentence: str = ""
     tests: Sequence[str] = ()

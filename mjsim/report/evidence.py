@@ -26,12 +26,12 @@ def findings(result: Diagnosis) -> list[Finding]:
     data = result.to_json()["effects"]
     explainable = result.before.rms**2 - result.noise**2
     return [
-        _finding(e, row, explainable, result.shares.get(e.effect.key))
-        for e, row in zip(result.effects, data, strict=True)
+        _finding(e, row, explainable, result.shares.get(e.effect.key), i < result.own_rungs)
+        for i, (e, row) in enumerate(zip(result.effects, data, strict=True))
     ]
 
 
-def _finding(e: DiagnosedEffect, data: dict, explainable: float, known: float | None) -> Finding:
+def _finding(e: DiagnosedEffect, data: dict, explainable: float, known: float | None, own: bool) -> Finding:
     share = 100.0 * (e.rms_before**2 - e.rms_after**2) / explainable if explainable > 0.0 else None
     if known is not None:
         share = 100.0 * known
@@ -43,8 +43,8 @@ def _finding(e: DiagnosedEffect, data: dict, explainable: float, known: float | 
         e.effect.key,
         e.effect.title,
         parameter_rows(e),
-        data["rms_before_um"],
-        data["rms_after_um"],
+        data["rms_before_um"] if own else None,
+        data["rms_after_um"] if own else None,
         e.alternatives,
         f"{e.effect.signature} {'' if e.tests else 'No single test shows it above a quarter of the noise.'}".strip(),
         e.tests,

@@ -117,7 +117,8 @@ def ladder(
     if within and found:
         text = f"All {len(within)} effects with a tolerance, at the values that the data and the tolerance give them."
         out.append(Model(WITHIN, text, SIMULATION, result.rungs[0]))
-    for i, effect in enumerate(found):
+    own = result.own_rungs
+    for i, effect in enumerate(found[:own]):
         last = i == len(found) - 1
         text = f"{effect.title}: {_values(effect)}. Data sheet as given."
         if not last:
@@ -128,6 +129,10 @@ def ladder(
                 problem, whole, run(problem, whole, "simulating the data sheet as given", threads, progress)
             )
             out.append(Model(f"+ {effect.key}", text, SIMULATION, comparison))
+    if own < len(found):
+        text = f"The other {len(found) - own} effects: {', '.join(e.key for e in found[own:])}. Data sheet calibrated."
+        out.append(Model(f"+ {len(found) - own} more", text, SIMULATION, result.after))
+        return out, start
     inside = "Drive and friction values are adjusted within the data sheet's tolerances"
     if found and not apart:
         out.append(

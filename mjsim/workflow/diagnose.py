@@ -73,7 +73,7 @@ def diagnose(
 def _diagnose(
     campaign: Campaign,
     machine: Machine,
-    max_effects: int,
+    max_effects: int | None,
     threads: int,
     progress: Progress,
     settings: DiagnosisSettings,

@@ -90,6 +90,12 @@ class Diagnosis:
     posterior: Posterior | None = None
 
     @property
+    def own_rungs(self) -> int:
+        """How many of the effects, from the first, have a rung of the ladder of their own; the others share one."""
+        shared = sum(r is self.rungs[-1] for r in self.rungs) if self.rungs else 0
+        return len(self.effects) - (shared if shared > 1 else 0)
+
+    @property
     def explained_shares(self) -> dict[str, float]:
         """Share of each cause in the explained squared error, the largest first; from the ladder where the selection
         has not computed them. They sum to 1.
