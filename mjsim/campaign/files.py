@@ -12,6 +12,7 @@ from mjsim.ballbar.kinds import KINDS, able_kinds, all_keys, kind_of
 from mjsim.ballbar.measurement import BallBarTest, Instrument, Trace
 from mjsim.ballbar.program import Program, driven_by
 from mjsim.campaign.chain_file import chain_in
+from mjsim.campaign.limits import acceptance_of
 from mjsim.campaign.logs import log_tests, read_recording, split_tests
 from mjsim.campaign.model import Campaign
 from mjsim.campaign.schema import BallBarTable, CampaignTable, with_tests, without_tests
@@ -102,6 +103,7 @@ def campaign_from(file: Path, data: dict, traces: bool = True, as_is: bool = Fal
         table.measured_on,
         as_is,
         Logs(logs, recordings, recorder),
+        acceptance_of(file, table.acceptance, tests),
     )
 
 

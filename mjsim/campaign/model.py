@@ -7,6 +7,7 @@ from datetime import date
 from pathlib import Path
 
 from mjsim.axislog.measurement import Logs
+from mjsim.ballbar.acceptance import Acceptance
 from mjsim.ballbar.measurement import BallBarTest, Instrument, Trace
 
 
@@ -15,7 +16,8 @@ class Campaign:
     """Tests of one machine with their traces (by test name; tests that were not measured are absent), and the day they
     were measured.
 
-    ``logs`` holds the axis logs, where there are any.
+    ``logs`` holds the axis logs, where there are any. ``acceptance`` holds the limits of figures, where the user states
+    some.
     ``as_is``: it is not to be searched for mistakes of the user's when it is compared with a machine.
     """
 
@@ -28,6 +30,7 @@ class Campaign:
     measured_on: date | None = None
     as_is: bool = False
     logs: Logs = field(default_factory=Logs)
+    acceptance: Acceptance | None = None
 
     @property
     def measured(self) -> tuple[BallBarTest, ...]:

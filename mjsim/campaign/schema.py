@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model
 from pydantic_core import PydanticCustomError
 
+from mjsim.ballbar.acceptance import FIGURES
 from mjsim.ballbar.kinds import KINDS, all_keys
 from mjsim.ballbar.kinds.base import Key
 from mjsim.machine.chain import FIVE_AXIS, Chain
@@ -93,11 +94,27 @@ def _type(keys: list[Key], chain: Chain) -> Any:
     return Annotated[str, AfterValidator(_one_of(lambda: words))] if words else keys[0].type
 
 
+class LimitTable(Table):
+    """One ``[[acceptance.limit]]``."""
+
+    tests: Annotated[list[str], Field(min_length=1, max_length=1000)]
+    figure: Literal[FIGURES]  # pyright: ignore[reportInvalidTypeForm]
+    um: Annotated[float, Field(gt=0, le=1e5)]
+    source: Text
+
+
+class AcceptanceTable(Table):
+    instrument_um: Annotated[float, Field(ge=0, le=1000)]
+    probability: Annotated[float, Field(ge=0.5, le=0.9999)] = 0.95
+    limit: Annotated[list[LimitTable], Field(min_length=1, max_length=1000)]
+
+
 class CampaignTable(Table):
     name: Text
     machine: str = "machine.toml"
     measured_on: datetime.date | None = None
     instrument: InstrumentTable = InstrumentTable()
+    acceptance: AcceptanceTable | None = None
     test: Annotated[list[BallBarTable], Field(min_length=1, max_length=1000)]
 
 

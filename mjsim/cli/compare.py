@@ -211,3 +211,19 @@ def show(data: dict) -> None:
             f"{s['circular_error_um']:.2f} simulated; "
             f"D {m['mean_radial_error_um']:.2f} and {s['mean_radial_error_um']:.2f} µm"
         )
+    if data["acceptance"]:
+        click.echo("\nacceptance (ISO 14253-1: what lies within the guard band proves nothing):")
+        rows = [
+            [
+                " / ".join(a["tests"]),
+                a["figure"].replace("_", " "),
+                f"{a['value_um']:.2f}",
+                f"{a['limit_um']:g}",
+                f"{a['guard_band_um']:.2f}",
+                a["decision"],
+            ]
+            for a in data["acceptance"]
+        ]
+        common.table(["test", "figure", "value µm", "limit µm", "guard µm", "decision"], rows, (0, 1, 5))
+        for source in dict.fromkeys(a["source"] for a in data["acceptance"]):
+            common.paragraph(f"limits: {source}")

@@ -11,6 +11,7 @@ from typing import Any
 from mjsim.ballbar.iso230 import BidirectionalFigures, CircularFigures
 from mjsim.ballbar.kinds import kind_of
 from mjsim.campaign.machine_file import machine_document
+from mjsim.compensation.compensate import compensate
 from mjsim.estimation.problem import Problem
 from mjsim.machine.model import Machine
 from mjsim.plots.output import conditions, polar_traces, residual_trace
@@ -24,8 +25,10 @@ from mjsim.report.page import render
 from mjsim.report.traces import test_traces
 from mjsim.report.whatif import what_if
 from mjsim.units import DEG, UM
+from mjsim.workflow.acceptance import acceptance_rows
 from mjsim.workflow.compare import ComparedTest, Comparison
 from mjsim.workflow.diagnosis import Diagnosis
+from mjsim.workflow.saved import saved_of
 
 
 def build_report(result: Diagnosis, threads: int = 2, progress: Progress = silent, thorough: bool = True) -> str:
@@ -70,8 +73,17 @@ def diagnosed(
             "calibration": calibration_rows(result),
             "waterfall": waterfall(result),
             "diagnosis": result.to_json(),
+            "compensation": _correctable(result, threads, progress) if thorough else None,
         }
     )
+
+
+def _correctable(result: Diagnosis, threads: int, progress: Progress) -> dict | None:
+    """What a control without limits could correct, with the forecast; ``None`` where that is nothing."""
+    if result.posterior is None:
+        return None
+    made = compensate(result.campaign, result.before.machine, "csv", None, None, threads, progress, saved_of(result))
+    return None if made.corrections.empty else made.to_json()
 
 
 def _opened(repairs: WhatIf | None, alternatives: dict[str, tuple[str, ...]]) -> WhatIf | None:
@@ -141,6 +153,7 @@ def _content(
         "noise_source": before.noise_source,
         "setups": setups,
         "length_offset_um": round(after.length / UM, 2),
+        "acceptance": acceptance_rows(c, before.tests, before.noise),
         "bidirectional": [
             BidirectionalRow((b["ccw"], b["cw"]), _both(b["measured"]), _both(b["simulated"]), _both(a["simulated"]))
             for b, a in zip(before.bidirectional, after.bidirectional, strict=True)

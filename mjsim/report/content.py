@@ -228,6 +228,9 @@ class ReportContent:
         noise_um: noise floor, the RMS that a perfect model leaves [µm]. noise_source: where that number comes from.
         setups: nuisance estimates per set-up. length_offset_um: estimated error of the bar's length [µm].
         bidirectional: figures of paths run in both directions.
+        acceptance: figures against the campaign's limits, as ``mjsim compare --json`` has them.
+        compensation: what a control without limits could correct, as ``mjsim compensate --json`` has it; ``None``
+            leaves the section out.
         unexplained: what is left that repeats and no catalogue effect explains, in one sentence.
         not_testable: effects this campaign cannot show. next_test: which test to run next and what it would tell apart.
         what_if: repairs and what each would gain.
@@ -252,6 +255,8 @@ class ReportContent:
     setups: Sequence[SetUpRow] = ()
     length_offset_um: float | None = None
     bidirectional: Sequence[BidirectionalRow] = ()
+    acceptance: Sequence[dict] = ()
+    compensation: dict | None = None
     unexplained: str = ""
     not_testable: Sequence[NotTestable] = ()
     next_test: str = ""

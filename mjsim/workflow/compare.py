@@ -29,6 +29,7 @@ from mjsim.simulation.multibody import Reading, Simulation
 from mjsim.simulation.readings import readings_of
 from mjsim.threads import one_blas_thread
 from mjsim.units import DEG, UM
+from mjsim.workflow.acceptance import acceptance_rows
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -126,6 +127,7 @@ class Comparison:
             },
             "length_um": _r(self.length / UM, 2),
             "iso230_4_bidirectional": self.bidirectional,
+            "acceptance": acceptance_rows(self.campaign, self.tests, self.noise),
         }
 
     @property
