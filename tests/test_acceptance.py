@@ -86,3 +86,15 @@ def test_wrong_limits_are_refused(campaign, changes, words):
     (campaign / "campaign.toml").write_text(tomlkit.dumps(document))
     refused = run("compare", campaign, "--no-plots")
     assert refused.exit_code == 1 and words in refused.stderr
+
+
+def test_the_report_shows_what_a_control_can_correct():
+    from test_report import _content
+
+    from mjsim.report.page import render
+
+    rows = [{"name": "cone", "before_um": 2.41, "after_um": 0.52, "perfect_um": 0.48}]
+    forecast = {"tests": rows, "rms_before_um": 2.41, "rms_after_um": 0.52, "rms_perfect_um": 0.48}
+    page = render(_content(compensation={"corrects": [{"id": "backlash.A"}], "forecast": forecast}))
+    assert 'id="compensation"' in page and "backlash.A" in page
+    assert 'data-json="/compensation/forecast/tests/0/after_um">0.52<' in page
