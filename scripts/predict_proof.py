@@ -1,0 +1,177 @@
+"""How near predicted parts are to the truth, and whether their intervals and verdicts hold.
+
+The machines and diagnoses are those that ``scripts/repair_proof.py`` has left in its folder. The independent generator
+runs the same set-points on the true machine, and finds the nearest points of the path by its own search.
+
+    scripts/predict_proof.py FOLDER
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time as clock
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "scripts")]
+
+from independent import bank, drives, transmission  # noqa: E402
+from independent.campaign import _true  # noqa: E402
+from independent.kinematics import table_ball  # noqa: E402
+
+from mjsim.ballbar.commanded import Commanded  # noqa: E402
+from mjsim.campaign.files import read_campaign  # noqa: E402
+from mjsim.campaign.machine_file import read_machine  # noqa: E402
+from mjsim.machine.chain import FIVE_AXIS  # noqa: E402
+from mjsim.prediction.pace import paced  # noqa: E402
+from mjsim.prediction.parts import part  # noqa: E402
+from mjsim.prediction.predict import KEPT, WARM, predict  # noqa: E402
+from mjsim.workflow.saved import read_saved  # noqa: E402
+
+ZERO = np.array([0.03, -0.02, 0.12])
+#: Allowed deviations as multiples of the true one, so that near and clear cases are both there.
+SHARES = (0.5, 0.8, 0.95, 1.05, 1.25, 2.0)
+
+
+def random_program(seed: int) -> Commanded:
+    """A smooth five-axis path with tool centre control: a few sines in the tip and in both rotary axes."""
+    rng = np.random.default_rng([41, seed])
+    u = np.linspace(0.0, 1.0, 1501)
+    points = np.zeros((len(u), 5))
+    for i, size in enumerate((0.05, 0.05, 0.02)):
+        for k in (1, 2, 3):
+            points[:, i] += size / k * rng.normal() * np.sin(2 * np.pi * k * u + rng.uniform(0, 6.28)) / 1.5
+    points[:, :3] += ZERO
+    points[:, 3] = 0.35 + 0.12 * np.sin(2 * np.pi * u + rng.uniform(0, 6.28)) + 0.06 * np.sin(6 * np.pi * u)
+    points[:, 4] = rng.uniform(-2, 2) + 0.8 * np.sin(2 * np.pi * u + rng.uniform(0, 6.28)) + 0.3 * np.sin(4 * np.pi * u)
+    length = np.linalg.norm(np.diff(points[:, :3], axis=0), axis=1)
+    return Commanded(np.maximum(length, 2e-6) / (1.0 / 60.0), points, True, FIVE_AXIS)
+
+
+def programs() -> dict[str, Commanded]:
+    built = {n: part(n, FIVE_AXIS, ZERO) for n in ("s-shape", "cone")}
+    return built | {f"random-{k}": random_program(k) for k in range(3)}
+
+
+def true_tips(load: np.ndarray, drive: dict, effects: dict) -> np.ndarray:
+    """Tip in the part's coordinates, (n, 3): the part is set up with the rotary axes at 0."""
+    rest = np.zeros((1, 5))
+    rest[0, :3] = ZERO
+    rest = transmission.load_side(rest, np.array([WARM]), drive, effects)
+
+    def frame(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        origin = table_ball(q, np.zeros(3), effects)
+        return origin, np.stack([table_ball(q, e, effects) - origin for e in np.eye(3)], axis=2)
+
+    corner, turn = (x[0] for x in frame(rest))
+    origin, axes = frame(load)
+    on_table = np.linalg.solve(axes, (load[:, :3] - origin)[:, :, None])[:, :, 0]
+    return on_table @ turn.T + corner - rest[0, :3] + ZERO
+
+
+def nearest(path: np.ndarray, points: np.ndarray, reach: int = 120) -> np.ndarray:
+    """Distance of each point (n, 3) from the stretches of the path within ``reach`` samples of its own, (n,) m."""
+    out = np.empty(len(points))
+    for i, p in enumerate(points):
+        a = path[max(0, i - reach) : i + reach]
+        s, off = np.diff(a, axis=0), p - a[:-1]
+        square = np.einsum("ni,ni->n", s, s)
+        keep = square > 0
+        s, off, square = s[keep], off[keep], square[keep]
+        share = np.einsum("ni,ni->n", off, s) / square
+        share[1:-1] = np.clip(share[1:-1], 0.0, 1.0)
+        share[0], share[-1] = min(share[0], 1.0), max(share[-1], 0.0)
+        rest = off - share[:, None] * s
+        out[i] = np.sqrt(np.einsum("ni,ni->n", rest, rest).min())
+    return out
+
+
+def compare(case, folder: Path) -> list[dict]:
+    c = read_campaign(folder)
+    m = read_machine(c.machine_file)
+    saved = read_saved(c, m)
+    if saved is None:
+        return []
+    drive, effects = _true(case.resolved())
+    rows = []
+    for name, motion in programs().items():
+        began = clock.time()
+        result = predict(motion, m, name, saved, zero=tuple(ZERO))
+        took = clock.time() - began
+        time, at = paced(motion, drives.GRID)
+        given = type(
+            "Given", (), {"commands": staticmethod(lambda t, m=motion, x=time, y=at: m.at(np.interp(t, x, y)))}
+        )
+        motor, _ = drives.run(drive, effects, given, time)
+        load = transmission.load_side(motor, WARM + time, drive, effects)
+        every = max(1, -(-len(time) // KEPT))
+        true = nearest(result.path, true_tips(load[::every], drive, effects))
+        index = np.clip(np.searchsorted(motion.knots, at[::every], side="right") - 1, 0, len(motion.seconds) - 1)
+        first = np.flatnonzero(np.diff(index, prepend=-1))
+        block = np.maximum.reduceat(true, first)
+        said = np.array([[b.normal, b.low, b.high] for b in result.blocks])
+        inside = (block >= said[:, 1]) & (block <= said[:, 2])
+        verdicts = []
+        for share in SHARES:
+            allowed = share * true.max()
+            wrong = (result.largest[2] <= allowed < true.max()) or (result.largest[1] > allowed >= true.max())
+            decided = result.largest[2] <= allowed or result.largest[1] > allowed
+            verdicts.append([bool(wrong), bool(decided)])
+        size = np.linalg.norm(result.normal, axis=1)
+        rows.append(
+            {
+                "machine": case.name,
+                "program": name,
+                "mean_error_um": float(np.abs(size - true).mean() * 1e6),
+                "true_mean_um": float(true.mean() * 1e6),
+                "blocks": len(block),
+                "inside": int(inside.sum()),
+                "verdicts": verdicts,
+                "seconds": took,
+            }
+        )
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--count", type=int, default=1000)
+    a = parser.parse_args()
+    cases = {c.name: replace(c, tolerance_stated=True) for c in bank.real()}
+    for folder in sorted((a.folder / "campaigns").iterdir())[: a.count]:
+        name = folder.name.split("-", 1)[1]
+        out = a.folder / "predictions" / f"{name}.json"
+        if out.exists() or not (folder / ".mjsim" / "diagnosis.json").exists():
+            continue
+        out.parent.mkdir(exist_ok=True)
+        rows = compare(cases[name], folder)
+        if rows:
+            out.write_text(json.dumps(rows))
+    rows = [r for f in sorted((a.folder / "predictions").glob("*.json")) for r in json.loads(f.read_text())]
+    inside, blocks = sum(r["inside"] for r in rows), sum(r["blocks"] for r in rows)
+    verdicts = np.array([v for r in rows for v in r["verdicts"]])
+    print(
+        f"{len({r['machine'] for r in rows})} machines, {len(rows)} parts: mean of |predicted - true| "
+        f"{np.mean([r['mean_error_um'] for r in rows]):.3f} µm "
+        f"(worst part {max(r['mean_error_um'] for r in rows):.3f}), "
+        f"true mean {np.mean([r['true_mean_um'] for r in rows]):.2f} µm"
+    )
+    print(f"95 % intervals hold in {100 * inside / blocks:.1f} % of {blocks} blocks")
+    print(
+        f"verdicts: {int(verdicts[:, 0].sum())} of {len(verdicts)} wrong ({100 * verdicts[:, 0].mean():.2f} %), "
+        f"{100 * verdicts[:, 1].mean():.0f} % decided; longest prediction {max(r['seconds'] for r in rows):.1f} s"
+    )
+    for name in dict.fromkeys(r["program"] for r in rows):
+        mine = [r for r in rows if r["program"] == name]
+        share = sum(r["inside"] for r in mine) / sum(r["blocks"] for r in mine)
+        print(f"  {name}: {np.mean([r['mean_error_um'] for r in mine]):.3f} µm, intervals hold in {100 * share:.1f} %")
+
+
+if __name__ == "__main__":
+    main()
