@@ -5,7 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from test_any_machine import BALL, CHAINS, LENGTH, MACHINES, Oracle, named
+from test_any_machine import BALL, CHAINS, LENGTH, MACHINES, named, oracle
 
 from mjsim.ballbar.kinds import KINDS
 from mjsim.ballbar.measurement import BallBarTest
@@ -57,7 +57,7 @@ def test_ideal_axes_keep_the_bars_length_along_every_test(machine):
         first, last = KINDS[test.kind].ends(test)
         phi = np.linspace(first, last, 1500)
         q = Program(test).path(phi)
-        bar = Oracle(machine).bar(dict(zip(chain.letters, q.T, strict=True)), {}, np.array(test.table_ball))
+        bar = oracle(machine).bar(dict(zip(chain.letters, q.T, strict=True)), {}, np.array(test.table_ball))
         assert np.abs(np.linalg.norm(bar, axis=1) - LENGTH).max() < 1e-9, test.name
         assert np.abs(np.diff(q, axis=0)).max() < 0.3, test.name
         back = KINDS[test.kind].angle(test, q) - phi

@@ -16,6 +16,8 @@ from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.errors import InputError
 from mjsim.io.resources import scene_file
+from mjsim.machine.chain import FIVE_AXIS, Chain
+from mjsim.machine.modelling.scene import whole_scene
 
 #: The camera that follows the bar; all others are the model's.
 BAR = "bar"
@@ -31,6 +33,13 @@ def cameras() -> list[str]:
     """Names of the cameras that a view can have."""
     spec = mujoco.MjSpec.from_file(str(scene_file()))
     return [c.name for c in spec.cameras] + [BAR]
+
+
+def scene_of(chain: Chain) -> mujoco.MjSpec:
+    """The machine of a chain in its scene."""
+    if chain == FIVE_AXIS:
+        return mujoco.MjSpec.from_file(str(scene_file()))
+    return mujoco.MjSpec.from_string(whole_scene(chain))
 
 
 @dataclass(frozen=True)
@@ -72,7 +81,7 @@ class Stage:
         self._context: Any = None
         self._gpu: Any = None
         self._context = make_context(width, height)
-        spec = mujoco.MjSpec.from_file(str(scene_file()))
+        spec = scene_of(test.chain)
         spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
         spec.visual.quality.offsamples, spec.visual.quality.shadowsize = 0, 1024
         spec.visual.global_.fovy = 34.0
@@ -81,7 +90,7 @@ class Stage:
         self.data = mujoco.MjData(self.model)
         self.test, self.shadows = test, shadows
         #: The frame in which the trail stands still: the table, where the bar goes round in the work's frame.
-        self.carrier = self.model.body("table" if kind_of(test).moves_on_table else "y_slide").id
+        self.carrier = self._still()
         self._joints = np.array([self.model.joint(a).qposadr[0] for a in test.chain.letters])
         with advice(chosen()):  # without a display, GLFW's context fails only here
             self._gpu = mujoco.MjrContext(self.model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
@@ -90,6 +99,14 @@ class Stage:
         self._option = mujoco.MjvOption()
         self._option.flags[mujoco.mjtVisFlag.mjVIS_TENDON] = False
         self._buffers: dict[tuple[int, int], np.ndarray] = {}
+
+    def _still(self) -> int:
+        """The body in whose frame the trail stands still."""
+        turning = self.test.chain.turning
+        if kind_of(self.test).moves_on_table or self.test.axis not in [a.letter for a in turning]:
+            return self.model.body("table").id
+        table = int(self.model.joint(turning[-1].letter).bodyid[0])
+        return int(self.model.body_parentid[table])
 
     def __enter__(self) -> Stage:
         return self

@@ -44,8 +44,7 @@ class Program:
         self.feed = t["feed_mm_min"] / 60e3
         if t["kind"] == "rotary":
             first, last = t["from_deg"] * DEG, t["to_deg"] * DEG
-            across = [1, 2] if t["axis"] == "A" else [0, 1]
-            self.radius, margin = float(np.hypot(*self.ball[across])), ROTARY_MARGIN
+            self.radius, margin = self.turning_radius(), ROTARY_MARGIN
             self.start, self.sign, turned = first, np.sign(last - first), abs(last - first)
         else:
             shrunk = t["kind"] == "cone_frustum" and t["sensitive_direction"] == "perpendicular"
@@ -58,9 +57,17 @@ class Program:
         self.duration = self.path / self.speed + self.ramp
         self.window = (self._instant(self.radius * margin), self._instant(self.path - self.radius * margin))
         if t["kind"] == "cone_frustum":
-            self._table_phi = np.arange(min(self.start, self.last), max(self.start, self.last) + 2e-3, 1e-3)
-            raw = self._table_phi if self.sign > 0 else self._table_phi[::-1]
-            self._table_c = np.unwrap(self._principal_c(raw))[:: int(self.sign)]
+            self.prepare_cone()
+
+    def turning_radius(self) -> float:
+        """Of the circle on which a rotary axis carries the table ball, m."""
+        return float(np.hypot(*self.ball[[1, 2] if self.test["axis"] == "A" else [0, 1]]))
+
+    def prepare_cone(self) -> None:
+        """Table of C along a cone, without jumps."""
+        self._table_phi = np.arange(min(self.start, self.last), max(self.start, self.last) + 2e-3, 1e-3)
+        raw = self._table_phi if self.sign > 0 else self._table_phi[::-1]
+        self._table_c = np.unwrap(self._principal_c(raw))[:: int(self.sign)]
 
     @property
     def last(self) -> float:

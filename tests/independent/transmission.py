@@ -44,7 +44,7 @@ def _growing(x, travel):
 
 
 def _pitch(x: np.ndarray, axis: str, drive: dict, e: dict) -> np.ndarray:
-    rotary = axis in "AC"
+    rotary = axis in "ABC"
     size, wave = (DEG, 1.0) if rotary else (MICRO, gear(drive))
     error = np.zeros_like(x)
     for order, amplitude, phase in e["components"]:
@@ -70,7 +70,7 @@ def _axis(x: np.ndarray, axis: str, drive: dict, effects: dict) -> np.ndarray:
     if worn:
         x = x - sum(_wear(x, e) for e in worn)
     if e := effects.get(f"backlash.{axis}"):
-        x = _play(x, e["width_deg"] * DEG if axis in "AC" else e["width_um"] * MICRO)
+        x = _play(x, e["width_deg"] * DEG if axis in "ABC" else e["width_um"] * MICRO)
     if e := effects.get(f"scale_error.{axis}"):
         x = x * (1.0 + e["ppm"] * 1e-6)
     if e := effects.get(f"gravity_windup.{axis}"):
@@ -87,22 +87,22 @@ def vibration(time: np.ndarray, effects: dict, phases: dict[str, float]) -> np.n
     return out
 
 
-def load_side(motor: np.ndarray, clock: np.ndarray, drives: dict, effects: dict) -> np.ndarray:
+def load_side(motor: np.ndarray, clock: np.ndarray, drives: dict, effects: dict, axes: str = AXES) -> np.ndarray:
     """Load-side positions (n, 5) from the motor side's, without the vibration.
 
     Args:
-        motor: (n, 5), in time order and fine enough for backlash. clock: campaign clock, s.
+        motor: (n, 5), in time order and fine enough for backlash. clock: campaign clock, s. axes: of the columns.
     """
-    q = np.column_stack([_axis(motor[:, i], a, drives[a], effects) for i, a in enumerate(AXES)])
+    q = np.column_stack([_axis(motor[:, i], a, drives[a], effects) for i, a in enumerate(axes)])
     out = q.copy()
     for name, e in effects.items():
         kind, subject = name.split(".")
         if kind == "straightness":
-            moved, along = AXES.index(subject[1]), q[:, AXES.index(subject[2])] / 0.1
+            moved, along = axes.index(subject[1]), q[:, axes.index(subject[2])] / 0.1
             out[:, moved] += MICRO * (e.get("quadratic_um", 0.0) * along**2 + e.get("cubic_um", 0.0) * along**3)
         elif kind == "squareness":
             moved, sign, cause = SQUARENESS[subject]
             out[:, moved] += sign * MICRO * e["angle_urad"] * q[:, cause]
         elif kind == "thermal_drift":
-            out[:, AXES.index(subject)] += e["amplitude_um"] * MICRO * (1.0 - np.exp(-clock / e["time_constant_s"]))
+            out[:, axes.index(subject)] += e["amplitude_um"] * MICRO * (1.0 - np.exp(-clock / e["time_constant_s"]))
     return out

@@ -100,6 +100,7 @@ class MjModel:
     nsensordata: int
     actuator_gainprm: np.ndarray
     body_gravcomp: np.ndarray
+    body_parentid: np.ndarray
     body_mass: np.ndarray
     body_weldid: np.ndarray
     body_inertia: np.ndarray

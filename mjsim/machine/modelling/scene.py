@@ -8,6 +8,7 @@ from mjsim.io.resources import scene_file
 from mjsim.machine.chain import Chain
 from mjsim.machine.modelling.assembly import assembled
 from mjsim.machine.modelling.links import points
+from mjsim.machine.modelling.mjcf import machine_xml
 
 
 def scene_xml(chain: Chain, model: str) -> str:
@@ -28,6 +29,13 @@ def scene_xml(chain: Chain, model: str) -> str:
     floor = f'type="plane" size="0 0 0.05" pos="0 0 {assembly.floor:g}" material="floor"'
     text = _replaced(text, '<geom name="floor"', floor)
     return text.replace('file="five_axis.xml"', f'file="{model}"').replace('"five_axis scene"', '"machine scene"')
+
+
+def whole_scene(chain: Chain) -> str:
+    """The scene and the machine in it as one text."""
+    inside = machine_xml(chain).partition(">")[2].rpartition("</mujoco>")[0]
+    scene = scene_xml(chain, "machine.xml")
+    return scene.replace('<include file="machine.xml"/>', inside)
 
 
 def _replaced(text: str, start: str, attributes: str) -> str:

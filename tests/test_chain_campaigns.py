@@ -1,0 +1,51 @@
+"""Campaigns of machines with other chains, made by the independent generator, through the whole program."""
+
+import numpy as np
+import pytest
+from independent import chains
+
+from mjsim.ballbar.program import Program
+from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import read_machine
+from mjsim.machine.kinematics import Geometry, reading
+from mjsim.workflow.diagnose import diagnose
+
+
+@pytest.mark.parametrize("family", chains.FAMILIES)
+def test_programs_and_readings_agree(family, tmp_path):
+    """The same campaign file means the same motion and the same reading to the generator and to mjsim."""
+    case = chains.ChainCase(family, family, 3)
+    (tmp_path / "machine.toml").write_text(chains.tomlkit.dumps(case.model()))
+    tables = case.tests()
+    head = {"name": family, "machine": "machine.toml", "test": [{**t, "trace": None} for t in tables]}
+    for t in head["test"]:
+        del t["trace"]
+    (tmp_path / "campaign.toml").write_text(chains.tomlkit.dumps(head))
+    campaign = read_campaign(tmp_path)
+    chain = read_machine(campaign.machine_file).chain
+    assert len(tables) >= 11 and chain.letters == tuple(case.machine.axes)
+    location = {e.name: 1e-3 * (k + 1) for k, e in enumerate(chain.location_errors)}
+    assert set(location) == set(chains.FAMILIES[family][3].split())
+    text, directions, length, _, _ = chains.FAMILIES[family]
+    machine = chains.Kinematics(text, directions, None, 0.25 if length is None else length, location)
+    for test, table in zip(campaign.tests, tables, strict=True):
+        mine, theirs = Program(test), case.program(table)
+        time = np.linspace(0.0, mine.duration, 400)
+        assert mine.duration == pytest.approx(theirs.duration, rel=1e-9)
+        q = mine.commands(time)
+        np.testing.assert_allclose(q, theirs.commands(time), rtol=0, atol=1e-8)
+        bar = machine.bar(dict(zip(case.machine.axes, q.T, strict=True)), {}, theirs.ball)
+        got = reading(chain, q, np.array(test.table_ball), test.length, Geometry(location))
+        np.testing.assert_allclose(got, np.linalg.norm(bar, axis=1) - test.length, rtol=0, atol=1e-12)
+
+
+def test_a_hidden_play_of_a_head_is_named(tmp_path):
+    """B head over C table, from the files to the diagnosis."""
+    hidden = ({"id": "backlash.B", "width_deg": 0.002},)
+    chains.write(chains.ChainCase("head", "head_table", 5, hidden, kinds=("cone_frustum",)), tmp_path)
+    campaign = read_campaign(tmp_path)
+    result = diagnose(campaign, read_machine(campaign.machine_file)).to_json()
+    (found,) = result["effects"]
+    low, high = found["ci95"]["width_deg"]
+    assert (result["verdict"], found["id"]) == ("identified", "backlash.B") and low < 0.002 < high < 1.05 * low
+    assert result["rms_after_um"] < 1.1 * result["noise_um"]
