@@ -43,11 +43,12 @@ def main() -> None:
     parser.add_argument("out", type=Path, help="file of JSON lines")
     parser.add_argument("--count", type=int, default=40, help="campaigns of a family, ideal and real each")
     parser.add_argument("--family", action="append", default=[], help="one family only; repeatable")
+    parser.add_argument("--most", type=int, default=10_000, help="new campaigns of this call")
     options = parser.parse_args()
     rows = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
     done = {r["name"] for r in rows}
     for case in cases(options.count, options.family):
-        if case.name in done:
+        if case.name in done or len(rows) - len(done) >= options.most:
             continue
         with tempfile.TemporaryDirectory() as folder:
             answer = chains.write(case, folder)

@@ -1,14 +1,20 @@
 """``mjsim machine new`` and the catalogue of a machine."""
 
 import json
+from itertools import pairwise
 
 import mujoco
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from mjsim.animation.scene import Stage
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.ballbar.program import Program
 from mjsim.campaign.machine_file import read_machine
 from mjsim.cli.main import main
 from mjsim.machine.chain import Placement, chain_of
+from mjsim.units import DEG
 
 
 def run(*arguments):
@@ -74,3 +80,22 @@ def test_the_catalogue_of_a_machine(tmp_path):
     assert of["gravity_windup"] == ["B"] and of["tilt_error_motion"] == ["B", "C"]
     result = run("effects", "backlash.A", "--machine", tmp_path / "m" / "machine.toml")
     assert result.exit_code == 1 and "X, Y, Z, B, C" in result.output
+
+
+def test_a_head_table_machine_is_drawn_along_a_test():
+    """Every pose of a cone: the balls are drawn where the kinematics say, and the picture shows the machine."""
+    chain = chain_of("w-C'bXYZB-t")
+    test = BallBarTest("t", "cone_frustum", (0.05, 0.0, 0.155), 0.1, 0.02, 15 * DEG, 10 * DEG, chain=chain)
+    q = Program(test).path(np.linspace(0.0, 6.0, 7))
+    with Stage(test, 160, 120) as stage:
+        pictures = []
+        for row in q:
+            balls = stage.pose(row, 1e-3)
+            assert np.linalg.norm(balls.spindle - balls.table) == pytest.approx(0.1, abs=1e-9)
+            assert np.linalg.norm(balls.ghost - balls.table) == pytest.approx(0.101, abs=1e-9)
+            pictures.append(stage.render("overview", 160, 120, balls).astype(int))
+        assert pictures[0].std() > 20
+        assert all(np.abs(a - b).max() > 50 for a, b in pairwise(pictures))
+    turn = BallBarTest("t", "rotary", (0.1, 0.0, 0.155), 0.1, 0.02, chain=chain, axis="B", sensitive="radial", stop=0.5)
+    with Stage(turn, 160, 120) as stage:
+        assert stage.model.body(stage.carrier).name == "table"

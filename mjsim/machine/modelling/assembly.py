@@ -52,7 +52,7 @@ def assembled(chain: Chain) -> Assembly:
     travel = dict(zip(chain.letters, usual_travel(chain), strict=True))
     forth = [float(travel[a.letter][1]) for a in chain.work if not a.rotary and a.along == 1]
     behind = float(high[1]) + _CLEAR + max(forth, default=0.0)
-    bed.solids += _column(tool, behind, bottom)
+    bed.solids += _column(tool, behind, floor)
     rear = float(points(bed.solids)[:, 1].max())
     half = max(-float(low[0]), float(high[0]), 0.35) - 0.02
     bed.solids += [
@@ -63,7 +63,7 @@ def assembled(chain: Chain) -> Assembly:
     return Assembly(chain, bed, on_bed, work.table, on_column, tool.spindle, floor)
 
 
-def _column(tool: ToolStack, behind: float, bottom: float) -> list[Solid]:
+def _column(tool: ToolStack, behind: float, floor: float) -> list[Solid]:
     """Upper part that carries the slides, and a foot behind everything that moves on the table's side."""
     front, half = tool.back, tool.wide + 0.04
     foot = max(front, behind)
@@ -71,7 +71,7 @@ def _column(tool: ToolStack, behind: float, bottom: float) -> list[Solid]:
     low = tool.low - 0.01
     return [
         box((-half, half), (front + GAP / 2, rear), (low, tool.high + 0.05), "white"),
-        box((-half, half), (foot, rear), (bottom - 0.01, low), "white"),
+        box((-half, half), (foot, rear), (floor, low), "white"),
         box((-half - 0.012, half + 0.012), (foot + 0.05, rear - 0.05), (low + 0.08, tool.high - 0.08), "blue"),
     ]
 
