@@ -235,8 +235,7 @@ def _comment_lines(
         f"phi {phi[0] / DEG:g} to {phi[-1] / DEG:g} deg, {len(phi) - 1} blocks, step "
         f"{abs(phi[1] - phi[0]) / DEG:.6g} deg, "
         f"{decimals} decimals, {motion.duration:.3f} s",
-        f"zero point: where the {' and '.join(test.chain.rotary)} centrelines meet. "
-        f"{' '.join(test.chain.linear)}: spindle ball centre, {where}",
+        f"{_zero_point(test.chain)}. {' '.join(test.chain.linear)}: spindle ball centre, {where}",
         f"F: {said}. rotary signs {signs}, {table} {'0 to 360' if o.rollover else 'unwrapped'}",
         "not tried on a real control: run it clear of everything first",
     ]
@@ -244,6 +243,15 @@ def _comment_lines(
     plain = [t.encode("ascii", "replace").decode().replace("(", "[").replace(")", "]") for t in lines]
     out = [f"{begin}{t.upper() if d.upper else t}{end}" for t in plain]
     return ["%", f"O{o.number:04d}", *out] if d.name == "fanuc" else out
+
+
+def _zero_point(chain: Chain) -> str:
+    """Where all axes are 0, for a comment."""
+    if not chain.swivelling and len(chain.rotary) == 2:
+        return f"zero point: where the {' and '.join(chain.rotary)} centrelines meet"
+    table = f", on the {chain.turning[0].letter} centreline" if chain.turning else ""
+    pivot = f", the pivot of the head {chain.tool_length / MM:g} mm above it" if chain.swivelling else ""
+    return f"zero point: spindle ball with all axes at 0{table}{pivot}"
 
 
 def _start(first: str, chain: Chain, d: Dialect, feed: str) -> list[str]:
