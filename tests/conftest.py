@@ -74,6 +74,17 @@ def good(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module")
+def shared_results(tmp_path_factory):
+    """Commands of all tests that ask for this find each other's diagnoses again, for this run of the tests alone."""
+    base = tmp_path_factory.getbasetemp()
+    folder = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    before = os.environ["MJSIM_CACHE"]
+    os.environ["MJSIM_CACHE"] = str(folder / "results")
+    yield
+    os.environ["MJSIM_CACHE"] = before
+
+
 @pytest.fixture(scope="session")
 def m1():
     """The machine of most examples: leads of 10 mm, worms of 60 and 72 teeth, Kpp 45/s, friction on every axis."""

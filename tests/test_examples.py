@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from mjsim.cli.main import main
 from mjsim.io.resources import examples
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("shared_results")]
 KEYS = {
     "verdict", "noise_um", "rms_before_um", "rms_after_um", "effects", "unexplained", "not_testable", "left_out",
     "next_test", "samples", "calibration", "shares",
@@ -25,8 +25,8 @@ def run(*args):
     return json.loads(result.stdout)
 
 
-@pytest.fixture(scope="session")
-def diagnosed(tmp_path_factory):
+@pytest.fixture(scope="module")
+def diagnosed(tmp_path_factory, shared_results):
     """``diagnosed(name)``: JSON of `mjsim diagnose` and the fitted machine's file; each example is diagnosed once."""
     folder, done = tmp_path_factory.mktemp("fitted"), {}
 

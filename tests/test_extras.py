@@ -76,7 +76,7 @@ def test_a_cluster_without_its_extra(without):
 
 
 @pytest.mark.slow
-def test_the_walk_through_without_the_report(tmp_path, without):
+def test_the_walk_through_without_the_report(tmp_path, without, shared_results):
     without("jinja2")
     result = run("demo", "--out", tmp_path / "demo")
     assert result.exit_code == 0, result.output

@@ -18,6 +18,7 @@ playwright = pytest.importorskip("playwright.sync_api", reason="playwright is no
 BROWSER = next((p for p in map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome")) if p), None)
 pytestmark = [
     pytest.mark.slow,
+    pytest.mark.usefixtures("shared_results"),
     pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine: the report is not opened in a browser"),
 ]
 FLAGS = (
@@ -58,7 +59,7 @@ def command(*args):
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def made(tmp_path_factory, shared_results):
     """Page and JSON of `mjsim report`, JSON of `mjsim diagnose`."""
     folder = tmp_path_factory.mktemp("report")
     campaign = cut(folder / "short")

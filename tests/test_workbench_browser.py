@@ -21,6 +21,7 @@ playwright = pytest.importorskip("playwright.sync_api", reason="without playwrig
 pytest.importorskip("nicegui", reason="without the extra workbench")
 pytestmark = [
     pytest.mark.slow,
+    pytest.mark.usefixtures("shared_results"),
     pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine: the workbench is not opened in a browser"),
 ]
 START = "from mjsim.cli.main import main; main()"
