@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from independent.chains import Kinematics
 
+from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.errors import InputError
 from mjsim.machine.chain import Placement, chain_of
 from mjsim.machine.inverse import linear_positions, pose, solutions
+from mjsim.machine.inverse_real import real_pose
 from mjsim.machine.kinematics import Geometry, reading, spindle_in_work, tool_direction
 from mjsim.machine.model import Drive, Machine, build
 from mjsim.machine.plant import Op
@@ -238,3 +240,51 @@ def test_bad_placements_are_refused(tmp_path, configuration, more, message):
     with pytest.raises(InputError, match=message) as error:
         read_machine(file)
     assert str(error.value).startswith(str(file)) and "\n" not in str(error.value)
+
+
+@EACH_FIVE
+def test_a_machine_with_errors_is_brought_to_a_pose_by_newtons_method(chain):
+    rng = np.random.default_rng(11)
+    ideal = amounts(chain, 50, 12)[:, : chain.count]
+    ideal[:, chain.rotary_columns] = rng.uniform(0.3, 0.8, (50, 2))
+    p, d = spindle_in_work(chain, ideal), tool_direction(chain, ideal)
+    location, square = errors(chain, 13, 1e-4)
+    q = real_pose(chain, p, d, Geometry(location, square))
+    off = [reading(chain, q[i : i + 1], p[i], 0.0, Geometry(location, square))[0] for i in range(50)]
+    assert np.abs(off).max() < 1e-12
+    exact = real_pose(chain, p, d, Geometry())
+    np.testing.assert_allclose(exact, pose(chain, p, d), rtol=0, atol=1e-12)
+    assert 1e-6 < np.abs(q - exact).max() < 5e-3
+
+
+@pytest.mark.parametrize("configuration", ["w-C'A'Y'bXZ-t", "w-C'bXYZB-t", "w-bXYZCA-t"])
+def test_singular_passes_are_crossed_or_refused(configuration, tmp_path):
+    """The tool tilts through the vertical, to which C is parallel."""
+    lean = np.linspace(-0.4, 0.4, 801)
+    path = np.column_stack([np.sin(lean), np.zeros_like(lean), np.cos(lean)])
+    crossed = pose(chain_of(configuration), np.zeros((801, 3)), path)
+    np.testing.assert_allclose(tool_direction(chain_of(configuration), crossed), path, rtol=0, atol=1e-9)
+    if configuration != "w-C'A'Y'bXZ-t":  # whose tilt is never negative
+        assert np.abs(np.diff(crossed, axis=0)).max() < 0.01
+    refusing = chain_of(configuration, (), None, "refuse")
+    with pytest.raises(InputError, match=r"within 0\.00° of the C axis.*singular_pass = .cross"):
+        pose(refusing, np.zeros((801, 3)), path)
+    assert pose(refusing, np.zeros((300, 3)), path[:300]).shape == (300, len(refusing.letters))
+
+
+def test_the_machine_file_says_what_happens_at_a_singular_direction(tmp_path):
+    file = tmp_path / "machine.toml"
+    file.write_text(machine_toml("w-C'A'Y'bXZ-t", 'singular_pass = "refuse"'))
+    assert read_machine(file).chain.singular == "refuse"
+    cone = 'half_apex_deg = 15\ninclination_deg = 15.5\nsensitive_direction = "perpendicular"\ndirection = "CW"\n'
+    (tmp_path / "campaign.toml").write_text(
+        f'name = "x"\n[[test]]\nname = "t"\nkind = "cone_frustum"\n{cone}table_ball_mm = [0, 0, 155]\n'
+        "bar_length_mm = 100\nfeed_mm_min = 1000\n"
+    )
+    with pytest.raises(InputError, match=r'"t": .* within 0\.50° of the C axis'):
+        read_campaign(tmp_path)
+    file.write_text(machine_toml("w-C'A'Y'bXZ-t"))
+    assert read_campaign(tmp_path).tests
+    file.write_text(machine_toml("w-C'A'Y'bXZ-t", 'singular_pass = "jump"'))
+    with pytest.raises(InputError, match=r"singular_pass.*'jump'.*'cross' or 'refuse'"):
+        read_machine(file)

@@ -31,7 +31,7 @@ def chain_of_file(path: Path, data: dict) -> Chain:
     given = check(path, PlacementTable, {k: v for k, v in data.items() if k in PlacementTable.model_fields})
     placements, length = placed(given)
     try:
-        chain = chain_of(configuration, placements, length)
+        chain = chain_of(configuration, placements, length, given.singular_pass)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     if chain.swivelling and length is None:

@@ -79,7 +79,7 @@ def read_machine(path: str | Path, text: str | None = None) -> Machine:
     tolerance, configuration = table.tolerance, table.configuration
     machine = Machine(table.name, drives, tuple(effects), path, configuration, files, tolerance, controllers, factor)
     placements, tool_length = placed(table)
-    return replace(machine, placements=placements, tool_length=tool_length)
+    return replace(machine, placements=placements, tool_length=tool_length, singular=table.singular_pass)
 
 
 def _effect(path: Path, number: int, entry: dict[str, Any], files: dict[str, str], chain: Chain) -> Effect:

@@ -13,7 +13,7 @@ from pydantic_core import PydanticCustomError
 from mjsim.ballbar.acceptance import FIGURES
 from mjsim.ballbar.kinds import KINDS, all_keys
 from mjsim.ballbar.kinds.base import Key
-from mjsim.machine.chain import FIVE_AXIS, Chain
+from mjsim.machine.chain import FIVE_AXIS, SINGULAR, Chain
 from mjsim.machine.control import MOST_COEFFICIENTS
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -187,6 +187,7 @@ class PlacementTable(Table):
 
     configuration: str = FIVE_AXIS.configuration
     tool_length_mm: ToolLength | None = None
+    singular_pass: Annotated[str, AfterValidator(_one_of(lambda: SINGULAR))] = SINGULAR[0]
     axis: dict[str, AxisTable] = {}
 
 
@@ -202,6 +203,7 @@ def machine_table(chain: Chain) -> type[Table]:
         name=(Text, ...),
         configuration=(str, FIVE_AXIS.configuration),
         tool_length_mm=(ToolLength | None, None),
+        singular_pass=(str, SINGULAR[0]),
         axis=(dict[str, AxisTable], {}),
         drive=(create_model("DrivesTable", __base__=Table, **axes), ...),
         identify=(IdentifyTable | None, None),

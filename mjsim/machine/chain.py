@@ -17,6 +17,7 @@ __all__ = [
     "CHAINS",
     "COORDINATES",
     "FIVE_AXIS",
+    "SINGULAR",
     "TOOL_LENGTH",
     "Axis",
     "Chain",
@@ -32,6 +33,8 @@ __all__ = [
 
 #: From the pivot of a head to the spindle ball where nobody says, m (assumed).
 TOOL_LENGTH = 0.25
+#: What a control may do where a path passes a singular direction; the first is the default.
+SINGULAR = ("cross", "refuse")
 
 
 @dataclass(frozen=True)
@@ -48,12 +51,15 @@ class Chain:
         work: axes on the workpiece's side, from the workpiece to the bed.
         tool: axes on the tool's side, from the bed to the tool.
         tool_length: from the head's pivot to the spindle ball, m; 0 where no head turns.
+        singular: what the control does where the first rotary axis would have to turn infinitely fast, as the tool is
+            parallel to it: ``cross`` or ``refuse``.
     """
 
     configuration: str
     work: tuple[Axis, ...] = field(repr=False)
     tool: tuple[Axis, ...] = field(repr=False)
     tool_length: float = field(default=0.0, repr=False)
+    singular: str = field(default=SINGULAR[0], repr=False)
 
     @cached_property
     def axes(self) -> tuple[Axis, ...]:
@@ -220,7 +226,10 @@ class Chain:
 
 @cache
 def chain_of(
-    configuration: str, placements: tuple[tuple[str, Placement], ...] = (), tool_length: float | None = None
+    configuration: str,
+    placements: tuple[tuple[str, Placement], ...] = (),
+    tool_length: float | None = None,
+    singular: str = SINGULAR[0],
 ) -> Chain:
     """The kinematic chain that a configuration describes.
 
@@ -229,6 +238,7 @@ def chain_of(
             ``"XY"``.
         placements: letters of rotary axes that are tilted or offset, each with its placement.
         tool_length: from the head's pivot to the spindle ball, m; ``None`` is 0.25 m. Without a head it says nothing.
+        singular: one of :data:`SINGULAR`.
 
     Raises:
         InputError: it is none, or a kind of machine that mjsim cannot compute.
@@ -238,7 +248,7 @@ def chain_of(
     """
     length = TOOL_LENGTH if tool_length is None else tool_length
     work, tool = parse(configuration, dict(placements), length)
-    return Chain(configuration, work, tool, length if any(a.rotary for a in tool) else 0.0)
+    return Chain(configuration, work, tool, length if any(a.rotary for a in tool) else 0.0, singular)
 
 
 #: The machine whose model ships.

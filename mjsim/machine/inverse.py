@@ -17,6 +17,8 @@ from mjsim.machine.kinematics import carried_by, grounded, tool_side, turn_about
 _ROUNDING = 1e-9
 #: The first rotary axis is arbitrary where the direction is closer to it than this, rad.
 _POLE = 1e-12
+#: A path is refused, where the user says so, if it comes closer to a singular direction: 1° (assumed), as a sine.
+_SINGULAR = float(np.sin(np.radians(1.0)))
 #: Least volume of the three directions in which the slides move, where some stand on rotary axes: 3° from a plane.
 _FLAT = 0.05
 
@@ -39,6 +41,8 @@ def aim(chain: Chain, direction: np.ndarray) -> np.ndarray:
         InputError: the axes do not reach a direction.
     """
     direction = np.asarray(direction, float)
+    if chain.singular == "refuse":
+        _keep_away(chain, direction)
     if is_tilting_table(chain):
         return _tilting_table(chain, direction)
     order = serial(chain)
@@ -49,6 +53,26 @@ def aim(chain: Chain, direction: np.ndarray) -> np.ndarray:
     columns = [chain.index(a.letter) for a, _ in order]
     q[:, columns] = _continuous(both)
     return q
+
+
+def _keep_away(chain: Chain, direction: np.ndarray) -> None:
+    """Refuse directions close to the first rotary axis, which would have to turn very fast.
+
+    Raises:
+        InputError: there is one.
+    """
+    order = serial(chain)
+    if len(order) < 2:
+        return
+    first = order[0][0]
+    near = np.linalg.norm(np.cross(direction, first.direction), axis=1)
+    # a tool that rests parallel to the axis needs no turn of it
+    if near.min(initial=1.0) < _SINGULAR and np.ptp(direction, axis=0).max() > _POLE:
+        raise InputError(
+            f"configuration {chain.configuration!r}: the tool comes within {np.degrees(near.min()):.2f}° of the "
+            f"{first.letter} axis, which would have to turn very fast; allowed: {np.degrees(_SINGULAR):.0f}° or more, "
+            'or singular_pass = "cross"'
+        )
 
 
 def is_tilting_table(chain: Chain) -> bool:

@@ -195,7 +195,7 @@ def table_ball(chain: Chain, q: np.ndarray, point: np.ndarray, geometry: Geometr
     Returns:
         (n, 3) m.
     """
-    return _real(chain, work_side(chain), q, point, geometry, -1.0)
+    return carried_really(chain, work_side(chain), q, point, geometry, -1.0)
 
 
 def spindle_ball(chain: Chain, q: np.ndarray, geometry: Geometry | None = None) -> np.ndarray:
@@ -211,7 +211,7 @@ def spindle_ball(chain: Chain, q: np.ndarray, geometry: Geometry | None = None) 
         if motion.axis in chain.linear and motion.axis not in chain.carried:
             spindle[:, motion.along] += q[:, chain.columns.index(motion.name)]
     if chain.swivelling:
-        spindle += _real(chain, tool_side(chain), q, np.zeros(3), geometry, 1.0)
+        spindle += carried_really(chain, tool_side(chain), q, np.zeros(3), geometry, 1.0)
     return spindle
 
 
@@ -220,7 +220,7 @@ def _present(chain: Chain, q: np.ndarray) -> tuple[ErrorMotion, ...]:
     return chain.motions[: q.shape[1] - chain.count]
 
 
-def _real(
+def carried_really(
     chain: Chain, side: tuple[Axis, ...], q: np.ndarray, point: np.ndarray, geometry: Geometry | None, sign: float
 ) -> np.ndarray:
     """A point of the far end of a ``side`` where its axes carry it with all their errors, (n, 3) m."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from mjsim.errors import InputError
 from mjsim.machine import own
-from mjsim.machine.chain import FIVE_AXIS, Chain, Placement, chain_of
+from mjsim.machine.chain import FIVE_AXIS, SINGULAR, Chain, Placement, chain_of
 from mjsim.machine.control import Control, Controller
 from mjsim.machine.effect import Effect
 from mjsim.machine.plant import AxisPlant, Plant
@@ -59,6 +59,7 @@ class Machine:
     Attributes:
         placements: rotary axes that are tilted or offset: letter and placement.
         tool_length: from the head's pivot to the spindle ball, m; ``None`` is that of the chain.
+        singular: what the control does at a singular direction, one of :data:`mjsim.machine.chain.SINGULAR`.
         tolerance: Limits (two standard deviations) of what a machine of this class may have without being at fault, by
             kind of effect and unit, as in the machine file.
         controllers: By name what ran on each axis (axis logs). Where the drives have no gains of their own they stand
@@ -77,11 +78,12 @@ class Machine:
     factor: float | None = None
     placements: tuple[tuple[str, Placement], ...] = ()
     tool_length: float | None = None
+    singular: str = SINGULAR[0]
 
     @property
     def chain(self) -> Chain:
         """The axes and their order."""
-        return chain_of(self.configuration, self.placements, self.tool_length)
+        return chain_of(self.configuration, self.placements, self.tool_length, self.singular)
 
     @property
     def file(self) -> Path:

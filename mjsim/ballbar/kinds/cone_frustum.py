@@ -86,7 +86,7 @@ class ConeFrustum(Kind):
 
     def wrong(self, test: BallBarTest) -> str:
         if _reaches(test):
-            return self.out_of_reach(test) if test.chain.carried else ""
+            return self.out_of_reach(test) if test.chain.carried or test.chain.singular == "refuse" else ""
         most = test.half_apex + test.inclination
         low, high = 0.0, test.inclination
         if not _reaches(replace(test, inclination=low)):
