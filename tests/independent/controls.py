@@ -155,12 +155,12 @@ def read_heidenhain(folder: Path) -> Told:
         places = [m.start() for m in re.finditer(r"\S+", head)] + [None]
         columns = head.split()
         cells = [[line[a:b].strip() for a, b in pairwise(places)] for line in lines[2:-1]]
-        out = columns[3]
-        source = name.removesuffix(".COM").split("_")[-1]
+        source = name.removesuffix(".COM")
         x = np.array([float(c[1]) for c in cells])
-        f = -np.array([float(c[3]) for c in cells])
-        r = -np.array([float(c[2]) if c[2] else float(c[3]) for c in cells])
-        told.tables.append(Table(out, source, x, f, r, source in "AC" and abs(x[-1] - x[0] - 360.0) < 1e-9))
+        for k, out in enumerate(columns[3:], start=3):
+            f = -np.array([float(c[k]) for c in cells])
+            r = -np.array([float(c[2]) for c in cells]) if out == source and cells[0][2] else f
+            told.tables.append(Table(out, source, x, f, r, source in "AC" and abs(x[-1] - x[0] - 360.0) < 1e-9))
     text = (folder / "parameters.txt").read_text() if (folder / "parameters.txt").exists() else ""
     told.backlash = {a: float(v) for a, v in re.findall(rf"MP_backLash (\w): add ({NUMBER})", text)}
     told.gain = {a: float(v) / 0.06 for a, v in re.findall(rf"MP_kvFactor (\w): set ({NUMBER})", text)}

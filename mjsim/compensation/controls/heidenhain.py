@@ -6,8 +6,13 @@ kinematics).
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
 from mjsim.compensation.controls.base import Control
-from mjsim.compensation.tables import Corrections, Grid, Table, scale
+from mjsim.compensation.tables import Corrections, Grid, Table, rounded, scale
+from mjsim.compensation.terms import Wanted
 from mjsim.machine.chain import Chain
 from mjsim.units import DEG, MM
 
@@ -17,7 +22,7 @@ _WIDTH = 14
 
 
 class Heidenhain(Control):
-    """Corrections as TNC controls take them: one table per axis on whose position others depend."""
+    """Corrections as TNC controls take them: one table per axis on whose position errors depend."""
 
     name = "heidenhain"
     title = "HEIDENHAIN"
@@ -25,17 +30,26 @@ class Heidenhain(Control):
     def grid(self, chain: Chain, out: str, source: str) -> Grid:
         return Grid(most=_MOST, decimals=6, place_decimals=4)
 
+    def corrections(self, wanted: Wanted, ranges: dict[str, tuple[float, float]]) -> Corrections:
+        """One file holds all corrections by the position of one axis, so these share their points: the most of any."""
+        made = super().corrections(wanted, ranges)
+        points = {t.source: t.positions for t in sorted(made.tables, key=lambda t: len(t.positions))}
+        return replace(made, tables=tuple(self._at(t, points[t.source], wanted.chain) for t in made.tables))
+
+    def _at(self, t: Table, x: np.ndarray, chain: Chain) -> Table:
+        if np.array_equal(x, t.positions):
+            return t
+        own, grid = scale(chain, t.out), self.grid(chain, t.out, t.source)
+        sides = (rounded(np.interp(x, t.positions, v) / own, grid) * own for v in (t.forward, t.reverse))
+        return Table(t.out, t.source, x, *sides, t.modulo, t.keys)
+
     def files(self, corrections: Corrections) -> dict[str, str]:
         chain = corrections.chain
-        out: dict[str, str] = {}
-        named: dict[str, list[str]] = {}
-        for t in corrections.tables:
-            # tables of one source may have different points, so each stands in a file of its own
-            name = f"{t.out}_{t.source}.COM" if t.out != t.source else f"{t.source}.COM"
-            out[name] = self._com(chain, t, name)
-            named.setdefault(t.source, []).append(name)
-        if named:
-            out["config.cma"] = self._cma(chain, named)
+        sources = [a for a in chain.letters if any(t.source == a for t in corrections.tables)]
+        out = {f"{a}.COM": self._com(chain, a, [t for t in corrections.tables if t.source == a]) for a in sources}
+        if sources:
+            rows = [["NR", "ACTIVE", *sources], ["0", "*", *(f"{a}.COM" for a in sources)]]
+            out["config.cma"] = _lines("config.cma", rows)
         data = [f"MP_backLash {a}: add {w / scale(chain, a):.6f}" for a, w in corrections.backlash.items()]
         # kv in (m/min)/mm
         data += [f"MP_kvFactor {a}: set {g * 0.06:.6f}" for a, g in corrections.gains.items()]
@@ -45,50 +59,41 @@ class Heidenhain(Control):
             out["kinematics.tab"] = self._kinematics_table(corrections)
         return out
 
-    def _com(self, chain: Chain, t: Table, name: str) -> str:
-        columns = ["NR", "AXISPOS", "BACKLASH", t.out]
-        lines = [f"BEGIN {name} MM", "".join(c.ljust(_WIDTH) for c in columns).rstrip()]
-        unit, own = scale(chain, t.source), scale(chain, t.out)
-        for n, (x, f, r) in enumerate(zip(t.positions / unit, -t.forward / own, -t.reverse / own, strict=True)):
-            back = f"{r + 0.0:+.6f}" if t.two_sided else ""
-            cells = [str(n), f"{x + 0.0:+.4f}", back, f"{f + 0.0:+.6f}"]
-            lines.append("".join(c.ljust(_WIDTH) for c in cells).rstrip())
-        return "\n".join([*lines, "[END]", ""])
-
-    def _cma(self, chain: Chain, named: dict[str, list[str]]) -> str:
-        columns = ["NR", "ACTIVE", *named]
-        rows = max(map(len, named.values()))
-        lines = ["BEGIN config.cma MM", "".join(c.ljust(_WIDTH) for c in columns).rstrip()]
-        for n in range(rows):
-            cells = [str(n), "*" if n == 0 else ""]
-            cells += [names[n] if n < len(names) else "" for names in named.values()]
-            lines.append("".join(c.ljust(_WIDTH) for c in cells).rstrip())
-        return "\n".join([*lines, "[END]", ""])
+    def _com(self, chain: Chain, source: str, tables: list[Table]) -> str:
+        rows = [["NR", "AXISPOS", "BACKLASH", *(t.out for t in tables)]]
+        own = next((t for t in tables if t.out == source and t.two_sided), None)
+        for n, x in enumerate(tables[0].positions / scale(chain, source)):
+            back = f"{-own.reverse[n] / scale(chain, source) + 0.0:+.6f}" if own is not None else ""
+            values = [f"{-t.forward[n] / scale(chain, t.out) + 0.0:+.6f}" for t in tables]
+            rows.append([str(n), f"{x + 0.0:+.4f}", back, *values])
+        return _lines(f"{source}.COM", rows)
 
     def _kinematics_table(self, corrections: Corrections) -> str:
         """Rows of the transformation chain, from the table to the bed: what goes before each rotary axis."""
         chain, k = corrections.chain, corrections.kinematics
-        lines = ["BEGIN kinematics.tab MM", "".join(c.ljust(_WIDTH) for c in ("NR", "KEY", "AXIS", "COORD")).rstrip()]
-        number = 0
+        rows = [["NR", "KEY", "AXIS", "COORD"]]
         for axis in chain.turning:
             for e in chain.location_errors:
                 if e.axis == axis.letter and k.get(e.name):
                     letter = e.name[1]
                     unit = DEG if e.rotation else MM
-                    cells = [str(number), "Trans", letter, f"{k[e.name] / unit:+.8f}"]
-                    lines.append("".join(c.ljust(_WIDTH) for c in cells).rstrip())
-                    number += 1
-            lines.append("".join(c.ljust(_WIDTH) for c in (str(number), "MachAxis", axis.letter)).rstrip())
-            number += 1
-        return "\n".join([*lines, "[END]", ""])
+                    rows.append([str(len(rows) - 1), "Trans", letter, f"{k[e.name] / unit:+.8f}"])
+            rows.append([str(len(rows) - 1), "MachAxis", axis.letter])
+        return _lines("kinematics.tab", rows)
 
     def where(self) -> list[str]:
         return [
             "*.COM: copy them to the folder of the control's compensation tables and name them in config.cma as the "
-            "file here does; an asterisk in ACTIVE switches a line on. Only one line is active at a time: put columns "
-            "of one axis together in one .COM file where your machine needs more than one.",
+            "file here does; an asterisk in ACTIVE switches the line on. One file has a column for every axis "
+            "that is corrected by the position of its axis.",
             "Values are errors in mm and degrees at AXISPOS; BACKLASH has those of the negative direction.",
             "parameters.txt: type the values into the machine parameters.",
             "kinematics.tab: add the Trans rows before the MachAxis row of the same rotary axis, as KinematicsOpt "
             "(cycle 451) does. They act with M128 or FUNCTION TCPM only.",
         ]
+
+
+def _lines(name: str, rows: list[list[str]]) -> str:
+    """A table as the control's editor writes it: name, columns of one width, end."""
+    body = ["".join(cell.ljust(_WIDTH) for cell in row).rstrip() for row in rows]
+    return "\n".join([f"BEGIN {name} MM", *body, "[END]", ""])
