@@ -1,7 +1,9 @@
 """The workbench without a page: what a change does to the error, the ladder, fits, saving."""
 
+import json
 import shutil
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -14,10 +16,14 @@ from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS
-from mjsim.workbench import catalogue, svg
+from mjsim.workbench import axis_data, catalogue, svg
+from mjsim.workbench.bodies import MachineBodies
+from mjsim.workbench.gains import Stopped
 from mjsim.workbench.ladder import Ladder
+from mjsim.workbench.live import Live
 from mjsim.workbench.readings import DRIVES, MULTIBODY
 from mjsim.workbench.save import changes
+from mjsim.workbench.state import Workbench
 from mjsim.workflow.compare import compare
 from mjsim.workflow.history import read_history
 
@@ -49,8 +55,6 @@ def shared(tmp_path_factory):
 
 @pytest.fixture
 def bench(shared):
-    from mjsim.workbench.state import Workbench
-
     return Workbench(shared)
 
 
@@ -217,3 +221,69 @@ def test_thinned_lines_keep_their_peaks():
     a, b = svg.thinned(x, y, 100)
     assert len(a) <= 200 and np.nanmax(b) == 5.0 and np.nanmin(b) == pytest.approx(np.nanmin(y))
     assert (np.diff(a) > 0).all()
+
+
+def test_the_notebook_runs(tmp_path, monkeypatch, capsys):
+    """Its cells, one after the other, on three tests; no output is kept in the file."""
+    notebook = json.loads((examples() / "workbench.ipynb").read_text())
+    cut(tmp_path / "hidden-backlash")
+    monkeypatch.setattr("mjsim.io.resources.examples", lambda: tmp_path)
+    names: dict = {}
+    for cell in notebook["cells"]:
+        if cell["cell_type"] == "code":
+            assert cell["outputs"] == [] and cell["execution_count"] is None
+            exec("".join(cell["source"]), names)
+    said = capsys.readouterr().out
+    assert "backlash.A(width_deg=0.002" in said and "+ backlash.A" in said and names["best"][0] == "backlash.A"
+
+
+def test_live_shows_drives_first_and_multibody_soon(shared):
+    live = Live(Workbench(shared))
+    seen = []
+    try:
+        live.bench.set("backlash.A", width_deg=0.00123)
+        live.changed()
+        limit = time.monotonic() + 60
+        while not live.settled and time.monotonic() < limit:
+            if live.overlay is not None and live.overlay.machine is live.bench.machine:
+                seen.append(live.overlay.engine)
+            time.sleep(0.002)
+        assert live.settled and live.error == ""
+        assert DRIVES in seen
+        with pytest.raises(Stopped):
+            live.run("nothing", lambda progress: (live.stop(), progress("on", 1, 2)))
+        assert live.job is None and live.run("one", lambda _: 1) == 1
+    finally:
+        live.close()
+
+
+def test_bodies_stand_where_mujoco_has_them(shared):
+    """The page nests groups; put together they give MuJoCo's places."""
+    test = shared.opened.tests[0]
+    machine = MachineBodies(test.chain)
+    posed, position = machine.posed(test), np.array([0.1, -0.05, 0.2, 0.3, 1.2])
+    posed.balls(position)
+    place = {"world": (np.zeros(3), np.eye(3))}
+    for body in machine.bodies:
+        at, turn = body.placed(position[test.chain.index(body.joint)] if body.joint else 0.0)
+        if body.name == "table_fixture":
+            at = np.asarray(test.table_ball)
+        origin, frame = place[body.parent]
+        place[body.name] = origin + frame @ at, frame @ turn
+        i = posed.model.body(body.name).id
+        assert np.allclose(place[body.name][0], posed.data.xpos[i], atol=1e-9), body.name
+        assert np.allclose(place[body.name][1].ravel(), posed.data.xmat[i], atol=1e-9), body.name
+    assert sum(len(b.solids) for b in machine.bodies) > 15 and posed.carrier == "table"
+    assert machine.carrier(shared.opened.test("rotary-a-tangential-ccw")) not in ("table", "cradle")
+
+
+def test_what_a_residual_is_drawn_over(bench):
+    trace = bench.quick().traces[TESTS[0]]
+    keys = axis_data.choices(bench.opened, TESTS[0])
+    assert list(keys)[:2] == ["angle", "time"] and "A position" in keys and "A speed" in keys
+    over = axis_data.abscissa(bench.opened, trace, "A position")
+    assert over.label == "A position in °" and 0 < over.forward.mean() < 1
+    speed = axis_data.abscissa(bench.opened, trace, "A speed")
+    inner = slice(20, -20)
+    assert np.allclose(np.gradient(over.value, trace.time)[inner], speed.value[inner], atol=0.2)
+    assert len(axis_data.choices(bench.opened, "circle-xy-ccw")) == 6

@@ -26,7 +26,7 @@ pytestmark = [
 ]
 START = "from mjsim.cli.main import main; main()"
 #: Patience for one thing to appear on the page, ms; the machine may be busy.
-PATIENCE = 90_000
+PATIENCE = 240_000
 
 
 @contextmanager

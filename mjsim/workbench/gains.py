@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -112,6 +113,9 @@ class Gains:
                 progress("signatures of the catalogue", count[0], len(candidates))
                 if stopped():
                     raise Stopped
+                self.turn.release()  # a fit that waits goes first
+                time.sleep(0.001)
+                self.turn.acquire()
 
             bank.compute(candidates, done)
             self._bank = bank

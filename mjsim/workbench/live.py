@@ -7,7 +7,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from mjsim.errors import InputError, SimulationError
@@ -33,12 +33,14 @@ class Job:
         stage: What is done just now.
         done: Steps of the stage that are done, of ``total``.
         total: Steps of the stage.
+        alone: The bars of the effects wait for it.
     """
 
     name: str
     stage: str = ""
     done: int = 0
     total: int = 0
+    alone: bool = False
 
 
 class Live:
@@ -164,7 +166,9 @@ class Live:
         if not gains.ready:
 
             def progress(_: str, done: int, total: int) -> None:
-                self._calm.wait(_PATIENCE)  # a change of the model goes first
+                self._calm.wait(_PATIENCE)  # a change of the model goes first, and what the user waits for
+                while self.job is not None and self.job.alone and not self._ended:
+                    time.sleep(0.05)
                 self.signatures = done / total
                 self.bars += 1
 
@@ -179,12 +183,13 @@ class Live:
 
     # -- work that the user waits for ----------------------------------------------------------------------------------
 
-    def run(self, name: str, work: Callable[..., Any]) -> Any:
+    def run(self, name: str, work: Callable[..., Any], alone: bool = True) -> Any:
         """Do something that takes a while; one such work at a time.
 
         Args:
             name: What is done.
             work: Called with ``progress(stage, done, total)``.
+            alone: The bars of the effects wait for it; not for a fit, which needs what they are made of.
 
         Returns:
             What ``work`` returns.
@@ -196,12 +201,12 @@ class Live:
         if self.job is not None:
             raise InputError(f"{self.job.name} is still going on; wait for it or stop it")
         self._stop_job.clear()
-        self.job = Job(name)
+        self.job = Job(name, alone=alone)
 
         def progress(stage: str, done: int, total: int) -> None:
             if self._stop_job.is_set():
                 raise Stopped
-            self.job = replace(Job(name), stage=stage, done=done, total=total)
+            self.job = Job(name, stage, done, total, alone)
 
         try:
             progress("preparing", 0, 0)

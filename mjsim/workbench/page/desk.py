@@ -160,18 +160,19 @@ class Desk:
         if self.live.bench.redo():
             self.changed()
 
-    async def work(self, name: str, do: Callable[..., Any]) -> Any:
+    async def work(self, name: str, do: Callable[..., Any], alone: bool = True) -> Any:
         """Do something that takes a while, beside the page; its errors become a message.
 
         Args:
             name: What is done.
             do: Called with ``progress``.
+            alone: The bars of the effects wait for it.
 
         Returns:
             What ``do`` returns; ``None`` where it was stopped or failed.
         """
         try:
-            return await run.io_bound(self.live.run, name, do)
+            return await run.io_bound(self.live.run, name, do, alone)
         except Stopped:
             ui.notify(f"{name} was stopped")
         except (InputError, SimulationError) as error:
@@ -180,12 +181,12 @@ class Desk:
 
     async def fit(self, effect_id: str) -> None:
         """Fit one effect."""
-        if effect_id and await self.work(f"fit {effect_id}", lambda _: self.live.bench.fit(effect_id)):
+        if effect_id and await self.work(f"fit {effect_id}", lambda _: self.live.bench.fit(effect_id), False):
             self.changed()
 
     async def fit_all(self) -> None:
         """Fit all effects that were put in."""
-        if await self.work("fit all", lambda _: self.live.bench.fit_all()):
+        if await self.work("fit all", lambda _: self.live.bench.fit_all(), False):
             self.changed()
 
     async def diagnose(self) -> None:
