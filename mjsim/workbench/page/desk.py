@@ -45,13 +45,14 @@ class Desk:
         live: The workbench of this tab.
         meshes: Address of the folder with the machine's meshes.
         bodies: The machine; ``None`` where there is no model of it.
+        dark: Light on dark to begin with.
     """
 
-    def __init__(self, live: Live, meshes: str, bodies: MachineBodies | None) -> None:
+    def __init__(self, live: Live, meshes: str, bodies: MachineBodies | None, dark: bool) -> None:
         self.live = live
         self._version = self._bars = -1
         self._late = False
-        self.dark = ui.dark_mode(value=None)
+        self.dark = ui.dark_mode(value=dark)
         with ui.element("div").classes("desk"):
             self._top()
             self.effects = EffectsPanel(live, self.changed, self.fit)
@@ -61,6 +62,7 @@ class Desk:
                 self.findings = FindingsPanel(live, self.changed, self.preview)
                 with ui.element("div").classes("panel stack").style("flex: 1 1 0; min-height: 110px"):
                     self.ladder = LadderPanel(live, self.changed)
+        self._darken(dark)
         ui.keyboard(on_key=self._key)
         ui.timer(_TICK, self._tick)
 
@@ -233,10 +235,14 @@ class Desk:
             ui.download.content(film, f"{name}.mp4")
 
     def _toggle_dark(self) -> None:
-        self.dark.value = not (self.dark.value or False)
-        self.traces.dark = bool(self.dark.value)
-        self.machine.darken(bool(self.dark.value))
+        self.dark.value = not self.dark.value
+        self._darken(bool(self.dark.value))
         self.traces.draw_shown()
+
+    def _darken(self, dark: bool) -> None:
+        """What does not take its colours from the page."""
+        self.traces.dark = dark
+        self.machine.darken(dark)
 
     def _show_keys(self) -> None:
         with ui.dialog() as dialog, ui.card():

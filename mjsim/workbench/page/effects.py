@@ -84,7 +84,7 @@ class EffectsPanel:
     def _leaf(self, entry: catalogue.Entry) -> dict:
         gain = self.live.bench.gains.get(entry.id)
         bench = self.live.bench
-        share = round(100 * gain.share) if gain and gain.significant else 0 if gain or bench.gains_complete else None
+        share = round(100 * gain.share) if gain and gain.significant else 0 if bench.gains_complete else None
         words = f"could explain {share} % of the squared residual above the noise, alone"
         return {"id": entry.id, "label": entry.name, "share": share, "chosen": entry.id == self.chosen, "words": words,
                 "stale": bench.gains_are_old}  # fmt: skip

@@ -28,6 +28,7 @@ from mjsim.workbench.tried import Shared
 RECONNECT = 120.0
 #: Tabs whose state is kept, the ones closed last included.
 _TABS = 12
+_PREFERS_DARK = "return window.matchMedia('(prefers-color-scheme: dark)').matches"
 LOOPBACK = "127.0.0.1"
 
 
@@ -83,9 +84,10 @@ class Server:
                 ui.label(str(error))
             return
         live = self._live(client.tab_id or client.id, shared)
+        dark = await ui.run_javascript(_PREFERS_DARK, timeout=10.0)
         place.delete()
         with client.content:
-            Desk(live, f"/{self.token}/meshes", self._bodies)
+            Desk(live, f"/{self.token}/meshes", self._bodies, bool(dark))
 
     def _live(self, tab: str, shared: Shared) -> Live:
         """The state of a tab, which a reload of the page keeps."""
