@@ -99,3 +99,37 @@ def test_a_head_table_machine_is_drawn_along_a_test():
     turn = BallBarTest("t", "rotary", (0.1, 0.0, 0.155), 0.1, 0.02, chain=chain, axis="B", sensitive="radial", stop=0.5)
     with Stage(turn, 160, 120) as stage:
         assert stage.model.body(stage.carrier).name == "table"
+
+
+def test_nc_programs_of_a_head_table_machine_come_back(tmp_path):
+    """Written, read and compared with the test; signs and limits are those of its own axes."""
+    run("machine", "new", "--configuration", "w-C'bXYZB-t", "-o", tmp_path / "c")
+    cone = 'half_apex_deg = 15\ninclination_deg = 10\nsensitive_direction = "perpendicular"\ndirection = "CW"\n'
+    (tmp_path / "c" / "campaign.toml").write_text(
+        f'name = "x"\n[[test]]\nname = "t"\nkind = "cone_frustum"\n{cone}table_ball_mm = [50, 0, 155]\n'
+        "bar_length_mm = 100\nfeed_mm_min = 1000\nrevolutions = 1\n"
+    )
+    common = ("--test", "t", "--reversed", "B")
+    for mode in ("a11", "tcp"):
+        file = tmp_path / f"{mode}.nc"
+        written = run("nc", "write", tmp_path / "c", *common, "--feed-mode", mode, "-o", file)
+        assert written.exit_code == 0, written.output
+        assert "PIVOT OF THE HEAD 250 MM" in file.read_text()
+        back = run("nc", "read", file, "--campaign", tmp_path / "c", *common, "--json")
+        assert back.exit_code == 0, back.output
+        found = json.loads(back.output)["deviation"]
+        assert max(found["position_um"].values()) < 5.0 and set(found["angle_urad"]) == {"B", "C"}
+    wrong = run("nc", "write", tmp_path / "c", "--test", "t", "--reversed", "A", "-o", tmp_path / "x.nc")
+    assert wrong.exit_code == 1 and "reversed axis 'A'; allowed: B, C" in wrong.output
+    wrong = run("nc", "write", tmp_path / "c", "--test", "t", "--limit", "A", "0", "1", "-o", tmp_path / "x.nc")
+    assert wrong.exit_code == 1 and "no such axis; allowed: X, Y, Z, B, C" in wrong.output
+
+
+@pytest.mark.parametrize("configuration", ["w-C'A'Y'bXZ-t", "w-C'B'Y'bXZ-t"])
+def test_a_chain_is_made_again_from_its_placements(configuration):
+    chain = chain_of(configuration)
+    assert chain.placements == () and chain_of(configuration, chain.placements) == chain
+    placed = chain_of("w-C'bXYZB-t", (("B", Placement((0, 1, 1), (0.001, 0, 0.02))),), 0.3)
+    again = chain_of("w-C'bXYZB-t", placed.placements, placed.tool_length)
+    assert again.axis("B").unit == pytest.approx(placed.axis("B").unit, abs=1e-15)
+    assert again.axis("B").point == pytest.approx(placed.axis("B").point, abs=1e-15)

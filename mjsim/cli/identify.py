@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
-from mjsim.machine.chain import FIVE_AXIS
+from mjsim.machine.axis import TURNING
 
 
 @click.group("identify")
@@ -17,9 +17,7 @@ def command() -> None:
 
 @command.command("pitch-error")
 @common.campaign_argument
-@click.option(
-    "--axis", type=click.Choice(FIVE_AXIS.rotary), help="Rotary axis (default: every one that has tangential tests)."
-)
+@click.option("--axis", type=click.Choice(TURNING), help="Rotary axis (default: every one that has tangential tests).")
 @common.machine_option
 @click.option("--per-direction", is_flag=True, help="Keep CW and CCW apart even where they agree.")
 @click.option(

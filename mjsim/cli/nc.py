@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from mjsim.cli import common, nc_feed
 from mjsim.cli import nc_options as options
-from mjsim.machine.chain import is_rotary
+from mjsim.machine.chain import FIVE_AXIS, is_rotary
 
 
 class _NC(click.Group):
@@ -67,7 +68,9 @@ def write(campaign, name, out, limit, max_speed, force, machine, as_json, quiet,
     c, test = options.find_test(campaign, name)
     m = machine_of(c, machine)
     check_writable(out, force)
-    written = write_nc(test, out, options.write_options(**how), options.allowed(limit, max_speed), m.name, force)
+    written = write_nc(
+        test, out, options.write_options(**how), options.allowed(limit, max_speed, test.chain), m.name, force
+    )
     data = {
         "file": str(out),
         "test": test.name,
@@ -121,14 +124,13 @@ def read(file, dialect, turned, rollover, limit, max_speed, campaign, name, out,
 
     if (campaign is None) != (name is None):
         raise click.UsageError("--campaign and --test belong together")
-    limits = options.allowed(limit, max_speed)
-    nc = read_nc(file, dialect, turned, rollover)
+    test = None if campaign is None else replace(options.find_test(campaign, name)[1], commanded=None)
+    chain = FIVE_AXIS if test is None else test.chain
+    limits = options.allowed(limit, max_speed, chain)
+    nc = read_nc(file, dialect, turned, rollover, chain)
     check_travel(nc.motion, limits, nc.place)
     compared = None
-    if campaign:
-        from dataclasses import replace
-
-        test = replace(options.find_test(campaign, name)[1], commanded=None)
+    if test is not None:
         compared = {"test": test.name, **deviation(driven_by(test, nc.motion, str(file)), Program(test))}
     if out:
         check_writable(out, force)

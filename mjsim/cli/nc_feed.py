@@ -59,7 +59,7 @@ def command(campaign, name, program, cycle_ms, block_ms, whole_cycles, out, plot
     for file in (out, plot):
         if file:
             check_writable(file, force)
-    spelling = (how["dialect"], how["turned"], how["rollover"])
+    spelling = (how["dialect"], how["turned"], how["rollover"], test.chain)
     if program:
         nc = read_nc(program, *spelling)
     else:

@@ -7,10 +7,11 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
-from mjsim.machine.chain import FIVE_AXIS
+from mjsim.machine.axis import AXES, TURNING
+from mjsim.machine.chain import FIVE_AXIS, Chain
 
-AXIS = click.Choice(FIVE_AXIS.letters)
-ROTARY_AXIS = click.Choice(FIVE_AXIS.rotary)
+AXIS = click.Choice(AXES)
+ROTARY_AXIS = click.Choice(TURNING)
 
 
 dialect = click.option(
@@ -80,11 +81,19 @@ def write_options(dialect, feed_mode, step_deg, decimals, feed_decimals, turned=
     return Options(dialect, feed_mode or "", step_deg, decimals, feed_decimals, tuple(turned), rollover, number)
 
 
-def allowed(limit, max_speed):
-    """The model's limits with the changes of ``limits``."""
+def allowed(limit, max_speed, chain: Chain = FIVE_AXIS):
+    """The model's limits with the changes of ``limits``.
+
+    Raises:
+        InputError: the machine has no such axis.
+    """
+    from mjsim.errors import InputError
     from mjsim.nc.limits import model_limits
 
-    return model_limits().changed({a: (low, high) for a, low, high in limit}, dict(max_speed))
+    strange = [a for a in (*(a for a, _, _ in limit), *(a for a, _ in max_speed)) if a not in chain.letters]
+    if strange:
+        raise InputError(f"limit of {strange[0]}: the machine has no such axis; allowed: {', '.join(chain.letters)}")
+    return model_limits(chain).changed({a: (low, high) for a, low, high in limit}, dict(max_speed))
 
 
 def find_test(campaign: Path, name: str):

@@ -68,6 +68,19 @@ from mjsim.machine.kinematics import work_to_machine
 """
 
 
+#: The same where centrelines do not pass through the origin: the place of a point less that of the origin.
+_ON_PLACED_TABLE = """origin = work_to_machine(CHAIN, motion.position, np.zeros(3))
+        moved = work_to_machine(CHAIN, motion.position, np.eye(3)[MOVED]) - origin
+        out[:, CHAIN.linear_columns] = -size[:, None] * moved"""
+_IMPORTS_PLACED = _IMPORTS_ON_TABLE.replace("import chain_of", "import Placement, chain_of")
+
+
+def _chain_text(chain: Chain) -> str:
+    """Python text that makes a chain."""
+    more = f", {chain.placements!r}, {chain.tool_length!r}" if chain.placements else ""
+    return f"chain_of({chain.configuration!r}{more})"
+
+
 def effect_source(chain: Chain, term: CurveTerm, values: np.ndarray, summary: str, file_name: str) -> str:
     """Python text of an effect that adds an empirical curve.
 
@@ -95,14 +108,15 @@ def effect_source(chain: Chain, term: CurveTerm, values: np.ndarray, summary: st
         f"{'direction x, y, z of the work frame' if on_table else f'column of the {term.moves} axis'}"
     )
     knots, period = term.knots, ""
+    placements = chain.placements
     if on_table:
-        columns = f"CHAIN = chain_of({chain.configuration!r})\n{columns}"
+        columns = f"CHAIN = {_chain_text(chain)}\n{columns}"
     if term.period:
         period = f", period={term.period:.12g}"
     return _TEMPLATE.format(
         summary=summary,
         file_name=file_name,
-        imports=_IMPORTS_ON_TABLE if on_table else "",
+        imports=("" if not on_table else _IMPORTS_PLACED if placements else _IMPORTS_ON_TABLE),
         columns=columns,
         variable=term.variable.replace("_", " ") + (f" of {term.axis}" if term.axis else ""),
         unit=unit,
@@ -118,7 +132,7 @@ def effect_source(chain: Chain, term: CurveTerm, values: np.ndarray, summary: st
         argument=_ARGUMENT[term.variable],
         sign="np.sign(motion.velocity[:, AXIS]) * " if term.signed else "",
         period=period,
-        act=_ON_TABLE if on_table else _ON_AXIS,
+        act=_ON_AXIS if not on_table else _ON_PLACED_TABLE if placements else _ON_TABLE,
     )
 
 

@@ -15,6 +15,8 @@ from mjsim.errors import InputError
 ALONG, BESIDE, ABOUT = "XYZ", "UVW", "ABC"
 #: Machine coordinates, named like the linear axes along them.
 COORDINATES = tuple(ALONG)
+#: Letters of all axes that a machine may have, and of those that turn.
+AXES, TURNING = tuple(ALONG + ABOUT), tuple(ABOUT)
 #: A rotary axis may be turned away from the coordinate of its letter by so much: cosine of the angle (60°).
 _LEAST_COSINE = 0.5
 

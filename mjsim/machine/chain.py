@@ -62,6 +62,17 @@ class Chain:
     singular: str = field(default=SINGULAR[0], repr=False)
 
     @cached_property
+    def placements(self) -> tuple[tuple[str, Placement], ...]:
+        """Rotary axes that are tilted or offset, with their placements; :func:`chain_of` takes them."""
+        out = []
+        for axis in (a for a in self.axes if a.rotary):
+            x, y, z = axis.point
+            offset = (x, y, z - self.tool_length if axis in self.tool else z)
+            if axis.tilted or any(offset):
+                out.append((axis.letter, Placement(axis.unit if axis.tilted else None, offset)))
+        return tuple(out)
+
+    @cached_property
     def axes(self) -> tuple[Axis, ...]:
         """All axes in the order of arrays."""
         return tuple(sorted((*self.work, *self.tool), key=lambda a: (a.rotary, a.along)))

@@ -201,6 +201,11 @@ def _feed_words(
 
 def _positions(printed: np.ndarray, chain: Chain, o: Options, d: Dialect, decimals: int) -> list[str]:
     values = printed.copy()
+    strange = sorted(set(o.reversed) - set(chain.rotary))
+    if strange:
+        raise InputError(
+            f"reversed axis {strange[0]!r}; allowed: {', '.join(chain.rotary) or 'none, as no axis turns'}"
+        )
     for axis in o.reversed:
         values[:, chain.index(axis)] *= -1.0
     number = f"{{:.{decimals}f}}"

@@ -131,6 +131,11 @@ def check_axes(plant: Plant, tests: Iterable[BallBarTest]) -> None:
         InputError: names the test and both configurations.
     """
     for test in tests:
+        if test.chain != plant.chain and test.chain.configuration == plant.chain.configuration:
+            raise InputError(
+                f"test {test.name}: is of a machine whose axes have other directions, offsets or tool length; allowed: "
+                "those of the machine which shall run it"
+            )
         if test.chain != plant.chain:
             raise InputError(
                 f"test {test.name}: is of a machine with the configuration {test.chain.configuration!r}; "

@@ -119,12 +119,12 @@ def testable_axes(campaign: Campaign) -> tuple[str, ...]:
     rotary = campaign.tests[0].chain.rotary
     axes = tuple(a for a in rotary if tangential_tests(campaign, a))
     if not axes:
-        first, other = reversed(rotary)
+        first, *others = reversed(rotary or ("a rotary axis",))
+        or_other = "".join(f' (or "{a}")' for a in others)
         raise InputError(
-            f"{campaign.folder / 'campaign.toml'}: no measured tangential test of {other} or {first}; needed: a "
-            f"[[test]] with "
-            f'kind = "rotary", axis = "{first}" (or "{other}"), sensitive_direction = "tangential" and a trace, '
-            f"best in both directions"
+            f"{campaign.folder / 'campaign.toml'}: no measured tangential test of {' or '.join([*others, first])}; "
+            f'needed: a [[test]] with kind = "rotary", axis = "{first}"{or_other}, sensitive_direction = "tangential" '
+            "and a trace, best in both directions"
         )
     return axes
 
