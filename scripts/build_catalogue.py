@@ -116,8 +116,6 @@ def page() -> str:
 
 def entry(cls: type[Effect]) -> list[str]:
     """Lines of one kind's section."""
-    first, second = panels(cls)
-    seen = " and ".join(dict.fromkeys([f"`{first[0].id}` on a {first[1]}", f"`{second[0].id}` on a {second[1]}"]))
     out = [
         f"## {cls.kind}",
         "",
@@ -133,11 +131,12 @@ def entry(cls: type[Effect]) -> list[str]:
         "|---|---|---|---|---|---|",
         *parameter_rows(cls),
         "",
-        f"![Signature of {cls.kind}: polar plots](images/effects/{cls.kind}.svg)",
-        "",
-        f"*{seen}.*",
     ]
-    return out
+    if cls.for_logs:
+        return [*out, "*Looked for in [axis logs](axis-logs.md) only.*"]
+    first, second = panels(cls)
+    seen = " and ".join(dict.fromkeys([f"`{first[0].id}` on a {first[1]}", f"`{second[0].id}` on a {second[1]}"]))
+    return [*out, f"![Signature of {cls.kind}: polar plots](images/effects/{cls.kind}.svg)", "", f"*{seen}.*"]
 
 
 def parameter_rows(cls: type[Effect]) -> list[str]:

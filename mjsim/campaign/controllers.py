@@ -62,7 +62,7 @@ def _controller(place: str, t: ControllerTable, angle: float) -> Controller:
     clip = np.inf if t.clip_Nm is None else t.clip_Nm
     if t.clip_V is not None and t.torque_per_V is not None:
         clip = t.clip_V * t.torque_per_V
-    control = Control(t.sample_time_s, t.torque_lag_s, t.loop_delay_s, clip, t.anti_windup, law)
+    control = Control(t.sample_time_s, t.torque_lag_s, t.loop_delay_s, clip, t.anti_windup, t.velocity_samples, law)
     return Controller(
         t.position_gain_per_s or 1.0,
         (t.torque_per_V if law else t.velocity_gain_Nms_per_rad) or 1.0,
@@ -79,7 +79,11 @@ CONTROLLER_KEYS = {
     "integral_time": "integral_time_s",
     "feedforward": "velocity_feedforward",
 }
-CONTROL_KEYS = {"torque_lag": "torque_lag_s", "loop_delay": "loop_delay_s"}
+CONTROL_KEYS = {
+    "torque_lag": "torque_lag_s",
+    "loop_delay": "loop_delay_s",
+    "velocity_samples": "velocity_samples",
+}
 
 
 def edit_controllers(document: Any, now: dict[str, dict[str, Controller]], base: dict[str, dict[str, Controller]]):
@@ -95,4 +99,4 @@ def edit_controllers(document: Any, now: dict[str, dict[str, Controller]], base:
             for attribute, key in CONTROL_KEYS.items():
                 value = getattr(controller.control, attribute)
                 if value != getattr(former.control, attribute):
-                    table[key] = float(f"{value:.9g}")
+                    table[key] = value if isinstance(value, int) else float(f"{value:.9g}")

@@ -153,6 +153,7 @@ class ControllerTable(Table):
     clip_V: Annotated[float, Field(gt=0, le=1e4)] | None = None
     torque_per_V: Annotated[float, Field(gt=0, le=1e4)] | None = None
     anti_windup: bool = False
+    velocity_samples: Annotated[int, Field(ge=1, le=MOST_COEFFICIENTS - 1)] = 1
     R: Coefficients | None = None
     S: Coefficients | None = None
     T: Coefficients | None = None

@@ -61,7 +61,7 @@ def change_json(change) -> dict:
 
 def show_change(word: str, data: dict) -> None:
     """Table of the error before and after."""
-    from mjsim.cli.diagnose import parameter_lines
+    from mjsim.cli.parameter_lines import parameter_lines
 
     e = data["effect"]
     click.echo(f"{word} {e['id']}")

@@ -31,9 +31,16 @@ def command(campaign, machine, fix, threads, as_json, quiet) -> None:
     Example: mjsim check my-machine
              mjsim check my-machine --fix my-machine-corrected
     """
+    from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import read_machine
+    from mjsim.cli.logs import check as check_logs
+    from mjsim.cli.logs import is_log_campaign
     from mjsim.workflow.check import check, write_corrected
 
+    logged = read_campaign(campaign, spans=False)
+    if is_log_campaign(logged):
+        check_logs(logged, as_json, quiet)
+        return
     result = check(campaign, read_machine(machine) if machine else None, common.cores(threads))
     files = write_corrected(result, fix) if fix and result.mistakes else []
     data = result.to_json()

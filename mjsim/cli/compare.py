@@ -9,6 +9,8 @@ import click
 from mjsim.ballbar.kinds import KINDS
 from mjsim.cli import common
 from mjsim.cli.import_show import show_features
+from mjsim.cli.logs import compare as compare_logs
+from mjsim.cli.logs import is_log_campaign
 from mjsim.units import UM
 
 
@@ -52,6 +54,10 @@ def command(campaign, machine, out, calibrated, no_plots, force, threads, as_is,
 
     c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)
+    if is_log_campaign(c):
+        folder = out or c.state_folder / "compare"
+        compare_logs(c, m, folder, not no_plots, force or out is None, common.cores(threads), as_json, quiet)
+        return
     imported = imported_features(c)
     if not no_plots:
         for file in plot_files(c.measured, out or c.state_folder / "compare"):

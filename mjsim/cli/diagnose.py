@@ -12,6 +12,9 @@ from mjsim.ballbar.kinds import kind_of
 from mjsim.cli import common
 from mjsim.cli.compare import calibration_sentence, left_out_sentence, percent
 from mjsim.cli.import_show import show_features
+from mjsim.cli.logs import diagnose as diagnose_logs
+from mjsim.cli.logs import is_log_campaign
+from mjsim.cli.parameter_lines import parameter_lines
 from mjsim.report.remedies import remedy
 
 #: Findings that are shown in full; the smaller ones follow one a line.
@@ -57,6 +60,9 @@ def command(campaign, machine, write, max_effects, force, threads, as_is, as_jso
     c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)
     imported = imported_features(c)
+    if is_log_campaign(c):
+        diagnose_logs(c, m, write, max_effects or 8, force, common.cores(threads), as_json, quiet)
+        return
     if write is not None:
         check_writable(write, force)
     done = say_how_long(c, quiet or as_json)
@@ -240,19 +246,3 @@ def _show_effect(e: dict, share: float | None) -> None:
         common.paragraph(f"cannot be told from: {', '.join(e['alternatives'])}", "    ")
     if e["tests"]:
         common.paragraph(f"shows in: {', '.join(e['tests'])}", "    ")
-
-
-def parameter_lines(parameters: dict, intervals: dict) -> list[str]:
-    """``name = value  [low, high]`` per parameter, components one by one."""
-    lines = []
-    for name, value in parameters.items():
-        ci = intervals.get(name)
-        if name == "components":
-            for i, (order, amplitude, phase) in enumerate(value):
-                band = f"  [{ci[0][i][1]:.3g}, {ci[1][i][1]:.3g}]" if ci else ""
-                lines.append(f"order {order:g}: amplitude {amplitude:.4g}{band}, phase {phase:.1f}°")
-        elif isinstance(value, str):
-            lines.append(f"{name} = {value}")
-        else:
-            lines.append(f"{name} = {value:.5g}" + (f"  [{ci[0]:.5g}, {ci[1]:.5g}] (95 %)" if ci else ""))
-    return lines

@@ -7,7 +7,8 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
-from mjsim.cli.diagnose import parameter_lines, say_cached
+from mjsim.cli.diagnose import say_cached
+from mjsim.cli.parameter_lines import parameter_lines
 
 #: Most effects that look alike on the terminal, and the cosine from which one is worth a line.
 _MOST, _LEAST = 6, 0.2

@@ -83,6 +83,38 @@ def pitch_error(
         common.say(f"machine with the pitch errors written to {write}", quiet)
 
 
+@command.command("drive")
+@common.campaign_argument
+@common.machine_option
+@click.option(
+    "--write", type=click.Path(path_type=Path, dir_okay=False), help="Save the machine with the numbers found."
+)
+@click.option(
+    "--max-effects", type=click.IntRange(0, 20), default=8, show_default=True, help="At most so many causes per axis."
+)
+@click.option("--force", is_flag=True, help="Replace the file named by --write.")
+@common.threads_option
+@common.options
+def drive(campaign, machine, write, max_effects, force, threads, as_json, quiet) -> None:
+    """Numbers of the drives from the axis logs of CAMPAIGN: gains, inertia, friction, each with its interval.
+
+    A table [identify] in the machine file says how far the data sheet is believed. Numbers that the logs cannot
+    separate are listed, with the motion that separates them.
+
+    \b
+    Example: mjsim identify drive my-table --write identified.toml
+    """
+    from mjsim.campaign.files import read_campaign
+    from mjsim.cli.logs import identify
+    from mjsim.errors import InputError
+    from mjsim.workflow.edit import machine_of
+
+    c = read_campaign(campaign)
+    if not c.logs.recorded:
+        raise InputError(f"{c.folder / 'campaign.toml'}: no test of the kind log has a trace; drives need axis logs")
+    identify(c, machine_of(c, machine), write, max_effects, force, common.cores(threads), as_json, quiet)
+
+
 def show(axis: str, data: dict) -> None:
     """One axis' JSON as text."""
     for way, d in data["directions"].items():

@@ -16,6 +16,11 @@ from mjsim.cli.import_show import model_effects, runs_json, show_features, show_
 @import_options.test
 @import_options.columns
 @import_options.angles
+@click.option("--log", "as_log", is_flag=True, help="The files are axis logs: command and actual positions.")
+@click.option(
+    "--signal", "signals", multiple=True, metavar="AXIS_SIGNAL=COLUMN:UNIT", help="With --log: a column, X_actual=3:mm."
+)
+@click.option("--controller", help="With --log: name of the controller that ran.")
 @click.option("--preview", is_flag=True, help="Show what would be done; write nothing.")
 @click.option("--no-check", is_flag=True, help="Do not compare the trace's size with the model's.")
 @click.option(
@@ -23,7 +28,9 @@ from mjsim.cli.import_show import model_effects, runs_json, show_features, show_
 )
 @click.option("--force", is_flag=True, help="Replace traces that are there.")
 @common.options
-def command(files, campaign, preview, no_check, show, force, as_json, quiet, **given) -> None:
+def command(
+    files, campaign, as_log, signals, controller, preview, no_check, show, force, as_json, quiet, **given
+) -> None:
     """Bring measurement FILES of other systems into a campaign.
 
     Tables as text (CSV, TXT): separator, decimal sign and byte order mark are found. Columns and units come from the
@@ -34,6 +41,9 @@ def command(files, campaign, preview, no_check, show, force, as_json, quiet, **g
     Renishaw .b5r: header and diagnosed features go to imported/ and are shown beside mjsim's findings. Its recorded
     runs become the traces of the tests that fit the header, or that FILE=TEST names. The format is not published: look
     at --preview first.
+
+    With --log, FILES are axis logs. Columns are found by words such as soll, ist, command and actual beside the letter
+    of an axis.
 
     \b
     Example: mjsim import run1.csv --campaign my-machine --test circle-xy-ccw
@@ -54,6 +64,14 @@ def command(files, campaign, preview, no_check, show, force, as_json, quiet, **g
     if not files and not show:
         raise click.UsageError("Missing argument 'FILES...' (or --show)")
     name, keys, options = import_options.read(given)
+    if as_log:
+        from mjsim.cli.logs import import_logs
+
+        pairs = [(f, t or name) for f, t in map(_file_and_test, files)]
+        import_logs(campaign, pairs, signals, controller, options, force, preview, as_json, quiet)
+        return
+    if signals or controller:
+        raise click.UsageError("--signal and --controller need --log")
     pairs = [_file_and_test(f) for f in files]
     other = list(dict.fromkeys(f for f, _ in pairs if looks_like_xml(f)))
     if name and any(test for _, test in pairs):

@@ -35,6 +35,7 @@ class Control:
         loop_delay: From sampling to torque, s.
         clip: Largest torque, N·m; infinite: none.
         anti_windup: Whether the integrator stops while the output is at its limit.
+        velocity_samples: Samples over which the velocity is taken where there is no lag.
         law: What stands in place of the cascade; then the velocity gain is its torque per unit of output.
     """
 
@@ -43,6 +44,7 @@ class Control:
     loop_delay: float = 0.0
     clip: float = np.inf
     anti_windup: bool = False
+    velocity_samples: int = 1
     law: Law | None = None
 
 

@@ -40,7 +40,8 @@ class AxisPlant:
     (amplitude N·m, order per motor revolution, phase rad). ``load_inertia`` kg·m² (0: rigid), ``stiffness`` N·m/rad and
     ``damping`` N·m·s/rad of an elastic transmission, all seen by the motor; ``inertia`` stays that of motor and load
     together. What only the simulation of axis logs computes: ``asymmetry`` of the friction level (share by direction),
-    ``rising`` friction (N·m, rad/s at which it saturates), ``hold`` (share of the friction level up to which the
+    ``friction_ripple`` (share of the level, order, phase), ``by_position`` (change of the level per rad and rad² of the
+    motor), ``rising`` friction (N·m, rad/s at which it saturates), ``hold`` (share of the level up to which the
     bristles are elastic), and ``control``.
     """
 
@@ -64,6 +65,8 @@ class AxisPlant:
     asymmetry: float = 0.0
     rising: tuple[float, float] = (0.0, 1.0)
     hold: float = 0.0
+    by_position: tuple[float, float] = (0.0, 0.0)
+    friction_ripple: tuple[float, float, float] = (0.0, 1.0, 0.0)
     control: Control = field(default_factory=Control)
 
     def key(self) -> tuple:

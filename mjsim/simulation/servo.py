@@ -5,11 +5,12 @@ The control is sampled: with the motor's angle y, the command r and its sampling
     x = [(Kpp + ratio·s) r − (Kpp + s) y] / (1 + lag·s)      by Tustin's rule, s = (2/h)(z − 1)/(z + 1)
     u = Kvp [x + (1/Ti) ∫ x dt]                              trapezoidal; clipped, delayed, held for one sample
 
-A lag below h/2 is taken for h/2: without any lag that is the backward difference of y. A discrete law
+Without a lag (or one below h/2) s is a difference over ``velocity_samples`` samples, backwards. A discrete law
 ``R u = T r − S y`` stands in place of both lines. Between samples the mechanics are those of
 :mod:`mjsim.simulation.drive`: the linear part exact, the LuGre bristle by its own exponential at the mid velocity, with
 
-    g(ω) = Tc [1 + (static_ratio − 1) exp(−(ω/ω_s)²)] (1 + asymmetry·sign ω)
+    g(ω, θ) = Tc [1 + (static_ratio − 1) exp(−(ω/ω_s)²)] (1 + asymmetry·sign ω) (1 + linear·θ + quadratic·θ²)
+              · (1 + a sin(order·θ + phase))
 
 and beside the bristle a friction torque that rises and saturates, Tr (1 − exp(−|ω|/ω_r)) sign ω.
 """
@@ -32,9 +33,10 @@ _FINE = 1e-4
 MOST_DELAY = 200
 
 _J, _C, _CONSTANT, _COULOMB, _SIGMA0, _SIGMA1, _STATIC, _STRIBECK, _ASYMMETRY, _RISE, _RISE_AT = range(11)
-_RIPPLE, _ORDER, _PHASE, _CLIP, _DELAY, _ANTI_WINDUP, _RATE, _GAIN, _HOLD = range(11, 20)
-_R, _S, _T = 20, 20 + MOST_COEFFICIENTS, 20 + 2 * MOST_COEFFICIENTS
-_SIZE = 20 + 3 * MOST_COEFFICIENTS
+_RIPPLE, _ORDER, _PHASE, _CLIP, _DELAY, _ANTI_WINDUP, _RATE, _GAIN, _HOLD, _LINEAR, _QUADRATIC = range(11, 22)
+_WAVE, _WAVE_ORDER, _WAVE_PHASE = range(22, 25)
+_R, _S, _T = 25, 25 + MOST_COEFFICIENTS, 25 + 2 * MOST_COEFFICIENTS
+_SIZE = 25 + 3 * MOST_COEFFICIENTS
 
 
 @dataclass(frozen=True)
@@ -92,10 +94,14 @@ def filters(axis: AxisPlant, step: float) -> tuple[np.ndarray, np.ndarray, np.nd
     if law is not None:
         R, S, T = (np.array(c, float) for c in (law.R, law.S, law.T))
         return R / R[0], S / R[0], T / R[0]
+    Kp, ff, lag, over = axis.position_gain, axis.feedforward, axis.control.torque_lag, axis.control.velocity_samples
+    if lag < 0.5 * step:
+        difference = np.zeros(over + 1)
+        difference[0], difference[-1] = 1.0 / (over * step), -1.0 / (over * step)
+        gain = Kp * np.eye(over + 1)[0]
+        return np.ones(1), gain + difference, gain + ff * difference
     w = 2.0 / step
-    lag = max(axis.control.torque_lag, 0.5 * step)
     d = np.array([1.0 + lag * w, 1.0 - lag * w])
-    Kp, ff = axis.position_gain, axis.feedforward
     return d / d[0], np.array([Kp + w, Kp - w]) / d[0], np.array([Kp + ff * w, Kp - ff * w]) / d[0]
 
 
@@ -108,6 +114,8 @@ def parameters(axis: AxisPlant, step: float) -> np.ndarray:
         s0 = p.coulomb / p.presliding
         out[[_COULOMB, _SIGMA0, _SIGMA1]] = p.coulomb, s0, 0.3 * math.sqrt(s0 * p.inertia)
     out[[_ASYMMETRY, _RISE, _RISE_AT, _HOLD]] = p.asymmetry, *p.rising, p.hold
+    out[[_LINEAR, _QUADRATIC]] = p.by_position
+    out[[_WAVE, _WAVE_ORDER, _WAVE_PHASE]] = p.friction_ripple
     out[[_RIPPLE, _ORDER, _PHASE]] = p.ripple
     out[[_CLIP, _DELAY, _ANTI_WINDUP]] = c.clip, c.loop_delay / step, c.anti_windup
     out[_RATE] = 0.0 if c.law is not None else step / p.integral_time
@@ -208,7 +216,7 @@ def _loop(p, r, step, substeps, state, position, velocity, torque):
             if tc > 0.0 or p[_RIPPLE] != 0.0 or p[_RISE] != 0.0:
                 now = f
                 if tc > 0.0:
-                    now += s0 * z + s1 * _bristle_rate(p, z, om)
+                    now += s0 * z + s1 * _bristle_rate(p, z, om, th)
                 if p[_RIPPLE] != 0.0:
                     now += p[_RIPPLE] * math.sin(p[_ORDER] * th + p[_PHASE])
                     f += p[_RIPPLE] * math.sin(p[_ORDER] * (th + 0.5 * h * om) + p[_PHASE])
@@ -218,7 +226,7 @@ def _loop(p, r, step, substeps, state, position, velocity, torque):
                 if p[_RISE] != 0.0:
                     f += math.copysign(p[_RISE] * (1.0 - math.exp(-abs(mid) / p[_RISE_AT])), mid)
                 if tc > 0.0:
-                    g = level(p, mid)
+                    g = _level(p, mid, th)
                     slip = _slip(p, z, mid, g)
                     a = abs(mid) * h * s0 / g * slip
                     if a > 1e-9:
@@ -234,12 +242,16 @@ def _loop(p, r, step, substeps, state, position, velocity, torque):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def level(p, om):
+def _level(p, om, th):
     """The friction level at which the bristles slide, N·m."""
     g = p[_COULOMB]
     if p[_STRIBECK] > 0.0:
         w = om / p[_STRIBECK]
         g *= 1.0 + (p[_STATIC] - 1.0) * math.exp(-w * w)
+    if p[_LINEAR] != 0.0 or p[_QUADRATIC] != 0.0:
+        g *= max(1.0 + th * (p[_LINEAR] + th * p[_QUADRATIC]), 0.1)
+    if p[_WAVE] != 0.0:
+        g *= 1.0 + p[_WAVE] * math.sin(p[_WAVE_ORDER] * th + p[_WAVE_PHASE])
     return g * (1.0 + math.copysign(p[_ASYMMETRY], om * p[_ASYMMETRY])) if p[_ASYMMETRY] != 0.0 else g
 
 
@@ -259,6 +271,6 @@ def _slip(p, z, om, g):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _bristle_rate(p, z, om):
-    g = level(p, om)
+def _bristle_rate(p, z, om, th):
+    g = _level(p, om, th)
     return om - abs(om) * p[_SIGMA0] * z / g * _slip(p, z, om, g)

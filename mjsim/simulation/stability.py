@@ -56,6 +56,8 @@ def only_in_logs(axis: AxisPlant) -> str:
     found = {
         "a control with lag, delay, limit or a law of its own": axis.control != control,
         "friction_direction": axis.asymmetry != 0.0,
+        "friction_ripple": axis.friction_ripple[0] != 0.0,
+        "friction_position": any(axis.by_position),
         "rising_friction": axis.rising[0] != 0.0,
         "elastic_presliding": axis.hold != 0.0,
         "a controller without an integrator": not np.isfinite(axis.integral_time),

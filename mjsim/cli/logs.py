@@ -1,0 +1,229 @@
+"""Axis logs on the terminal: what ``compare``, ``diagnose`` and ``identify drive`` print of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mjsim.cli import common
+from mjsim.cli.parameter_lines import parameter_lines
+
+
+def is_log_campaign(campaign) -> bool:
+    """Whether a campaign has axis logs and no ball-bar test."""
+    return bool(campaign.logs.tests) and not campaign.tests
+
+
+def compare(campaign, machine, folder: Path, plots: bool, force: bool, threads: int, as_json: bool, quiet: bool):
+    """``mjsim compare`` on axis logs."""
+    from mjsim.io.files import check_writable
+    from mjsim.plots.logs import log_plot_files, log_plots
+    from mjsim.workflow.log_compare import compare_logs
+
+    if plots:
+        for file in log_plot_files(campaign, folder):
+            check_writable(file, force)
+    with common.progress_bar(quiet) as progress:
+        result = compare_logs(campaign, machine, threads, progress)
+        files = log_plots(result, folder) if plots else []
+    data = result.to_json()
+    if as_json:
+        common.print_json({**data, "plots": [str(f) for f in files]})
+    elif not quiet:
+        show_comparison(data)
+        if files:
+            common.say(f"plots in {folder}", quiet)
+
+
+def import_logs(campaign: Path, pairs, signals, controller, options, force, preview, as_json, quiet) -> None:
+    """``mjsim import --log``."""
+    from mjsim.importing.logs import import_log
+
+    done = [
+        import_log(campaign, source, test, tuple(signals), controller, options, force, preview)
+        for source, test in pairs
+    ]
+    if as_json:
+        common.print_json({"campaign": str(campaign), "logs": [d.to_json() for d in done]})
+        return
+    if quiet:
+        return
+    for d in done:
+        common.paragraph(f"{d.source.name} → {d.target}: test {d.test}, {d.samples} samples at {d.rate:g} Hz")
+        rows = [[str(c.place + 1), c.axis or "–", c.signal, c.unit or "?"] for c in d.columns]
+        common.table(["column", "axis", "signal", "unit"], rows, text=(1, 2, 3))
+        for note in d.notes:
+            common.paragraph(note, "  ")
+        for question in d.questions:
+            common.paragraph(f"look at this: {question}")
+    if preview:
+        common.say("preview: nothing was written", quiet)
+
+
+def check(campaign, as_json: bool, quiet: bool) -> None:
+    """``mjsim check`` on axis logs."""
+    from mjsim.workflow.log_check import check_logs
+
+    data = check_logs(campaign)
+    if as_json:
+        common.print_json({**data, "files": []})
+        return
+    if quiet:
+        return
+    rows = [
+        [t["name"], " ".join(t["axes"]), str(t["samples"]), f"{t['rate_Hz']:g}", ", ".join(t["finding"])]
+        for t in data["tests"]
+    ]
+    common.table(["log", "axes", "samples", "rate Hz", "finding"], rows, text=(0, 1, 4))
+    click.echo()
+    for m in data["mistakes"]:
+        common.paragraph(m["sentence"])
+    if not data["mistakes"]:
+        common.paragraph("No mistake found: command and actual position, axes, units and time fit each other.")
+
+
+def diagnose(campaign, machine, write: Path | None, max_effects: int, force: bool, threads: int, as_json, quiet):
+    """``mjsim diagnose`` on axis logs."""
+    data = _searched(campaign, machine, write, max_effects, force, threads, quiet)
+    if as_json:
+        common.print_json(data)
+    elif not quiet:
+        show_diagnosis(data)
+        if write is not None:
+            common.say(f"fitted machine written to {write}", quiet)
+
+
+def identify(campaign, machine, write: Path | None, max_effects: int, force: bool, threads: int, as_json, quiet):
+    """``mjsim identify drive``."""
+    data = _searched(campaign, machine, write, max_effects, force, threads, quiet)
+    if as_json:
+        common.print_json(data)
+    elif not quiet:
+        show_sheet(data)
+        click.echo()
+        show_effects(data)
+        if write is not None:
+            common.say(f"machine with the numbers found written to {write}", quiet)
+
+
+def _searched(campaign, machine, write: Path | None, max_effects: int, force: bool, threads: int, quiet: bool) -> dict:
+    from mjsim.campaign.machine_file import write_machine
+    from mjsim.io.files import check_writable
+    from mjsim.workflow.log_diagnose import diagnose_logs
+
+    if write is not None:
+        check_writable(write, force)
+    with common.progress_bar(quiet) as progress:
+        result = diagnose_logs(campaign, machine, max_effects, threads, progress)
+    if write is not None:
+        write_machine(result.machine, machine.file, write, force=force)
+    return result.to_json()
+
+
+def show_comparison(data: dict) -> None:
+    """Tables of a comparison's JSON."""
+    rows = []
+    for t in data["tests"]:
+        for a in t["axes"]:
+            symbol = _symbol(a)
+            place = next(k for k in a if k.startswith("worst_position"))
+            where = f"{a['worst_time_s']:.3f} s, {a[place]:.2f} {'°' if place.endswith('deg') else 'mm'}"
+            numbers = [f"{a[f'{n}_{symbol}']:.4g}" for n in ("following_error", "rms", "max", "noise")]
+            rows.append([t["name"], a["axis"], *numbers, where, f"{a['shift_ms']:+.3f}"])
+    head = ["test", "axis", "following", "RMS", "max", "noise", "worst at", "shift ms"]
+    common.table(head, rows, text=(0, 1, 6))
+    click.echo()
+    common.paragraph(
+        "RMS and max: measured less simulated position, µm (rotary axes °). Following: command less measured, RMS. "
+        f"Shift: fitted between recording and simulation. Noise: {data['noise_source']}."
+    )
+    for t in data["tests"]:
+        if t["radial"]:
+            r = t["radial"]
+            common.paragraph(
+                f"{t['name']}: radial deviation on the circle, measured less simulated {r['rms_um']:.2f} µm RMS; "
+                f"circular error {r['measured_circular_error_um']:.1f} µm measured, "
+                f"{r['simulated_circular_error_um']:.1f} µm simulated"
+            )
+    if data["not_measured"]:
+        common.paragraph(f"Not compared, because they have no trace: {', '.join(data['not_measured'])}.")
+
+
+def _symbol(axis: dict) -> str:
+    return "um" if "rms_um" in axis else "deg"
+
+
+_SENTENCE = {
+    "identified": "Identified: the effects below are missing, and nothing else explains the logs as well.",
+    "ambiguous": "Ambiguous: some effects below cannot be told from others by these logs.",
+    "unknown": "Unknown: something is left that no effect of the catalogue explains.",
+    "nothing_found": "Nothing found: the model explains the logs within the data sheet's tolerances.",
+}
+
+
+def show_diagnosis(data: dict) -> None:
+    """A diagnosis' JSON as text."""
+    common.paragraph(_SENTENCE[data["verdict"]])
+    common.paragraph(
+        f"residual RMS {data['rms_before_um']:.2f} µm as given, {data['rms_after_um']:.2f} µm with what was found; "
+        f"noise {data['noise_um']:.3f} µm"
+    )
+    show_effects(data)
+    click.echo()
+    show_sheet(data)
+    if data["unexplained"]:
+        click.echo()
+        common.paragraph(data["unexplained"]["summary"])
+    if data["not_testable"]:
+        common.paragraph(f"not testable with an encoder on the motor alone: {', '.join(data['not_testable'])}")
+
+
+def show_effects(data: dict) -> None:
+    """The effects found, and the errors per axis with them."""
+    for e in data["effects"]:
+        click.echo(f"  {e['id']}   {e['rms_before_um']:.2f} → {e['rms_after_um']:.2f} µm")
+        for line in parameter_lines(e["parameters"], e["ci95"]):
+            common.paragraph(line, "    ")
+        if e["alternatives"]:
+            common.paragraph(f"cannot be told from: {', '.join(e['alternatives'])}", "    ")
+        if e["tests"]:
+            common.paragraph(f"shows in: {', '.join(e['tests'])}", "    ")
+    rows = []
+    for t in data["tests"]:
+        for a in t["axes"]:
+            symbol = _symbol(a)
+            radial = f"{t['radial']['rms_um']:.2f}" if t["radial"] else "–"
+            rows.append([t["name"], a["axis"], f"{a[f'rms_{symbol}']:.4g}", f"{a[f'max_{symbol}']:.4g}", radial])
+    click.echo()
+    common.table(["with all of them", "axis", "RMS µm", "max µm", "radial µm"], rows, text=(0, 1))
+
+
+_UNITS = {
+    "inertia": "kg·m²",
+    "viscous": "N·m·s/rad",
+    "position_gain": "1/s",
+    "velocity_gain": "N·m·s/rad",
+    "integral_time": "s",
+    "coulomb_Nm": "N·m",
+    "presliding_rad": "rad",
+}
+
+
+def show_sheet(data: dict) -> None:
+    """The data sheet as stated and as found, and what cannot be separated."""
+    rows = []
+    for s in data["data_sheet"]:
+        name = s["name"].replace("_Nm", "").replace("_rad", "").replace("_", " ")
+        low, high = s["ci95"]
+        known = "recorded output" if s["source"] == "recorded output" else "motion" if s["known"] else "the sheet"
+        label = f"{s['axis']} {name}" + (f" ({s['controller']})" if s["controller"] else "")
+        numbers = [f"{s['stated']:.4g}", f"{s['found']:.4g}", f"{low:.4g} to {high:.4g}"]
+        rows.append([label, *numbers, _UNITS.get(s["name"], ""), known])
+    if rows:
+        common.table(["data sheet", "stated", "found", "95 %", "unit", "known from"], rows, text=(0, 3, 4, 5))
+    for i in data["not_separable"]:
+        if len(i["numbers"]) == 1:
+            common.paragraph(f"{i['axis']}: the logs say little about {i['numbers'][0]}; {i['remedy']}")
+        else:
+            common.paragraph(f"{i['axis']}: only a combination of {', '.join(i['numbers'])} is known; {i['remedy']}")

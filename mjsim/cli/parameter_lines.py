@@ -1,0 +1,19 @@
+"""Fitted parameters of an effect as lines of text."""
+
+from __future__ import annotations
+
+
+def parameter_lines(parameters: dict, intervals: dict) -> list[str]:
+    """``name = value  [low, high]`` per parameter, components one by one."""
+    lines = []
+    for name, value in parameters.items():
+        ci = intervals.get(name)
+        if name == "components":
+            for i, (order, amplitude, phase) in enumerate(value):
+                band = f"  [{ci[0][i][1]:.3g}, {ci[1][i][1]:.3g}]" if ci else ""
+                lines.append(f"order {order:g}: amplitude {amplitude:.4g}{band}, phase {phase:.1f}°")
+        elif isinstance(value, str):
+            lines.append(f"{name} = {value}")
+        else:
+            lines.append(f"{name} = {value:.5g}" + (f"  [{ci[0]:.5g}, {ci[1]:.5g}] (95 %)" if ci else ""))
+    return lines

@@ -1,0 +1,175 @@
+"""Causes that a search on axis logs tries, each from where its fit starts on this axis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mjsim.effects import registry
+from mjsim.estimation.axis_logs.data import AxisData
+from mjsim.estimation.axis_logs.entries import AxisModel, Entry
+from mjsim.estimation.axis_logs.start import only, typical_torque
+from mjsim.machine.effect import Effect
+from mjsim.machine.model import Machine
+
+#: Kinds that are preferred to others that do as well, and each kind's like that is not sought beside it: while an axis
+#: slides, a friction that depends on the direction is a constant force.
+SIMPLER = ("constant_force",)
+_LIKE = {"constant_force": "friction_direction", "friction_direction": "constant_force"}
+#: Ids that belong to the same effect of the machine file: a falling friction is a shape of the friction.
+FRICTION = "friction"
+#: Presliding ways from which fits start, m of the axis (assumed: rolling bearings and nuts).
+_PRESLIDING = (2e-6, 15e-6)
+_PRESLIDING_DEG = (1e-5, 1e-4)
+
+
+#: A friction that rises below this share of the largest speed cannot be told from a constant one (assumed).
+_SLOW = 0.01
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One cause at one starting point.
+
+    Attributes:
+        effect: With its starting values.
+        entries: What is free.
+        shape: Whether it is another shape of an effect that the model has already.
+    """
+
+    effect: Effect
+    entries: tuple[Entry, ...]
+    shape: bool = False
+
+    @property
+    def key(self) -> str:
+        """Same for all starting points of one cause."""
+        return self.effect.id + (" shape" if self.shape else "")
+
+    def extend(self, model: AxisModel) -> AxisModel:
+        """A model with this cause as well."""
+        present = model.machine.effect(self.effect.id)
+        effect = self.effect
+        if self.shape and present is not None:
+            effect = present.replaced(**{e.name: self.effect.values[e.name] for e in self.entries})
+        return model.extended(effect, self.entries)
+
+
+class Catalogue:
+    """All causes that one axis may have.
+
+    Args:
+        machine: As given.
+        data: Recordings of the axis.
+    """
+
+    def __init__(self, machine: Machine, data: Sequence[AxisData]) -> None:
+        self.machine, self.axis = machine, data[0].axis
+        self.torque = typical_torque(machine, data)
+        gear = machine.drives[self.axis].gear
+        speeds = [np.abs(np.diff(d.record.command)).max() / d.step for d in data]
+        self.speed = max(speeds) * gear
+        ran = {d.test.controller or only(machine, self.axis) for d in data}
+        self.drives = [machine.under(name).drives[self.axis] for name in ran]
+        self.gear, self.rotary = gear, machine.chain.is_rotary(self.axis)
+
+    def missing(self, model: AxisModel) -> list[Candidate]:
+        """Every cause that the model does not have yet."""
+        has = {e.owner for e in model.entries}
+        friction = model.machine.effect(f"{FRICTION}.{self.axis}")
+        out = [*self._control(), *self._forces()]
+        if friction is None:
+            out += self._friction()
+        else:
+            out += self._shapes()
+            shaped = any(e.owner == friction.id and e.name == "static_ratio" for e in model.entries)
+            out = [c for c in out if not (c.shape and shaped)]
+        like = {f"{_LIKE[kind]}.{self.axis}" for kind in _LIKE if f"{kind}.{self.axis}" in has}
+        return [c for c in out if c.shape or c.effect.id not in has | like]
+
+    def _make(self, kind: str, **values: float) -> Effect:
+        return registry.make(f"{kind}.{self.axis}", self.machine.chain, **values)
+
+    def _log(self, effect: Effect, name: str) -> Entry:
+        p = next(p for p in effect.parameters_of(self.axis) if p.name == name)
+        low = max(p.lower, 1e-6 * effect.values[name])
+        return Entry(effect.id, name, effect.values[name], log=True, lower=low, upper=p.upper, deviation=10.0)
+
+    def _linear(self, effect: Effect, name: str, scale: float) -> Entry:
+        p = next(p for p in effect.parameters_of(self.axis) if p.name == name)
+        value = effect.values[name]
+        return Entry(
+            effect.id, name, value, scale=scale, lower=p.lower, upper=p.upper, deviation=1e3, centre=p.neutral or 0.0
+        )
+
+    def _control(self) -> list[Candidate]:
+        """Settings of the control that are not those of the sheet."""
+        out = []
+        if any(np.isfinite(d.integral_time) and d.control.law is None for d in self.drives):
+            for ratio in (0.4, 2.5):
+                e = self._make("integral_time", ratio=ratio)
+                out.append(Candidate(e, (self._log(e, "ratio"),)))
+        sample = max(d.control.sample_time for d in self.drives) or 1e-4
+        for samples in (0.5, 4.0):
+            e = self._make("loop_delay", delay_ms=1e3 * samples * sample)
+            out.append(Candidate(e, (self._linear(e, "delay_ms", 1e3 * sample),)))
+        if any(d.control.law is None for d in self.drives):
+            e = self._make("velocity_feedforward", ratio=0.02)
+            out.append(Candidate(e, (self._linear(e, "ratio", 0.02),)))
+        if self.machine.factor is None:
+            for kind in ("inertia", "viscous_friction", "velocity_gain", "servo_gain"):
+                for ratio in (0.7, 1.4):
+                    e = self._make(kind, ratio=ratio)
+                    out.append(Candidate(e, (self._log(e, "ratio"),)))
+        return out
+
+    def _forces(self) -> list[Candidate]:
+        """Torques beside the ordinary friction."""
+        e = self._make("constant_force", torque_Nm=0.1 * self.torque)
+        out = [Candidate(e, (self._linear(e, "torque_Nm", 0.1 * self.torque),))]
+        e = self._make("torque_ripple", amplitude_Nm=0.1 * self.torque, order=1.0, phase_deg=0.0)
+        out.append(Candidate(e, _wave(e, 0.1 * self.torque)))
+        return out
+
+    def _friction(self) -> list[Candidate]:
+        out = []
+        for way in _PRESLIDING_DEG if self.rotary else _PRESLIDING:
+            e = self._make(FRICTION, coulomb_Nm=0.5 * self.torque, presliding_rad=way * self.gear)
+            out.append(Candidate(e, (self._log(e, "coulomb_Nm"), self._log(e, "presliding_rad"))))
+        return out
+
+    def _shapes(self) -> list[Candidate]:
+        """Other shapes of a friction that is there."""
+        out = []
+        for part in (0.01, 0.1):
+            e = self._make(
+                FRICTION,
+                coulomb_Nm=self.torque,
+                static_ratio=1.2,
+                stribeck_velocity_rad_per_s=part * self.speed,
+            )
+            static = replace(self._linear(e, "static_ratio", 0.1), centre=1.0)
+            speed = replace(self._log(e, "stribeck_velocity_rad_per_s"), lower=1e-4 * self.speed, upper=self.speed)
+            out.append(Candidate(e, (static, speed), True))
+        for part in (0.05, 0.3):
+            e = self._make("rising_friction", torque_Nm=0.1 * self.torque, velocity_rad_per_s=part * self.speed)
+            speed = replace(self._log(e, "velocity_rad_per_s"), lower=_SLOW * self.speed, upper=10.0 * self.speed)
+            out.append(Candidate(e, (self._linear(e, "torque_Nm", 0.1 * self.torque), speed)))
+        e = self._make("friction_direction", share_ratio=0.05)
+        out.append(Candidate(e, (self._linear(e, "share_ratio", 0.05),)))
+        e = self._make("friction_position", linear_ratio=0.05, quadratic_ratio=0.0)
+        names = ("linear_ratio", "quadratic_ratio")
+        out.append(Candidate(e, tuple(replace(self._linear(e, n, 0.05), deviation=20.0) for n in names)))
+        e = self._make("friction_ripple", amplitude_ratio=0.05)
+        out.append(Candidate(e, _wave(e, 0.05)))
+        e = self._make("elastic_presliding", share_ratio=0.5)
+        out.append(Candidate(e, (self._linear(e, "share_ratio", 0.1),)))
+        return out
+
+
+def _wave(effect: Effect, size: float) -> tuple[Entry, Entry]:
+    """The two parts of a wave as entries: the motion is linear in them, unlike in amplitude and phase."""
+    cosine = Entry(effect.id, "cosine", size, scale=size, deviation=1e3, centre=0.0)
+    return cosine, replace(cosine, name="sine", value=0.0)

@@ -1,0 +1,178 @@
+"""What an axis log gives a fit: means of blocks of samples, where the axis stood at the start, and the noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjsim.axislog.measurement import AxisRecord, Logs, LogTest
+from mjsim.errors import InputError
+from mjsim.machine.model import Machine
+
+#: Shortest block, s: no drive moves visibly faster (assumed).
+_BLOCK = 1e-3
+#: Most blocks of one recording: longer ones get longer blocks.
+_MOST = 6000
+#: An axis rests where its command and its actual position keep within so many encoder steps for so long, s (assumed).
+_REST_STEPS, _REST = 4.0, 0.05
+#: Time constants of the position loop after which it has forgotten a disturbance; position gain of a loop whose law
+#: does not state one, 1/s (assumed).
+_FORGOTTEN, _USUAL_GAIN = 3.0, 50.0
+#: Shares of a command's period over which it must repeat within an encoder step.
+_REPEATED = 0.98
+#: Shifts by which a command hardly changes that are tried as its period.
+_MINIMA = 10
+
+
+@dataclass(frozen=True)
+class LogNoise:
+    """Noise of one sample.
+
+    Attributes:
+        rms: m or rad.
+        source: Where it comes from.
+    """
+
+    rms: float
+    source: str
+
+
+@dataclass(frozen=True)
+class AxisData:
+    """One axis in one recording.
+
+    Attributes:
+        test: The log.
+        axis: Letter of the axis.
+        time: (n,) s.
+        record: What was recorded.
+        block: Samples that are averaged.
+        start: Position, axis units, and velocity, axis units per s, at the first sample.
+        noise: Of one sample.
+        resolution: Encoder step, axis units.
+        memory: Time after which the control loop has forgotten a disturbance, s: what is left for longer is no noise.
+    """
+
+    test: LogTest
+    axis: str
+    time: np.ndarray
+    record: AxisRecord
+    block: int
+    start: tuple[float, float]
+    noise: LogNoise
+    resolution: float
+    memory: float
+
+    @property
+    def name(self) -> str:
+        """Of the test."""
+        return self.test.name
+
+    @property
+    def step(self) -> float:
+        """Usual time between two samples, s."""
+        return float(np.median(np.diff(self.time[:1000])))
+
+    @property
+    def blocks(self) -> int:
+        """Number of whole blocks."""
+        return len(self.time) // self.block
+
+    def means(self, values: np.ndarray) -> np.ndarray:
+        """Means of the blocks, (blocks,), of one value a sample (n,)."""
+        return values[: self.blocks * self.block].reshape(self.blocks, self.block).mean(axis=1)
+
+
+def axis_data(logs: Logs, axis: str, machine: Machine, block: float = _BLOCK) -> tuple[AxisData, ...]:
+    """All recordings of one axis."""
+    out = []
+    for test in logs.recorded:
+        if axis not in test.axes:
+            continue
+        recording = logs.recordings[test.name]
+        record = recording.axes[axis]
+        n, step = len(recording.time), recording.step
+        size = max(1, round(block / step), -(-n // _MOST))
+        resolution = logs.instrument.step_of(test.chain, axis)
+        noise = noise_of(recording.time, record, resolution)
+        drive = machine.under(test.controller).drives[axis]
+        memory = _FORGOTTEN / (drive.position_gain if drive.control.law is None else _USUAL_GAIN)
+        start = _start(recording.time, record)
+        out.append(AxisData(test, axis, recording.time, record, size, start, noise, resolution, memory))
+    return tuple(out)
+
+
+def _start(time: np.ndarray, record: AxisRecord) -> tuple[float, float]:
+    """Position and velocity at the first sample, from a parabola through the first samples."""
+    n = int(np.clip(np.searchsorted(time, time[0] + 0.005), 5, 50))
+    c = np.polynomial.polynomial.polyfit(time[:n] - time[0], record.actual[:n], 2)
+    moving = np.ptp(record.command[: 4 * n]) > 0.0
+    return (float(c[0]), float(c[1])) if moving else (float(record.actual[:n].mean()), 0.0)
+
+
+def noise_of(time: np.ndarray, record: AxisRecord, resolution: float) -> LogNoise:
+    """Noise of one axis: from repeats where the motion repeats, else from rest, else as declared."""
+    floor = resolution / np.sqrt(12.0)
+    period = period_of(record.command, resolution)
+    if period:
+        n = len(time) // period
+        folded = record.actual[: n * period].reshape(n, period)
+        spread = float(np.sqrt(np.mean(folded.var(axis=0, ddof=1))))
+        return LogNoise(max(spread, floor), f"from {n} repeats of the motion")
+    rest = _resting(time, record, resolution)
+    if rest:
+        parts = [record.actual[a:b] - record.actual[a:b].mean() for a, b in rest]
+        spread = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+        return LogNoise(max(spread, floor), f"from {len(rest)} stretch{'es' if len(rest) > 1 else ''} at rest")
+    return LogNoise(floor, "as declared: a share of the encoder step")
+
+
+def period_of(command: np.ndarray, resolution: float) -> int:
+    """Samples after which a command repeats, at least twice in all; 0 where it does not."""
+    n = len(command)
+    centred = command - command.mean()
+    if not np.any(np.abs(centred) > resolution):
+        return 0
+    products = np.fft.irfft(np.abs(np.fft.rfft(centred, 2 * n)) ** 2)[:n]
+    squares = np.concatenate([[0.0], np.cumsum(centred**2)])
+    lags = np.arange(n)
+    # mean square of what a command differs from itself some samples later: zero at its period
+    change = (squares[n - lags] + squares[n] - squares[lags] - 2.0 * products) / (n - lags)
+    low = np.flatnonzero((change[1:-1] < change[:-2]) & (change[1:-1] <= change[2:])) + 1
+    low = low[low <= n // 2]
+    for period in np.sort(low[np.argsort(change[low], kind="stable")][:_MINIMA]):
+        same = np.abs(command[period:] - command[:-period]) <= resolution
+        if same.mean() >= _REPEATED:
+            return int(period)
+    return 0
+
+
+def _resting(time: np.ndarray, record: AxisRecord, resolution: float) -> list[tuple[int, int]]:
+    """Stretches (first, behind the last sample) in which command and axis stand still."""
+    least = max(3, int(_REST / np.median(np.diff(time))))
+    still = np.concatenate([[0], (np.diff(record.command) == 0.0).astype(int), [0]])
+    edges = np.flatnonzero(np.diff(still))
+    out = []
+    for a, b in zip(edges[::2], edges[1::2], strict=True):
+        a = a + (b - a) // 2  # the first half belongs to settling
+        if b - a >= least and np.ptp(record.actual[a:b]) <= _REST_STEPS * resolution:
+            out.append((int(a), int(b)))
+    return out
+
+
+def check_controllers(logs: Logs, machine: Machine) -> None:
+    """Refuse logs whose controller the machine file does not have.
+
+    Raises:
+        InputError: Names the test, and what there is.
+    """
+    for test in logs.recorded:
+        for axis in test.axes:
+            allowed = [name for name, axes in machine.controllers.items() if axis in axes]
+            place = f'machine {machine.name!r}: test "{test.name}"'
+            if test.controller is None and len(allowed) > 1:
+                raise InputError(f"{place} names no controller; allowed: controller = one of {', '.join(allowed)}")
+            if test.controller is not None and test.controller not in allowed:
+                none = ", ".join(allowed) or "none; write a table [controller.NAME.AXIS]"
+                raise InputError(f"{place} ran under {test.controller!r} on {axis}; the machine file has: {none}")

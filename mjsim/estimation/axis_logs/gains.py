@@ -1,0 +1,117 @@
+"""Gains of a controller read back from its recorded output: command, actual position and torque of the same samples.
+
+The control law is computed on what was recorded, without any mechanics, so that its gains follow whatever the machine
+does. How many samples the control takes for a velocity follows as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mjsim.estimation.axis_logs.data import AxisData
+from mjsim.machine.model import Drive, Machine, build
+from mjsim.machine.plant import AxisPlant
+from mjsim.simulation.servo import filters, sampling
+
+#: Samples over which a control may take the velocity.
+_VELOCITY_SAMPLES = (1, 2, 3, 4)
+#: Share of the output that the law must explain for its gains to be believed, and their least deviation (assumed).
+_EXPLAINED, _LEAST = 0.97, 0.0005
+
+
+@dataclass(frozen=True)
+class GainsRead:
+    """What the recorded output of one controller says.
+
+    Attributes:
+        controller: Its name; ``None``: the drive's own.
+        values: Gains by the name of the attribute, SI.
+        deviations: Their relative standard deviations.
+        velocity_samples: Over which the control takes the velocity.
+        explained: Share of the output's variance that the law with these gains explains.
+    """
+
+    controller: str | None
+    values: dict[str, float]
+    deviations: dict[str, float]
+    velocity_samples: int
+    explained: float
+
+
+def output_of(axis: AxisPlant, d: AxisData) -> np.ndarray:
+    """Torque that a controller would give for what was recorded, (n,) N·m, without limit, delay and start value."""
+    from scipy.signal import lfilter  # slow to load
+
+    step = sampling(axis, d.step)
+    R, S, T = filters(axis, step)
+    r, y = (np.asarray(q) * axis.gear for q in (d.record.command, d.record.actual))
+    r0, y0 = r[0], y[0]
+    x = np.asarray(lfilter(T, R, r - r0)) - np.asarray(lfilter(S, R, y - y0))
+    x = x + (T.sum() * r0 - S.sum() * y0) / R.sum() if abs(R.sum()) > 1e-12 else x
+    if axis.control.law is None and np.isfinite(axis.integral_time):
+        middle = 0.5 * (x + np.concatenate([x[:1], x[:-1]]))
+        x = x + np.cumsum(middle) * step / axis.integral_time
+    return axis.velocity_gain * x
+
+
+def read_gains(machine: Machine, data: Sequence[AxisData]) -> list[GainsRead]:
+    """Gains of every controller whose output was recorded; none where the law does not explain the output."""
+    out = []
+    for controller in dict.fromkeys(d.test.controller for d in data):
+        mine = [d for d in data if d.test.controller == controller]
+        drive = machine.under(controller).drives[data[0].axis]
+        mine = [d for d in mine if d.record.motor_torque(drive.gear) is not None and _same_rate(machine, d)]
+        read = [_read(machine, controller, mine, n) for n in _samples(drive)] if mine else []
+        best = max((g for g in read if g is not None), key=lambda g: g.explained, default=None)
+        if best is not None and best.explained > _EXPLAINED:
+            out.append(best)
+    return out
+
+
+def _samples(drive: Drive) -> tuple[int, ...]:
+    """Over how many samples the velocity may be taken; as stated where the law or a lag says it."""
+    plain = drive.control.law is None and drive.control.torque_lag == 0.0
+    return _VELOCITY_SAMPLES if plain else (drive.control.velocity_samples,)
+
+
+def _same_rate(machine: Machine, d: AxisData) -> bool:
+    """Whether every output of the control was recorded, once."""
+    axis = build(machine.under(d.test.controller)).axes[d.axis]
+    return abs(sampling(axis, d.step) - d.step) < 1e-3 * d.step
+
+
+def _read(machine: Machine, controller: str | None, data: Sequence[AxisData], samples: int) -> GainsRead | None:
+    from scipy.optimize import least_squares  # slow to load
+
+    axis = build(machine.under(controller)).axes[data[0].axis]
+    axis.control = replace(axis.control, velocity_samples=samples)
+    names = ["velocity_gain"] if axis.control.law else ["velocity_gain", "position_gain"]
+    if np.isfinite(axis.integral_time) and axis.control.law is None:
+        names.append("integral_time")
+    recorded = [np.asarray(d.record.motor_torque(axis.gear)) for d in data]
+    limit = 0.98 * min(axis.control.clip, max(np.abs(u).max() for u in recorded) * 2.0)
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        moved = replace(axis, **{n: getattr(axis, n) * np.exp(v) for n, v in zip(names, x, strict=True)})
+        parts = []
+        for d, u in zip(data, recorded, strict=True):
+            rest = u - output_of(moved, d)
+            free = np.abs(u) < limit
+            if "integral_time" in names:  # where the integrator stood at the start is not known
+                rest = rest - rest[free].mean()
+            parts.append(np.where(free, rest, 0.0))
+        return np.concatenate(parts)
+
+    found = least_squares(residual, np.zeros(len(names)), bounds=(-3.0, 3.0))
+    size = np.concatenate([u for u in recorded])
+    explained = 1.0 - float(np.mean(found.fun**2) / max(size.var(), 1e-30))
+    try:
+        covariance = np.linalg.inv(found.jac.T @ found.jac) * np.mean(found.fun**2) * 10.0
+    except np.linalg.LinAlgError:
+        return None
+    deviation = np.maximum(np.sqrt(np.diag(covariance)) + 0.1 * np.sqrt(max(1.0 - explained, 0.0)), _LEAST)
+    values = {n: float(getattr(axis, n) * np.exp(v)) for n, v in zip(names, found.x, strict=True)}
+    return GainsRead(controller, values, dict(zip(names, map(float, deviation), strict=True)), samples, explained)

@@ -1,0 +1,187 @@
+"""What is missing from a machine's model, from axis logs; and the numbers of its drives."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from mjsim.campaign.model import Campaign
+from mjsim.errors import InputError
+from mjsim.estimation.axis_logs.data import axis_data
+from mjsim.estimation.axis_logs.entries import CONTROLLER, DRIVE, NUISANCES
+from mjsim.estimation.axis_logs.fit import AxisFit
+from mjsim.estimation.axis_logs.selection import AxisSearch, AxisSelection
+from mjsim.estimation.axis_logs.separability import inseparable, intervals
+from mjsim.estimation.axis_logs.unexplained import unexplained_rest
+from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
+from mjsim.machine.model import Machine
+from mjsim.progress import Progress, silent
+from mjsim.threads import one_blas_thread
+from mjsim.workflow.log_compare import check_recorded, overlay_logs
+from mjsim.workflow.log_diagnosis import LogDiagnosis, LogEffect, SheetNumber
+
+#: Effects behind the motor's encoder, which a log without an encoder at the load cannot show.
+_BEHIND = ("backlash", "pitch_error", "scale_error", "worm_wear", "thermal_drift", "drive_compliance")
+
+
+@one_blas_thread
+def diagnose_logs(
+    campaign: Campaign,
+    machine: Machine,
+    max_effects: int = 8,
+    threads: int = 2,
+    progress: Progress = silent,
+    settings: DiagnosisSettings = DIAGNOSIS,
+) -> LogDiagnosis:
+    """Find what is missing from the model of the recorded axes, and the numbers of their drives.
+
+    Axes do not act on each other in a log: each is searched alone, over all its recordings.
+
+    Args:
+        campaign: With at least one recording.
+        machine: As given.
+        max_effects: At most so many causes on each axis.
+        threads: Simulations side by side.
+        progress: Called as work gets on.
+        settings: What decides.
+
+    Raises:
+        InputError: No log has a recording, or a controller is missing.
+    """
+    check_recorded(campaign, machine)
+    selections, searches = {}, {}
+    for axis in campaign.logs.axes:
+        search = AxisSearch(machine, axis_data(campaign.logs, axis, machine), threads, settings, progress)
+        searches[axis], selections[axis] = search, search.run(max_effects)
+    fitted = merged(machine, [s.fit for s in selections.values()])
+    before = overlay_logs(campaign, machine, {a: (searches[a].fitter, s.given) for a, s in selections.items()})
+    after = overlay_logs(campaign, fitted, {a: (searches[a].fitter, s.fit) for a, s in selections.items()})
+    effects = sorted((e for s in selections.values() for e in effects_of(s)), key=lambda e: -e.gain)
+    rest = [
+        r
+        for a, s in selections.items()
+        if (r := unexplained_rest(searches[a].fitter, s.fit, machine.drives[a].gear, settings)) is not None
+    ]
+    if effects:
+        verdict = "ambiguous" if any(e.alternatives for e in effects) else "identified"
+    else:
+        verdict = "unknown" if rest else "nothing_found"
+    loads = {
+        a for t in campaign.logs.recorded for a in t.axes if campaign.logs.recordings[t.name].axes[a].load is not None
+    }
+    hidden = [f"{kind}.{a}" for a in campaign.logs.axes if a not in loads for kind in _BEHIND]
+    hidden = [h for h in hidden if exists(h, machine)]
+    return LogDiagnosis(
+        campaign,
+        verdict,
+        tuple(effects),
+        tuple(n for a, s in selections.items() for n in sheet_of(machine, a, s)),
+        tuple(i for s in selections.values() for i in inseparable(s.fit)),
+        tuple(rest),
+        tuple(hidden),
+        fitted,
+        before,
+        after,
+        selections,
+    )
+
+
+def exists(effect_id: str, machine: Machine) -> bool:
+    """Whether the catalogue has an effect for this machine."""
+    from mjsim.effects import registry
+
+    try:
+        registry.effect_class(effect_id, machine.chain)
+    except InputError:
+        return False
+    return True
+
+
+def merged(machine: Machine, fits: list[AxisFit]) -> Machine:
+    """One machine with the fitted numbers and effects of every axis."""
+    drives, controllers = dict(machine.drives), {n: dict(c) for n, c in machine.controllers.items()}
+    out = machine
+    for fit in fits:
+        axis, found = fit.model.axis, fit.model.machine
+        drives[axis] = found.drives[axis]
+        for name, axes in found.controllers.items():
+            if axis in axes:
+                controllers[name][axis] = axes[axis]
+        for effect in found.effects:
+            if effect.subject == axis:
+                out = out.with_effect(effect)
+    return replace(out, drives=drives, controllers=controllers)
+
+
+def effects_of(selection: AxisSelection) -> list[LogEffect]:
+    """Causes of one axis with their parameters; two shapes of one effect are one cause."""
+    fit, out = selection.fit, {}
+    ranges = parameter_intervals(fit)
+    ladder = [selection.sheet.rms, *[f.rms for f in selection.ladder[1:]]]
+    steps = dict(zip(selection.order, pairwise(ladder), strict=False))
+    for cause in selection.found:
+        effect = fit.model.machine.effect(cause.effect_id)
+        assert effect is not None
+        before, after = steps.get(cause.key, (ladder[0], ladder[-1]))
+        mine = LogEffect(
+            effect,
+            ranges.get(cause.effect_id, {}),
+            before,
+            after,
+            cause.alternatives,
+            cause.rejected,
+            cause.tests,
+            cause.gain,
+        )
+        former = out.get(effect.id)
+        if former is None or former.gain < mine.gain:
+            out[effect.id] = mine
+    return list(out.values())
+
+
+def parameter_intervals(fit: AxisFit) -> dict[str, dict[str, list[float]]]:
+    """95 % intervals by effect and parameter, in the parameters' units; those of a wave from its two parts."""
+    out: dict[str, dict[str, list[float]]] = {}
+    found = intervals(fit)
+    for e in fit.model.entries:
+        if e.owner in (DRIVE, CONTROLLER, *NUISANCES):
+            continue
+        if e.name not in ("cosine", "sine"):
+            out.setdefault(e.owner, {})[e.name] = list(found[e.label][1:])
+    for owner in {e.owner for e in fit.model.entries if e.name == "cosine"}:
+        effect = fit.model.machine.effect(owner)
+        assert effect is not None
+        parts = [found[f"{owner}.{n}"] for n in ("cosine", "sine")]
+        amplitude = float(np.hypot(parts[0][0], parts[1][0]))
+        spread = max(0.5 * (high - low) for _, low, high in parts)
+        name = next(p.name for p in effect.parameters_of(effect.subject) if p.name.startswith("amplitude_"))
+        turn = float(np.degrees(spread / max(amplitude, 1e-12)))
+        phase = effect.values["phase_deg"]
+        out.setdefault(owner, {})[name] = [max(0.0, amplitude - spread), amplitude + spread]
+        out[owner]["phase_deg"] = [phase - turn, phase + turn]
+    return out
+
+
+def sheet_of(machine: Machine, axis: str, selection: AxisSelection) -> list[SheetNumber]:
+    """The numbers of one axis' data sheet as stated and as found."""
+    fit, out = selection.fit, []
+    read = {(g.controller or "", n) for g in selection.gains for n in g.values}
+    deviations = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    ranges = intervals(fit)
+    friction = machine.effect(f"friction.{axis}")
+    for e, sd in zip(fit.model.entries, deviations, strict=True):
+        if e.owner == DRIVE:
+            stated = getattr(machine.drives[axis], e.name)
+        elif e.owner == CONTROLLER:
+            stated = getattr(machine.controllers[e.where][axis], e.name)
+        elif friction is not None and e.owner == friction.id and e.name in ("coulomb_Nm", "presliding_rad"):
+            stated = friction.values[e.name]
+        else:
+            continue
+        value, low, high = ranges[e.label]
+        source = "recorded output" if e.owner == CONTROLLER and (e.where, e.name) in read else "motion"
+        known = source == "recorded output" or bool(sd < 0.5 * e.deviation)
+        out.append(SheetNumber(axis, e.name, e.where, stated, value, (low, high), known, source))
+    return out

@@ -1,0 +1,106 @@
+"""Diagnosis of axis logs made by independent code: planted causes are found, and nothing where nothing is."""
+
+import numpy as np
+import pytest
+
+from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import read_machine
+from mjsim.estimation.axis_logs.data import noise_of, period_of
+from mjsim.workflow.log_compare import compare_logs
+from mjsim.workflow.log_diagnose import diagnose_logs
+from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
+
+FRICTION = Axis(coulomb=0.12)
+PI = Control(integral_time=0.04, feedforward=1.0)
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    def make(axis, control, torque=False, identify=False, friction=0.0, noise=0.02e-6, **wrong):
+        command = to_and_fro(control.sample)
+        position, torques = record(axis, control, command, noise)
+        (tmp_path / "strokes.csv").write_text(csv(command, position, torques if torque else None))
+        (tmp_path / "campaign.toml").write_text(CAMPAIGN)
+        (tmp_path / "machine.toml").write_text(machine_toml(axis, control, identify, friction, **wrong))
+        return read_campaign(tmp_path), read_machine(tmp_path / "machine.toml")
+
+    return make
+
+
+@pytest.mark.parametrize("axis", [Axis(), FRICTION], ids=["plain", "friction"])
+def test_the_right_machine_leaves_the_noise(campaign, axis):
+    """The independent integration and the compiled loop agree to a share of an encoder step."""
+    result = compare_logs(*campaign(axis, PI, friction=axis.coulomb))
+    assert result.rms < 0.1e-6
+
+
+def test_nothing_is_found_where_nothing_hides(campaign):
+    result = diagnose_logs(*campaign(FRICTION, PI, friction=0.12))
+    assert result.verdict == "nothing_found" and result.effects == () and result.rest == ()
+
+
+def test_friction_that_is_not_in_the_model(campaign):
+    result = diagnose_logs(*campaign(FRICTION, PI))
+    assert [e.effect.id for e in result.effects] == ["friction.X"]
+    (found,) = result.effects
+    assert found.effect.values["coulomb_Nm"] == pytest.approx(0.12, rel=0.05)
+    low, high = found.ci95["coulomb_Nm"]
+    assert low < 0.12 < high
+    assert result.after.rms < 0.2e-6 < 10.0 * result.after.rms < result.before.rms
+
+
+def test_an_integral_time_that_is_not_on_the_sheet(campaign):
+    result = diagnose_logs(*campaign(FRICTION, PI, friction=0.12, identify=True, integral_time=0.1))
+    assert result.effects[0].effect.id == "integral_time.X"
+    low, high = result.effects[0].ci95["ratio"]
+    assert low < 0.4 < high and high / low < 1.5
+    assert result.after.rms < 0.2e-6
+
+
+def test_a_constant_force_is_told_from_a_direction_by_the_sticking(campaign):
+    result = diagnose_logs(*campaign(Axis(coulomb=0.12, constant=0.05), Control(), friction=0.12))
+    ids = {e.effect.id: e for e in result.effects}
+    found = ids.get("constant_force.X") or ids["friction_direction.X"]
+    if found.effect.kind == "constant_force":
+        assert found.effect.values["torque_Nm"] == pytest.approx(0.05, rel=0.1)
+    assert result.after.rms < 0.3e-6
+
+
+def test_gains_come_from_the_recorded_torque(campaign):
+    """With the torque recorded, inertia and velocity gain are both found, each in its interval."""
+    c, m = campaign(FRICTION, PI, torque=True, identify=True, inertia=9e-4, velocity_gain=0.03)
+    result = diagnose_logs(c, m)
+    numbers = {s.name: s for s in result.sheet}
+    assert numbers["velocity_gain"].source == "recorded output"
+    assert numbers["velocity_gain"].found == pytest.approx(0.06, rel=0.01)
+    assert numbers["inertia"].found == pytest.approx(4.5e-4, rel=0.03) and numbers["inertia"].known
+    assert not any("inertia" in label for i in result.inseparable for label in i.labels)
+
+
+def test_without_a_torque_inertia_and_gain_are_not_separable(campaign):
+    c, m = campaign(FRICTION, PI, identify=True, inertia=9e-4, velocity_gain=0.12)
+    result = diagnose_logs(c, m)
+    labels = {label for i in result.inseparable for label in i.labels}
+    assert {"drive.inertia", "controller.c.velocity_gain"} <= labels
+    numbers = {s.name: s for s in result.sheet}
+    assert not numbers["inertia"].known
+    ratio = numbers["inertia"].found / numbers["velocity_gain"].found
+    assert ratio == pytest.approx(4.5e-4 / 0.06, rel=0.05)
+    assert "torque" in result.to_json()["next_test"]["test"]["motion"]
+
+
+def test_noise_from_repeats_rest_and_declared():
+    from mjsim.axislog.measurement import AxisRecord
+
+    time = 1e-3 * np.arange(4000)
+    command = 0.01 * np.sin(2 * np.pi * time)
+    random = np.random.default_rng(3)
+    noise = random.normal(scale=2e-7, size=4000)
+    assert period_of(command, 1e-7) == 1000
+    found = noise_of(time, AxisRecord(command, command + noise), 1e-7)
+    assert found.source == "from 4 repeats of the motion" and found.rms == pytest.approx(2e-7, rel=0.05)
+    rest = np.where(time < 2.0, command, 0.0)
+    found = noise_of(time, AxisRecord(rest, rest + 0.2 * noise), 1e-7)
+    assert "rest" in found.source and found.rms == pytest.approx(0.4e-7, rel=0.1)
+    chirp = 0.01 * np.sin(2 * np.pi * time**2)
+    assert "declared" in noise_of(time, AxisRecord(chirp, chirp + noise), 1e-7).source
