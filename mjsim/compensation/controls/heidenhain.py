@@ -40,8 +40,8 @@ class Heidenhain(Control):
         if np.array_equal(x, t.positions):
             return t
         own, grid = scale(chain, t.out), self.grid(chain, t.out, t.source)
-        sides = (rounded(np.interp(x, t.positions, v) / own, grid) * own for v in (t.forward, t.reverse))
-        return Table(t.out, t.source, x, *sides, t.modulo, t.keys)
+        forward, reverse = (rounded(np.interp(x, t.positions, v) / own, grid) * own for v in (t.forward, t.reverse))
+        return replace(t, positions=x, forward=forward, reverse=reverse)
 
     def files(self, corrections: Corrections) -> dict[str, str]:
         chain = corrections.chain
