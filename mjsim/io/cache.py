@@ -111,7 +111,7 @@ class Store:
 
 #: Kinds of results that are one array each; the others are pickled. Shares of the cache that kinds may take.
 ARRAYS = ("readings", "signatures")
-SHARES = {"diagnoses": 0.3, "readings": 0.3, "signatures": 0.4}
+SHARES = {"diagnoses": 0.5, "readings": 0.25, "signatures": 0.25}
 _store: Store | None = None
 
 
