@@ -21,6 +21,7 @@ from mjsim.fleet.run import fleet as fleet
 from mjsim.importing.features import import_features as import_features
 from mjsim.importing.features import imported_features as imported_features
 from mjsim.importing.importer import import_trace as import_trace
+from mjsim.importing.logs import import_log as import_log
 from mjsim.machine.effect import Effect as Effect
 from mjsim.machine.hints import SearchHints as SearchHints
 from mjsim.machine.motion import Motion as Motion
@@ -46,6 +47,8 @@ from mjsim.workflow.edit import remove as remove
 from mjsim.workflow.explain import explain as explain
 from mjsim.workflow.export import export as export
 from mjsim.workflow.history import read_history as history
+from mjsim.workflow.log_compare import compare_logs as compare_logs
+from mjsim.workflow.log_diagnose import diagnose_logs as diagnose_logs
 from mjsim.workflow.plan import plan as plan
 
 __version__: str
@@ -67,8 +70,10 @@ __all__ = [
     "calibrate",
     "check",
     "compare",
+    "compare_logs",
     "compensate",
     "diagnose",
+    "diagnose_logs",
     "driven_by",
     "effects",
     "explain",
@@ -79,6 +84,7 @@ __all__ = [
     "history",
     "identify_pitch_errors",
     "import_features",
+    "import_log",
     "import_trace",
     "imported_features",
     "make_effect",
