@@ -30,6 +30,8 @@ from mjsim.progress import Progress, silent
 
 #: Most rounds of selection and refit; Gauss-Newton steps of the first fit and of the others.
 _ROUNDS, _FIRST, _STEPS = 5, 4, 3
+#: A model that leaves so much more than the one before it is not taken.
+_WORSE = 1.1
 #: Signatures are computed again where the misfit has fallen to this share.
 _NEARER = 0.5
 
@@ -87,12 +89,12 @@ class JointSelector:
         model = _Model(fit, expected, frozenset(expected), SignatureBank(self.problem, fit))
         for number in range(_ROUNDS):
             self.progress("selecting causes by evidence", number, _ROUNDS)
-            # a curve would explain anything: the named effects are tried first
-            changed = self._select(model, curves=False) or self._release(model)
-            if not changed and not (self._incomplete(model) and self._select(model, curves=True)):
+            changed = self._select(model)
+            released = self._release(model)
+            if not changed and not released:
                 break
         model.fit = self.fitter.fit(model.fit.effects, start=model.fit, exact=True, iterations=_STEPS, fresh=False)
-        if not machine.tolerance:
+        if not machine.tolerance and model.curve is None:  # beside something unknown nothing small is proven
             for key in self._proven(model):
                 del model.kept[key]
         found = [self._against_equivalents(model, f) for f in self._found(model)]
@@ -100,20 +102,13 @@ class JointSelector:
 
     # -- one round -----------------------------------------------------------------------------------------------------
 
-    def _incomplete(self, model: _Model) -> bool:
-        """Whether the model leaves more than the noise."""
-        return model.fit.sum_squares > self.settings.complete_fit * self.problem.count
-
-    def _select(self, model: _Model, curves: bool) -> bool:
-        """Replace the free effects of the model by those that the data need; whether that changed it.
-
-        Args:
-            model: The model in the making.
-            curves: Whether generic curves compete with the effects.
-        """
+    def _select(self, model: _Model) -> bool:
+        """Replace the free effects of the model by those that the data need; whether that changed it."""
         misfit = model.fit.sum_squares / self.problem.count
         if misfit < _NEARER * model.bank_misfit:
             model.bank, model.bank_misfit = SignatureBank(self.problem, model.fit), misfit
+        # a curve has nothing to explain where the effects explain everything
+        curves = misfit > self.settings.complete_fit
         groups = CandidateGroups.at(self.problem, model.fit, model.bank, set(model.kept), curves)
         weight = max(1.0, misfit)
         chosen = self._chosen(groups, weight)
@@ -122,7 +117,10 @@ class JointSelector:
         before = [(f.effect.key, len(f.vector)) for f in model.fit.effects]
         if sorted(before) == sorted((f.effect.key, len(f.vector)) for f in effects):
             return False
-        model.fit = self._refit(effects, model.fit, _STEPS)
+        fit = self._refit(effects, model.fit, _STEPS)
+        if model.curve is None and fit.sum_squares > _WORSE * model.fit.sum_squares:
+            return False  # what the linear problem promised is not there
+        model.fit = fit
         return True
 
     def _chosen(self, groups: CandidateGroups, weight: float) -> SparseModel:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mjsim.estimation.candidate_groups import CandidateGroups
 from mjsim.estimation.candidate_models import CandidateModels
 from mjsim.estimation.criteria import (
     is_large_enough,
@@ -17,6 +18,7 @@ from mjsim.estimation.criteria import (
 from mjsim.estimation.curve_search import best_curve_term, is_overfit
 from mjsim.estimation.curve_terms import CurveTerm
 from mjsim.estimation.effect_vector import EffectVector
+from mjsim.estimation.evidence import select
 from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.progress import Progress, silent
@@ -118,7 +120,7 @@ class ModelSelection(CandidateModels):
             else:
                 self._first_gain = self._first_gain or self.objective(fit) - self.objective(better)
                 fit = better
-                if max_effects is None and self._needs_more(fit):
+                if max_effects is None and self._needs_many(fit, bank):
                     return Selection(start, fit, [], bank, trail, self._first_gain, complete=False)
         fit = self._prune(fit)
         found = []
@@ -156,10 +158,16 @@ class ModelSelection(CandidateModels):
             return None
         return self.exact_refit(best)
 
-    def _needs_more(self, fit: Fit) -> bool:
-        """Whether a few effects are in the model and leave something all the same."""
-        many = len(fit.effects) >= self.settings.few_effects
-        return many and fit.sum_squares > self.settings.complete_fit * self.problem.count
+    def _needs_many(self, fit: Fit, bank: SignatureBank) -> bool:
+        """Whether more is left than a few further effects can explain."""
+        misfit = fit.sum_squares / self.problem.count
+        if misfit < self.settings.complete_fit:
+            return False
+        if len(fit.effects) != 1:
+            return len(fit.effects) >= self.settings.few_effects
+        groups = CandidateGroups.at(self.problem, fit, bank, set(), curves=False)
+        needed = select(groups.problem.scaled(max(1.0, misfit)), groups.groups).precision
+        return len({groups.members[g].key for g in needed}) >= self.settings.many_needed
 
     def _is_overfit(self, start: Fit, fit: Fit) -> bool:
         """Whether a growing pile of effects does worse than one generic term: then more of them are no explanation

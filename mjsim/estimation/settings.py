@@ -56,6 +56,12 @@ class DiagnosisSettings:
             (assumed).
         few_effects: Effects after which a model that leaves something is given up: the machine is a little wrong
             everywhere, or the cause is in no catalogue (bank).
+        many_needed: Effects that linear selection must need beside the first one for a few to be given up at once
+            (bank).
+        joint_fit: Mean square of the whitened residuals up to which a model of many small errors explains everything
+            (bank).
+        most_effects: Most effects of a model that leaves something all the same (bank).
+        clearly_less: Share of what a few effects leave that a model of many must leave to be the better one (bank).
         many_effects: Effects from which the derivatives of a model are taken without new simulations (assumed: single
             effects are then tiny beside the motion).
         log_odds: Logarithm of the prior odds that a cause of the catalogue is needed beside a calibrated machine. Some
@@ -93,6 +99,10 @@ class DiagnosisSettings:
     notable_share: float = 0.02
     testable_size: float = 10.0
     few_effects: int = 3
+    many_needed: int = 10
+    joint_fit: float = 1.4
+    most_effects: int = 5
+    clearly_less: float = 0.8
     many_effects: int = 8
     log_odds: float = -9.0
     curve_log_odds: float = -12.0

@@ -164,8 +164,26 @@ def select_model(separated: Separated, max_effects: int | None = None, progress:
     if separated.machine.tolerance:
         return _explain_jointly(problem, fitter, progress)
     selection = ModelSelection(fitter, progress).run(max_effects)
-    if not selection.complete:
-        return _explain_jointly(problem, fitter, progress)
+    if selection.complete:
+        return _explain_with_few(problem, fitter, selection, progress)
+    joint = _explain_jointly(problem, fitter, progress)
+    if _left(joint) ** 2 < problem.settings.joint_fit:
+        return joint
+    # neither a few causes nor a machine that is a little wrong everywhere: most likely the cause is in no catalogue
+    selection = ModelSelection(fitter, progress).run(problem.settings.most_effects)
+    few = _explain_with_few(problem, fitter, selection, progress)
+    return joint if _left(joint) < problem.settings.clearly_less * _left(few) else few
+
+
+def _left(explained: Explained) -> float:
+    """RMS that an explanation leaves, with the curve beside it where there is one, in units of the noise."""
+    if explained.unexplained is not None:
+        return explained.unexplained.left / explained.data.noise.rms
+    return float(np.sqrt(explained.selection.fit.sum_squares / explained.data.count))
+
+
+def _explain_with_few(problem: Problem, fitter: Fitter, selection: Selection, progress: Progress) -> Explained:
+    """What a few effects explain, and what is left beside them."""
     unexplained, selection = find_unexplained(problem, selection, progress)
     if selection.found:
         data = readmitted(problem, selection.fit.readings, selection.fit.nuisance)
@@ -181,7 +199,8 @@ def _explain_jointly(problem: Problem, fitter: Fitter, progress: Progress) -> Ex
     """
     joint = JointSelector(fitter, progress).run()
     fit = joint.selection.fit
-    rest = best_curve_term(problem, fit) if joint.curve is not None else None
+    incomplete = fit.sum_squares > problem.settings.joint_fit * problem.count
+    rest = best_curve_term(problem, fit) if joint.curve is not None or incomplete else None
     progress("shares of the error", 0, 1)
     entries, shares = calibrations(problem, fit, joint.calibrated)
     explained = joint.selection.start.sum_squares - fit.sum_squares
