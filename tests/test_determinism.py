@@ -105,11 +105,13 @@ def test_the_same_bytes_in_two_processes(campaign, tmp_path):
 
 
 def test_random_numbers_come_from_the_seed_that_is_recorded():
-    """The only ones that mjsim draws are those of a sweep's design; its description and its results keep the seed
-    (test_batch.py).
+    """A sweep's design draws them, and its description and results keep the seed (test_batch.py). The interval of a
+    predicted part is drawn from one fixed seed.
     """
     package = Path(sys.modules["mjsim"].__file__).parent
     draws = re.compile(r"np\.random|numpy\.random|default_rng|RandomState|^\s*import random|from random", re.M)
     found = {f.relative_to(package).as_posix(): draws.findall(f.read_text()) for f in package.rglob("*.py")}
-    assert {k: v for k, v in found.items() if v} == {"batch/design.py": ["np.random", "default_rng"]}
-    assert "default_rng(seed)" in (package / "batch" / "design.py").read_text()
+    seeds = {"batch/design.py": "default_rng(seed)", "prediction/predict.py": "default_rng(_SEED)"}
+    assert {k: v for k, v in found.items() if v} == dict.fromkeys(seeds, ["np.random", "default_rng"])
+    for file, drawn in seeds.items():
+        assert drawn in (package / file).read_text()
