@@ -556,8 +556,12 @@ def test_ladder_needs_no_opengl(recorded, tmp_path, monkeypatch):
     assert animate_ladder(recorded, tmp_path / "l.gif", size=SMALL, fps=2.0).file.is_file()
 
 
-def test_only_the_command_line_imports_it():
+def test_only_the_command_line_and_the_workbench_import_it():
     users = [
         p for p in (ROOT / "mjsim").rglob("*.py") if "mjsim.animation" in p.read_text() and p.parent.name != "animation"
     ]
-    assert {p.relative_to(ROOT / "mjsim").as_posix() for p in users} == {"__init__.py", "cli/animate.py"}
+    assert {p.relative_to(ROOT / "mjsim").as_posix() for p in users} == {
+        "__init__.py",
+        "cli/animate.py",
+        "workbench/page/files.py",
+    }

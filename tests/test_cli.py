@@ -127,6 +127,7 @@ def test_simulate_needs_no_traces_and_takes_another_machine(campaign, tmp_path):
 # -- compare -----------------------------------------------------------------------------------------------------------
 
 COMPARE = {
+    "acceptance",
     "campaign",
     "machine",
     "effects",

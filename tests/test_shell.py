@@ -182,7 +182,7 @@ def short(good, tmp_path_factory):
         "effect": "axis_location.EX0C",
         "tests": {"a-test-with-a-name-that-is-rather-long-for-a-table": 0.2},
     }
-    (folder / ".mjsim").mkdir()
+    (folder / ".mjsim").mkdir(exist_ok=True)
     (folder / ".mjsim" / "history.json").write_text(json.dumps({"steps": [step, added]}))
     (folder / "run.b5r").write_text(
         '<T><PLANE TEST_PLANE="XY"/><FEATURE NAME="AF_REVERSAL_SPIKES_A_NEG" DT="UT_LENGTH_UM">1</FEATURE></T>'

@@ -30,18 +30,21 @@ def command(campaign, machine, host, port, no_browser, as_is, threads, as_json, 
 
     need("open", "workbench", "nicegui")
     from mjsim.campaign.files import read_campaign
+    from mjsim.errors import InputError
     from mjsim.workbench.page.server import LOOPBACK, serve
     from mjsim.workflow.edit import machine_of
 
+    if not host.strip():
+        raise InputError("--host is empty; allowed: an address of this computer, such as 127.0.0.1")
     c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)
-    if host not in (LOOPBACK, "localhost", "::1"):
-        click.echo(
-            f"mjsim: warning: {host} is open to the network; whoever has the address can change the machine file",
-            err=True,
-        )
 
     def say(address: str) -> None:
+        if host not in (LOOPBACK, "localhost", "::1"):
+            click.echo(
+                f"mjsim: warning: {host} is open to the network; whoever has the address can change the machine file",
+                err=True,
+            )
         if as_json:
             common.print_json({"address": address})
         else:

@@ -166,6 +166,9 @@ def select_model(separated: Separated, max_effects: int | None = None, progress:
     selection = ModelSelection(fitter, progress).run(max_effects)
     if selection.complete:
         return _explain_with_few(problem, fitter, selection, progress)
+    alone = _explain_by_curve(problem, selection, progress)
+    if alone is not None and _left(alone) ** 2 < problem.settings.joint_fit:
+        return alone
     joint = _explain_jointly(problem, fitter, progress)
     if _left(joint) ** 2 < problem.settings.joint_fit:
         return joint
@@ -180,6 +183,16 @@ def _left(explained: Explained) -> float:
     if explained.unexplained is not None:
         return explained.unexplained.left / explained.data.noise.rms
     return float(np.sqrt(explained.selection.fit.sum_squares / explained.data.count))
+
+
+def _explain_by_curve(problem: Problem, selection: Selection, progress: Progress) -> Explained | None:
+    """The machine as given with one generic curve, where there is one: a single cause that is in no catalogue."""
+    progress("looking for one cause outside the catalogue", 0, 1)
+    curve = best_curve_term(problem, selection.start)
+    if curve is None:
+        return None
+    selection = replace(selection, fit=selection.start, found=[])
+    return Explained(problem, selection, describe(problem, selection.start, curve))
 
 
 def _explain_with_few(problem: Problem, fitter: Fitter, selection: Selection, progress: Progress) -> Explained:
