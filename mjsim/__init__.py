@@ -60,6 +60,7 @@ _WHERE = {
     "Effect": "mjsim.machine.effect",
     "Parameter": "mjsim.machine.parameter",
     "SearchHints": "mjsim.machine.hints",
+    "Remedy": "mjsim.machine.remedy",
     "Motion": "mjsim.machine.motion",
     "register": "mjsim.effects.registry",
     "InputError": "mjsim.errors",

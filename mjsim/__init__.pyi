@@ -26,6 +26,7 @@ from mjsim.machine.effect import Effect as Effect
 from mjsim.machine.hints import SearchHints as SearchHints
 from mjsim.machine.motion import Motion as Motion
 from mjsim.machine.parameter import Parameter as Parameter
+from mjsim.machine.remedy import Remedy as Remedy
 from mjsim.nc.control import Control as Control
 from mjsim.nc.control import feed_report as feed_report
 from mjsim.nc.read import read_nc as read_nc
@@ -60,6 +61,7 @@ __all__ = [
     "Motion",
     "NCOptions",
     "Parameter",
+    "Remedy",
     "SearchHints",
     "SimulationError",
     "__version__",

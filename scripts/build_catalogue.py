@@ -125,6 +125,8 @@ def entry(cls: type[Effect]) -> list[str]:
         "",
         *wrapped(f"**Signature.** {cls.signature}"),
         "",
+        *wrapped(f"**Remedy.** {cls.remedy.text}"),
+        "",
         *wrapped(f"**Source.** {cls.source}"),
         "",
         "| parameter | unit | off at | typical size | allowed | meaning |",
@@ -190,6 +192,8 @@ def typical(cls: type[Effect], subject: str) -> Effect:
     for p in cls.parameters_of(subject):
         if p.neutral is not None and p.name not in values:
             values[p.name] = p.scale if p.inverse else p.neutral + p.scale
+        elif p.kind == "number" and p.default is None and p.name not in values:
+            values[p.name] = min(p.upper, max(p.lower, p.scale))
     return cls(subject, **values)
 
 
@@ -252,7 +256,7 @@ def main() -> None:
         new_campaign(folder)
         campaign = read_campaign(folder)
         machine, known = read_machine(campaign.machine_file), tests(campaign)
-        for cls in shipped().values():
+        for cls in (c for c in shipped().values() if not c.for_logs):
             picture(cls, machine, known)
             print(f"{cls.kind}.svg: {(IMAGES / f'{cls.kind}.svg').stat().st_size / 1e3:.0f} kB")
 

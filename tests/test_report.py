@@ -15,7 +15,7 @@ from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.effects.registry import make
 from mjsim.errors import InputError
-from mjsim.machine.chain import FIVE_AXIS
+from mjsim.machine.remedy import UNKNOWN
 from mjsim.plots.polar import PolarTrace
 from mjsim.plots.residual import ResidualTrace
 from mjsim.plots.trend import TrendSeries, trend_figure
@@ -360,6 +360,8 @@ def test_steps_of_a_list_add_up_to_it():
             make("pitch_error.C", components=[[72, 0.001, 0.0], [1, -0.0012, 0.0]]),
             "pitch error of about 0.0012° at order 1 and 1 more",
         ),
+        (make("drive_compliance.A", stiffness_Nm_per_urad=2.0), "elastic drive with a stiffness of about 2.0 N·m/µrad"),
+        (make("friction_direction.X", share_ratio=0.2), "friction by direction of about 20 %"),
         (make("worm_wear.A", depth_deg=0.002, centre_deg=30.0, width_deg=3.0), "worm wear of about 0.0020°"),
     ],
 )
@@ -378,14 +380,26 @@ def test_the_answer_compares_with_the_machine_file(m1):
     )
 
 
-def test_every_effect_of_the_catalogue_has_a_name_in_the_answer():
-    kinds = registry.kinds()
-    assert set(kinds) <= set(answer._WORDS)
-    for kind, cls in kinds.items():
-        leading = answer._WORDS[kind][1]
-        assert all(any(p.name.startswith(leading) for p in cls.parameters_of(s)) for s in cls.subjects_of(FIVE_AXIS)), (
-            kind
-        )
+def test_every_effect_of_the_catalogue_has_a_name_and_a_remedy():
+    for cls in registry.kinds().values():
+        assert answer.noun(cls) and cls.remedy is not UNKNOWN
+        assert cls.remedy.kind in ("adjust", "compensate", "maintain", "share") and cls.remedy.text.endswith(".")
+
+
+@pytest.mark.parametrize(
+    ("effect_id", "said"),
+    [
+        ("servo_gain.C", "a wrong position gain of C"),
+        ("loop_delay.X", "a loop delay of X"),
+        ("axis_location.EXC", "a location error of EXC"),
+        ("integral_time.Z", "an integral time of Z"),
+        ("worm_wear.A[CW]", "worm wear of A"),
+        ("inertia.Y", "inertia of Y"),
+        ("my_wave.Y", "a my wave of Y"),
+    ],
+)
+def test_an_alternative_is_named_without_its_size(effect_id, said):
+    assert answer._named(effect_id) == said
 
 
 def _found(effect, alternatives=()):

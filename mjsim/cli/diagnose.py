@@ -15,7 +15,8 @@ from mjsim.cli.import_show import show_features
 from mjsim.cli.logs import diagnose as diagnose_logs
 from mjsim.cli.logs import is_log_campaign
 from mjsim.cli.parameter_lines import parameter_lines
-from mjsim.report.remedies import remedy
+from mjsim.effects.registry import kinds
+from mjsim.machine.remedy import UNKNOWN
 
 #: Findings that are shown in full; the smaller ones follow one a line.
 _DETAILED = 4
@@ -198,7 +199,8 @@ def show(data: dict, campaign: str = "CAMPAIGN") -> None:
     if data["effects"] or data["calibration"]:
         click.echo("\nWhere to look:")
         for e in data["effects"][:_DETAILED]:
-            common.paragraph(f"{e['id']}: {remedy(e['id'].partition('.')[0]).text}", "  ")
+            known = kinds().get(e["id"].partition(".")[0])
+            common.paragraph(f"{e['id']}: {known.remedy.text if known else UNKNOWN.text}", "  ")
         if data["effects"] or data["calibration"]:
             which = data["effects"][0]["id"] if data["effects"] else "EFFECT"
             common.paragraph(f"mjsim explain {campaign} {which}   shows its signature, and what looks like it", "  ")

@@ -4,6 +4,7 @@ from mjsim.effects.registry import register
 from mjsim.machine.chain import is_rotary
 from mjsim.machine.effect import Effect
 from mjsim.machine.parameter import Parameter
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import location_errors
 
 _SHIFT = (Parameter("value_um", "displacement of the centreline", -5000.0, 5000.0, neutral=0.0, scale=10.0),)
@@ -15,6 +16,7 @@ class AxisLocation(Effect):
     kind = "axis_location"
     subjects = location_errors
     title = "Location error of a rotary axis"
+    noun = "location error"
     parameters = _SHIFT
     definition = (
         "p ← Ry(EB0C) Rx(EA0C) p + (EX0C, EY0C, 0) in the cradle; p ← Rz(EC0A) Ry(EB0A) p + (0, EY0A, EZ0A) on the "
@@ -22,6 +24,9 @@ class AxisLocation(Effect):
     )
     source = "ISO 230-7 and ISO 230-1 (axis location errors); order of rotations: effect catalogue"
     signature = "Once- and twice-per-turn deviations; partly or wholly hidden by the set-up's ball offsets."
+    remedy = Remedy(
+        "compensate", "", "Measure the rotary axis' centre line again and enter it in the control's kinematics."
+    )
 
     @classmethod
     def parameters_of(cls, subject):

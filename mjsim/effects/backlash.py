@@ -5,6 +5,7 @@ from mjsim.machine.chain import is_rotary
 from mjsim.machine.effect import Effect
 from mjsim.machine.parameter import Parameter
 from mjsim.machine.plant import PLAY
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import every_axis
 
 _ROTARY = (Parameter("width_deg", "full width b of the play", 0.0, 1.0, neutral=0.0, scale=0.001),)
@@ -20,6 +21,11 @@ class Backlash(Effect):
     definition = "y ← clip(y, x − b/2, x + b/2), starting centred; x motor side, y load side"
     source = "paper section 2.2 and 4.2; ISO 230-2 reversal error"
     signature = "A step at every reversal of the axis; nothing while it turns one way (there it is a constant offset)."
+    remedy = Remedy(
+        "adjust",
+        "backlash",
+        "Adjust the worm mesh or the preload. Until then, use the control's backlash compensation.",
+    )
 
     @classmethod
     def parameters_of(cls, subject):

@@ -4,6 +4,7 @@ from mjsim.effects.registry import register
 from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import every_axis
 
 
@@ -13,6 +14,7 @@ class ConstantForce(Effect):
     subjects = every_axis
     for_logs = True
     title = "Constant force on an axis"
+    noun = "constant torque"
     parameters = (
         Parameter("torque_Nm", "torque against the motor's positive direction", -200.0, 200.0, neutral=0.0, scale=0.02),
     )
@@ -21,6 +23,7 @@ class ConstantForce(Effect):
     signature = (
         "The following error is shifted by the same amount in both directions where no integrator takes it away."
     )
+    remedy = Remedy("adjust", "", "Check the counterbalance, and what pulls at the axis: hoses, covers, cables.")
     search = SearchHints(quasi_static=False)
 
     def apply(self, plant):

@@ -8,6 +8,7 @@ from mjsim.machine.chain import is_rotary
 from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import every_axis
 
 _DAMPING = Parameter(
@@ -37,6 +38,7 @@ class DriveCompliance(Effect):
     kind = "drive_compliance"
     subjects = every_axis
     title = "Elastic transmission between motor and load"
+    noun = "elastic drive"
     parameters = _ROTARY
     definition = (
         "Jm dω/dt = τ − C ω − τ_friction − T, Jl dω_l/dt = T, T = k (θ − θ_l) + 2 ζ √(k Jl) (ω − ω_l); Jl: the "
@@ -46,6 +48,7 @@ class DriveCompliance(Effect):
     signature = (
         "The load lags in proportion to its acceleration, and rings after reversals, when the motor breaks free."
     )
+    remedy = Remedy("maintain", "lateral play", "Check coupling, bearings and nut or worm for stiffness.")
     search = SearchHints(
         quasi_static=False,
         free=("stiffness_Nm_per_urad", "stiffness_N_per_um", "damping_ratio"),

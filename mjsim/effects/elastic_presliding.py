@@ -4,6 +4,7 @@ from mjsim.effects.registry import register
 from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import every_axis
 
 
@@ -26,6 +27,7 @@ class ElasticPresliding(Effect):
     definition = "dz/dt = ω − α |ω| σ0 z / g(ω); α = 0 up to share_ratio of the level, 1 at the level, a cosine between"
     source = "Dupont, Hayward, Armstrong, Altpeter 2002 (elasto-plastic friction)"
     signature = "An axis at rest keeps its place while the load swings below the break-away torque."
+    remedy = Remedy("share", "reversal spikes", "Rolling guides and seals have it. Friction compensation reduces it.")
     search = SearchHints(quasi_static=False, seeds=({"share_ratio": 0.5},))
 
     def apply(self, plant):

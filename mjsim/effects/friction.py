@@ -4,6 +4,7 @@ from mjsim.effects.registry import register
 from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import every_axis
 
 #: Stribeck velocities from which a diagnosis starts, rad/s on the motor: sticking that fades at once, and up to
@@ -57,6 +58,9 @@ class Friction(Effect):
     signature = (
         "A quadrant glitch at each reversal of the axis; its height grows with Tc, its length with the presliding "
         "angle."
+    )
+    remedy = Remedy(
+        "share", "reversal spikes", "Every drive has friction. Lubrication and friction compensation reduce it."
     )
     search = SearchHints(
         quasi_static=False,

@@ -4,6 +4,7 @@ from mjsim.effects.registry import register
 from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import every_axis
 
 
@@ -13,6 +14,7 @@ class FrictionDirection(Effect):
     subjects = every_axis
     for_logs = True
     title = "Friction that depends on the direction"
+    noun = "friction by direction"
     parameters = (
         Parameter(
             "share_ratio",
@@ -27,6 +29,9 @@ class FrictionDirection(Effect):
     source = "preload and lubrication of nuts and guideways; asymmetric Coulomb friction"
     signature = (
         "Errors after reversals differ between the two directions; while the axis moves it acts as a constant force."
+    )
+    remedy = Remedy(
+        "maintain", "reversal spikes", "Check seals, covers and wipers, and the counterbalance of the axis."
     )
     search = SearchHints(quasi_static=False)
 

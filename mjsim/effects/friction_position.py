@@ -4,6 +4,7 @@ from mjsim.effects.registry import register
 from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import every_axis
 
 #: Travel for which the shares are stated: 100 mm, or 1 rad of a rotary axis.
@@ -16,6 +17,7 @@ class FrictionPosition(Effect):
     subjects = every_axis
     for_logs = True
     title = "Friction that depends on the position"
+    noun = "friction by position"
     parameters = (
         Parameter("linear_ratio", "relative change of the friction level over 100 mm or 1 rad", -5.0, 5.0, neutral=0.0),
         Parameter("quadratic_ratio", "the same, by the square of the travel", -5.0, 5.0, neutral=0.0),
@@ -26,6 +28,7 @@ class FrictionPosition(Effect):
     )
     source = "preload of nuts and guideways that varies along the travel; form assumed"
     signature = "Errors after reversals have another size at another place; between them the error changes slowly."
+    remedy = Remedy("maintain", "reversal spikes", "Check screw, guideway and lubrication where the friction is high.")
     search = SearchHints(quasi_static=False)
 
     def apply(self, plant):

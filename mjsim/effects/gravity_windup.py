@@ -7,6 +7,7 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
 from mjsim.machine.plant import SINE
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import tilting_axes
 
 
@@ -15,6 +16,7 @@ class GravityWindup(Effect):
     kind = "gravity_windup"
     subjects = tilting_axes
     title = "Wind-up of the tilting axis under gravity"
+    noun = "wind-up under gravity"
     parameters = (
         Parameter("amplitude_deg", "unbalance torque times worm compliance", -0.1, 0.1, neutral=0.0, scale=0.001),
         Parameter("phase_deg", "direction of the unbalance", -360.0, 360.0, default=0.0, scale=10.0),
@@ -22,6 +24,7 @@ class GravityWindup(Effect):
     definition = "x + amplitude·sin(x + phase)"
     source = "effect catalogue; static moment equilibrium of an unbalanced cradle on a compliant worm"
     signature = "A slow wave tied to the tilt angle, largest where the cradle tilts far."
+    remedy = Remedy("adjust", "", "Adjust the counterbalance, or enter a compensation table over the tilting angle.")
     search = SearchHints(free=("amplitude_deg", "phase_deg"))
 
     def apply(self, plant):

@@ -4,6 +4,7 @@ from mjsim.effects.registry import register
 from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import every_axis
 
 
@@ -17,6 +18,7 @@ class Inertia(Effect):
     definition = "J is multiplied by ratio"
     source = "paper Fig. 2 (J); a load that the data sheet does not have"
     signature = "The error while the axis accelerates has another size, and overshoot after it another frequency."
+    remedy = Remedy("adjust", "", "Identify the drive with the present load, and tune the loops for it.")
     search = SearchHints(quasi_static=False, tolerances={"ratio": 0.03})
 
     def apply(self, plant):

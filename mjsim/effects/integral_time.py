@@ -4,6 +4,7 @@ from mjsim.effects.registry import register
 from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import every_axis
 
 
@@ -20,6 +21,7 @@ class IntegralTime(Effect):
         "Errors after a reversal and after a stop die away faster or slower than the sheet says, in every log of the "
         "axis."
     )
+    remedy = Remedy("adjust", "reversal spikes", "Set the integral time of the velocity loop in the drive.")
     search = SearchHints(
         quasi_static=False,
         seeds=({"ratio": 0.5}, {"ratio": 2.0}),

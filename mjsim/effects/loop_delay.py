@@ -6,6 +6,7 @@ from mjsim.effects.registry import register
 from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import every_axis
 
 
@@ -28,6 +29,7 @@ class LoopDelay(Effect):
     definition = "the torque of an instant acts delay later"
     source = "digital control: computing time and current loop"
     signature = "Less damping: motion rings after every change of the acceleration."
+    remedy = Remedy("adjust", "", "Check cycle times and filters of the drive. Lower the gains if the axis rings.")
     search = SearchHints(quasi_static=False, seeds=({"delay_ms": 0.1}, {"delay_ms": 1.0}))
 
     def apply(self, plant):

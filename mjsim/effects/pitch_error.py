@@ -8,6 +8,7 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
 from mjsim.machine.plant import SINE
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import every_axis
 from mjsim.units import DEG, UM
 
@@ -32,6 +33,11 @@ class PitchError(Effect):
     definition = "x + Σ W sin(N x + φ), N peaks per table turn (linear axes: per screw turn, 2π N x / lead)"
     source = "paper eq. 1; direction-dependent sets as in section 2.3, blended over 0.05° of travel (assumed)"
     signature = "Waves tied to the axis position: short where the axis moves fast, mirrored where it turns back."
+    remedy = Remedy(
+        "compensate",
+        "cyclic error",
+        "Enter a pitch-error compensation table. Check how the worm or the encoder is seated.",
+    )
 
     @classmethod
     def parameters_of(cls, subject):

@@ -17,6 +17,7 @@ from mjsim.machine.chain import FIVE_AXIS, Chain
 from mjsim.machine.effect import Effect
 from mjsim.machine.hints import MOVED, SearchHints
 from mjsim.machine.parameter import Parameter
+from mjsim.machine.remedy import Remedy
 from mjsim.units import DIMENSIONLESS, UNITS, unit_of
 
 _E = TypeVar("_E", bound=Effect)
@@ -129,7 +130,9 @@ def _wrong(cls: type[Effect]) -> str:
         return f"subjects = {subjects!r}; allowed: a tuple of different names such as {FIVE_AXIS.letters[:2]}"
     if not isinstance(cls.search, SearchHints):
         return f"search = {cls.search!r}; allowed: mjsim.SearchHints(...)"
-    for name in _TEXTS:
+    if not isinstance(cls.remedy, Remedy):
+        return f"remedy = {cls.remedy!r}; allowed: mjsim.Remedy(kind, term, text)"
+    for name in (*_TEXTS, "noun"):
         if not isinstance(getattr(cls, name), str):
             return f"{name} = {getattr(cls, name)!r}; allowed: a text"
     known = set()

@@ -4,6 +4,7 @@ from mjsim.effects.registry import register
 from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import every_axis
 
 
@@ -26,6 +27,7 @@ class RisingFriction(Effect):
     signature = (
         "The friction between slow and fast motion rises less and less: viscous friction alone fits one speed only."
     )
+    remedy = Remedy("maintain", "", "Check lubrication and the preload of the bearings.")
     search = SearchHints(
         quasi_static=False,
         free=("torque_Nm", "velocity_rad_per_s"),

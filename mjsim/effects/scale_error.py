@@ -4,6 +4,7 @@ from mjsim.effects.registry import register
 from mjsim.machine.effect import Effect
 from mjsim.machine.parameter import Parameter
 from mjsim.machine.plant import SCALE
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import linear_axes
 
 
@@ -16,6 +17,9 @@ class ScaleError(Effect):
     definition = "x·(1 + ppm·1e-6)"
     source = "ISO 230-1 (linear positioning error motion, first order)"
     signature = "An ellipse along the axes on circles; grows with the travel of the axis."
+    remedy = Remedy(
+        "compensate", "scale mismatch", "Correct the axis' scale by linear compensation. Check temperatures."
+    )
 
     def apply(self, plant):
         plant.add_op("scale_error", SCALE, self.subject, self.si("ppm"))

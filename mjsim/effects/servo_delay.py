@@ -4,6 +4,7 @@ from mjsim.effects.registry import register
 from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import every_axis
 
 
@@ -12,12 +13,14 @@ class ServoDelay(Effect):
     kind = "servo_delay"
     subjects = every_axis
     title = "Command delay of one axis"
+    noun = "command delay"
     parameters = (
         Parameter("delay_ms", "delay of the axis command; negative: earlier", -50.0, 50.0, neutral=0.0, scale=0.1),
     )
     definition = "r(t) is replaced by r(t − delay)"
     source = "effect catalogue; dead time of the interpolator or drive bus"
     signature = "Like a difference of Kpp: v·delay along the axis' motion."
+    remedy = Remedy("adjust", "servo mismatch", "Match interpolation delays and filters of the axes in the control.")
     search = SearchHints(quasi_static=False)
 
     def apply(self, plant):

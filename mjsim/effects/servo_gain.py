@@ -4,6 +4,7 @@ from mjsim.effects.registry import register
 from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import every_axis
 
 
@@ -12,6 +13,7 @@ class ServoGain(Effect):
     kind = "servo_gain"
     subjects = every_axis
     title = "Position gain Kpp off its setting"
+    noun = "position gain"
     parameters = (Parameter("ratio", "factor on Kpp", 0.5, 2.0, neutral=1.0, scale=0.01),)
     definition = "Kpp is multiplied by ratio"
     source = "paper Fig. 2 (Kpp)"
@@ -19,6 +21,7 @@ class ServoGain(Effect):
         "The axis lags differently from the others, by v/Kpp·(1 − 1/ratio): ellipses on circles, "
         "inward or outward bulges where it moves fast."
     )
+    remedy = Remedy("adjust", "servo mismatch", "Set the position gain to that of the other axes in the control.")
     search = SearchHints(quasi_static=False, tolerances={"ratio": 0.0003})
 
     def apply(self, plant):

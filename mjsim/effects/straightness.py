@@ -5,6 +5,7 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
 from mjsim.machine.plant import POLYNOMIAL
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import straightness_errors
 from mjsim.units import UM
 
@@ -17,6 +18,7 @@ class Straightness(Effect):
     kind = "straightness"
     subjects = straightness_errors
     title = "Straightness error of a linear axis"
+    noun = "straightness error"
     parameters = (
         Parameter("quadratic_um", "bow over 100 mm of travel", -200.0, 200.0, neutral=0.0, scale=2.0),
         Parameter("cubic_um", "S-shape over 100 mm of travel", -200.0, 200.0, neutral=0.0, default=0.0, scale=2.0),
@@ -29,6 +31,7 @@ class Straightness(Effect):
     signature = (
         "Three-lobed (quadratic) or two- and four-lobed (cubic) shapes on circles; tied to the position of one axis."
     )
+    remedy = Remedy("compensate", "straightness", "Align the guideway, or enter a straightness compensation table.")
     search = SearchHints(free=("quadratic_um", "cubic_um"), seeds=[{"quadratic_um": 2.0, "cubic_um": 0.0}])
 
     def apply(self, plant):

@@ -9,6 +9,7 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
 from mjsim.machine.plant import SINE
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import wobbling_axes
 
 _SHAPE = (
@@ -40,6 +41,7 @@ class RadialErrorMotion(Effect):
     definition = "table displaced by a (cos(kC + φ), sin(kC + φ), 0) in the cradle frame"
     source = "ISO 230-7 (radial error motion)"
     signature = "Waves of k ± 1 per turn on cones and circles about C; of order 1 it hides in the ball's offset."
+    remedy = Remedy("maintain", "", "Check the table's bearing and its seat.")
     search = _hints("amplitude_um", 1.0)
 
     def apply(self, plant):
@@ -55,6 +57,7 @@ class TiltErrorMotion(Effect):
     definition = "table turned by a·cos(kC + φ) about cradle x and a·sin(kC + φ) about cradle y"
     source = "ISO 230-7 (tilt error motion)"
     signature = "As radial error motion, growing with the ball's height above the A centreline."
+    remedy = Remedy("maintain", "", "Check the table's bearing, its preload and clamping.")
     search = _hints("amplitude_urad", 5.0)
 
     def apply(self, plant):

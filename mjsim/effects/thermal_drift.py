@@ -5,6 +5,7 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
 from mjsim.machine.plant import SETTLE
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import linear_axes
 
 
@@ -20,6 +21,9 @@ class ThermalDrift(Effect):
     definition = "a (1 − exp(−t/τ)), t on the campaign clock"
     source = "ISO 230-3 (thermal drift); first-order warm-up assumed"
     signature = "The circle's centre wanders from revolution to revolution and from test to test, against the clock."
+    remedy = Remedy(
+        "maintain", "", "Warm the machine up before measuring and cutting. Check cooling and thermal compensation."
+    )
     search = SearchHints(
         free=("amplitude_um", "time_constant_s"),
         seeds=[{"amplitude_um": 5.0, "time_constant_s": t} for t in (60.0, 180.0, 500.0, 1500.0, 5000.0)],

@@ -6,6 +6,7 @@ from mjsim.effects.registry import register
 from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import every_axis
 
 
@@ -25,6 +26,7 @@ class TorqueRipple(Effect):
         "A wave tied to the axis position whose height falls as the axis moves faster or slower than the loop's "
         "weak band."
     )
+    remedy = Remedy("maintain", "cyclic error", "Check motor and drive. Use the drive's torque-ripple compensation.")
     # no seeds: the order is found by the spectrum over the axis position
     search = SearchHints(quasi_static=False, free=("amplitude_Nm", "phase_deg"), seeds=())
 

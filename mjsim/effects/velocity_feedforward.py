@@ -4,6 +4,7 @@ from mjsim.effects.registry import register
 from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import every_axis
 
 
@@ -16,6 +17,7 @@ class VelocityFeedforward(Effect):
     definition = "ω_ref + ratio·dr/dt"
     source = "usual servo practice; not in the paper"
     signature = "The axis' following error shrinks by ratio: it runs ahead of axes without feedforward."
+    remedy = Remedy("adjust", "servo mismatch", "Set the same feedforward on all axes in the control.")
     search = SearchHints(quasi_static=False, least=0.1)
 
     def apply(self, plant):

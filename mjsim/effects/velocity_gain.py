@@ -4,6 +4,7 @@ from mjsim.effects.registry import register
 from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import every_axis
 
 
@@ -16,6 +17,7 @@ class VelocityGain(Effect):
     definition = "Kvp is multiplied by ratio"
     source = "paper Fig. 2 (Kvp)"
     signature = "Quadrant glitches change by 1/ratio in height, much like a change of friction."
+    remedy = Remedy("adjust", "reversal spikes", "Tune the velocity loop in the drive.")
     search = SearchHints(quasi_static=False, tolerances={"ratio": 0.02})
 
     def apply(self, plant):

@@ -9,6 +9,7 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
 from mjsim.machine.plant import VIBRATE
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import linear_axes
 
 
@@ -30,6 +31,9 @@ class Vibration(Effect):
     source = "ISO 230-8 (vibrations); constant frequency and amplitude assumed"
     signature = (
         "A ripple of constant frequency that does not repeat from revolution to revolution, strongest along one axis."
+    )
+    remedy = Remedy(
+        "maintain", "vibration", "Find what vibrates at this frequency: foundation, pump, spindle or another machine."
     )
 
     def __init__(self, subject, **values):

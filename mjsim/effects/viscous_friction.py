@@ -4,6 +4,7 @@ from mjsim.effects.registry import register
 from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import every_axis
 
 
@@ -19,6 +20,7 @@ class ViscousFriction(Effect):
         "A following error that grows with the axis' speed and fades within Ti; barely visible while the "
         "integrator has time."
     )
+    remedy = Remedy("maintain", "", "Check lubrication, seals and temperature of the axis.")
     search = SearchHints(quasi_static=False, tolerances={"ratio": 0.1})
 
     def apply(self, plant):

@@ -5,6 +5,7 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
 from mjsim.machine.plant import BUMP
+from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import rotary_axes
 
 
@@ -41,6 +42,7 @@ class WormWear(Effect):
         "are worn, "
         "in one where one flank is."
     )
+    remedy = Remedy("maintain", "", "Replace or re-cut the worn worm wheel. Until then, use a compensation table.")
     search = SearchHints(free=("depth_deg", "centre_deg", "width_deg"), seeds=_seeds)
 
     def apply(self, plant):

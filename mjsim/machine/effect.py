@@ -22,6 +22,7 @@ from mjsim.machine.hints import SearchHints
 from mjsim.machine.motion import Motion
 from mjsim.machine.parameter import Parameter
 from mjsim.machine.plant import Plant
+from mjsim.machine.remedy import UNKNOWN, Remedy
 
 #: Most components of one effect: each is an operation in every step of a simulation.
 MOST_COMPONENTS = 1000
@@ -39,6 +40,8 @@ class Effect(ABC):
         definition: the formula.
         source: where the formula comes from.
         signature: what one sees in the traces.
+        noun: name in a sentence, such as ``command delay``; by default the kind.
+        remedy: what can be done about it.
         search: what a search for causes wants to know; by default it follows from the parameters.
         for_logs: whether it is looked for in axis logs only.
 
@@ -53,6 +56,8 @@ class Effect(ABC):
     definition: ClassVar[str]
     source: ClassVar[str]
     signature: ClassVar[str]
+    noun: ClassVar[str] = ""
+    remedy: ClassVar[Remedy] = UNKNOWN
     search: ClassVar[SearchHints] = SearchHints()
     for_logs: ClassVar[bool] = False
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from mjsim.effects.registry import kinds
 from mjsim.estimation.unexplained import Unexplained
 from mjsim.machine.chain import COORDINATES, is_linear, is_rotary
 from mjsim.machine.effect import Effect
@@ -12,39 +13,8 @@ from mjsim.report.numbers import fixed
 from mjsim.units import UM, unit_of
 from mjsim.workflow.diagnosis import DiagnosedEffect, Diagnosis
 
-#: Kind of effect -> its name in a sentence, and the parameter that says how large it is.
-_WORDS = {
-    "axis_location": ("location error", "value"),
-    "backlash": ("backlash", "width"),
-    "constant_force": ("constant torque", "torque"),
-    "current_clip": ("torque limit", "torque"),
-    "drive_compliance": ("elastic drive", "stiffness"),
-    "elastic_presliding": ("elastic presliding", "share"),
-    "friction": ("friction", "coulomb"),
-    "friction_direction": ("friction by direction", "share"),
-    "friction_position": ("friction by position", "linear"),
-    "friction_ripple": ("friction ripple", "amplitude"),
-    "gravity_windup": ("wind-up under gravity", "amplitude"),
-    "inertia": ("inertia", "ratio"),
-    "integral_time": ("integral time", "ratio"),
-    "loop_delay": ("loop delay", "delay"),
-    "pitch_error": ("pitch error", "components"),
-    "radial_error_motion": ("radial error motion", "amplitude"),
-    "rising_friction": ("rising friction", "torque"),
-    "scale_error": ("scale error", "ppm"),
-    "servo_delay": ("command delay", "delay"),
-    "servo_gain": ("position gain", "ratio"),
-    "squareness": ("squareness error", "angle"),
-    "straightness": ("straightness error", "quadratic"),
-    "thermal_drift": ("thermal drift", "amplitude"),
-    "tilt_error_motion": ("tilt error motion", "amplitude"),
-    "torque_ripple": ("torque ripple", "amplitude"),
-    "velocity_feedforward": ("velocity feedforward", "ratio"),
-    "velocity_gain": ("velocity gain", "ratio"),
-    "vibration": ("vibration", "amplitude"),
-    "viscous_friction": ("viscous friction", "ratio"),
-    "worm_wear": ("worm wear", "depth"),
-}
+#: Ends of names that have no article: one says "backlash of X", but "a command delay of X".
+_WITHOUT_ARTICLE = ("backlash", "friction", "inertia", "presliding", "wear", "wind-up under gravity")
 
 
 def headlines(result: Diagnosis) -> list[str]:
@@ -92,14 +62,18 @@ def _place(subject: str) -> str:
 def _named(effect_id: str) -> str:
     """An effect of which no size is known, such as ``a command delay of C``."""
     kind, _, subject = effect_id.partition("[")[0].partition(".")
-    name = _WORDS.get(kind, (kind.replace("_", " "), ""))[0]
+    known = kinds().get(kind)
+    name = noun(known) if known else kind.replace("_", " ")
     if name.endswith("gain"):
         name = f"wrong {name}"
-    article = "an" if name[0] in "aeiou" else "a"
-    return (
-        f"{'' if kind in ('backlash', 'friction', 'viscous_friction', 'worm_wear') else article + ' '}{name} of "
-        f"{subject}"
-    )
+    if name.endswith(_WITHOUT_ARTICLE):
+        return f"{name} of {subject}"
+    return f"{'an' if name[0] in 'aeiou' else 'a'} {name} of {subject}"
+
+
+def noun(effect: Effect | type[Effect]) -> str:
+    """Name of an effect in a sentence."""
+    return effect.noun or effect.kind.replace("_", " ")
 
 
 def sized(effect: Effect, former: Effect | None = None) -> str:
@@ -109,9 +83,9 @@ def sized(effect: Effect, former: Effect | None = None) -> str:
         effect: the effect as it was fitted.
         former: the same effect as the machine file has it, if it does.
     """
-    name, leading = _WORDS.get(effect.kind, (effect.title[0].lower() + effect.title[1:], ""))
+    name = noun(effect)
     direction = f" while it turns {effect.values['direction']}" if "direction" in effect.values else ""
-    parameter = next((p for p in effect.parameters_of(effect.subject) if leading and p.name.startswith(leading)), None)
+    parameter = next((p for p in effect.parameters_of(effect.subject) if p.leading), None)
     if parameter is None:
         return name + direction
     value = effect.values[parameter.name]
@@ -123,12 +97,10 @@ def sized(effect: Effect, former: Effect | None = None) -> str:
     change = (
         f" ({_percent(value / old, 'above', 'below')} the machine file's)" if isinstance(old, float) and old else ""
     )
-    size = (
-        f"{_short(100.0 * value)} %"
-        if leading == "ratio"
-        else f"{_short(value)} {unit_of(parameter.name)[1]}".replace(" °", "°")
-    )
-    return f"{name} {'with a stiffness ' if leading == 'stiffness' else ''}of about {size}{direction}{change}"
+    unit = unit_of(parameter.name)[1]
+    share = parameter.name.endswith("ratio")
+    size = f"{_short(100.0 * value)} %" if share else f"{_short(value)} {unit}".replace(" °", "°").rstrip()
+    return f"{name} {'with a stiffness ' if parameter.inverse else ''}of about {size}{direction}{change}"
 
 
 def _components(rows: list, unit: str) -> str:

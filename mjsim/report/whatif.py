@@ -22,10 +22,10 @@ from mjsim.estimation.samples import GRID_STEPS
 from mjsim.estimation.vibration import phased
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import AxisPlant
+from mjsim.machine.remedy import Remedy
 from mjsim.progress import Progress, silent
 from mjsim.report.content import RepairRow, WhatIf
 from mjsim.report.models import SIMULATION, WITHIN, run
-from mjsim.report.remedies import Remedy, remedy
 from mjsim.simulation.axes import time_grid
 from mjsim.simulation.drive import STEP
 from mjsim.units import UM
@@ -69,7 +69,7 @@ def causes(machine: Machine, given: Machine, found: Collection[str] = (), inside
     for effect in machine.effects:
         if effect.is_neutral or effect.key in inside:
             continue
-        out.append(Cause(effect.key, effect.title, remedy(effect.kind), machine.without(effect.key)))
+        out.append(Cause(effect.key, effect.title, effect.remedy, machine.without(effect.key)))
         former = given.effect(effect.key)
         if effect.kind == "friction" and effect.key in found and former is not None:
             what = Remedy(
