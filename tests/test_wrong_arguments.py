@@ -96,7 +96,7 @@ def folder(good, tmp_path, monkeypatch):
         monkeypatch.setattr(owner, name, works)
     monkeypatch.setattr(batch_run, "estimate", lambda *_: (1, 1.0))
     shutil.copytree(good, tmp_path / "short")
-    (tmp_path / "short" / ".mjsim").mkdir()
+    (tmp_path / "short" / ".mjsim").mkdir(exist_ok=True)
     (tmp_path / "short" / ".mjsim" / "history.json").write_text(HISTORY)
     (tmp_path / "sweep.toml").write_text(SWEEP)
     (tmp_path / "p.nc").write_text(NC)
