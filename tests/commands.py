@@ -1,10 +1,13 @@
 """Commands run as a user runs them, and what is asked of every refusal."""
 
 import json
+import shutil
 
+import tomlkit
 from click.testing import CliRunner
 
 from mjsim.cli.main import main
+from mjsim.io.resources import examples
 
 #: A short campaign of two tests, of which the first is measured (fixture ``good``).
 CAMPAIGN = """\
@@ -52,6 +55,10 @@ class Mine(mjsim.Effect):
 """
 
 
+#: Tests of the hidden-backlash example that show the backlash, and are quick.
+TESTS = ("cone15-centre-ccw", "circle-xy-ccw", "rotary-a-tangential-ccw")
+
+
 def run(*args):
     return CliRunner().invoke(main, [str(a) for a in args])
 
@@ -72,6 +79,23 @@ def as_json(*args):
         raise AssertionError(f"{name} is no JSON")
 
     return json.loads(result.stdout, parse_constant=constant)
+
+
+def cut(target, tests=TESTS, traces=True):
+    """The hidden-backlash example with some of its tests only."""
+    source = examples() / "hidden-backlash"
+    (target / "traces").mkdir(parents=True)
+    document = tomlkit.parse((source / "campaign.toml").read_text())
+    for i in reversed(range(len(document["test"]))):
+        if document["test"][i]["name"] not in tests:
+            del document["test"][i]
+        elif not traces:
+            del document["test"][i]["trace"]
+    (target / "campaign.toml").write_text(tomlkit.dumps(document))
+    for name in tests if traces else ():
+        shutil.copy(source / "traces" / f"{name}.csv.gz", target / "traces")
+    shutil.copy(source / "machine.toml", target)
+    return target
 
 
 def snapshot(folder):

@@ -18,16 +18,18 @@ CASES = {c.name: c for c in bank.cases()}
 CHOSEN = (
     "null-020",
     "sparse-backlash.A-00",
-    "sparse-pitch_error.C-04",
-    "sparse-servo_delay.Y-10",
+    "sparse-pitch_error.C-16",
+    "sparse-servo_delay.Y-22",
     "sparse-torque_ripple.A-08",
 )
 
 
 @pytest.mark.parametrize("name", CHOSEN)
-def test_a_hidden_cause_is_named(name, tmp_path):
+def test_a_hidden_cause_is_named(name, tmp_path, monkeypatch):
     from diagnosis_report import mark
 
+    # the next test is planned after the cause is named, and takes longer; tests/test_planning.py looks at it
+    monkeypatch.setattr("mjsim.workflow.diagnose.plan_for", lambda *args, **options: None)
     case = CASES[name]
     assert case.half == "tune"  # the published half is not looked at here
     answer = campaign.write(case, tmp_path)

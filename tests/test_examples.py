@@ -6,6 +6,7 @@ import shutil
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from commands import cut
 
 from mjsim.cli.main import main
 from mjsim.io.resources import examples
@@ -74,8 +75,7 @@ def test_hidden_backlash_is_identified(diagnosed):
 
 
 def test_adding_the_hidden_backlash_removes_the_error(tmp_path):
-    folder = shutil.copytree(examples() / "hidden-backlash", tmp_path / "campaign")
-    data = run("add", folder, "backlash.A")
+    data = run("add", cut(tmp_path / "campaign"), "backlash.A")
     assert data["rms_after_um"] <= 0.14
     assert data["effect"]["parameters"]["width_deg"] == pytest.approx(0.002, rel=0.03)
 

@@ -6,11 +6,12 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from commands import refused, run
+from commands import cut, refused, run
 
 from mjsim.errors import InputError
 from mjsim.io import extras
 from mjsim.io.resources import examples
+from mjsim.report import demo
 from mjsim.simulation.multibody import Simulation
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -76,10 +77,18 @@ def test_a_cluster_without_its_extra(without):
 
 
 @pytest.mark.slow
-def test_the_walk_through_without_the_report(tmp_path, without, shared_results):
-    without("jinja2")
-    result = run("demo", "--out", tmp_path / "demo")
+def test_the_walk_through_without_the_report_and_with_it(tmp_path, shared_results, monkeypatch):
+    """On three tests of the example, to be quicker."""
+    cut(tmp_path / "hidden-backlash")
+    monkeypatch.setattr(demo, "examples", lambda: tmp_path)
+    out = tmp_path / "demo"
+    with monkeypatch.context() as patch:
+        patch.setattr(extras, "find_spec", lambda name: None if name == "jinja2" else True)
+        result = run("demo", "--out", out)
     assert result.exit_code == 0, result.output
     assert f"report {sentence('report')}" in result.output
-    assert {p.name for p in (tmp_path / "demo").glob("*.png")} == {"measured-and-simulated.png", "ladder.png"}
-    assert not (tmp_path / "demo" / "report.html").exists()
+    assert {p.name for p in out.glob("*.png")} == {"measured-and-simulated.png", "ladder.png"}
+    assert not (out / "report.html").exists()
+    again = run("demo", "--out", out)
+    assert again.exit_code == 0 and "backlash.A" in again.output, again.output
+    assert "backlash.A" in (out / "report.html").read_text() and "backlash" in (out / "machine.toml").read_text()

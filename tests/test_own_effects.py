@@ -15,9 +15,11 @@ from mjsim.batch.workshop import Job
 from mjsim.effects import registry
 from mjsim.errors import EffectTimeout, InputError, SimulationError
 from mjsim.machine import own
+from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.effect import Effect, Parameter
 from mjsim.simulation import callback
 from mjsim.simulation.multibody import simulate
+from mjsim.workflow.edit import resolve_effect
 
 #: An effect file; line 13 is the first of what position_error does.
 FILE = """\
@@ -397,3 +399,11 @@ def test_nothing_is_installed_after_a_failure(campaign, short):
     with pytest.raises(EffectTimeout):
         simulate(mjsim.read_machine(campaign / "machine.toml"), mjsim.read_campaign(campaign).tests, threads=2)
     assert not callback._users
+
+
+def test_a_file_may_be_named_by_a_path(campaign):
+    file = campaign / "mine.py"
+    file.write_text(FILE.replace("BODY", "pass"))
+    for name in (file, str(file)):
+        cls, subjects, source = resolve_effect(name, FIVE_AXIS)
+        assert (cls.kind, subjects, source) == ("mine", ["A"], file.resolve())

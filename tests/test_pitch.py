@@ -65,9 +65,8 @@ def errors(direction, planted):
     return np.array(out)
 
 
-@pytest.mark.parametrize("seed", [31, 32])
-def test_what_was_planted_comes_back_and_nothing_else(measured, seed):
-    found = identify_pitch_errors(*measured([*FOUR, *CONES], PLANTED, seed), threads=1)
+def test_what_was_planted_comes_back_and_nothing_else(measured):
+    found = identify_pitch_errors(*measured([*FOUR, *CONES], PLANTED, 31), threads=1)
     for (axis, way), rows in PLANTED.items():
         d = found[axis].directions[way]
         e = errors(d, rows)

@@ -1,13 +1,12 @@
 """The workbench without a page: what a change does to the error, the ladder, fits, saving."""
 
 import json
-import shutil
 import sys
 import time
 
 import numpy as np
 import pytest
-import tomlkit
+from commands import TESTS, cut
 
 import mjsim
 from mjsim.campaign.files import read_campaign
@@ -26,25 +25,6 @@ from mjsim.workbench.save import changes
 from mjsim.workbench.state import Workbench
 from mjsim.workflow.compare import compare
 from mjsim.workflow.history import read_history
-
-TESTS = ("cone15-centre-ccw", "circle-xy-ccw", "rotary-a-tangential-ccw")
-
-
-def cut(target, tests=TESTS, traces=True):
-    """The hidden-backlash example with some of its tests only."""
-    source = examples() / "hidden-backlash"
-    (target / "traces").mkdir(parents=True)
-    document = tomlkit.parse((source / "campaign.toml").read_text())
-    for i in reversed(range(len(document["test"]))):
-        if document["test"][i]["name"] not in tests:
-            del document["test"][i]
-        elif not traces:
-            del document["test"][i]["trace"]
-    (target / "campaign.toml").write_text(tomlkit.dumps(document))
-    for name in tests if traces else ():
-        shutil.copy(source / "traces" / f"{name}.csv.gz", target / "traces")
-    shutil.copy(source / "machine.toml", target)
-    return target
 
 
 @pytest.fixture(scope="module")

@@ -13,9 +13,8 @@ from contextlib import contextmanager
 
 import pytest
 import tomlkit
-from commands import refused
+from commands import TESTS, cut, refused
 from test_report_browser import BROWSER, FLAGS
-from test_workbench import TESTS, cut
 
 playwright = pytest.importorskip("playwright.sync_api", reason="without playwright")
 pytest.importorskip("nicegui", reason="without the extra workbench")

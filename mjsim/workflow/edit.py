@@ -54,7 +54,7 @@ def machine_of(campaign: Campaign, file: str | Path | None = None) -> Machine:
     return read_machine(file if file is not None else campaign.machine_file)
 
 
-def resolve_effect(name: str, chain: Chain) -> tuple[type[Effect], list[str], Path | None]:
+def resolve_effect(name: str | Path, chain: Chain) -> tuple[type[Effect], list[str], Path | None]:
     """Class, possible subjects and source file of what the user names: an id, or the path of an effect file.
 
     Args:
@@ -64,6 +64,7 @@ def resolve_effect(name: str, chain: Chain) -> tuple[type[Effect], list[str], Pa
     Raises:
         InputError: there is no such effect, or the file is no effect file.
     """
+    name = str(name)
     if name.endswith(".py") or "/" in name:
         cls = registry.load_file(Path(name))
         return cls, list(cls.subjects_of(chain)), Path(name).resolve()
@@ -82,7 +83,7 @@ def file_reference(source: Path, machine_file: Path) -> str:
 @one_blas_thread
 def add(
     campaign: Campaign,
-    effect: str,
+    effect: str | Path,
     machine_file: str | Path | None = None,
     threads: int = 2,
     progress: Progress = silent,

@@ -11,6 +11,8 @@ motor units (rad).
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numba import njit
 
@@ -153,9 +155,17 @@ def run_axis(
         # 2.8 per rate
         fastest = np.abs(np.diff(command)).max() / GRID * ratio
         substeps = max(substeps, int(np.ceil(GRID * fastest * p[7] / p[6] / 1.2)))
-    motor, load, torque = (np.empty(len(command)) for _ in range(3))
-    _integrate(np.ascontiguousarray(command * ratio), substeps, p, motor, load, torque)
-    return (load if p[15] > 0.0 else motor) / ratio, torque
+    motor, load, torque = _moved(np.ascontiguousarray(command * ratio).tobytes(), substeps, p)
+    return (load if p[15] > 0.0 else motor) / ratio, torque.copy()
+
+
+@lru_cache(maxsize=48)  # an effect changes one axis; the others move as before
+def _moved(command: bytes, substeps: int, p: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Motor and load angle and torque for the bytes of a command in motor units."""
+    r = np.frombuffer(command).copy()
+    motor, load, torque = (np.empty(len(r)) for _ in range(3))
+    _integrate(r, substeps, p, motor, load, torque)
+    return motor, load, torque
 
 
 def run(drives: dict, effects: dict, program, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
