@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import GRID_STEPS
 from mjsim.machine.effect import Effect
+from mjsim.machine.kinematics import Geometry
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import PLAY, Plant
 from mjsim.simulation.bar import reading
@@ -24,6 +26,8 @@ from mjsim.simulation.transmission import reading_change, transmit
 
 #: Size of the numerical step, of a typical size.
 _STEP = 0.02
+#: Size of the numerical step of an error motion, m or rad.
+_MOTION = 1e-6
 
 
 class Linearisation:
@@ -33,6 +37,7 @@ class Linearisation:
         self.problem, self.machine, self.nuisance = problem, machine, nuisance
         self.plant = build(machine)
         self._plays: dict[str, Plant] = {}
+        self._by_motion: dict[int, list[np.ndarray]] = {}
         motions = problem.motions
         self.loads = problem.map(lambda k: np.ascontiguousarray(motions[k].load(self.plant, GRID_STEPS)))
 
@@ -58,6 +63,31 @@ class Linearisation:
 
         return self.problem.map(one)
 
+    def change(self, effect: Effect) -> list[np.ndarray]:
+        """What an effect of positions changes in the block means, (m,) per test, m: added to the model, or in the place
+        of the one that the model has.
+        """
+        before = self.machine.effect(effect.key)
+        plants = [self._alone(e) for e in (effect, before) if e is not None]
+        part_of = self._part_of(effect, plants)
+        ideal = self._ideal if part_of == self._of_geometry and before is None else None
+
+        def one(k: int) -> np.ndarray:
+            now = part_of(k, plants[0], effect.subject)
+            if before is not None:
+                now = now - part_of(k, plants[1], effect.subject)
+            elif ideal is not None:
+                now = now - ideal[k]
+            return self.problem.samples[k].sample(now, self.problem.shift(k, self.nuisance))
+
+        return self.problem.map(one)
+
+    @cached_property
+    def _ideal(self) -> list[np.ndarray]:
+        """Readings of all tests at the same axis positions without any error motion or location error, m."""
+        ideal = build(replace(self.machine, effects=()))
+        return self.problem.map(lambda k: self._of_geometry(k, ideal, ""))
+
     def _alone(self, effect: Effect) -> Plant:
         """The plant of a machine that has this effect only."""
         m = self.machine
@@ -76,6 +106,7 @@ class Linearisation:
         if any(p.geometry.location or p.geometry.squareness for p in plants):
             return self._of_geometry
         if any(op.out >= p.chain.count for p in plants for op in p.ops):
+            self._with_motions(plants)
             return self._of_table
         return self._of_operations
 
@@ -107,13 +138,30 @@ class Linearisation:
         return reading(alone.chain, self._axes(k), np.asarray(test.table_ball), test.length, alone.geometry)
 
     def _of_table(self, k: int, alone: Plant, axis: str) -> np.ndarray:
-        """The reading of test ``k`` with one error motion of the table, on the grid, m."""
-        test, axes = self.problem.motions[k].test, self._axes(k)
-        q = np.zeros((len(axes), max(alone.width, self.plant.width)))
-        q[:, : axes.shape[1]] = axes
-        if alone.ops:
-            q = transmit(alone.op_table(test.name, test.started), q, self._clock(k))
-        return reading(alone.chain, q, np.asarray(test.table_ball), test.length, alone.geometry)
+        """What error motions of the table add to the reading of test ``k``, on the grid, m."""
+        axes = self._axes(k)
+        if not alone.ops:
+            return np.zeros(len(axes))
+        test, count = self.problem.motions[k].test, axes.shape[1]
+        q, weight = np.zeros((len(axes), alone.width)), np.zeros((len(axes), alone.width))
+        q[:, :count], weight[:, :count] = axes, self.problem.sensitivity[k].axes
+        for column in {op.out for op in alone.ops if op.out >= count}:
+            weight[:, column] = self._by_motion[column][k]
+        return reading_change(alone.op_table(test.name, test.started), q, self._clock(k), weight)
+
+    def _with_motions(self, plants: list[Plant]) -> None:
+        """Compute the derivatives of the readings by the error motions that occur in ``plants``."""
+        ideal = self._ideal
+        for plant in plants:
+            for column in {op.out for op in plant.ops if op.out >= plant.chain.count} - set(self._by_motion):
+                self._by_motion[column] = self.problem.map(lambda k, c=column: (self._moved(k, c) - ideal[k]) / _MOTION)
+
+    def _moved(self, k: int, column: int) -> np.ndarray:
+        """Reading of test ``k`` with a small constant error motion in ``column`` of the motions, on the grid, m."""
+        axes, test = self._axes(k), self.problem.motions[k].test
+        q = np.zeros((len(axes), column + 1))
+        q[:, : axes.shape[1]], q[:, column] = axes, _MOTION
+        return reading(self.plant.chain, q, np.asarray(test.table_ball), test.length, Geometry())
 
     def _of_operations(self, k: int, alone: Plant, axis: str) -> np.ndarray:
         """What the operations of one effect add to the reading of test ``k``, on the grid, m."""

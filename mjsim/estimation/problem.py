@@ -46,8 +46,7 @@ def sheet_grid(motion: AxesMotion, sens: BarSensitivity, base: Plant, moved: dic
         axis = sheet[j].axis
         i = base.chain.index(axis)
         if motion.moves[i]:
-            change = motion.motor(axis, plant.axes[axis], GRID_STEPS) - motion.motor(axis, base.axes[axis], GRID_STEPS)
-            out[j] = sens.axes[:, i] * change
+            out[j] = sens.axes[:, i] * motion.motor_change(axis, base.axes[axis], plant.axes[axis], GRID_STEPS)
     return out
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -12,13 +13,12 @@ from mjsim.effects import registry
 from mjsim.estimation.data_sheet import calibrated
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit, with_effects
+from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import GRID_STEPS
 from mjsim.io.cache import remembered
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
-from mjsim.machine.plant import PLAY
-from mjsim.simulation.transmission import reading_change
 
 _SMALL = 0.05  # of a typical size
 
@@ -69,9 +69,8 @@ class SignatureBank:
     def __init__(self, problem: Problem, fit: Fit) -> None:
         self.problem, self.fit = problem, fit
         self._machine = fit.machine
-        self.plant = build(self._machine)
-        self.loads = problem.map(lambda k: np.ascontiguousarray(problem.motions[k].load(self.plant, GRID_STEPS)))
-        self.base_readings = problem.readings(self.plant)
+        self.linearisation = Linearisation(problem, self._machine, fit.nuisance)
+        self.plant, self.loads = self.linearisation.plant, self.linearisation.loads
         self.candidates: list[Candidate] = []
         self.matrix = np.zeros((problem.count, 0))
         self.slices: list[slice] = []
@@ -106,14 +105,7 @@ class SignatureBank:
         present, moves = self._moves(c)
         free = EffectVector(c.effect, c.names)
         v = free.vector
-        stateless = not present and self._stateless(c.effect)
-        changes_of = (
-            self.position_changes
-            if stateless
-            else self._reading_changes
-            if c.effect.search.quasi_static
-            else self._motor_changes
-        )
+        changes_of = self.position_changes if c.effect.search.quasi_static else self._motor_changes
         out: list[list[np.ndarray]] = [[] for _ in self.problem.tests]
         for move in moves:
             at = v + move if present else self._from_neutral(free, v, move)
@@ -141,32 +133,6 @@ class SignatureBank:
         out[free.linear] = free.neutral + move[free.linear]
         return out
 
-    def _stateless(self, effect: Effect) -> bool:
-        """Whether the effect is nothing but operations on positions without memory, but for the direction in which
-        they last moved.
-        """
-        if not effect.search.quasi_static or type(effect).position_error is not Effect.position_error:
-            return False
-        empty = build(replace(self.fit.base, effects=(effect,)))
-        geometric = bool(empty.geometry.location or empty.geometry.squareness)
-        return (
-            bool(empty.ops) and not geometric and all(o.code != PLAY and o.out < empty.chain.count for o in empty.ops)
-        )
-
-    def position_changes(self, effect: Effect) -> list[np.ndarray]:
-        """Block means of what a :meth:`_stateless` effect changes, (m,) per test, m."""
-        p = self.problem
-        ops = build(replace(self.fit.base, effects=(effect,))).op_table()
-
-        def one(k: int) -> np.ndarray:
-            s, motion = p.samples[k], p.motions[k]
-            grid = reading_change(
-                ops, self.loads[k], motion.test.started + motion.time[::GRID_STEPS], p.sensitivity[k].axes
-            )
-            return s.sample(grid, p.shift(k, self.fit.nuisance))
-
-        return p.map(one)
-
     def _motor_changes(self, effect: Effect) -> list[np.ndarray]:
         """Changes of drives: only the effect's own axis is simulated again."""
         p, axis = self.problem, effect.subject
@@ -177,7 +143,7 @@ class SignatureBank:
             s, motion = p.samples[k], p.motions[k]
             if not motion.moves[i]:
                 return np.zeros(len(s.centre))
-            change = motion.motor(axis, drive, GRID_STEPS) - motion.motor(axis, self.plant.axes[axis], GRID_STEPS)
+            change = motion.motor_change(axis, self.plant.axes[axis], drive, GRID_STEPS)
             return s.sample(p.sensitivity[k].axes[:, i] * change, p.shift(k, self.fit.nuisance))
 
         return p.map(one)
@@ -187,10 +153,17 @@ class SignatureBank:
             with_effects(self.fit.base, [*(f.effect for f in self.fit.effects), effect]), self.fit.sheet_deviation
         )
 
-    def _reading_changes(self, effect: Effect) -> list[np.ndarray]:
-        return self.problem.difference(
-            self.base_readings, self.problem.readings(build(self._with(effect))), self.fit.nuisance
-        )
+    def position_changes(self, effect: Effect) -> list[np.ndarray]:
+        """Block means of what an effect of positions changes, (m,) per test, m."""
+        if not effect.in_python:
+            return self.linearisation.change(effect)
+        readings = self.problem.readings(build(self._with(effect)))
+        return self.problem.difference(self.base_readings, readings, self.fit.nuisance)
+
+    @cached_property
+    def base_readings(self) -> list[np.ndarray]:
+        """Readings of the model itself, on the grid, m."""
+        return self.problem.readings(self.plant)
 
 
 class Projector:

@@ -19,7 +19,7 @@ from mjsim.machine import own
 from mjsim.machine.plant import AxisPlant, Plant
 from mjsim.machine.sensitivity import BarSensitivity, sensitivity
 from mjsim.simulation.bar import reading
-from mjsim.simulation.drive import STEP, discretise, run, substeps_of
+from mjsim.simulation.drive import STEP, SUBSTEPS, discretise, run, substeps_of
 from mjsim.simulation.tracker import MotionTracker
 from mjsim.simulation.transmission import transmit
 
@@ -53,10 +53,12 @@ def behind(program: Program, time: np.ndarray, commands: np.ndarray, plant: Plan
     return out
 
 
-def _driven(drive: AxisPlant, commands: np.ndarray, step: float) -> np.ndarray:
-    """Position of one axis (n,) behind its drive, in axis units, for ``commands`` (n,) ``step`` s apart."""
+def _driven(drive: AxisPlant, commands: np.ndarray, step: float, substeps: int = SUBSTEPS) -> np.ndarray:
+    """Position of one axis (n,) behind its drive, in axis units, for ``commands`` (n,) ``step`` s apart, with at least
+    so many ``substeps`` in each.
+    """
     out = np.empty(len(commands))
-    n = substeps_of(drive, step)
+    n = substeps_of(drive, step, substeps)
     run(discretise(drive, step / n), np.ascontiguousarray(commands), step / n, n, out)
     return out
 
@@ -123,20 +125,29 @@ class AxesMotion:
         """Which axes move in this test, (axes,) bool."""
         return np.ptp(self.commands, axis=0) > 0.0
 
-    def motor(self, axis: str, drive: AxisPlant, every: int = 1) -> np.ndarray:
+    def motor(self, axis: str, drive: AxisPlant, every: int = 1, substeps: int = SUBSTEPS) -> np.ndarray:
         """Motor position of one axis in axis units at every ``every``-th instant; no more than that is kept."""
-        kept, key = self._kept[axis], (every, drive.key())
+        kept, key = self._kept[axis], (every, substeps, drive.key())
         if key in kept:
             kept.move_to_end(key)
             return kept[key]
         i = self.test.chain.index(axis)
         r = self.commands[:, i] if not drive.delay else self.program.commands(self.time - drive.delay)[:, i]
         # an axis that never moves stays: the integrator holds gravity
-        out = np.ascontiguousarray((_driven(drive, r, STEP) if self.moves[i] else r)[::every])
+        out = np.ascontiguousarray((_driven(drive, r, STEP, substeps) if self.moves[i] else r)[::every])
         kept[key] = out
         while len(kept) > self.keep:
             kept.popitem(last=False)
         return out
+
+    def motor_change(self, axis: str, before: AxisPlant, after: AxisPlant, every: int = 1) -> np.ndarray:
+        """How far another drive moves the motor of one axis, in axis units at every ``every``-th instant.
+
+        Where both have the same masses, a single sub-step a step is enough: what it misses is the same in both.
+        """
+        same = before.load_inertia == after.load_inertia
+        n = max(substeps_of(d, STEP, 1 if same else SUBSTEPS) for d in (before, after))
+        return self.motor(axis, after, every, n) - self.motor(axis, before, every, n)
 
     def load(self, plant: Plant, every: int = 1) -> np.ndarray:
         """Load-side axis positions, m and rad, at every ``every``-th instant.

@@ -17,6 +17,8 @@ from mjsim.machine.plant import BUMP, PLAY, POLYNOMIAL, SCALE, SETTLE, SINE, STA
 MEMORY = 3
 #: Travel after a reversal over which a direction-dependent component fades in, rad (effect catalogue: 0.05°).
 BLEND = 0.05 * math.pi / 180.0
+#: Distance from a dent's centre, in units of its width, beyond which it is nothing: less than 1e-17 of its depth.
+FAR = 9.0
 
 
 # Both helpers stand inside the loop that calls them and index the whole tables: a call and a view of a row each cost as
@@ -49,7 +51,10 @@ def _increment(ops, memory, k, x, clock, first):
     if code == BUMP:  # depth, centre, width, direction; once per turn
         d = x - ops[k, 4]
         d -= 2.0 * math.pi * math.floor(d / (2.0 * math.pi) + 0.5)
-        return -ops[k, 3] * math.exp(-0.5 * (d / ops[k, 5]) ** 2) * _share(x, ops[k, 6], memory, k, first)
+        share = _share(x, ops[k, 6], memory, k, first)
+        if abs(d) > FAR * ops[k, 5]:
+            return 0.0
+        return -ops[k, 3] * math.exp(-0.5 * (d / ops[k, 5]) ** 2) * share
     if code == POLYNOMIAL:  # quadratic, cubic, reference length
         u = x / ops[k, 5]
         return (ops[k, 3] + ops[k, 4] * u) * u * u
@@ -110,6 +115,11 @@ def reading_change(ops, load, clock, weight):
     """
     row, out = np.empty(load.shape[1]), np.empty(len(load))
     memory = np.zeros((ops.shape[0], MEMORY))
+    if ops.shape[0] == 1:  # most signatures are those of a single operation
+        moved, source = int(ops[0, 1]), int(ops[0, 2])
+        for i in range(len(load)):
+            out[i] = weight[i, moved] * _increment(ops, memory, 0, load[i, source], clock[i], i == 0)
+        return out
     for i in range(len(load)):
         for j in range(len(row)):
             row[j] = load[i, j]
