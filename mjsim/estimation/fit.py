@@ -74,6 +74,11 @@ class Fit:
         return calibrated(with_effects(self.base, [f.effect for f in self.effects]), self.sheet_deviation)
 
     @cached_property
+    def simulated_machine(self) -> Machine:
+        """The machine that :attr:`readings` were simulated with."""
+        return calibrated(with_effects(self.base, [f.effect for f in self.effects]), self.simulated_deviation)
+
+    @cached_property
     def parameters(self) -> Parameters:
         """Everything that is fitted: nuisances, data sheet, and a block per effect."""
         sheet = sheet_block(self.base.chain, self.frozen_sheet)
@@ -162,8 +167,11 @@ class Fitter:
             if fresh and exact and iteration:
                 sheet, white = self._sheet_columns(now)
             now = self._linearised(now, white, weight) if fresh else self._with_step(now, weight)
+            promised = now.linear.gain(now.step)
+            if promised < _CONVERGED:
+                break
             trial, scale = now, 0.0
-            for scale in _SCALES:
+            for scale in _SCALES if fresh else _SCALES[:1]:
                 trial = self._evaluated(now.moved(scale * now.step), anchor, exact, sheet)
                 if trial.objective < now.objective:
                     break
@@ -172,8 +180,7 @@ class Fitter:
                     break
                 fresh = True
                 continue
-            gain, promised = now.objective - trial.objective, now.linear.gain(now.step)
-            now = trial
+            gain, now = now.objective - trial.objective, trial
             if gain < _CONVERGED:
                 break
             fresh = (
@@ -255,11 +262,9 @@ class Fitter:
         """Derivative of the block means with respect to the effects' vectors, (m, k) per test, m per typical size."""
         p = self.problem
         columns: list[list[np.ndarray]] = [[] for _ in p.tests]
-        model = calibrated(with_effects(self.machine, [f.effect for f in fit.effects]), fit.simulated_deviation)
-        many = len(fit.effects) >= p.settings.many_effects
-        linearisation = Linearisation(p, model, fit.nuisance) if many else None
+        linearisation = Linearisation(p, fit.simulated_machine, fit.nuisance)
         for i, f in enumerate(fit.effects):
-            cheap = linearisation.columns(f) if linearisation else None
+            cheap = linearisation.columns(f)
             if cheap is not None:
                 for own, part in zip(columns, cheap, strict=True):
                     own.append(part)

@@ -62,8 +62,8 @@ class DiagnosisSettings:
             (bank).
         most_effects: Most effects of a model that leaves something all the same (bank).
         clearly_less: Share of what a few effects leave that a model of many must leave to be the better one (bank).
-        many_effects: Effects from which the derivatives of a model are taken without new simulations (assumed: single
-            effects are then tiny beside the motion).
+        many_effects: Effects from which the data sheet's derivatives stay those of the machine as given (assumed:
+            single effects are then tiny beside the motion).
         log_odds: Logarithm of the prior odds that a cause of the catalogue is needed beside a calibrated machine. Some
             eighty causes are considered: odds of e^-9 let chance name one in a hundred campaigns.
         curve_log_odds: The same for a generic curve, of which some two hundred are considered.

@@ -71,6 +71,7 @@ class SignatureBank:
         self._machine = fit.machine
         self.linearisation = Linearisation(problem, self._machine, fit.nuisance)
         self.plant, self.loads = self.linearisation.plant, self.linearisation.loads
+        self._by_drive: dict[tuple, list[np.ndarray]] = {}
         self.candidates: list[Candidate] = []
         self.matrix = np.zeros((problem.count, 0))
         self.slices: list[slice] = []
@@ -138,6 +139,9 @@ class SignatureBank:
         p, axis = self.problem, effect.subject
         i = p.chain.index(axis)
         drive = build(self._with(effect)).axes[axis]
+        key = axis, *drive.key()
+        if key in self._by_drive:
+            return self._by_drive[key]
 
         def one(k: int) -> np.ndarray:
             s, motion = p.samples[k], p.motions[k]
@@ -146,7 +150,8 @@ class SignatureBank:
             change = motion.motor_change(axis, self.plant.axes[axis], drive, GRID_STEPS)
             return s.sample(p.sensitivity[k].axes[:, i] * change, p.shift(k, self.fit.nuisance))
 
-        return p.map(one)
+        self._by_drive[key] = p.map(one)
+        return self._by_drive[key]
 
     def _with(self, effect: Effect) -> Machine:
         return calibrated(

@@ -131,23 +131,27 @@ class AxesMotion:
         if key in kept:
             kept.move_to_end(key)
             return kept[key]
-        i = self.test.chain.index(axis)
-        r = self.commands[:, i] if not drive.delay else self.program.commands(self.time - drive.delay)[:, i]
-        # an axis that never moves stays: the integrator holds gravity
-        out = np.ascontiguousarray((_driven(drive, r, STEP, substeps) if self.moves[i] else r)[::every])
-        kept[key] = out
+        kept[key] = self._motor(axis, drive, every, substeps)
         while len(kept) > self.keep:
             kept.popitem(last=False)
-        return out
+        return kept[key]
 
     def motor_change(self, axis: str, before: AxisPlant, after: AxisPlant, every: int = 1) -> np.ndarray:
         """How far another drive moves the motor of one axis, in axis units at every ``every``-th instant.
 
-        Where both have the same masses, a single sub-step a step is enough: what it misses is the same in both.
+        Only the motion before is kept. Where both have the same masses, a single sub-step a step is enough: what it
+        misses is the same in both.
         """
         same = before.load_inertia == after.load_inertia
         n = max(substeps_of(d, STEP, 1 if same else SUBSTEPS) for d in (before, after))
-        return self.motor(axis, after, every, n) - self.motor(axis, before, every, n)
+        return self._motor(axis, after, every, n) - self.motor(axis, before, every, n)
+
+    def _motor(self, axis: str, drive: AxisPlant, every: int, substeps: int) -> np.ndarray:
+        i = self.test.chain.index(axis)
+        r = self.commands[:, i] if not drive.delay else self.program.commands(self.time - drive.delay)[:, i]
+        # an axis that never moves stays: the integrator holds gravity
+        moved = _driven(drive, r, STEP, substeps) if self.moves[i] else r
+        return np.ascontiguousarray(moved[::every])
 
     def load(self, plant: Plant, every: int = 1) -> np.ndarray:
         """Load-side axis positions, m and rad, at every ``every``-th instant.
