@@ -165,7 +165,8 @@ def _best_curves(problem: Problem, fit: Fit) -> list[tuple[CurveTerm, np.ndarray
     """The generic curves of largest evidence beside the model, with whitened columns, and how many were looked at."""
     terms = CurveTerms(problem, fit)
     weight = max(1.0, fit.sum_squares / problem.count)
-    rows = []
+    rows: list[tuple[float, CurveTerm, np.ndarray]] = []
+    tried = 0
     for term in itertools.chain(terms.own(), terms.clock(False), terms.across()):
         columns = problem.whiten(term.columns)
         columns = columns[:, np.square(columns).sum(axis=0) > 1e-6]
@@ -174,6 +175,7 @@ def _best_curves(problem: Problem, fit: Fit) -> list[tuple[CurveTerm, np.ndarray
         cross = fit.design.T @ columns
         information = fit.linear.left_over(columns.T @ columns, cross)
         score = columns.T @ fit.residual - cross.T @ fit.step
+        tried += 1
         rows.append((best_precision(information / weight, score / weight)[1], term, columns))
-    rows.sort(key=lambda r: -r[0])
-    return [(term, columns, len(rows)) for gain, term, columns in rows[:_CURVES] if gain > 0.0]
+        rows = sorted(rows, key=lambda r: -r[0])[:_CURVES]  # a curve's columns fill several MB
+    return [(term, columns, tried) for gain, term, columns in rows if gain > 0.0]

@@ -34,7 +34,7 @@ from mjsim.workflow.compare import Comparison, overlay
 from mjsim.workflow.diagnosis import DiagnosedEffect, Diagnosis
 
 #: Most findings that get a rung of the ladder of their own; smaller ones share the last.
-_RUNGS = 5
+_RUNGS = 3
 
 
 @one_blas_thread
