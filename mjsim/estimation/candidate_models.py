@@ -109,8 +109,7 @@ class CandidateModels:
         know.
         """
         present = self.fitter.machine.effect(key)
-        model = fit.simulated_machine
-        without = model.without(key) if present is None else model.with_effect(present)
+        without = fit.machine.without(key) if present is None else fit.machine.with_effect(present)
         parts = self.problem.difference(self.problem.readings(build(without)), fit.readings, fit.nuisance)
         parts = unabsorbed(self.problem, fit, parts)
         least = self.settings.visible_share * self.problem.noise.rms

@@ -161,8 +161,7 @@ class Fitter:
         anchor = now.sheet_deviation
         fresh = True
         for iteration in range(iterations):
-            # what the model fails to explain counts as noise: nuisances and data sheet stay near their priors until it
-            # is good
+            # what the model fails to explain counts as noise: until it is good, the rest stays near its priors
             weight = max(1.0, now.sum_squares / self.problem.count)
             if fresh and exact and iteration:
                 sheet, white = self._sheet_columns(now)
@@ -241,9 +240,8 @@ class Fitter:
     def _evaluated(self, fit: Fit, anchor: np.ndarray, exact: bool, sheet: list[np.ndarray]) -> Fit:
         """The model with its readings, residuals and objective."""
         p = self.problem
-        machine = with_effects(self.machine, [f.effect for f in fit.effects])
-        simulated = fit.sheet_deviation if exact else anchor
-        readings = p.readings(build(calibrated(machine, simulated)))
+        fit = replace(fit, simulated_deviation=fit.sheet_deviation if exact else anchor)
+        readings = p.readings(build(fit.simulated_machine))
         rest = p.residual(readings, fit.nuisance)
         if not exact:
             rest = [r - c @ (fit.sheet_deviation - anchor) for r, c in zip(rest, sheet, strict=True)]
@@ -251,7 +249,6 @@ class Fitter:
         squares = float(residual @ residual)
         return replace(
             fit,
-            simulated_deviation=simulated,
             readings=tuple(readings),
             residual=residual,
             sum_squares=squares,
@@ -263,7 +260,7 @@ class Fitter:
         p = self.problem
         columns: list[list[np.ndarray]] = [[] for _ in p.tests]
         linearisation = Linearisation(p, fit.simulated_machine, fit.nuisance)
-        for i, f in enumerate(fit.effects):
+        for f in fit.effects:
             cheap = linearisation.columns(f)
             if cheap is not None:
                 for own, part in zip(columns, cheap, strict=True):
@@ -271,8 +268,7 @@ class Fitter:
                 continue
             for j in range(len(f.vector)):
                 effect, change = f.nudged(j, _STEP)
-                others = [g.effect if k != i else effect for k, g in enumerate(fit.effects)]
-                plant = build(calibrated(with_effects(self.machine, others), fit.simulated_deviation))
+                plant = build(fit.simulated_machine.with_effect(effect))
                 for k, d in enumerate(p.difference(fit.readings, p.readings(plant), fit.nuisance)):
                     columns[k].append(d / change)
         return [
