@@ -9,11 +9,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 
 import mjsim
 from mjsim.ballbar.kinds import KINDS
+from mjsim.cli.main import main
+from mjsim.effects.registry import kinds
 from mjsim.importing.formats import base as formats
 from mjsim.importing.reading import Options
 from mjsim.machine.chain import FIVE_AXIS
@@ -123,6 +126,16 @@ def test_what_the_architecture_names_exists():
         module, _, last = f"mjsim.{name}".rpartition(".")
         above = importlib.import_module(module)
         assert hasattr(above, last) or importlib.util.find_spec(f"mjsim.{name}"), name
+
+
+def test_the_readme_is_short_and_names_every_command():
+    text = (ROOT / "README.md").read_text()
+    assert len(text.splitlines()) <= 150
+    named = set(re.findall(r"mjsim (\w+)", text))
+    commands = set(main.list_commands(click.Context(main)))
+    assert commands <= named, commands - named
+    (number,) = re.findall(r"some \[(\d+) kinds of effects", text)
+    assert abs(int(number) - len(kinds())) < 5
 
 
 def test_prose_is_wrapped_at_100_columns():

@@ -1,4 +1,4 @@
-"""What holds for every kind of test; the template of a new campaign has one of each."""
+"""What holds for every kind of test; the template of a new campaign has one of each, at its end as comments."""
 
 import re
 import tomllib
@@ -24,11 +24,11 @@ DOCS = Path(__file__).resolve().parent.parent / "docs"
 def tests(tmp_path_factory):
     file = tmp_path_factory.mktemp("kinds") / "new" / "campaign.toml"
     mjsim.new_campaign(file.parent)
-    return (
-        file,
-        {t.kind: t for t in mjsim.read_campaign(file).tests},
-        {t["kind"]: t for t in tomllib.loads(file.read_text())["test"]},
-    )
+    live, _, more = file.read_text().partition("# More tests.")
+    file.write_text(live + re.sub(r"(?m)^# ", "", more.partition("\n")[2]))
+    tables = {t["kind"]: t for t in reversed(tomllib.loads(file.read_text())["test"])}
+    by_name = {t.name: t for t in mjsim.read_campaign(file).tests}
+    return file, {kind: by_name[t["name"]] for kind, t in tables.items()}, tables
 
 
 @pytest.mark.parametrize("kind", KINDS)

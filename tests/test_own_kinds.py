@@ -163,6 +163,8 @@ def test_simulation_import_comparison_plots_export_and_nc(folder, tmp_path):
 def test_an_own_kind_is_planned_with_the_others(folder):
     tests = mjsim.read_campaign(folder, traces=False).tests
     proposed = [t for t in first_round(tests) if t.kind == "leaning_circle"]
-    assert {t.name for t in proposed} == {"leaning-circle-centre-ccw-f1000", "leaning-circle-centre-ccw-f4000"}
+    assert {t.name for t in proposed} == {
+        f"leaning-circle{lean}-centre-ccw-f{feed}" for lean in (20, 40) for feed in (1000, 4000)
+    }
     around = list(neighbours(proposed[0]))
     assert any(t.direction == "CW" for t in around) and any(t.more["lean"] < 0 for t in around)

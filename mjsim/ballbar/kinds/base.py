@@ -153,8 +153,12 @@ class Kind(ABC):
         return ""
 
     def short_name(self, test: BallBarTest) -> str:
-        """Name of a proposed test, without its feed: letters, digits, ``_ . + -``."""
-        return f"{self.name}-{place_name(test)}-{test.direction.lower()}".replace("_", "-")
+        """Name of a proposed test, without its feed: letters, digits, ``_ . + -``. Numbers of keys that only this
+        kind has stand behind its name, as in ``latitude30-centre-ccw``.
+        """
+        own = [k.of(test) / k.unit for k in self.keys if k.attribute in test.more and k.unit]
+        numbers = "-".join(f"{abs(round(v))}{'neg' if v < 0 else ''}" for v in own)
+        return f"{self.name}{numbers}-{place_name(test)}-{test.direction.lower()}".replace("_", "-")
 
     def out_of_reach(self, test: BallBarTest) -> str:
         """Why the axes cannot follow the test's path; empty where they can."""
