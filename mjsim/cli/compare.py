@@ -36,9 +36,9 @@ from mjsim.units import UM
 def command(campaign, machine, out, calibrated, no_plots, force, threads, as_is, as_json, quiet) -> None:
     """Lay the simulation over the measurement of CAMPAIGN, test by test.
 
-    The ball offsets of every set-up, the bar's length and each trigger are fitted with their priors and shown;
-    the machine is taken as it is. With --calibrate, what the [tolerance] table of the machine file names is fitted
-    first; nothing else is looked for.
+    The ball offsets of every set-up, the bar's length and each trigger are fitted with their priors and shown. The
+    machine is taken as it is. With --calibrate, the effects in the [tolerance] table of the machine file are fitted
+    first. Nothing else is looked for.
 
     \b
     Example: mjsim compare examples/hidden-backlash

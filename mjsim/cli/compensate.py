@@ -68,8 +68,8 @@ def command(
 ) -> None:
     """Turn what was found about the machine of CAMPAIGN into what its control can take, and say what it will bring.
 
-    The diagnosis of the campaign is used, or made. Ambiguous effects and sizes below their own uncertainty are left
-    out; what a table cannot express is listed.
+    It uses the diagnosis that is kept beside the campaign, or makes one. Ambiguous effects and sizes below their own
+    uncertainty are left out. What a table cannot express is listed.
 
     \b
     Example: mjsim compensate examples/hidden-backlash --control linuxcnc -o corrections

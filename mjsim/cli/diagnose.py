@@ -42,7 +42,9 @@ _LONG_S = 5.0
 @common.threads_option
 @common.options
 def command(campaign, machine, write, max_effects, force, threads, as_is, as_json, quiet) -> None:
-    """Say which effects are missing from the machine of CAMPAIGN, or that none is, or that it is none of the catalogue.
+    """Say which effects are missing from the machine model of CAMPAIGN.
+
+    It also says if none is missing, if two effects cannot be told apart, and if the cause is not in the catalogue.
 
     \b
     Example: mjsim diagnose examples/hidden-backlash --write fitted.toml

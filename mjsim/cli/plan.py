@@ -25,9 +25,8 @@ def command(campaign, machine, between, threads, as_is, as_json, quiet) -> None:
     """Say which test to measure next: the one that best separates the effects that the data of CAMPAIGN cannot tell
     apart.
 
-    Without --between the campaign is diagnosed first. Where nothing is ambiguous, the test is one that makes an effect
-    show that this campaign hides. Tests are judged by what they would add to the campaign's knowledge per minute of
-    machine time.
+    Without --between the campaign is diagnosed first. If nothing is ambiguous, the test is one that shows an effect
+    which this campaign cannot show. The best test separates two effects most clearly per minute of machine time.
 
     \b
     Example: mjsim plan examples/two-candidates --between servo_gain.C servo_delay.C
