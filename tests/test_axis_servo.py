@@ -6,7 +6,8 @@ from scipy.linalg import expm
 
 from mjsim.machine.control import Control, Law
 from mjsim.machine.plant import AxisPlant
-from mjsim.simulation.servo import ServoStart, filters, follow
+from mjsim.simulation.servo import ServoStart, follow
+from mjsim.simulation.servo_loop import filters
 
 GEAR = 2.0 * np.pi / 0.02
 STEP = 2e-4

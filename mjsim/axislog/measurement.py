@@ -40,6 +40,7 @@ class LogTest:
         trace: File of the recording, relative to the campaign.
         circle: A circle in the motion, where one is stated.
         chain: Axes of the machine.
+        span: Part of the recording that is used, from and to, s; nothing: all of it.
     """
 
     __test__ = False
@@ -51,6 +52,7 @@ class LogTest:
     trace: str | None = None
     circle: Circle | None = None
     chain: Chain = FIVE_AXIS
+    span: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)

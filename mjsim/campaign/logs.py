@@ -55,6 +55,7 @@ class LogTable(Table):
     controller: Text | None = None
     setup: Annotated[str, Field(max_length=200), AfterValidator(printable)] | None = None
     circle: CircleTable | None = None
+    span_s: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
 
 
 class LogCampaignTable(CampaignTable):
@@ -107,7 +108,13 @@ def log_test(file: Path, t: LogTable, chain: Chain) -> LogTest:
             raise InputError(f'{place}: circle plane = "{t.circle.plane}"; allowed: two linear axes out of axes')
         x, y = (c * MM for c in t.circle.centre_mm)
         circle = Circle((first, second), (x, y), t.circle.radius_mm * MM, t.circle.direction)
-    return LogTest(t.name, tuple(t.axes), t.controller, t.setup or t.name, t.trace, circle, chain)
+    span = None
+    if t.span_s is not None:
+        first, last = t.span_s
+        if not 0.0 <= first < last:
+            raise InputError(f"{place}: span_s = {t.span_s}; allowed: [from, to] in seconds, from 0, growing")
+        span = (first, last)
+    return LogTest(t.name, tuple(t.axes), t.controller, t.setup or t.name, t.trace, circle, chain, span)
 
 
 def read_recording(path: Path, test: LogTest) -> Recording:
@@ -130,10 +137,26 @@ def read_recording(path: Path, test: LogTest) -> Recording:
     columns = _header(path, names, test)
     check_rows(path, body.count("\n"))
     table = _numbers(path, body, names)
+    check_clock(path, table[:, 0])
+    if test.span is not None:
+        table = _within(path, table, test)
     time = table[:, 0]
-    check_clock(path, time)
     axes = {a: _record(table, columns[a]) for a in test.axes}
     return Recording(time - time[0], axes)
+
+
+def _within(path: Path, table: np.ndarray, test: LogTest) -> np.ndarray:
+    """The rows inside a log's span."""
+    assert test.span is not None
+    time = table[:, 0] - table[0, 0]
+    part = table[(time >= test.span[0]) & (time <= test.span[1])]
+    if len(part) < _FEWEST:
+        first, last = test.span
+        raise InputError(
+            f'{path}: span_s of test "{test.name}" leaves {len(part)} samples between {first:g} and {last:g} s of '
+            f"{time[-1]:.4g} s; allowed: at least {_FEWEST}"
+        )
+    return part
 
 
 def _header(path: Path, names: list[str], test: LogTest) -> dict[str, dict[str, tuple[int, float]]]:

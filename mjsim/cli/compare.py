@@ -9,8 +9,8 @@ import click
 from mjsim.ballbar.kinds import KINDS
 from mjsim.cli import common
 from mjsim.cli.import_show import show_features
+from mjsim.cli.logs import chosen, is_log_campaign, test_option
 from mjsim.cli.logs import compare as compare_logs
-from mjsim.cli.logs import is_log_campaign
 from mjsim.units import UM
 
 
@@ -28,12 +28,13 @@ from mjsim.units import UM
     is_flag=True,
     help="Fit what the machine file has a tolerance for first, and compare that machine.",
 )
+@test_option
 @click.option("--no-plots", is_flag=True, help="Numbers only.")
 @click.option("--force", is_flag=True, help="Replace plots in the folder named by --out.")
 @common.as_is_option
 @common.threads_option
 @common.options
-def command(campaign, machine, out, calibrated, no_plots, force, threads, as_is, as_json, quiet) -> None:
+def command(campaign, machine, out, calibrated, only, no_plots, force, threads, as_is, as_json, quiet) -> None:
     """Lay the simulation over the measurement of CAMPAIGN, test by test.
 
     The ball offsets of every set-up, the bar's length and each trigger are fitted with their priors and shown. The
@@ -52,7 +53,7 @@ def command(campaign, machine, out, calibrated, no_plots, force, threads, as_is,
     from mjsim.workflow.diagnosis import calibration_json
     from mjsim.workflow.edit import machine_of
 
-    c = read_campaign(campaign, as_is=as_is)
+    c = chosen(read_campaign(campaign, as_is=as_is), only)
     m = machine_of(c, machine)
     if is_log_campaign(c):
         folder = out or c.state_folder / "compare"

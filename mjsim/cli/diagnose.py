@@ -12,8 +12,8 @@ from mjsim.ballbar.kinds import kind_of
 from mjsim.cli import common
 from mjsim.cli.compare import calibration_sentence, left_out_sentence, percent
 from mjsim.cli.import_show import show_features
+from mjsim.cli.logs import chosen, is_log_campaign, test_option
 from mjsim.cli.logs import diagnose as diagnose_logs
-from mjsim.cli.logs import is_log_campaign
 from mjsim.cli.parameter_lines import parameter_lines
 from mjsim.effects.registry import kinds
 from mjsim.machine.remedy import UNKNOWN
@@ -37,11 +37,12 @@ _LONG_S = 5.0
     type=click.IntRange(1, 20),
     help="Look for at most so many effects; otherwise for all that the data prove.",
 )
+@test_option
 @click.option("--force", is_flag=True, help="Replace the file named by --write.")
 @common.as_is_option
 @common.threads_option
 @common.options
-def command(campaign, machine, write, max_effects, force, threads, as_is, as_json, quiet) -> None:
+def command(campaign, machine, write, max_effects, only, force, threads, as_is, as_json, quiet) -> None:
     """Say which effects are missing from the machine model of CAMPAIGN.
 
     It also says if none is missing, if two effects cannot be told apart, and if the cause is not in the catalogue.
@@ -60,7 +61,7 @@ def command(campaign, machine, write, max_effects, force, threads, as_is, as_jso
     from mjsim.workflow.edit import machine_of
     from mjsim.workflow.saved import keep
 
-    c = read_campaign(campaign, as_is=as_is)
+    c = chosen(read_campaign(campaign, as_is=as_is), only)
     m = machine_of(c, machine)
     imported = imported_features(c)
     if is_log_campaign(c):

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
+from mjsim.cli.logs import chosen, identify, test_option
 from mjsim.machine.axis import TURNING
 
 
@@ -92,10 +93,11 @@ def pitch_error(
 @click.option(
     "--max-effects", type=click.IntRange(0, 20), default=8, show_default=True, help="At most so many causes per axis."
 )
+@test_option
 @click.option("--force", is_flag=True, help="Replace the file named by --write.")
 @common.threads_option
 @common.options
-def drive(campaign, machine, write, max_effects, force, threads, as_json, quiet) -> None:
+def drive(campaign, machine, write, max_effects, only, force, threads, as_json, quiet) -> None:
     """Numbers of the drives from the axis logs of CAMPAIGN: gains, inertia, friction, each with its interval.
 
     A table [identify] in the machine file says how far the data sheet is believed. Numbers that the logs cannot
@@ -105,11 +107,10 @@ def drive(campaign, machine, write, max_effects, force, threads, as_json, quiet)
     Example: mjsim identify drive my-table --write identified.toml
     """
     from mjsim.campaign.files import read_campaign
-    from mjsim.cli.logs import identify
     from mjsim.errors import InputError
     from mjsim.workflow.edit import machine_of
 
-    c = read_campaign(campaign)
+    c = chosen(read_campaign(campaign), only)
     if not c.logs.recorded:
         raise InputError(f"{c.folder / 'campaign.toml'}: no test of the kind log has a trace; drives need axis logs")
     identify(c, machine_of(c, machine), write, max_effects, force, common.cores(threads), as_json, quiet)

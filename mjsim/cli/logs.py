@@ -15,6 +15,37 @@ def is_log_campaign(campaign) -> bool:
     return bool(campaign.logs.tests) and not campaign.tests
 
 
+#: ``--test`` of the commands that fit axis logs.
+test_option = click.option(
+    "--test",
+    "only",
+    multiple=True,
+    shell_complete=common.test_names,
+    help="Use this axis log only (may be given more than once).",
+)
+
+
+def chosen(campaign, only: tuple[str, ...]):
+    """A campaign with some of its axis logs; all of them where none is named.
+
+    Raises:
+        InputError: A name is none of the campaign's logs.
+    """
+    from dataclasses import replace
+
+    from mjsim.errors import InputError
+
+    if not only:
+        return campaign
+    names = [t.name for t in campaign.logs.tests]
+    for name in only:
+        if name not in names:
+            file, allowed = campaign.folder / "campaign.toml", ", ".join(names) or "none, it has no axis log"
+            raise InputError(f"{file}: no axis log is called {name!r}; allowed: {allowed}")
+    kept = tuple(t for t in campaign.logs.tests if t.name in only)
+    return replace(campaign, logs=replace(campaign.logs, tests=kept))
+
+
 def compare(campaign, machine, folder: Path, plots: bool, force: bool, threads: int, as_json: bool, quiet: bool):
     """``mjsim compare`` on axis logs."""
     from mjsim.io.files import check_writable

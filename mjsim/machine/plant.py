@@ -39,10 +39,11 @@ class AxisPlant:
     ``coulomb`` = 0 is no friction; ``delay`` s; ``feedforward`` is the velocity feedforward's ratio; ``ripple`` is
     (amplitude N·m, order per motor revolution, phase rad). ``load_inertia`` kg·m² (0: rigid), ``stiffness`` N·m/rad and
     ``damping`` N·m·s/rad of an elastic transmission, all seen by the motor; ``inertia`` stays that of motor and load
-    together. What only the simulation of axis logs computes: ``asymmetry`` of the friction level (share by direction),
-    ``friction_ripple`` (share of the level, order, phase), ``by_position`` (change of the level per rad and rad² of the
-    motor), ``rising`` friction (N·m, rad/s at which it saturates), ``hold`` (share of the level up to which the
-    bristles are elastic), and ``control``.
+    together. What only the simulation of axis logs computes: ``asymmetry`` of the friction level and ``viscous_share``
+    of the viscous friction (shares by direction), ``friction_ripple`` (share of the level, order, phase), ``waves``
+    (further ripples of the torque), ``by_position`` (change of the level per rad and rad² of the motor), ``rising``
+    friction (N·m, rad/s at which it saturates), ``hold`` (share of the level up to which the bristles are elastic), and
+    ``control``.
     """
 
     gear: float
@@ -67,6 +68,8 @@ class AxisPlant:
     hold: float = 0.0
     by_position: tuple[float, float] = (0.0, 0.0)
     friction_ripple: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    waves: tuple[tuple[float, float, float], ...] = ()
+    viscous_share: float = 0.0
     control: Control = field(default_factory=Control)
 
     def key(self) -> tuple:

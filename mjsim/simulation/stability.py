@@ -57,8 +57,10 @@ def only_in_logs(axis: AxisPlant) -> str:
         "a control with lag, delay, limit or a law of its own": axis.control != control,
         "friction_direction": axis.asymmetry != 0.0,
         "friction_ripple": axis.friction_ripple[0] != 0.0,
+        "cogging": bool(axis.waves),
         "friction_position": any(axis.by_position),
         "rising_friction": axis.rising[0] != 0.0,
+        "viscous_direction": axis.viscous_share != 0.0,
         "elastic_presliding": axis.hold != 0.0,
         "a controller without an integrator": not np.isfinite(axis.integral_time),
     }

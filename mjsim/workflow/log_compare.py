@@ -11,10 +11,10 @@ from mjsim.axislog.circle import circle_part, radial_deviation
 from mjsim.axislog.measurement import LogTest, Recording
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
+from mjsim.estimation.axis_logs.as_given import fit_as_given
 from mjsim.estimation.axis_logs.data import AxisData, LogNoise, axis_data, check_controllers
 from mjsim.estimation.axis_logs.entries import SHIFT, ZERO, AxisModel
 from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter
-from mjsim.estimation.axis_logs.start import nuisance_model
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
@@ -196,8 +196,8 @@ def _r(x: float) -> float:
 def compare_logs(campaign: Campaign, machine: Machine, threads: int = 2, progress: Progress = silent) -> LogComparison:
     """Simulate every recorded axis under its command and lay it over what was measured.
 
-    A time shift of a few samples, the encoder's zero and the integrator's torque at the start are fitted with their
-    priors; the machine is taken as it is.
+    A time shift of a few samples, the encoder's zero, the integrator's torque at the start and the screw's angle are
+    fitted with their priors; the machine is taken as it is.
 
     Raises:
         InputError: No log has a recording, or a controller is missing.
@@ -206,8 +206,8 @@ def compare_logs(campaign: Campaign, machine: Machine, threads: int = 2, progres
     fits = {}
     for i, axis in enumerate(campaign.logs.axes):
         progress("simulating", i, len(campaign.logs.axes))
-        fitter = LogFitter(axis_data(campaign.logs, axis, machine), threads)
-        fits[axis] = (fitter, fitter.fit(nuisance_model(machine, fitter.data)))
+        fitter = LogFitter(machine, axis_data(campaign.logs, axis, machine), threads)
+        fits[axis] = (fitter, fit_as_given(fitter, machine))
     return overlay_logs(campaign, machine, fits)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import pairwise
 
@@ -51,10 +52,12 @@ def diagnose_logs(
         InputError: No log has a recording, or a controller is missing.
     """
     check_recorded(campaign, machine)
-    selections, searches = {}, {}
-    for axis in campaign.logs.axes:
-        search = AxisSearch(machine, axis_data(campaign.logs, axis, machine), threads, settings, progress)
-        searches[axis], selections[axis] = search, search.run(max_effects)
+    searches = {
+        axis: AxisSearch(machine, axis_data(campaign.logs, axis, machine), threads, settings, progress)
+        for axis in campaign.logs.axes
+    }
+    with ThreadPoolExecutor(max(1, min(threads, len(searches)))) as pool:
+        selections = dict(zip(searches, pool.map(lambda s: s.run(max_effects), searches.values()), strict=True))
     fitted = merged(machine, [s.fit for s in selections.values()])
     before = overlay_logs(campaign, machine, {a: (searches[a].fitter, s.given) for a, s in selections.items()})
     after = overlay_logs(campaign, fitted, {a: (searches[a].fitter, s.fit) for a, s in selections.items()})
@@ -106,9 +109,16 @@ def merged(machine: Machine, fits: list[AxisFit]) -> Machine:
     for fit in fits:
         axis, found = fit.model.axis, fit.model.machine
         drives[axis] = found.drives[axis]
+        ran = {e.where for e in fit.model.entries if e.owner == CONTROLLER}
         for name, axes in found.controllers.items():
             if axis in axes:
                 controllers[name][axis] = axes[axis]
+        # positions fix ratios of torques only: what the logs scaled, they scaled for every controller of the axis
+        ratios = [found.controllers[n][axis].velocity_gain / machine.controllers[n][axis].velocity_gain for n in ran]
+        for name, axes in machine.controllers.items():
+            if ratios and axis in axes and name not in ran:
+                scaled = axes[axis].velocity_gain * float(np.exp(np.mean(np.log(ratios))))
+                controllers[name][axis] = replace(axes[axis], velocity_gain=scaled)
         for effect in found.effects:
             if effect.subject == axis:
                 out = out.with_effect(effect)
@@ -141,26 +151,37 @@ def effects_of(selection: AxisSelection) -> list[LogEffect]:
     return list(out.values())
 
 
-def parameter_intervals(fit: AxisFit) -> dict[str, dict[str, list[float]]]:
+def parameter_intervals(fit: AxisFit) -> dict[str, dict[str, list]]:
     """95 % intervals by effect and parameter, in the parameters' units; those of a wave from its two parts."""
-    out: dict[str, dict[str, list[float]]] = {}
+    out: dict[str, dict[str, list]] = {}
     found = intervals(fit)
     for e in fit.model.entries:
         if e.owner in (DRIVE, CONTROLLER, *NUISANCES):
             continue
-        if e.name not in ("cosine", "sine"):
+        if not e.name.startswith(("cosine", "sine")):
             out.setdefault(e.owner, {})[e.name] = list(found[e.label][1:])
-    for owner in {e.owner for e in fit.model.entries if e.name == "cosine"}:
-        effect = fit.model.machine.effect(owner)
+    for e in fit.model.entries:
+        if not e.name.startswith("cosine"):
+            continue
+        effect = fit.model.machine.effect(e.owner)
         assert effect is not None
-        parts = [found[f"{owner}.{n}"] for n in ("cosine", "sine")]
+        parts = [found[f"{e.owner}.{n}"] for n in (e.name, e.name.replace("cosine", "sine"))]
         amplitude = float(np.hypot(parts[0][0], parts[1][0]))
         spread = max(0.5 * (high - low) for _, low, high in parts)
-        name = next(p.name for p in effect.parameters_of(effect.subject) if p.name.startswith("amplitude_"))
         turn = float(np.degrees(spread / max(amplitude, 1e-12)))
-        phase = effect.values["phase_deg"]
-        out.setdefault(owner, {})[name] = [max(0.0, amplitude - spread), amplitude + spread]
-        out[owner]["phase_deg"] = [phase - turn, phase + turn]
+        ends = [max(0.0, amplitude - spread), amplitude + spread]
+        mine = out.setdefault(e.owner, {})
+        if order := e.name.removeprefix("cosine").strip():
+            row = next(r for r in effect.values["components"] if f"{r[0]:g}" == order)
+            low, high = mine.get("components", [[], []])
+            mine["components"] = [
+                [*low, [row[0], ends[0], row[2] - turn]],
+                [*high, [row[0], ends[1], row[2] + turn]],
+            ]
+        else:
+            name = next(p.name for p in effect.parameters_of(effect.subject) if p.name.startswith("amplitude_"))
+            phase = effect.values["phase_deg"]
+            mine |= {name: ends, "phase_deg": [phase - turn, phase + turn]}
     return out
 
 

@@ -176,5 +176,6 @@ class LogDiagnosis:
         return None
 
 
-def _sig(x: float) -> float:
-    return float(f"{float(x):.6g}")
+def _sig(x):
+    """Numbers, and lists of them, with six digits."""
+    return [_sig(v) for v in x] if isinstance(x, (list, tuple)) else float(f"{float(x):.6g}")

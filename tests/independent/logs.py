@@ -1,7 +1,7 @@
 """Axis logs of one axis under a digital P-PI control, without any code of mjsim: explicit Euler at 2 µs.
 
 x = Kpp (r − y) + ratio·Δr/h − Δy/h,   u = Kvp [x + (1/Ti) Σ ½(x + x₋₁) h]      every sample h, held
-J dω/dt = u − C ω − c − F,             F = σ0 z + σ1 dz/dt,  dz/dt = ω − |ω| σ0 z / g
+J dω/dt = u − C (ω + share |ω|) − c − a sin(n θ + φ) − F,     F = σ0 z + σ1 dz/dt,  dz/dt = ω − |ω| σ0 z / g
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ class Axis:
     constant: float = 0.0
     ripple: float = 0.0
     ripple_phase: float = 0.0
+    ripple_order: float = 1.0
+    viscous_share: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -42,14 +44,14 @@ class Control:
 
 @njit(cache=True)
 def _run(r, h, steps, axis, control, th, u_start, error, resolution, position, torque):
-    j, c, tc, pre, static, stribeck, constant, ripple, phase = axis
+    j, c, tc, pre, static, stribeck, constant, ripple, phase, order, even = axis
     kpp, kvp, of_ti, ff, delay = control
     s0 = tc / pre if tc > 0.0 else 0.0
     s1 = 0.3 * np.sqrt(s0 * j)
     dt = h / steps
     om, z, integral, last_x = 0.0, 0.0, 0.0, 0.0
     if tc > 0.0:
-        z = min(max((u_start - constant) / s0, -pre), pre)
+        z = min(max((u_start - constant - ripple * np.sin(order * th + phase)) / s0, -pre), pre)
     held = np.full(64, u_start)
     y1, r1 = th, r[0]
     for k in range(len(r)):
@@ -67,7 +69,7 @@ def _run(r, h, steps, axis, control, th, u_start, error, resolution, position, t
         u = held[(k - int(delay)) % 64] if k >= delay else u_start
         position[k], torque[k] = y, u
         for _ in range(steps):
-            f = constant + ripple * np.sin(th + phase)
+            f = constant + ripple * np.sin(order * th + phase) + even * c * abs(om)
             if tc > 0.0:
                 g = tc * (1.0 + (static - 1.0) * np.exp(-((om / stribeck) ** 2)))
                 rate = om - abs(om) * s0 * z / g
@@ -91,6 +93,8 @@ def record(axis: Axis, control: Control, command: np.ndarray, noise: float = 0.0
         axis.constant,
         axis.ripple,
         axis.ripple_phase,
+        axis.ripple_order,
+        axis.viscous_share,
     )
     of_ti = 0.0 if np.isinf(control.integral_time) else 1.0 / control.integral_time
     law = (control.position_gain, control.velocity_gain, of_ti, control.feedforward, float(control.delay_samples))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -11,12 +12,13 @@ from mjsim.effects import registry
 from mjsim.estimation.axis_logs.data import AxisData
 from mjsim.estimation.axis_logs.entries import AxisModel, Entry
 from mjsim.estimation.axis_logs.start import only, typical_torque
+from mjsim.estimation.axis_logs.waves import near
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 
 #: Kinds that are preferred to others that do as well, and each kind's like that is not sought beside it: while an axis
 #: slides, a friction that depends on the direction is a constant force.
-SIMPLER = ("constant_force",)
+SIMPLER = ("constant_force", "torque_ripple", "cogging")
 _LIKE = {"constant_force": "friction_direction", "friction_direction": "constant_force"}
 #: Ids that belong to the same effect of the machine file: a falling friction is a shape of the friction.
 FRICTION = "friction"
@@ -25,6 +27,10 @@ _PRESLIDING = (2e-6, 15e-6)
 _PRESLIDING_DEG = (1e-5, 1e-4)
 
 
+#: Prior standard deviation of the two parts of a wave, in starting sizes of a tenth of what is usual (assumed).
+_WAVES = 30.0
+#: Most waves of cogging beside a torque ripple (assumed).
+_MOST_WAVES = 3
 #: A friction that rises below this share of the largest speed cannot be told from a constant one (assumed).
 _SLOW = 0.01
 
@@ -37,16 +43,32 @@ class Candidate:
         effect: With its starting values.
         entries: What is free.
         shape: Whether it is another shape of an effect that the model has already.
+        order: Of the wave that it adds to an effect of several waves.
     """
 
     effect: Effect
     entries: tuple[Entry, ...]
     shape: bool = False
+    order: float | None = None
 
     @property
     def key(self) -> str:
         """Same for all starting points of one cause."""
+        if self.wave:
+            return f"{self.effect.id} order {self.cycles:g}"
         return self.effect.id + (" shape" if self.shape else "")
+
+    @property
+    def cycles(self) -> float:
+        """Waves per revolution of the motor."""
+        return self.order if self.order is not None else float(self.effect.values["order"])
+
+    @property
+    def wave(self) -> str:
+        """What the phase of its wave is called; empty where it is no wave."""
+        if self.order is not None:
+            return f"{self.effect.kind} {self.order:g}"
+        return self.effect.kind if any(e.name == "cosine" for e in self.entries) else ""
 
     def extend(self, model: AxisModel) -> AxisModel:
         """A model with this cause as well."""
@@ -54,7 +76,28 @@ class Candidate:
         effect = self.effect
         if self.shape and present is not None:
             effect = present.replaced(**{e.name: self.effect.values[e.name] for e in self.entries})
+        if self.order is not None and present is not None:
+            effect = present.replaced(components=[*present.values["components"], *effect.values["components"]])
         return model.extended(effect, self.entries)
+
+    def taken_from(self, model: AxisModel, former: Machine) -> AxisModel:
+        """A model without this cause.
+
+        Args:
+            model: With it.
+            former: The machine as given, whose effect of the same id comes back.
+        """
+        effect = model.machine.effect(self.effect.id)
+        assert effect is not None
+        if self.order is not None:
+            return model.without_wave(effect.id, self.order)
+        if not self.shape:
+            return model.without(effect.id, former.effect(effect.id))
+        names = {e.label for e in self.entries}
+        specs = {p.name: p.default for p in effect.parameters_of(effect.subject)}
+        plain = effect.replaced(**{e.name: specs[e.name] for e in self.entries})
+        kept = tuple(e for e in model.entries if e.label not in names)
+        return AxisModel(model.machine.with_effect(plain), model.axis, kept)
 
 
 class Catalogue:
@@ -73,23 +116,29 @@ class Catalogue:
         self.speed = max(speeds) * gear
         ran = {d.test.controller or only(machine, self.axis) for d in data}
         self.drives = [machine.under(name).drives[self.axis] for name in ran]
+        self.setups = len({d.test.setup for d in data})
         self.gear, self.rotary = gear, machine.chain.is_rotary(self.axis)
 
-    def missing(self, model: AxisModel) -> list[Candidate]:
-        """Every cause that the model does not have yet."""
+    def missing(self, model: AxisModel, orders: Sequence[float] = (1.0,)) -> list[Candidate]:
+        """Every cause that the model does not have yet.
+
+        Args:
+            model: As it is.
+            orders: Of the waves over the motor's angle that stand out.
+        """
         has = {e.owner for e in model.entries}
         friction = model.machine.effect(f"{FRICTION}.{self.axis}")
-        out = [*self._control(), *self._forces()]
+        out = [*self._control(), *self._forces(), *self._waves(model, orders)]
         if friction is None:
             out += self._friction()
         else:
-            out += self._shapes()
+            out += self._shapes(orders)
             shaped = any(e.owner == friction.id and e.name == "static_ratio" for e in model.entries)
             out = [c for c in out if not (c.shape and shaped)]
         like = {f"{_LIKE[kind]}.{self.axis}" for kind in _LIKE if f"{kind}.{self.axis}" in has}
-        return [c for c in out if c.shape or c.effect.id not in has | like]
+        return [c for c in out if c.shape or c.order or c.effect.id not in has | like]
 
-    def _make(self, kind: str, **values: float) -> Effect:
+    def _make(self, kind: str, **values: Any) -> Effect:
         return registry.make(f"{kind}.{self.axis}", self.machine.chain, **values)
 
     def _log(self, effect: Effect, name: str) -> Entry:
@@ -128,10 +177,19 @@ class Catalogue:
     def _forces(self) -> list[Candidate]:
         """Torques beside the ordinary friction."""
         e = self._make("constant_force", torque_Nm=0.1 * self.torque)
-        out = [Candidate(e, (self._linear(e, "torque_Nm", 0.1 * self.torque),))]
-        e = self._make("torque_ripple", amplitude_Nm=0.1 * self.torque, order=1.0, phase_deg=0.0)
-        out.append(Candidate(e, _wave(e, 0.1 * self.torque)))
-        return out
+        return [Candidate(e, (self._linear(e, "torque_Nm", 0.1 * self.torque),))]
+
+    def _waves(self, model: AxisModel, orders: Sequence[float]) -> list[Candidate]:
+        """Torques over the motor's angle: the first is a torque ripple, further ones are waves of its cogging."""
+        size = 0.1 * self.torque
+        ripple, cogging = (model.machine.effect(f"{kind}.{self.axis}") for kind in ("torque_ripple", "cogging"))
+        if ripple is None:
+            made = [self._make("torque_ripple", amplitude_Nm=size, order=o, phase_deg=0.0) for o in orders]
+            return [Candidate(e, _wave(e, size)) for e in made]
+        there = [ripple.values["order"], *([row[0] for row in cogging.values["components"]] if cogging else [])]
+        fresh = [o for o in orders if not near(o, there)] if len(there) <= _MOST_WAVES else []
+        made = [(o, self._make("cogging", components=[[o, size, 0.0]])) for o in fresh]
+        return [Candidate(e, _wave(e, size, f" {o:g}"), order=o) for o, e in made]
 
     def _friction(self) -> list[Candidate]:
         out = []
@@ -140,7 +198,7 @@ class Catalogue:
             out.append(Candidate(e, (self._log(e, "coulomb_Nm"), self._log(e, "presliding_rad"))))
         return out
 
-    def _shapes(self) -> list[Candidate]:
+    def _shapes(self, orders: Sequence[float]) -> list[Candidate]:
         """Other shapes of a friction that is there."""
         out = []
         for part in (0.01, 0.1):
@@ -151,25 +209,32 @@ class Catalogue:
                 stribeck_velocity_rad_per_s=part * self.speed,
             )
             static = replace(self._linear(e, "static_ratio", 0.1), centre=1.0)
-            speed = replace(self._log(e, "stribeck_velocity_rad_per_s"), lower=1e-4 * self.speed, upper=self.speed)
+            speed = replace(
+                self._log(e, "stribeck_velocity_rad_per_s"), lower=1e-4 * self.speed, upper=min(self.speed, 1e3)
+            )
             out.append(Candidate(e, (static, speed), True))
         for part in (0.05, 0.3):
             e = self._make("rising_friction", torque_Nm=0.1 * self.torque, velocity_rad_per_s=part * self.speed)
-            speed = replace(self._log(e, "velocity_rad_per_s"), lower=_SLOW * self.speed, upper=10.0 * self.speed)
+            speed = self._log(e, "velocity_rad_per_s")
+            speed = replace(speed, lower=_SLOW * self.speed, upper=min(speed.upper, 10.0 * self.speed))
             out.append(Candidate(e, (self._linear(e, "torque_Nm", 0.1 * self.torque), speed)))
+        e = self._make("viscous_direction", share_ratio=0.05)
+        out.append(Candidate(e, (self._linear(e, "share_ratio", 0.05),)))
         e = self._make("friction_direction", share_ratio=0.05)
         out.append(Candidate(e, (self._linear(e, "share_ratio", 0.05),)))
-        e = self._make("friction_position", linear_ratio=0.05, quadratic_ratio=0.0)
-        names = ("linear_ratio", "quadratic_ratio")
-        out.append(Candidate(e, tuple(replace(self._linear(e, n, 0.05), deviation=20.0) for n in names)))
-        e = self._make("friction_ripple", amplitude_ratio=0.05)
-        out.append(Candidate(e, _wave(e, 0.05)))
+        if self.setups == 1:  # the zero of every set-up is its own
+            e = self._make("friction_position", linear_ratio=0.05, quadratic_ratio=0.0)
+            names = ("linear_ratio", "quadratic_ratio")
+            out.append(Candidate(e, tuple(replace(self._linear(e, n, 0.05), deviation=20.0) for n in names)))
+        for order in dict.fromkeys([1.0, *orders]):
+            e = self._make("friction_ripple", amplitude_ratio=0.05, order=order)
+            out.append(Candidate(e, _wave(e, 0.05)))
         e = self._make("elastic_presliding", share_ratio=0.5)
         out.append(Candidate(e, (self._linear(e, "share_ratio", 0.1),)))
         return out
 
 
-def _wave(effect: Effect, size: float) -> tuple[Entry, Entry]:
+def _wave(effect: Effect, size: float, order: str = "") -> tuple[Entry, Entry]:
     """The two parts of a wave as entries: the motion is linear in them, unlike in amplitude and phase."""
-    cosine = Entry(effect.id, "cosine", size, scale=size, deviation=1e3, centre=0.0)
-    return cosine, replace(cosine, name="sine", value=0.0)
+    cosine = Entry(effect.id, f"cosine{order}", size, scale=size, deviation=_WAVES, centre=0.0)
+    return cosine, replace(cosine, name=f"sine{order}", value=0.0)

@@ -98,17 +98,18 @@ def axis_data(logs: Logs, axis: str, machine: Machine, block: float = _BLOCK) ->
         noise = noise_of(recording.time, record, resolution)
         drive = machine.under(test.controller).drives[axis]
         memory = _FORGOTTEN / (drive.position_gain if drive.control.law is None else _USUAL_GAIN)
-        start = _start(recording.time, record)
+        start = _start(recording.time, record, resolution)
         out.append(AxisData(test, axis, recording.time, record, size, start, noise, resolution, memory))
     return tuple(out)
 
 
-def _start(time: np.ndarray, record: AxisRecord) -> tuple[float, float]:
+def _start(time: np.ndarray, record: AxisRecord, resolution: float) -> tuple[float, float]:
     """Position and velocity at the first sample, from a parabola through the first samples."""
     n = int(np.clip(np.searchsorted(time, time[0] + 0.005), 5, 50))
     c = np.polynomial.polynomial.polyfit(time[:n] - time[0], record.actual[:n], 2)
-    moving = np.ptp(record.command[: 4 * n]) > 0.0
-    return (float(c[0]), float(c[1])) if moving else (float(record.actual[:n].mean()), 0.0)
+    commanded = np.ptp(record.command[: 4 * n]) > 0.0
+    settling = abs(c[1]) * (time[n] - time[0]) > _REST_STEPS * resolution
+    return (float(c[0]), float(c[1])) if commanded or settling else (float(record.actual[:n].mean()), 0.0)
 
 
 def noise_of(time: np.ndarray, record: AxisRecord, resolution: float) -> LogNoise:

@@ -155,20 +155,36 @@ class AxisModel:
     def without(self, effect_id: str, former: Effect | None = None) -> AxisModel:
         """The model less one effect, or with its ``former`` values."""
         entries = tuple(e for e in self.entries if e.owner != effect_id)
-        entries = tuple(e for e in entries if e.owner != PHASE or e.name != effect_id.partition(".")[0])
+        entries = tuple(e for e in entries if e.owner != PHASE or e.name.split()[0] != effect_id.partition(".")[0])
         machine = self.machine.without(effect_id)
         return AxisModel(machine.with_effect(former) if former else machine, self.axis, entries)
+
+    def without_wave(self, effect_id: str, order: float) -> AxisModel:
+        """The model less one of several waves of an effect."""
+        effect = self.machine.effect(effect_id)
+        assert effect is not None
+        rows = [row for row in effect.values["components"] if row[0] != order]
+        if not rows:
+            return self.without(effect_id)
+        gone = {f"{part} {order:g}" for part in ("cosine", "sine", effect.kind)}
+        kept = tuple(e for e in self.entries if e.name not in gone)
+        return AxisModel(self.machine.with_effect(effect.replaced(components=rows)), self.axis, kept)
 
     def values(self) -> Mapping[str, float]:
         """Present values by label."""
         return {e.label: e.value for e in self.entries}
 
 
-def _changed(effect: Effect, numbers: dict[str, float]) -> Effect:
+def _changed(effect: Effect, numbers: dict[str, Any]) -> Effect:
     """An effect with other numbers; amplitude and phase may come as the two parts of a wave."""
-    if "cosine" in numbers:
-        c, s = numbers.pop("cosine"), numbers.pop("sine")
-        amplitude = next(p for p in effect.parameters_of(effect.subject) if p.name.startswith("amplitude_"))
-        numbers[amplitude.name] = min(math.hypot(c, s), amplitude.upper)
-        numbers["phase_deg"] = math.degrees(math.atan2(s, c))
+    for name in [n for n in numbers if n.startswith("cosine")]:
+        order = name.removeprefix("cosine").strip()
+        c, s = numbers.pop(name), numbers.pop(name.replace("cosine", "sine"))
+        size, phase = math.hypot(c, s), math.degrees(math.atan2(s, c))
+        if order:
+            rows = [list(row) for row in numbers.get("components", effect.values["components"])]
+            numbers["components"] = [[o, size, phase] if f"{o:g}" == order else [o, a, p] for o, a, p in rows]
+        else:
+            amplitude = next(p for p in effect.parameters_of(effect.subject) if p.name.startswith("amplitude_"))
+            numbers |= {amplitude.name: min(size, amplitude.upper), "phase_deg": phase}
     return effect.replaced(**numbers)

@@ -14,14 +14,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mjsim.estimation.axis_logs.data import AxisData
+from mjsim.estimation.axis_logs.descent import Descended, Priors, descend, mean_logs
 from mjsim.estimation.axis_logs.entries import CONTROLLER, NUISANCES, PHASE, SHIFT, START_TORQUE, ZERO, AxisModel
-from mjsim.machine.model import build
-from mjsim.simulation.servo import ServoMotion, ServoStart, follow
+from mjsim.estimation.axis_logs.likelihood import Gain, independent_count
+from mjsim.machine.model import Machine, build
+from mjsim.machine.plant import AxisPlant
+from mjsim.simulation.servo import ServoMotion, ServoStart, block_means, follow_sampled, sampled
 
-#: Number of the plant -> kind of the effect that puts a wave there, whose phase is free in every set-up.
+#: Number of the plant -> kind of the effect that puts a wave there, whose phase is free in every set-up; so are those
+#: of the waves of ``cogging``.
 WAVES = {"ripple": "torque_ripple", "friction_ripple": "friction_ripple"}
 #: Step of numerical derivatives, units of the vector.
 _STEP = 1e-3
+#: A pass is the last where no logarithm of a mean square moved more. Longest step of a logarithm.
+_SAME, _LONGEST = 0.02, 1.5
 #: A residual beyond so many metres or radians belongs to a model that has run away.
 _LOST = 0.1
 
@@ -33,9 +39,10 @@ class AxisFit:
     Attributes:
         model: Its entries have the fitted values.
         residual: Measured less modelled block means per test, (blocks,) axis units.
-        design: Derivatives of the modelled block means per test, (blocks, p); empty before they were needed.
+        design: Derivatives of the modelled block means per test, (blocks, p), at the last step but one of the fit.
         independent: How many independent residuals each test's are worth.
         weight: One over the standard deviation that each test's block means are given, 1/axis units.
+        noise: RMS of each test's noise, axis units.
     """
 
     model: AxisModel
@@ -43,11 +50,17 @@ class AxisFit:
     design: tuple[np.ndarray, ...]
     independent: tuple[float, ...]
     weight: tuple[float, ...]
+    noise: tuple[float, ...]
 
     @property
     def mean_squares(self) -> np.ndarray:
         """Mean square of the residuals, one per test."""
         return np.array([r @ r / len(r) for r in self.residual])
+
+    @property
+    def misfit(self) -> float:
+        """Minus twice the log likelihood less a constant: independent residuals times logarithms of mean squares."""
+        return float(np.array(self.independent) @ np.log(np.maximum(self.mean_squares, 1e-30)))
 
     @property
     def rms(self) -> float:
@@ -74,21 +87,31 @@ class LogFitter:
     """Fits models of one axis to its recordings.
 
     Args:
+        machine: As given: gears and sampling times of the controls.
         data: All recordings of the axis.
         threads: Simulations side by side.
     """
 
-    def __init__(self, data: Sequence[AxisData], threads: int = 2) -> None:
+    def __init__(self, machine: Machine, data: Sequence[AxisData], threads: int = 2) -> None:
         self.data = tuple(data)
+        self._commands = [
+            sampled(build(machine.under(d.test.controller)).axes[d.axis], d.time, d.record.command) for d in self.data
+        ]
         self._measured = [d.means(d.record.actual) for d in self.data]
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
-        setups = dict.fromkeys(d.test.setup for d in self.data)
-        self.first_setup = next(iter(setups))
+        self.noise = tuple(d.noise.rms for d in self.data)
+        # phases count from the set-up that shows most of a wave
+        self.first_setup = max(self.data, key=lambda d: np.ptp(d.record.command)).test.setup
 
     # -- simulation ----------------------------------------------------------------------------------------------------
 
     def motion(self, model: AxisModel, vector: np.ndarray, k: int) -> ServoMotion:
         """The simulated motion of recording ``k``."""
+        axis, start = self._under(model, vector, k)
+        return follow_sampled(axis, self._commands[k], start)
+
+    def _under(self, model: AxisModel, vector: np.ndarray, k: int) -> tuple[AxisPlant, ServoStart]:
+        """The axis as it ran in recording ``k``, and where it began."""
         d = self.data[k]
         plant = build(model.at(vector).under(d.test.controller)).axes[d.axis]
         for attribute, kind in WAVES.items():
@@ -96,20 +119,27 @@ class LogFitter:
             if phase:
                 amplitude, order, angle = getattr(plant, attribute)
                 setattr(plant, attribute, (amplitude, order, angle + phase))
-        start = ServoStart(*d.start, model.nuisance(vector, START_TORQUE, d.name))
-        return follow(plant, d.time, d.record.command, start)
+        plant.waves = tuple(
+            (a, o, p + model.nuisance(vector, PHASE, d.test.setup, f"cogging {o:g}")) for a, o, p in plant.waves
+        )
+        return plant, ServoStart(*d.start, model.nuisance(vector, START_TORQUE, d.name))
 
     def positions(self, model: AxisModel, vector: np.ndarray, k: int) -> np.ndarray:
         """Modelled samples of recording ``k``, (n,) axis units: the simulated motion with the nuisances."""
         d = self.data[k]
         motion = self.motion(model, vector, k)
         shift, zero = (model.nuisance(vector, n, d.name) for n in (SHIFT, ZERO))
-        if not shift and len(motion.time) == len(d.time) and abs(motion.time[-1] - d.time[-1]) < 1e-3 * d.step:
+        if not shift and self._commands[k].as_recorded:
             return motion.position + zero
         return motion.at(d.time - shift) + zero
 
     def _means(self, model: AxisModel, vector: np.ndarray, k: int) -> np.ndarray:
-        return self.data[k].means(self.positions(model, vector, k))
+        d = self.data[k]
+        if not self._commands[k].as_recorded:
+            return d.means(self.positions(model, vector, k))
+        shift, zero = (model.nuisance(vector, n, d.name) for n in (SHIFT, ZERO))
+        axis, start = self._under(model, vector, k)
+        return block_means(axis, self._commands[k], start, shift, d.block)[: d.blocks] + zero
 
     def map(self, jobs: Sequence) -> list:
         """Results of ``f(*arguments)`` for every job ``(f, *arguments)``, in order."""
@@ -150,6 +180,8 @@ class LogFitter:
         jobs = [(j, k) for j in which for k in range(len(self.data)) if self.touches(model, j, k)]
 
         def one(j: int, k: int) -> np.ndarray:
+            if model.entries[j].owner == ZERO:  # simply added
+                return np.full(len(residual[k]), model.entries[j].scale)
             moved = vector.copy()
             low, high = model.entries[j].bounds
             step = _STEP if vector[j] + _STEP <= high else -_STEP
@@ -185,111 +217,60 @@ class LogFitter:
     def evaluated(self, model: AxisModel) -> AxisFit:
         """A model as it stands, with the derivatives there."""
         residual = self.residual(model, model.vector)
-        return AxisFit(model, residual, self.columns(model, model.vector, residual), *self.weights(residual))
+        return AxisFit(
+            model, residual, self.columns(model, model.vector, residual), *self.weights(residual), self.noise
+        )
 
-    def polished(self, fit: AxisFit, steps: int = 2) -> AxisFit:
-        """A fit after some Gauss-Newton steps with central derivatives, which it keeps.
+    def polished(self, fit: AxisFit, steps: int = 3) -> AxisFit:
+        """A fit after some steps with central derivatives, which it keeps.
 
         Along combinations that only the priors fix, one-sided derivatives lead astray.
         """
-        for step in range(steps + 1):
-            model, vector = fit.model, fit.model.vector
-            design = self.columns(model, vector, fit.residual, central=True)
-            fit = replace(fit, design=design)
-            if step == steps:
-                break
-            deviation = np.array([e.deviation for e in model.entries])
-            mean = np.array([e.mean for e in model.entries])
-            low, high = np.array([e.bounds for e in model.entries]).T
-            gradient = (mean - vector) / deviation**2
-            for d, w, r in zip(design, fit.weight, fit.residual, strict=True):
-                gradient = gradient + w * w * (d.T @ r)
-            size = 1.0 / np.sqrt(np.maximum(np.diag(fit.precision), 1e-30))
-            moved = size * np.linalg.lstsq(fit.precision * np.outer(size, size), gradient * size, rcond=1e-15)[0]
-            trial = np.clip(vector + moved, low + 1e-9, high - 1e-9)
-            residual = self.residual(model, trial)
-            if self.cost(fit, residual, (trial - mean) / deviation) > self.cost(
-                fit, fit.residual, (vector - mean) / deviation
-            ):
-                continue
-            fit = replace(fit, model=model.with_values(trial), residual=residual)
-        return fit
+        fit = self.fit(fit.model, steps, 1, central=True)
+        return replace(fit, design=self.columns(fit.model, fit.model.vector, fit.residual, central=True))
 
-    @staticmethod
-    def cost(fit: AxisFit, residual: Sequence[np.ndarray], departure: np.ndarray) -> float:
-        """Squared weighted residuals and departures from the priors."""
-        return float(sum(w * w * (r @ r) for w, r in zip(fit.weight, residual, strict=True)) + departure @ departure)
-
-    def fit(self, model: AxisModel, rounds: int = 3, steps: int = 8) -> AxisFit:
-        """Fit all entries of a model.
+    def fit(self, model: AxisModel, steps: int = 15, passes: int = 2, central: bool = False) -> AxisFit:
+        """Fit all entries of a model, see :mod:`mjsim.estimation.axis_logs.descent`.
 
         Args:
             model: At its starting values.
-            rounds: How often the weights are taken from the residuals.
-            steps: Evaluations at most between.
+            steps: At most so many steps in one pass.
+            passes: How often the number of independent residuals is taken anew.
+            central: Take derivatives from both sides.
         """
-        from scipy.optimize import least_squares  # slow to load
-
-        if not model.entries:
-            residual = self.residual(model, model.vector)
-            return AxisFit(model, residual, tuple(np.zeros((len(r), 0)) for r in residual), *self.weights(residual))
-        deviation = np.array([e.deviation for e in model.entries])
-        mean = np.array([e.mean for e in model.entries])
-        low, high = np.array([e.bounds for e in model.entries]).T
-        vector, last = np.clip(model.vector, low + 1e-9, high - 1e-9), np.inf
+        priors = priors_of(model)
+        vector = priors.inside(model.vector)
         residual = self.residual(model, vector)
-        for _ in range(rounds):
-            _, weight = self.weights(residual)
-            size = np.concatenate([np.full(len(r), w) for w, r in zip(weight, residual, strict=True)])
-
-            def whole(x: np.ndarray, size: np.ndarray = size) -> np.ndarray:
-                return np.concatenate([np.concatenate(self.residual(model, x)) * size, (x - mean) / deviation])
-
-            def slopes(x: np.ndarray, size: np.ndarray = size) -> np.ndarray:
-                stacked = np.vstack(self.columns(model, x, self.residual(model, x)))
-                return np.vstack([-stacked * size[:, None], np.diag(1.0 / deviation)])
-
-            found = least_squares(
-                whole,
-                vector,
-                slopes,  # pyright: ignore[reportArgumentType]
-                (low, high),
-                "trf",
-                x_scale=1.0,
-                max_nfev=steps,
-                ftol=1e-4,
-                xtol=1e-5,
+        at = Descended(vector, residual, tuple(np.zeros((len(r), 0)) for r in residual))
+        for _ in range(passes if model.entries else 0):
+            begun = mean_logs(at.residual, self.noise)
+            at = descend(
+                at,
+                priors,
+                self.independent(at.residual),
+                self.noise,
+                lambda x: self.residual(model, x),
+                lambda x, r: self.columns(model, x, r, central=central),
+                steps,
             )
-            vector = found.x
-            residual = self.residual(model, vector)
-            squares = float(sum(np.log(max(r @ r / len(r), 1e-30)) for r in residual))
-            if abs(last - squares) < 0.01:
+            if np.abs(mean_logs(at.residual, self.noise) - begun).max() < _SAME:
                 break
-            last = squares
-        fitted = model.with_values(vector)
-        return replace(self.evaluated(fitted))
+        weights = self.weights(at.residual)
+        return AxisFit(model.with_values(at.vector), tuple(at.residual), at.design, *weights, self.noise)
 
 
-def independent_count(residual: np.ndarray, memory: float) -> float:
-    """Number of independent residuals that a correlated series (n,) is worth: n over its integrated correlation.
-
-    Args:
-        residual: (n,)
-        memory: Number of samples beyond which a correlation belongs to what the model lacks, not to noise.
-    """
-    n = len(residual)
-    r = residual - residual.mean()
-    power = np.abs(np.fft.rfft(r, 2 * n)) ** 2
-    correlation = np.fft.irfft(power)[:n]
-    if correlation[0] <= 0.0:
-        return float(n)
-    correlation = correlation / correlation[0]
-    below = np.flatnonzero(correlation < 0.05)
-    end = int(below[0]) if len(below) else n
-    return float(n / min(1.0 + 2.0 * correlation[1:end].sum(), max(memory, 1.0)))
+def priors_of(model: AxisModel) -> Priors:
+    """Priors and bounds of a model's vector."""
+    low, high = np.array([e.bounds for e in model.entries]).reshape(-1, 2).T
+    return Priors(
+        np.array([e.mean for e in model.entries]),
+        np.array([e.deviation for e in model.entries]),
+        low,
+        high,
+        np.array([_LONGEST if e.log else np.inf for e in model.entries]),
+    )
 
 
 def gain(less: AxisFit, more: AxisFit) -> float:
-    """Twice the logarithm of the likelihood ratio of two fits, the noise of every test unknown."""
-    ratios = np.log(np.maximum(less.mean_squares, 1e-30) / np.maximum(more.mean_squares, 1e-30))
-    return float(np.array(more.independent) @ ratios)
+    """Twice the logarithm of the likelihood ratio of two fits, the noise of every test unknown; see :class:`Gain`."""
+    return Gain.of(less.residual, more.residual, more.independent, less.noise).largest

@@ -14,7 +14,8 @@ import numpy as np
 from mjsim.estimation.axis_logs.data import AxisData
 from mjsim.machine.model import Drive, Machine, build
 from mjsim.machine.plant import AxisPlant
-from mjsim.simulation.servo import filters, sampling
+from mjsim.simulation.servo import sampling
+from mjsim.simulation.servo_loop import filters
 
 #: Samples over which a control may take the velocity.
 _VELOCITY_SAMPLES = (1, 2, 3, 4)
@@ -43,11 +44,20 @@ class GainsRead:
 
 def output_of(axis: AxisPlant, d: AxisData) -> np.ndarray:
     """Torque that a controller would give for what was recorded, (n,) N·m, without limit, delay and start value."""
+    return _output(axis, d.step, d.record.command, d.record.actual)
+
+
+def torque_against(axis: AxisPlant, d: AxisData, change: np.ndarray) -> np.ndarray:
+    """Torque, (n,) N·m, with which a controller works against a change (n,) of the actual position, axis units."""
+    return -_output(axis, d.step, np.zeros(len(change)), change - change[0])
+
+
+def _output(axis: AxisPlant, record_step: float, command: np.ndarray, actual: np.ndarray) -> np.ndarray:
     from scipy.signal import lfilter  # slow to load
 
-    step = sampling(axis, d.step)
+    step = sampling(axis, record_step)
     R, S, T = filters(axis, step)
-    r, y = (np.asarray(q) * axis.gear for q in (d.record.command, d.record.actual))
+    r, y = (np.asarray(q) * axis.gear for q in (command, actual))
     r0, y0 = r[0], y[0]
     x = np.asarray(lfilter(T, R, r - r0)) - np.asarray(lfilter(S, R, y - y0))
     x = x + (T.sum() * r0 - S.sum() * y0) / R.sum() if abs(R.sum()) > 1e-12 else x

@@ -3,23 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from mjsim.estimation.axis_logs.candidates import SIMPLER, Candidate, Catalogue
+from mjsim.estimation.axis_logs.as_given import fit_as_given
+from mjsim.estimation.axis_logs.candidates import FRICTION, SIMPLER, Candidate, Catalogue
 from mjsim.estimation.axis_logs.data import AxisData
-from mjsim.estimation.axis_logs.entries import PHASE, AxisModel, Entry
-from mjsim.estimation.axis_logs.fit import WAVES, AxisFit, LogFitter, gain
+from mjsim.estimation.axis_logs.entries import AxisModel
+from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter, gain
 from mjsim.estimation.axis_logs.gains import GainsRead, read_gains
-from mjsim.estimation.axis_logs.start import nuisance_model, start_model
+from mjsim.estimation.axis_logs.likelihood import Gain
+from mjsim.estimation.axis_logs.promise import linear_step
+from mjsim.estimation.axis_logs.start import start_model
+from mjsim.estimation.axis_logs.waves import strongest_orders
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
-from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 
 #: Candidates that are fitted in one step of the search, and in the place of one that was found.
-_SHORTLIST, _COMPETING = 3, 2
+_SHORTLIST, _COMPETING = 2, 1
+#: Share of the largest gain that a candidate must promise to be fitted.
+_WORTH = 0.3
+#: Causes up to which a search starts from the printed data sheet as well.
+_FIRST = 3
+#: Numbers on which the motion depends so nonlinearly that a fit can end in a wrong valley, and the factors on them from
+#: which it is tried again.
+_CURVED, _RESTARTS = ("presliding_rad", "velocity_rad_per_s", "stribeck_velocity_rad_per_s"), (0.2, 5.0)
+#: Steps of a fit that only has to be good enough for a comparison.
+_SHORT = 3
 #: Least share by which a cause must lower the RMS of a recording to be a cause of its own.
 _LEAST_SHARE = 0.01
 #: Share by which the mean square of a recording grows without a cause that shows in it (assumed).
@@ -92,142 +104,156 @@ class AxisSearch:
         progress: Progress = silent,
     ) -> None:
         self.machine, self.settings, self.progress = machine, settings, progress
-        self.fitter = LogFitter(data, threads)
+        self.fitter = LogFitter(machine, data, threads)
         self.catalogue = Catalogue(machine, data)
         self.axis = data[0].axis
         self.gains = read_gains(machine, data)
 
     def run(self, max_effects: int = 8) -> AxisSelection:
         """Search with at most ``max_effects`` causes."""
-        given = self.fitter.fit(nuisance_model(self.machine, self.fitter.data))
+        given = fit_as_given(self.fitter, self.machine)
         fit = sheet = self.fitter.fit(start_model(self.machine, self.fitter.data, self.gains))
-        found: list[Candidate] = []
-        ladder = [fit]
+        found, ladder = self._opening(fit) if max_effects else ([], [fit])
+        fit, restarted = ladder[-1], 0
         while len(found) < max_effects:
             self.progress(f"axis {self.axis}: cause {len(found) + 1}", len(found), max_effects)
-            better = self._best_extension(fit)
+            better = self._best_extension(fit, sheet=len(found) < _FIRST)
+            if better is None and restarted < len(found):
+                fresh, restarted = self._restarted(fit), len(found)
+                if fresh is not None:
+                    fit = ladder[-1] = fresh
+                    continue
             if better is None:
                 break
             candidate, fit = better
             found.append(candidate)
             ladder.append(fit)
+        order = [c.key for c in found]
+        found, fit = self._pruned(found, fit)
         fit = self.fitter.polished(fit)
         causes = []
         for i, candidate in enumerate(found):
             self.progress(f"axis {self.axis}: what competes", i, len(found))
             causes.append(self._against_competing(fit, candidate))
         kept = tuple(sorted((c for c in causes if c.gain > 0.0), key=lambda c: -c.gain))
-        return AxisSelection(
-            self.axis, given, sheet, tuple(ladder), fit, kept, tuple(self.gains), tuple(c.key for c in found)
-        )
+        return AxisSelection(self.axis, given, sheet, tuple(ladder), fit, kept, tuple(self.gains), tuple(order))
 
     # -- growing -------------------------------------------------------------------------------------------------------
 
-    def ranked(self, fit: AxisFit) -> list[tuple[float, Candidate, AxisModel]]:
-        """Candidates with the gain that one linear step from their starts promises, the best start of each."""
-        best: dict[str, tuple[float, Candidate, AxisModel]] = {}
-        # a data sheet that was bent to stand for what is missing hides it: the printed one is often nearer
-        printed = self.fitter.evaluated(fit.model.as_printed())
-        handicap = -gain(printed, replace(fit, independent=printed.independent))
-        for base, start in ((fit, 0.0), (printed, handicap)):
-            for candidate in self.catalogue.missing(fit.model):
-                promised, model = self._promise(base, candidate)
-                promised += start
-                if candidate.key not in best or promised > best[candidate.key][0]:
-                    best[candidate.key] = (promised, candidate, model)
-        return sorted(best.values(), key=lambda row: -row[0])
+    def _opening(self, sheet: AxisFit) -> tuple[list[Candidate], list[AxisFit]]:
+        """The first causes and the models with them, from the printed data sheet.
 
-    def _promise(self, fit: AxisFit, candidate: Candidate) -> tuple[float, AxisModel]:
-        model = candidate.extend(fit.model)
-        if candidate.effect.kind in WAVES.values():
-            model = self._with_phases(fit, model, candidate.effect)
-        names = {e.label for e in candidate.entries}
-        vector = model.vector
-        residual = self.fitter.residual(model, vector)
-        new = [j for j, e in enumerate(model.entries) if e.label in names or fit.model.place(e.label) is None]
-        columns = self.fitter.columns(model, vector, residual, new)
-        old = [j for j, e in enumerate(fit.model.entries) if model.place(e.label) is not None and e.label not in names]
-        deviation = np.array(
-            [fit.model.entries[j].deviation for j in old] + [model.entries[j].deviation for j in new], dtype=float
-        )
-        size = [np.hstack([d[:, old], c]) * w for d, c, w in zip(fit.design, columns, fit.weight, strict=True)]
-        white = [r * w for r, w in zip(residual, fit.weight, strict=True)]
-        design, target = np.vstack(size), np.concatenate(white)
-        normal = design.T @ design + np.diag(deviation**-2.0)
-        step = np.linalg.solve(normal + 1e-9 * np.diag(np.diag(normal)), design.T @ target)
-        bounds = [fit.model.entries[j].bounds for j in old] + [model.entries[j].bounds for j in new]
-        now = np.array([fit.model.vector[j] for j in old] + [vector[j] for j in new])
-        step = np.clip(now + step, *np.array(bounds).T) - now
-        left = [w - s @ step for w, s in zip(white, size, strict=True)]
-        before = [r * w for r, w in zip(fit.residual, fit.weight, strict=True)]
-        ratios = [np.log(max(b @ b, 1e-30) / max(a @ a, 1e-30)) for a, b in zip(left, before, strict=True)]
-        more = len(model.entries) - len(fit.model.entries) - 1
-        promised = float(np.array(self.fitter.independent(left)) @ ratios)
-        return promised - self.settings.parameter_penalty * more, model
-
-    def _with_phases(self, fit: AxisFit, model: AxisModel, effect: Effect) -> AxisModel:
-        """A model with a wave over the screw's angle: its phase is each set-up's own, started from a linear fit."""
-        label, kind = effect.id, effect.kind
-        i, j = model.place(f"{label}.cosine"), model.place(f"{label}.sine")
-        assert i is not None and j is not None
-        zero = model.vector
-        zero[[i, j]] = 1e-6, 0.0
-        columns = self.fitter.columns(model, zero, fit.residual, [i, j])
-        waves: dict[str, list[np.ndarray]] = {}
-        for k, d in enumerate(self.fitter.data):
-            design = np.hstack([columns[k], fit.design[k]]) * fit.weight[k]
-            right = np.array([0.0, 0.0] + [e.deviation for e in fit.model.entries])
-            ridge = np.where(right > 0.0, np.maximum(right, 1e-9), 1e3) ** -2.0
-            part = np.linalg.solve(design.T @ design + np.diag(ridge), design.T @ (fit.residual[k] * fit.weight[k]))
-            waves.setdefault(d.test.setup, []).append(part[:2])
-        means = {setup: np.mean(parts, axis=0) for setup, parts in waves.items()}
-        first = means[self.fitter.first_setup]
-        amplitude = float(np.mean([np.hypot(*w) for w in means.values()]))
-        angle = float(np.arctan2(first[1], first[0]))
-        entries = []
-        for e in model.entries:
-            if e.owner == label and e.name in ("cosine", "sine"):
-                value = amplitude * (np.cos(angle) if e.name == "cosine" else np.sin(angle)) * e.scale
-                entries.append(replace(e, value=float(value)))
-            elif e.owner != PHASE or e.name != kind:
-                entries.append(e)
-        for setup, wave in means.items():
-            if setup != self.fitter.first_setup:
-                turned = float(np.arctan2(wave[1], wave[0])) - angle
-                entries.append(Entry(PHASE, kind, turned, setup, deviation=10.0))
-        return AxisModel(model.machine, model.axis, tuple(entries))
-
-    def _best_extension(self, fit: AxisFit) -> tuple[Candidate, AxisFit] | None:
-        """The cause that lowers the residuals most, fitted, or ``None`` where none pays."""
-        trials: list[tuple[float, Candidate, AxisFit]] = []
-        for promised, candidate, model in self.ranked(fit)[:_SHORTLIST]:
-            if trials and promised < 0.3 * max(t[0] for t in trials):
+        Every axis has friction, and a wrong integral time changes what friction does: looked for one after the other,
+        each is hidden by a data sheet that was bent to stand for both.
+        """
+        printed, none = sheet.model.as_printed(), [c for c in self.catalogue.missing(sheet.model)]
+        friction = [c for c in none if c.effect.kind == FRICTION and not c.shape]
+        times = [c for c in none if c.effect.kind == "integral_time"]
+        found, ladder = [], [sheet]
+        for first, seconds in ((friction, times), (times, [])):
+            alone = self._best_of([c.extend(printed) for c in first])
+            pairs = [b.extend(a.extend(printed)) for a in first for b in seconds]
+            if alone is None:
                 continue
-            trial = self.fitter.fit(model, rounds=2)
+            pair = self._best_of(pairs)
+            here = [(first[0], alone), (seconds[0], pair)] if pair is not None and seconds else [(first[0], alone)]
+            if gain(sheet, here[-1][1]) - self.settings.parameter_penalty * len(here) < self.settings.likelihood_ratio:
+                continue
+            for candidate, fit in here:
+                if gain(ladder[-1], fit) > self.settings.likelihood_ratio:
+                    found.append(candidate)
+                    ladder.append(fit)
+            if found:
+                break
+        return found, ladder
+
+    def _best_of(self, models: Sequence[AxisModel]) -> AxisFit | None:
+        """The best fit of models that differ in their starts, the best of short ones carried on."""
+        short = [self.fitter.fit(m, _SHORT, 1) for m in models]
+        best = min(short, key=lambda f: f.misfit, default=None)
+        return self.fitter.fit(best.model) if best is not None else None
+
+    def ranked(self, fit: AxisFit, sheet: bool = False) -> list[tuple[Gain, Candidate, AxisModel]]:
+        """Candidates with the gain that one linear step from their starts promises, the best start of each.
+
+        Args:
+            fit: Of the model that they extend.
+            sheet: Also start from the printed data sheet: one that was bent to stand for what is missing hides it.
+        """
+        best: dict[str, tuple[Gain, Candidate, AxisModel]] = {}
+        orders, bases = strongest_orders(self.fitter, fit), [fit]
+        if sheet:
+            bases.append(self.fitter.evaluated(fit.model.as_printed()))
+        for base in bases:
+            for candidate in self.catalogue.missing(fit.model, orders):
+                model, left = linear_step(self.fitter, base, candidate)
+                more = len(model.entries) - len(fit.model.entries) - 1
+                promised = Gain.of(fit.residual, left, self.fitter.independent(left), self.fitter.noise)
+                promised = promised.less(self.settings.parameter_penalty * more)
+                if candidate.key not in best or promised.largest > best[candidate.key][0].largest:
+                    best[candidate.key] = (promised, candidate, model)
+        return sorted(best.values(), key=lambda row: -row[0].slow)
+
+    def _restarted(self, fit: AxisFit) -> AxisFit | None:
+        """A better fit of the same model from other ways and speeds of its friction; nothing where none is."""
+        best = fit
+        for j, e in enumerate(fit.model.entries):
+            for factor in _RESTARTS if e.name in _CURVED else ():
+                moved = best.model.vector
+                moved[j] = np.clip(e.encode(e.value * factor), *e.bounds)
+                trial = self.fitter.fit(best.model.with_values(moved), _SHORT, 1)
+                if best.misfit - trial.misfit > self.settings.indistinguishable:
+                    best = self.fitter.fit(trial.model)
+        return best if best is not fit else None
+
+    def _best_extension(self, fit: AxisFit, sheet: bool) -> tuple[Candidate, AxisFit] | None:
+        """The cause that lowers the residuals most, fitted, or ``None`` where none pays."""
+        rows = self.ranked(fit, sheet)
+        fine = sorted(rows, key=lambda row: -row[0].fine)
+        shortlist = {row[1].key: row for row in (*rows[:_SHORTLIST], *fine[:_SHORTLIST])}
+        trials: list[tuple[Gain, Candidate, AxisFit]] = []
+        for promised, candidate, model in shortlist.values():
+            worth = max(promised.slow / max(rows[0][0].slow, 1.0), promised.fine / max(fine[0][0].fine, 1.0))
+            if promised.largest < 0.3 * self.settings.likelihood_ratio or worth < _WORTH:
+                continue
+            trial = self.fitter.fit(model, _SHORT, 1)
             more = len(model.entries) - len(fit.model.entries) - 1
-            trials.append((gain(fit, trial) - self.settings.parameter_penalty * more, candidate, trial))
-        if not trials:
-            return None
-        best = max(trials, key=lambda t: t[0])
-        close = best[0] - self.settings.indistinguishable
-        best = next((t for t in trials if t[1].effect.kind in SIMPLER and t[0] > close), best)
-        if best[0] < self.settings.likelihood_ratio or not _visible(fit, best[2]):
-            return None
-        return best[1], self.fitter.fit(best[2].model, rounds=2)
+            won = Gain.of(fit.residual, trial.residual, trial.independent, trial.noise)
+            trials.append((won.less(self.settings.parameter_penalty * more), candidate, trial))
+        # first what makes the misfit smaller, then what its spectrum shows
+        for of in (lambda t: t[0].slow, lambda t: t[0].fine):
+            best = max(trials, key=of, default=None)
+            if best is None or of(best) < self.settings.likelihood_ratio:
+                continue
+            close = of(best) - self.settings.indistinguishable
+            best = next((t for t in trials if t[1].effect.kind in SIMPLER and of(t) > close), best)
+            if _visible(fit, best[2]):
+                return best[1], self.fitter.fit(best[2].model, 3 * _SHORT)
+        return None
+
+    def _pruned(self, found: list[Candidate], fit: AxisFit) -> tuple[list[Candidate], AxisFit]:
+        """The causes that the final model still needs: one that was found early may stand for others found later."""
+        found = list(found)
+        for candidate in tuple(found[:-1]):
+            without = self.fitter.fit(candidate.taken_from(fit.model, self.machine), _SHORT, 1)
+            if gain(without, fit) < self.settings.likelihood_ratio:
+                found.remove(candidate)
+                fit = without
+        return found, fit
 
     # -- what competes -------------------------------------------------------------------------------------------------
 
     def _against_competing(self, fit: AxisFit, candidate: Candidate) -> FoundCause:
         """What one cause contributes, and what does as well in its place."""
-        without = self.fitter.fit(self._less(fit.model, candidate), rounds=2, steps=5)
+        without = self.fitter.fit(candidate.taken_from(fit.model, self.machine), _SHORT, 1)
         own = gain(without, fit)
         alternatives, rejected = [], {}
         rows = [r for r in self.ranked(without) if r[1].key != candidate.key]
         for promised, other, model in rows[:_COMPETING]:
-            if promised < 0.3 * own:
-                rejected[other.effect.id] = round(own - max(promised, 0.0), 1)
+            if promised.largest < 0.3 * own:
+                rejected[other.effect.id] = round(own - max(promised.largest, 0.0), 1)
                 continue
-            trial = self.fitter.fit(model, rounds=2, steps=5)
+            trial = self.fitter.fit(model, _SHORT, 1)
             worse = gain(trial, fit)
             if worse < self.settings.indistinguishable and other.effect.id != candidate.effect.id:
                 alternatives.append(other.effect.id)
@@ -236,19 +262,6 @@ class AxisSearch:
         shows = without.mean_squares > (1.0 + _SHOWS) * fit.mean_squares
         tests = tuple(d.name for d, there in zip(self.fitter.data, shows, strict=True) if there)
         return FoundCause(candidate.key, candidate.effect.id, own, tuple(alternatives), rejected, tests)
-
-    def _less(self, model: AxisModel, candidate: Candidate) -> AxisModel:
-        """A model without one cause."""
-        if not candidate.shape:
-            return model.without(candidate.effect.id, self.machine.effect(candidate.effect.id))
-        names = {e.label for e in candidate.entries}
-        entries = tuple(e for e in model.entries if e.label not in names)
-        effect = model.machine.effect(candidate.effect.id)
-        assert effect is not None
-        plain = {
-            e.name: p.default for e in candidate.entries for p in effect.parameters_of(self.axis) if p.name == e.name
-        }
-        return AxisModel(model.machine.with_effect(effect.replaced(**plain)), model.axis, entries)
 
 
 def _visible(less: AxisFit, more: AxisFit) -> bool:

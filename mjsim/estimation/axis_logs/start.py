@@ -9,12 +9,14 @@ from dataclasses import replace
 import numpy as np
 
 from mjsim.estimation.axis_logs.data import AxisData
-from mjsim.estimation.axis_logs.entries import CONTROLLER, DRIVE, SHIFT, START_TORQUE, ZERO, AxisModel, Entry
+from mjsim.estimation.axis_logs.entries import CONTROLLER, DRIVE, PHASE, SHIFT, START_TORQUE, ZERO, AxisModel, Entry
 from mjsim.estimation.axis_logs.gains import GainsRead
 from mjsim.machine.model import TOLERANCE, Machine
 
 #: Standard deviation of the encoder's zero against the command's, encoder steps: both count in the same control.
 _ZERO = 1.0
+#: Standard deviation of a phase that may be anything, rad.
+_ANYWHERE = 10.0
 #: Largest time shift, samples; its standard deviation is one sample.
 _MOST_SHIFT = 5.0
 #: Share of the recorded output that must follow from the recorded positions for them to be of the same samples, and the
@@ -65,8 +67,29 @@ def _read_back(entry: Entry, gains: Sequence[GainsRead]) -> Entry:
 
 
 def nuisance_model(machine: Machine, data: Sequence[AxisData]) -> AxisModel:
-    """The same with the nuisances alone free: the machine is taken as it is."""
-    return AxisModel(machine, data[0].axis, nuisance_entries(machine, data))
+    """The same with the nuisances alone free: the machine is taken as it is.
+
+    Waves over the motor's angle start anywhere: an encoder counts from where it was switched on.
+    """
+    axis = data[0].axis
+    setups = dict.fromkeys(d.test.setup for d in data)
+    phases = [
+        Entry(PHASE, wave, 0.0, setup, deviation=_ANYWHERE) for wave in waves_of(machine, axis) for setup in setups
+    ]
+    return AxisModel(machine, axis, (*nuisance_entries(machine, data), *phases))
+
+
+def waves_of(machine: Machine, axis: str) -> dict[str, float]:
+    """Orders of the waves over an axis' motor angle that a machine's effects have, by the names of their phases."""
+    out = {}
+    for kind in ("torque_ripple", "friction_ripple"):
+        effect = machine.effect(f"{kind}.{axis}")
+        if effect is not None:
+            out[kind] = float(effect.values["order"])
+    cogging = machine.effect(f"cogging.{axis}")
+    if cogging is not None:
+        out |= {f"cogging {row[0]:g}": float(row[0]) for row in cogging.values["components"]}
+    return out
 
 
 def deviation_of(machine: Machine, name: str) -> float:

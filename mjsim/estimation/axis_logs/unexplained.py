@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjsim.estimation.axis_logs.data import AxisData
-from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter, independent_count
+from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter
+from mjsim.estimation.axis_logs.likelihood import independent_count
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 
 #: Cells of a variable, each with the mean of the residual in it.

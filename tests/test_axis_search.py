@@ -1,0 +1,152 @@
+"""The search on axis logs: its likelihood, its descent, waves over the motor's angle, and prediction of other logs."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import read_machine, write_machine
+from mjsim.cli.main import main
+from mjsim.errors import InputError
+from mjsim.estimation.axis_logs.descent import Descended, Priors, bounded_step, descend
+from mjsim.estimation.axis_logs.likelihood import independent_count, likelihood_gain
+from mjsim.machine.model import build
+from mjsim.simulation.servo import ServoStart, block_means, follow, sampled
+from mjsim.workflow.log_compare import compare_logs
+from mjsim.workflow.log_diagnose import diagnose_logs
+from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
+
+CONTROL = Control()
+FRICTION = Axis(coulomb=0.12)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    def make(axis, friction=0.12, **machine):
+        command = to_and_fro(CONTROL.sample)
+        (tmp_path / "strokes.csv").write_text(csv(command, *record(axis, CONTROL, command, 0.02e-6)))
+        (tmp_path / "campaign.toml").write_text(CAMPAIGN)
+        (tmp_path / "machine.toml").write_text(machine_toml(axis, CONTROL, False, friction, **machine))
+        return tmp_path
+
+    return make
+
+
+def diagnosed(folder):
+    return diagnose_logs(read_campaign(folder), read_machine(folder / "machine.toml"))
+
+
+def test_a_torque_ripple_is_found_with_its_order(folder):
+    result = diagnosed(folder(Axis(coulomb=0.12, ripple=0.03, ripple_order=3.0, ripple_phase=0.7)))
+    (found,) = result.effects
+    assert found.effect.id == "torque_ripple.X" and found.effect.values["order"] == 3.0
+    low, high = found.ci95["amplitude_Nm"]
+    assert low < 0.03 < high
+    assert found.effect.values["phase_deg"] == pytest.approx(np.degrees(0.7), abs=3.0)
+    assert result.after.rms < 0.2e-6 < 5.0 * result.after.rms < result.before.rms
+
+
+def test_viscous_friction_by_direction_is_no_constant_force(folder):
+    result = diagnosed(folder(Axis(coulomb=0.12, viscous_share=0.3)))
+    assert [e.effect.id for e in result.effects] == ["viscous_direction.X"]
+    assert result.effects[0].effect.values["share_ratio"] == pytest.approx(0.3, abs=0.02)
+
+
+def test_a_fitted_machine_predicts_a_log_that_begins_elsewhere_on_the_screw(folder, tmp_path):
+    """The encoder of another day has another zero: the phase of a wave is a nuisance, its amplitude is not."""
+    ripple = Axis(coulomb=0.12, ripple=0.03, ripple_phase=0.7)
+    place = folder(ripple)
+    write_machine(diagnosed(place).machine, place / "machine.toml", tmp_path / "fitted.toml")
+    fitted = read_machine(tmp_path / "fitted.toml")
+    command = to_and_fro(CONTROL.sample)[::-1].copy()
+    other = Axis(coulomb=0.12, ripple=0.03, ripple_phase=-2.0)
+    (place / "strokes.csv").write_text(csv(command, *record(other, CONTROL, command, 0.02e-6, seed=2)))
+    campaign = read_campaign(place)
+    sheet = compare_logs(campaign, read_machine(place / "machine.toml"))
+    predicted = compare_logs(campaign, fitted)
+    assert predicted.rms < 0.3e-6 < 0.1 * sheet.rms
+
+
+def test_part_of_a_recording(folder):
+    place = folder(FRICTION)
+    text = (place / "campaign.toml").read_text()
+    (place / "campaign.toml").write_text(text + "span_s = [0.5, 1.25]\n")
+    campaign = read_campaign(place)
+    recording = campaign.logs.recordings["strokes"]
+    assert recording.time[0] == 0.0 and recording.time[-1] == pytest.approx(0.75)
+    assert compare_logs(campaign, read_machine(place / "machine.toml")).rms < 1e-6
+    for span, said in (("[1.0, 0.5]", "growing"), ("[90.0, 99.0]", "leaves 0 samples")):
+        (place / "campaign.toml").write_text(text + f"span_s = {span}\n")
+        with pytest.raises(InputError, match=said):
+            read_campaign(place)
+
+
+def test_one_log_of_several_is_chosen(folder):
+    place = folder(FRICTION)
+    text = (place / "campaign.toml").read_text()
+    again = text[text.index("[[test]]") :].replace('"strokes"', '"again"')
+    (place / "campaign.toml").write_text(text + "\n" + again)
+    run = CliRunner().invoke(main, ["compare", str(place), "--test", "again", "--no-plots", "--json"])
+    assert run.exit_code == 0 and [t["name"] for t in json.loads(run.stdout)["tests"]] == ["again"]
+    run = CliRunner().invoke(main, ["compare", str(place), "--test", "none", "--no-plots"])
+    assert run.exit_code == 1 and "allowed: strokes, again" in run.output
+
+
+def test_block_means_are_those_of_the_samples(folder):
+    place = folder(FRICTION)
+    campaign, machine = read_campaign(place), read_machine(place / "machine.toml")
+    recording = campaign.logs.recordings["strokes"]
+    axis = build(machine.under("c")).axes["X"]
+    command = sampled(axis, recording.time, recording.axes["X"].command)
+    motion = follow(axis, recording.time, recording.axes["X"].command, ServoStart(0.0))
+    for shift in (0.0, 2.4e-4, -1.7e-3):
+        found = block_means(axis, command, ServoStart(0.0), shift, 4)
+        wanted = motion.at(recording.time - shift)[: 4 * len(found)].reshape(-1, 4).mean(axis=1)
+        assert found == pytest.approx(wanted, abs=1e-12)
+
+
+def test_the_likelihood_counts_what_is_independent():
+    """White residuals of twice the size: n log 4, of which a window leaves half. A slow misfit beside them hides
+    nothing of it.
+    """
+    random = np.random.default_rng(1)
+    white, n = random.normal(size=4096), 4096
+    assert likelihood_gain([2.0 * white], [white], [0.0]) == pytest.approx(0.514 * n * np.log(4.0), rel=0.01)
+    slow = 30.0 * np.sin(2 * np.pi * 3.0 * np.arange(n) / n)
+    assert likelihood_gain([2.0 * white + slow], [white + slow], [0.0]) > 0.9 * 0.514 * n * np.log(4.0)
+    assert likelihood_gain([2.0 * white], [white], [2.0]) < 0.1 * n
+    assert independent_count(white, np.inf) == pytest.approx(n, rel=0.1)
+    assert independent_count(np.repeat(white, 8), np.inf) == pytest.approx(n, rel=0.1)
+
+
+def test_a_bounded_step_is_the_minimum_within_the_bounds():
+    normal = np.array([[2.0, 1.0, 0.0], [1.0, 3.0, 0.5], [0.0, 0.5, 1.0]])
+    gradient = np.array([1.0, -2.0, 4.0])
+    free = bounded_step(normal, gradient, 0.0, np.full(3, -9.0), np.full(3, 9.0))
+    assert normal @ free == pytest.approx(gradient)
+    held = bounded_step(normal, gradient, 0.0, np.full(3, -9.0), np.array([9.0, 9.0, 1.0]))
+    assert held[2] == 1.0
+    assert (gradient - normal @ held)[:2] == pytest.approx(0.0, abs=1e-12)
+    assert (gradient - normal @ held)[2] > 0.0
+
+
+def test_the_descent_finds_a_curved_minimum():
+    t = np.linspace(0.0, 1.0, 200)
+    truth = np.array([1.3, 4.0])
+    noise = 1e-3 * np.random.default_rng(2).normal(size=200)
+
+    def model(x):
+        return x[0] * np.exp(-x[1] * t)
+
+    measured = model(truth) + noise
+    wide = Priors(np.ones(2), np.full(2, np.inf), np.full(2, 0.01), np.full(2, 10.0), np.full(2, 1.0))
+
+    def columns(x, residual):
+        return (np.column_stack([np.exp(-x[1] * t), -t * model(x)]),)
+
+    begin = np.array([0.3, 1.0])
+    start = Descended(begin, [measured - model(begin)], ())
+    found = descend(start, wide, [200.0], [0.0], lambda x: [measured - model(x)], columns, 30)
+    assert found.vector == pytest.approx(truth, rel=0.01)
