@@ -33,7 +33,7 @@ DEG = np.pi / 180.0
 MACHINES = {"M1": "hidden-backlash", "M2": "two-candidates"}
 
 
-#: Files that take longest for their number of tests: begun first, so that both workers end together.
+#: Files that take longest for their number of tests: begun first, so that all workers end together.
 LONG = (
     "test_examples", "test_worn_worm", "test_upkeep", "test_bank", "test_workbench_browser", "test_mistakes",
     "test_planning", "test_pitch", "test_figures", "test_linuxcnc_loop", "test_chain_campaigns",

@@ -36,7 +36,8 @@ def one(direction, values, circularity="", attribute="", digits=6):
 
 def document(*runs, plane="XY", length="100", feed="3000", extra=""):
     return f"""<?xml version="1.0" encoding="utf-8"?><TEST_DOCUMENT><TEST_SPEC NAME="t"><INSTRUMENT><DYNAMIC_BALLBAR>
-<NOMINAL_LENGTH>{length}</NOMINAL_LENGTH><PROGRAMMED_FEEDRATE>{feed}</PROGRAMMED_FEEDRATE><SAMPLES_A_SECOND>250</SAMPLES_A_SECOND>
+<NOMINAL_LENGTH>{length}</NOMINAL_LENGTH><PROGRAMMED_FEEDRATE>{feed}</PROGRAMMED_FEEDRATE>
+<SAMPLES_A_SECOND>250</SAMPLES_A_SECOND>
 <PLANE TEST_PLANE="{plane}"/></DYNAMIC_BALLBAR></INSTRUMENT></TEST_SPEC>
 <RUN_RESULTS>{"".join(runs)}</RUN_RESULTS>{extra}</TEST_DOCUMENT>"""
 

@@ -168,8 +168,8 @@ def test_commands_written_out(cone, theta, beta, sensitive):
             )
         else:
             p, apex = np.array([L * np.cos(phi), L * np.sin(phi), 0.0]), L / np.tan(th)
-        lean = lambda v: np.array([np.cos(be) * v[0] + np.sin(be) * v[2], v[1], np.cos(be) * v[2] - np.sin(be) * v[0]])  # noqa: E731
-        p, top = lean(p) + ball, lean(np.array([0, 0, apex])) + ball
+        lean = np.array([[np.cos(be), 0, np.sin(be)], [0, 1, 0], [-np.sin(be), 0, np.cos(be)]])
+        p, top = lean @ p + ball, lean @ np.array([0, 0, apex]) + ball
         i, j, k = (top - p) / np.linalg.norm(top - p)
         a = np.arccos(k)
         c = (1.0 if i >= 0 else -1.0) * np.arccos(j / np.hypot(i, j))

@@ -125,13 +125,14 @@ def with_tests(schema: type[_T], chain: Chain = FIVE_AXIS) -> type[_T]:
     """A schema with ``[[test]]`` tables, whose keys are those of the kinds known by now, on a machine with these
     axes.
     """
-    field = schema.model_fields["test"]
-    return create_model(schema.__name__, __base__=schema, test=(list[ball_bar_table(chain)], field))  # pyright: ignore[reportInvalidTypeForm]
+    tests: Any = list[ball_bar_table(chain)]  # pyright: ignore[reportInvalidTypeForm]
+    return create_model(schema.__name__, __base__=schema, test=(tests, schema.model_fields["test"]))
 
 
 def without_tests(schema: type[_T]) -> type[_T]:
     """A schema whose ``[[test]]`` tables are all read elsewhere."""
-    return create_model(schema.__name__, __base__=schema, test=(Annotated[list[Any], Field(max_length=0)], ...))  # pyright: ignore[reportInvalidTypeForm]
+    tests: Any = Annotated[list[Any], Field(max_length=0)]
+    return create_model(schema.__name__, __base__=schema, test=(tests, ...))
 
 
 PositionGain = Annotated[float, Field(gt=0, le=1000)]
