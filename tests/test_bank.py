@@ -3,6 +3,7 @@ them all.
 """
 
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,6 @@ from mjsim.campaign.machine_file import read_machine
 from mjsim.workflow.diagnose import diagnose
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
-CASES = {c.name: c for c in bank.cases()}
 #: One of each category, with few tests each.
 CHOSEN = (
     "null-020",
@@ -24,13 +24,19 @@ CHOSEN = (
 )
 
 
+@cache
+def cases():
+    """All campaigns of the bank by name."""
+    return {c.name: c for c in bank.cases()}
+
+
 @pytest.mark.parametrize("name", CHOSEN)
 def test_a_hidden_cause_is_named(name, tmp_path, monkeypatch):
     from diagnosis_report import mark
 
     # the next test is planned after the cause is named, and takes longer; tests/test_planning.py looks at it
     monkeypatch.setattr("mjsim.workflow.diagnose.plan_for", lambda *args, **options: None)
-    case = CASES[name]
+    case = cases()[name]
     assert case.half == "tune"  # the published half is not looked at here
     answer = campaign.write(case, tmp_path)
     c = read_campaign(tmp_path)
@@ -40,14 +46,14 @@ def test_a_hidden_cause_is_named(name, tmp_path, monkeypatch):
 
 
 def test_the_bank_is_large_enough_and_halved():
-    cases = list(CASES.values())
-    kinds = {c.category for c in cases}
-    assert sum(c.category == "null" for c in cases) >= 300
-    assert sum(c.category != "null" for c in cases) >= 200
+    found = list(cases().values())
+    kinds = {c.category for c in found}
+    assert sum(c.category == "null" for c in found) >= 300
+    assert sum(c.category != "null" for c in found) >= 200
     for kind in kinds:
-        half = sum(c.half == "tune" for c in cases if c.category == kind)
-        assert abs(2 * half - sum(c.category == kind for c in cases)) <= 4
-    assert bank.cases() == cases
+        half = sum(c.half == "tune" for c in found if c.category == kind)
+        assert abs(2 * half - sum(c.category == kind for c in found)) <= 4
+    assert bank.cases() == found
 
 
 def test_marks():

@@ -1,4 +1,4 @@
-"""The time-step study: what the shipped step and sub-steps cost in the reading, against a step of a quarter and 80
+"""The time-step study: what the shipped step and sub-steps cost in the reading, against a step of a quarter and 20
 times finer sub-steps.
 
 Limits of the reading: 0.05 µm outside 50 ms of a reversal, 0.5 µm inside, with every effect of the first set on. The
@@ -12,7 +12,7 @@ from mjsim.effects.registry import make
 from mjsim.simulation.drive import STEP, SUBSTEPS
 from mjsim.simulation.multibody import simulate
 
-FINE_STEP, FINE_SUBSTEPS = STEP / 4, 20
+FINE_STEP, FINE_SUBSTEPS = STEP / 4, 10
 
 
 def first_set(machine):

@@ -30,7 +30,7 @@ PLANTED = {("A", "CW"): A_CW, ("A", "CCW"): A_CCW, ("C", "CW"): C_CW, ("C", "CCW
 TURNS_A = [rotary("A", 0, 90), rotary("A", 90, 0)]
 TURNS_C = [rotary("C", 0, 360, (70, 0)), rotary("C", 360, 0, (70, 0))]
 #: Cones that turn A both ways, and C once each way: their reversals tie the start of every recording.
-CONES = [cone(45, (0, 0)), cone(15, (70, 0)), cone(15, (70, 0), "CW")]
+CONES = [cone(45, (0, 0), feed=2000.0), cone(15, (70, 0), feed=2000.0), cone(15, (70, 0), "CW", 2000.0)]
 FOUR = [*TURNS_A, *TURNS_C]
 
 

@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 from contextlib import contextmanager
+from importlib.util import find_spec
 
 import pytest
 import tomlkit
@@ -17,8 +18,8 @@ from commands import TESTS, cut, refused
 from test_report_browser import BROWSER, FLAGS
 
 playwright = pytest.importorskip("playwright.sync_api", reason="without playwright")
-pytest.importorskip("nicegui", reason="without the extra workbench")
 pytestmark = [
+    pytest.mark.skipif(find_spec("nicegui") is None, reason="without the extra workbench"),
     pytest.mark.slow,
     pytest.mark.usefixtures("shared_results"),
     pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine: the workbench is not opened in a browser"),
