@@ -22,7 +22,7 @@ class AxisLocation(Effect):
         "p ← Ry(EB0C) Rx(EA0C) p + (EX0C, EY0C, 0) in the cradle; p ← Rz(EC0A) Ry(EB0A) p + (0, EY0A, EZ0A) on the "
         "slide"
     )
-    source = "ISO 230-7 and ISO 230-1 (axis location errors); order of rotations: effect catalogue"
+    source = "ISO 230-7 and ISO 230-1 (axis location errors); order of rotations: theory page"
     signature = "Once- and twice-per-turn deviations; partly or wholly hidden by the set-up's ball offsets."
     remedy = Remedy(
         "compensate", "", "Measure the rotary axis' centre line again and enter it in the control's kinematics."

@@ -22,7 +22,7 @@ class GravityWindup(Effect):
         Parameter("phase_deg", "direction of the unbalance", -360.0, 360.0, default=0.0, scale=10.0),
     )
     definition = "x + amplitude·sin(x + phase)"
-    source = "effect catalogue; static moment equilibrium of an unbalanced cradle on a compliant worm"
+    source = "static moment equilibrium of an unbalanced cradle on a compliant worm"
     signature = "A slow wave tied to the tilt angle, largest where the cradle tilts far."
     remedy = Remedy("adjust", "", "Adjust the counterbalance, or enter a compensation table over the tilting angle.")
     search = SearchHints(free=("amplitude_deg", "phase_deg"))

@@ -18,7 +18,7 @@ class ServoDelay(Effect):
         Parameter("delay_ms", "delay of the axis command; negative: earlier", -50.0, 50.0, neutral=0.0, scale=0.1),
     )
     definition = "r(t) is replaced by r(t − delay)"
-    source = "effect catalogue; dead time of the interpolator or drive bus"
+    source = "dead time of the interpolator or drive bus"
     signature = "Like a difference of Kpp: v·delay along the axis' motion."
     remedy = Remedy("adjust", "servo mismatch", "Match interpolation delays and filters of the axes in the control.")
     search = SearchHints(quasi_static=False)

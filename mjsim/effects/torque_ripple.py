@@ -21,7 +21,7 @@ class TorqueRipple(Effect):
         Parameter("phase_deg", "phase", -360.0, 360.0, default=0.0, scale=10.0),
     )
     definition = "τ_disturbance = a sin(order·θm + phase)"
-    source = "effect catalogue; cogging of permanent-magnet motors"
+    source = "cogging of permanent-magnet motors"
     signature = (
         "A wave tied to the axis position whose height falls as the axis moves faster or slower than the loop's "
         "weak band."

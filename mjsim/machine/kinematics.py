@@ -2,7 +2,7 @@
 
 It is the oracle that MuJoCo's site distance is tested against, and the fast path that the diagnosis searches with.
 Sources: Kato, Tsutsumi, Sato 2013, eq. A.9; location errors of the rotary axes as in ISO 230-7 and ISO 230-1, composed
-as documented for the effect catalogue (``docs/theory.md``).
+as documented in ``docs/theory.md``.
 
 Frames: with all axes at 0, work frame and machine frame coincide and the spindle ball is at their origin. A rotary
 table's centreline passes through it unless it is offset. Axis positions are arrays ``q`` of shape (n, axes) in the

@@ -13,7 +13,7 @@ from mjsim.machine.control import Control
 from mjsim.machine.kinematics import Geometry
 from mjsim.machine.motion import Motion
 
-#: Order in which position effects act, motor side to tool (effect catalogue).
+#: Order in which position effects act, motor side to tool (docs/theory.md).
 STAGES = (
     "pitch_error",
     "worm_wear",

@@ -1,6 +1,6 @@
 """From the motor to the load: the elementary operations that position effects are made of, compiled.
 
-An effect file combines these; definitions and order are the effect catalogue's. Each operation changes one axis
+An effect file combines these; ``docs/effects.md`` has the definitions. Each operation changes one axis
 position as a function of one axis position (or the clock) and has three numbers of memory; the stages of
 :data:`mjsim.machine.plant.STAGES` act one after the other.
 """
@@ -15,7 +15,7 @@ from numba import njit
 from mjsim.machine.plant import BUMP, PLAY, POLYNOMIAL, SCALE, SETTLE, SINE, STAGE, VIBRATE
 
 MEMORY = 3
-#: Travel after a reversal over which a direction-dependent component fades in, rad (effect catalogue: 0.05°).
+#: Travel after a reversal over which a direction-dependent component fades in, rad (assumed: 0.05°).
 BLEND = 0.05 * math.pi / 180.0
 #: Distance from a dent's centre, in units of its width, beyond which it is nothing: less than 1e-17 of its depth.
 FAR = 9.0
