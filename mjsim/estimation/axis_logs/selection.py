@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from mjsim.estimation.axis_logs.as_given import fit_as_given
 from mjsim.estimation.axis_logs.candidates import FRICTION, SIMPLER, Candidate, Catalogue
 from mjsim.estimation.axis_logs.data import AxisData
-from mjsim.estimation.axis_logs.entries import AxisModel
+from mjsim.estimation.axis_logs.entries import CONTROLLER, AxisModel
 from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter, gain
 from mjsim.estimation.axis_logs.gains import GainsRead, read_gains
 from mjsim.estimation.axis_logs.likelihood import Gain
@@ -23,6 +23,8 @@ from mjsim.progress import Progress, silent
 
 #: Candidates that are fitted in one step of the search, and in the place of one that was found.
 _SHORTLIST, _COMPETING = 2, 1
+#: Relative standard deviation of a position gain that is taken as stated (assumed).
+_STATED = 0.03
 #: Share of the largest gain that a candidate must promise to be fitted.
 _WORTH = 0.3
 #: Causes up to which a search starts from the printed data sheet as well.
@@ -130,7 +132,7 @@ class AxisSearch:
             ladder.append(fit)
         order = [c.key for c in found]
         found, fit = self._pruned(found, fit)
-        fit = self.fitter.polished(fit)
+        fit = self.fitter.polished(self._as_stated(fit))
         causes = []
         for i, candidate in enumerate(found):
             self.progress(f"axis {self.axis}: what competes", i, len(found))
@@ -240,6 +242,23 @@ class AxisSearch:
                 found.remove(candidate)
                 fit = without
         return found, fit
+
+    def _as_stated(self, fit: AxisFit) -> AxisFit:
+        """The model with the position gains of the sheet where the recordings do not contradict them.
+
+        A position gain and an integral time are the two zeros of a P-PI cascade: near each other, a fit moves them
+        apart at little gain. A setting that was read from the control is believed before that.
+        """
+        for e in fit.model.entries:
+            if e.owner != CONTROLLER or e.name != "position_gain" or e.deviation <= _STATED:
+                continue
+            now, stated = fit.model.entries, e.decode(e.mean)
+            held = replace(e, value=stated, deviation=_STATED, centre=stated)
+            model = replace(fit.model, entries=tuple(held if f.label == e.label else f for f in now))
+            trial = self.fitter.fit(model, 3 * _SHORT, 1)
+            if gain(trial, fit) < self.settings.likelihood_ratio:
+                fit = trial
+        return fit
 
     # -- what competes -------------------------------------------------------------------------------------------------
 
