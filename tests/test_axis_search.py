@@ -150,3 +150,12 @@ def test_the_descent_finds_a_curved_minimum():
     start = Descended(begin, [measured - model(begin)], ())
     found = descend(start, wide, [200.0], [0.0], lambda x: [measured - model(x)], columns, 30)
     assert found.vector == pytest.approx(truth, rel=0.01)
+
+
+def test_an_axis_that_stands_still_says_nothing(folder):
+    place = folder(FRICTION)
+    still = np.zeros(1500)
+    (place / "strokes.csv").write_text(csv(still, still + 0.02e-6 * np.random.default_rng(4).normal(size=1500)))
+    result = diagnosed(place)
+    assert result.verdict == "nothing_found" and not result.sheet
+    assert result.after.rms < 0.05e-6

@@ -31,6 +31,8 @@ _PRESLIDING_DEG = (1e-5, 1e-4)
 _WAVES = 30.0
 #: Most waves of cogging beside a torque ripple (assumed).
 _MOST_WAVES = 3
+#: Least motor speed that is taken for a motion, rad/s.
+_SLOWEST = 0.02
 #: A friction that rises below this share of the largest speed cannot be told from a constant one (assumed).
 _SLOW = 0.01
 
@@ -113,7 +115,7 @@ class Catalogue:
         self.torque = typical_torque(machine, data)
         gear = machine.drives[self.axis].gear
         speeds = [np.abs(np.diff(d.record.command)).max() / d.step for d in data]
-        self.speed = max(speeds) * gear
+        self.speed = max(max(speeds) * gear, _SLOWEST)
         ran = {d.test.controller or only(machine, self.axis) for d in data}
         self.drives = [machine.under(name).drives[self.axis] for name in ran]
         self.setups = len({d.test.setup for d in data})

@@ -196,7 +196,7 @@ class LogFitter:
         out = tuple(np.zeros((len(r), len(which))) for r in residual)
         at = {j: i for i, j in enumerate(which)}
         for (j, k), column in zip(jobs, self.map([(one, j, k) for j, k in jobs]), strict=True):
-            out[k][:, at[j]] = np.nan_to_num(column)
+            out[k][:, at[j]] = np.clip(np.nan_to_num(column), -_LOST / _STEP, _LOST / _STEP)
         return out
 
     # -- fit -----------------------------------------------------------------------------------------------------------

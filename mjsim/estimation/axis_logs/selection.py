@@ -114,6 +114,8 @@ class AxisSearch:
     def run(self, max_effects: int = 8) -> AxisSelection:
         """Search with at most ``max_effects`` causes."""
         given = fit_as_given(self.fitter, self.machine)
+        if all(np.ptp(d.record.command) <= d.resolution for d in self.fitter.data):  # it stood still all the time
+            return AxisSelection(self.axis, given, given, (given,), self.fitter.polished(given), ())
         fit = sheet = self.fitter.fit(start_model(self.machine, self.fitter.data, self.gains))
         found, ladder = self._opening(fit) if max_effects else ([], [fit])
         fit, restarted = ladder[-1], 0
