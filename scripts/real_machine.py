@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.axislog.measurement import AxisRecord, Logs, Recording
+from mjsim.axislog.measurement import Logs, Recording
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.model import Campaign
@@ -98,10 +98,10 @@ def parts(campaign: Campaign, cut: float) -> Campaign:
 
 def _cut(recording: Recording, kept: np.ndarray) -> Recording:
     time = recording.time[kept]
-    axes = {
-        a: AxisRecord(**{n: None if v is None else v[kept] for n, v in vars(r).items()})
-        for a, r in recording.axes.items()
-    }
+    axes = {}
+    for letter, r in recording.axes.items():
+        more = {n: v[kept] for n, v in vars(r).items() if v is not None}
+        axes[letter] = replace(r, **more)
     return Recording(time - time[0], axes)
 
 

@@ -159,3 +159,18 @@ def test_an_axis_that_stands_still_says_nothing(folder):
     result = diagnosed(place)
     assert result.verdict == "nothing_found" and not result.sheet
     assert result.after.rms < 0.05e-6
+
+
+def test_report_and_export_of_logs(folder, tmp_path):
+    place = folder(Axis(coulomb=0.12, ripple=0.03, ripple_phase=0.7))
+    page, tables = tmp_path / "report.html", tmp_path / "tables"
+    run = CliRunner().invoke(main, ["report", str(place), "-o", str(page)])
+    assert run.exit_code == 0, run.output
+    text = page.read_text(encoding="utf-8")
+    assert "Torque ripple of X." in text and "torque_ripple.X" in text and "http" not in text.replace("http-equiv", "")
+    assert text.count("data:image/png") == 1 and "+ torque_ripple.X order 1" in text
+    run = CliRunner().invoke(main, ["export", str(place), "--out", str(tables)])
+    assert run.exit_code == 0, run.output
+    rows = np.genfromtxt(tables / "strokes-X.csv", delimiter=",", names=True)
+    assert rows["residual_um"] == pytest.approx(1e3 * (rows["measured_mm"] - rows["simulated_mm"]), abs=2e-3)
+    assert (tables / "figures.csv").read_text().splitlines()[1].startswith("strokes,X,um,")

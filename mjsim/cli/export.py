@@ -32,18 +32,22 @@ def command(campaign, machine, names, out, decimal_comma, force, threads, as_is,
 
     <test>.csv has time_s, phi_deg, measured_um, simulated_um, residual_um and valid (0: missing or left out);
     figures.csv the ISO 230-4 figures of both traces per test, figures-both-directions.csv G(b) and D.
+    Of axis logs, <test>-<axis>.csv has command, measured and simulated position, speed and torque.
 
     \b
     Example: mjsim export examples/hidden-backlash --out tables
     """
     from mjsim.campaign.files import read_campaign
+    from mjsim.cli.logs import is_log_campaign
     from mjsim.workflow.edit import machine_of
     from mjsim.workflow.export import export
+    from mjsim.workflow.log_export import export_logs
 
     c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)
     with common.progress_bar(quiet) as progress:
-        files = export(c, m, out, names, decimal_comma, force, common.cores(threads), progress)
+        work = export_logs if is_log_campaign(c) else export
+        files = work(c, m, out, names, decimal_comma, force, common.cores(threads), progress)
     if as_json:
         common.print_json({"campaign": c.name, "machine": m.name, "files": [str(f) for f in files]})
         return

@@ -34,20 +34,32 @@ def command(campaigns, out, machine, max_effects, no_diagnose, force, threads, a
     """Write what CAMPAIGN shows as one HTML page that works offline and prints well.
 
     The campaign is compared and diagnosed. Several campaigns of one machine become a trend: which figure, which
-    effect has changed beyond its uncertainty.
+    effect has changed beyond its uncertainty. Axis logs get a page of their own.
 
     \b
     Example: mjsim report examples/hidden-backlash -o report.html
     """
     from mjsim.campaign.files import read_campaign
+    from mjsim.cli.logs import is_log_campaign
     from mjsim.io.files import check_writable, write_whole
-    from mjsim.report.write import check_same_machine, report
+    from mjsim.report.logs import log_report
+    from mjsim.report.write import check_same_machine, need_report, report
     from mjsim.workflow.edit import machine_of
 
     read = [read_campaign(c, as_is=as_is) for c in campaigns]
     machines = [machine_of(c, machine) for c in read]
-    check_same_machine(list(zip(read, machines, strict=True)))
     check_writable(out, force)
+    if len(read) == 1 and is_log_campaign(read[0]):
+        need_report()
+        with common.progress_bar(quiet) as progress:
+            html, data = log_report(read[0], machines[0], max_effects, not no_diagnose, common.cores(threads), progress)
+        write_whole(out, html, force=force)
+        if as_json:
+            common.print_json(data)
+        else:
+            common.say(f"{data['title']}: {out} ({len(html.encode()) / 1e6:.1f} MB)", quiet)
+        return
+    check_same_machine(list(zip(read, machines, strict=True)))
     with common.progress_bar(quiet) as progress:
         result = report(read, machines, max_effects, not no_diagnose, common.cores(threads), progress)
     write_whole(out, result.html, force=force)

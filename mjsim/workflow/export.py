@@ -70,7 +70,7 @@ def export(
     contents[FIGURES] = figure_rows(result, names)
     if len(pairs := pair_rows(result, names)) > 1:
         contents[PAIRS] = pairs
-    write_all({Path(out) / file: _csv(rows, decimal_comma) for file, rows in contents.items()}, force)
+    write_all({Path(out) / file: as_csv(rows, decimal_comma) for file, rows in contents.items()}, force)
     return [Path(out) / f for f in contents]
 
 
@@ -149,7 +149,13 @@ def pair_rows(result: Comparison, names: Sequence[str]) -> list[list[str]]:
     return rows
 
 
-def _csv(rows: list[list[str]], decimal_comma: bool) -> str:
+def as_csv(rows: list[list[str]], decimal_comma: bool) -> str:
+    """Rows as the text of a CSV file.
+
+    Args:
+        rows: Header and cells.
+        decimal_comma: Semicolons and decimal commas, with a byte order mark.
+    """
     if not decimal_comma:
         return "".join(",".join(row) + "\n" for row in rows)
     head, *body = rows
