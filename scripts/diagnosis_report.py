@@ -29,14 +29,18 @@ def truth(row: dict) -> list[str]:
 
 def mark(row: dict) -> str:
     """What a diagnosis was worth: ``right``, ``partly``, ``missed``, ``wrong`` (a name that is not there, said without
-    alternatives
-    that hold the truth), ``crash``."""
+    alternatives that hold the truth), ``crash``.
+
+    Small errors of a real machine may be named where the machine file states no tolerance, and need not be.
+    """
     if "error" in row:
         return "crash"
     result, answer = row["result"], row["answer"]
     said = [({e["id"], *e["alternatives"]}) for e in result["effects"]]
+    small = set() if answer.get("tolerance_stated", True) else {e["id"] for e in answer.get("within", [])}
+    said = [s for s in said if not s & small or s & set(truth(row))]
     if answer["verdict"] == "none":
-        return "right" if result["verdict"] == "nothing_found" else "wrong"
+        return "wrong" if said or result["unexplained"] else "right"
     wanted = {e["id"]: {e["id"], *e.get("equivalent", [])} for e in answer.get("effect", [])}
     if answer["verdict"] == "unknown":
         if not result["unexplained"]:
