@@ -14,6 +14,7 @@ from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.new import new_campaign
 from mjsim.campaign.tolerance import TYPICAL_TOLERANCE
 from mjsim.estimation.calibration import calibrated_effects, expected_effects
+from mjsim.estimation.combinations import combinations
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.joint_selection import JointSelector
 from mjsim.estimation.linearisation import Linearisation
@@ -51,6 +52,25 @@ def test_what_lies_beyond_its_tolerance_is_the_finding(real):
     free = next(f for f in fit.effects if f.effect.key == "backlash.A")
     low, high = free.interval(free.vector, fit.covariance_of(free))["width_deg"]
     assert low < 0.0024 < high
+
+
+def test_sums_are_determined_where_their_numbers_are_not(real):
+    """The planted numbers add up to the sum, which is known several times better than each of them."""
+    case, _, _, joint = real
+    truth = {e["id"]: e for e in real_machines.with_causes(list(case.within), case.catalogue())}
+    fit = joint.selection.fit
+    widths = {}
+    for f in fit.effects:
+        for name, (low, high) in f.interval(f.vector, fit.covariance_of(f)).items():
+            if name != "components":
+                widths[f.effect.id, name] = high - low
+    sums = combinations(fit)
+    assert sums
+    for c in sums:
+        low, high = c.ci95
+        planted = sum(t.factor * truth.get(t.effect_id, {}).get(t.name, 0.0) for t in c.terms)
+        assert abs(planted - c.value) < 0.75 * (high - low)  # three standard deviations
+        assert all(abs(t.factor) * widths[t.effect_id, t.name] > 2.0 * (high - low) for t in c.terms)
 
 
 def test_small_errors_are_calibrated_with_honest_intervals(real):

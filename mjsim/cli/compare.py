@@ -11,7 +11,7 @@ from mjsim.cli import common
 from mjsim.cli.import_show import show_features
 from mjsim.cli.logs import chosen, is_log_campaign, test_option
 from mjsim.cli.logs import compare as compare_logs
-from mjsim.units import UM
+from mjsim.units import UM, unit_of
 
 
 @click.command("compare")
@@ -70,7 +70,7 @@ def command(campaign, machine, out, calibrated, only, no_plots, force, threads, 
     data, found = result.to_json(), {}
     if fitted:
         data |= {"rms_as_given_um": round(fitted.before.rms / UM, 4)} | calibration_json(
-            fitted.calibration, fitted.shares
+            fitted.calibration, fitted.shares, fitted.combinations
         )
     if imported:
         found = {e.id: e.values for e in m.effects}
@@ -86,6 +86,7 @@ def command(campaign, machine, out, calibrated, only, no_plots, force, threads, 
             "tolerance"
         )
         common.paragraph(calibration_sentence(data))
+        show_combinations(data)
         show_beyond(m, fitted.calibration)
         click.echo()
     show(data)
@@ -148,6 +149,21 @@ def calibration_sentence(data: dict) -> str:
         f"Calibrated within tolerance: {len(rows)} effects, {percent(share)} of the error, {seen} of them observable "
         f"with these tests. Largest in the readings: {names}."
     )
+
+
+def show_combinations(data: dict) -> None:
+    """One line for each sum that is determined where its numbers are not."""
+    for row in data["combinations"]:
+        first, *others = row["terms"]
+        text = first["id"] + "".join(
+            f" {'-' if t['factor'] < 0 else '+'} {abs(t['factor']):.3g} {t['id']}" for t in others
+        )
+        unit, (low, high) = unit_of(first["parameter"])[1], row["ci95"]
+        units = ", ".join(dict.fromkeys(unit_of(t["parameter"])[1] for t in row["terms"]))
+        common.paragraph(
+            f"Only this combination is determined: {text} = {row['value']:.3g} {unit} [{low:.3g}, {high:.3g}] "
+            f"(numbers in {units})."
+        )
 
 
 def show(data: dict) -> None:

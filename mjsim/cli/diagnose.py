@@ -10,7 +10,7 @@ import click
 
 from mjsim.ballbar.kinds import kind_of
 from mjsim.cli import common
-from mjsim.cli.compare import calibration_sentence, left_out_sentence, percent
+from mjsim.cli.compare import calibration_sentence, left_out_sentence, percent, show_combinations
 from mjsim.cli.import_show import show_features
 from mjsim.cli.logs import chosen, is_log_campaign, test_option
 from mjsim.cli.logs import diagnose as diagnose_logs
@@ -179,6 +179,7 @@ def show(data: dict, campaign: str = "CAMPAIGN") -> None:
     if data["calibration"]:
         click.echo()
         common.paragraph(calibration_sentence(data))
+        show_combinations(data)
     if data["unexplained"]:
         click.echo()
         common.paragraph(data["unexplained"]["summary"])

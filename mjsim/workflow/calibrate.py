@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.calibration import calibrated_effects
+from mjsim.estimation.combinations import Combination, combinations
 from mjsim.estimation.fit import Fit, Fitter, with_effects
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.shares import Calibration, calibrations
@@ -30,6 +31,7 @@ class CalibratedMachine:
         shares: Share of each kind in the explained squared error.
         before: Comparison of the machine as given.
         after: Comparison of the calibrated machine.
+        combinations: Sums of calibrated numbers that the tests determine although they leave the numbers open.
     """
 
     machine: Machine
@@ -37,6 +39,7 @@ class CalibratedMachine:
     shares: dict[str, float]
     before: Comparison
     after: Comparison
+    combinations: tuple[Combination, ...] = ()
 
 
 @one_blas_thread
@@ -66,7 +69,8 @@ def calibrate(campaign: Campaign, machine: Machine, threads: int = 2, progress: 
     fit = fitter.fit(fit.effects, start=fit, exact=True, iterations=_EXACT, fresh=False)
     entries, shares = calibrations(separated.problem, fit, calibrated_effects(separated.machine))
     final = with_effects(fit.machine, [line.effect for line in separated.lines])
-    return CalibratedMachine(final, entries, shares, before, compare(campaign, final, threads, progress, problem))
+    after = compare(campaign, final, threads, progress, problem)
+    return CalibratedMachine(final, entries, shares, before, after, combinations(fit))
 
 
 def fit_within_tolerance(fitter: Fitter, without: str = "") -> Fit:

@@ -9,6 +9,7 @@ import numpy as np
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
+from mjsim.estimation.combinations import Combination, combinations
 from mjsim.estimation.curve_search import best_curve_term
 from mjsim.estimation.disturbances import readmitted
 from mjsim.estimation.fit import Fitter, unabsorbed, with_effects
@@ -138,6 +139,7 @@ def _diagnose(
         trail=selection.trail,
         calibration=explained.calibration,
         shares=explained.shares,
+        combinations=explained.combinations,
         posterior=Posterior.of(selection.fit),
     )
 
@@ -151,6 +153,7 @@ class Explained:
     unexplained: Unexplained | None
     calibration: tuple[Calibration, ...] = ()
     shares: dict[str, float] = field(default_factory=dict)
+    combinations: tuple[Combination, ...] = ()
 
 
 def select_model(separated: Separated, max_effects: int | None = None, progress: Progress = silent) -> Explained:
@@ -219,7 +222,8 @@ def _explain_jointly(problem: Problem, fitter: Fitter, progress: Progress) -> Ex
     explained = joint.selection.start.sum_squares - fit.sum_squares
     found = [replace(f, gain=shares.get(f.key, 0.0) * explained) for f in joint.selection.found]
     selection = replace(joint.selection, found=sorted(found, key=lambda f: -f.gain))
-    return Explained(problem, selection, describe(problem, fit, rest) if rest else None, entries, shares)
+    unexplained = describe(problem, fit, rest) if rest else None
+    return Explained(problem, selection, unexplained, entries, shares, combinations(fit))
 
 
 def _found(problem: Problem, selection: Selection) -> list[tuple[float, DiagnosedEffect]]:

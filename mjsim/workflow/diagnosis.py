@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mjsim.campaign.model import Campaign
+from mjsim.estimation.combinations import Combination
 from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.shares import Calibration
 from mjsim.estimation.unexplained import Unexplained
@@ -65,11 +66,12 @@ class Diagnosis:
         before: Comparison of the machine as given.
         after: Comparison of the fitted machine.
         rungs: The ladder between them, one effect more each. The last has the calibrated data sheet as well. From the
-            fifth effect on they share the last rung. Where effects were calibrated, the first has all of these.
+            third effect on they share the last rung. Where effects were calibrated, the first has all of these.
         next_test: The test that separates what is ambiguous, as in the JSON.
         trail: The models that were tried.
         calibration: Effects inside the tolerance of the machine file.
         shares: Share of each effect in the explained squared error; calibrated effects together by kind.
+        combinations: Sums of calibrated numbers that the tests determine although they leave the numbers open.
         posterior: What the fit leaves uncertain about the machine; ``None`` where it was not kept.
     """
 
@@ -87,6 +89,7 @@ class Diagnosis:
     trail: list = field(default_factory=list)
     calibration: tuple[Calibration, ...] = ()
     shares: dict[str, float] = field(default_factory=dict)
+    combinations: tuple[Combination, ...] = ()
     posterior: Posterior | None = None
 
     @property
@@ -140,7 +143,7 @@ class Diagnosis:
                 if row["samples_left_out"]
             ],
             "next_test": self.next_test,
-            **calibration_json(self.calibration, self.explained_shares),
+            **calibration_json(self.calibration, self.explained_shares, self.combinations),
         }
 
     def to_dataframe(self) -> pd.DataFrame:
@@ -179,10 +182,20 @@ def write_effect_file(result: Diagnosis, folder: Path) -> Diagnosis:
     return replace(result, unexplained=replace(u, effect_file=str(path)))
 
 
-def calibration_json(entries: tuple[Calibration, ...], shares: dict[str, float]) -> dict:
-    """The keys ``calibration`` and ``shares`` of the JSON."""
+def calibration_json(
+    entries: tuple[Calibration, ...], shares: dict[str, float], sums: tuple[Combination, ...] = ()
+) -> dict:
+    """The keys ``calibration``, ``combinations`` and ``shares`` of the JSON."""
     return {
         "calibration": [_calibration_row(c) for c in entries],
+        "combinations": [
+            {
+                "terms": [{"id": t.effect_id, "parameter": t.name, "factor": _sig(t.factor)} for t in c.terms],
+                "value": _sig(c.value),
+                "ci95": [_sig(x) for x in c.ci95],
+            }
+            for c in sums
+        ],
         "shares": [{"id": name, "share": round(share, 4)} for name, share in shares.items()],
     }
 

@@ -1,0 +1,99 @@
+"""Sums of numbers that the tests determine although they do not determine the numbers themselves.
+
+Two location errors that every test sees as their sum have wide intervals each, and a narrow one together. All numbers
+are compared in standard deviations of their priors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse.csgraph import connected_components
+
+from mjsim.estimation.effect_vector import EffectVector
+from mjsim.estimation.fit import Fit
+
+#: A number is open where its posterior is at least so wide, and two are tied where their posterior correlation is at
+#: least so large (assumed; n numbers that only appear as their sum have a correlation of 1/(n − 1)).
+_OPEN, _TIED = 0.5, 0.3
+#: A sum is determined where its posterior is at most so wide, and at most so wide beside that of each of its numbers.
+_DETERMINED, _NARROWER = 0.25, 0.4
+#: Least factor of a number in a sum, over the largest one.
+_LEAST_FACTOR = 0.15
+
+
+@dataclass(frozen=True)
+class Term:
+    """One number of a sum.
+
+    Attributes:
+        effect_id: Of the effect that it belongs to.
+        name: Of the parameter, with its unit.
+        factor: How often it counts, in the unit of the first number over its own.
+    """
+
+    effect_id: str
+    name: str
+    factor: float
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A sum of numbers, in the unit of its first one, whose factor is 1.
+
+    Attributes:
+        terms: The numbers.
+        value: The sum.
+        ci95: Its 95 % interval.
+    """
+
+    terms: tuple[Term, ...]
+    value: float
+    ci95: tuple[float, float]
+
+
+def combinations(fit: Fit) -> tuple[Combination, ...]:
+    """Sums of the single numbers with a prior that a fit determines, the best determined first."""
+    free = [f for f in fit.effects if f.prior is not None and len(f.vector) == 1 and not f.specs[f.names[0]].inverse]
+    if len(free) < 2:
+        return ()
+    at = np.concatenate([np.arange(fit.parameters.size)[fit.parameters[f.block.name]] for f in free])
+    prior = np.array([f.prior[1][0] for f in free if f.prior is not None])
+    covariance = fit.covariance[np.ix_(at, at)] / np.outer(prior, prior)
+    width = np.sqrt(np.diag(covariance))
+    tied = np.abs(covariance / np.outer(width, width)) > _TIED
+    is_open = width > _OPEN
+    _, label = connected_components(tied & is_open[:, None] & is_open, directed=False)
+    found = []
+    for group in (np.flatnonzero((label == n) & is_open) for n in np.unique(label)):
+        if len(group) > 1:
+            found += list(_determined([free[i] for i in group], covariance[np.ix_(group, group)], prior[group]))
+    return tuple(c for _, c in sorted(found, key=lambda row: row[0]))
+
+
+def _determined(
+    free: list[EffectVector], covariance: np.ndarray, prior: np.ndarray
+) -> Iterator[tuple[float, Combination]]:
+    """The sums of one group that are determined, each with its width in prior standard deviations."""
+    for direction in np.linalg.eigh(covariance)[1].T:
+        factor = np.where(np.abs(direction) < _LEAST_FACTOR * np.abs(direction).max(), 0.0, direction)
+        factor /= np.linalg.norm(factor)
+        width, used = float(np.sqrt(factor @ covariance @ factor)), np.flatnonzero(factor)
+        alone = np.sqrt(np.diag(covariance)[used]).min()
+        if len(used) > 1 and width < min(_DETERMINED, _NARROWER * alone):
+            yield width, _in_units([free[i] for i in used], factor[used] / prior[used], width)
+
+
+def _in_units(free: list[EffectVector], factor: np.ndarray, width: float) -> Combination:
+    """A sum of the entries of effects, (n,) ``factor`` each, in the units of their parameters."""
+    scale = np.array([f.specs[f.names[0]].scale for f in free])
+    of_number = factor / scale
+    first = int(np.argmax(np.abs(factor)))
+    of_number, unit = of_number / of_number[first], 1.0 / of_number[first]
+    order = sorted(range(len(free)), key=lambda i: i != first)
+    terms = tuple(Term(free[i].effect.id, free[i].names[0], float(of_number[i])) for i in order)
+    value = float(sum(t.factor * free[i].effect.values[t.name] for t, i in zip(terms, order, strict=True)))
+    half = 1.96 * width * abs(unit)
+    return Combination(terms, value, (value - half, value + half))
