@@ -1,9 +1,12 @@
 """The parameter vector and the bounded least-squares solver, held against closed forms and scipy."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
+from mjsim.estimation.curve_fit import Together
 from mjsim.estimation.least_squares import LeastSquares, ridge_solution
 from mjsim.estimation.parameters import Block, Parameters
 
@@ -122,3 +125,28 @@ def test_frozen_entries_stay(parameters, system):
     low, high = held.lower - vector, held.upper - vector
     expected = lsq_linear(a[np.ix_(rows, without)], b[rows], (low[without], high[without]), method="bvls").x
     np.testing.assert_allclose(step[without], expected, rtol=1e-7, atol=1e-10)
+
+
+def test_beside_a_curve_the_model_takes_nothing_of_it():
+    """What a wide curve explains does not move the parameters, and their covariance is that of the joint problem."""
+    rng = np.random.default_rng(8)
+    parameters = Parameters((Block.normal("effect", tuple("abc"), mean=0.0, deviation=1e3, informative=False),))
+    columns = rng.standard_normal((400, 3))
+    design = rng.standard_normal((400, 3)) + 0.8 * columns  # alone, the parameters would take up much of the curve
+    truth, curve = np.array([0.3, -0.2, 0.5]), np.array([40.0, -30.0, 60.0])
+    residual = design @ truth + columns @ curve + rng.standard_normal(400)
+    fit = SimpleNamespace(
+        design=design,
+        residual=residual,
+        vector=np.zeros(3),
+        linear=LeastSquares.of_design(parameters, design),
+    )
+    together = Together(fit, columns)
+    both = np.hstack([design, columns])
+    covariance = np.linalg.inv(both.T @ both)
+    deviation = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(together.equations.covariance, covariance[:3, :3], rtol=0.01)
+    assert (np.abs(together.step - truth) < 4.0 * deviation[:3]).all()
+    assert (np.abs(together.coefficients - curve) < 4.0 * deviation[3:]).all()
+    alone = fit.linear.step(design.T @ residual, fit.vector)
+    assert np.abs(alone - truth).max() > 100.0 * deviation[:3].max()

@@ -30,7 +30,7 @@ _LONG_S = 5.0
 @click.option(
     "--write",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Save the machine with the effects found and the calibrated data sheet.",
+    help="Save the machine with the effects found, the curve of what is unexplained, and the calibrated data sheet.",
 )
 @click.option(
     "--max-effects",
@@ -58,7 +58,7 @@ def command(campaign, machine, write, max_effects, only, force, threads, as_is, 
     from mjsim.plots.output import unexplained_plot
     from mjsim.workflow.diagnose import diagnose
     from mjsim.workflow.diagnosis import write_effect_file
-    from mjsim.workflow.edit import machine_of
+    from mjsim.workflow.edit import machine_of, with_effect_file
     from mjsim.workflow.saved import keep
 
     c = chosen(read_campaign(campaign, as_is=as_is), only)
@@ -79,8 +79,10 @@ def command(campaign, machine, write, max_effects, only, force, threads, as_is, 
         keep(result, m)
     except InputError as error:
         common.say(f"the diagnosis was not kept beside the campaign: {error}", quiet)
+    rest = result.unexplained.effect_file if result.unexplained else None
     if write is not None:
-        write_machine(result.machine, m.file, write, force=force)
+        fitted = with_effect_file(result.machine, rest) if rest else result.machine
+        write_machine(fitted, m.file, write, force=force)
     data, found, circles = result.to_json(), {}, []
     if imported:
         found = {e.id: e.values for e in m.effects} | {e["id"]: e["parameters"] for e in data["effects"]}
@@ -102,7 +104,8 @@ def command(campaign, machine, write, max_effects, only, force, threads, as_is, 
         click.echo("\nwhat the other system found, beside the effects of the model and the ones found:")
         show_features(imported, found, circles)
     if write is not None:
-        common.say(f"fitted machine written to {write}", quiet)
+        beside = f", with the empirical curve of {rest}" if rest else ""
+        common.say(f"fitted machine written to {write}{beside}", quiet)
 
 
 def _identifiable(campaign, data: dict) -> list[str]:

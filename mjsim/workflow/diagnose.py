@@ -10,6 +10,7 @@ from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.combinations import Combination, combinations
+from mjsim.estimation.curve_fit import fit_beside
 from mjsim.estimation.curve_search import best_curve_term
 from mjsim.estimation.disturbances import readmitted
 from mjsim.estimation.fit import Fitter, unabsorbed, with_effects
@@ -217,11 +218,14 @@ def _explain_jointly(problem: Problem, fitter: Fitter, progress: Progress) -> Ex
     fit = joint.selection.fit
     incomplete = fit.sum_squares > problem.settings.joint_fit * problem.count
     rest = best_curve_term(problem, fit) if joint.curve is not None or incomplete else None
+    if rest is not None:
+        progress("fitting beside what is not in the catalogue", 0, 1)
+        fit, rest = fit_beside(fitter, fit, rest)
     progress("shares of the error", 0, 1)
     entries, shares = calibrations(problem, fit, joint.calibrated)
     explained = joint.selection.start.sum_squares - fit.sum_squares
     found = [replace(f, gain=shares.get(f.key, 0.0) * explained) for f in joint.selection.found]
-    selection = replace(joint.selection, found=sorted(found, key=lambda f: -f.gain))
+    selection = replace(joint.selection, fit=fit, found=sorted(found, key=lambda f: -f.gain))
     unexplained = describe(problem, fit, rest) if rest else None
     return Explained(problem, selection, unexplained, entries, shares, combinations(fit))
 

@@ -80,6 +80,15 @@ def file_reference(source: Path, machine_file: Path) -> str:
     return source.relative_to(folder).as_posix() if source.is_relative_to(folder) else str(source)
 
 
+def with_effect_file(machine: Machine, file: str | Path) -> Machine:
+    """The machine with the effect of a file that mjsim wrote, at full size."""
+    cls, (subject, *_), source = resolve_effect(Path(file).resolve(), machine.chain)
+    assert source is not None
+    effect = cls(subject, gain=1.0)
+    named = {**machine.effect_files, effect.id: file_reference(source, machine.file)}
+    return replace(machine, effect_files=named).with_effect(effect)
+
+
 @one_blas_thread
 def add(
     campaign: Campaign,

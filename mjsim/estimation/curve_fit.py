@@ -1,0 +1,59 @@
+"""The effects of a model fitted beside a generic curve, so that they take up nothing of what the curve stands for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mjsim.estimation.curve_terms import CurveTerm
+from mjsim.estimation.evidence import best_precision
+from mjsim.estimation.fit import Fit, Fitter
+
+#: Gauss-Newton steps beside the curve: its columns hardly change with the model.
+_STEPS = 2
+#: Prior precision of a curve that the data do not want, over the trace of its information: next to nothing is left.
+_WIDEST = 1e6
+
+
+def fit_beside(fitter: Fitter, fit: Fit, term: CurveTerm) -> tuple[Fit, CurveTerm]:
+    """The model and the curve where both lie when they are fitted together.
+
+    The curve is no part of the model, so the model's residuals show it in full. The covariance allows for it.
+
+    Args:
+        fitter: Of the machine.
+        fit: The model fitted without the curve.
+        term: The curve, with its columns.
+    """
+    columns = fitter.problem.whiten(term.columns)
+    for _ in range(_STEPS):
+        together = Together(fit, columns)
+        moved = fit.moved(together.step)
+        fit = fitter.fit(moved.effects, start=moved, iterations=0, exact=True, fresh=False)
+    together = Together(fit, columns)
+    curve = replace(term, coefficients=together.coefficients, precision=together.information)
+    return replace(fit, step=together.step, equations=together.equations), curve
+
+
+class Together:
+    """The linear problem of a model and the columns (n, k) of a curve.
+
+    Attributes:
+        step: Gauss-Newton step of the model's parameters, (p,).
+        equations: Of the parameters once the curve is marginalised.
+        coefficients: Of the curve, (k,).
+        information: That the data hold about them beside the model, (k, k).
+    """
+
+    def __init__(self, fit: Fit, columns: np.ndarray) -> None:
+        own, cross = columns.T @ columns, fit.design.T @ columns
+        score, gradient = columns.T @ fit.residual, fit.design.T @ fit.residual
+        beside = fit.linear.left_over(own, cross)
+        alone = fit.linear.step(gradient, fit.vector)
+        precision = min(best_precision(beside, score - cross.T @ alone)[0], _WIDEST * np.trace(own))
+        self.information = beside + precision * np.eye(len(own))
+        taken = np.linalg.solve(own + precision * np.eye(len(own)), np.column_stack([cross.T, score]))
+        self.equations = replace(fit.linear, normal=fit.linear.normal - cross @ taken[:, :-1])
+        self.step = self.equations.step(gradient - cross @ taken[:, -1], fit.vector)
+        self.coefficients = taken[:, -1] - taken[:, :-1] @ self.step
