@@ -239,7 +239,7 @@ def test_drive_keeps_its_accuracy_with_half_the_step():
         drives.run_axis("X", model["drive"]["X"], effects, command, n)[0]
         for n in (drives.SUBSTEPS, 2 * drives.SUBSTEPS)
     )
-    assert np.abs(coarse - fine).max() < 1e-9
+    assert np.abs(coarse - fine).max() < 1e-10
 
 
 def test_bank_is_balanced():
