@@ -73,7 +73,7 @@ def test_friction_far_from_the_data_sheet_is_no_mistake(measured, change):
     assert recognise(campaign, machine).mistakes == ()
 
 
-@pytest.mark.parametrize(("sign", "unit"), [(s, u) for s in (1.0, -1.0) for u in ("", *UNITS) if (s, u) != (1.0, "")])
+@pytest.mark.parametrize(("sign", "unit"), [*((1.0, u) for u in UNITS), (-1.0, ""), (-1.0, "mm"), (-1.0, "mil")])
 def test_unit_and_sign_of_all_traces(measured, unit, sign):
     campaign, machine = measured
     factor = sign * UNITS.get(unit, 1.0)

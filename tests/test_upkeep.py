@@ -1,6 +1,7 @@
 """What keeps the repository in order: lint, format, types, layers, sizes, pins. Nothing here runs a simulation."""
 
 import ast
+import hashlib
 import importlib
 import re
 import subprocess
@@ -8,6 +9,7 @@ import sys
 import tomllib
 from collections import defaultdict
 from graphlib import CycleError, TopologicalSorter
+from importlib.metadata import distributions
 from pathlib import Path
 
 import pytest
@@ -70,12 +72,30 @@ def test_lint_and_format(command):
     assert result.returncode == 0, result.stdout + result.stderr
 
 
+def _checked_for_types():
+    """Fingerprint of all that the type checker reads: the package, its stubs, its settings, installed versions."""
+    digest = hashlib.sha256(sys.version.encode())
+    for file in [
+        *MODULES.values(),
+        *sorted((ROOT / "mjsim").rglob("*.pyi")),
+        *sorted((ROOT / "typings").rglob("*.pyi")),
+    ]:
+        digest.update(f"{file.relative_to(ROOT)}\0".encode() + file.read_bytes())
+    digest.update((ROOT / "pyproject.toml").read_bytes())
+    digest.update(repr(sorted((d.name, d.version) for d in distributions())).encode())
+    return digest.hexdigest()
+
+
 @pytest.mark.slow
-def test_types(monkeypatch):
-    """Without a look for newer versions; warnings count as well."""
+def test_types(monkeypatch, pytestconfig):
+    """Without a look for newer versions; warnings count as well. What has passed unchanged is not checked again."""
+    state = _checked_for_types()
+    if pytestconfig.cache.get("mjsim/types", "") == state:
+        return
     monkeypatch.setenv("PYRIGHT_PYTHON_IGNORE_WARNINGS", "1")
     result = run("pyright", "--warnings", "--pythonpath", sys.executable)
     assert result.returncode == 0 and "0 errors, 0 warnings" in result.stdout, result.stdout + result.stderr
+    pytestconfig.cache.set("mjsim/types", state)
 
 
 def _declared(body):
