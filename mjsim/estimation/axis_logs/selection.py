@@ -36,6 +36,9 @@ _CURVED, _RESTARTS = ("presliding_rad", "velocity_rad_per_s", "stribeck_velocity
 _SHORT = 3
 #: Least share by which a cause must lower the RMS of a recording to be a cause of its own.
 _LEAST_SHARE = 0.01
+#: Least RMS of a cause's part of a recording, as a share of the noise of one sample (chosen on
+#: ``scripts/benchmark_logs.py``).
+_LEAST_NOISE = 0.5
 #: Share by which the mean square of a recording grows without a cause that shows in it (assumed).
 _SHOWS = 0.02
 
@@ -238,7 +241,7 @@ class AxisSearch:
     def _pruned(self, found: list[Candidate], fit: AxisFit) -> tuple[list[Candidate], AxisFit]:
         """The causes that the final model still needs: one that was found early may stand for others found later."""
         found = list(found)
-        for candidate in tuple(found[:-1]):
+        for candidate in tuple(found):
             without = self.fitter.fit(candidate.taken_from(fit.model, self.machine), _SHORT, 1)
             if gain(without, fit) < self.settings.likelihood_ratio:
                 found.remove(candidate)
@@ -286,6 +289,8 @@ class AxisSearch:
 
 
 def _visible(less: AxisFit, more: AxisFit) -> bool:
-    """Whether a cause lowers the RMS of some recording by more than a trifle."""
-    ratio = np.sqrt(more.mean_squares / np.maximum(less.mean_squares, 1e-30))
-    return bool(ratio.min() < 1.0 - _LEAST_SHARE)
+    """Whether what a cause explains in some recording is more than a trifle, of what was left and of the noise."""
+    before, after = less.mean_squares, more.mean_squares
+    share = np.sqrt(after / np.maximum(before, 1e-30)) < 1.0 - _LEAST_SHARE
+    size = np.sqrt(np.maximum(before - after, 0.0)) > _LEAST_NOISE * np.array(more.noise)
+    return bool((share & size).any())

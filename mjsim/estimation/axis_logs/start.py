@@ -15,6 +15,8 @@ from mjsim.machine.model import TOLERANCE, Machine
 
 #: Standard deviation of the encoder's zero against the command's, encoder steps: both count in the same control.
 _ZERO = 1.0
+#: Standard deviations within which a number of the data sheet stays: what lies beyond is a cause of its own.
+_FARTHEST = 5.0
 #: Standard deviation of a phase that may be anything, rad.
 _ANYWHERE = 10.0
 #: Largest time shift, samples; its standard deviation is one sample.
@@ -134,7 +136,8 @@ def only(machine: Machine, axis: str) -> str | None:
 
 
 def _positive(owner: str, name: str, value: float, deviation: float, where: str = "") -> Entry:
-    return Entry(owner, name, value, where, deviation, log=True, lower=value * 1e-3, upper=value * 1e3)
+    far = math.exp(_FARTHEST * deviation)
+    return Entry(owner, name, value, where, deviation, log=True, lower=value / far, upper=value * far)
 
 
 def nuisance_entries(machine: Machine, data: Sequence[AxisData]) -> tuple[Entry, ...]:

@@ -1,0 +1,144 @@
+"""How often the diagnosis of axis logs is right, on logs of an independent generator: half sound, half with one cause.
+
+python scripts/benchmark_logs.py [--count 100] [--seed 1]
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import read_machine
+from mjsim.workflow.log_diagnose import diagnose_logs
+from mjsim.workflow.log_diagnosis import LogDiagnosis
+from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
+
+#: Kinds that stand for each other in a log: while an axis slides, a constant force is a friction by direction.
+_SAME = {"friction_direction": "constant_force"}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One log and what hides in it.
+
+    Attributes:
+        axis: As it is.
+        control: As it is.
+        planted: Kind of the cause, its leading parameter and its value; nothing in a sound machine.
+        friction: Coulomb friction that the machine file has, N·m.
+        wrong: Numbers of the machine file that are wrong.
+        torque: Whether the torque was recorded.
+    """
+
+    axis: Axis
+    control: Control
+    planted: tuple[str, str, float] | None
+    friction: float
+    wrong: dict[str, float] = field(default_factory=dict)
+    torque: bool = False
+
+
+def cases(count: int, seed: int) -> list[Case]:
+    """Random machines, every second one with a cause."""
+    random = np.random.default_rng(seed)
+    out = []
+    for i in range(count):
+        coulomb = float(random.uniform(0.06, 0.2))
+        axis = Axis(
+            inertia=float(random.uniform(3e-4, 7e-4)),
+            viscous=float(random.uniform(0.004, 0.012)),
+            coulomb=coulomb,
+            presliding=float(random.uniform(0.002, 0.008)),
+        )
+        control = Control(
+            position_gain=float(random.uniform(35.0, 60.0)), velocity_gain=float(random.uniform(0.05, 0.09))
+        )
+        if random.random() < 0.5:
+            control = replace(control, integral_time=float(random.uniform(0.02, 0.06)), feedforward=1.0)
+        case = Case(axis, control, None, coulomb, torque=bool(random.random() < 0.3))
+        out.append(_faulty(case, random) if i % 2 else case)
+    return out
+
+
+def _faulty(case: Case, random: np.random.Generator) -> Case:
+    axis, sign = case.axis, float(random.choice([-1.0, 1.0]))
+    kinds = ["friction", "torque_ripple", "viscous_direction", "loop_delay"]
+    # an integrator holds a constant force from the start: no log of the motor shows it
+    kinds.append("integral_time" if np.isfinite(case.control.integral_time) else "constant_force")
+    kind = str(random.choice(kinds))
+    if kind == "friction":
+        return replace(case, planted=(kind, "coulomb_Nm", axis.coulomb), friction=0.0)
+    if kind == "torque_ripple":
+        size, order = float(random.uniform(0.01, 0.05)), float(random.integers(1, 7))
+        wavy = replace(axis, ripple=size, ripple_order=order, ripple_phase=float(random.uniform(-3.0, 3.0)))
+        return replace(case, axis=wavy, planted=(kind, "amplitude_Nm", size))
+    if kind == "constant_force":
+        size = sign * float(random.uniform(0.02, 0.06))
+        return replace(case, axis=replace(axis, constant=size), planted=(kind, "torque_Nm", size))
+    if kind == "viscous_direction":
+        share = sign * float(random.uniform(0.15, 0.4))
+        return replace(case, axis=replace(axis, viscous_share=share), planted=(kind, "share_ratio", share))
+    if kind == "integral_time":
+        ratio = float(random.choice([0.4, 0.6, 1.6, 2.5]))
+        stated = {"integral_time": case.control.integral_time / ratio}
+        return replace(case, planted=(kind, "ratio", ratio), wrong=stated)
+    control = replace(case.control, delay_samples=int(random.integers(1, 4)))
+    return replace(case, control=control, planted=(kind, "delay_ms", float(control.delay_samples)))
+
+
+def diagnosed(case: Case, folder: Path, seed: int) -> LogDiagnosis:
+    """The diagnosis of a case's log."""
+    command = to_and_fro(case.control.sample)
+    position, torque = record(case.axis, case.control, command, 0.05e-6, seed)
+    (folder / "strokes.csv").write_text(csv(command, position, torque if case.torque else None))
+    (folder / "campaign.toml").write_text(CAMPAIGN)
+    (folder / "machine.toml").write_text(machine_toml(case.axis, case.control, False, case.friction, **case.wrong))
+    return diagnose_logs(read_campaign(folder), read_machine(folder / "machine.toml"))
+
+
+def main() -> None:
+    """Run the bank and print how often it was right."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--count", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    tally, begun = Counter(), time.process_time()
+    for i, case in enumerate(cases(given.count, given.seed)):
+        with tempfile.TemporaryDirectory() as folder:
+            result = diagnosed(case, Path(folder), i)
+        names = [_SAME.get(e.effect.kind, e.effect.kind) for e in result.effects]
+        if case.planted is None:
+            tally["sound"] += 1
+            tally["sound: nothing found"] += not names
+            said = "" if not names else f"sound machine: {names}"
+        else:
+            kind, parameter, value = case.planted
+            tally["faulty"] += 1
+            tally["faulty: the cause is named"] += kind in names
+            tally["faulty: the cause alone is named"] += names == [kind]
+            mine = next((e for e in result.effects if e.effect.kind == kind), None)
+            if mine is not None and parameter in mine.ci95:
+                low, high = mine.ci95[parameter]
+                tally["intervals"] += 1
+                tally["intervals: hold the value"] += low <= value <= high
+                if not low <= value <= high:
+                    print(f"{i}: {kind} {value:.5g} outside {low:.5g} to {high:.5g}", flush=True)
+            said = (
+                "" if names == [kind] else f"{kind} {value:.3g}: {names or 'nothing'}, {result.after.rms * 1e6:.3f} µm"
+            )
+        if said:
+            print(f"{i}: {said}", flush=True)
+    for name, count in tally.items():
+        print(f"{name}: {count}")
+    print(f"{(time.process_time() - begun) / given.count:.2f} s of processor time for one log")
+
+
+if __name__ == "__main__":
+    main()
