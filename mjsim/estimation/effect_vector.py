@@ -52,6 +52,13 @@ class EffectVector:
         """The same entries and prior at the values of ``effect``."""
         return EffectVector(effect, self.names, self.prior)
 
+    def with_waves(self, other: EffectVector) -> EffectVector:
+        """A pitch error and the waves of another of the same kind; each keeps its prior, if only a wide one."""
+        rows = [row for f in (self, other) for row in f.effect.values["components"]]
+        priors = [f.prior or (np.zeros(len(f.vector)), np.full(len(f.vector), _WIDE)) for f in (self, other)]
+        mean, deviation = (np.concatenate(pair) for pair in zip(*priors, strict=True))
+        return EffectVector(self.effect.replaced(components=rows), self.names, (mean, deviation))
+
     @property
     def off(self) -> np.ndarray:
         """The vector when the effect is off, or as its prior expects it, (n,)."""

@@ -37,7 +37,9 @@ def equivalents(
     rest = [f for f in fit.effects if f.effect.key != key]
     out: dict[str, Fit] = {}
     for c, x, precision in _near(fit, groups, key):
-        trial = refit([*rest, added(fit.base, EffectVector(c.effect, c.names), x, precision)])
+        new = added(fit.base, EffectVector(c.effect, c.names), x, precision)
+        same = next((f for f in rest if f.effect.key == c.effect.key), None)  # a pitch error with other waves
+        trial = refit([*(f for f in rest if f is not same), same.with_waves(new) if same else new])
         mine = next(f for f in trial.effects if f.effect.key == c.effect.key)
         if not is_large_enough(fit.base, mine, settings):
             continue

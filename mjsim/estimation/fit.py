@@ -24,8 +24,8 @@ _STEP = 0.02  # of a parameter's typical size, for numerical derivatives
 _SCALES = (1.0, 0.5, 0.2, 0.05)
 #: Share of the promised gain that a step must bring for its derivatives to be used again.
 _KEPT_PROMISE = 0.7
-#: Fall of the objective below which a fit has converged.
-_CONVERGED = 0.5
+#: Fall of the objective below which a fit has converged; share of what it leaves beyond the noise below which it ends.
+_CONVERGED, _SLOW = 0.5, 1e-3
 #: A start that fits about so well (mean square), with its data sheet within so many standard deviations, needs no other
 #: beside it.
 _GOOD_START, _GOOD_SHEET = 1.5, 3.0
@@ -180,7 +180,7 @@ class Fitter:
                 fresh = True
                 continue
             gain, now = now.objective - trial.objective, trial
-            if gain < _CONVERGED:
+            if gain < max(_CONVERGED, _SLOW * (now.sum_squares - self.problem.count)):
                 break
             fresh = (
                 scale < 1.0 or gain < _KEPT_PROMISE * promised
