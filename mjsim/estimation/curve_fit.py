@@ -26,12 +26,13 @@ def fit_beside(fitter: Fitter, fit: Fit, term: CurveTerm) -> tuple[Fit, CurveTer
         fit: The model fitted without the curve.
         term: The curve, with its columns.
     """
-    columns = fitter.problem.whiten(term.columns)
+    columns, misfit = fitter.problem.whiten(term.columns), fit.sum_squares / fitter.problem.count
     for _ in range(_STEPS):
-        together = Together(fit, columns)
+        together = Together(fit, columns, max(1.0, misfit))
+        misfit = together.misfit
         moved = fit.moved(together.step)
         fit = fitter.fit(moved.effects, start=moved, iterations=0, exact=True, fresh=False)
-    together = Together(fit, columns)
+    together = Together(fit, columns, max(1.0, misfit))
     curve = replace(term, coefficients=together.coefficients, precision=together.information)
     return replace(fit, step=together.step, equations=together.equations), curve
 
@@ -44,16 +45,22 @@ class Together:
         equations: Of the parameters once the curve is marginalised.
         coefficients: Of the curve, (k,).
         information: That the data hold about them beside the model, (k, k).
+        misfit: Mean square of what is left, in units of the noise.
     """
 
-    def __init__(self, fit: Fit, columns: np.ndarray) -> None:
+    def __init__(self, fit: Fit, columns: np.ndarray, weight: float = 1.0) -> None:
+        """``weight`` is how often priors count: what is not explained counts as noise."""
+        linear = replace(fit.linear, weight=weight)
         own, cross = columns.T @ columns, fit.design.T @ columns
         score, gradient = columns.T @ fit.residual, fit.design.T @ fit.residual
-        beside = fit.linear.left_over(own, cross)
-        alone = fit.linear.step(gradient, fit.vector)
-        precision = min(best_precision(beside, score - cross.T @ alone)[0], _WIDEST * np.trace(own))
+        beside = linear.left_over(own, cross)
+        alone = linear.step(gradient, fit.vector)
+        wanted = best_precision(beside / weight, (score - cross.T @ alone) / weight)[0] * weight
+        precision = min(wanted, _WIDEST * np.trace(own))
         self.information = beside + precision * np.eye(len(own))
         taken = np.linalg.solve(own + precision * np.eye(len(own)), np.column_stack([cross.T, score]))
-        self.equations = replace(fit.linear, normal=fit.linear.normal - cross @ taken[:, :-1])
+        self.equations = replace(linear, normal=linear.normal - cross @ taken[:, :-1])
         self.step = self.equations.step(gradient - cross @ taken[:, -1], fit.vector)
         self.coefficients = taken[:, -1] - taken[:, :-1] @ self.step
+        left = fit.residual - fit.design @ self.step - columns @ self.coefficients
+        self.misfit = float(np.mean(left**2))

@@ -28,8 +28,8 @@ from mjsim.estimation.signatures import SignatureBank
 from mjsim.estimation.verdicts import is_beyond, log_odds
 from mjsim.progress import Progress, silent
 
-#: Most rounds of selection and refit; most Gauss-Newton steps of the first fit and of the others. Waves of a pitch error
-#: and trigger shifts need many: an unfinished fit asks for causes that are not there.
+#: Most rounds of selection and refit; most Gauss-Newton steps of the first fit and of the others. Waves of a pitch
+#: error and trigger shifts need many: an unfinished fit asks for causes that are not there.
 _ROUNDS, _FIRST, _STEPS = 5, 16, 8
 #: A model that leaves so much more than the one before it is not taken.
 _WORSE = 1.1
@@ -176,10 +176,11 @@ class JointSelector:
 
     def _release(self, model: _Model) -> bool:
         """Fit effects freely whose interval lies beyond the tolerance: these are findings. Whether there were any."""
+        misfit = model.fit.sum_squares / self.problem.count
         beyond = [
             f
             for f in model.fit.effects
-            if f.effect.key in model.kept and is_beyond(model.fit, f, model.kept[f.effect.key])
+            if f.effect.key in model.kept and is_beyond(model.fit, f, model.kept[f.effect.key], misfit)
         ]
         if not beyond:
             return False

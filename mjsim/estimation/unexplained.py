@@ -106,15 +106,23 @@ _WORDS = {
 }
 
 
-def describe(problem: Problem, fit: Fit, term: CurveTerm) -> Unexplained:
-    """A fitted term in words, with its curve and its effect file."""
+def describe(problem: Problem, fit: Fit, term: CurveTerm, together: bool = False) -> Unexplained:
+    """A fitted term in words, with its curve and its effect file.
+
+    Args:
+        problem: The measured tests.
+        fit: The model without the term.
+        term: With its coefficients.
+        together: Whether model and term were fitted together. Otherwise the set-up takes up what it can of the term.
+    """
     parts = visible(problem, fit, term)
+    explained = [c @ term.coefficients for c in term.columns] if together else parts
     rms = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
     rest = problem.residual(fit.readings, fit.nuisance)
     left = float(
         np.sqrt(
             np.mean(
-                np.concatenate([(r - p)[s.good] for r, p, s in zip(rest, parts, problem.samples, strict=True)]) ** 2
+                np.concatenate([(r - p)[s.good] for r, p, s in zip(rest, explained, problem.samples, strict=True)]) ** 2
             )
         )
     )

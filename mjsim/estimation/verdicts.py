@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from mjsim.estimation.calibration import Calibrated
@@ -22,14 +24,30 @@ def log_odds(fit: Fit, f: EffectVector) -> float:
     return 0.5 * float(departure @ np.linalg.solve(covariance, departure) + shrunk)
 
 
-def is_beyond(fit: Fit, f: EffectVector, expected: Calibrated) -> bool:
-    """Whether the 95 % interval of a calibrated effect lies beyond its limit."""
-    intervals = f.interval(f.vector, fit.covariance_of(f))
+def is_beyond(fit: Fit, f: EffectVector, expected: Calibrated, misfit: float = 1.0) -> bool:
+    """Whether the 95 % interval of a calibrated effect lies beyond its limit, where variances are ``misfit`` times as
+    large: what the model fails to explain counts as noise.
+    """
+    intervals = f.interval(f.vector, max(1.0, misfit) * fit.covariance_of(f))
     for name, limit in expected.limits.items():
         for low, high, centre in _sizes(intervals[name], expected, name):
             if low - centre > limit or high - centre < -limit:
                 return True
     return False
+
+
+def stands(fit: Fit, key: str, expected: Mapping[str, Calibrated], misfit: float, enough: float) -> bool:
+    """Whether a finding holds beside something unknown.
+
+    Args:
+        fit: The model, fitted together with a curve for the unknown.
+        key: Of the finding.
+        expected: Effects that a machine of its class has, by key. These have to be beyond their limit.
+        misfit: Mean square of what is left with the curve, in units of the noise.
+        enough: The others need a misfit of at most so much: they may imitate what the curve leaves.
+    """
+    f = next(f for f in fit.effects if f.effect.key == key)
+    return is_beyond(fit, f, expected[key], misfit) if key in expected else misfit < enough
 
 
 def _sizes(interval: list, expected: Calibrated, name: str) -> list[tuple[float, float, float]]:

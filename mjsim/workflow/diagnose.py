@@ -9,12 +9,14 @@ import numpy as np
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
+from mjsim.estimation.calibration import expected_effects
 from mjsim.estimation.combinations import Combination, combinations
 from mjsim.estimation.curve_fit import fit_beside
 from mjsim.estimation.curve_search import best_curve_term
+from mjsim.estimation.curve_terms import CurveTerm
 from mjsim.estimation.disturbances import readmitted
 from mjsim.estimation.fit import Fitter, unabsorbed, with_effects
-from mjsim.estimation.joint_selection import JointSelector
+from mjsim.estimation.joint_selection import JointSelection, JointSelector
 from mjsim.estimation.lines import Line
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.planning.next_test import plan_for
@@ -26,6 +28,7 @@ from mjsim.estimation.shares import Calibration, calibrations
 from mjsim.estimation.signatures import Projector
 from mjsim.estimation.testability import not_testable
 from mjsim.estimation.unexplained import Unexplained, describe, find_unexplained
+from mjsim.estimation.verdicts import stands
 from mjsim.estimation.vibration import Separated, is_news, phased, separate
 from mjsim.io.cache import remembered
 from mjsim.machine.model import Machine, build
@@ -220,14 +223,33 @@ def _explain_jointly(problem: Problem, fitter: Fitter, progress: Progress) -> Ex
     rest = best_curve_term(problem, fit) if joint.curve is not None or incomplete else None
     if rest is not None:
         progress("fitting beside what is not in the catalogue", 0, 1)
-        fit, rest = fit_beside(fitter, fit, rest)
+        joint, rest = _beside_unknown(problem, fitter, joint, rest)
+        fit = joint.selection.fit
     progress("shares of the error", 0, 1)
     entries, shares = calibrations(problem, fit, joint.calibrated)
     explained = joint.selection.start.sum_squares - fit.sum_squares
     found = [replace(f, gain=shares.get(f.key, 0.0) * explained) for f in joint.selection.found]
-    selection = replace(joint.selection, fit=fit, found=sorted(found, key=lambda f: -f.gain))
-    unexplained = describe(problem, fit, rest) if rest else None
+    selection = replace(joint.selection, found=sorted(found, key=lambda f: -f.gain))
+    unexplained = describe(problem, fit, rest, together=True) if rest else None
     return Explained(problem, selection, unexplained, entries, shares, combinations(fit))
+
+
+def _beside_unknown(
+    problem: Problem, fitter: Fitter, joint: JointSelection, rest: CurveTerm
+) -> tuple[JointSelection, CurveTerm]:
+    """The outcome fitted together with a curve, and without the findings that do not stand beside it."""
+    fit, curve = fit_beside(fitter, joint.selection.fit, rest)
+    expected = {c.key: c for c in expected_effects(fitter.machine)}
+    misfit = (describe(problem, fit, curve, together=True).left / problem.noise.rms) ** 2
+    found = [f for f in joint.selection.found if stands(fit, f.key, expected, misfit, problem.settings.joint_fit)]
+    if len(found) < len(joint.selection.found):
+        keys = {f.key for f in found}
+        calibrated = tuple(c for key, c in expected.items() if key not in keys)
+        effects = [f for f in fit.effects if f.effect.key in keys]
+        start = fitter.fit([*effects, *(c.free for c in calibrated)], start=joint.selection.fit, fresh=False)
+        fit, curve = fit_beside(fitter, start, best_curve_term(problem, start) or rest)
+        joint = replace(joint, calibrated=calibrated)
+    return replace(joint, selection=replace(joint.selection, fit=fit, found=found)), curve
 
 
 def _found(problem: Problem, selection: Selection) -> list[tuple[float, DiagnosedEffect]]:
