@@ -95,6 +95,7 @@ class JointSelector:
             if not changed and not released:
                 break
         model.fit = self.fitter.fit(model.fit.effects, start=model.fit, exact=True, iterations=_STEPS, fresh=False)
+        self._release(model)  # what lies at its limit may have come to lie beyond it
         if not machine.tolerance and model.curve is None:  # beside something unknown nothing small is proven
             for key in self._proven(model):
                 del model.kept[key]
