@@ -14,7 +14,7 @@ from mjsim.cli.compare import calibration_sentence, left_out_sentence, percent, 
 from mjsim.cli.import_show import show_features
 from mjsim.cli.logs import chosen, is_log_campaign, test_option
 from mjsim.cli.logs import diagnose as diagnose_logs
-from mjsim.cli.parameter_lines import parameter_lines
+from mjsim.cli.parameter_lines import finding_lines
 from mjsim.effects.registry import kinds
 from mjsim.machine.remedy import UNKNOWN
 
@@ -249,9 +249,5 @@ def _show_effect(e: dict, share: float | None) -> None:
     """One finding: its share of the explained squared error, its parameters, and where it shows."""
     part = "" if share is None else f"   {percent(share)} of the error"
     click.echo(f"\n  {e['id']}{part}   {e['rms_before_um']:.3f} → {e['rms_after_um']:.3f} µm")
-    for line in parameter_lines(e["parameters"], e["ci95"]):
+    for line in finding_lines(e):
         common.paragraph(line, "    ")
-    if e["alternatives"]:
-        common.paragraph(f"cannot be told from: {', '.join(e['alternatives'])}", "    ")
-    if e["tests"]:
-        common.paragraph(f"shows in: {', '.join(e['tests'])}", "    ")

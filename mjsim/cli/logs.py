@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
-from mjsim.cli.parameter_lines import parameter_lines
+from mjsim.cli.parameter_lines import finding_lines
 
 
 def is_log_campaign(campaign) -> bool:
@@ -214,12 +214,8 @@ def show_effects(data: dict) -> None:
     """The effects found, and the errors per axis with them."""
     for e in data["effects"]:
         click.echo(f"  {e['id']}   {e['rms_before_um']:.2f} → {e['rms_after_um']:.2f} µm")
-        for line in parameter_lines(e["parameters"], e["ci95"]):
+        for line in finding_lines(e):
             common.paragraph(line, "    ")
-        if e["alternatives"]:
-            common.paragraph(f"cannot be told from: {', '.join(e['alternatives'])}", "    ")
-        if e["tests"]:
-            common.paragraph(f"shows in: {', '.join(e['tests'])}", "    ")
     rows = []
     for t in data["tests"]:
         for a in t["axes"]:

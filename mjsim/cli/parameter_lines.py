@@ -17,3 +17,13 @@ def parameter_lines(parameters: dict, intervals: dict) -> list[str]:
         else:
             lines.append(f"{name} = {value:.5g}" + (f"  [{ci[0]:.5g}, {ci[1]:.5g}] (95 %)" if ci else ""))
     return lines
+
+
+def finding_lines(finding: dict) -> list[str]:
+    """What stands below the name of a finding: its parameters, what looks like it, and where it shows."""
+    lines = parameter_lines(finding["parameters"], finding["ci95"])
+    if finding["alternatives"]:
+        lines.append(f"cannot be told from: {', '.join(finding['alternatives'])}")
+    if finding["tests"]:
+        lines.append(f"shows in: {', '.join(finding['tests'])}")
+    return lines

@@ -23,6 +23,21 @@ FIGURES, PAIRS = "figures.csv", "figures-both-directions.csv"
 _ISO = {"circular_error_um": "G_um", "radial_max_um": "Fmax_um", "radial_min_um": "Fmin_um"}
 
 
+def wanted(campaign: Campaign, known: Sequence[str], asked: Sequence[str], what: str) -> list[str]:
+    """Names of what is exported, in the order of the campaign: all that is ``known``, or what was ``asked`` for.
+
+    Raises:
+        InputError: No such ``what`` has a trace.
+    """
+    for name in asked:
+        if name not in known:
+            raise InputError(
+                f"{campaign.folder / 'campaign.toml'}: no {what} {name!r} with a trace; it has: "
+                f"{', '.join(known) or 'none'}"
+            )
+    return [name for name in known if not asked or name in asked]
+
+
 def export(
     campaign: Campaign,
     machine: Machine,
@@ -47,14 +62,7 @@ def export(
     Raises:
         InputError: a test is not measured, or a file exists and ``force`` is false.
     """
-    known = [t.name for t in campaign.measured]
-    for name in tests:
-        if name not in known:
-            raise InputError(
-                f"{campaign.folder / 'campaign.toml'}: no test {name!r} with a trace; it has: "
-                f"{', '.join(known) or 'none'}"
-            )
-    names = [n for n in known if not tests or n in tests]
+    names = wanted(campaign, [t.name for t in campaign.measured], tests, "test")
     for name in names:
         if f"{name}.csv" in (FIGURES, PAIRS):
             raise InputError(

@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from mjsim.campaign.model import Campaign
-from mjsim.errors import InputError
 from mjsim.io.files import check_writable, write_all
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.units import DEG, MM, UM
-from mjsim.workflow.export import FIGURES, as_csv
+from mjsim.workflow.export import FIGURES, as_csv, wanted
 from mjsim.workflow.log_compare import ComparedAxis, compare_logs
 
 
@@ -45,16 +44,10 @@ def export_logs(
     Raises:
         InputError: A log has no recording, or a file exists and ``force`` is false.
     """
-    known = [t.name for t in campaign.logs.recorded]
-    for name in tests:
-        if name not in known:
-            raise InputError(
-                f"{campaign.folder / 'campaign.toml'}: no log {name!r} with a trace; it has: "
-                f"{', '.join(known) or 'none'}"
-            )
-    chosen = [t for t in campaign.logs.recorded if not tests or t.name in tests]
-    names = [f"{t.name}-{a}.csv" for t in chosen for a in t.axes]
-    for file in (*names, FIGURES):
+    names = wanted(campaign, [t.name for t in campaign.logs.recorded], tests, "log")
+    chosen = [t for t in campaign.logs.recorded if t.name in names]
+    files = [f"{t.name}-{a}.csv" for t in chosen for a in t.axes]
+    for file in (*files, FIGURES):
         check_writable(Path(out) / file, force)
     result = compare_logs(campaign, machine, threads, progress)
     contents, figures = {}, [["log", "axis", "unit", "rms", "max", "noise", "following_rms", "shift_ms"]]
