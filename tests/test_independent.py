@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import tomlkit
 from independent import bank, campaign, drives, layouts, machines, measurement, simulate
+from independent.kinematics import bar_reading
 from independent.programs import Program
 
 import mjsim
@@ -179,6 +180,27 @@ def test_vibrations_agree(both, axis, test):
     theirs, ours = shaken[0] - bare[0], shaken[1] - bare[1]
     assert rms(ours) > 0.3
     assert rms(theirs - ours) < 0.01
+
+
+def test_what_the_spindle_ball_is_off_turns_with_the_spindle(tmp_path):
+    """Derivatives of mjsim against differences of the generator's geometry; the spindle is held at 40°."""
+    test = layouts.arrange([TESTS["cone"]], 100.0)[0] | {"spindle_deg": 40.0}
+    head = {"name": "x", "machine": "machine.toml", "instrument": INSTRUMENT, "test": [test]}
+    (tmp_path / "campaign.toml").write_text(tomlkit.dumps(head))
+    (tmp_path / "machine.toml").write_text(tomlkit.dumps(machines.nominal("M1")))
+    motion = AxesMotion(mjsim.read_campaign(tmp_path, traces=False).tests[0])
+    plant = build(mjsim.read_machine(tmp_path / "machine.toml"))
+    known = motion.sensitivity(plant, 50).spindle
+    off, angle = np.array([2e-6, -1e-6, 0.5e-6]), np.radians(40.0)
+    turned = np.array(
+        [2e-6 * np.cos(angle) + 1e-6 * np.sin(angle), 2e-6 * np.sin(angle) - 1e-6 * np.cos(angle), 0.5e-6]
+    )
+    program = Program(test)
+    at = motion.load(plant, 50)[:, :5]
+    theirs = bar_reading(at, program.ball, program.length, {}, turned) - bar_reading(
+        at, program.ball, program.length, {}
+    )
+    assert np.abs(known @ off - theirs).max() < 2e-10 < 1e-7 < rms(theirs)
 
 
 def test_multibody_simulation_agrees(both, tmp_path):

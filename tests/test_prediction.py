@@ -213,6 +213,24 @@ def test_verdicts(machine, allowed, tolerance, verdict):
     assert result.verdict.startswith(verdict), (result.largest, result.reason)
     if verdict == "cannot say" and tolerance:
         assert "--between squareness.XY nothing" in result.reason
+    assert sum(result.counts.values()) == len(result.blocks) and result.worst.verdict == result.verdict
+    for b in result.blocks:  # every block by its own interval
+        if b.verdict == "fails":
+            assert b.low > allowed * UM
+        assert (b.verdict == "passes") == (b.high <= allowed * UM and tolerance)
+    if tolerance:  # where the ellipse crosses the circle, nothing deviates
+        assert any(b.verdict == "passes" for b in result.blocks)
+
+
+def test_causes_add_up_to_the_deviation(machine):
+    m = machine.with_effect(effect("squareness.XY", angle_urad=300.0)).with_effect(effect("scale_error.X", ppm=50.0))
+    result = predict(circle(), m, zero=ZERO)
+    assert sum(c.at_worst for c in result.causes) == pytest.approx(result.largest[0], rel=1e-9)
+    assert sum(c.at_worst for c in result.by_axis) == pytest.approx(result.largest[0], rel=1e-9)
+    assert {c.key for c in result.by_axis} == {"servo lag", *"XYZAC"}
+    assert result.worst.cause == "squareness.XY" and result.worst.share < result.largest[0] + 2 * UM
+    small = result.to_json(blocks=False)
+    assert small["blocks"][0]["normal_um"] == round(result.largest[0] / UM, 3) and len(small["blocks"]) == 6
 
 
 def test_a_longer_tool_moves_the_slide(machine):

@@ -11,14 +11,17 @@ import numpy as np
 import pytest
 
 from mjsim.ballbar.iso230 import BidirectionalFigures, circular_figures
+from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.effects.registry import make
 from mjsim.errors import InputError
+from mjsim.io.resources import examples
 from mjsim.machine.remedy import UNKNOWN
 from mjsim.plots.polar import PolarTrace
 from mjsim.plots.residual import ResidualTrace
 from mjsim.plots.trend import TrendSeries, trend_figure
+from mjsim.prediction.part_run import PartRun
 from mjsim.report import answer, numbers, trend, whatif
 from mjsim.report.content import (
     BidirectionalRow,
@@ -35,6 +38,7 @@ from mjsim.report.content import (
 )
 from mjsim.report.evidence import confidence
 from mjsim.report.page import asset, at, render, render_trend, script_json
+from mjsim.report.parts import part_sections
 from mjsim.report.traces import kept, steps
 from mjsim.report.write import check_same_machine
 
@@ -555,3 +559,18 @@ def test_campaigns_of_other_machines_are_refused(m1, m2, cone, tmp_path):
         check_same_machine([(a, m1), (b, other)])
     with pytest.raises(InputError, match="no test has a trace"):
         check_same_machine([(dataclasses.replace(a, traces={}), m1), (b, m1)])
+
+
+def test_a_predicted_part_has_its_section():
+    machine = read_machine(examples() / "hidden-backlash" / "machine.toml")
+    sections = part_sections([PartRun("pocket", (0.04, 0.01, 0.12), tolerance=1e-3)], machine)
+    content = _content("cone15-ccw", parts=sections)
+    page, said = render(content), content.to_json()["parts"][0]["predicted"]
+    text = _plain(page)
+    assert (
+        "square pocket with sharp corners" in text and "Cannot say with these measurements (allowed 1000.0 µm)" in text
+    )
+    assert f"Largest deviation {said['largest_um']:.2f} µm" in text and "Cutting forces are not included" in text
+    assert {b["cause"] for b in said["blocks"]} <= {c["id"] for c in said["causes"]}
+    assert 'alt="square pocket with sharp corners: deviation as colour on the path' in page
+    assert 'id="parts"' not in render(_content("cone15-ccw"))

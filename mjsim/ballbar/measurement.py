@@ -19,8 +19,9 @@ class BallBarTest:
     ``sensitive`` is perpendicular or parallel (cone_frustum), tangential, radial or axial (rotary). ``start``/``stop``
     are the ends of a kind that does not go round, ``setup`` names the tests that share both balls' offsets, ``started``
     is the clock time of the NC program's start in s. ``commanded`` is the motion of an NC file where one takes the
-    place of the test's own program. ``chain`` has the axes of the machine that runs the test. ``more`` holds the keys
-    that only one's own kinds have, SI.
+    place of the test's own program. ``spindle`` is the angle in rad at which the spindle is held: what the spindle ball
+    is off its centreline turns with it. ``chain`` has the axes of the machine that runs the test. ``more`` holds the
+    keys that only one's own kinds have, SI.
     """
 
     name: str
@@ -39,6 +40,7 @@ class BallBarTest:
     revolutions: int = 2
     setup: str = ""
     started: float = 0.0
+    spindle: float = 0.0
     trace: str | None = None
     commanded: Commanded | None = None
     chain: Chain = FIVE_AXIS

@@ -206,6 +206,7 @@ def test_of(file: Path, t: BallBarTable, chain: Chain = FIVE_AXIS) -> BallBarTes
         feed=t.feed_mm_min * MM / 60.0,
         setup=t.setup or t.name,
         started=t.started_s,
+        spindle=t.spindle_deg * DEG,
         trace=t.trace,
         chain=chain,
         more=more,
@@ -252,7 +253,8 @@ def test_table(test: BallBarTest) -> dict:
         "bar_length_mm": _plain(test.length / MM),
         "feed_mm_min": _plain(test.feed / MM * 60.0),
     }
-    return out | ({"setup": test.setup} if test.setup else {})
+    turned = {"spindle_deg": _plain(test.spindle / DEG)} if test.spindle else {}
+    return out | turned | ({"setup": test.setup} if test.setup else {})
 
 
 def _plain(x: float) -> float:

@@ -78,6 +78,7 @@ class BallBarTable(Table):
     program_rollover: bool | None = None
     setup: Annotated[str, Field(max_length=200), AfterValidator(printable)] | None = None
     started_s: Clock = 0.0
+    spindle_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
 
 
 def ball_bar_table(chain: Chain = FIVE_AXIS) -> type[BallBarTable]:

@@ -30,7 +30,7 @@ test = kept(
     click.option(
         "--test", "name", shell_complete=common.test_names, help="Its test in campaign.toml (default: the file's name)."
     ),
-    _common("kind", type=click.Choice(sorted(KINDS)), help="For a new test, as all below down to --started."),
+    _common("kind", type=click.Choice(sorted(KINDS)), help="For a new test, as all below down to --spindle."),
     *_specific(),
     _common(
         "table_ball_mm",
@@ -44,6 +44,7 @@ test = kept(
     _common("feed_mm_min", type=common.NUMBER, help="Feed on the circle, mm/min."),
     _common("setup", help="Word that tests of one set-up share."),
     _common("started_s", type=common.NUMBER, help="Start on the campaign's clock, s."),
+    _common("spindle_deg", type=common.NUMBER, help="Angle at which the spindle is held, ° (default 0)."),
 )
 columns = kept(
     click.option("--time", metavar="COLUMN", help="Column of the time: name or number from 1."),

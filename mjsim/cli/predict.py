@@ -7,29 +7,14 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
+from mjsim.cli.part_options import PART, part_runs
 
 
 @click.command("predict")
 @click.argument("program")
 @click.option("--campaign", type=click.Path(path_type=Path), help="Campaign whose diagnosis says how the machine is.")
 @common.machine_option
-@click.option("--tolerance", type=common.NUMBER, help="Allowed deviation normal to the path, µm: gives a verdict.")
-@click.option("--tool", type=common.NUMBER, default=0.0, help="Tool's length less that of the ball's holder, mm.")
-@click.option(
-    "--zero",
-    type=(common.NUMBER, common.NUMBER, common.NUMBER),
-    default=(0.0, 0.0, 0.0),
-    metavar="X Y Z",
-    help="Zero point of the part, mm from where the rotary centrelines meet.",
-)
-@click.option("--feed", type=common.NUMBER, default=1000.0, show_default=True, help="Of a built-in part, mm/min.")
-@click.option(
-    "--dialect",
-    type=click.Choice(("fanuc", "siemens", "linuxcnc")),
-    default="fanuc",
-    show_default=True,
-    help="Of an NC file.",
-)
+@PART
 @click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), help="Picture (.png or .svg).")
 @click.option("--csv", "table", type=click.Path(path_type=Path, dir_okay=False), help="Deviation along the path.")
 @click.option("--force", is_flag=True, help="Replace files that are there.")
@@ -53,19 +38,13 @@ def command(
     from mjsim.io.files import check_writable, write_whole
     from mjsim.plots.part import part_figure
     from mjsim.plots.save import encoded
-    from mjsim.prediction.predict import predict
-    from mjsim.prediction.program import program_of
-    from mjsim.units import MM, UM
     from mjsim.workflow.diagnose import diagnose
     from mjsim.workflow.edit import machine_of
     from mjsim.workflow.saved import keep, read_saved
 
     if campaign is None and machine is None:
         raise InputError("which machine? give --campaign FOLDER, or --machine FILE")
-    if tolerance is not None and tolerance <= 0:
-        raise InputError(f"--tolerance {tolerance:g}; allowed: above 0 µm")
-    if feed <= 0:
-        raise InputError(f"--feed {feed:g}; allowed: above 0 mm/min")
+    (run,) = part_runs((program,), tolerance, tool, zero, feed, dialect)
     for file in (out, table):
         if file is not None:
             check_writable(file, force)
@@ -79,9 +58,7 @@ def command(
                 saved = keep(diagnose(c, m, threads=common.cores(threads), progress=progress), m)
     else:
         m = read_machine(machine)
-    place = (zero[0] * MM, zero[1] * MM, zero[2] * MM)
-    name, motion, lines = program_of(program, m.chain, place, feed * MM / 60.0, dialect)
-    result = predict(motion, m, name, saved, None if tolerance is None else tolerance * UM, tool * MM, place, lines)
+    result = run.on(m, saved)
     if out is not None:
         write_whole(out, encoded(part_figure(result), out), force)
     if table is not None:
@@ -103,7 +80,13 @@ def show(data: dict) -> None:
     )
     common.paragraph(f"The interval follows from {data['basis']}. Cutting forces are not included.")
     if data["verdict"]:
-        common.paragraph(f"Allowed {data['tolerance_um']:g} µm: {data['verdict']}. {data['reason'].capitalize()}.")
+        reason = data["reason"][:1].upper() + data["reason"][1:]
+        common.paragraph(f"Allowed {data['tolerance_um']:g} µm: {data['verdict']}. {reason}.")
+        passed, failed, open_ = data["blocks_by_verdict"].values()
+        common.paragraph(f"Of {len(data['blocks'])} blocks {passed} pass, {failed} fail, {open_} cannot be decided.")
+    rows = [[c["id"], f"{c['rms_um']:.2f}", f"{c['at_worst_um']:+.2f}"] for c in data["by_axis"]]
+    click.echo()
+    common.table(["axis", "RMS µm", "at the worst place µm"], rows)
     rows = [[c["id"], f"{c['rms_um']:.2f}", f"{c['at_worst_um']:+.2f}"] for c in data["causes"][:12]]
     click.echo()
     common.table(["cause", "RMS µm", "at the worst place µm"], rows)

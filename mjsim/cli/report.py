@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
+from mjsim.cli.part_options import PART, part_runs
 
 
 @click.command("report")
@@ -26,11 +27,18 @@ from mjsim.cli import common
     help="Look for at most so many effects; otherwise for all that the data prove.",
 )
 @click.option("--no-diagnose", is_flag=True, help="Compare only; look for no missing effects.")
+@click.option(
+    "--part", "parts", multiple=True, metavar="PROGRAM", help="Also predict the error of this part, as mjsim predict."
+)
+@PART
 @click.option("--force", is_flag=True, help="Replace the page.")
 @common.as_is_option
 @common.threads_option
 @common.options
-def command(campaigns, out, machine, max_effects, no_diagnose, force, threads, as_is, as_json, quiet) -> None:
+def command(
+    campaigns, out, machine, max_effects, no_diagnose, parts, tolerance, tool, zero, feed, dialect, force, threads,
+    as_is, as_json, quiet,
+) -> None:  # fmt: skip
     """Write what CAMPAIGN shows as one HTML page that works offline and prints well.
 
     The campaign is compared and diagnosed. Several campaigns of one machine become a trend: which figure, which
@@ -38,16 +46,21 @@ def command(campaigns, out, machine, max_effects, no_diagnose, force, threads, a
 
     \b
     Example: mjsim report examples/hidden-backlash -o report.html
+             mjsim report examples/hidden-backlash --part s-shape --zero 40 0 120
     """
     from mjsim.campaign.files import read_campaign
     from mjsim.cli.logs import is_log_campaign
+    from mjsim.errors import InputError
     from mjsim.io.files import check_writable, write_whole
     from mjsim.report.logs import log_report
     from mjsim.report.write import check_same_machine, need_report, report
     from mjsim.workflow.edit import machine_of
 
+    runs = part_runs(parts, tolerance, tool, zero, feed, dialect)
     read = [read_campaign(c, as_is=as_is) for c in campaigns]
     machines = [machine_of(c, machine) for c in read]
+    if runs and (len(read) > 1 or is_log_campaign(read[0])):
+        raise InputError("--part: allowed for one ball-bar campaign")
     check_writable(out, force)
     if len(read) == 1 and is_log_campaign(read[0]):
         need_report()
@@ -61,7 +74,7 @@ def command(campaigns, out, machine, max_effects, no_diagnose, force, threads, a
         return
     check_same_machine(list(zip(read, machines, strict=True)))
     with common.progress_bar(quiet) as progress:
-        result = report(read, machines, max_effects, not no_diagnose, common.cores(threads), progress)
+        result = report(read, machines, max_effects, not no_diagnose, common.cores(threads), progress, runs)
     write_whole(out, result.html, force=force)
     if as_json:
         common.print_json(result.data)

@@ -27,7 +27,7 @@ from mjsim.io.inputs import inside, shown
 from mjsim.io.toml import parse, read_text
 from mjsim.units import UM
 
-_BEFORE = ("name", "trace", "setup", "started_s", "kind")
+_BEFORE = ("name", "trace", "setup", "started_s", "spindle_deg", "kind")
 _COMMON = ("table_ball_mm", "bar_length_mm", "feed_mm_min")
 
 

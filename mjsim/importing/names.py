@@ -17,4 +17,5 @@ def options() -> dict[str, str]:
         "feed_mm_min": "--feed",
         "setup": "--setup",
         "started_s": "--started",
+        "spindle_deg": "--spindle",
     }

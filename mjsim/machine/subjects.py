@@ -43,3 +43,13 @@ def straightness_errors(chain: Chain) -> tuple[str, ...]:
 def location_errors(chain: Chain) -> tuple[str, ...]:
     """Location errors of the rotary axes, as EC0A: about Z, of the A axis."""
     return tuple(e.name for e in chain.location_errors)
+
+
+def axis_of_subject(subject: str, chain: Chain) -> str:
+    """Letter of the axis that an effect on ``subject`` belongs to; empty where there is none."""
+    if subject in chain.letters:
+        return subject
+    for error in (*chain.location_errors, *chain.squareness):
+        if error.name == subject:
+            return error.axis
+    return subject[-1] if subject[-1:] in chain.letters else ""  # as ISO 230-1 names errors: the axis last

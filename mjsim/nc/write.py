@@ -236,6 +236,7 @@ def _comment_lines(
         f"mjsim ball-bar test {test.name}",
         *([f"machine {machine}"] if machine else []),
         kind,
+        *([f"hold the spindle at {test.spindle / DEG:g} deg"] if test.spindle else []),
         f"table ball X{x} Y{y} Z{z} mm, bar {test.length / MM:g} mm, feed {test.feed / MM * 60:g} mm/min",
         f"phi {phi[0] / DEG:g} to {phi[-1] / DEG:g} deg, {len(phi) - 1} blocks, step "
         f"{abs(phi[1] - phi[0]) / DEG:.6g} deg, "

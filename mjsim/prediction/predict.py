@@ -14,10 +14,11 @@ from mjsim.estimation.calibration import calibrated_effects
 from mjsim.estimation.data_sheet import data_sheet
 from mjsim.estimation.posterior import Posterior
 from mjsim.machine.model import Machine
+from mjsim.prediction.causes import Parts, across
 from mjsim.prediction.contour import Contour, contour
 from mjsim.prediction.influence import Influence, labels
 from mjsim.prediction.pace import paced
-from mjsim.prediction.result import FAILS, PASSES, UNKNOWN, Block, Cause, Prediction
+from mjsim.prediction.result import FAILS, PASSES, UNKNOWN, Block, Prediction, judged
 from mjsim.prediction.tip import Run
 from mjsim.simulation.drive import STEP
 from mjsim.simulation.stability import check_stable
@@ -84,8 +85,10 @@ def predict(
     index = np.clip(np.searchsorted(motion.knots, block_time[::every], side="right") - 1, 0, len(motion.seconds) - 1)
     columns = influence.columns(posterior)
     draws = _draws(found, columns, posterior)
-    blocks, largest = _blocks(found, draws, index, lines)
     worst = int(np.argmax(found.size))
+    parts = Parts.of(influence, found)
+    stated = bool(machine.tolerance)
+    blocks, largest = _blocks(found, draws, parts, index, lines, tolerance, stated)
     uncertain = _uncertain(found, columns, posterior, labels(posterior, machine), worst)
     if saved is not None:
         basis = "the diagnosis"
@@ -93,7 +96,7 @@ def predict(
         basis = "the tolerance of the machine file; nothing was measured"
     else:
         basis = "the data sheet alone; nothing was measured"
-    verdict, reason = _verdict(largest, tolerance, bool(machine.tolerance), uncertain)
+    verdict, reason = _verdict(largest, tolerance, stated, uncertain)
     return Prediction(
         name,
         machine,
@@ -101,7 +104,8 @@ def predict(
         found.normal,
         found.along,
         blocks,
-        _causes(influence, found, worst),
+        parts.causes(worst),
+        parts.by_axis(worst),
         largest,
         tolerance,
         verdict,
@@ -127,24 +131,24 @@ def _check(motion: Commanded, machine: Machine) -> None:
         raise InputError(f"the program lasts {motion.duration:.0f} s; allowed: up to {LONGEST:.0f} s")
 
 
-def _across(found: Contour, change: np.ndarray) -> np.ndarray:
-    """The part of changes (n, 3, …) that is normal to the path."""
-    along = np.einsum("ni...,ni->n...", change, found.tangent)
-    return change - np.einsum("n...,ni->ni...", along, found.tangent)
-
-
 def _draws(found: Contour, columns: np.ndarray, posterior: Posterior) -> np.ndarray:
     """Normal deviation of machines as the data allow them, (n, DRAWS) m."""
     values, vectors = np.linalg.eigh(posterior.covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     z = np.random.default_rng(_SEED).standard_normal((len(values), DRAWS))
-    moved = _across(found, columns).reshape(-1, columns.shape[2]) @ (root @ z)
+    moved = across(found, columns).reshape(-1, columns.shape[2]) @ (root @ z)
     moved = moved.reshape(len(columns), 3, DRAWS) + found.normal[:, :, None]
     return np.sqrt(np.einsum("nid,nid->nd", moved, moved))
 
 
 def _blocks(
-    found: Contour, draws: np.ndarray, index: np.ndarray, lines: np.ndarray | None
+    found: Contour,
+    draws: np.ndarray,
+    parts: Parts,
+    index: np.ndarray,
+    lines: np.ndarray | None,
+    tolerance: float | None,
+    stated: bool,
 ) -> tuple[tuple[Block, ...], tuple[float, float, float]]:
     """Every block that has an instant, and the largest deviation of all with its interval."""
     first = np.flatnonzero(np.diff(index, prepend=-1))
@@ -155,7 +159,10 @@ def _blocks(
     for k, (a, b) in enumerate(zip(first, ends, strict=True)):
         at = a + int(np.argmax(size[a:b]))
         line = int(lines[index[a] + 1]) if lines is not None else int(index[a]) + 1
-        out.append(Block(line, float(size[at]), float(low[k]), float(high[k]), float(found.along[at])))
+        cause, share = parts.main(at)
+        ends_of = float(low[k]), float(high[k])
+        verdict = "" if tolerance is None else judged(*ends_of, tolerance, stated)
+        out.append(Block(line, float(size[at]), *ends_of, float(found.along[at]), cause, share, verdict))
     whole = np.percentile(draws.max(axis=0), (2.5, 97.5))
     return tuple(out), (float(size.max()), float(whole[0]), float(whole[1]))
 
@@ -166,7 +173,7 @@ def _uncertain(
     """Effects that make most of the variance of the deviation where it is largest."""
     size = found.size[worst]
     direction = found.normal[worst] / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
-    g = direction @ _across(found, columns)[worst]
+    g = direction @ across(found, columns)[worst]
     shares: dict[str, float] = {}
     parts = g * (posterior.covariance @ g)
     total = float(parts.sum()) or 1.0
@@ -174,26 +181,6 @@ def _uncertain(
         shares[name] = shares.get(name, 0.0) + float(part) / total
     ranked = sorted(shares.items(), key=lambda item: -abs(item[1]))
     return tuple((k, s) for k, s in ranked[:3] if abs(s) > 0.05)
-
-
-def _causes(influence: Influence, found: Contour, worst: int) -> tuple[Cause, ...]:
-    """What each effect makes of the normal deviation; the rest is what the drives lag behind."""
-    size = found.size[worst]
-    direction = found.normal[worst] / size if size > 0.0 else np.zeros(3)
-    rest = found.normal.copy()
-    out = []
-    for effect in influence.machine.effects:
-        if effect.is_neutral:
-            continue
-        part = -_across(found, influence.change(effect, None))
-        rest -= part
-        out.append(Cause(effect.key, effect.subject, _rms(part), float(part[worst] @ direction)))
-    out.append(Cause("servo lag", "all axes", _rms(rest), float(rest[worst] @ direction)))
-    return tuple(sorted(out, key=lambda c: -c.rms))
-
-
-def _rms(x: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.einsum("ni,ni->n", x, x))))
 
 
 def _verdict(
@@ -206,9 +193,10 @@ def _verdict(
         return "", ""
     value, low, high = (x / UM for x in largest)
     allowed = tolerance / UM
-    if low > allowed:
+    found = judged(low, high, allowed, stated)
+    if found == FAILS:
         return FAILS, f"the largest deviation is at least {low:.2f} µm; allowed are {allowed:g} µm"
-    if high <= allowed and stated:
+    if found == PASSES:
         return PASSES, f"the largest deviation is at most {high:.2f} µm; allowed are {allowed:g} µm"
     if high <= allowed:
         return UNKNOWN, (

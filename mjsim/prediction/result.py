@@ -10,6 +10,8 @@ from mjsim.machine.model import Machine
 from mjsim.units import MM, UM
 
 PASSES, FAILS, UNKNOWN = "passes", "fails", "cannot say with these measurements"
+#: Blocks that a page names.
+_CRITICAL = 6
 
 
 @dataclass(frozen=True)
@@ -21,6 +23,9 @@ class Block:
         normal: Largest deviation normal to the path, m.
         low, high: 95 % interval of it, m.
         along: Deviation along the path where that is, m; negative: behind.
+        cause: What adds most to the largest deviation: a key of :class:`Cause`.
+        share: How much that is, m.
+        verdict: As of the whole program; empty without a tolerance.
     """
 
     line: int
@@ -28,6 +33,9 @@ class Block:
     low: float
     high: float
     along: float
+    cause: str = ""
+    share: float = 0.0
+    verdict: str = ""
 
 
 @dataclass(frozen=True)
@@ -59,6 +67,7 @@ class Prediction:
         along: Deviation along it, (n,) m.
         blocks: Every block with its interval.
         causes: What makes the deviation, the largest first.
+        by_axis: The same, all causes of an axis together.
         largest: Largest normal deviation, m, and its 95 % interval.
         tolerance: Allowed normal deviation, m, or ``None``.
         verdict: ``passes``, ``fails`` or ``cannot say …``; empty without a tolerance.
@@ -75,6 +84,7 @@ class Prediction:
     along: np.ndarray
     blocks: tuple[Block, ...]
     causes: tuple[Cause, ...]
+    by_axis: tuple[Cause, ...]
     largest: tuple[float, float, float]
     tolerance: float | None
     verdict: str
@@ -88,8 +98,26 @@ class Prediction:
         """The block with the largest normal deviation."""
         return max(self.blocks, key=lambda b: b.normal)
 
-    def to_json(self) -> dict:
-        """Plain numbers in µm, as ``mjsim predict --json`` prints them."""
+    @property
+    def critical(self) -> list[Block]:
+        """The blocks that decide, the worst first: at most one of every twentieth of the program."""
+        groups = np.array_split(np.arange(len(self.blocks)), min(20, len(self.blocks)))
+        worst = [max((self.blocks[i] for i in g), key=lambda b: b.high) for g in groups]
+        return sorted(worst, key=lambda b: -b.high)[:_CRITICAL]
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of blocks by verdict; empty without a tolerance."""
+        if self.tolerance is None:
+            return {}
+        return {v: sum(b.verdict == v for b in self.blocks) for v in (PASSES, FAILS, UNKNOWN)}
+
+    def to_json(self, blocks: bool = True) -> dict:
+        """Plain numbers in µm, as ``mjsim predict --json`` prints them.
+
+        Args:
+            blocks: With a row for every block.
+        """
         size = np.linalg.norm(self.normal, axis=1)
         return {
             "program": self.program,
@@ -105,19 +133,13 @@ class Prediction:
             "tolerance_um": None if self.tolerance is None else _um(self.tolerance),
             "verdict": self.verdict or None,
             "reason": self.reason or None,
+            "blocks_by_verdict": self.counts or None,
             "causes": [
                 {"id": c.key, "axis": c.axis, "rms_um": _um(c.rms), "at_worst_um": _um(c.at_worst)} for c in self.causes
             ],
+            "by_axis": [{"id": c.key, "rms_um": _um(c.rms), "at_worst_um": _um(c.at_worst)} for c in self.by_axis],
             "uncertain": [{"id": k, "share": round(s, 3)} for k, s in self.uncertain],
-            "blocks": [
-                {
-                    "line": b.line,
-                    "normal_um": _um(b.normal),
-                    "ci95_um": [_um(b.low), _um(b.high)],
-                    "along_um": _um(b.along),
-                }
-                for b in self.blocks
-            ],
+            "blocks": [_row(b) for b in self.blocks] if blocks else [_row(b) for b in self.critical],
         }
 
     def to_csv(self) -> str:
@@ -125,6 +147,31 @@ class Prediction:
         rows = ["x_mm,y_mm,z_mm,normal_x_um,normal_y_um,normal_z_um,along_um"]
         data = np.column_stack([self.path / MM, self.normal / UM, self.along / UM])
         return "\n".join([*rows, *(",".join(f"{v:.4f}" for v in row) for row in data), ""])
+
+
+def judged(low: float, high: float, allowed: float, stated: bool) -> str:
+    """The verdict on a deviation with an interval.
+
+    Args:
+        low, high: Ends of the interval, in any unit.
+        allowed: In the same unit.
+        stated: Whether errors that no test showed have a tolerance.
+    """
+    if low > allowed:
+        return FAILS
+    return PASSES if high <= allowed and stated else UNKNOWN
+
+
+def _row(b: Block) -> dict:
+    out = {
+        "line": b.line,
+        "normal_um": _um(b.normal),
+        "ci95_um": [_um(b.low), _um(b.high)],
+        "along_um": _um(b.along),
+        "cause": b.cause,
+        "cause_um": _um(b.share),
+    }
+    return out | ({"verdict": b.verdict} if b.verdict else {})
 
 
 def _um(x: float) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
+from collections.abc import Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
@@ -15,6 +16,7 @@ from mjsim.compensation.compensate import compensate
 from mjsim.estimation.problem import Problem
 from mjsim.machine.model import Machine
 from mjsim.plots.output import conditions, polar_traces, residual_trace
+from mjsim.prediction.part_run import PartRun
 from mjsim.progress import Progress, silent
 from mjsim.report.answer import explained, headlines
 from mjsim.report.causes import calibration_rows, waterfall
@@ -22,6 +24,7 @@ from mjsim.report.content import BidirectionalRow, ModelRow, ReportContent, SetU
 from mjsim.report.evidence import findings, next_test_sentence, rest_percent, untestable
 from mjsim.report.models import Model, basis, ladder, prepared
 from mjsim.report.page import render
+from mjsim.report.parts import part_sections
 from mjsim.report.traces import test_traces
 from mjsim.report.whatif import what_if
 from mjsim.units import DEG, UM
@@ -37,7 +40,12 @@ def build_report(result: Diagnosis, threads: int = 2, progress: Progress = silen
 
 
 def diagnosed(
-    result: Diagnosis, threads: int = 2, progress: Progress = silent, date: str = "", thorough: bool = True
+    result: Diagnosis,
+    threads: int = 2,
+    progress: Progress = silent,
+    date: str = "",
+    thorough: bool = True,
+    parts: Sequence[PartRun] = (),
 ) -> ReportContent:
     """Everything the page says about a diagnosed campaign.
 
@@ -48,6 +56,7 @@ def diagnosed(
         date: printed as it is.
         thorough: simulate every step of the ladder and the three best repairs in the multibody model. Otherwise the
             last effect shares its step with the calibrated data sheet and only the best repair is simulated in full.
+        parts: programs whose error is predicted.
     """
     problem = prepared(result, threads)
     models, start = ladder(result, problem, threads, progress, apart=thorough)
@@ -74,6 +83,7 @@ def diagnosed(
             "waterfall": waterfall(result),
             "diagnosis": result.to_json(),
             "compensation": _correctable(result, threads, progress) if thorough else None,
+            "parts": part_sections(parts, result.machine, result, progress),
         }
     )
 
@@ -101,7 +111,12 @@ def _rest(percent: float | None) -> str:
 
 
 def compared(
-    problem: Problem, given: Comparison, threads: int = 2, progress: Progress = silent, date: str = ""
+    problem: Problem,
+    given: Comparison,
+    threads: int = 2,
+    progress: Progress = silent,
+    date: str = "",
+    parts: Sequence[PartRun] = (),
 ) -> ReportContent:
     """Everything the page says about a campaign that was compared with its machine and not diagnosed."""
     models = basis(problem, given, threads, progress)
@@ -113,6 +128,7 @@ def compared(
         verdict=None,
         verdict_sentence="The campaign was compared with the machine as given. It was not diagnosed.",
         findings=[],
+        parts=part_sections(parts, given.machine, None, progress),
     )
 
 

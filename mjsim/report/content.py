@@ -205,6 +205,14 @@ class BidirectionalRow:
 
 
 @dataclass(frozen=True)
+class PartSection:
+    """The predicted error of one part: as ``mjsim predict --json`` has it, with the blocks that decide; its figure."""
+
+    predicted: dict
+    figure: Any = field(default=None, metadata=_DRAWN)
+
+
+@dataclass(frozen=True)
 class NotTestable:
     """An effect that this campaign cannot show, and why, in one sentence."""
 
@@ -231,6 +239,7 @@ class ReportContent:
         acceptance: figures against the campaign's limits, as ``mjsim compare --json`` has them.
         compensation: what a control without limits could correct, as ``mjsim compensate --json`` has it; ``None``
             leaves the section out.
+        parts: predicted error of programs.
         unexplained: what is left that repeats and no catalogue effect explains, in one sentence.
         not_testable: effects this campaign cannot show. next_test: which test to run next and what it would tell apart.
         what_if: repairs and what each would gain.
@@ -257,6 +266,7 @@ class ReportContent:
     bidirectional: Sequence[BidirectionalRow] = ()
     acceptance: Sequence[dict] = ()
     compensation: dict | None = None
+    parts: Sequence[PartSection] = ()
     unexplained: str = ""
     not_testable: Sequence[NotTestable] = ()
     next_test: str = ""

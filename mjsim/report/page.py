@@ -78,6 +78,7 @@ def render(content: ReportContent) -> str:
         waterfall_image=_waterfall_image(content),
         unseen=sum(not row.observable for row in content.calibration),
         sections=[_section(test) for test in content.tests],
+        part_images=[data_uri(p.figure, None) if p.figure else None for p in content.parts],
         iso_rows=any(test.measured is not None for test in content.tests),
         triggers=any(test.trigger_ms is not None for test in content.tests),
     )
@@ -193,9 +194,12 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and value - value != 0.0 else value
 
 
-def data_uri(figure: Figure) -> str:
-    """The figure as the value of an ``img`` element's ``src``: a PNG with a palette, which is enough for a line
-    drawing.
+def data_uri(figure: Figure, colours: int | None = _COLOURS) -> str:
+    """The figure as the value of an ``img`` element's ``src``: a PNG.
+
+    Args:
+        figure: What is drawn.
+        colours: Of its palette, which is enough for a line drawing; ``None`` keeps all.
     """
     import numpy as np
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -206,8 +210,9 @@ def data_uri(figure: Figure) -> str:
     canvas.draw()
     image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
     buffer = io.BytesIO()
-    # the median cut, Pillow's default, would lose the few dots of an axis letter's colour
-    image.quantize(_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(buffer, "PNG")
+    if colours:  # the median cut, Pillow's default, would lose the few dots of an axis letter's colour
+        image = image.quantize(colours, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    image.save(buffer, "PNG", optimize=True)
     return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"
 
 

@@ -12,6 +12,7 @@ from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.io.extras import need
 from mjsim.machine import model
 from mjsim.machine.model import Machine
+from mjsim.prediction.part_run import PartRun
 from mjsim.progress import Progress, silent
 from mjsim.report import build, page, trend
 from mjsim.workflow.compare import Comparison, compare
@@ -45,6 +46,7 @@ def report(
     diagnosed: bool = True,
     threads: int = 2,
     progress: Progress = silent,
+    parts: Sequence[PartRun] = (),
 ) -> Report:
     """The report of a campaign; of several campaigns of one machine the trend.
 
@@ -56,6 +58,9 @@ def report(
         machines: the model of each.
         max_effects: at most so many missing effects are looked for; without it as many as the data prove.
         diagnosed: look for missing effects; otherwise compare only.
+        threads: tests simulated side by side.
+        progress: called as work gets on.
+        parts: programs whose error the page of one campaign predicts.
 
     Raises:
         InputError: no measured test, campaigns of different machines, or the extra is not installed.
@@ -64,7 +69,7 @@ def report(
     if isinstance(campaigns, Campaign) or len(campaigns) == 1:
         campaign = campaigns if isinstance(campaigns, Campaign) else campaigns[0]
         machine = machines if isinstance(machines, Machine) else machines[0]
-        return _single(campaign, machine, max_effects, diagnosed, threads, progress)
+        return _single(campaign, machine, max_effects, diagnosed, threads, progress, parts)
     pairs = list(
         zip(campaigns, [machines] * len(campaigns) if isinstance(machines, Machine) else machines, strict=True)
     )
@@ -83,16 +88,23 @@ def report(
 
 
 def _single(
-    campaign: Campaign, machine: Machine, max_effects: int | None, diagnosed: bool, threads: int, progress: Progress
+    campaign: Campaign,
+    machine: Machine,
+    max_effects: int | None,
+    diagnosed: bool,
+    threads: int,
+    progress: Progress,
+    parts: Sequence[PartRun],
 ) -> Report:
     day = campaign.measured_on.isoformat() if campaign.measured_on else ""
     if diagnosed:
-        content = build.diagnosed(diagnose(campaign, machine, max_effects, threads, progress), threads, progress, day)
+        found = diagnose(campaign, machine, max_effects, threads, progress)
+        content = build.diagnosed(found, threads, progress, day, parts=parts)
     else:
         need_traces(campaign)
         problem = checked_problem(campaign, model.build(machine), threads)
         content = build.compared(
-            problem, compare(campaign, machine, threads, progress, problem), threads, progress, day
+            problem, compare(campaign, machine, threads, progress, problem), threads, progress, day, parts
         )
     progress("writing the page", 0, 1)
     return Report(page.render(content), page.finite(content.to_json()))

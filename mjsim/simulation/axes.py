@@ -8,7 +8,7 @@ the MuJoCo simulation.
 from __future__ import annotations
 
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
 from mjsim.machine import own
+from mjsim.machine.kinematics import rotation
 from mjsim.machine.plant import AxisPlant, Plant
 from mjsim.machine.sensitivity import BarSensitivity, sensitivity
 from mjsim.simulation.bar import reading
@@ -177,10 +178,14 @@ class AxesMotion:
         return np.ascontiguousarray(q[:: every // fine])
 
     def sensitivity(self, plant: Plant, every: int = 1) -> BarSensitivity:
-        """The reading's derivatives at every ``every``-th instant, at the positions that the axes reach."""
-        return sensitivity(
-            plant.chain, self.load(plant, every)[:, : plant.chain.count], np.asarray(self.test.table_ball)
-        )
+        """The reading's derivatives at every ``every``-th instant, at the positions that the axes reach. The spindle
+        ball's offset is the one at the spindle's angle 0.
+        """
+        q = self.load(plant, every)[:, : plant.chain.count]
+        out = sensitivity(plant.chain, q, np.asarray(self.test.table_ball))
+        if self.test.spindle:
+            out = replace(out, spindle=out.spindle @ rotation(2, self.test.spindle))
+        return out
 
     def reading(self, plant: Plant, every: int = 1) -> np.ndarray:
         """Ball-bar reading in m at every ``every``-th instant."""

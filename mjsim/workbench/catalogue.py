@@ -10,6 +10,7 @@ from mjsim.effects import registry
 from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect
 from mjsim.machine.parameter import Parameter
+from mjsim.machine.subjects import axis_of_subject
 
 #: A slider covers the whole range of a parameter where that is at most so many typical sizes.
 _WHOLE = 800.0
@@ -53,16 +54,6 @@ class Slider:
     step: float
     lower: float
     upper: float
-
-
-def axis_of_subject(subject: str, chain: Chain) -> str:
-    """Letter of the axis that an effect on ``subject`` belongs to; empty where there is none."""
-    if subject in chain.letters:
-        return subject
-    for error in (*chain.location_errors, *chain.squareness):
-        if error.name == subject:
-            return error.axis
-    return subject[-1] if subject[-1:] in chain.letters else ""  # as ISO 230-1 names errors: the axis last
 
 
 def entries(chain: Chain) -> list[Entry]:

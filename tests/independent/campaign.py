@@ -104,7 +104,9 @@ def measure(case: Case) -> list[tuple[np.ndarray, np.ndarray]]:
     out = []
     for k, test in enumerate(case.tests):
         clock = measurement.recorded_clock(Program(test).window, setup.trigger[k])
-        shifts = {"ball_shift": setup.table[test["setup"]], "spindle_shift": setup.spindle[test["setup"]]}
+        angle = np.radians(test.get("spindle_deg", 0.0))  # the spindle ball's runout turns with the spindle
+        turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+        shifts = {"ball_shift": setup.table[test["setup"]], "spindle_shift": turn @ setup.spindle[test["setup"]]}
         true = simulate.reading(
             test, drive, effects, clock - setup.trigger[k], unlisted=case.unlisted(), phases=setup.phases[k], **shifts
         )

@@ -92,6 +92,16 @@ def arrange(tests: list[dict], begin: float = 180.0) -> list[dict]:
     return out
 
 
+def turned(tests: list[dict]) -> list[dict]:
+    """The same tests, every second one of a set-up with the spindle turned by 180°."""
+    count: dict[str, int] = {}
+    out = []
+    for t in tests:
+        k = count[t["setup"]] = count.get(t["setup"], 0) + 1
+        out.append(t if k % 2 else {**t, "spindle_deg": 180.0})
+    return out
+
+
 def _both(make, *args, **kw) -> list[dict]:
     return [make(*args, direction="CCW", **kw), make(*args, direction="CW", **kw)]
 

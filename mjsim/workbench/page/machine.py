@@ -9,6 +9,7 @@ import numpy as np
 from nicegui import ui
 
 from mjsim.estimation.samples import GRID, GRID_STEPS
+from mjsim.machine.subjects import axis_of_subject
 from mjsim.plots import style
 from mjsim.units import DEG
 from mjsim.workbench import catalogue
@@ -280,7 +281,7 @@ class MachinePanel:
         value = self._position[int(np.clip(self.time / GRID, 0, len(self._position) - 1)), i]
         where = f"{value / DEG:.3f} °" if body.rotary else f"{value * 1e3:.3f} mm"
         mine = [e for e in self.live.bench.machine.effects
-                if catalogue.axis_of_subject(e.subject, chain) == body.joint]  # fmt: skip
+                if axis_of_subject(e.subject, chain) == body.joint]  # fmt: skip
         acting = "; ".join(f"{e.key} ({catalogue.words(e)})" for e in mine) or "no effect acts on it"
         self.picked.text = f"{name.replace('_', ' ')}, axis {body.joint} at {where}: {acting}"
 
