@@ -159,7 +159,7 @@ def _blocks(
     for k, (a, b) in enumerate(zip(first, ends, strict=True)):
         at = a + int(np.argmax(size[a:b]))
         line = int(lines[index[a] + 1]) if lines is not None else int(index[a]) + 1
-        cause, share = parts.main(at)
+        cause, share = parts.main(int(at))
         ends_of = float(low[k]), float(high[k])
         verdict = "" if tolerance is None else judged(*ends_of, tolerance, stated)
         out.append(Block(line, float(size[at]), *ends_of, float(found.along[at]), cause, share, verdict))
