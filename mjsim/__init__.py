@@ -48,6 +48,8 @@ _WHERE = {
     "read_nc": "mjsim.nc.read",
     "driven_by": "mjsim.ballbar.program",
     "feed_report": "mjsim.nc.control",
+    "run_on_linuxcnc": "mjsim.linuxcnc.run",
+    "LinuxCNCSettings": "mjsim.linuxcnc.configuration",
     "NCOptions": "mjsim.nc.write",
     "Control": "mjsim.nc.control",
     "new_campaign": "mjsim.campaign.new",
@@ -72,6 +74,8 @@ _RENAMED = {
     "make_effect": "make",
     "NCOptions": "Options",
     "ControlSettings": "Settings",
+    "run_on_linuxcnc": "run_test",
+    "LinuxCNCSettings": "Settings",
 }
 
 __all__ = ["__version__", *_WHERE]  # pyright: ignore[reportUnsupportedDunderAll]; type checkers read __init__.pyi

@@ -22,6 +22,8 @@ from mjsim.importing.features import import_features as import_features
 from mjsim.importing.features import imported_features as imported_features
 from mjsim.importing.importer import import_trace as import_trace
 from mjsim.importing.logs import import_log as import_log
+from mjsim.linuxcnc.configuration import Settings as LinuxCNCSettings
+from mjsim.linuxcnc.run import run_test as run_on_linuxcnc
 from mjsim.machine.effect import Effect as Effect
 from mjsim.machine.hints import SearchHints as SearchHints
 from mjsim.machine.motion import Motion as Motion
@@ -58,6 +60,7 @@ __all__ = [
     "ControlSettings",
     "Effect",
     "InputError",
+    "LinuxCNCSettings",
     "Motion",
     "NCOptions",
     "Parameter",
@@ -100,6 +103,7 @@ __all__ = [
     "register",
     "remove",
     "report",
+    "run_on_linuxcnc",
     "simulate",
     "workbench",
     "write_compensation",

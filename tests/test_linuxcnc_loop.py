@@ -2,14 +2,10 @@
 drive the independent machine, and what is left is held against the forecast.
 """
 
-import shutil
-import tempfile
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from independent import control_loop as linuxcnc
 from independent import drives, transmission
 from independent.kinematics import bar_reading
 
@@ -22,10 +18,14 @@ from mjsim.compensation.controls import Settings
 from mjsim.effects import registry
 from mjsim.estimation.posterior import Posterior
 from mjsim.io.resources import examples
+from mjsim.linuxcnc.configuration import JOINT_ACCELERATION
+from mjsim.linuxcnc.configuration import Settings as LinuxCNC
+from mjsim.linuxcnc.installed import missing
+from mjsim.linuxcnc.run import run_test
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.model import build
 from mjsim.machine.sensitivity import sensitivity
-from mjsim.nc.write import Options, write_nc
+from mjsim.nc.write import Options
 from mjsim.simulation.axes import load_of
 from mjsim.simulation.bar import reading
 from mjsim.units import DEG, MM, UM
@@ -44,18 +44,9 @@ INTERVALS = {
 }
 
 
-@pytest.fixture(scope="module")
-def folder():
-    """Short enough for a socket's name."""
-    path = Path(tempfile.mkdtemp(prefix="lc"))
-    path.chmod(0o755)  # as root, LinuxCNC works under another user
-    yield path
-    shutil.rmtree(path, ignore_errors=True)
-
-
 @pytest.mark.slow
-def test_linuxcnc_does_what_is_forecast(folder):
-    if what := linuxcnc.missing():
+def test_linuxcnc_does_what_is_forecast(tmp_path):
+    if what := missing():
         pytest.skip(f"LinuxCNC cannot run here: {what} is missing")
     c = read_campaign(examples() / "hidden-backlash")
     base = next(t for t in c.tests if t.name == "cone15-x50-ccw")
@@ -67,15 +58,14 @@ def test_linuxcnc_does_what_is_forecast(folder):
     known = tuple(Known(machine.effect(n), INTERVALS[n], "found") for n in PLANTED)
     saved = SavedDiagnosis("identified", machine, known, Posterior((), np.zeros((0, 0))), "", 0.1 * UM)
     settings = Settings(
-        acceleration={a: linuxcnc.JOINT * s for a, s in zip("XYZAC", SCALE, strict=True)}, transforms=False
+        acceleration={a: JOINT_ACCELERATION * s for a, s in zip("XYZAC", SCALE, strict=True)}, transforms=False
     )
     one = replace(c, tests=(test,), traces={test.name: c.traces[test.name]})
     result = compensate(one, given, "linuxcnc", settings, saved=saved, threads=1)
-    write_compensation(result, folder / "corrections")
-    write_nc(test, folder / "cone.nc", Options(dialect="linuxcnc", step_deg=0.3))
-    record = linuxcnc.record(folder / "cone.nc", folder / "corrections", folder)
-    motor, command = record[:, 1:6] * SCALE, record[:, 6:11] * SCALE
-    path = _moving(command)
+    write_compensation(result, tmp_path)
+    record = run_test(test, LinuxCNC(corrections=tmp_path), Options(dialect="linuxcnc", step_deg=0.3))
+    motor, command = record.told, record.path
+    path = slice(record.feed.start - 20, record.feed.stop + 150)
     effects = {e.id: dict(e.values) for e in given.effects}
     before = _error(command[path], command[path], given, test, effects | PLANTED)
     after = _error(motor[path], command[path], given, test, effects | PLANTED)
@@ -95,14 +85,6 @@ def test_linuxcnc_does_what_is_forecast(folder):
         steady = np.flatnonzero((sign == s) & (np.roll(sign, 50) == s) & (np.roll(sign, -50) == s))
         wanted = np.interp(command[path, 3], table.positions, values)
         assert np.abs(added - wanted)[steady].max() < 2e-6 * DEG
-
-
-def _moving(command):
-    """The longest stretch of the record in which the axes move, with some rest around it."""
-    moves = np.abs(np.diff(command, axis=0)).max(axis=1) > 1e-12
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], moves.astype(int), [0]])))
-    a, b = max(zip(edges[::2], edges[1::2], strict=True), key=lambda e: e[1] - e[0])
-    return slice(max(0, a - 20), b + 150)
 
 
 def _error(sent, nominal, machine, test, effects):

@@ -21,12 +21,14 @@ class Commanded:
         tip: whether the linear axes of ``points`` are the tool tip's in the work frame (tool centre point control),
             which the control turns into axis positions all along a block; otherwise they are axis positions.
         chain: the machine's axes.
+        clocked: whether the times are those of a control that ran, with its own accelerations at the ends.
     """
 
     seconds: np.ndarray
     points: np.ndarray
     tip: bool = False
     chain: Chain = FIVE_AXIS
+    clocked: bool = False
 
     @cached_property
     def knots(self) -> np.ndarray:

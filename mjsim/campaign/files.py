@@ -10,8 +10,9 @@ from typing import Any
 from mjsim.axislog.measurement import LogInstrument, Logs
 from mjsim.ballbar.kinds import KINDS, able_kinds, all_keys, kind_of
 from mjsim.ballbar.measurement import BallBarTest, Instrument, Trace
-from mjsim.ballbar.program import Program, driven_by
+from mjsim.ballbar.program import Program
 from mjsim.campaign.chain_file import chain_in
+from mjsim.campaign.driven import check_keys, with_program, with_record
 from mjsim.campaign.limits import acceptance_of
 from mjsim.campaign.logs import log_tests, read_recording, split_tests
 from mjsim.campaign.model import Campaign
@@ -22,8 +23,6 @@ from mjsim.errors import InputError
 from mjsim.io.inputs import inside, shown
 from mjsim.io.toml import check, parse
 from mjsim.machine.chain import FIVE_AXIS, Chain
-from mjsim.nc.limits import check_travel, model_limits
-from mjsim.nc.read import read_nc
 from mjsim.units import DEG, MM, UM
 
 _ATTRIBUTES = {f.name for f in fields(BallBarTest)}
@@ -187,9 +186,7 @@ def test_of(file: Path, t: BallBarTable, chain: Chain = FIVE_AXIS) -> BallBarTes
                 f"{place}: {key.name} = {getattr(t, key.name)!r}; allowed for {t.kind}: {', '.join(words)}"
             )
     x, y, z = (p * MM for p in t.table_ball_mm)
-    for key in ("program_dialect", "program_reversed", "program_rollover"):
-        if t.program is None and getattr(t, key) is not None:
-            raise InputError(f"{place}: the key {key!r} needs program, the NC file that it describes")
+    check_keys(place, t)
     given: dict[str, Any] = {}
     more: dict[str, Any] = {}
     for key in kind.keys:
@@ -216,7 +213,7 @@ def test_of(file: Path, t: BallBarTable, chain: Chain = FIVE_AXIS) -> BallBarTes
     if wrong := kind.wrong(test):
         raise InputError(f"{place}: {wrong}")
     _check_duration(place, test)
-    return test if t.program is None else _driven(file, place, test, t)
+    return _driven(file, place, test, t)
 
 
 def _check_duration(place: str, test: BallBarTest) -> None:
@@ -231,13 +228,12 @@ def _check_duration(place: str, test: BallBarTest) -> None:
 
 
 def _driven(file: Path, place: str, test: BallBarTest, t: BallBarTable) -> BallBarTest:
-    """The test with the motion that its NC file commands."""
-    path = _inside(file, file.parent, t.program or "", f"{place} program")
-    nc = read_nc(
-        path, t.program_dialect or "fanuc", tuple(t.program_reversed or ()), bool(t.program_rollover), chain=test.chain
-    )
-    check_travel(nc.motion, model_limits(test.chain), nc.place)
-    return driven_by(test, nc.motion, str(path))
+    """The test with the motion of its NC file or of a record, where it has one."""
+    if t.program is not None:
+        return with_program(place, _inside(file, file.parent, t.program, f"{place} program"), test, t)
+    if t.driven_by is not None:
+        return with_record(_inside(file, file.parent, t.driven_by, f"{place} driven_by"), test)
+    return test
 
 
 def test_table(test: BallBarTest) -> dict:

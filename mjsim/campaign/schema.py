@@ -76,6 +76,7 @@ class BallBarTable(Table):
     program_dialect: Literal["fanuc", "siemens", "linuxcnc"] | None = None
     program_reversed: list[str] | None = None
     program_rollover: bool | None = None
+    driven_by: str | None = None
     setup: Annotated[str, Field(max_length=200), AfterValidator(printable)] | None = None
     started_s: Clock = 0.0
     spindle_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0

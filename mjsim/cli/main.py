@@ -32,6 +32,7 @@ _COMMANDS = {
     "add": "Fit an effect and put it into the machine file.",
     "remove": "Take an effect out of the machine file.",
     "nc": "Write and read five-axis NC programs; the feed they really give.",
+    "control": "A real control runs a test's program; what it tells the axes.",
     "history": "The ladder: every model tried and its error.",
     "animate": "A video of a test, or of the ladder.",
     "effects": "The catalogue of effects.",

@@ -28,6 +28,17 @@ from mjsim.cli import nc_options as options
 )
 @click.option("--whole-cycles", is_flag=True, help="Every block lasts whole cycles, rounded up.")
 @click.option(
+    "--like",
+    type=click.Choice(["linuxcnc"]),
+    help="The block times of this control, in place of the three options above.",
+)
+@options.acceleration
+@click.option(
+    "--record",
+    type=click.Path(path_type=Path),
+    help="Hold the model against this axis log of a control, with all axes.",
+)
+@click.option(
     "-o",
     "--out",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -38,11 +49,15 @@ from mjsim.cli import nc_options as options
 )
 @options.force
 @common.options
-def command(campaign, name, program, cycle_ms, block_ms, whole_cycles, out, plot, force, as_json, quiet, **how) -> None:
+def command(
+    campaign, name, program, cycle_ms, block_ms, whole_cycles, like, acceleration, record, out, plot, force, as_json,
+    quiet, **how,
+) -> None:  # fmt: skip
     """The peripheral feed that block-wise interpolation of a test's program really gives, and what its straight blocks
     do to the reading.
 
-    The control modelled moves the axes linearly within each block, without look-ahead and smoothing.
+    The control modelled moves the axes linearly within each block, without look-ahead and smoothing. `--like linuxcnc`
+    keeps the block times of LinuxCNC: whole cycles, rounded down, where a rotary axis turns.
 
     \b
     Example: mjsim nc feed examples/healthy --test cone15-x50-ccw \\
@@ -50,7 +65,9 @@ def command(campaign, name, program, cycle_ms, block_ms, whole_cycles, out, plot
     """
     from dataclasses import replace
 
+    from mjsim.campaign.driven import on_path, read_record
     from mjsim.io.files import check_writable, write_all
+    from mjsim.linuxcnc.configuration import Settings, check_settings
     from mjsim.nc.control import Control, feed_report
     from mjsim.nc.read import parse_nc, read_nc
     from mjsim.nc.write import nc_program
@@ -64,14 +81,27 @@ def command(campaign, name, program, cycle_ms, block_ms, whole_cycles, out, plot
         nc = read_nc(program, *spelling)
     else:
         nc = parse_nc(nc_program(test, options.write_options(**how)).text, Path(f"{test.name}.nc"), *spelling)
-    report = feed_report(test, nc.motion, Control(cycle_ms * 1e-3, block_ms * 1e-3, whole_cycles), str(nc.path))
+    control = Control(cycle_ms * 1e-3, block_ms * 1e-3, whole_cycles)
+    if like:
+        if cycle_ms or block_ms or whole_cycles:
+            raise click.UsageError("--like has the block times of a control; leave out --cycle-ms and the like")
+        settings = Settings(dict(acceleration))
+        check_settings(settings, test.chain)
+        control = settings.model(test.chain)
+    elif acceleration:
+        raise click.UsageError("--acceleration needs --like linuxcnc")
+    report = feed_report(test, nc.motion, control, str(nc.path))
+    held = (
+        feed_report(test, on_path(read_record(record, test.chain), test, record), None, str(record)) if record else None
+    )
     data = {
         "test": test.name,
         "program": str(program) if program else None,
         "dialect": nc.dialect,
         "blocks": len(nc.motion.seconds),
     }
-    data |= {"cycle_ms": cycle_ms, "block_ms": block_ms, "whole_cycles": whole_cycles, **report.to_json()}
+    data |= {"cycle_ms": cycle_ms, "block_ms": block_ms, "whole_cycles": whole_cycles, "like": like}
+    data |= {**report.to_json(), **({"record": held.to_json()} if held else {})}
     pages: dict[Path, str | bytes] = {out: report.to_csv()} if out else {}
     if plot:
         from mjsim.plots.feed import feed_figure
@@ -89,8 +119,21 @@ def command(campaign, name, program, cycle_ms, block_ms, whole_cycles, out, plot
         return
     if quiet:
         return
-    r, bar = report.to_json(), data["reading_um"]
-    rows = [
+    first, second = _rows(report.to_json(), data["blocks"]), _rows(held.to_json(), None) if held else None
+    if second is None:
+        common.table(["", ""], first, text=(0, 1))
+    else:
+        rows = [[*a, b[1]] for a, b in zip(first, second, strict=True)]
+        common.table(["", "model", "record"], rows, text=(0, 1, 2))
+    for file in (out, plot):
+        if file:
+            common.say(f"written to {file}", quiet)
+
+
+def _rows(r: dict, blocks: int | None) -> list[list[str]]:
+    """The figures of one report; a record has no blocks."""
+    bar = r["reading_um"]
+    return [
         [
             "feed, mm/min",
             f"nominal {r['nominal_mm_min']:.2f}, mean {r['mean_mm_min']:.2f}, {r['min_mm_min']:.2f} to "
@@ -98,7 +141,12 @@ def command(campaign, name, program, cycle_ms, block_ms, whole_cycles, out, plot
         ],
         ["ripple", f"{r['ripple_percent']:.3f} % of the mean, lowest to highest"],
         ["duration", f"{r['duration_s']:.3f} s, ideal {r['ideal_duration_s']:.3f} s"],
-        ["blocks", f"{data['blocks']}, shortest {r['shortest_block_ms']:.3f} ms, mean {r['mean_block_ms']:.3f} ms"],
+        [
+            "blocks",
+            "-"
+            if blocks is None
+            else f"{blocks}, shortest {r['shortest_block_ms']:.3f} ms, mean {r['mean_block_ms']:.3f} ms",
+        ],
         [
             "reading, µm",
             f"{bar['min']:.3f} to {bar['max']:.3f}, mean {bar['mean']:.3f} (chords and rounding, ideal machine)",
@@ -107,7 +155,3 @@ def command(campaign, name, program, cycle_ms, block_ms, whole_cycles, out, plot
         ["angle, µrad", ", ".join(f"{a} {v:.2f}" for a, v in r["angle_urad"].items()) + " off the path at most"],
         ["speed jumps", ", ".join(f"{a} {v:.2f}" for a, v in r["speed_jump_per_min"].items()) + " mm/min or °/min"],
     ]
-    common.table(["", ""], rows, text=(0, 1))
-    for file in (out, plot):
-        if file:
-            common.say(f"written to {file}", quiet)

@@ -71,6 +71,13 @@ limits = kept(
         help="Warn above V mm/min or °/min (repeatable).",
     ),
 )
+acceleration = click.option(
+    "--acceleration",
+    type=(AXIS, common.NUMBER),
+    multiple=True,
+    metavar="AXIS VALUE",
+    help="MAX_ACCELERATION of LinuxCNC, mm/s² or °/s² (default 20000).",
+)
 force = click.option("--force", is_flag=True, help="Replace files that exist.")
 
 

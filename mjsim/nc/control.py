@@ -2,7 +2,7 @@
 
 A simple model of a control that interpolates block by block, without look-ahead and without smoothing: the axes move
 linearly within a block and change their speeds at once from block to block. Better controls round these corners; this
-is what they have to round.
+is what they have to round. :func:`linuxcnc` has the block times that LinuxCNC was measured to keep.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ from mjsim.units import DEG, MM, UM
 _INSIDE = 4
 #: Shortest interpolation cycle that is simulated, s.
 SHORTEST = 0.1e-3
+#: P of G64 in the programs for LinuxCNC, m.
+_G64_P = 1e-6
 
 
 @dataclass(frozen=True)
@@ -35,21 +37,70 @@ class Control:
     cycle: interpolation cycle, s; 0 interpolates continuously.
     block_time: what the control needs to prepare a block, s: no block is shorter.
     whole_cycles: whether every block lasts a whole number of cycles, rounded up (controls that end each block on a
-    cycle); otherwise a
-        cycle runs over into the next block.
+        cycle); otherwise a cycle runs over into the next block.
+    shortened: whether blocks that turn a rotary axis last whole cycles, rounded down, and others as long as F says.
+    acceleration: highest of every axis, (axes,) m/s² and rad/s²: a block that turns a rotary axis is blended into the
+        next one from half of its way on, so it takes at least √(2 way/acceleration), in half cycles; empty: no limit.
+    speed: highest of every axis, (axes,) m/s and rad/s; empty: no limit.
+    tolerance: how far the blend at a corner of the linear axes may leave it, m; infinite: no limit. A blend begins at
+        the speed that keeps it.
     """
 
     cycle: float = 0.0
     block_time: float = 0.0
     whole_cycles: bool = False
+    shortened: bool = False
+    acceleration: tuple[float, ...] = ()
+    speed: tuple[float, ...] = ()
+    tolerance: float = np.inf
+
+
+def linuxcnc(chain: Chain, acceleration: np.ndarray, speed: np.ndarray | None = None) -> Control:
+    """The block times of LinuxCNC 2.9 with its servo period of 1 ms, as they were measured.
+
+    Args:
+        chain: axes of the machine.
+        acceleration: MAX_ACCELERATION of its axes, (axes,) m/s² and rad/s².
+        speed: MAX_VELOCITY of its axes, (axes,) m/s and rad/s; nothing: no limit.
+    """
+    if len(acceleration) != chain.count:
+        raise InputError(f"{len(acceleration)} accelerations; allowed: one for each of {', '.join(chain.letters)}")
+    fastest = () if speed is None else tuple(map(float, speed))
+    return Control(
+        cycle=1e-3, shortened=True, acceleration=tuple(map(float, acceleration)), speed=fastest, tolerance=_G64_P
+    )
 
 
 def block_times(motion: Commanded, control: Control) -> np.ndarray:
     """Duration of every block on that control, (n,) s."""
     seconds = np.maximum(motion.seconds, control.block_time)
+    way = np.abs(np.diff(motion.points, axis=0))  # with tool centre point control, LinuxCNC plans in table coordinates
+    if control.speed:
+        seconds = np.maximum(seconds, (way / control.speed).max(axis=1))
     if control.whole_cycles:
         seconds = np.ceil(seconds / control.cycle - 1e-6) * control.cycle
+    if control.shortened:
+        turns = (way[:, motion.chain.rotary_columns] > 0.0).any(axis=1)
+        seconds = np.where(turns, _shortened(motion, seconds, way, control), seconds)
     return seconds
+
+
+def _shortened(motion: Commanded, seconds: np.ndarray, way: np.ndarray, control: Control) -> np.ndarray:
+    """Block times (n,) s of a control that blends each block into the next one with half of the acceleration."""
+    least = np.sqrt(2.0 * (way / (control.acceleration or np.inf)).max(axis=1))
+    least = np.ceil(2.0 * least / control.cycle - 1e-6) * 0.5 * control.cycle
+    if np.isfinite(control.tolerance) and control.acceleration:
+        steps = np.diff(motion.points[:, motion.chain.linear_columns], axis=0)
+        length = np.linalg.norm(steps, axis=1)
+        half = length / np.maximum((way / control.acceleration).max(axis=1), 1e-30) / 2.0  # acceleration of a blend
+        cosine = (steps[1:] * steps[:-1]).sum(axis=1) / np.maximum(length[1:] * length[:-1], 1e-30)
+        bend = np.sqrt(np.maximum(0.5 * (1.0 - cosine), 1e-30))  # sine of half the angle of the corner
+        speed = length / np.maximum(seconds, least)
+        blend = 2.0 * np.sqrt(half[:-1] * control.tolerance / bend)
+        wait = np.maximum(speed[:-1] - blend, 0.0) / np.maximum(half[:-1], 1e-30)
+        seconds = np.maximum(seconds, least) + np.append(np.where(length[:-1] > 0.0, wait, 0.0), 0.0)
+    whole = np.maximum(np.floor(seconds / control.cycle + 1e-6), 1.0) * control.cycle
+    return np.maximum(whole, least)
 
 
 def executed(motion: Commanded, control: Control) -> Commanded:
@@ -64,7 +115,7 @@ def executed(motion: Commanded, control: Control) -> Commanded:
         )
     if not 0.0 <= control.block_time <= 10.0:
         raise InputError(f"block time of {control.block_time * 1e3:g} ms; allowed: 0 to 10000")
-    if control.whole_cycles and not control.cycle:
+    if (control.whole_cycles or control.shortened) and not control.cycle:
         raise InputError("blocks of whole cycles need an interpolation cycle; allowed: a cycle above 0 ms")
     slowed = Commanded(block_times(motion, control), motion.points, motion.tip, motion.chain)
     if not control.cycle:

@@ -33,6 +33,7 @@ class Dialect:
         weight: mm of path that a degree of a rotary axis counts in G94
             (1 where F is that of eq. A.11, 0 where F is the linear axes' alone).
         strict_point: whether an axis word without a decimal point is ambiguous.
+        cycle: the control shortens blocks of rotary axes to whole cycles of so many s; 0: it does not.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Dialect:
     tip_off: str = ""
     weight: float = 1.0
     strict_point: bool = False
+    cycle: float = 0.0
 
     def weights(self, chain: Chain) -> np.ndarray:
         """Weights (axes,) of the axes in the length of a G94 block."""
@@ -88,15 +90,18 @@ _LIST = (
     Dialect(
         name="linuxcnc",
         title="LinuxCNC (RS274/NGC)",
-        feeds=("inverse",),
+        feeds=("inverse", "tcp"),
         decimals=6,
         feed_decimals=4,
         largest_inverse=1e9,
         comment=("(", ")"),
         upper=False,
         units=(21, 20),
-        path=("G64 P0.001",),
+        path=("G64 P0.001 Q0",),  # Q0: or it joins straight blocks that lie within P of a line
+        tip_on="M428",  # as the configurations of LinuxCNC with switchable kinematics have it
+        tip_off="M429",
         weight=0.0,
+        cycle=1e-3,
     ),
 )
 DIALECTS = {d.name: d for d in _LIST}

@@ -226,6 +226,8 @@ class Modal:
             self.ended = True
         elif m in (0, 1, 60):
             self._pause(f"the stop M{m:g}")
+        elif m in (428, 429) and self.d.name == "linuxcnc":  # switchable kinematics of its five-axis configurations
+            self._switch_tip(m == 428)
         elif m in (128, 129) and self.d.name != "linuxcnc":  # HEIDENHAIN's tool centre point control
             self._switch_tip(m == 128)
         elif m >= 96 or m != int(m):

@@ -25,6 +25,8 @@ _PLAIN = {ord("°"): " deg", ord("θ"): "half apex", ord("β"): "inclination"}
 STEP_DEG = 0.1
 #: Most blocks of one program; five digits number them.
 MOST_BLOCKS = 99_998
+#: How far a block has to last above whole cycles of a control that rounds down: LinuxCNC turns exactly 10 ms into 9.96.
+_ABOVE = 2e-4
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,8 @@ class Options:
         reversed: rotary axes whose command on the machine has the other sign.
         rollover: the table axis written within 0 to 360°, short way round.
         number: program number (fanuc).
+        whole_cycles: whether the step is made so much shorter that a control that rounds block times down to its
+            cycles (LinuxCNC) keeps the feed.
     """
 
     dialect: str = "fanuc"
@@ -49,6 +53,7 @@ class Options:
     reversed: tuple[str, ...] = ()
     rollover: bool = False
     number: int = 1
+    whole_cycles: bool = True
 
 
 @dataclass(frozen=True)
@@ -82,7 +87,7 @@ def nc_program(
     d = dialect(o.dialect)
     feed = _feed(o, d, test)
     decimals = d.decimals if o.decimals is None else o.decimals
-    phi, motion, printed = _blocks(test, o, feed, decimals)
+    phi, motion, printed = _blocks(test, o, d, feed, decimals)
 
     def place(i: int) -> str:
         return f'test "{test.name}", block N{max(i, 1)} (φ = {phi[i] / DEG:.2f}°)'
@@ -150,11 +155,16 @@ def _feed(o: Options, d: Dialect, test: BallBarTest) -> str:
     return feed
 
 
-def _blocks(test: BallBarTest, o: Options, feed: str, decimals: int) -> tuple[np.ndarray, Commanded, np.ndarray]:
+def _blocks(
+    test: BallBarTest, o: Options, d: Dialect, feed: str, decimals: int
+) -> tuple[np.ndarray, Commanded, np.ndarray]:
     """φ of the points, the motion of the printed numbers, and these numbers (n + 1, axes) in mm and degrees."""
     program = Program(test)
     first, last = program.ends
     count = max(1, int(np.ceil(abs(last - first) / (o.step_deg * DEG) - 1e-9)))
+    length = abs(last - first) * kind_of(test).radius(test)
+    if o.whole_cycles:
+        count = _in_whole_cycles(count, length / test.feed, d.cycle, program.path(np.linspace(first, last, 5)), test)
     if count > MOST_BLOCKS:
         raise InputError(
             f'test "{test.name}": {count} blocks of {o.step_deg:g}°; allowed: up to {MOST_BLOCKS}, by a larger step'
@@ -170,8 +180,18 @@ def _blocks(test: BallBarTest, o: Options, feed: str, decimals: int) -> tuple[np
             f'test "{test.name}": blocks of {o.step_deg:g}° are no motion with {decimals} decimals; allowed: a '
             f"larger step"
         )
-    seconds = np.full(count, abs(last - first) / count * kind_of(test).radius(test) / test.feed)
+    seconds = np.full(count, length / count / test.feed)
     return phi, Commanded(seconds, printed * units, feed == "tcp", test.chain), printed
+
+
+def _in_whole_cycles(count: int, seconds: float, cycle: float, q: np.ndarray, test: BallBarTest) -> int:
+    """At least so many blocks that each lasts just above whole cycles, so that a control which rounds down does not
+    shorten them; the same count where the control does not, or where no rotary axis moves.
+    """
+    if cycle == 0.0 or not np.ptp(q[:, test.chain.rotary_columns], axis=0).any():
+        return count
+    whole = max(1, int(seconds / count / cycle))
+    return max(1, int(seconds / (whole * cycle * (1.0 + _ABOVE))))
 
 
 def _feed_words(

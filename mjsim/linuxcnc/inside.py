@@ -1,0 +1,178 @@
+"""Starts LinuxCNC in the current folder, runs ``program.ngc`` to its end, and keeps every servo cycle.
+
+This file runs in the system's own Python, which has the modules ``linuxcnc`` and ``hal``, and in namespaces of its
+own. It uses nothing of mjsim and nothing but the standard library. Arguments: number of joints, longest run in s.
+It writes ``record.bin`` (one row of doubles per cycle: sample number, then what the sampler has) and ``result.json``.
+"""
+
+import array
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+#: Kinds of messages that are errors (nml_oi.hh: NML_ERROR, OPERATOR_ERROR).
+_ERRORS = (1, 11)
+#: Blocks that the planner looks ahead, with some to spare: with fewer in its queue the path depends on the pace.
+_AHEAD = 60
+
+
+class Failure(Exception):
+    """Why the run came to nothing, as a sentence."""
+
+
+class Loop:
+    """One running control."""
+
+    def __init__(self, work: Path, joints: int, limit: float) -> None:
+        self.joints, self.limit = joints, limit
+        self.log = open(work / "log.txt", "w")  # a pipe would be held open by what goes into the background
+        os.environ["HOME"] = str(work)  # LinuxCNC keeps a memory map there, one for each running control
+        self.env = {**os.environ, "INI_FILE_NAME": f"{work}/machine.ini", "RTAPI_FIFO_PATH": f"{work}/fifo"}
+        self.env["HAL_RTMOD_DIR"] = "/usr/lib/linuxcnc/modules"
+        if os.getuid() == 0:
+            self.env["RTAPI_UID"] = "65534"  # its real-time part refuses root
+        if (work / "clock.so").exists():
+            self.env["LD_PRELOAD"] = str(work / "clock.so")
+        self.blocks = sum(1 for _ in open("program.ngc"))
+
+    def start(self, *command: str) -> subprocess.Popen:
+        return subprocess.Popen(command, stdout=self.log, stderr=self.log, stdin=subprocess.DEVNULL, env=self.env)
+
+    def run(self, *command: str) -> None:
+        if self.start(*command).wait(30):
+            raise Failure(f"{' '.join(command)} failed")
+
+    def up(self) -> None:
+        """As the script ``linuxcnc`` does, without its lock file, windows and questions."""
+        ini = "machine.ini"
+        self.run("linuxcncsvr", "-ini", ini)
+        self.run("halcmd", "loadusr", "-Wn", "iocontrol", "io", "-ini", ini)
+        self.run("halcmd", "loadrt", "tpmod")
+        self.run("halcmd", "loadrt", "homemod")
+        self.run("halcmd", "-i", ini, "-f", "machine.hal")
+        task = self.start("halcmd", "loadusr", "-Wn", "inihal", "milltask", "-ini", ini)
+        self.run("halcmd", "start")  # milltask waits for answers of the running thread
+        if task.wait(30):
+            raise Failure("milltask does not start")
+        import hal  # pyright: ignore[reportMissingImports]
+        import linuxcnc  # pyright: ignore[reportMissingImports]
+
+        c: Any = linuxcnc
+        self.hal, self.c, self.stream = hal, c, None
+        self.stat, self.command, self.errors = c.stat(), c.command(), c.error_channel()
+        s = self.stat
+        self.until(lambda: s.state in (1, 2, 3))
+        for state in (c.STATE_ESTOP_RESET, c.STATE_ON):
+            self.command.state(state)
+            self.until(lambda state=state: s.task_state == state)
+        self.command.home(-1)
+        self.until(lambda: all(s.homed[: self.joints]))
+        self.command.mode(c.MODE_AUTO)
+        self.until(lambda: s.task_mode == c.MODE_AUTO)
+        self.command.program_open(os.path.abspath("program.ngc"))
+        self.until(lambda: s.file.endswith("program.ngc"))
+        self.component = hal.component("recorder")
+        self.component.ready()
+        self.stream = hal.stream(self.component, hal.sampler_base, "f" * 2 * self.joints + "ss")
+        self.rows = array.array("d")
+
+    def poll(self) -> bool:
+        try:
+            self.stat.poll()
+        except self.c.error:
+            return False
+        while error := self.errors.poll():
+            if error[0] in _ERRORS:
+                raise Failure(error[1].strip())
+        while self.stream is not None and self.stream.readable:
+            row = self.stream.read()
+            self.rows.append(self.stream.sampleno)
+            self.rows.extend(row)
+        return True
+
+    def until(self, test, limit: float = 20.0) -> None:
+        end = time.monotonic() + limit
+        while not (self.poll() and test()):
+            if time.monotonic() > end:
+                raise Failure("it does not answer")
+            time.sleep(0.002)
+
+    def alive(self) -> bool:
+        """Whether the control's processes are there: its status merely stands still when they are not."""
+        seen = set()
+        for number in filter(str.isdigit, os.listdir("/proc")):
+            try:
+                name, _, rest = Path(f"/proc/{number}/status").read_text().partition("\n")
+            except OSError:
+                continue
+            if "(zombie)" not in rest:
+                seen.add(name.split()[1])
+        return {"milltask", "rtapi_app"} <= seen
+
+    def go(self) -> dict:
+        """Run to the end, going on at every M0."""
+        s, c = self.stat, self.c
+        self.hal.set_p("sampler.0.enable", "1")
+        self.command.auto(c.AUTO_RUN, 0)
+        self.until(lambda: s.interp_state != c.INTERP_IDLE)
+        idle, began, look, least = 0, time.monotonic(), 0.0, None
+        while idle < 5:
+            time.sleep(0.01)
+            self.poll()
+            now = time.monotonic()
+            if now - began > self.limit:
+                raise Failure(f"the program does not end within {self.limit:g} s")
+            if now > look:
+                look = now + 1.0
+                if not self.alive():
+                    raise Failure("it has ended on its own")
+            if s.interp_state == c.INTERP_PAUSED and s.inpos and not s.queue:
+                self._resume()
+            elif s.motion_line > 100 and 100 < s.read_line < self.blocks - 100:
+                least = s.queue if least is None else min(least, s.queue)
+            idle = idle + 1 if s.interp_state == c.INTERP_IDLE and s.inpos and not s.queue else 0
+        self.hal.set_p("sampler.0.enable", "0")
+        time.sleep(0.05)
+        self.poll()
+        if lost := int(self.hal.get_value("sampler.0.overruns")):
+            raise Failure(f"{lost} cycles were not recorded; allowed: a lower --speed")
+        if least is not None and least < _AHEAD:
+            raise Failure(f"its planner had {least} blocks left to look ahead; allowed: a lower --speed")
+        return {"seconds": time.monotonic() - began, "queue": least}
+
+    def _resume(self) -> None:
+        """Go on after M0, with the feed held until blocks are queued: so the first ones do not depend on the pace."""
+        s, c = self.stat, self.c
+        self.command.feedrate(0.0)
+        self.until(lambda: s.feedrate == 0.0)
+        self.command.auto(c.AUTO_RESUME)
+        self.until(lambda: s.interp_state != c.INTERP_PAUSED)
+        last = -1
+        while s.queue != last:
+            last = s.queue
+            time.sleep(0.1)
+            self.poll()
+        self.command.feedrate(1.0)
+        self.until(lambda: s.feedrate == 1.0)
+
+
+def main(joints: int, limit: float) -> None:
+    work = Path.cwd()
+    try:
+        loop = Loop(work, joints, limit)
+        loop.up()
+        result = loop.go()
+        with open("record.bin", "wb") as file:
+            loop.rows.tofile(file)
+    except Failure as failure:
+        result = {"failure": str(failure)}
+    (work / "result.json").write_text(json.dumps(result))
+    os._exit(0)  # the end of process 1 ends everything else in its namespace
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), float(sys.argv[2]))

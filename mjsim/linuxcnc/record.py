@@ -1,0 +1,83 @@
+"""What LinuxCNC told the axes: a commanded motion, and an axis log."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mjsim.ballbar.commanded import Commanded
+from mjsim.errors import InputError
+from mjsim.linuxcnc.configuration import CYCLE
+from mjsim.machine.chain import Chain
+from mjsim.nc.limits import scale
+
+#: Kinds of motion (motion.h of LinuxCNC) that are feeds: straight lines and arcs.
+_FEEDS = (2, 3)
+#: Cycles at rest that are kept before and after the path.
+_REST = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Every servo cycle of one run.
+
+    Attributes:
+        told: Set-points that the drives got, with the control's corrections, (n, axes) m and rad.
+        path: Set-points before the corrections, (n, axes) m and rad.
+        line: Line of the program, (n,).
+        kind: Of the motion, as LinuxCNC numbers it, (n,).
+        chain: Axes of the machine.
+        seconds: The run took on the clock of the wall, s.
+    """
+
+    told: np.ndarray
+    path: np.ndarray
+    line: np.ndarray
+    kind: np.ndarray
+    chain: Chain
+    seconds: float
+
+    @cached_property
+    def feed(self) -> slice:
+        """The cycles of the path: from rest before its first feed block to rest after its last one.
+
+        Raises:
+            InputError: the program has no feed block that moves.
+        """
+        moves = np.abs(np.diff(self.path, axis=0)).max(axis=1) > 1e-13
+        on = np.flatnonzero(moves & np.isin(self.kind[1:], _FEEDS))
+        if not len(on):
+            raise InputError("LinuxCNC: the program has no feed block that moves an axis")
+        return slice(int(on[0]), int(on[-1]) + 2)
+
+    @property
+    def motion(self) -> Commanded:
+        """What the drives were told on the path, as a commanded motion on the control's own clock."""
+        q = self.told[self.feed]
+        return Commanded(np.full(len(q) - 1, CYCLE), q, chain=self.chain, clocked=True)
+
+    @property
+    def duration(self) -> float:
+        """Of the path, s."""
+        part = self.feed
+        return (part.stop - part.start - 1) * CYCLE
+
+    def to_csv(self) -> str:
+        """As an axis log, with a little rest at both ends: command and actual position of every axis.
+
+        The simulated joints follow at once, so both are the same.
+        """
+        part = self.feed
+        q = self.told[max(0, part.start - _REST) : part.stop + _REST] / [scale(a) for a in self.chain.letters]
+        names, columns = ["time_s"], [np.arange(len(q)) * CYCLE]
+        for i, axis in enumerate(self.chain.letters):
+            unit = "deg" if self.chain.is_rotary(axis) else "mm"
+            names += [f"{axis}_command_{unit}", f"{axis}_actual_{unit}"]
+            columns += [q[:, i], q[:, i]]
+        text = io.StringIO()
+        form = ["%.3f", *["%.9f"] * (len(columns) - 1)]
+        np.savetxt(text, np.column_stack(columns), form, ",", header=",".join(names), comments="")
+        return text.getvalue()

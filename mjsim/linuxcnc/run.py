@@ -1,0 +1,108 @@
+"""Running a program on LinuxCNC."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from mjsim.ballbar.measurement import BallBarTest
+from mjsim.errors import InputError
+from mjsim.linuxcnc import inside
+from mjsim.linuxcnc.configuration import Settings, check_settings, write_configuration
+from mjsim.linuxcnc.installed import PYTHON, environment, needed, unshare
+from mjsim.linuxcnc.record import Record
+from mjsim.machine.chain import FIVE_AXIS, Chain
+from mjsim.nc.limits import scale
+from mjsim.nc.write import Options, nc_program
+
+#: Longest name of a folder with LinuxCNC's sockets: they take 108 characters.
+_LONGEST = 95
+
+
+def run_test(test: BallBarTest, settings: Settings | None = None, options: Options | None = None) -> Record:
+    """Have LinuxCNC run the program that mjsim writes for a test.
+
+    Args:
+        test: What to run.
+        settings: Of the control.
+        options: How the program is written; its dialect has to be ``linuxcnc``.
+
+    Raises:
+        InputError: LinuxCNC is not there, cannot run here, or refuses the program.
+    """
+    options = options or Options(dialect="linuxcnc")
+    if options.dialect != "linuxcnc":
+        raise InputError(f"NC dialect {options.dialect!r} for LinuxCNC; allowed: linuxcnc")
+    text = nc_program(test, options).text
+    return run_program(text, test.chain, settings, options.feed == "tcp")
+
+
+def run_program(text: str, chain: Chain = FIVE_AXIS, settings: Settings | None = None, tip: bool = False) -> Record:
+    """Have LinuxCNC run an NC program and record what it tells the axes.
+
+    Args:
+        text: The program, in the dialect of LinuxCNC. It may stop at M0.
+        chain: Axes of the machine.
+        settings: Of the control.
+        tip: Whether the program switches tool centre point control on with M428.
+
+    Raises:
+        InputError: LinuxCNC is not there, cannot run here, or refuses the program.
+    """
+    settings = settings or Settings()
+    check_settings(settings, chain)
+    needed()
+    folder = Path(tempfile.mkdtemp(prefix="lc"))
+    try:
+        if len(str(folder)) > _LONGEST:
+            raise InputError(f"{folder}: too long a name for LinuxCNC's sockets; allowed: a TMPDIR of a short name")
+        folder.chmod(0o777)  # its real-time part runs as another user where mjsim runs as root
+        write_configuration(folder, chain, settings, tip)
+        (folder / "program.ngc").write_text(text)
+        return _recorded(folder, chain, settings, _clock(folder, settings.speed))
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _clock(folder: Path, speed: float) -> bool:
+    """Compile the faster clock; without a compiler LinuxCNC runs in real time."""
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if speed == 1.0 or compiler is None:
+        return False
+    source = Path(inside.__file__).with_name("clock.c")
+    command = [compiler, "-O2", "-shared", "-fPIC", "-o", str(folder / "clock.so"), str(source), "-ldl"]
+    return subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL).returncode == 0
+
+
+def _recorded(folder: Path, chain: Chain, settings: Settings, faster: bool) -> Record:
+    command = [*unshare(), PYTHON, inside.__file__, str(chain.count), str(settings.limit)]
+    env = {**environment(), "MJSIM_CLOCK": str(settings.speed if faster else 1.0)}
+    with open(folder / "out.txt", "w") as out:
+        try:
+            subprocess.run(
+                command, cwd=folder, env=env, stdin=subprocess.DEVNULL, stdout=out, stderr=out,
+                timeout=settings.limit + 120.0,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            raise InputError(f"LinuxCNC did not end within {settings.limit + 120.0:g} s") from None
+    answer = folder / "result.json"
+    if not answer.exists():
+        raise InputError(f"LinuxCNC ended without a record: {_tail(folder)}")
+    result = json.loads(answer.read_text())
+    if "failure" in result:
+        raise InputError(f"LinuxCNC: {result['failure']}")
+    rows = np.fromfile(folder / "record.bin").reshape(-1, 2 * chain.count + 3)
+    units = np.array([scale(a) for a in chain.letters])
+    told, path = rows[:, 1 : 1 + chain.count] * units, rows[:, 1 + chain.count : 1 + 2 * chain.count] * units
+    return Record(told, path, rows[:, -2].astype(int), rows[:, -1].astype(int), chain, result["seconds"])
+
+
+def _tail(folder: Path) -> str:
+    """The last lines that it wrote, for a message."""
+    text = " ".join((folder / n).read_text(errors="replace") for n in ("out.txt", "log.txt") if (folder / n).exists())
+    return " ".join(text.split())[-300:] or "it wrote nothing"
