@@ -93,6 +93,15 @@ def mission(folder: Path, film: bool) -> None:
         page.wait_for_timeout(500)
         page.screenshot(path=IMAGES / "workbench-added.png")
         shot(4)
+        page.locator("button[aria-label='part']").click()
+        page.locator(".part-ask .q-select").click()
+        page.get_by_role("option", name="cone").click()
+        page.get_by_text("predict", exact=True).click()
+        page.locator(".part-table").first.wait_for()
+        page.wait_for_timeout(2500)
+        page.screenshot(path=IMAGES / "workbench-part.png")
+        page.locator("button[aria-label='close']").click()
+        page.locator(".part-ask").wait_for(state="detached")
         page.locator("button[aria-label='save']").click()
         page.wait_for_timeout(700)
         shot(2)
@@ -100,7 +109,7 @@ def mission(folder: Path, film: bool) -> None:
         page.get_by_text("machine.toml has").wait_for()
         page.wait_for_timeout(400)
         shot(4)
-    for name in ("start", "slider", "diagnosis", "added"):
+    for name in ("start", "slider", "diagnosis", "added", "part"):
         _small(IMAGES / f"workbench-{name}.png")
     if film:
         _write_film(frames)

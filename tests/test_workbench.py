@@ -15,6 +15,7 @@ from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS
+from mjsim.prediction.part_run import PartRun
 from mjsim.workbench import axis_data, catalogue, svg
 from mjsim.workbench.bodies import MachineBodies
 from mjsim.workbench.gains import Stopped
@@ -181,6 +182,18 @@ def test_without_traces_it_simulates(tmp_path):
     assert "not measured" in bench.show(TESTS[0]).caption
     with pytest.raises(InputError, match="no test has a trace"):
         bench.fit("backlash.A")
+
+
+def test_the_part_follows_the_model(bench):
+    run = PartRun("boss", (0.04, 0.01, 0.12), tolerance=1e-3)
+    before = bench.predict(run)
+    bench.set("squareness.XY", angle_urad=200.0)
+    after = bench.predict(run)
+    made = {c.key: c.rms for c in after.causes}
+    assert "squareness.XY" not in {c.key for c in before.causes} and 2e-6 < made["squareness.XY"] < 8e-6
+    assert "without a diagnosis" in after.basis
+    with pytest.raises(InputError, match=r"nothing\.nc"):
+        bench.predict(PartRun("nothing.nc"))
 
 
 def test_pictures(bench):

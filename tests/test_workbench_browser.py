@@ -160,6 +160,17 @@ def test_without_traces_and_by_keyboard(browser, planned):
     tab.page.wait_for_function("was => document.querySelector('svg.polar').innerHTML != was", arg=still)
     assert tab.ladder()[-1] == "machine as given" and "+ scale_error.X" in tab.ladder()
     assert tab.button("save").is_disabled()
+    tab.page.get_by_placeholder("filter").focus()
+    tab.page.keyboard.press("Tab")
+    tab.page.evaluate("document.activeElement.blur()")
+    tab.page.keyboard.press("w")  # the part: a dialog whose button has the focus
+    tab.page.locator(".part-ask").wait_for()
+    tab.page.wait_for_function("document.activeElement.textContent.includes('predict')")
+    tab.page.keyboard.press("Enter")
+    tab.page.locator(".part-table").first.wait_for()
+    assert "Largest deviation" in tab.page.locator(".part-dialog").text_content()
+    tab.page.keyboard.press("Escape")
+    tab.page.locator(".part-ask").wait_for(state="detached")
     tab.close()
 
 

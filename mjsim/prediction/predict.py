@@ -93,9 +93,9 @@ def predict(
     if saved is not None:
         basis = "the diagnosis"
     elif machine.tolerance:
-        basis = "the tolerance of the machine file; nothing was measured"
+        basis = "the tolerance in the machine file, without a diagnosis"
     else:
-        basis = "the data sheet alone; nothing was measured"
+        basis = "the data sheet alone, without a diagnosis"
     verdict, reason = _verdict(largest, tolerance, stated, uncertain)
     return Prediction(
         name,

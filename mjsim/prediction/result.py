@@ -99,6 +99,11 @@ class Prediction:
         return max(self.blocks, key=lambda b: b.normal)
 
     @property
+    def sizes(self) -> np.ndarray:
+        """Largest normal deviation of every block, (blocks,) m."""
+        return np.array([b.normal for b in self.blocks])
+
+    @property
     def critical(self) -> list[Block]:
         """The blocks that decide, the worst first: at most one of every twentieth of the program."""
         groups = np.array_split(np.arange(len(self.blocks)), min(20, len(self.blocks)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from mjsim.campaign.files import read_campaign
@@ -12,6 +13,8 @@ from mjsim.errors import InputError
 from mjsim.io.toml import read_text
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
+from mjsim.prediction.part_run import PartRun
+from mjsim.prediction.result import Prediction
 from mjsim.progress import Progress, silent
 from mjsim.workbench import fitting
 from mjsim.workbench import save as saving
@@ -21,6 +24,7 @@ from mjsim.workbench.picture import Picture, picture
 from mjsim.workbench.tried import Shared, TriedModel
 from mjsim.workflow.diagnose import diagnose
 from mjsim.workflow.diagnosis import Diagnosis
+from mjsim.workflow.saved import saved_of
 
 
 class Workbench(TriedModel):
@@ -115,6 +119,24 @@ class Workbench(TriedModel):
         """
         self.diagnosis = diagnose(self.campaign, self.machine, max_effects, self.opened.threads, progress)
         return self.diagnosis
+
+    def predict(self, run: PartRun) -> Prediction:
+        """The error of a part on the present model.
+
+        The interval follows from the last diagnosis, where the model has what that found; otherwise from the
+        tolerances in the machine file.
+
+        Args:
+            run: The program.
+
+        Raises:
+            InputError: The file cannot be read, or the program does not fit the machine.
+        """
+        machine, found = self.machine, self.diagnosis
+        known = found is not None and found.posterior is not None
+        if not known or any(machine.effect(e.effect.key) is None for e in found.effects):
+            return run.on(machine)
+        return run.on(machine, replace(saved_of(found), machine=machine))
 
     def add(self, effect: Effect) -> None:
         """Put an effect with its values into the model, such as one that a diagnosis found."""

@@ -18,6 +18,7 @@ from mjsim.workbench.page.files import report_of, video_of
 from mjsim.workbench.page.findings import FindingsPanel
 from mjsim.workbench.page.ladder import LadderPanel
 from mjsim.workbench.page.machine import MachinePanel
+from mjsim.workbench.page.part import PartDialog
 from mjsim.workbench.page.traces import Traces
 
 #: The page looks for news so often, s.
@@ -31,6 +32,7 @@ _KEYS = """
 | A | fit all effects that were put in |
 | D | diagnose |
 | S | save to the machine file |
+| W | predict the error of a workpiece |
 | space | play and pause |
 | , . | cursor back and forward by half a second |
 | L | light or dark |
@@ -62,6 +64,7 @@ class Desk:
                 self.findings = FindingsPanel(live, self.changed, self.preview)
                 with ui.element("div").classes("panel stack").style("flex: 1 1 0; min-height: 110px"):
                     self.ladder = LadderPanel(live, self.changed)
+        self.part = PartDialog(live, self.work)
         self._darken(dark)
         ui.keyboard(on_key=self._key)
         ui.timer(_TICK, self._tick)
@@ -85,6 +88,7 @@ class Desk:
                 self._button("auto_graph", "fit all", self.fit_all, "Fit all effects that were put in (A)", True)
                 self._button("troubleshoot", "diagnose", self.diagnose, "Search for what the model lacks (D)", True)
                 self.save_button = self._button("save", "save", self.save, "Write to the machine file (S)", True)
+                self._button("category", "part", self._part, "Predict the error of a part (W)")
                 self._button("description", "report", self._report, "Report of the present model")
                 self._button("movie", "video", self._video, "Video of the shown test")
                 self._button("dark_mode", "light or dark", self._toggle_dark, "Light or dark (L)")
@@ -223,6 +227,9 @@ class Desk:
                 self.changed()
         dialog.delete()
 
+    def _part(self) -> None:
+        self.part.open(bool(self.dark.value))
+
     async def _report(self) -> None:
         page = await self.work("report", lambda progress: report_of(self.live.bench, progress))
         if page:
@@ -266,6 +273,7 @@ class Desk:
                 "a": self.fit_all,
                 "d": self.diagnose,
                 "s": self.save,
+                "w": self._part,
                 " ": self.machine.toggle,
                 ",": lambda: self.machine.step(-0.5),
                 ".": lambda: self.machine.step(0.5),
