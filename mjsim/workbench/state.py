@@ -133,8 +133,7 @@ class Workbench(TriedModel):
             InputError: The file cannot be read, or the program does not fit the machine.
         """
         machine, found = self.machine, self.diagnosis
-        known = found is not None and found.posterior is not None
-        if not known or any(machine.effect(e.effect.key) is None for e in found.effects):
+        if found is None or found.posterior is None or any(machine.effect(e.effect.key) is None for e in found.effects):
             return run.on(machine)
         return run.on(machine, replace(saved_of(found), machine=machine))
 

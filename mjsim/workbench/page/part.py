@@ -71,7 +71,7 @@ class PartDialog:
             ui.button(icon="close").props('flat dense aria-label="close" v-close-popup')
 
     async def _predict(self) -> None:
-        name = self.file.value.strip() if self.program.value == _FILE else self.program.value
+        name = (self.file.value or "").strip() if self.program.value == _FILE else self.program.value
         if not name:
             ui.notify("Which NC file?", type="warning")
             return
