@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
+from mjsim.machine.chain import COORDINATES
 from mjsim.plots import style
 from mjsim.prediction.part_run import PartRun
 from mjsim.prediction.parts import PARTS
@@ -62,7 +63,7 @@ class PartDialog:
             self.file.bind_visibility_from(self.program, "value", value=_FILE)
             x, y, z = (round(v / MM, 3) for v in self.live.bench.opened.tests[0].table_ball)
             self.zero = [ui.number(f"Zero {n}, mm", value=v, format="%.6g").props("dense").style("width: 84px")
-                         for n, v in zip("XYZ", (x, y, z), strict=True)]  # fmt: skip
+                         for n, v in zip(COORDINATES, (x, y, z), strict=True)]  # fmt: skip
             self.allowed = ui.number("Allowed, µm", value=20, min=0).props("dense").style("width: 90px")
             ui.button("predict", icon="play_arrow", on_click=self._predict).props("flat no-caps autofocus").mark(
                 "predict"
@@ -124,7 +125,7 @@ class PartDialog:
                 tip = list(corner)
                 tip[axis] += 0.4
                 scene.line(corner, tip).material(colour)
-                scene.text("xyz"[axis], "font-size: 12px").move(*tip)
+                scene.text(COORDINATES[axis].lower(), "font-size: 12px").move(*tip)
         scene.move_camera(0.6, -1.3, 1.1, 0, 0, 0, 0, 0, 1, duration=0)
         scene.style("width: 100%; height: 330px").mark("part scene")
         with ui.element("div").classes("part-scale"):
