@@ -13,6 +13,7 @@ from mjsim.ballbar.measurement import BallBarTest, Instrument, Trace
 from mjsim.ballbar.program import Program
 from mjsim.campaign.chain_file import chain_in
 from mjsim.campaign.driven import check_keys, with_program, with_record
+from mjsim.campaign.instruments import split_instruments
 from mjsim.campaign.limits import acceptance_of
 from mjsim.campaign.logs import log_tests, read_recording, split_tests
 from mjsim.campaign.model import Campaign
@@ -65,6 +66,8 @@ def campaign_from(file: Path, data: dict, traces: bool = True, as_is: bool = Fal
     named = data.get("machine", CampaignTable.model_fields["machine"].default)
     chain = chain_in(folder / named) if isinstance(named, str) else FIVE_AXIS
     bars, logged = split_tests(data)
+    data, recorder = split_instruments(file, data, bars["test"], logged)
+    bars, logged = split_tests(data)
     schema = with_tests(CampaignTable, chain) if bars["test"] or not logged else without_tests(CampaignTable)
     table = check(file, schema, bars if logged else data)
     tests = tuple(test_of(file, t, chain) for t in table.test)
@@ -91,7 +94,7 @@ def campaign_from(file: Path, data: dict, traces: bool = True, as_is: bool = Fal
         for t in logs
         if traces and t.trace is not None
     }
-    recorder = LogInstrument(i.sample_rate_Hz, i.resolution_um * UM, i.resolution_deg * DEG)
+    r = recorder or i
     return Campaign(
         table.name,
         folder,
@@ -101,7 +104,7 @@ def campaign_from(file: Path, data: dict, traces: bool = True, as_is: bool = Fal
         recorded,
         table.measured_on,
         as_is,
-        Logs(logs, recordings, recorder),
+        Logs(logs, recordings, LogInstrument(r.sample_rate_Hz, r.resolution_um * UM, r.resolution_deg * DEG)),
         acceptance_of(file, table.acceptance, tests),
     )
 

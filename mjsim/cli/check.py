@@ -33,9 +33,11 @@ def command(campaign, machine, fix, threads, as_json, quiet) -> None:
     """
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import read_machine
+    from mjsim.cli.joint import has_both, show_checked
     from mjsim.cli.logs import check as check_logs
     from mjsim.cli.logs import is_log_campaign
     from mjsim.workflow.check import check, write_corrected
+    from mjsim.workflow.log_check import check_logs as log_findings
 
     logged = read_campaign(campaign, spans=False)
     if is_log_campaign(logged):
@@ -44,6 +46,8 @@ def command(campaign, machine, fix, threads, as_json, quiet) -> None:
     result = check(campaign, read_machine(machine) if machine else None, common.cores(threads))
     files = write_corrected(result, fix) if fix and result.mistakes else []
     data = result.to_json()
+    if has_both(logged):
+        data["axis_logs"] = log_findings(logged)
     if as_json:
         common.print_json({**data, "files": [str(f) for f in files]})
         return
@@ -83,3 +87,4 @@ def command(campaign, machine, fix, threads, as_json, quiet) -> None:
         common.paragraph(f"No mistake found. The data show that {shown} of {len(rows)} tests are right.")
         if fix:
             common.say(f"nothing was written to {fix}", quiet)
+    show_checked(data)

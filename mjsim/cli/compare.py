@@ -9,6 +9,8 @@ import click
 from mjsim.ballbar.kinds import KINDS
 from mjsim.cli import common
 from mjsim.cli.import_show import show_features
+from mjsim.cli.joint import compare_logs as compare_beside
+from mjsim.cli.joint import has_both, show_compared
 from mjsim.cli.logs import chosen, is_log_campaign, test_option
 from mjsim.cli.logs import compare as compare_logs
 from mjsim.units import UM, unit_of
@@ -47,6 +49,7 @@ def command(campaign, machine, out, calibrated, only, no_plots, force, threads, 
     from mjsim.campaign.files import read_campaign
     from mjsim.importing.features import circles_of, imported_features
     from mjsim.io.files import check_writable
+    from mjsim.plots.logs import log_plot_files
     from mjsim.plots.output import comparison_plots, plot_files
     from mjsim.workflow.calibrate import calibrate
     from mjsim.workflow.compare import compare
@@ -61,13 +64,18 @@ def command(campaign, machine, out, calibrated, only, no_plots, force, threads, 
         return
     imported = imported_features(c)
     if not no_plots:
-        for file in plot_files(c.measured, out or c.state_folder / "compare"):
+        folder = out or c.state_folder / "compare"
+        for file in (*plot_files(c.measured, folder), *(log_plot_files(c, folder) if has_both(c) else ())):
             check_writable(file, force or out is None)
     with common.progress_bar(quiet) as progress:
         fitted = calibrate(c, m, common.cores(threads), progress) if calibrated else None
         result = fitted.after if fitted else compare(c, m, common.cores(threads), progress)
-        plots = [] if no_plots else comparison_plots(result, out or c.state_folder / "compare", progress)
+        folder = out or c.state_folder / "compare"
+        plots = [] if no_plots else comparison_plots(result, folder, progress)
+        logs = compare_beside(c, m, folder, not no_plots, common.cores(threads), progress) if has_both(c) else None
     data, found = result.to_json(), {}
+    if logs:
+        data, plots = data | {"axis_logs": logs[0]}, [*plots, *logs[1]]
     if fitted:
         data |= {"rms_as_given_um": round(fitted.before.rms / UM, 4)} | calibration_json(
             fitted.calibration, fitted.shares, fitted.combinations
@@ -90,6 +98,7 @@ def command(campaign, machine, out, calibrated, only, no_plots, force, threads, 
         show_beyond(m, fitted.calibration)
         click.echo()
     show(data)
+    show_compared(data)
     for warning in data["warnings"]:
         common.say(f"warning: {warning}", quiet)
     if imported:

@@ -12,7 +12,9 @@ from mjsim.ballbar.kinds import kind_of
 from mjsim.cli import common
 from mjsim.cli.compare import calibration_sentence, left_out_sentence, percent, show_combinations
 from mjsim.cli.import_show import show_features
-from mjsim.cli.logs import chosen, is_log_campaign, test_option
+from mjsim.cli.joint import diagnose as diagnose_jointly
+from mjsim.cli.joint import has_both
+from mjsim.cli.logs import change_of, chosen, is_log_campaign, test_option
 from mjsim.cli.logs import diagnose as diagnose_logs
 from mjsim.cli.parameter_lines import finding_lines
 from mjsim.effects.registry import kinds
@@ -46,6 +48,7 @@ def command(campaign, machine, write, max_effects, only, force, threads, as_is, 
     """Say which effects are missing from the machine model of CAMPAIGN.
 
     It also says if none is missing, if two effects cannot be told apart, and if the cause is not in the catalogue.
+    Where CAMPAIGN has ball-bar tests and axis logs, both decide, and the answer says which of them did.
 
     \b
     Example: mjsim diagnose examples/hidden-backlash --write fitted.toml
@@ -66,6 +69,9 @@ def command(campaign, machine, write, max_effects, only, force, threads, as_is, 
     imported = imported_features(c)
     if is_log_campaign(c):
         diagnose_logs(c, m, write, max_effects or 8, force, common.cores(threads), as_json, quiet)
+        return
+    if has_both(c):
+        diagnose_jointly(c, m, write, max_effects, force, common.cores(threads), as_json, quiet, show)
         return
     if write is not None:
         check_writable(write, force)
@@ -248,6 +254,7 @@ def _size(e: dict) -> tuple[str, str]:
 def _show_effect(e: dict, share: float | None) -> None:
     """One finding: its share of the explained squared error, its parameters, and where it shows."""
     part = "" if share is None else f"   {percent(share)} of the error"
-    click.echo(f"\n  {e['id']}{part}   {e['rms_before_um']:.3f} → {e['rms_after_um']:.3f} µm")
+    change = change_of(e) if "rms_before_um" not in e else f"{e['rms_before_um']:.3f} → {e['rms_after_um']:.3f} µm"
+    click.echo(f"\n  {e['id']}{part}   {change}")
     for line in finding_lines(e):
         common.paragraph(line, "    ")

@@ -100,8 +100,12 @@ def check(campaign, as_json: bool, quiet: bool) -> None:
     if as_json:
         common.print_json({**data, "files": []})
         return
-    if quiet:
-        return
+    if not quiet:
+        show_check(data)
+
+
+def show_check(data: dict) -> None:
+    """A check's JSON as text."""
     rows = [
         [t["name"], " ".join(t["axes"]), str(t["samples"]), f"{t['rate_Hz']:g}", ", ".join(t["finding"])]
         for t in data["tests"]
@@ -185,6 +189,13 @@ def _symbol(axis: dict) -> str:
     return "um" if "rms_um" in axis else "deg"
 
 
+def change_of(e: dict) -> str:
+    """RMS of an axis before and after a cause entered the model."""
+    if "rms_before_deg" in e:
+        return f"{e['rms_before_deg']:.3g} → {e['rms_after_deg']:.3g} °"
+    return f"{e['rms_before_um']:.2f} → {e['rms_after_um']:.2f} µm"
+
+
 _SENTENCE = {
     "identified": "Identified: the effects below are missing, and nothing else explains the logs as well.",
     "ambiguous": "Ambiguous: some effects below cannot be told from others by these logs.",
@@ -196,10 +207,14 @@ _SENTENCE = {
 def show_diagnosis(data: dict) -> None:
     """A diagnosis' JSON as text."""
     common.paragraph(_SENTENCE[data["verdict"]])
-    common.paragraph(
-        f"residual RMS {data['rms_before_um']:.2f} µm as given, {data['rms_after_um']:.2f} µm with what was found; "
-        f"noise {data['noise_um']:.3f} µm"
-    )
+    if any(_symbol(a) == "um" for t in data["tests"] for a in t["axes"]):
+        common.paragraph(
+            f"residual RMS {data['rms_before_um']:.2f} µm as given, {data['rms_after_um']:.2f} µm with what was found; "
+            f"noise {data['noise_um']:.3f} µm"
+        )
+    if "rms_before_deg" in data:
+        before, after = data["rms_before_deg"], data["rms_after_deg"]
+        common.paragraph(f"rotary axes: residual RMS {before:.3g}° as given, {after:.3g}° with what was found")
     show_effects(data)
     click.echo()
     show_sheet(data)
@@ -213,17 +228,24 @@ def show_diagnosis(data: dict) -> None:
 def show_effects(data: dict) -> None:
     """The effects found, and the errors per axis with them."""
     for e in data["effects"]:
-        click.echo(f"  {e['id']}   {e['rms_before_um']:.2f} → {e['rms_after_um']:.2f} µm")
+        click.echo(f"  {e['id']}   {change_of(e)}")
         for line in finding_lines(e):
             common.paragraph(line, "    ")
+    click.echo()
+    show_axes(data["tests"], "with all of them")
+
+
+def show_axes(tests: list[dict], title: str) -> None:
+    """What is left in every axis of every log."""
     rows = []
-    for t in data["tests"]:
+    for t in tests:
         for a in t["axes"]:
             symbol = _symbol(a)
+            unit = {"um": "µm", "deg": "°"}[symbol]
             radial = f"{t['radial']['rms_um']:.2f}" if t["radial"] else "–"
-            rows.append([t["name"], a["axis"], f"{a[f'rms_{symbol}']:.4g}", f"{a[f'max_{symbol}']:.4g}", radial])
-    click.echo()
-    common.table(["with all of them", "axis", "RMS µm", "max µm", "radial µm"], rows, text=(0, 1))
+            sizes = [f"{a[f'{n}_{symbol}']:.4g} {unit}" for n in ("rms", "max", "noise")]
+            rows.append([t["name"], a["axis"], *sizes, radial])
+    common.table([title, "axis", "RMS", "max", "noise", "radial µm"], rows, text=(0, 1))
 
 
 _UNITS = {

@@ -26,4 +26,6 @@ def finding_lines(finding: dict) -> list[str]:
         lines.append(f"cannot be told from: {', '.join(finding['alternatives'])}")
     if finding["tests"]:
         lines.append(f"shows in: {', '.join(finding['tests'])}")
+    if finding.get("evidence"):
+        lines.append(finding["evidence"])
     return lines

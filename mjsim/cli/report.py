@@ -42,17 +42,19 @@ def command(
     """Write what CAMPAIGN shows as one HTML page that works offline and prints well.
 
     The campaign is compared and diagnosed. Several campaigns of one machine become a trend: which figure, which
-    effect has changed beyond its uncertainty. Axis logs get a page of their own.
+    effect has changed beyond its uncertainty. Axis logs get a page of their own. With
+    ball-bar tests in the same campaign, they stand below these.
 
     \b
     Example: mjsim report examples/hidden-backlash -o report.html
              mjsim report examples/hidden-backlash --part s-shape --zero 40 0 120
     """
     from mjsim.campaign.files import read_campaign
+    from mjsim.cli.joint import has_both
     from mjsim.cli.logs import is_log_campaign
     from mjsim.errors import InputError
     from mjsim.io.files import check_writable, write_whole
-    from mjsim.report.logs import log_report
+    from mjsim.report.logs import joint_report, log_report
     from mjsim.report.write import check_same_machine, need_report, report
     from mjsim.workflow.edit import machine_of
 
@@ -62,10 +64,11 @@ def command(
     if runs and (len(read) > 1 or is_log_campaign(read[0])):
         raise InputError("--part: allowed for one ball-bar campaign")
     check_writable(out, force)
-    if len(read) == 1 and is_log_campaign(read[0]):
+    if len(read) == 1 and (is_log_campaign(read[0]) or has_both(read[0])):
         need_report()
+        work = log_report if is_log_campaign(read[0]) else joint_report
         with common.progress_bar(quiet) as progress:
-            html, data = log_report(read[0], machines[0], max_effects, not no_diagnose, common.cores(threads), progress)
+            html, data = work(read[0], machines[0], max_effects, not no_diagnose, common.cores(threads), progress)
         write_whole(out, html, force=force)
         if as_json:
             common.print_json(data)

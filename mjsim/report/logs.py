@@ -7,11 +7,16 @@ from importlib.metadata import version
 import numpy as np
 
 from mjsim.campaign.model import Campaign
+from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.machine.model import Machine
+from mjsim.machine.model import build as build_plant
 from mjsim.plots.logs import axis_figure, circle_figure
 from mjsim.progress import Progress, silent
-from mjsim.report.page import VERDICTS, data_uri, finite, page
-from mjsim.units import UM
+from mjsim.report import build
+from mjsim.report.page import VERDICTS, data_uri, finite, page, render
+from mjsim.units import DEG, UM
+from mjsim.workflow.compare import compare
+from mjsim.workflow.joint_diagnose import bars_of, diagnose_jointly, logs_of
 from mjsim.workflow.log_compare import LogComparison, compare_logs
 from mjsim.workflow.log_diagnose import diagnose_logs
 from mjsim.workflow.log_diagnosis import LogDiagnosis, LogEffect
@@ -54,14 +59,54 @@ def log_report(
         shown = compare_logs(campaign, machine, threads, progress)
         data = _of_comparison(shown)
     progress("writing the page", 0, 1)
+    verdict = VERDICTS.get(data["verdict"] or "")
+    return page("logs.html", data, None, (), verdict=verdict, images=log_images(shown)), finite(data)
+
+
+def joint_report(
+    campaign: Campaign,
+    machine: Machine,
+    max_effects: int | None = None,
+    diagnosed: bool = True,
+    threads: int = 2,
+    progress: Progress = silent,
+) -> tuple[str, dict]:
+    """The report of a campaign with ball-bar tests and axis logs: the page of the ball bar, and the logs below it.
+
+    Args:
+        campaign: With both.
+        machine: As given.
+        max_effects: At most so many causes.
+        diagnosed: Look for missing effects; otherwise compare only.
+        threads: Simulations side by side.
+        progress: Called as work gets on.
+    """
+    day = campaign.measured_on.isoformat() if campaign.measured_on else ""
+    if diagnosed:
+        result = diagnose_jointly(campaign, machine, max_effects, threads, progress)
+        content = build.diagnosed(result.as_diagnosis(), threads, progress, day)
+        shown = result.logs.after
+        said = [f"{e.effect.id}: {e.sentence}" for e in result.effects]
+        logs = _of_diagnosis(result.logs) | {"said": said}
+    else:
+        problem = checked_problem(bars_of(campaign), build_plant(machine), threads)
+        bars = compare(bars_of(campaign), machine, threads, progress, problem)
+        content = build.compared(problem, bars, threads, progress, day)
+        shown = compare_logs(logs_of(campaign), machine, threads, progress)
+        logs = _of_comparison(shown) | {"said": []}
+    progress("writing the page", 0, 1)
+    return render(content, logs, log_images(shown)), finite(content.to_json() | {"axis_logs": logs})
+
+
+def log_images(shown: LogComparison) -> list[list[tuple[str, str]]]:
+    """Names and data URIs of the pictures of every log."""
     images = []
     for t in shown.tests:
         mine = [(f"{t.test.name}, axis {a.axis}", data_uri(axis_figure(t, a))) for a in t.axes.values()]
         if t.circle is not None:
             mine.append((f"{t.test.name}, radial deviation on the circle", data_uri(circle_figure(t))))
         images.append(mine)
-    verdict = VERDICTS.get(data["verdict"] or "")
-    return page("logs.html", data, None, (), verdict=verdict, images=images), finite(data)
+    return images
 
 
 def _of_comparison(result: LogComparison) -> dict:
@@ -129,19 +174,32 @@ def _finding(e: LogEffect, row: dict) -> dict:
             rows.append([name, f"{value:.4g}", f"{ends[0]:.4g} to {ends[1]:.4g}"])
         else:
             rows.append([name, f"{value:.4g}", "–"])
-    keys = ("id", "rms_before_um", "rms_after_um", "alternatives", "tests")
-    return {k: row[k] for k in keys} | {"title": e.effect.title, "remedy": e.effect.remedy.text, "rows": rows}
+    if "rms_before_deg" in row:
+        size = f"{row['rms_before_deg']:.3g} → {row['rms_after_deg']:.3g} °"
+    else:
+        size = f"{row['rms_before_um']:.2f} → {row['rms_after_um']:.2f} µm"
+    keys = ("id", "alternatives", "tests")
+    return (
+        {k: row[k] for k in keys}
+        | {"change": size}
+        | {"title": e.effect.title, "remedy": e.effect.remedy.text, "rows": rows}
+    )
 
 
 def _ladders(result: LogDiagnosis) -> list[dict]:
     out = []
     for axis, s in result.selections.items():
         names = [t.test.name for t in result.after.tests if axis in t.axes]
+        rotary = result.machine.chain.is_rotary(axis)
+        unit = DEG if rotary else UM
         steps = [("as given", s.given), ("data sheet fitted", s.ladder[0])]
         steps += [(f"+ {key}", fit) for key, fit in zip(s.order, s.ladder[1:], strict=False)]
         steps.append(("final model", s.fit))
-        rows = [[name, [float(v) / UM for v in np.sqrt(fit.mean_squares)]] for name, fit in steps]
-        out.append({"axis": axis, "tests": names, "rows": rows})
+        rows = [[name, [float(v) / unit for v in np.sqrt(fit.mean_squares)]] for name, fit in steps]
+        symbol = "°" if rotary else "µm"
+        form = "%.3g" if rotary else "%.2f"
+        rows = [[name, [form % v for v in values]] for name, values in rows]
+        out.append({"axis": axis, "unit": symbol, "tests": names, "rows": rows})
     return out
 
 

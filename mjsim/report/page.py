@@ -50,10 +50,15 @@ _DPI = 120
 KINDS = {"adjust": "adjust", "compensate": "compensate", "maintain": "maintain", "share": "share only"}
 
 
-def render(content: ReportContent) -> str:
+def render(content: ReportContent, logs: dict | None = None, log_images: list | None = None) -> str:
     """The page as HTML text.
 
     All texts are escaped; the same content gives the same page.
+
+    Args:
+        content: What the page says.
+        logs: What axis logs of the campaign add, where there are any.
+        log_images: Their pictures, (name, data URI) by log.
 
     Raises:
         ValueError: an unknown verdict, or traces that cannot be drawn (see :mod:`mjsim.plots`).
@@ -62,9 +67,11 @@ def render(content: ReportContent) -> str:
         raise ValueError(f"verdict must be one of {', '.join(VERDICTS)}, not '{content.verdict}'")
     return page(
         "report.html",
-        content.to_json(),
+        content.to_json() | ({"axis_logs": logs} if logs else {}),
         content.traces,
         ("common.js", "plot.js", "report.js"),
+        logs=logs,
+        log_images=log_images or [],
         last=len(content.models) - 1,
         verdict=VERDICTS.get(content.verdict or ""),
         removed=_removed(content),

@@ -5,7 +5,8 @@ The control is sampled: with the motor's angle y, the command r and its sampling
     x = [(Kpp + ratio·s) r − (Kpp + s) y] / (1 + lag·s)      by Tustin's rule, s = (2/h)(z − 1)/(z + 1)
     u = Kvp [x + (1/Ti) ∫ x dt]                              trapezoidal; clipped, delayed, held for one sample
 
-Without a lag (or one below h/2) s is a difference over ``velocity_samples`` samples, backwards. A discrete law
+Without a lag (or one below h/2) s is a difference over ``velocity_samples`` samples, backwards. A control that states
+no sampling time is continuous: r, y and their rates are then those of the middle of a step. A discrete law
 ``R u = T r − S y`` stands in place of both lines. Between samples the mechanics are those of
 :mod:`mjsim.simulation.drive`: the linear part exact, the LuGre bristle by its own exponential at the mid velocity, with
 
@@ -27,7 +28,7 @@ from mjsim.machine.plant import AxisPlant
 from mjsim.simulation.drive import MOST_SUBSTEPS, PHASE, bristle_rate
 from mjsim.simulation.servo_loop import loop, means, parameters, torque_waves
 
-#: Longest sampling time of a control that states none, s.
+#: Longest step of a control that states no sampling time, and is taken as continuous, s.
 _FINE = 1e-4
 
 
@@ -109,8 +110,15 @@ def sampled(axis: AxisPlant, time: np.ndarray, command: np.ndarray) -> Sampled:
     count = math.floor((time[-1] - time[0]) / step + 1e-6) + 1
     grid = time[0] + step * np.arange(count)
     even = count == len(time) and bool(np.abs(grid - time).max() < 1e-3 * step)
-    r = command if even else np.interp(grid, time, command)
+    r = command if even else _between(time, command, grid)
     return Sampled(step, grid, np.ascontiguousarray(r * axis.gear), even)
+
+
+def _between(time: np.ndarray, command: np.ndarray, grid: np.ndarray) -> np.ndarray:
+    """A recorded command at other instants, (n,): smooth, and monotone between the samples: steps stay steps."""
+    from scipy.interpolate import PchipInterpolator  # slow to load
+
+    return PchipInterpolator(time, command)(np.clip(grid, time[0], time[-1]))
 
 
 def follow(axis: AxisPlant, time: np.ndarray, command: np.ndarray, start: ServoStart) -> ServoMotion:

@@ -6,11 +6,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from mjsim.axislog.measurement import Logs
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.calibration import expected_effects
 from mjsim.estimation.combinations import Combination, combinations
+from mjsim.estimation.competing import CompetingModel
 from mjsim.estimation.curve_fit import fit_beside
 from mjsim.estimation.curve_search import best_curve_term
 from mjsim.estimation.curve_terms import CurveTerm
@@ -70,7 +72,7 @@ def diagnose(
         raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; a diagnosis needs measured tests")
     return remembered(
         "diagnoses",
-        lambda: (campaign, machine, max_effects, settings),
+        lambda: (replace(campaign, logs=Logs()), machine, max_effects, settings),
         lambda: _diagnose(campaign, machine, max_effects, threads, progress, settings),
     )
 
@@ -260,9 +262,9 @@ def _found(problem: Problem, selection: Selection) -> list[tuple[float, Diagnose
         free = selection.fit.effects[at]
         ci = free.interval(free.vector, selection.fit.covariance_of(free))
         where = _where(problem, selection, at)
-        out.append(
-            (f.gain, DiagnosedEffect(free.effect, free.names, ci, 0.0, 0.0, f.alternatives, where, f.gain, f.rejected))
-        )
+        found = DiagnosedEffect(free.effect, free.names, ci, 0.0, 0.0, f.alternatives, where, f.gain, f.rejected)
+        models = [CompetingModel.of(i, fit) for i, fit in ((f.key, selection.fit), *f.competing.items())]
+        out.append((f.gain, replace(found, models=tuple(models))))
     return out
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.combinations import Combination
+from mjsim.estimation.competing import CompetingModel
 from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.shares import Calibration
 from mjsim.estimation.unexplained import Unexplained
@@ -38,6 +39,7 @@ class DiagnosedEffect:
         tests: Where it shows.
         gain: How far the objective (squared residuals in units of the noise) falls with it.
         rejected: How much less of that the others reach that were fitted in its place, by id.
+        models: The model with it, and those with its alternatives.
     """
 
     effect: Effect
@@ -49,6 +51,7 @@ class DiagnosedEffect:
     tests: tuple[str, ...]
     gain: float = 0.0
     rejected: dict[str, float] = field(default_factory=dict)
+    models: tuple[CompetingModel, ...] = ()
 
 
 @dataclass(frozen=True)

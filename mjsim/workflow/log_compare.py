@@ -169,6 +169,12 @@ class LogComparison:
         return float(np.sqrt(np.mean(squares))) if squares else 0.0
 
     @property
+    def rms_rotary(self) -> float | None:
+        """RMS of all residuals of the rotary axes, rad; nothing where none was recorded."""
+        squares = [a.rms**2 for t in self.tests for a in t.axes.values() if a.rotary]
+        return float(np.sqrt(np.mean(squares))) if squares else None
+
+    @property
     def noise(self) -> float:
         """Largest noise of a linear axis, m."""
         return max((a.noise.rms for t in self.tests for a in t.linear), default=0.0)
@@ -183,6 +189,7 @@ class LogComparison:
             "noise_um": _r(self.noise / UM),
             "noise_source": "; ".join(dict.fromkeys(a.noise.source for t in self.tests for a in t.axes.values())),
             "rms_um": _r(self.rms / UM),
+            **({"rms_deg": _r(self.rms_rotary / DEG)} if self.rms_rotary is not None else {}),
             "not_measured": [t.name for t in self.campaign.logs.tests if t.name not in recorded],
             "tests": [t.to_json() for t in self.tests],
         }

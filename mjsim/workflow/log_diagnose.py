@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import pairwise
@@ -11,8 +12,8 @@ import numpy as np
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.axis_logs.data import axis_data
-from mjsim.estimation.axis_logs.entries import CONTROLLER, DRIVE, NUISANCES
-from mjsim.estimation.axis_logs.fit import AxisFit
+from mjsim.estimation.axis_logs.entries import CONTROLLER, DRIVE, NUISANCES, Entry
+from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter
 from mjsim.estimation.axis_logs.selection import AxisSearch, AxisSelection
 from mjsim.estimation.axis_logs.separability import inseparable, intervals
 from mjsim.estimation.axis_logs.unexplained import unexplained_rest
@@ -35,6 +36,7 @@ def diagnose_logs(
     threads: int = 2,
     progress: Progress = silent,
     settings: DiagnosisSettings = DIAGNOSIS,
+    shared: Mapping[str, Sequence[Entry]] | None = None,
 ) -> LogDiagnosis:
     """Find what is missing from the model of the recorded axes, and the numbers of their drives.
 
@@ -47,35 +49,52 @@ def diagnose_logs(
         threads: Simulations side by side.
         progress: Called as work gets on.
         settings: What decides.
+        shared: By axis what another instrument knows, with its uncertainty as priors.
 
     Raises:
         InputError: No log has a recording, or a controller is missing.
     """
     check_recorded(campaign, machine)
     searches = {
-        axis: AxisSearch(machine, axis_data(campaign.logs, axis, machine), threads, settings, progress)
+        axis: AxisSearch(
+            machine, axis_data(campaign.logs, axis, machine), threads, settings, progress, (shared or {}).get(axis, ())
+        )
         for axis in campaign.logs.axes
     }
     with ThreadPoolExecutor(max(1, min(threads, len(searches)))) as pool:
         selections = dict(zip(searches, pool.map(lambda s: s.run(max_effects), searches.values()), strict=True))
+    return log_diagnosis(campaign, machine, {a: s.fitter for a, s in searches.items()}, selections, settings)
+
+
+def log_diagnosis(
+    campaign: Campaign,
+    machine: Machine,
+    fitters: Mapping[str, LogFitter],
+    selections: Mapping[str, AxisSelection],
+    settings: DiagnosisSettings = DIAGNOSIS,
+) -> LogDiagnosis:
+    """What the searches of all axes come to.
+
+    Args:
+        campaign: What was recorded.
+        machine: As given.
+        fitters: Of the axes, by letter.
+        selections: What was found, by letter.
+        settings: What decides.
+    """
     fitted = merged(machine, [s.fit for s in selections.values()])
-    before = overlay_logs(campaign, machine, {a: (searches[a].fitter, s.given) for a, s in selections.items()})
-    after = overlay_logs(campaign, fitted, {a: (searches[a].fitter, s.fit) for a, s in selections.items()})
+    before = overlay_logs(campaign, machine, {a: (fitters[a], s.given) for a, s in selections.items()})
+    after = overlay_logs(campaign, fitted, {a: (fitters[a], s.fit) for a, s in selections.items()})
     effects = sorted((e for s in selections.values() for e in effects_of(s)), key=lambda e: -e.gain)
     rest = [
         r
         for a, s in selections.items()
-        if (r := unexplained_rest(searches[a].fitter, s.fit, machine.drives[a].gear, settings)) is not None
+        if (r := unexplained_rest(fitters[a], s.fit, machine.drives[a].gear, settings)) is not None
     ]
     if effects:
         verdict = "ambiguous" if any(e.alternatives for e in effects) else "identified"
     else:
         verdict = "unknown" if rest else "nothing_found"
-    loads = {
-        a for t in campaign.logs.recorded for a in t.axes if campaign.logs.recordings[t.name].axes[a].load is not None
-    }
-    hidden = [f"{kind}.{a}" for a in campaign.logs.axes if a not in loads for kind in _BEHIND]
-    hidden = [h for h in hidden if exists(h, machine)]
     return LogDiagnosis(
         campaign,
         verdict,
@@ -83,12 +102,21 @@ def diagnose_logs(
         tuple(n for a, s in selections.items() for n in sheet_of(machine, a, s)),
         tuple(i for s in selections.values() for i in inseparable(s.fit)),
         tuple(rest),
-        tuple(hidden),
+        tuple(hidden_effects(campaign, machine)),
         fitted,
         before,
         after,
         selections,
     )
+
+
+def hidden_effects(campaign: Campaign, machine: Machine) -> list[str]:
+    """Ids of effects behind the encoders of the recorded axes, where no encoder at the load was recorded."""
+    loads = {
+        a for t in campaign.logs.recorded for a in t.axes if campaign.logs.recordings[t.name].axes[a].load is not None
+    }
+    hidden = [f"{kind}.{a}" for a in campaign.logs.axes if a not in loads for kind in _BEHIND]
+    return [h for h in hidden if exists(h, machine)]
 
 
 def exists(effect_id: str, machine: Machine) -> bool:

@@ -117,13 +117,13 @@ class LogDiagnosis:
             "noise_um": _sig(self.before.noise / UM),
             "rms_before_um": _sig(self.before.rms / UM),
             "rms_after_um": _sig(self.after.rms / UM),
+            **self._rotary(),
             "effects": [
                 {
                     "id": e.effect.id,
                     "parameters": {k: _sig(v) for k, v in e.effect.values.items()},
                     "ci95": {k: [_sig(x) for x in v] for k, v in e.ci95.items()},
-                    "rms_before_um": _sig(e.rms_before / UM),
-                    "rms_after_um": _sig(e.rms_after / UM),
+                    **change(self.machine, e.effect.subject, e.rms_before, e.rms_after),
                     "alternatives": list(e.alternatives),
                     "tests": list(e.tests),
                 }
@@ -140,6 +140,12 @@ class LogDiagnosis:
             "tests": [t.to_json() for t in self.after.tests],
         }
 
+    def _rotary(self) -> dict:
+        before, after = self.before.rms_rotary, self.after.rms_rotary
+        if before is None or after is None:
+            return {}
+        return {"rms_before_deg": _sig(before / DEG), "rms_after_deg": _sig(after / DEG)}
+
     def _rest_json(self, rest: UnexplainedRest) -> dict:
         rotary = self.machine.chain.is_rotary(rest.axis)
         period = None if rest.period is None else _sig(rest.period / (DEG if rotary else MM))
@@ -149,7 +155,7 @@ class LogDiagnosis:
             "axes": [rest.axis],
             "variable": rest.variable,
             "period": period,
-            "rms_um": _sig(rest.rms / UM),
+            ("rms_deg" if rotary else "rms_um"): _sig(rest.rms / (DEG if rotary else UM)),
             "share": _sig(rest.share),
             "tests": list(rest.tests),
             "summary": f"On {rest.axis}, {size} RMS depend on {rest.variable.replace('_', ' ')}{where} and on no cause "
@@ -174,6 +180,12 @@ class LogDiagnosis:
                     "difference_um": None,
                 }
         return None
+
+
+def change(machine: Machine, axis: str, before: float, after: float) -> dict:
+    """RMS of an axis before and after a cause entered the model, µm or degrees."""
+    unit, symbol = (DEG, "deg") if axis in machine.chain.letters and machine.chain.is_rotary(axis) else (UM, "um")
+    return {f"rms_before_{symbol}": _sig(before / unit), f"rms_after_{symbol}": _sig(after / unit)}
 
 
 def _sig(x):

@@ -25,8 +25,9 @@ def export_logs(
     force: bool = False,
     threads: int = 2,
     progress: Progress = silent,
+    figures: str = FIGURES,
 ) -> list[Path]:
-    """Compare, and write a CSV per axis of every log, and ``figures.csv``.
+    """Compare, and write a CSV per axis of every log, and their figures.
 
     Args:
         campaign: What is compared.
@@ -37,6 +38,7 @@ def export_logs(
         force: Replace files.
         threads: Simulations side by side.
         progress: Called as work gets on.
+        figures: File of the table of figures.
 
     Returns:
         The files.
@@ -47,17 +49,17 @@ def export_logs(
     names = wanted(campaign, [t.name for t in campaign.logs.recorded], tests, "log")
     chosen = [t for t in campaign.logs.recorded if t.name in names]
     files = [f"{t.name}-{a}.csv" for t in chosen for a in t.axes]
-    for file in (*files, FIGURES):
+    for file in (*files, figures):
         check_writable(Path(out) / file, force)
     result = compare_logs(campaign, machine, threads, progress)
-    contents, figures = {}, [["log", "axis", "unit", "rms", "max", "noise", "following_rms", "shift_ms"]]
+    contents, lines = {}, [["log", "axis", "unit", "rms", "max", "noise", "following_rms", "shift_ms"]]
     for t in result.tests:
         if t.test not in chosen:
             continue
         for a in t.axes.values():
             contents[f"{t.test.name}-{a.axis}.csv"] = log_rows(a)
-            figures.append(figure_row(t.test.name, a))
-    contents[FIGURES] = figures
+            lines.append(figure_row(t.test.name, a))
+    contents[figures] = lines
     write_all({Path(out) / file: as_csv(rows, decimal_comma) for file, rows in contents.items()}, force)
     return [Path(out) / file for file in contents]
 

@@ -10,7 +10,7 @@ import numpy as np
 from mjsim.estimation.axis_logs.as_given import fit_as_given
 from mjsim.estimation.axis_logs.candidates import FRICTION, SIMPLER, Candidate, Catalogue
 from mjsim.estimation.axis_logs.data import AxisData
-from mjsim.estimation.axis_logs.entries import CONTROLLER, AxisModel
+from mjsim.estimation.axis_logs.entries import CONTROLLER, AxisModel, Entry
 from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter, gain
 from mjsim.estimation.axis_logs.gains import GainsRead, read_gains
 from mjsim.estimation.axis_logs.likelihood import Gain
@@ -98,6 +98,7 @@ class AxisSearch:
         threads: Simulations side by side.
         settings: What decides.
         progress: Called as work gets on.
+        shared: Numbers that another instrument knows, with what it knows as their priors.
     """
 
     def __init__(
@@ -107,8 +108,9 @@ class AxisSearch:
         threads: int = 2,
         settings: DiagnosisSettings = DIAGNOSIS,
         progress: Progress = silent,
+        shared: Sequence[Entry] = (),
     ) -> None:
-        self.machine, self.settings, self.progress = machine, settings, progress
+        self.machine, self.settings, self.progress, self.shared = machine, settings, progress, tuple(shared)
         self.fitter = LogFitter(machine, data, threads)
         self.catalogue = Catalogue(machine, data)
         self.axis = data[0].axis
@@ -119,7 +121,7 @@ class AxisSearch:
         given = fit_as_given(self.fitter, self.machine)
         if all(np.ptp(d.record.command) <= d.resolution for d in self.fitter.data):  # it stood still all the time
             return AxisSelection(self.axis, given, given, (given,), self.fitter.polished(given), ())
-        fit = sheet = self.fitter.fit(start_model(self.machine, self.fitter.data, self.gains))
+        fit = sheet = self.fitter.fit(start_model(self.machine, self.fitter.data, self.gains, self.shared))
         found, ladder = self._opening(fit) if max_effects else ([], [fit])
         fit, restarted = ladder[-1], 0
         while len(found) < max_effects:

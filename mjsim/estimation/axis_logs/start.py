@@ -26,17 +26,22 @@ _MOST_SHIFT = 5.0
 _SAME_SAMPLE, _KNOWN_SHIFT = 0.999, 0.001
 
 
-def start_model(machine: Machine, data: Sequence[AxisData], gains: Sequence[GainsRead] = ()) -> AxisModel:
+def start_model(
+    machine: Machine, data: Sequence[AxisData], gains: Sequence[GainsRead] = (), shared: Sequence[Entry] = ()
+) -> AxisModel:
     """One axis with its data sheet and the nuisances of its recordings free.
 
     Args:
         machine: As given.
         data: All recordings of the axis.
         gains: Read back from recorded outputs.
+        shared: Numbers that another instrument knows, with what it knows as their priors.
     """
     axis = data[0].axis
     machine = sampled_as_read(machine, axis, gains)
-    sheet = [_read_back(e, gains) for e in sheet_entries(machine, data)]
+    sheet = {e.label: e for e in sheet_entries(machine, data)}
+    sheet |= {e.label: e for e in shared if e.owner != DRIVE or e.label in sheet}
+    sheet = [_read_back(e, gains) for e in sheet.values()]
     together = {g.controller for g in gains if g.explained > _SAME_SAMPLE}
     nuisances = [_in_step(e, data, together) for e in nuisance_entries(machine, data)]
     return AxisModel(machine, axis, (*sheet, *nuisances))
@@ -143,9 +148,12 @@ def _positive(owner: str, name: str, value: float, deviation: float, where: str 
 def nuisance_entries(machine: Machine, data: Sequence[AxisData]) -> tuple[Entry, ...]:
     """Time shift, encoder zero and, where there is an integrator, the torque at the start, of every recording."""
     out = []
+    late = machine.effect(f"servo_delay.{data[0].axis}")
     for d in data:
-        limit = _MOST_SHIFT * d.step
-        out.append(Entry(SHIFT, SHIFT, 0.0, d.name, 1.0, scale=d.step, lower=-limit, upper=limit))
+        # a recording has the command before its delay, or behind it: nobody knows
+        wide = math.hypot(1.0, late.si("delay_ms") / d.step if late is not None else 0.0)
+        limit = _MOST_SHIFT * wide * d.step
+        out.append(Entry(SHIFT, SHIFT, 0.0, d.name, wide, scale=d.step, lower=-limit, upper=limit))
         out.append(Entry(ZERO, ZERO, 0.0, d.name, 1.0, scale=_ZERO * d.resolution))
         drive = machine.under(d.test.controller or only(machine, d.axis)).drives[d.axis]
         if np.isfinite(drive.integral_time) and drive.control.law is None:

@@ -1,0 +1,31 @@
+"""Models that the ball-bar tests cannot tell from each other, as another instrument needs them to decide."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mjsim.estimation.fit import Fit
+from mjsim.estimation.posterior import Posterior
+from mjsim.machine.model import Machine
+
+
+@dataclass(frozen=True)
+class CompetingModel:
+    """One explanation of the ball-bar tests.
+
+    Attributes:
+        effect_id: Id of the effect that it has in the place of another one.
+        machine: With the fitted effects and the calibrated data sheet.
+        posterior: What the tests leave uncertain about it.
+        objective: Squared residuals in units of the noise plus squared prior departures.
+    """
+
+    effect_id: str
+    machine: Machine
+    posterior: Posterior
+    objective: float
+
+    @classmethod
+    def of(cls, effect_id: str, fit: Fit) -> CompetingModel:
+        """From a finished fit."""
+        return cls(effect_id, fit.machine, Posterior.of(fit), float(fit.objective))

@@ -1,0 +1,182 @@
+"""Ball bar and axis log of one machine: what the ball bar cannot tell apart, a log of one axis decides."""
+
+import json
+import shutil
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from independent import machine_logs
+from independent.campaign import Case
+
+from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import read_machine
+from mjsim.cli.main import main
+from mjsim.effects import registry
+from mjsim.errors import InputError
+from mjsim.estimation.axis_logs.shared import shared_entries
+from mjsim.estimation.competing import CompetingModel
+from mjsim.estimation.data_sheet import data_sheet
+from mjsim.estimation.effect_vector import EffectVector
+from mjsim.estimation.posterior import Posterior
+from mjsim.estimation.settings import DIAGNOSIS
+from mjsim.io.cache import cached
+from mjsim.io.resources import examples
+from mjsim.workflow.diagnosis import DiagnosedEffect
+from mjsim.workflow.joint_diagnose import diagnose_jointly
+from mjsim.workflow.judge import Judge
+
+INSTRUMENTS = (
+    '[instrument.bar]\nkind = "ball_bar"\n\n[instrument.control]\nkind = "axis_log"\nsample_rate_Hz = 1000.0\n'
+)
+CAUSES = {
+    "servo_gain.C": {"id": "servo_gain.C", "ratio": 1.03},
+    "servo_delay.C": {"id": "servo_delay.C", "delay_ms": -0.5},
+}
+
+
+def case(*hidden):
+    return Case("two-candidates", "M2", (), hidden, seed=5)
+
+
+def with_log(folder, *hidden, torque=False):
+    """The example that leaves two candidates, with a log of C of the same hidden machine."""
+    target = folder / "campaign"
+    shutil.copytree(examples() / "two-candidates", target, ignore=shutil.ignore_patterns(".mjsim"))
+    machine_logs.add(case(*hidden), target, "C", torque)
+    return target
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory):
+    return with_log(tmp_path_factory.mktemp("mixed"), CAUSES["servo_gain.C"])
+
+
+def explained_by(machine, effect_id, spread, **values):
+    """A model of the ball bar with one effect that it knows within ``spread`` typical sizes."""
+    effect = registry.make(effect_id, machine.chain, **values)
+    free = EffectVector(effect, tuple(values))
+    n = len(data_sheet(machine.chain))
+    covariance = np.diag([spread**2, *np.ones(n)])
+    return CompetingModel(effect_id, machine.with_effect(effect), Posterior((free,), covariance), 100.0)
+
+
+def candidates(machine):
+    return (
+        explained_by(machine, "servo_gain.C", 0.06, ratio=1.03),
+        explained_by(machine, "servo_delay.C", 0.1, delay_ms=-0.49),
+    )
+
+
+def judged(folder, models):
+    """What the log says of a finding of the ball bar and of what it cannot be told from."""
+    campaign = read_campaign(folder)
+    machine = read_machine(campaign.machine_file)
+    models = models(machine)
+    effect = models[0].machine.effect(models[0].effect_id)
+    others = tuple(m.effect_id for m in models[1:])
+    found = DiagnosedEffect(effect, (), {}, 0.0, 0.0, others, (), models=models)
+    bar = SimpleNamespace(machine=models[0].machine, effects=(found,))
+    return Judge(campaign, machine, 1, DIAGNOSIS).of(bar, {})
+
+
+@pytest.mark.parametrize("hidden", CAUSES)
+def test_a_log_decides_between_gain_and_delay(tmp_path, hidden):
+    """Slow tests see a gain that is too high as a command that is early; where the axis accelerates they differ."""
+    result = judged(with_log(tmp_path, CAUSES[hidden]), candidates)
+    decision = result.decisions["servo_gain.C"]
+    assert decision.effect_id == hidden
+    (other,) = set(CAUSES) - {hidden}
+    assert decision.excluded(DIAGNOSIS.indistinguishable) == (other,)
+    assert decision.bar[other] == 0.0 and decision.logs[other] > 1000.0
+    assert [e.id for e in result.machine.effects if e.id in CAUSES] == [hidden]
+
+
+def test_a_log_contradicts_what_is_not_there(tmp_path):
+    """A position gain that the ball bar alone believes in, and that the log of the axis does not have."""
+    result = judged(with_log(tmp_path), lambda machine: candidates(machine)[:1])
+    assert result.decisions == {} and result.support["servo_gain.C"] < -100.0
+
+
+def test_a_log_supports_what_is_there(mixed):
+    assert judged(mixed, lambda machine: candidates(machine)[:1]).support["servo_gain.C"] > 1000.0
+
+
+def test_what_the_ball_bar_knows_are_priors(m2):
+    model = explained_by(m2, "servo_gain.C", 0.06, ratio=1.03)
+    entries = {e.label: e for e in shared_entries(model, "C")}
+    gain = entries["servo_gain.C.ratio"]
+    assert gain.centre == 1.03 and gain.deviation == pytest.approx(0.06 * 0.01 / 1.03)
+    inertia = entries["drive.inertia"]
+    assert inertia.centre == m2.drives["C"].inertia and inertia.deviation == pytest.approx(0.03)
+    assert "servo_gain.C.ratio" not in {e.label for e in shared_entries(model, "X")}
+
+
+@pytest.mark.slow
+def test_two_candidates_are_resolved_by_one_log(mixed, shared_results):
+    campaign = replace(read_campaign(examples() / "two-candidates"), logs=read_campaign(mixed).logs)
+    with cached():  # another test diagnoses the ball bar of this example
+        result = diagnose_jointly(campaign, read_machine(campaign.machine_file))
+    data = result.to_json()
+    (effect,) = data["effects"]
+    assert result.bar.verdict == "ambiguous"
+    assert (data["verdict"], effect["id"], effect["decided_by"]) == ("identified", "servo_gain.C", "axis_log")
+    low, high = effect["ci95"]["ratio"]
+    assert low < 1.03 < high and high - low < 0.002
+    assert effect["alternatives"] == [] and data["next_test"] is None
+    assert data["rms_after_um"] < 1.05 * data["noise_um"]
+    assert {"servo_gain.C", "servo_delay.C"}.isdisjoint(data["not_testable"])
+    assert "servo_delay.C fits worse" in effect["evidence"]
+
+
+def test_compare_and_check_work_on_both(mixed, tmp_path):
+    folder = shutil.copytree(mixed, tmp_path / "one")
+    text = (folder / "campaign.toml").read_text()
+    tests = text.split("[[test]]")
+    (folder / "campaign.toml").write_text("[[test]]".join([tests[0], tests[1], tests[-1]]))
+    for command in (["compare", "--no-plots"], ["check"]):
+        run = CliRunner().invoke(main, [command[0], str(folder), *command[1:], "--json"])
+        assert run.exit_code == 0, run.output
+        data = json.loads(run.stdout)
+        assert [t["name"] for t in data["tests"]] == ["cone15-centre-ccw"]
+        assert [t["name"] for t in data["axis_logs"]["tests"]] == ["strokes-c"]
+
+
+def test_instruments_by_name(mixed, tmp_path):
+    campaign = read_campaign(mixed)
+    assert campaign.logs.instrument.rate == 1000.0 and campaign.instrument.resolution == 0.1e-6
+    text = (mixed / "campaign.toml").read_text()
+    before, _, rest = text.partition("[instrument.bar]")
+    tests = "[[test]]" + rest.partition("[[test]]")[2]
+    machine = (mixed / "machine.toml").read_text()
+    wrong = {
+        '[instrument]\nkind = "ball_bar"\n': "one table for each",
+        INSTRUMENTS.replace("axis_log", "ball_bar"): "allowed: one of each kind",
+        '[instrument.bar]\nkind = "ball_bar"\n': "is of the kind axis_log",
+    }
+    for table, said in wrong.items():
+        (tmp_path / "machine.toml").write_text(machine)
+        (tmp_path / "campaign.toml").write_text(before + table + tests)
+        with pytest.raises(InputError, match=said):
+            read_campaign(tmp_path, traces=False)
+    named = tests.replace('kind = "log"', 'kind = "log"\ninstrument = "control"')
+    (tmp_path / "campaign.toml").write_text(before + INSTRUMENTS + named)
+    assert len(read_campaign(tmp_path, traces=False).logs.tests) == 1
+    (tmp_path / "campaign.toml").write_text(before + INSTRUMENTS + named.replace('"control"', '"bar"'))
+    with pytest.raises(InputError, match="allowed for axis logs: 'control'"):
+        read_campaign(tmp_path, traces=False)
+
+
+def test_a_delay_may_stand_before_or_behind_the_recorded_command(m2):
+    """Nobody knows where a control records: with a command delay, the recording's shift has room for it."""
+    from mjsim.axislog.measurement import LogTest
+    from mjsim.estimation.axis_logs.start import nuisance_entries
+
+    data = [SimpleNamespace(test=LogTest("a", ("C",)), axis="C", step=1e-3, name="a", resolution=1e-6,
+                            record=SimpleNamespace(actual=np.linspace(0.0, 0.1, 1000)))]  # fmt: skip
+    late = m2.with_effect(registry.make("servo_delay.C", m2.chain, delay_ms=3.0))
+    plain, wide = (nuisance_entries(m, data)[0] for m in (m2, late))
+    assert plain.deviation == 1.0 and wide.deviation == pytest.approx(np.hypot(1.0, 3.0))
+    assert replace(plain, deviation=wide.deviation).scale == wide.scale
