@@ -49,6 +49,7 @@ def test_from_a_german_table_with_exchanged_columns_to_a_named_cause(folder, mot
     source.write_text(german(motion[0], motion[1], swapped=True), encoding="cp1252")
     status, said = run("import", source, "--campaign", folder, "--log", "--controller", "c", "--preview")
     assert status == 0 and "exchanged" in said and "nothing was written" in said
+    assert "--signal X_command=3:mm --signal X_actual=2:mm" in " ".join(said.split())
     assert not (folder / "traces").exists()
     table = (folder / "campaign.toml").read_text().replace('"strokes"', '"messung"')
     (folder / "campaign.toml").write_text(table.replace('trace = "strokes.csv"\n', ""))
@@ -64,6 +65,16 @@ def test_from_a_german_table_with_exchanged_columns_to_a_named_cause(folder, mot
     found = json.loads(said)
     assert status == 0 and found["effects"][0]["id"] == "integral_time.X"
     assert found["effects"][0]["parameters"]["ratio"] == pytest.approx(0.4, rel=0.05)
+
+
+def test_the_first_log_of_a_campaign(folder, motion):
+    """A campaign.toml that ends before its tests gets the table of the log."""
+    head = (folder / "campaign.toml").read_text().partition("[[test]]")[0].strip() + "\n"
+    (folder / "campaign.toml").write_text(head)
+    (folder / "m.csv").write_text(german(motion[0], motion[1], swapped=False))
+    assert import_log(folder, folder / "m.csv", controller="c").new_test
+    assert (folder / "campaign.toml").read_text().startswith(head + "\n[[test]]\n")
+    assert [t.name for t in read_campaign(folder).logs.recorded] == ["m"]
 
 
 def test_commands_refuse_exchanged_columns(folder, motion):

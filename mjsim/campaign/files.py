@@ -56,8 +56,12 @@ def read_campaign(path: str | Path, traces: bool = True, as_is: bool = False, sp
     return campaign_from(file, parse(file), traces, as_is, spans)
 
 
-def campaign_from(file: Path, data: dict, traces: bool = True, as_is: bool = False, spans: bool = True) -> Campaign:
+def campaign_from(
+    file: Path, data: dict, traces: bool = True, as_is: bool = False, spans: bool = True, empty: bool = False
+) -> Campaign:
     """The campaign that ``data``, the tables of a campaign.toml, describes when it stands at ``file``.
+
+    ``empty`` allows one that has no test yet.
 
     Raises:
         InputError: as :func:`read_campaign`.
@@ -68,8 +72,9 @@ def campaign_from(file: Path, data: dict, traces: bool = True, as_is: bool = Fal
     bars, logged = split_tests(data)
     data, recorder = split_instruments(file, data, bars["test"], logged)
     bars, logged = split_tests(data)
-    schema = with_tests(CampaignTable, chain) if bars["test"] or not logged else without_tests(CampaignTable)
-    table = check(file, schema, bars if logged else data)
+    empty = empty and not data.get("test")
+    schema = with_tests(CampaignTable, chain) if bars["test"] or not (logged or empty) else without_tests(CampaignTable)
+    table = check(file, schema, bars if logged or empty else data)
     tests = tuple(test_of(file, t, chain) for t in table.test)
     logs = log_tests(file, data, logged, chain) if logged else ()
     names = [t.name for t in (*tests, *logs)]

@@ -14,13 +14,19 @@ from mjsim.machine.chain import Chain
 
 #: Words of headers, English and German, for each signal; in lower case. Longer words are looked for first.
 _WORDS = {
-    "command": ("command", "commanded", "cmd", "setpoint", "set", "reference", "ref", "nominal", "soll", "sollwert",
-                "sollposition", "lagesollwert"),
+    "command": ("command", "commanded", "cmd", "setpoint", "set", "reference", "ref", "nominal", "nom", "noml", "soll",
+                "sollwert", "sollposition", "lagesollwert"),
     "actual": ("actual", "act", "feedback", "fb", "encoder", "measured", "ist", "istwert", "istposition",
                "lageistwert"),
     "torque": ("torque", "moment", "drehmoment"),
     "current": ("current", "strom"),
     "control": ("control", "output", "stellgröße", "stellgroesse"),
+}  # fmt: skip
+#: Words of quantities that are no position, so that their setpoint is not the command and their actual value is not
+#: the actual position.
+_OTHER = {
+    "velocity", "speed", "v", "geschwindigkeit", "drehzahl", "acceleration", "beschleunigung", "jerk", "ruck", "error",
+    "deviation", "lag", "diff", "dif", "schleppabstand", "schleppfehler", "regeldifferenz", "load", "power", "vcmd",
 }  # fmt: skip
 _TIME = {"time", "t", "zeit", "timestamp", "sec", "seconds", "time_s"}
 _ENDINGS = {"torque": "torque_Nm", "current": "current_A", "control": "control_V"}
@@ -64,6 +70,8 @@ def columns_of(table: Table, chain: Chain, signals: tuple[str, ...], options: Op
         found = None if place in taken else _guessed(name, table.units[place], chain)
         if found is not None and found not in out:
             axis, signal = found
+            if signal in _UNITS and not _says(name, table.units[place], _UNITS[signal]):
+                continue  # a torque in % or without a unit is none in N m
             out[found] = Column(axis, signal, place, _unit(name, table.units[place], signal, chain.is_rotary(axis)))
     if ("", "time") not in out and options.rate is None:
         raise InputError(f"{table.path}: no column of the time in {table.columns}; say --time COLUMN or --rate HZ")
@@ -116,11 +124,26 @@ def _time_column(table: Table) -> int | None:
 
 
 def _guessed(name: str, unit: str, chain: Chain) -> tuple[str, str] | None:
-    """Axis and signal that a column's name tells; nothing where it tells none, or two."""
+    """Axis and signal that a column's name tells; nothing where it tells none, or two.
+
+    On a machine of one axis, the name need not say which.
+    """
+    inside = re.compile(r"\[([^\]]*)\]|\(([^)]*)\)")
+    name = inside.sub(lambda m: f" {m[2]} " if m[2] and len(m[2]) == 1 and m[2] not in _UNITS.values() else " ", name)
     words = [w for w in re.split(r"[^A-Za-zÄÖÜäöü]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)) if w]
     axes = {w.upper() for w in words if len(w) == 1 and w.upper() in chain.letters}
-    signals = {s for s, known in _WORDS.items() for w in words if w.lower() in known}
+    axes = axes or (set(chain.letters) if chain.count == 1 else set())
+    small = {w.lower() for w in words}
+    signals = {s for s, known in _WORDS.items() if small & set(known)}
+    if small & _OTHER and signals <= {"command", "actual"}:
+        return None
     return (axes.pop(), signals.pop()) if len(axes) == 1 and len(signals) == 1 else None
+
+
+def _says(name: str, own: str, unit: str) -> bool:
+    """Whether a column's header names a unit."""
+    texts = [own, *re.findall(r"[\[(<]([^\])>]*)[\])>]", name), name.rpartition("_")[2]]
+    return any(re.sub(r"[\s·.*]", "", t) == unit for t in texts)
 
 
 def _unit(name: str, own: str, signal: str, rotary: bool) -> str:

@@ -12,8 +12,8 @@ import numpy as np
 import tomlkit
 
 from mjsim.axislog.measurement import Logs, LogTest
-from mjsim.axislog.mistakes import log_mistakes
-from mjsim.campaign.files import read_campaign
+from mjsim.axislog.mistakes import LogMistake, log_mistakes
+from mjsim.campaign.files import campaign_from
 from mjsim.campaign.logs import LOG
 from mjsim.errors import InputError
 from mjsim.importing.formats import read_any
@@ -23,7 +23,7 @@ from mjsim.importing.reading import Options
 from mjsim.importing.table import Table
 from mjsim.importing.units import factor
 from mjsim.io.files import check_writable, write_all
-from mjsim.io.toml import read_text
+from mjsim.io.toml import parse, read_text
 from mjsim.machine.chain import Chain
 from mjsim.units import DEG, MM
 
@@ -101,7 +101,7 @@ def import_log(
     """
     options = options or Options()
     file = campaign_file(campaign)
-    c = read_campaign(file, traces=False)
+    c = campaign_from(file, parse(file), traces=False, empty=True)
     chain = c.logs.tests[0].chain if c.logs.tests else _chain(c)
     table = read_any(source, options)
     columns = columns_of(table, chain, signals, options)
@@ -114,7 +114,7 @@ def import_log(
         check_writable(target, force)
     data = _csv(time, values)
     log = known or LogTest(name, axes, controller, name, str(target.relative_to(file.parent)), None, chain)
-    questions = _questions(log, axes, values, time, c.logs)
+    questions = _questions(log, axes, values, time, c.logs, columns)
     if not preview:
         text = read_text(file)
         if known is None or known.trace is None:
@@ -192,15 +192,21 @@ def _with_test(text: str, test: LogTest, new: bool) -> str:
     if test.controller is not None:
         table["controller"] = test.controller
     if "test" not in document:
+        document.add(tomlkit.nl())
         document.append("test", tomlkit.aot())
     document["test"].append(table)  # pyright: ignore[reportAttributeAccessIssue, reportArgumentType]
     return tomlkit.dumps(document)
 
 
 def _questions(
-    test: LogTest, axes: tuple[str, ...], values: Mapping[str, np.ndarray], time: np.ndarray, logs: Logs
+    test: LogTest,
+    axes: tuple[str, ...],
+    values: Mapping[str, np.ndarray],
+    time: np.ndarray,
+    logs: Logs,
+    columns: tuple[Column, ...],
 ) -> tuple[str, ...]:
-    """What the recording shows to be wrong."""
+    """What the recording shows to be wrong, and the options that put exchanged columns right."""
     from mjsim.axislog.measurement import AxisRecord, Recording
 
     records = {}
@@ -212,4 +218,13 @@ def _questions(
     recording = Recording(time, records)
     mine = replace(test, axes=axes)
     rated = replace(logs, tests=(mine,), recordings={test.name: recording})
-    return tuple(m.sentence for m in log_mistakes(rated))
+    return tuple(m.sentence + _remedy(m, columns) for m in log_mistakes(rated))
+
+
+def _remedy(mistake: LogMistake, columns: tuple[Column, ...]) -> str:
+    """The options that exchange command and actual position; empty for other mistakes."""
+    if mistake.kind != "exchanged":
+        return ""
+    at = {(c.axis, c.signal): c for c in columns}
+    pairs = [(a, s, at[a, o]) for a in mistake.axes for s, o in (("command", "actual"), ("actual", "command"))]
+    return ": say " + " ".join(f"--signal {a}_{s}={c.place + 1}:{c.unit}" for a, s, c in pairs)
