@@ -39,6 +39,7 @@ from mjsim.prediction.parts import part as part
 from mjsim.prediction.predict import predict as predict
 from mjsim.report.write import report as report
 from mjsim.simulation.multibody import simulate as simulate
+from mjsim.workbench.log_state import log_workbench as log_workbench
 from mjsim.workbench.state import workbench as workbench
 from mjsim.workflow.calibrate import calibrate as calibrate
 from mjsim.workflow.check import check as check
@@ -92,6 +93,7 @@ __all__ = [
     "import_log",
     "import_trace",
     "imported_features",
+    "log_workbench",
     "make_effect",
     "new_campaign",
     "part",

@@ -95,13 +95,18 @@ def nearest(path: np.ndarray, points: np.ndarray, reach: int = 120) -> np.ndarra
     return out
 
 
-def cases(turn: bool) -> list[Case]:
-    """Machines on which everything is a little wrong, every second one with causes that matter as well; all with the
-    tests of a full check.
+def cases(turn: bool, full: bool = False) -> list[Case]:
+    """Machines on which everything is a little wrong, every second one with causes that matter as well.
+
+    Args:
+        turn: Every second test of a set-up with the spindle turned.
+        full: The tests of a full check, in place of the machine's own campaign.
     """
-    tests = tuple(turned(layout("full")) if turn else layout("full"))
     kinds = [[c for c in bank.real() if c.category == f"real-{k}"] for k in ("sound", "faulty")]
-    return [replace(c, tests=tests, tolerance_stated=True) for pair in zip(*kinds, strict=False) for c in pair]
+    mixed = [c for pair in zip(*kinds, strict=False) for c in pair]
+    tests = [layout("full") if full else list(c.tests) for c in mixed]
+    return [replace(c, tests=tuple(turned(t) if turn else t), tolerance_stated=True)
+            for c, t in zip(mixed, tests, strict=True)]  # fmt: skip
 
 
 def compare(case: Case, folder: Path) -> list[dict]:
@@ -158,8 +163,9 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--count", type=int, default=50, help="machines")
     parser.add_argument("--no-turn", action="store_true", help="hold the spindle alike in all tests")
+    parser.add_argument("--full", action="store_true", help="measure the 13 tests of a full check on every machine")
     a = parser.parse_args()
-    for case in cases(not a.no_turn)[: a.count]:
+    for case in cases(not a.no_turn, a.full)[: a.count]:
         out = a.folder / "predictions" / f"{case.name}.json"
         if out.exists():
             continue

@@ -18,7 +18,7 @@ from mjsim.machine.chain import FIVE_AXIS
 from mjsim.prediction.part_run import PartRun
 from mjsim.workbench import axis_data, catalogue, svg
 from mjsim.workbench.bodies import MachineBodies
-from mjsim.workbench.gains import Stopped
+from mjsim.workbench.jobs import Stopped
 from mjsim.workbench.ladder import Ladder
 from mjsim.workbench.live import Live
 from mjsim.workbench.readings import DRIVES, MULTIBODY

@@ -16,6 +16,7 @@ import pytest
 import tomlkit
 from commands import TESTS, cut, refused
 from test_report_browser import BROWSER, FLAGS
+from test_workbench_logs import write as write_log
 
 playwright = pytest.importorskip("playwright.sync_api", reason="without playwright")
 pytestmark = [
@@ -199,6 +200,20 @@ def test_a_campaign_with_mistakes_shows_the_sentence(browser, tmp_path):
         tab = Page(browser, address)
         said = tab.page.locator(".sentence", has_text="campaign.toml:").text_content()
         assert "mjsim check" in said and "the sign is the other way round" in said
+        tab.close()
+
+
+def test_a_log(browser, tmp_path):
+    """Diagnose a campaign of axis logs, look at a cause, add it; the error falls to the noise."""
+    with opened(write_log(tmp_path)) as (_, address):
+        tab = Page(browser, address)
+        tab.wait_for_error(5.0, 20.0, "drives alone")
+        tab.page.keyboard.press("d")
+        tab.page.locator(".card .head", has_text="torque_ripple.X: amplitude 0.03").wait_for()
+        tab.page.get_by_text("show it in the traces").click()
+        tab.page.locator(".card button", has_text="add").click()
+        tab.wait_for_error(0.01, 0.1, "drives alone")
+        assert tab.ladder() == ["+ torque_ripple.X", "machine as given"]
         tab.close()
 
 

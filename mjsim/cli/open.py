@@ -21,7 +21,8 @@ from mjsim.cli import common
 def command(campaign, machine, host, port, no_browser, as_is, threads, as_json, quiet) -> None:
     """Open CAMPAIGN in the workbench: change the model and watch the error, in the browser.
 
-    The page shows traces, machine and effects of the campaign. Nothing is written before you save. Ctrl-C ends it.
+    The page shows traces, machine and effects of the campaign; of axis logs errors and torques. Nothing is written
+    before you save. Ctrl-C ends it.
 
     \b
     Example: mjsim open examples/hidden-backlash

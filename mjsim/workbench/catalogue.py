@@ -56,11 +56,20 @@ class Slider:
     upper: float
 
 
-def entries(chain: Chain) -> list[Entry]:
-    """The catalogue for a machine with these axes, in the order of its ids; without what only axis logs can show."""
+#: Kinds of effects that both instruments show; the other kinds of the motion of a motor only a log can show.
+_BOTH = ("friction", "viscous_friction", "velocity_gain", "servo_gain", "velocity_feedforward", "torque_ripple")
+
+
+def entries(chain: Chain, logs: bool = False) -> list[Entry]:
+    """The catalogue for a machine with these axes, in the order of its ids.
+
+    Args:
+        chain: Axes of the machine.
+        logs: What axis logs can show, in place of what a ball bar can.
+    """
     out = []
     for kind, cls in registry.kinds().items():
-        if cls.for_logs:
+        if cls.for_logs != logs and not (logs and kind in _BOTH):
             continue
         for subject in cls.subjects_of(chain):
             axis = axis_of_subject(subject, chain)
@@ -68,10 +77,10 @@ def entries(chain: Chain) -> list[Entry]:
     return out
 
 
-def by_axis(chain: Chain) -> dict[str, list[Entry]]:
+def by_axis(chain: Chain, logs: bool = False) -> dict[str, list[Entry]]:
     """The catalogue by the letters of the axes, in their order; what belongs to no axis comes last."""
     out: dict[str, list[Entry]] = {a: [] for a in chain.letters}
-    for entry in entries(chain):
+    for entry in entries(chain, logs):
         out.setdefault(entry.axis, []).append(entry)
     return {axis: rows for axis, rows in out.items() if rows}
 

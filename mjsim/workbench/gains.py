@@ -20,11 +20,8 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
+from mjsim.workbench.jobs import Stopped
 from mjsim.workbench.opened import OpenCampaign
-
-
-class Stopped(Exception):
-    """The user has stopped the work, or it is not wanted any more."""
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,10 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
 
 from mjsim.errors import InputError, SimulationError
 from mjsim.machine.effect import Effect
-from mjsim.workbench.gains import Stopped
+from mjsim.workbench.jobs import Jobs, Stopped
 from mjsim.workbench.overlay import Overlay
 from mjsim.workbench.picture import most_changed
 from mjsim.workbench.readings import MULTIBODY
@@ -24,26 +22,7 @@ _EVERY = 1.0
 _PATIENCE = 5.0
 
 
-@dataclass(frozen=True)
-class Job:
-    """Work that the user waits for.
-
-    Attributes:
-        name: What is done.
-        stage: What is done just now.
-        done: Steps of the stage that are done, of ``total``.
-        total: Steps of the stage.
-        alone: The bars of the effects wait for it.
-    """
-
-    name: str
-    stage: str = ""
-    done: int = 0
-    total: int = 0
-    alone: bool = False
-
-
-class Live:
+class Live(Jobs):
     """Keeps the error of a workbench up to date; a page looks at :attr:`version` and draws what has changed.
 
     Args:
@@ -51,6 +30,7 @@ class Live:
     """
 
     def __init__(self, bench: Workbench) -> None:
+        super().__init__()
         self.bench = bench
         #: Counts whatever a page may want to draw again: traces, and bars of the effects.
         self.version, self.bars = 0, 0
@@ -62,10 +42,8 @@ class Live:
         self.shown: list[str] = [t.name for t in bench.opened.tests[:1]]
         #: What went wrong, in one sentence; empty where nothing did.
         self.error = ""
-        self.job: Job | None = None
         #: How far the signatures of the catalogue are, 0 to 1.
         self.signatures = 1.0 if bench.shared.gains is None or bench.shared.gains.ready else 0.0
-        self._stop_job = threading.Event()
         self._asked, self._ended = 0, False
         self._wake = [threading.Event() for _ in range(3)]
         self._calm = threading.Event()
@@ -180,43 +158,6 @@ class Live:
             self.bars += 1
             if asked != self._asked:
                 return
-
-    # -- work that the user waits for ----------------------------------------------------------------------------------
-
-    def run(self, name: str, work: Callable[..., Any], alone: bool = True) -> Any:
-        """Do something that takes a while; one such work at a time.
-
-        Args:
-            name: What is done.
-            work: Called with ``progress(stage, done, total)``.
-            alone: The bars of the effects wait for it; not for a fit, which needs what they are made of.
-
-        Returns:
-            What ``work`` returns.
-
-        Raises:
-            Stopped: It was stopped by :meth:`stop`.
-            InputError: Other work is going on, or as ``work``.
-        """
-        if self.job is not None:
-            raise InputError(f"{self.job.name} is still going on; wait for it or stop it")
-        self._stop_job.clear()
-        self.job = Job(name, alone=alone)
-
-        def progress(stage: str, done: int, total: int) -> None:
-            if self._stop_job.is_set():
-                raise Stopped
-            self.job = Job(name, stage, done, total, alone)
-
-        try:
-            progress("preparing", 0, 0)
-            return work(progress)
-        finally:
-            self.job = None
-
-    def stop(self) -> None:
-        """Stop the work that :meth:`run` does, at its next step."""
-        self._stop_job.set()
 
     @property
     def settled(self) -> bool:

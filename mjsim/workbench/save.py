@@ -78,7 +78,7 @@ def save(
     steps = changes(before, after)
     if not steps:
         return []
-    _check_unchanged(path, text)
+    check_unchanged(path, text)
     campaign = readings.opened.campaign
     if readings.opened.problem is None:
         raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; the history needs the errors")
@@ -94,7 +94,7 @@ def save(
             f"{path}: the model fits worse than the file's: the residual RMS goes from {first.rms / UM:.3f} to "
             f"{last.rms / UM:.3f} µm; nothing was written"
         )
-    _check_unchanged(path, text)
+    check_unchanged(path, text)
     contents = {
         **history.changed_machine(document, path, campaign),
         history.history_file(campaign): history.with_steps(campaign, rows),
@@ -112,6 +112,11 @@ def _compared(readings: Readings, machine: Machine) -> Comparison:
     return overlay(problem, machine, [Reading(t, simulated[t.name].deviation) for t in problem.tests])
 
 
-def _check_unchanged(path: Path, text: str) -> None:
+def check_unchanged(path: Path, text: str) -> None:
+    """Refuse to write a machine file that has another ``text`` than when it was read.
+
+    Raises:
+        InputError: It has.
+    """
     if read_text(path) != text:
         raise InputError(f"{path}: was changed since it was opened; open the campaign again to see what it has now")

@@ -18,7 +18,8 @@ from mjsim.prediction.result import Prediction
 from mjsim.progress import Progress, silent
 from mjsim.workbench import fitting
 from mjsim.workbench import save as saving
-from mjsim.workbench.gains import Gain, Gains, Stopped
+from mjsim.workbench.gains import Gain, Gains
+from mjsim.workbench.jobs import Stopped
 from mjsim.workbench.opened import OpenCampaign
 from mjsim.workbench.picture import Picture, picture
 from mjsim.workbench.tried import Shared, TriedModel
@@ -196,8 +197,11 @@ def workbench(
         threads: Tests that are worked on side by side.
 
     Raises:
-        InputError: A file is wrong, or the traces show a mistake.
+        InputError: A file is wrong, the traces show a mistake, or the campaign has axis logs alone
+            (:func:`mjsim.workbench.log_state.log_workbench` opens those).
     """
     if not isinstance(campaign, Campaign):
         campaign = read_campaign(campaign)
+    if not campaign.tests:
+        raise InputError(f"{campaign.folder / 'campaign.toml'}: has axis logs alone; open it with log_workbench")
     return Workbench(Shared(OpenCampaign.of(campaign, machine, threads)))

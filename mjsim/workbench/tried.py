@@ -32,18 +32,19 @@ class Shared:
         self.text = read_text(opened.machine.path) if opened.machine.path else ""
 
 
-class TriedModel:
-    """A model that is changed effect by effect, with its ladder and its error.
+class ChangedModel:
+    """A model that is changed effect by effect, with its ladder.
 
     Args:
-        shared: Of the campaign.
+        campaign: What was measured.
+        machine: The model to begin with.
     """
 
-    def __init__(self, shared: Shared) -> None:
-        self.shared, self.opened = shared, shared.opened
+    def __init__(self, campaign: Campaign, machine: Machine) -> None:
+        self.campaign = campaign
         #: The model that the machine file has.
-        self.saved = self.opened.machine
-        self.ladder = Ladder(self.opened.machine)
+        self.saved = machine
+        self.ladder = Ladder(machine)
         #: 95 % intervals of fitted values, by the effect's key and the parameter's name.
         self.intervals: dict[str, dict] = {}
         #: What each effect could explain, by its id, as far as it is known.
@@ -53,12 +54,29 @@ class TriedModel:
         self._gains_of: Machine | None = None
         self._values: dict[str, Effect] = {}
 
-    # -- the model -----------------------------------------------------------------------------------------------------
+    # -- what can be done ----------------------------------------------------------------------------------------------
 
     @property
-    def campaign(self) -> Campaign:
-        """The campaign."""
-        return self.opened.campaign
+    def catalogue(self) -> dict[str, list[catalogue.Entry]]:
+        """The effects that can be put in, by axis."""
+        return catalogue.by_axis(self.machine.chain)
+
+    @property
+    def can_fit(self) -> bool:
+        """Whether something was measured that an effect can be fitted to."""
+        return True
+
+    @property
+    def noise(self) -> float | None:
+        """RMS of one sample's noise, m; ``None`` where nothing was measured."""
+        return None
+
+    @property
+    def gains_are_old(self) -> bool:
+        """Whether :attr:`gains` are those of another model than the present one."""
+        return self._gains_of is not None and self._gains_of is not self.machine
+
+    # -- the model -----------------------------------------------------------------------------------------------------
 
     @property
     def machine(self) -> Machine:
@@ -142,7 +160,22 @@ class TriedModel:
         """Go forward again by one model; whether there was one."""
         return self.ladder.redo()
 
-    # -- the error -----------------------------------------------------------------------------------------------------
+
+class TriedModel(ChangedModel):
+    """A model of a ball-bar campaign that is changed effect by effect, with its error.
+
+    Args:
+        shared: Of the campaign.
+    """
+
+    def __init__(self, shared: Shared) -> None:
+        super().__init__(shared.opened.campaign, shared.opened.machine)
+        self.shared, self.opened = shared, shared.opened
+
+    @property
+    def can_fit(self) -> bool:
+        """Whether a test was measured."""
+        return self.shared.gains is not None
 
     def quick(self, machine: Machine | None = None) -> Overlay:
         """The present model (or another one) over all tests, with what is there of the multibody model and the drives
@@ -172,11 +205,6 @@ class TriedModel:
         machine = machine or self.machine
         self.shared.readings.multibody(machine, names if names is not None else [t.name for t in self.opened.tests])
         return self.quick(machine)
-
-    @property
-    def gains_are_old(self) -> bool:
-        """Whether :attr:`gains` are those of another model than the present one."""
-        return self._gains_of is not None and self._gains_of is not self.machine
 
     def _noted(self, result: Overlay) -> Overlay:
         if result.rms is not None:

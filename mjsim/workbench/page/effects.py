@@ -11,6 +11,7 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.parameter import Parameter
 from mjsim.workbench import catalogue
 from mjsim.workbench.live import Live
+from mjsim.workbench.log_live import LogLive
 
 #: A row of the tree; Quasar fills in the node.
 _ROW = """
@@ -32,10 +33,10 @@ class EffectsPanel:
         on_fit: Called with the id of the effect that shall be fitted.
     """
 
-    def __init__(self, live: Live, on_change: Callable[[], None], on_fit: Callable[[str], object]) -> None:
+    def __init__(self, live: Live | LogLive, on_change: Callable[[], None], on_fit: Callable[[str], object]) -> None:
         self.live, self.on_change, self.on_fit = live, on_change, on_fit
         self.chosen = ""
-        self._groups = catalogue.by_axis(live.bench.machine.chain)
+        self._groups = live.bench.catalogue
         self._entries = {e.id: e for rows in self._groups.values() for e in rows}
         self._shown: tuple = ()
         self._controls: dict[tuple[str, str], list] = {}
@@ -52,6 +53,8 @@ class EffectsPanel:
                 self.tree.add_slot("default-header", _ROW)
             self.detail = ui.element("div").classes("detail").mark("detail")
         self.draw()
+        if len(self._groups) == 1:
+            self.tree.expand()
 
     # -- the tree ------------------------------------------------------------------------------------------------------
 
@@ -65,8 +68,10 @@ class EffectsPanel:
             self._expanded_best = True
             best = max(bench.gains, key=lambda k: bench.gains[k].share)
             self.tree.expand([f"axis {self._entries[best].axis}"])
-        if bench.shared.gains is None:
+        if not bench.can_fit:
             self.state.text = "nothing was measured"
+        elif bench.shared.gains is None:
+            self.state.text = "of the recorded axes"
         elif self.live.signatures < 1.0:
             self.state.text = f"computing the bars, {100 * self.live.signatures:.0f} %"
         else:
@@ -145,7 +150,7 @@ class EffectsPanel:
             on.props('dense aria-label="In the model"').mark("in-model")
             fit = ui.button("fit this", on_click=lambda: self.on_fit(entry.id)).props("dense flat no-caps").mark("fit")
             fit.tooltip("Fit this effect together with set-up, instrument and data sheet (F)")
-            fit.set_enabled(self.live.bench.shared.gains is not None)
+            fit.set_enabled(self.live.bench.can_fit)
         ui.label(entry.signature).classes("definition")
         for e in present:
             for p in e.parameters_of(e.subject):

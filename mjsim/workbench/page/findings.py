@@ -10,9 +10,10 @@ from mjsim.machine.effect import Effect
 from mjsim.units import UM
 from mjsim.workbench import catalogue
 from mjsim.workbench.live import Live
+from mjsim.workbench.log_live import LogLive
 from mjsim.workflow.diagnosis import DiagnosedEffect, Diagnosis
 
-_VERDICTS = {
+VERDICTS = {
     "identified": "Identified: the effects below are missing, and nothing else explains the data as well.",
     "ambiguous": "Ambiguous: some effects below cannot be told from others by these tests.",
     "unknown": "Unknown: something repeatable is left that no effect of the catalogue explains.",
@@ -20,8 +21,8 @@ _VERDICTS = {
 }
 
 
-class FindingsPanel:
-    """Draws progress and findings.
+class JobPanel:
+    """Draws the progress of work; a subclass draws the findings of a diagnosis.
 
     Args:
         live: The workbench.
@@ -29,7 +30,9 @@ class FindingsPanel:
         on_preview: Called with an effect that shall be shown in the traces.
     """
 
-    def __init__(self, live: Live, on_change: Callable[[], None], on_preview: Callable[[Effect], None]) -> None:
+    def __init__(
+        self, live: Live | LogLive, on_change: Callable[[], None], on_preview: Callable[[Effect], None]
+    ) -> None:
         self.live, self.on_change, self.on_preview = live, on_change, on_preview
         self.panel = ui.element("div").classes("panel findings").mark("findings")
         with self.panel:
@@ -59,6 +62,15 @@ class FindingsPanel:
 
     def draw(self) -> None:
         """Draw the answer of the last diagnosis."""
+
+
+class FindingsPanel(JobPanel):
+    """Draws progress and findings of a ball-bar campaign; arguments as of :class:`JobPanel`."""
+
+    live: Live
+
+    def draw(self) -> None:
+        """Draw the answer of the last diagnosis."""
         result = self.live.bench.diagnosis
         self.cards.clear()
         if result is None:
@@ -66,7 +78,7 @@ class FindingsPanel:
         with self.cards:
             with ui.element("div").classes("card plain").mark("verdict"):
                 with ui.element("div").style("display: flex; gap: 8px"):
-                    ui.label(_VERDICTS[result.verdict]).style("flex: 1")
+                    ui.label(VERDICTS[result.verdict]).style("flex: 1")
                     ui.button(icon="close", on_click=self.clear).props('dense flat aria-label="Close the diagnosis"')
                 words = f"residual RMS {result.before.rms / UM:.3f} → {result.after.rms / UM:.3f} µm, "
                 ui.label(f"{words}noise {result.noise / UM:.3f} µm").classes("soft")

@@ -19,8 +19,11 @@ from mjsim.machine.bodies import has_model
 from mjsim.machine.model import Machine
 from mjsim.workbench.bodies import MachineBodies
 from mjsim.workbench.live import Live
+from mjsim.workbench.log_live import LogLive
+from mjsim.workbench.log_state import LogBench, SharedLogs
 from mjsim.workbench.opened import OpenCampaign
 from mjsim.workbench.page.desk import Desk
+from mjsim.workbench.page.log_desk import LogDesk
 from mjsim.workbench.state import Workbench
 from mjsim.workbench.tried import Shared
 
@@ -40,12 +43,12 @@ class Server:
         name: Of the campaign.
     """
 
-    def __init__(self, opening: Callable[[], OpenCampaign], name: str) -> None:
+    def __init__(self, opening: Callable[[], Shared | SharedLogs], name: str) -> None:
         self.token = secrets.token_urlsafe(16)
         self.name = name
         self._opening = opening
-        self._shared: asyncio.Task[Shared] | None = None
-        self._tabs: OrderedDict[str, Live] = OrderedDict()
+        self._shared: asyncio.Task[Shared | SharedLogs] | None = None
+        self._tabs: OrderedDict[str, Live | LogLive] = OrderedDict()
         self._bodies: MachineBodies | None = None
         self._solids: dict[str, bytes] = {}
         app.get(f"/{self.token}/meshes/{{name}}")(self._mesh)
@@ -55,9 +58,9 @@ class Server:
     def _open(self) -> None:
         self._shared = asyncio.create_task(asyncio.to_thread(self._prepare))
 
-    def _prepare(self) -> Shared:
-        shared = Shared(self._opening())
-        if has_model(shared.opened.machine.chain):
+    def _prepare(self) -> Shared | SharedLogs:
+        shared = self._opening()
+        if isinstance(shared, Shared) and has_model(shared.opened.machine.chain):
             self._bodies = MachineBodies(shared.opened.machine.chain)
             self._solids = self._bodies.solids()
         return shared
@@ -87,12 +90,16 @@ class Server:
         dark = await ui.run_javascript(_PREFERS_DARK, timeout=10.0)
         place.delete()
         with client.content:
-            Desk(live, f"/{self.token}/meshes", self._bodies, bool(dark))
+            if isinstance(live, LogLive):
+                LogDesk(live, bool(dark))
+            else:
+                Desk(live, f"/{self.token}/meshes", self._bodies, bool(dark))
 
-    def _live(self, tab: str, shared: Shared) -> Live:
+    def _live(self, tab: str, shared: Shared | SharedLogs) -> Live | LogLive:
         """The state of a tab, which a reload of the page keeps."""
         if tab not in self._tabs:
-            self._tabs[tab] = Live(Workbench(shared))
+            logs = isinstance(shared, SharedLogs)
+            self._tabs[tab] = LogLive(LogBench(shared)) if logs else Live(Workbench(shared))
         self._tabs.move_to_end(tab)
         while len(self._tabs) > _TABS:
             self._tabs.popitem(last=False)[1].close()
@@ -127,7 +134,13 @@ def serve(
     Raises:
         InputError: The port is taken.
     """
-    server = Server(lambda: OpenCampaign.of(campaign, machine, threads), campaign.name)
+
+    def opening() -> Shared | SharedLogs:
+        if campaign.logs.tests and not campaign.tests:
+            return SharedLogs(campaign, machine, threads)
+        return Shared(OpenCampaign.of(campaign, machine, threads))
+
+    server = Server(opening, campaign.name)
     port = _free_port(host, port)
     shown = host if host not in ("0.0.0.0", "::") else socket.gethostname()
     address = f"http://{shown}:{port}/{server.token}"

@@ -1,0 +1,254 @@
+"""The workbench of a campaign of axis logs, without a page: a model of the recorded axes and what changes do to it."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import machine_document
+from mjsim.campaign.model import Campaign
+from mjsim.errors import InputError
+from mjsim.estimation.axis_logs.data import axis_data
+from mjsim.estimation.axis_logs.entries import Entry
+from mjsim.estimation.axis_logs.fit import LogFitter
+from mjsim.estimation.axis_logs.gains import read_gains
+from mjsim.estimation.axis_logs.start import start_model
+from mjsim.io.files import write_all
+from mjsim.io.toml import read_text
+from mjsim.machine.effect import Effect
+from mjsim.machine.model import Machine
+from mjsim.progress import Progress, silent
+from mjsim.threads import one_blas_thread
+from mjsim.workbench import catalogue
+from mjsim.workbench import save as saving
+from mjsim.workbench.readings import DRIVES
+from mjsim.workbench.tried import ChangedModel
+from mjsim.workflow import history
+from mjsim.workflow.edit import machine_of
+from mjsim.workflow.log_compare import LogComparison, check_recorded, compare_logs
+from mjsim.workflow.log_diagnose import diagnose_logs, merged, parameter_intervals
+from mjsim.workflow.log_diagnosis import LogDiagnosis
+
+#: Prior standard deviation of a fitted number, logarithms and typical sizes: next to none.
+_WIDE, _WIDE_LOG = 1e3, 10.0
+
+
+@dataclass(frozen=True)
+class OpenLogs:
+    """A campaign of axis logs with its machine.
+
+    Attributes:
+        campaign: As it was read.
+        machine: The model in the machine file.
+        threads: Simulations side by side.
+    """
+
+    campaign: Campaign
+    machine: Machine
+    threads: int
+
+
+class SharedLogs:
+    """What all workbenches of one campaign of axis logs share.
+
+    Args:
+        campaign: As it was read.
+        machine: The model to begin with.
+        threads: Simulations side by side.
+
+    Raises:
+        InputError: No log has a recording, a controller is missing, or a recording shows a mistake.
+    """
+
+    gains = None
+
+    def __init__(self, campaign: Campaign, machine: Machine, threads: int = 2) -> None:
+        check_recorded(campaign, machine)
+        self.opened = OpenLogs(campaign, machine, threads)
+        self.text = read_text(machine.path) if machine.path else ""
+
+
+class LogBench(ChangedModel):
+    """A model of the recorded axes that is changed effect by effect. Nothing is written before :meth:`save`.
+
+    Args:
+        shared: Of the campaign.
+    """
+
+    def __init__(self, shared: SharedLogs) -> None:
+        super().__init__(shared.opened.campaign, shared.opened.machine)
+        self.shared, self.opened = shared, shared.opened
+        self.diagnosis: LogDiagnosis | None = None
+        self._text = shared.text
+        self._lock = threading.Lock()
+        self.noise_rms = 0.0
+
+    @property
+    def catalogue(self) -> dict[str, list[catalogue.Entry]]:
+        """The effects that can be put in, by recorded axis."""
+        groups = catalogue.by_axis(self.machine.chain, logs=True)
+        return {a: rows for a, rows in groups.items() if a in self.campaign.logs.axes}
+
+    @property
+    def noise(self) -> float:
+        """Largest noise of a linear axis, m; 0 before the first comparison."""
+        return self.noise_rms
+
+    def quick(self, machine: Machine | None = None) -> LogComparison:
+        """The present model (or another one) laid over all recordings; some 20 ms for a recording of 4 s.
+
+        Raises:
+            InputError: An effect acts on what the machine does not have.
+            SimulationError: A drive is unstable.
+        """
+        machine = machine or self.machine
+        result = compare_logs(self.campaign, machine, self.opened.threads)
+        self.ladder.note(machine, result.rms, DRIVES)
+        self.noise_rms = result.noise
+        return result
+
+    @one_blas_thread
+    def fit(self, effect_id: str) -> Effect:
+        """Fit one effect, with the data sheet of its axis and the nuisances beside it.
+
+        Raises:
+            InputError: There is no such effect, its axis was not recorded, or it is a wave in several set-ups.
+        """
+        machine = self.machine
+        effect = self.effect(effect_id) or self.start_of(effect_id)
+        axis = effect.subject
+        if axis not in self.campaign.logs.axes:
+            raise InputError(f"{effect.key}: {axis} was not recorded; allowed: {', '.join(self.campaign.logs.axes)}")
+        data = axis_data(self.campaign.logs, axis, machine)
+        fitter = LogFitter(machine, data, self.opened.threads)
+        free = _entries(effect, len({d.test.setup for d in data}))
+        model = start_model(machine, data, read_gains(machine, data)).extended(effect, free)
+        fit = fitter.polished(fitter.fit(model))
+        self.intervals |= parameter_intervals(fit)
+        self.put(f"fit {effect.id}", merged(machine, [fit]))
+        fitted = self.effect(effect.id)
+        assert fitted is not None
+        return fitted
+
+    def diagnose(self, progress: Progress = silent) -> LogDiagnosis:
+        """Search for what the present model lacks, as ``mjsim diagnose`` does.
+
+        Args:
+            progress: Stage, done, total; what it raises stops the search.
+        """
+        self.diagnosis = diagnose_logs(self.campaign, self.machine, threads=self.opened.threads, progress=progress)
+        return self.diagnosis
+
+    def add(self, effect: Effect) -> None:
+        """Put an effect with its values into the model, such as one that a diagnosis found."""
+        self.put(f"+ {effect.key}", self.machine.with_effect(effect))
+
+    def take_fitted(self) -> None:
+        """Take the whole machine of the last diagnosis: its effects and the numbers of its drives."""
+        if self.diagnosis is not None:
+            self.intervals |= {e.effect.key: e.ci95 for e in self.diagnosis.effects}
+            self.put("fitted machine", self.diagnosis.machine)
+
+    @property
+    def unsaved(self) -> list[saving.Change]:
+        """Steps from the machine file to the present model."""
+        return [*saving.changes(self.saved, self.machine), *self._drive_changes()]
+
+    def _drive_changes(self) -> list[saving.Change]:
+        now, file = self.machine, self.saved
+        changed = [
+            a
+            for a in now.chain.letters
+            if now.drives[a] != file.drives[a]
+            or any(c.get(a) != file.controllers[n].get(a) for n, c in now.controllers.items())
+        ]
+        return [saving.Change("add", f"drive.{a}", now) for a in changed]
+
+    def save_makes_worse(self) -> bool:
+        """Whether the present model fits worse than the machine file's."""
+        return self.quick().rms > self.quick(self.saved).rms
+
+    def save(self, force: bool = False, progress: Progress = silent) -> list[saving.Change]:
+        """Write the present model to the machine file; the former text is kept in ``.mjsim``.
+
+        Args:
+            force: Save a model that fits worse than the file's, too.
+            progress: Stage, done, total.
+
+        Raises:
+            InputError: The file was changed meanwhile, or the model fits worse.
+        """
+        with self._lock:
+            steps, path = self.unsaved, self.machine.file
+            if not steps:
+                return []
+            saving.check_unchanged(path, self._text)
+            progress("simulating what is saved", 0, 1)
+            if not force and self.save_makes_worse():
+                raise InputError(f"{path}: the model fits worse than the file's; nothing was written")
+            document = machine_document(self.machine, path, self._text)
+            write_all(history.changed_machine(document, path, self.campaign), force=True)
+            self.saved, self._text = self.machine, read_text(path)
+        return steps
+
+
+def _entries(effect: Effect, setups: int) -> list[Entry]:
+    """What is free of an effect: its numbers, those that cannot be negative by their logarithm; a wave by its two
+    parts.
+    """
+    specs = {p.name: p for p in effect.parameters_of(effect.subject)}
+    if "phase_deg" in specs or any(p.kind == "components" for p in specs.values()):
+        if setups > 1:
+            raise InputError(f"{effect.key}: a wave has a phase in every set-up; diagnose fits it")
+        return _wave_entries(effect)
+    out = []
+    for p in specs.values():
+        value = effect.values.get(p.name)
+        if p.kind != "number" or value is None or (p.neutral is None and not p.leading and value == p.default):
+            continue
+        if p.lower >= 0.0 and value > 0.0:
+            low = max(p.lower, 1e-6 * value)
+            out.append(Entry(effect.id, p.name, value, log=True, lower=low, upper=p.upper, deviation=_WIDE_LOG))
+        else:
+            out.append(
+                Entry(effect.id, p.name, value, scale=p.scale, deviation=_WIDE, lower=p.lower, upper=p.upper,
+                      centre=p.neutral or 0.0)
+            )  # fmt: skip
+    return out
+
+
+def _wave_entries(effect: Effect) -> list[Entry]:
+    """Cosine and sine of every wave; orders stay."""
+    if "components" in effect.values:
+        rows = [(f" {row[0]:g}", row[1]) for row in effect.values["components"]]
+    else:
+        name = next(p.name for p in effect.parameters_of(effect.subject) if p.name.startswith("amplitude_"))
+        rows = [("", effect.values[name])]
+    out = []
+    for order, size in rows:
+        scale = size or 1e-3
+        out += [Entry(effect.id, f"{part}{order}", v, scale=scale, deviation=_WIDE, centre=0.0)
+                for part, v in (("cosine", size), ("sine", 0.0))]  # fmt: skip
+    return out
+
+
+def log_workbench(
+    campaign: Campaign | str | Path, machine: Machine | str | Path | None = None, threads: int = 2
+) -> LogBench:
+    """Open a campaign of axis logs in the workbench, without a page.
+
+    Args:
+        campaign: A campaign or its folder.
+        machine: A model or the file of one; the campaign's own where it is missing.
+        threads: Simulations side by side.
+
+    Raises:
+        InputError: A file is wrong, or a recording shows a mistake.
+    """
+    if not isinstance(campaign, Campaign):
+        campaign = read_campaign(campaign)
+    if not isinstance(machine, Machine):
+        machine = machine_of(campaign, machine)
+    return LogBench(SharedLogs(campaign, machine, threads))

@@ -1,0 +1,90 @@
+"""The page of a campaign of axis logs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+from nicegui import ui
+
+from mjsim.machine.effect import Effect
+from mjsim.units import UM
+from mjsim.workbench.log_live import LogLive
+from mjsim.workbench.page.base import BaseDesk
+from mjsim.workbench.page.effects import EffectsPanel
+from mjsim.workbench.page.ladder import LadderPanel
+from mjsim.workbench.page.log_findings import LogFindingsPanel
+from mjsim.workbench.page.log_traces import LogTraces
+
+#: The error is that of the noise within this factor.
+_GOOD = 1.5
+
+
+class LogDesk(BaseDesk):
+    """Builds the page and keeps it up to date; arguments as of :class:`BaseDesk`."""
+
+    live: LogLive
+    keys: ClassVar[dict[str, str]] = {
+        "Ctrl+Z, Ctrl+Y": "undo, redo",
+        "P, N": "recording before, next recording",
+        "F": "fit the chosen effect",
+        "D": "diagnose",
+        "S": "save to the machine file",
+        "L": "light or dark",
+        "Tab, Enter, arrows": "from control to control; move a slider",
+    }
+
+    def __init__(self, live: LogLive, dark: bool) -> None:
+        super().__init__(live, dark)
+        with self.place:
+            self.effects = EffectsPanel(live, self.changed, self.fit)
+            self.traces = LogTraces(live)
+            with ui.element("div").classes("stack").style("grid-row: 2"):
+                self.findings = LogFindingsPanel(live, self.changed, self.preview)
+                with ui.element("div").classes("panel stack").style("flex: 1 1 0; min-height: 110px"):
+                    self.ladder = LadderPanel(live, self.changed)
+        self.begin()
+
+    def actions(self) -> dict[str, Callable[[], Any]]:
+        """Keys of the recordings."""
+        return {"p": lambda: self.traces.beside(-1), "n": lambda: self.traces.beside(1)}
+
+    def noise_words(self) -> str:
+        """The noise, once the recordings were compared."""
+        noise = self.live.bench.noise
+        return f"noise {noise / UM:.3f} µm" if noise else ""
+
+    def preview(self, effect: Effect) -> None:
+        """Show what an effect changes in the recordings of its axis."""
+        self.traces.show(effect.subject)
+        self.live.preview(effect)
+
+    def tick(self) -> None:
+        """Draw what has changed."""
+        if self.live.version != self._version:
+            self._version = self.live.version
+            self.problem.text = self.live.error
+            self._draw_error()
+            self.traces.draw_shown()
+            self.ladder.draw()
+            self.effects.draw()
+        self.findings.tick()
+
+    def _draw_error(self) -> None:
+        now = self.live.overlay
+        if now is None:
+            return
+        self.noise.text = self.noise_words()
+        self.rms.text = f"{now.rms / UM:.3f} µm"
+        good = now.rms < _GOOD * now.noise
+        self.rms.classes(**({"add": "good"} if good else {"remove": "good"}))
+        self.engine.text = "drives alone"
+        self._draw_buttons()
+
+    def redraw(self) -> None:
+        """The charts, which have colours of their own."""
+        self.traces.draw_shown()
+
+    def darken(self, dark: bool) -> None:
+        """The charts."""
+        self.traces.dark = dark

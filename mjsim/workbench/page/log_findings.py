@@ -1,0 +1,98 @@
+"""The diagnosis of axis logs on the page: causes as cards, and the fitted machine."""
+
+from __future__ import annotations
+
+from nicegui import ui
+
+from mjsim.units import DEG, UM
+from mjsim.workbench import catalogue
+from mjsim.workbench.log_live import LogLive
+from mjsim.workbench.page.findings import VERDICTS, JobPanel
+from mjsim.workflow.log_diagnosis import LogDiagnosis, LogEffect
+
+
+#: Numbers of a data sheet in words, with their unit.
+_SPOKEN = {
+    "inertia": ("inertia", "kg·m²"),
+    "viscous": ("viscous friction", "N·m·s/rad"),
+    "position_gain": ("position gain", "1/s"),
+    "velocity_gain": ("velocity gain", "N·m·s/rad"),
+    "integral_time": ("integral time", "s"),
+    "coulomb_Nm": ("Coulomb friction", "N·m"),
+    "presliding_rad": ("presliding", "rad"),
+}
+
+
+class LogFindingsPanel(JobPanel):
+    """Draws progress and findings of axis logs; arguments as of :class:`JobPanel`."""
+
+    live: LogLive
+
+    def draw(self) -> None:
+        """Draw the answer of the last diagnosis."""
+        result = self.live.bench.diagnosis
+        self.cards.clear()
+        if result is None:
+            return
+        with self.cards:
+            with ui.element("div").classes("card plain").mark("verdict"):
+                with ui.element("div").style("display: flex; gap: 8px"):
+                    ui.label(VERDICTS[result.verdict]).style("flex: 1")
+                    ui.button(icon="close", on_click=self.clear).props('dense flat aria-label="Close the diagnosis"')
+                ui.label(f"residual RMS {result.before.rms / UM:.3f} → {result.after.rms / UM:.3f} µm").classes("soft")
+            for found in result.effects:
+                self._log_card(found, result)
+            rest = result.to_json()["unexplained"]
+            if rest:
+                with ui.element("div").classes("card").mark("unknown"):
+                    ui.label("Unknown cause").classes("head")
+                    ui.label(rest["summary"])
+            self._sheet(result)
+
+    def _log_card(self, found: LogEffect, result: LogDiagnosis) -> None:
+        effect = found.effect
+        rotary = result.machine.chain.is_rotary(effect.subject)
+        unit, symbol = (DEG, "°") if rotary else (UM, "µm")
+        with ui.element("div").classes("card").mark(f"finding {effect.id}"):
+            ui.label(f"{effect.key}: {catalogue.words(effect)}").classes("head")
+            for p in effect.parameters_of(effect.subject):
+                ci = found.ci95.get(p.name)
+                if ci and p.kind != "components":
+                    ui.label(f"{catalogue.spoken(p)} 95 %: {ci[0]:.4g} to {ci[1]:.4g} {p.unit}".rstrip())
+            ui.label(f"RMS {found.rms_before / unit:.4g} → {found.rms_after / unit:.4g} {symbol}")
+            if found.alternatives:
+                ui.label(f"cannot be told from {', '.join(found.alternatives)}").classes("problem")
+            near = sorted(found.rejected.items(), key=lambda row: row[1])[:3]
+            if near:
+                others = ", ".join(f"{name} (worse by {less:.3g})" for name, less in near)
+                ui.label(f"was tried in its place: {others}").classes("soft")
+            with ui.element("div").style("display: flex; gap: 6px"):
+                shown = ui.button("show it in the traces", on_click=lambda: self.on_preview(effect))
+                shown.props("dense flat no-caps").mark(f"show {effect.id}")
+                add = ui.button("add", on_click=lambda: self._add_log(found))
+                add.props("dense no-caps unelevated").mark(f"add {effect.id}")
+
+    def _add_log(self, found: LogEffect) -> None:
+        self.live.bench.add(found.effect)
+        self.live.bench.intervals[found.effect.key] = found.ci95
+        self.on_change()
+
+    def _sheet(self, result: LogDiagnosis) -> None:
+        """The numbers of the drives that the recordings know."""
+        rows = [n for n in result.sheet if n.known]
+        with ui.element("div").classes("card plain").mark("sheet"):
+            ui.label("The fitted machine").classes("head")
+            for n in rows[:8]:
+                where = f" ({n.controller})" if n.controller else ""
+                name, unit = _SPOKEN.get(n.name, (n.name.replace("_", " "), ""))
+                ui.label(f"{n.axis} {name}{where}: {n.found:.4g}, stated {n.stated:.4g} {unit}".rstrip())
+            for i in result.inseparable[:3]:
+                ui.label(
+                    f"{i.axis}: only a combination of {', '.join(x.rpartition('.')[2] for x in i.labels)} is known"
+                ).classes("soft")
+            take = ui.button("take it: all causes, and these numbers", on_click=self._take)
+            take.props("dense flat no-caps").mark("take")
+
+    def _take(self) -> None:
+        self.live.bench.take_fitted()
+        self.on_change()

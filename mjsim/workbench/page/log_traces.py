@@ -1,0 +1,182 @@
+"""Axis logs on the page: error over time, error over position, torque over velocity; all recordings small."""
+
+from __future__ import annotations
+
+import numpy as np
+from nicegui import ui
+
+from mjsim.units import DEG, MM, UM
+from mjsim.workbench.log_live import LogLive
+from mjsim.workbench.svg import thinned
+from mjsim.workflow.log_compare import ComparedAxis, LogComparison
+
+#: Parts of a line, and points of a cloud.
+_PARTS, _POINTS = 900, 1500
+#: Ink, grid, simulated, backwards, before, band, measured; light and dark.
+_COLOURS = {
+    False: ("#1a1a1a", "#dedede", "#d9480f", "#0072b2", "#a8adb5", "rgba(0,114,178,0.13)", "#222222"),
+    True: ("#e8eaed", "#3a4049", "#ff8a4c", "#5db2ea", "#6d7580", "rgba(93,178,234,0.18)", "#f2f2f2"),
+}
+_REST, _FOLLOWING = "measured − simulated", "command − position"
+
+
+class LogTraces:
+    """Draws the recordings of a workbench of axis logs.
+
+    Args:
+        live: The workbench.
+    """
+
+    def __init__(self, live: LogLive) -> None:
+        self.live, self.dark = live, False
+        logs = live.bench.campaign.logs
+        self._names = {f"{t.name}, {a}": (t.name, a) for t in logs.recorded for a in t.axes}
+        self.name = next(iter(self._names))
+        with ui.element("div").classes("panel stack").style("grid-row: 2"):
+            with ui.element("div").classes("traces-head"):
+                self.select = ui.select(list(self._names), value=self.name, on_change=lambda e: self.choose(e.value))
+                self.select.props('dense borderless options-dense aria-label="Recording"').mark("recording")
+                self.what = ui.select([_REST, _FOLLOWING], value=_REST, on_change=lambda _: self.draw_shown())
+                self.what.props('dense borderless options-dense aria-label="Error"').mark("what")
+                self.about = ui.label().classes("soft").mark("about")
+            self.over_time = ui.echart(self._empty()).classes("chart").style("flex: 1.2 1 0; min-height: 0")
+            self.over_time.mark("over time")
+            with ui.element("div").classes("log-below"):
+                self.over_position = ui.echart(self._empty()).classes("chart").mark("over position")
+                self.torque = ui.echart(self._empty()).classes("chart").mark("torque")
+            self._buttons: dict[str, tuple[ui.element, ui.label]] = {}
+            with ui.element("div").classes("small-ones").mark("all-logs"):
+                for name in self._names:
+                    button = ui.element("button").classes("small-one").props(f'aria-label="{name}" title="{name}"')
+                    button.on("click", lambda _, name=name: self.choose(name))
+                    with button:
+                        words = ui.label("…").classes("what")
+                        ui.label(name).classes("what soft")
+                    self._buttons[name] = button, words
+
+    def choose(self, name: str) -> None:
+        """Show another recording of an axis."""
+        if name != self.name:
+            self.name = name
+            self.select.value = name
+            self.draw_shown()
+
+    def beside(self, step: int) -> None:
+        """Show the next recording (1) or the one before (-1)."""
+        names = list(self._names)
+        self.choose(names[(names.index(self.name) + step) % len(names)])
+
+    def show(self, axis: str) -> None:
+        """Show a recording of an axis."""
+        mine = [n for n, (_, a) in self._names.items() if a == axis]
+        if mine and self._names[self.name][1] != axis:
+            self.choose(mine[0])
+
+    def _axis(self, overlay: LogComparison | None) -> ComparedAxis | None:
+        test, axis = self._names[self.name]
+        return next((t.axes[axis] for t in overlay.tests if t.test.name == test), None) if overlay else None
+
+    def draw_shown(self) -> None:
+        """Draw the charts again."""
+        now = self.live.overlay
+        axis, before = self._axis(now), self._axis(self.live.other)
+        if now is None or axis is None:
+            return
+        unit, symbol = (DEG, "°") if axis.rotary else (UM, "µm")
+        self.about.text = (
+            f"drives alone, RMS {axis.rms / unit:.4g} {symbol}, noise {axis.noise.rms / unit:.3g} {symbol}"
+        )
+        charts = (
+            (self.over_time, self._of_time(axis, before)),
+            (self.over_position, self._of_position(axis)),
+            (self.torque, self._of_torque(axis)),
+        )
+        for chart, options in charts:
+            chart.options.clear()
+            chart.options.update(options)
+            chart.update()
+        for name, (button, words) in self._buttons.items():
+            test, letter = self._names[name]
+            mine = next(t.axes[letter] for t in now.tests if t.test.name == test)
+            unit, symbol = (DEG, "°") if mine.rotary else (UM, "µm")
+            words.text = f"{mine.rms / unit:.3g} {symbol}"
+            button.classes(**({"add": "chosen"} if name == self.name else {"remove": "chosen"}))
+
+    # -- charts --------------------------------------------------------------------------------------------------------
+
+    def _empty(self, x: str = "", y: str = "") -> dict:
+        ink, grid = _COLOURS[self.dark][:2]
+        axis = {"axisLine": {"lineStyle": {"color": ink}, "onZero": False}, "splitLine": {"lineStyle": {"color": grid}}}
+        axis |= {"axisLabel": {"color": ink, "fontSize": 11}, "nameTextStyle": {"color": ink, "fontSize": 12}}
+        axis |= {"type": "value", "nameLocation": "middle", "scale": True}
+        return {
+            "animation": False,
+            "grid": {"left": 62, "right": 14, "top": 28, "bottom": 40},
+            "legend": {"top": 0, "textStyle": {"color": ink, "fontSize": 11}, "itemHeight": 8},
+            "xAxis": {**axis, "name": x, "nameGap": 24},
+            "yAxis": {**axis, "name": y, "nameGap": 44},
+            "tooltip": {"trigger": "axis", "confine": True, "textStyle": {"fontSize": 11}},
+            "dataZoom": [{"type": "inside", "filterMode": "none"}],
+            "series": [],
+        }
+
+    def _of_time(self, axis: ComparedAxis, before: ComparedAxis | None) -> dict:
+        _, _, now, _, grey, band, measured = _COLOURS[self.dark]
+        unit, symbol = (DEG, "°") if axis.rotary else (UM, "µm")
+        out = self._empty("time in s", f"{self.what.value} in {symbol}")
+        if self.what.value == _FOLLOWING:
+            rows = [
+                ("measured", axis.command - axis.measured, measured),
+                ("simulated", axis.command - axis.simulated, now),
+            ]
+        else:
+            rows = [("measured − simulated", axis.residual, now)]
+            if before is not None and len(before.time) == len(axis.time):
+                rows.insert(0, (self.live.other_name, before.residual, grey))
+        for name, value, colour in rows:
+            out["series"].append(_line(f"{name} in {symbol}", colour, *thinned(axis.time, value / unit, _PARTS)))
+        if self.what.value == _REST:
+            ends = [{"yAxis": -2 * axis.noise.rms / unit}, {"yAxis": 2 * axis.noise.rms / unit}]
+            out["series"][-1]["markArea"] = {"silent": True, "itemStyle": {"color": band}, "data": [ends]}
+        return out
+
+    def _of_position(self, axis: ComparedAxis) -> dict:
+        _, _, now, back, *_ = _COLOURS[self.dark]
+        unit, symbol, travel, place = (DEG, "°", DEG, "°") if axis.rotary else (UM, "µm", MM, "mm")
+        out = self._empty(f"position in {place}", f"rest in {symbol}")
+        keep = _spread(len(axis.time))
+        forth = axis.velocity[keep] >= 0.0
+        for name, mask, colour in (("forth", forth, now), ("back", ~forth, back)):
+            at = keep[mask]
+            out["series"].append(_cloud(name, colour, axis.measured[at] / travel, axis.residual[at] / unit))
+        return out
+
+    def _of_torque(self, axis: ComparedAxis) -> dict:
+        _, _, now, _, _, _, measured = _COLOURS[self.dark]
+        travel, place = (DEG, "°") if axis.rotary else (MM, "mm")
+        out = self._empty(f"velocity in {place}/s", "motor torque in N·m")
+        keep = _spread(len(axis.time))
+        speed = axis.velocity[keep] / travel
+        if axis.recorded_torque is not None:
+            out["series"].append(_cloud("recorded", measured, speed, axis.recorded_torque[keep]))
+        out["series"].append(_cloud("simulated", now, speed, axis.torque[keep]))
+        return out
+
+
+def _spread(n: int) -> np.ndarray:
+    """Places of some of ``n`` samples, evenly."""
+    return np.unique(np.linspace(0, n - 1, min(n, _POINTS)).astype(int))
+
+
+def _line(name: str, colour: str, x: np.ndarray, y: np.ndarray) -> dict:
+    look = {"type": "line", "showSymbol": False, "animation": False, "lineStyle": {"width": 1.1, "color": colour}}
+    return {**look, "name": name, "itemStyle": {"color": colour}, "data": _pairs(x, y)}
+
+
+def _cloud(name: str, colour: str, x: np.ndarray, y: np.ndarray) -> dict:
+    look = {"type": "scatter", "symbolSize": 2.5, "animation": False, "itemStyle": {"color": colour}}
+    return {**look, "name": name, "data": _pairs(x, y)}
+
+
+def _pairs(x: np.ndarray, y: np.ndarray) -> list[list[float]]:
+    return [[float(f"{a:.5g}"), float(f"{b:.4g}")] for a, b in zip(x, y, strict=True)]
