@@ -29,8 +29,8 @@ class BaseDesk:
         dark: Light on dark to begin with.
     """
 
-    #: Keys and what they do, for the user.
-    keys: ClassVar[dict[str, str]] = {}
+    #: Keys and what they do, for the user, a bar between them.
+    keys: ClassVar[tuple[str, ...]] = ()
     effects: EffectsPanel
     ladder: LadderPanel
     findings: JobPanel
@@ -191,7 +191,7 @@ class BaseDesk:
 
     def _show_keys(self) -> None:
         with ui.dialog() as dialog, ui.card():
-            ui.markdown("\n".join(["| key | does |", "|---|---|", *(f"| {k} | {v} |" for k, v in self.keys.items())]))
+            ui.markdown("\n".join(["| key | does |", "|---|---|", *(f"| {k} |" for k in self.keys)]))
         dialog.on("hide", dialog.delete)
         dialog.open()
 

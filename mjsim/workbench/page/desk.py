@@ -19,19 +19,19 @@ from mjsim.workbench.page.machine import MachinePanel
 from mjsim.workbench.page.part import PartDialog
 from mjsim.workbench.page.traces import Traces
 
-_KEYS = {
-    "Ctrl+Z, Ctrl+Y": "undo, redo",
-    "P, N": "test before, next test",
-    "F": "fit the chosen effect",
-    "A": "fit all effects that were put in",
-    "D": "diagnose",
-    "S": "save to the machine file",
-    "W": "predict the error of a workpiece",
-    "space": "play and pause",
-    ", .": "cursor back and forward by half a second",
-    "L": "light or dark",
-    "Tab, Enter, arrows": "from control to control; move a slider",
-}
+_KEYS = (
+    "Ctrl+Z, Ctrl+Y | undo, redo",
+    "P, N | test before, next test",
+    "F | fit the chosen effect",
+    "A | fit all effects that were put in",
+    "D | diagnose",
+    "S | save to the machine file",
+    "W | predict the error of a workpiece",
+    "space | play and pause",
+    ", . | cursor back and forward by half a second",
+    "L | light or dark",
+    "Tab, Enter, arrows | from control to control; move a slider",
+)
 
 
 class Desk(BaseDesk):

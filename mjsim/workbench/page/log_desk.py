@@ -24,15 +24,15 @@ class LogDesk(BaseDesk):
     """Builds the page and keeps it up to date; arguments as of :class:`BaseDesk`."""
 
     live: LogLive
-    keys: ClassVar[dict[str, str]] = {
-        "Ctrl+Z, Ctrl+Y": "undo, redo",
-        "P, N": "recording before, next recording",
-        "F": "fit the chosen effect",
-        "D": "diagnose",
-        "S": "save to the machine file",
-        "L": "light or dark",
-        "Tab, Enter, arrows": "from control to control; move a slider",
-    }
+    keys: ClassVar[tuple[str, ...]] = (
+        "Ctrl+Z, Ctrl+Y | undo, redo",
+        "P, N | recording before, next recording",
+        "F | fit the chosen effect",
+        "D | diagnose",
+        "S | save to the machine file",
+        "L | light or dark",
+        "Tab, Enter, arrows | from control to control; move a slider",
+    )
 
     def __init__(self, live: LogLive, dark: bool) -> None:
         super().__init__(live, dark)

@@ -10,7 +10,6 @@ from mjsim.workbench.log_live import LogLive
 from mjsim.workbench.page.findings import VERDICTS, JobPanel
 from mjsim.workflow.log_diagnosis import LogDiagnosis, LogEffect
 
-
 #: Numbers of a data sheet in words, with their unit.
 _SPOKEN = {
     "inertia": ("inertia", "kg·m²"),
