@@ -14,14 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit
-
-#: A number is open where its posterior is at least so wide, and two are tied where their posterior correlation is at
-#: least so large (assumed; n numbers that only appear as their sum have a correlation of 1/(n − 1)).
-_OPEN, _TIED = 0.5, 0.3
-#: A sum is determined where its posterior is at most so wide, and at most so wide beside that of each of its numbers.
-_DETERMINED, _NARROWER = 0.25, 0.4
-#: Least factor of a number in a sum, over the largest one.
-_LEAST_FACTOR = 0.15
+from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 
 
 @dataclass(frozen=True)
@@ -54,7 +47,7 @@ class Combination:
     ci95: tuple[float, float]
 
 
-def combinations(fit: Fit) -> tuple[Combination, ...]:
+def combinations(fit: Fit, settings: DiagnosisSettings = DIAGNOSIS) -> tuple[Combination, ...]:
     """Sums of the single numbers with a prior that a fit determines, the best determined first."""
     free = [f for f in fit.effects if f.prior is not None and len(f.vector) == 1 and not f.specs[f.names[0]].inverse]
     if len(free) < 2:
@@ -63,26 +56,28 @@ def combinations(fit: Fit) -> tuple[Combination, ...]:
     prior = np.array([f.prior[1][0] for f in free if f.prior is not None])
     covariance = fit.covariance[np.ix_(at, at)] / np.outer(prior, prior)
     width = np.sqrt(np.diag(covariance))
-    tied = np.abs(covariance / np.outer(width, width)) > _TIED
-    is_open = width > _OPEN
+    tied = np.abs(covariance / np.outer(width, width)) > settings.tied_numbers
+    is_open = width > settings.open_number
     _, label = connected_components(tied & is_open[:, None] & is_open, directed=False)
     found = []
     for group in (np.flatnonzero((label == n) & is_open) for n in np.unique(label)):
         if len(group) > 1:
-            found += list(_determined([free[i] for i in group], covariance[np.ix_(group, group)], prior[group]))
+            found += list(
+                _determined([free[i] for i in group], covariance[np.ix_(group, group)], prior[group], settings)
+            )
     return tuple(c for _, c in sorted(found, key=lambda row: row[0]))
 
 
 def _determined(
-    free: list[EffectVector], covariance: np.ndarray, prior: np.ndarray
+    free: list[EffectVector], covariance: np.ndarray, prior: np.ndarray, settings: DiagnosisSettings
 ) -> Iterator[tuple[float, Combination]]:
     """The sums of one group that are determined, each with its width in prior standard deviations."""
     for direction in np.linalg.eigh(covariance)[1].T:
-        factor = np.where(np.abs(direction) < _LEAST_FACTOR * np.abs(direction).max(), 0.0, direction)
+        factor = np.where(np.abs(direction) < settings.least_factor * np.abs(direction).max(), 0.0, direction)
         factor /= np.linalg.norm(factor)
         width, used = float(np.sqrt(factor @ covariance @ factor)), np.flatnonzero(factor)
         alone = np.sqrt(np.diag(covariance)[used]).min()
-        if len(used) > 1 and width < min(_DETERMINED, _NARROWER * alone):
+        if len(used) > 1 and width < min(settings.determined_sum, settings.narrower_sum * alone):
             yield width, _in_units([free[i] for i in used], factor[used] / prior[used], width)
 
 

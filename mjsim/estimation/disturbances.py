@@ -8,14 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from mjsim.estimation.nuisance_fit import fit_nuisance
-from mjsim.estimation.outliers import (
-    MOST_EVENTS,
-    SAME_PLACE,
-    largest_jump,
-    leave_out_shorter_side,
-    mark_outliers,
-    readmit_outliers,
-)
+from mjsim.estimation.outliers import largest_jump, leave_out_shorter_side, mark_outliers, readmit_outliers
 from mjsim.estimation.problem import Problem
 
 
@@ -28,16 +21,15 @@ def without_disturbances(problem: Problem, readings: Sequence[np.ndarray]) -> Pr
     """
     samples = [s.copy() for s in problem.samples]
     tests, events = list(problem.tests), {t.name: 0 for t in problem.tests}
+    noise, settings = problem.noise.rms, problem.settings.outliers
     rest = problem.sample_residuals(readings, fit_nuisance(problem, readings))
     for s, r in zip(samples, rest, strict=True):
-        events[s.test.name] = mark_outliers(s, r, problem.noise.rms)
-    for _ in range(MOST_EVENTS):
-        jumps = {
-            k: at for k, s in enumerate(samples) if (at := largest_jump(s, rest[k], problem.noise.rms)) is not None
-        }
+        events[s.test.name] = mark_outliers(s, r, noise, settings)
+    for _ in range(settings.most_events):
+        jumps = {k: at for k, s in enumerate(samples) if (at := largest_jump(s, rest[k], noise, settings)) is not None}
         accidents = [k for k in jumps if not _jumps_elsewhere(problem, jumps, k)]
         for k in accidents:
-            if leave_out_shorter_side(samples[k], jumps[k], rest[k]):  # the ball sits anew in what is kept
+            if leave_out_shorter_side(samples[k], jumps[k], rest[k], settings):  # the ball sits anew in what is kept
                 tests[k] = replace(tests[k], setup=f"{tests[k].name} after a knock")
             events[tests[k].name] += 1
         if not accidents:
@@ -60,7 +52,7 @@ def readmitted(problem: Problem, readings: Sequence[np.ndarray], nuisance: np.nd
     found = 0
     rest = problem.sample_residuals(readings, nuisance)
     for s, r in zip(samples, rest, strict=True):
-        back = readmit_outliers(s, s.given, r, problem.noise.rms)
+        back = readmit_outliers(s, s.given, r, problem.noise.rms, problem.settings.outliers)
         events[s.test.name] = max(0, events[s.test.name] - back)
         found += back
     return problem.with_samples(samples, problem.tests, events) if found else problem
@@ -74,5 +66,5 @@ def _jumps_elsewhere(problem: Problem, jumps: dict[int, int], k: int) -> bool:
     def place(j: int) -> np.ndarray:
         return problem.motions[j].program.commands(problem.samples[j].time[[jumps[j]]])[0, columns]
 
-    moving = motion.moves[columns]
-    return any(j != k and (moving & (np.abs(place(j) - place(k)) < SAME_PLACE)).any() for j in jumps)
+    moving, near = motion.moves[columns], problem.settings.outliers.same_place
+    return any(j != k and (moving & (np.abs(place(j) - place(k)) < near)).any() for j in jumps)

@@ -14,9 +14,6 @@ from mjsim.estimation.fit import Fit
 from mjsim.estimation.signatures import Candidate
 from mjsim.machine.model import Machine
 
-#: Share of a finding's evidence that another candidate must reach in its place to be fitted there, and most of them.
-_NEAR, _MOST = 0.9, 3
-
 #: A candidate, its linear estimate and the precision of its prior as an effect of a model.
 AddedEffect = Callable[[Machine, EffectVector, np.ndarray, float], EffectVector]
 
@@ -67,7 +64,7 @@ def _near(fit: Fit, groups: CandidateGroups, key: str) -> list[tuple[Candidate, 
             continue
         information, score = beside.of(groups.groups[g])
         precision, gain = best_precision(information, score)
-        if not np.isfinite(precision) or gain < _NEAR * here:
+        if not np.isfinite(precision) or gain < groups.settings.equivalent_share * here:
             continue
         x = np.linalg.solve(information + precision * np.eye(len(score)), score)
         if is_feasible(fit.base, x, c):
@@ -75,7 +72,7 @@ def _near(fit: Fit, groups: CandidateGroups, key: str) -> list[tuple[Candidate, 
     best: dict[str, tuple] = {}
     for row in sorted(rows, key=lambda r: -r[0]):
         best.setdefault(row[1].effect.key, row[1:])
-    return list(best.values())[:_MOST]
+    return list(best.values())[: groups.settings.most_equivalents]
 
 
 def _precisions(groups: CandidateGroups, g: int) -> np.ndarray:

@@ -10,87 +10,74 @@ from scipy.ndimage import binary_dilation, median_filter
 from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.program import Program
 from mjsim.estimation.samples import Samples, revolution_time
-
-#: Window of the running median that follows the machine's errors, s; a disturbance lasts less than half of it.
-WINDOW = 2.0
-#: The same where no second revolution bears witness: a local fault of a wheel lasts longer than a knock.
-WINDOW_ALONE = 0.6
-#: Height above the ordinary, in robust standard deviations, where a second revolution bears witness and where none
-#: does.
-HEIGHT, HEIGHT_ALONE = 10.0, 30.0
-#: Left out as well: before a disturbance, and after it while it rings out, s.
-MARGIN, RINGING = 0.1, 0.4
-#: Around a reversal an axis may do anything for so long, s.
-ABRUPT = 0.5
-#: More events than this in one test are no accident: they are left in for the diagnosis.
-MOST_EVENTS = 6
-#: A lasting jump of the reading: means over this long on both sides, s; least height in their standard deviations, and
-#: in m.
-SIDE, JUMP, LEAST_JUMP = 1.0, 10.0, 0.4e-6
-#: Height of a jump over the test's own 90 % quantile where nothing repeats.
-ALONE = 4.0
-#: Jumps of several tests within this of one position of a rotary axis, rad, are the machine's.
-SAME_PLACE = 1.0 * np.pi / 180.0
-#: Successive seconds of the noise that are one independent value.
-_CORRELATION = 0.1
+from mjsim.estimation.settings import OUTLIERS, OutlierSettings
 
 
-def mark_outliers(s: Samples, residual: np.ndarray, noise: float) -> int:
+def mark_outliers(s: Samples, residual: np.ndarray, noise: float, settings: OutlierSettings = OUTLIERS) -> int:
     """Mark outlying samples of one test as invalid.
 
     Args:
-        s: the samples; ``valid`` is changed in place. residual: (n,) m, per sample, of the model as given. noise: RMS,
-            m.
+        s: The samples; ``valid`` is changed in place.
+        residual: Per sample, of the model as given, (n,) m.
+        noise: RMS, m.
+        settings: What decides.
 
     Returns:
         Number of disturbances found.
     """
     dt = float(np.median(np.diff(s.time)))
     repeats = kind_of(s.test).repeats(s.test)
-    rest = np.where(s.valid, residual - _followed(residual, WINDOW, dt), 0.0)
+    rest = np.where(s.valid, residual - _followed(residual, settings.window, dt), 0.0)
     scale = max(noise, 1.4826 * float(np.median(np.abs(rest[s.valid]))))
-    high = np.abs(rest) > (HEIGHT if repeats else HEIGHT_ALONE) * scale
+    high = np.abs(rest) > (settings.height if repeats else settings.height_alone) * scale
     if not repeats:  # something short, where the axes are smooth
-        quick = np.where(s.valid, residual - _followed(residual, WINDOW_ALONE, dt), 0.0)
-        high |= (np.abs(quick) > HEIGHT * scale) & ~_near_reversals(s)
+        quick = np.where(s.valid, residual - _followed(residual, settings.window_alone, dt), 0.0)
+        high |= (np.abs(quick) > settings.height * scale) & ~_near_reversals(s, settings.abrupt)
     if repeats:
         lag = round(revolution_time(s.test) / dt)
-        wide = binary_dilation(np.abs(rest) > 0.4 * HEIGHT * scale, iterations=max(1, int(0.15 / dt)))
+        wide = binary_dilation(np.abs(rest) > 0.4 * settings.height * scale, iterations=max(1, int(0.15 / dt)))
         again = np.zeros(len(high), bool)
         again[lag:] |= wide[:-lag]
         again[:-lag] |= wide[lag:]
         high &= ~again  # what comes back in the other revolution is the machine's
-    edge = int(0.25 * WINDOW / dt)
+    edge = int(0.25 * settings.window / dt)
     high[:edge] = high[-edge:] = False  # there the running median hangs in the air
     if not high.any():
         return 0
-    before, after = (max(1, round(m / dt)) for m in (MARGIN, RINGING))
+    before, after = (max(1, round(m / dt)) for m in (settings.margin, settings.ringing))
     wide = (
         np.convolve(high, np.ones(before + after + 1))[before : before + len(high)] > 0.5
     )  # from ``before`` ahead to ``after`` behind
     groups, count = _groups(wide)
-    long = any((groups == g).sum() * dt > 0.5 * WINDOW + MARGIN + RINGING for g in range(1, count + 1))
-    if count > MOST_EVENTS or long:
+    long = any(
+        (groups == g).sum() * dt > 0.5 * settings.window + settings.margin + settings.ringing
+        for g in range(1, count + 1)
+    )
+    if count > settings.most_events or long:
         return 0
     s.valid &= groups == 0
     s.refresh()
     return count
 
 
-def readmit_outliers(s: Samples, given: np.ndarray, residual: np.ndarray, noise: float) -> int:
+def readmit_outliers(
+    s: Samples, given: np.ndarray, residual: np.ndarray, noise: float, settings: OutlierSettings = OUTLIERS
+) -> int:
     """Count stretches again that were left out as disturbances and that a model follows: where nothing repeats, a quick
     local fault of the machine looks like a knock until the model has it.
 
     Args:
-        s: the samples; ``valid`` is changed in place. given: (n,) bool, ``valid`` before anything was left out.
-            residual: (n,) m, per
-        sample, of the fitted model. noise: RMS, m.
+        s: The samples; ``valid`` is changed in place.
+        given: ``valid`` before anything was left out, (n,) bool.
+        residual: Per sample, of the fitted model, (n,) m.
+        noise: RMS, m.
+        settings: What decides.
 
     Returns:
         Number of stretches taken back.
     """
     groups, count = _groups(given & ~s.valid)
-    back = [g for g in range(1, count + 1) if np.abs(residual[groups == g]).max() < 0.5 * HEIGHT * noise]
+    back = [g for g in range(1, count + 1) if np.abs(residual[groups == g]).max() < 0.5 * settings.height * noise]
     s.valid |= np.isin(groups, back)
     s.refresh()
     return len(back)
@@ -112,19 +99,19 @@ def _followed(x: np.ndarray, window: float, dt: float) -> np.ndarray:
     return np.interp(np.arange(len(x)), np.arange(0, len(x), every), coarse)
 
 
-def _near_reversals(s: Samples) -> np.ndarray:
-    """Samples near a turning point of some axis, where the machine itself is abrupt, (n,) bool."""
+def _near_reversals(s: Samples, abrupt: float) -> np.ndarray:
+    """Samples within ``abrupt`` s of a turning point of some axis, where the machine itself is abrupt, (n,) bool."""
     program = Program(s.test)
     commands = program.commands(s.time)
     step = np.sign(np.round(np.diff(commands, axis=0, prepend=commands[:1]), 12))
     turns = np.flatnonzero((step[1:] * step[:-1] < 0.0).any(axis=1))
     near = np.zeros(len(s.time), bool)
     for at in turns:
-        near |= np.abs(s.time - s.time[at]) < ABRUPT
+        near |= np.abs(s.time - s.time[at]) < abrupt
     return near
 
 
-def largest_jump(s: Samples, residual: np.ndarray, noise: float) -> int | None:
+def largest_jump(s: Samples, residual: np.ndarray, noise: float, settings: OutlierSettings = OUTLIERS) -> int | None:
     """First sample after the largest lasting jump of one test, such as a ball that a knock has put into another seat;
     or ``None``.
 
@@ -132,26 +119,31 @@ def largest_jump(s: Samples, residual: np.ndarray, noise: float) -> int | None:
     says in which of the two. A test that does not repeat must show it far above everything else that it does.
 
     Args:
-        as for :func:`mark_outliers`, after it.
+        s: The samples, after :func:`mark_outliers`.
+        residual: Per sample, of the model as given, (n,) m.
+        noise: RMS, m.
+        settings: What decides.
     """
     dt = float(np.median(np.diff(s.time)))
-    n = max(3, round(SIDE / dt))
+    n = max(3, round(settings.side / dt))
     if not kind_of(s.test).repeats(s.test):
         short = _jumps(residual, s.valid, max(3, n // 4))
         at = int(np.argmax(np.abs(short)))
         usual = float(np.quantile(np.abs(short), 0.9))
-        return at if abs(short[at]) > max(ALONE * usual, 2.0 * LEAST_JUMP) else None
+        return at if abs(short[at]) > max(settings.jump_alone * usual, 2.0 * settings.least_jump) else None
     lag = round(revolution_time(s.test) / dt)
     twice = _jumps(residual[lag:] - residual[:-lag], s.valid[lag:] & s.valid[:-lag], n)
     at = int(np.argmax(np.abs(twice)))
-    deviation = noise * np.sqrt(2.0 * 2.0 * _CORRELATION / SIDE)  # of the difference of two means, of two revolutions
-    if abs(twice[at]) < max(JUMP * deviation, LEAST_JUMP):
+    deviation = noise * np.sqrt(
+        2.0 * 2.0 * settings.correlation / settings.side
+    )  # of the difference of two means, of two revolutions
+    if abs(twice[at]) < max(settings.jump * deviation, settings.least_jump):
         return None
     single = _jumps(residual, s.valid, n)
     return max((at, at + lag), key=lambda k: abs(single[min(k, len(single) - 1)]))
 
 
-def leave_out_shorter_side(s: Samples, here: int, residual: np.ndarray) -> bool:
+def leave_out_shorter_side(s: Samples, here: int, residual: np.ndarray, settings: OutlierSettings = OUTLIERS) -> bool:
     """Leave out the shorter side of a jump before sample ``here``.
 
     Returns:
@@ -163,11 +155,11 @@ def leave_out_shorter_side(s: Samples, here: int, residual: np.ndarray) -> bool:
     before, after = int((s.valid & ~later).sum()), int((s.valid & later).sum())
     kept_later = after >= before
     if kept_later:
-        height = float(_jumps(residual, s.valid, max(3, round(0.5 * SIDE / dt)))[min(here, len(residual) - 1)])
+        height = float(_jumps(residual, s.valid, max(3, round(0.5 * settings.side / dt)))[min(here, len(residual) - 1)])
         s.value = np.where(later, s.value - height, s.value)
         residual[later] -= height
         s.mean = s.average(s.value - s.left_out)
-    s.valid &= (later if kept_later else ~later) & (np.abs(np.arange(len(s.time)) - here) > MARGIN / dt)
+    s.valid &= (later if kept_later else ~later) & (np.abs(np.arange(len(s.time)) - here) > settings.margin / dt)
     s.refresh()
     return kept_later
 

@@ -10,7 +10,51 @@ Four sources of values: *nulls*, measured by ``scripts/null_bank.py`` on simulat
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class OutlierSettings:
+    """Settings of what is left out of a trace as a disturbance (all assumed, from what knocks and reversals look like).
+
+    Attributes:
+        window: Window of the running median that follows the machine's errors, s; a disturbance lasts less than half of
+            it.
+        window_alone: The same where no second revolution bears witness, s: a local fault of a wheel lasts longer than a
+            knock.
+        height: Height above the ordinary, in robust standard deviations, where a second revolution bears witness.
+        height_alone: The same where none does.
+        margin: Left out as well before a disturbance, s.
+        ringing: Left out as well after a disturbance while it rings out, s.
+        abrupt: Around a reversal an axis may do anything for so long, s.
+        most_events: More events than this in one test are no accident: they are left in for the diagnosis.
+        side: A lasting jump of the reading is seen between means over so long on both sides, s.
+        jump: Its least height, standard deviations of the difference of these means.
+        least_jump: Its least height, m.
+        jump_alone: Its least height where nothing repeats, over the test's own 90 % quantile.
+        same_place: Jumps of several tests within this of one position of a rotary axis are the machine's, rad.
+        correlation: Successive seconds of the noise that are one independent value, s.
+    """
+
+    window: float = 2.0
+    window_alone: float = 0.6
+    height: float = 10.0
+    height_alone: float = 30.0
+    margin: float = 0.1
+    ringing: float = 0.4
+    abrupt: float = 0.5
+    most_events: int = 6
+    side: float = 1.0
+    jump: float = 10.0
+    least_jump: float = 0.4e-6
+    jump_alone: float = 4.0
+    same_place: float = math.radians(1.0)
+    correlation: float = 0.1
+
+
+#: Settings where no others are given.
+OUTLIERS = OutlierSettings()
 
 
 @dataclass(frozen=True)
@@ -73,6 +117,20 @@ class DiagnosisSettings:
         vibration_size: Least amplitude of a vibration, in units of one sample's noise (bank).
         vibration_common: Share of what an amplitude per test would explain that one common amplitude must explain
             (bank).
+        observable: Posterior over prior standard deviation up to which a calibrated number is called observable
+            (assumed).
+        open_number: The same from which a number is open, so that sums with others are looked for (assumed).
+        tied_numbers: Least posterior correlation of two open numbers of one sum (assumed; n numbers that only appear as
+            their sum have 1/(n − 1)).
+        determined_sum: Posterior over prior standard deviation up to which a sum is determined (assumed).
+        narrower_sum: Share of the width of each of its numbers up to which a sum is worth telling (assumed).
+        least_factor: Least factor of a number in a sum, over the largest one (assumed).
+        equivalent_share: Share of a finding's evidence that another candidate must reach in its place to be fitted
+            there (assumed).
+        most_equivalents: Most candidates that are fitted in the place of one finding (assumed).
+        harmonic_share: Share of a curve's power in one harmonic that makes this its period (assumed).
+        hidden_shape: Shapes of a curve with so many times the usual variance are hidden by the set-up (assumed).
+        outliers: What is left out of a trace as a disturbance.
     """
 
     likelihood_ratio: float = 30.0
@@ -110,6 +168,17 @@ class DiagnosisSettings:
     vibration_false_alarm: float = 1e-6
     vibration_size: float = 0.3
     vibration_common: float = 0.7
+    observable: float = 0.8
+    open_number: float = 0.5
+    tied_numbers: float = 0.3
+    determined_sum: float = 0.25
+    narrower_sum: float = 0.4
+    least_factor: float = 0.15
+    equivalent_share: float = 0.9
+    most_equivalents: int = 3
+    harmonic_share: float = 0.6
+    hidden_shape: float = 30.0
+    outliers: OutlierSettings = OUTLIERS
 
 
 #: Settings of every command that is not given others.
@@ -132,6 +201,14 @@ class PitchSettings:
         whole_order_sd: A whole order is taken for the order where it lies within so many standard deviations (assumed).
         whole_order_sharp: Standard deviation of an order up to which that is decided (assumed).
         directions_differ: Chance of calling different what is the same in both directions (likelihood-ratio test).
+        own_share: Share of a term that must be its own, not another's, to be looked at. Small: what is left by two
+            waves closer than the resolution has to be explained by a second one, or its side lobes would be (assumed).
+        round_share: Terms that explain less than this share of a round's best wait until the better ones are fitted
+            (assumed).
+        round_terms: Most terms of one round (assumed).
+        rounds: Most rounds of choosing and fitting (assumed).
+        fault_widths: Widths of local faults, of one tooth's pitch (assumed).
+        floor_orders: Orders on both sides over which the floor of the residual's own spectrum is taken (assumed).
     """
 
     false_alarm: float = 1e-3
@@ -142,6 +219,12 @@ class PitchSettings:
     whole_order_sd: float = 3.5
     whole_order_sharp: float = 0.12
     directions_differ: float = 0.01
+    own_share: float = 0.003
+    round_share: float = 0.02
+    round_terms: int = 12
+    rounds: int = 6
+    fault_widths: tuple[float, ...] = (0.1, 0.25, 0.6)
+    floor_orders: int = 60
 
 
 #: Settings of every identification that is not given others.
@@ -166,6 +249,7 @@ class MistakeSettings:
         setup_disagrees: A set-up whose tests disagree by more than this has a mistake in it, m (mistakes).
         setup_share: Corrected, they must disagree by less than this share of it (mistakes).
         setup_agrees: Corrected, they must agree within this, m (mistakes).
+        visible_spike: A model's spikes are visible from this RMS on, m: about the noise that is as sharp (mistakes).
     """
 
     agreement: float = 0.5
@@ -179,6 +263,7 @@ class MistakeSettings:
     setup_disagrees: float = 3e-6
     setup_share: float = 0.2
     setup_agrees: float = 3e-6
+    visible_spike: float = 0.06e-6
 
 
 #: Settings of every check that is not given others.

@@ -14,9 +14,6 @@ from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.problem import Problem
 from mjsim.machine.model import build
 
-#: Posterior over prior standard deviation up to which a number is called observable (assumed).
-_OBSERVABLE = 0.8
-
 
 @dataclass(frozen=True)
 class Calibration:
@@ -85,7 +82,7 @@ def calibrations(
                 f,
                 f.interval(f.vector, covariance),
                 next(iter(expected[key].limits.values())),
-                bool(ratio.min() < _OBSERVABLE),
+                bool(ratio.min() < problem.settings.observable),
                 float(np.sqrt(np.mean(parts[key] ** 2))),
             )
         )

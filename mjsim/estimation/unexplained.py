@@ -17,11 +17,6 @@ from mjsim.machine.chain import is_rotary
 from mjsim.progress import Progress
 from mjsim.units import DEG, UM
 
-#: Share of a curve's power in one harmonic that makes this its period.
-_HARMONIC = 0.6
-#: Shapes of a curve with so many times the usual variance are hidden by the set-up.
-_HIDDEN = 30.0
-
 
 @dataclass(frozen=True)
 class Unexplained:
@@ -135,9 +130,9 @@ def describe(problem: Problem, fit: Fit, term: CurveTerm, together: bool = False
         float(np.degrees(problem.motions[k].program.phi(_worst_time(problem, fit, k, parts[k])))[0]) for k in order
     )
     shows = tuple(problem.tests[k].name for k in order)
-    x, x_label, period = _file_units(term, fit)
+    x, x_label, period = _file_units(term, fit, problem.settings.harmonic_share)
     factor, y_unit = (1.0 / DEG, "°") if is_rotary(term.moves) else (1.0 / UM, "µm")
-    shown, spread_of = _seen(term)
+    shown, spread_of = _seen(term, problem.settings.hidden_shape)
     size = shown * term.unit
     power = np.sum([(c**2).sum(axis=0) for c in term.columns], axis=0)
     curve = (
@@ -170,14 +165,14 @@ def _stem(axes: tuple[str, ...]) -> str:
     return f"unexplained_{'_'.join(axes)}"
 
 
-def _seen(term: CurveTerm) -> tuple[np.ndarray, np.ndarray]:
+def _seen(term: CurveTerm, hidden: float) -> tuple[np.ndarray, np.ndarray]:
     """The curve (k,) and its standard deviation without the shapes that set-up errors could take up as well (its
-    level, above all).
+    level, above all): those with more than ``hidden`` times the usual variance.
     """
     information, modes = np.linalg.eigh(term.precision)
     variance, modes = 1.0 / information[::-1], modes[:, ::-1]
     along = modes.T @ term.coefficients
-    kept = (variance < _HIDDEN * np.median(variance)) | (np.abs(along) > 3.0 * np.sqrt(np.abs(variance)))
+    kept = (variance < hidden * np.median(variance)) | (np.abs(along) > 3.0 * np.sqrt(np.abs(variance)))
     return modes[:, kept] @ along[kept], np.sqrt(np.clip((modes[:, kept] ** 2) @ variance[kept], 0.0, None))
 
 
@@ -186,8 +181,10 @@ def _worst_time(problem: Problem, fit: Fit, k: int, part: np.ndarray) -> np.ndar
     return s.centre[[int(np.argmax(np.abs(part - part.mean())))]] - problem.shift(k, fit.nuisance)
 
 
-def _file_units(term: CurveTerm, fit: Fit) -> tuple[np.ndarray, str, float | None]:
-    """Knots in the units that users read, the label of that axis of the plot, and the period in the same unit."""
+def _file_units(term: CurveTerm, fit: Fit, harmonic: float) -> tuple[np.ndarray, str, float | None]:
+    """Knots in the units that users read, the label of that axis of the plot, and the period in the same unit: that
+    of the harmonic with more than the share ``harmonic`` of the curve's power, where there is one.
+    """
     rotary = is_rotary(term.axis)
     scale, unit = {
         "velocity": (1 / DEG, "°/s") if rotary else (60e3, "mm/min"),
@@ -200,6 +197,6 @@ def _file_units(term: CurveTerm, fit: Fit) -> tuple[np.ndarray, str, float | Non
     period = None if term.period is None else term.period * scale
     if period and term.variable in ("position", "direction"):
         power = np.abs(np.fft.rfft(term.coefficients)[1 : len(term.knots) // 3]) ** 2
-        if len(power) and power.max() > _HARMONIC * power.sum():
+        if len(power) and power.max() > harmonic * power.sum():
             period /= int(np.argmax(power)) + 1
     return term.knots * scale, label, period

@@ -233,7 +233,7 @@ def _explain_jointly(problem: Problem, fitter: Fitter, progress: Progress) -> Ex
     found = [replace(f, gain=shares.get(f.key, 0.0) * explained) for f in joint.selection.found]
     selection = replace(joint.selection, found=sorted(found, key=lambda f: -f.gain))
     unexplained = describe(problem, fit, rest, together=True) if rest else None
-    return Explained(problem, selection, unexplained, entries, shares, combinations(fit))
+    return Explained(problem, selection, unexplained, entries, shares, combinations(fit, problem.settings))
 
 
 def _beside_unknown(

@@ -16,6 +16,7 @@ from mjsim.ballbar.measurement import BallBarTest
 from mjsim.estimation.least_squares import ridge_solution
 from mjsim.estimation.nuisance import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER
 from mjsim.estimation.samples import GRID, GRID_STEPS, Samples
+from mjsim.estimation.settings import MISTAKES
 from mjsim.machine.plant import Plant
 from mjsim.machine.sensitivity import BarSensitivity
 from mjsim.simulation.axes import AxesMotion
@@ -24,8 +25,6 @@ from mjsim.simulation.axes import AxesMotion
 _SHARP = 0.1
 #: Triggers that are tried, s: three standard deviations either way.
 _SHIFTS = np.arange(-12, 13) * GRID
-#: A model's spikes are visible from this RMS on, m: about the noise that is as sharp.
-VISIBLE_SPIKE = 0.06e-6
 #: Noise of a sample, m, against which the balls' priors are weighed.
 _NOISE = 0.1e-6
 #: What a model may leave in a test, m, and as how many independent values that counts: it must not drive the balls far
@@ -74,8 +73,14 @@ class Spikes:
     visible: bool
 
 
-def spikes(variant: Variant, s: Samples) -> Spikes:
-    """Compare the sharp part of a trace with a variant's, at the trigger where they agree best (with either sign)."""
+def spikes(variant: Variant, s: Samples, visible: float = MISTAKES.visible_spike) -> Spikes:
+    """Compare the sharp part of a trace with a variant's, at the trigger where they agree best (with either sign).
+
+    Args:
+        variant: What is simulated.
+        s: The samples of the trace.
+        visible: RMS from which the variant's spikes count as visible, m.
+    """
     width = _SHARP / s.block
     good = s.good & ~_near(~s.good, width)
     margin = int(np.ceil(2 * width))
@@ -93,7 +98,7 @@ def spikes(variant: Variant, s: Samples) -> Spikes:
         x = _sharp(s.sample(variant.reading, shift), width)[good]
         x = x - columns @ (fit @ x)
         xx, xy, yy = x @ x, x @ y, y @ y
-        if xx < len(x) * VISIBLE_SPIKE**2 or yy == 0.0:
+        if xx < len(x) * visible**2 or yy == 0.0:
             continue
         agreement = xy / np.sqrt(xx * yy)
         if abs(agreement) > abs(best.agreement):

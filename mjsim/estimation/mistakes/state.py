@@ -31,7 +31,7 @@ class State:
     def spikes_of(self, variant: Variant, s: Samples, factor: float = 1.0) -> Spikes:
         key = (id(variant), id(s))
         if key not in self._known:
-            self._known[key] = spikes(variant, s)
+            self._known[key] = spikes(variant, s, self.settings.visible_spike)
         found = self._known[key]
         return replace(found, factor=factor * found.factor, agreement=float(np.sign(factor)) * found.agreement)
 

@@ -18,18 +18,6 @@ from mjsim.estimation.pitch.directions import TurnDirection
 from mjsim.estimation.pitch.model import PitchModel, State
 from mjsim.estimation.pitch.terms import Fault, Term, Wave
 
-#: Share of a term that must be its own, not another's, to be looked at. Small: what is left by two waves closer than
-#: the resolution has to be explained by a second one, or its side lobes would be; :class:`Component` then says that the
-#: two cannot be taken apart.
-_OWN = 0.003
-#: Terms that explain less than this share of a round's best wait until the better ones are fitted.
-_SHARE = 0.02
-#: Most terms of one round.
-_MOST = 12
-#: Widths of local faults, of one tooth's pitch.
-_WIDTHS = (0.1, 0.25, 0.6)
-#: Orders on both sides over which the floor of the residual's own spectrum is taken.
-_NEIGHBOURS = 60
 #: Median of a chi-square of two degrees of freedom.
 _MEDIAN = 2.0 * np.log(2.0)
 
@@ -103,7 +91,7 @@ class Dictionary:
             terms += [Wave(w.axis, w.direction, float(n), test=p.tests[k].name) for k in w.tests for n in low]
             span = [self.model.position[k][w.axis] for k in w.tests]
             first, last = min(x.min() for x in span), max(x.max() for x in span)
-            for width in (r * 2 * np.pi / w.teeth for r in _WIDTHS):
+            for width in (r * 2 * np.pi / w.teeth for r in self.model.settings.fault_widths):
                 centres = np.arange(first + width, min(last, first + 2 * np.pi) - width, width)
                 terms += [Fault(w.axis, w.direction, float(c), width) for c in centres]
             kept[key] = orders, terms, self.columns(terms)
@@ -129,12 +117,12 @@ class Dictionary:
         """Gains of all candidates with the present residual."""
         b = self._rest @ self._raw
         at, waves = self._start[:-1], np.diff(self._start) == 2
-        i, j, own, least = at[waves], at[~waves], self._length, _OWN * self._size
+        i, j, own, least = at[waves], at[~waves], self._length, self.model.settings.own_share * self._size
         self.gain = np.zeros(len(self.terms))
         self.gain[waves] = _pair_gain(b[i], b[i + 1], own[i], own[i + 1], self._cross, least[i])
         self.gain[~waves] = np.where(own[j] > least[j], b[j] ** 2 / np.maximum(own[j], 1e-30), 0.0)
         n = len(self.orders)
-        floor = noise_excess(self.gain[:n], self.orders)
+        floor = noise_excess(self.gain[:n], self.orders, self.model.settings.floor_orders)
         self.floor = np.full(len(self.terms), max(1.0, float(np.median(floor))))
         self.floor[:n] = floor
 
@@ -189,11 +177,11 @@ class Dictionary:
         return np.vstack([d - self._q @ onto, -self._q_prior @ onto])
 
 
-def noise_excess(gain: np.ndarray, orders: np.ndarray) -> np.ndarray:
+def noise_excess(gain: np.ndarray, orders: np.ndarray, neighbours: int) -> np.ndarray:
     """By how much the residual's own spectrum lies above the noise model around each of the evenly spaced
-    ``orders``, at least 1.
+    ``orders``, at least 1; taken over so many ``neighbours`` on both sides.
     """
-    side = round(_NEIGHBOURS / float(orders[1] - orders[0]))
+    side = round(neighbours / float(orders[1] - orders[0]))
     return np.maximum(1.0, _running_median(gain, side) / _MEDIAN)
 
 
@@ -218,10 +206,10 @@ def chosen(model: PitchModel, state: State, direction: TurnDirection) -> list[Te
     d = Dictionary(model, state, direction)
     out: list[Term] = []
     first = 0.0
-    while len(out) < _MOST:
+    while len(out) < model.settings.round_terms:
         i, gain, stands_out = d.best()
         first = max(first, gain)
-        if not stands_out or gain < _SHARE * first:
+        if not stands_out or gain < model.settings.round_share * first:
             break
         out.append(d.take(i))
     return out

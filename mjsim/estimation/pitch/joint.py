@@ -19,15 +19,12 @@ from mjsim.estimation.pitch.noise import residual_noise
 from mjsim.estimation.pitch.terms import Fault, Term, Wave
 from mjsim.estimation.samples import GRID, GRID_STEPS
 
-#: Rounds of choosing and fitting at most.
-_ROUNDS = 6
 
-
-def searched(model: PitchModel, state: State, directions: list[TurnDirection], rounds: int = _ROUNDS) -> State:
+def searched(model: PitchModel, state: State, directions: list[TurnDirection], rounds: int | None = None) -> State:
     """Terms are added while the residual asks for them, everything refitted after each round; then what has become
-    needless goes.
+    needless goes. Without ``rounds`` there are as many as the settings allow.
     """
-    for _ in range(rounds):
+    for _ in range(rounds or model.settings.rounds):
         new = [t for w in directions for t in chosen(model, state, w)]
         if not new:
             break

@@ -43,7 +43,7 @@ def spectrum(model: PitchModel, state: State, direction: TurnDirection, curve: C
     own = 0.5 * np.einsum("ij,ij->j", columns, columns).reshape(-1, 2).sum(axis=1)
     own = np.maximum(own, 1e-9 * own.max())
     gain = ((rest @ columns) ** 2).reshape(-1, 2).sum(axis=1) / own
-    raised = noise_excess(gain, orders)
+    raised = noise_excess(gain, orders, model.settings.floor_orders)
     floor = np.sqrt(2.0 * raised / own) * UNIT / DEG
     limit = np.sqrt(threshold(2 * HIGHEST, model.settings.false_alarm) * raised / own) * UNIT / DEG
     return Spectrum(orders, amplitude(curve.position, curve.modified, orders) / DEG, floor, limit)
