@@ -64,7 +64,7 @@ def test_both_directions_become_the_traces_of_their_tests(folder, both):
     result = run("import", both, "--campaign", folder, "--no-check")
     assert result.exit_code == 0, result.output
     for words in ("2 recorded runs", "readings taken for 0.1 µm", "the file's circularity is 5.1 µm",
-        "assumed, the file does not say",
+        "the file does not say where",
                   "SAMPLES_A_SECOND 250", "no real file has been tried"):  # fmt: skip
         assert words in " ".join(result.stdout.split()), words
     assert max(map(len, result.stdout.splitlines())) <= 80

@@ -38,7 +38,9 @@ def command(campaign, effect, machine, force, threads, as_is, as_json, quiet) ->
     if quiet:
         return
     show_change("added", data)
-    common.say(f"{change.machine.path} now has it; `mjsim remove {campaign} {change.id}` takes it out again", quiet)
+    common.say(
+        f"{change.machine.path} now has {change.id}; `mjsim remove {campaign} {change.id}` takes it out again", quiet
+    )
 
 
 def change_json(change) -> dict:

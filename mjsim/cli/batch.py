@@ -93,7 +93,7 @@ def command(sweep, out, scheduler, dry_run, limits, force, threads, as_json, qui
 
             result = batch(s, out, cores, scheduler, force, progress)
     except KeyboardInterrupt as stop:
-        common.say(f"mjsim: stopped; what is finished is in {out}, the same command goes on from there", False)
+        common.say(f"mjsim: stopped; finished results are in {out}, and the same command continues from there", False)
         sys.exit(signals.status(stop))
     if as_json:
         summary = _summary(result)

@@ -94,7 +94,7 @@ def _own_fault(fault: Exception) -> NoReturn:
     click.echo(
         "mjsim: "
         + shortened(f"a fault of mjsim itself: {type(fault).__name__} in {place}: {fault}", 450)
-        + f"; please report it, with what {TRACEBACK}=1 shows in addition",
+        + f"; please report it, with the output under {TRACEBACK}=1",
         err=True,
     )
     sys.exit(3)

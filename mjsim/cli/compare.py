@@ -219,8 +219,7 @@ def show(data: dict) -> None:
         if t["samples_saturated"]:
             common.paragraph(
                 f"{t['name']}: the sensor stood at its stop, or beyond its range, in {t['samples_saturated']} of "
-                f"{t['samples']} samples; "
-                "they are left out, so that the largest errors of this test are not known"
+                f"{t['samples']} samples. They are left out. The largest errors of this test are not known."
             )
     common.paragraph(
         f"RMS and max: measured less simulated; G: circular error (ISO 230-4), µm. Worst: plot angle φ + 180° "
@@ -244,7 +243,7 @@ def show(data: dict) -> None:
             f"D {m['mean_radial_error_um']:.2f} and {s['mean_radial_error_um']:.2f} µm"
         )
     if data["acceptance"]:
-        click.echo("\nacceptance (ISO 14253-1: what lies within the guard band proves nothing):")
+        click.echo("\nacceptance (ISO 14253-1: a figure within the guard band neither passes nor fails):")
         rows = [
             [
                 " / ".join(a["tests"]),

@@ -102,8 +102,7 @@ def command(campaign, machine, write, max_effects, only, force, threads, as_is, 
     show(data, str(campaign))
     for axis in _identifiable(c, data):
         common.paragraph(
-            f"pitch errors of many orders can look like this; the tangential tests of {axis} can be read for them "
-            f"first: "
+            f"Pitch errors of many orders can look like this. Look for them in the tangential tests of {axis} first: "
             f"mjsim identify pitch-error {campaign} --axis {axis}"
         )
     if imported:

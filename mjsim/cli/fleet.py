@@ -62,7 +62,7 @@ def command(folders, out, scheduler, max_effects, time_limit, threads, as_is, as
                 folders, out, common.cores(threads), scheduler, max_effects, as_is, float(time_limit), progress
             )
     except KeyboardInterrupt as stop:
-        common.say(f"mjsim: stopped; what is finished is in {out}, the same command goes on from there", False)
+        common.say(f"mjsim: stopped; finished results are in {out}, and the same command continues from there", False)
         sys.exit(signals.status(stop))
     if as_json:
         common.print_json(result.to_json())

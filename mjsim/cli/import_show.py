@@ -90,15 +90,14 @@ def show_runs(recorded, options, traces: list, named: bool) -> None:
     if recorded.said:
         common.paragraph(f"- also in the file, not used: {'; '.join(recorded.said)}", "  ")
     common.paragraph(
-        "- no real file has been tried: look whether range, first angle and sense of the traces are right", "  "
+        "- no real file has been tried: check the range, the first angle and the sense of the traces", "  "
     )
     directions = {t.test.direction for t in traces}
     left = [r["direction"] for r in runs if r["direction"] not in directions]
     if left and not named:
         common.paragraph(
-            f"- no trace made of {' and '.join(left)}: no test of the campaign fits plane, direction, length and "
-            f"feed of the file; "
-            "FILE=TEST names one, --table-ball and the keys that the file lacks describe a new one",
+            f"- no trace made of {' and '.join(left)}: no test of the campaign has the plane, direction, length and "
+            "feed of the file. FILE=TEST names one. --table-ball and the keys that the file lacks describe a new one.",
             "  ",
         )
     click.echo()
@@ -122,7 +121,7 @@ def show_features(imported: list, found: dict, circles: Iterable = (), silent: b
     if silent:
         return rows
     if not rows:
-        click.echo("nothing was imported of other systems' findings")
+        click.echo("no findings of other systems were imported")
         return rows
     for i in imported:
         said = ", ".join(f"{k.replace('_', ' ')} {v}" for k, v in i.header.items())
@@ -139,7 +138,7 @@ def show_features(imported: list, found: dict, circles: Iterable = (), silent: b
     )
     unknown = [f"{r['feature']} {_value(r)}" for r in rows if r["causes"] is None]
     if unknown:
-        common.paragraph(f"kept, meaning not known: {', '.join(unknown)}")
+        common.paragraph(f"kept, although their meaning is not known: {', '.join(unknown)}")
     common.paragraph(
         "The values are the other system's, as its file has them; its signs are not published and are not "
         "compared. What such files look "

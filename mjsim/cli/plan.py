@@ -82,9 +82,8 @@ def show(result, campaign) -> None:
     )
     if any(r["separation"] > data["separation"] for r in data["runners_up"]):
         common.paragraph(
-            f"A separation of {data['enough']:.0f} σ decides, and {data['plenty']:.0f} σ are certain. More counts "
-            f"no further, so that "
-            "the shorter test is better; of tests alike the one that was looked at first comes first."
+            f"A separation of {data['enough']:.0f} σ decides. {data['plenty']:.0f} σ are certain: beyond that the "
+            "shorter test is better."
         )
     click.echo("\nNext:")
     for number, step in enumerate(

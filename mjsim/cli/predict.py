@@ -43,7 +43,7 @@ def command(
     from mjsim.workflow.saved import keep, read_saved
 
     if campaign is None and machine is None:
-        raise InputError("which machine? give --campaign FOLDER, or --machine FILE")
+        raise InputError("no machine is given; give --campaign FOLDER or --machine FILE")
     (run,) = part_runs((program,), tolerance, tool, zero, feed, dialect)
     for file in (out, table):
         if file is not None:

@@ -32,4 +32,6 @@ def command(campaign, effect, machine, threads, as_json, quiet) -> None:
         return
     if not quiet:
         show_change("removed", data)
-        common.say(f"{change.machine.path} no longer has it; its former text is in {c.state_folder}", quiet)
+        common.say(
+            f"{change.machine.path} no longer has {change.id}; the previous version is in {c.state_folder}", quiet
+        )

@@ -104,7 +104,7 @@ class _Process:
                 waiting.register(process.stdout, selectors.EVENT_READ)
                 if not waiting.select(self._limit):
                     self.end()
-                    return row | {"error": f"given up after {self._limit:g} s"}
+                    return row | {"error": f"stopped after {self._limit:g} s, the limit for one campaign"}
             line = process.stdout.readline()
         except (BrokenPipeError, ValueError):
             line = ""

@@ -49,7 +49,7 @@ def evenly(time: np.ndarray, deviation: np.ndarray, step: float, notes: list[str
                 )
                 return clock, values
     if count < len(time):
-        notes.append(f"{len(time) - count} samples at an angle that was there already left out")
+        notes.append(f"{len(time) - count} samples are left out: their angle was there already")
     return kept, deviation[forward]
 
 

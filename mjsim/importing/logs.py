@@ -136,7 +136,7 @@ def _converted(source: Path, table: Table, columns: tuple[Column, ...], options:
     notes, values = list(table.notes), table.values
     whole = np.isfinite(values[:, [c.place for c in columns]]).all(axis=1)
     if not whole.all():
-        notes.append(f"{int((~whole).sum())} rows with empty cells left out")
+        notes.append(f"{int((~whole).sum())} rows are left out: they have empty cells")
     values = values[whole]
     if len(values) < 100:
         raise InputError(f"{source}: {len(values)} whole rows; allowed: at least 100")
@@ -152,7 +152,7 @@ def _converted(source: Path, table: Table, columns: tuple[Column, ...], options:
             notes.append(f"time has no unit; {step:g} from sample to sample, so it is taken for ms")
         keep = np.concatenate([[True], np.diff(time) > 0.0])
         if not keep.all():
-            notes.append(f"{int((~keep).sum())} rows with a time that was there before left out")
+            notes.append(f"{int((~keep).sum())} rows are left out: their time was there before")
             time, values = time[keep], values[keep]
     out: dict[str, np.ndarray] = {}
     for c in columns:

@@ -66,9 +66,8 @@ class Source:
         if self.options.start_angle is not None:
             begin, clock = f"φ = {np.degrees(self.options.start_angle):g}°", self.options.clock
         note = (
-            f"assumed, the file does not say: the {n} readings are evenly spaced over the "
-            f"{test.revolutions * 360}° of the test, in the "
-            f"order of the motion, begin at {begin}, and hold no feed-in or overshoot (--rate, --start-angle)"
+            f"the file does not say where its {n} readings lie; assumed: evenly over the {test.revolutions * 360}° of "
+            f"the test, from {begin} on, in the order of the motion, without feed-in (--rate, --start-angle)"
         )
         return replace(self.options, rate=n / (hi - lo), clock=clock), [note]
 

@@ -123,7 +123,7 @@ def _cut(time: np.ndarray, deviation: np.ndarray, span: tuple[float, float], edg
     keep = (time >= span[0] - edge) & (time <= span[1] + edge)
     if not keep.all():
         keep = (time >= span[0]) & (time <= span[1])
-        notes.append(f"{int((~keep).sum())} samples before or after the measured part left out")
+        notes.append(f"{int((~keep).sum())} samples are left out: they lie before or after the measured part")
     return time[keep], deviation[keep]
 
 
@@ -185,6 +185,6 @@ def _into_range(
             dropped = len(ahead) - int(over.sum()) - int(stay.sum())
             ahead, deviation = np.append(ahead[over] - whole, ahead[stay]), np.append(deviation[over], deviation[stay])
             if dropped:
-                notes.append(f"{dropped} samples beyond the test's revolutions left out")
+                notes.append(f"{dropped} samples are left out: they lie beyond the test's revolutions")
     ahead, deviation = _cut(ahead, deviation, (0.0, whole), EDGE_ANGLE, notes)
     return begin + sign * ahead, deviation

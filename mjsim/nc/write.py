@@ -177,8 +177,8 @@ def _blocks(
     printed = np.round(q / units, decimals)
     if (np.diff(printed, axis=0) == 0).all(axis=1).any():
         raise InputError(
-            f'test "{test.name}": blocks of {o.step_deg:g}° are no motion with {decimals} decimals; allowed: a '
-            f"larger step"
+            f'test "{test.name}": with {decimals} decimals, a block of {o.step_deg:g}° moves no axis; allowed: a '
+            "larger step"
         )
     seconds = np.full(count, length / count / test.feed)
     return phi, Commanded(seconds, printed * units, feed == "tcp", test.chain), printed
@@ -213,8 +213,7 @@ def _feed_words(
         values = np.linalg.norm(np.diff(printed, axis=0), axis=1) / (seconds / 60.0)
     if (np.round(values, digits) <= 0).any():
         raise InputError(
-            f'test "{test.name}": F of {values.min():.3g} is nothing with {digits} decimals; allowed: more '
-            f"decimals of F"
+            f'test "{test.name}": with {digits} decimals, F{values.min():.3g} becomes F0; allowed: more decimals of F'
         )
     return [f" F{v:.{digits}f}" for v in values]
 

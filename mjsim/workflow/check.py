@@ -144,7 +144,7 @@ def write_corrected(result: CheckResult, folder: str | Path) -> list[Path]:
         raise InputError(f"{source}: nothing to put right")
     for m in result.mistakes:
         if not m.certain:
-            raise InputError(f"{source / 'campaign.toml'}: {m.sentence}; put it right by hand, only you can tell")
+            raise InputError(f"{source / 'campaign.toml'}: {m.sentence}; correct it by hand, only you can tell")
     if out.exists() and any(out.iterdir() if out.is_dir() else [out]):
         raise InputError(f"{out}: exists; allowed: a new or empty folder for the corrected copy")
     document = tomlkit.parse(read_text(source / "campaign.toml"))

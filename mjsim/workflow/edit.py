@@ -234,8 +234,8 @@ def fit_effect(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str
     bank = SignatureBank(problem, start)
     selection = ModelSelection(fitter)
     silent_here = (
-        f"effect {effect_id} does not change any reading of this campaign; nothing to fit (which axes move in its "
-        f"tests?)"
+        f"effect {effect_id} does not change any reading of this campaign, so it cannot be fitted; allowed: an effect "
+        "on an axis that moves in its tests"
     )
     names = cls.search.free_of(cls.parameters_of(subject))
     if cls.search.scanned:

@@ -59,7 +59,7 @@ class LinuxCNC(Control):
             if sticks(jump, self.acceleration(chain, axis)):
                 a = self.acceleration(chain, axis) / unit
                 ini += [
-                    f"; MAX_ACCELERATION = {a:g} does not carry the reversal out: LinuxCNC leaves changes from",
+                    f"; MAX_ACCELERATION = {a:g} does not suit this reversal: LinuxCNC leaves changes from",
                     f"; {0.25 * a * _CYCLE**2:.6g} to {0.5 * a * _CYCLE**2:.6g} undone. Set another MAX_ACCELERATION.",
                 ]
             if table is not None:
