@@ -81,9 +81,9 @@ def as_json(*args):
     return json.loads(result.stdout, parse_constant=constant)
 
 
-def cut(target, tests=TESTS, traces=True):
-    """The hidden-backlash example with some of its tests only."""
-    source = examples() / "hidden-backlash"
+def cut(target, tests=TESTS, traces=True, example="hidden-backlash"):
+    """An example with some of its tests only."""
+    source = examples() / example
     (target / "traces").mkdir(parents=True)
     document = tomlkit.parse((source / "campaign.toml").read_text())
     for i in reversed(range(len(document["test"]))):

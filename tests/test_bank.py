@@ -17,7 +17,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
 #: One of each category, with few tests each.
 CHOSEN = (
     "null-020",
-    "sparse-backlash.A-00",
     "sparse-pitch_error.C-16",
     "sparse-servo_delay.Y-22",
     "sparse-torque_ripple.A-08",

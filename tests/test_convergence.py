@@ -44,8 +44,8 @@ def first_set(machine):
 @pytest.fixture(scope="module")
 def tests(cone):
     return [
-        cone(15, 10, (50, 0, 155), name="15-x50"),
-        cone(45, 30, (0, 100, 155), name="45-y100"),
+        cone(15, 10, (50, 0, 155), feed=2000, name="15-x50"),
+        cone(45, 30, (0, 100, 155), feed=2000, name="45-y100"),
         cone(15, 10, (50, 30, 155), feed=3000, name="15-fast"),
         cone(45, 30, (30, -20, 155), feed=3000, sensitive="parallel", direction="CW", name="45-parallel-fast"),
     ]

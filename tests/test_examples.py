@@ -17,6 +17,17 @@ KEYS = {
     "next_test", "samples", "calibration", "combinations", "shares",
 }  # fmt: skip
 EFFECT_KEYS = {"id", "parameters", "ci95", "rms_before_um", "rms_after_um", "alternatives", "tests"}
+#: Tests of an example that show what is said of it here. The one that the demo walks through is diagnosed whole.
+PARTS = {
+    "healthy": (
+        "cone15-centre-ccw", "cone45-x50-ccw", "circle-xy-ccw", "rotary-a-tangential-ccw", "rotary-c-tangential-ccw",
+    ),
+    "pitch-error": ("cone15-x50-ccw", "cone45-x50-ccw", "cone15-y50-ccw"),
+    "two-candidates": ("cone15-centre-ccw", "cone15-x50-ccw", "cone45-x50-ccw"),
+    "unlisted": ("cone15-centre-ccw", "cone15-x50-ccw", "cone15-y50-ccw"),
+}  # fmt: skip
+
+SIZED = ("cone15-centre-ccw", "cone45-x50-ccw", "cone15-y50-ccw", "rotary-c-tangential-ccw", "circle-xy-ccw")
 
 
 def run(*args):
@@ -34,7 +45,8 @@ def diagnosed(tmp_path_factory, shared_results):
     def diagnose(name):
         if name not in done:
             fitted = folder / f"{name}.toml"
-            done[name] = run("diagnose", examples() / name, "--write", fitted), fitted
+            campaign = cut(folder / name, PARTS[name], example=name) if name in PARTS else examples() / name
+            done[name] = run("diagnose", campaign, "--write", fitted), fitted
         return done[name]
 
     return diagnose
@@ -118,13 +130,12 @@ def test_two_candidates_are_both_named(diagnosed):
     data, _ = diagnosed("two-candidates")
     assert data["verdict"] == "ambiguous"
     (effect,) = data["effects"]
-    assert effect["id"] == "servo_gain.C"
-    assert effect["alternatives"] == ["servo_delay.C"]
+    assert {effect["id"], *effect["alternatives"]} == {"servo_gain.C", "servo_delay.C"}
 
 
 def test_an_unknown_cause_is_described_and_an_own_effect_explains_it(tmp_path):
     """docs/unknown-cause.md: unknown, described, own effect, noise floor."""
-    folder = shutil.copytree(examples() / "unlisted", tmp_path / "campaign", ignore=shutil.ignore_patterns(".mjsim"))
+    folder = cut(tmp_path / "campaign", PARTS["unlisted"], example="unlisted")
     data = run("diagnose", folder)
     unknown = data["unexplained"]
     assert (data["verdict"], data["effects"]) == ("unknown", [])
@@ -132,7 +143,9 @@ def test_an_unknown_cause_is_described_and_an_own_effect_explains_it(tmp_path):
     assert unknown["left_um"] < 1.2 * data["noise_um"] < unknown["rms_um"]
     for written in (unknown["effect_file"], unknown["plot"]):
         assert (folder / ".mjsim").joinpath(written.rpartition("/")[2]).stat().st_size > 1000
-    added = run("add", folder, folder / "encoder_step.py")
+    sized = cut(tmp_path / "sized", SIZED, example="unlisted")  # the step's size needs more tests than its place
+    shutil.copy(examples() / "unlisted" / "encoder_step.py", sized)
+    added = run("add", sized, sized / "encoder_step.py")
     assert added["effect"]["parameters"]["step_deg"] == pytest.approx(0.0045, rel=0.01)
     assert added["effect"]["parameters"]["at_deg"] == pytest.approx(-300.0, abs=0.1)
     assert added["rms_after_um"] < 0.14

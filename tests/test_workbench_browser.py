@@ -26,6 +26,8 @@ pytestmark = [
     pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine: the workbench is not opened in a browser"),
 ]
 START = "from mjsim.cli.main import main; main()"
+#: Without a graphics card every picture of the machine is drawn by the processor: a few a second are enough here.
+SELDOM = "const soon = requestAnimationFrame; requestAnimationFrame = f => setTimeout(() => soon(f), 200)"
 #: Patience for one thing to appear on the page, ms; the machine may be busy.
 PATIENCE = 240_000
 
@@ -68,6 +70,7 @@ class Page:
         self.faults = []
         self.page = browser.new_page(viewport={"width": 1280, "height": 800})
         self.page.set_default_timeout(PATIENCE)
+        self.page.add_init_script(SELDOM)
         self.page.on("pageerror", lambda e: self.faults.append(str(e)))
         local = ("http://127.0.0.1:", "ws://127.0.0.1:", "data:", "blob:")
         self.page.on("request", lambda r: r.url.startswith(local) or self.faults.append(r.url))

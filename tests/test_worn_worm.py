@@ -24,7 +24,7 @@ from mjsim.simulation.transmission import transmit
 
 DEG = np.pi / 180.0
 SHAPE = {"depth_deg": 0.003, "centre_deg": 30.0, "width_deg": 4.0}
-#: Feed of the cones where the paper's own does not matter, mm/min.
+#: Feed of the cones, mm/min; the paper's own is half of it.
 QUICK = 2000.0
 #: Those of the campaign's tests that pass the worn place, but for one.
 TESTS = ("rotary-a-tangential-centre-ccw", "rotary-a-tangential-centre-cw", "cone15-centre-ccw", "cone15-x50-ccw")
@@ -130,13 +130,13 @@ def test_machine_files_hold_one_wear_per_flank(m1, tmp_path):
 def measured(tmp_path_factory):
     """``measured(name, *wear)``: campaign with that wear hidden in it, and the machine whose pitch errors are known.
 
-    With ``feed`` in mm/min the cones are quicker than the paper's.
+    The cones are quicker than the paper's.
     """
 
-    def measure(name, *wear, feed=1000.0):
+    def measure(name, *wear):
         case = kato2013.case()
         tests = tuple(
-            {**t, "feed_mm_min": feed} if t["kind"] == "cone_frustum" else t for t in case.tests if t["name"] in TESTS
+            {**t, "feed_mm_min": QUICK} if t["kind"] == "cone_frustum" else t for t in case.tests if t["name"] in TESTS
         )
         assert len(tests) == len(TESTS)
         folder = tmp_path_factory.mktemp(name)
@@ -184,12 +184,12 @@ def test_the_deflection_is_one_worn_flank_and_goes_with_it(measured):
         )  # not mirrored: it is no matter of the place alone
     worn = [e for e in read_machine(campaign.machine_file).effects if e.kind == "worm_wear"]
     assert [e.values["direction"] for e in worn] == ["CW"]
-    assert change.after.rms < 1.3 * result.noise  # the drives' own departures from their data sheet are left
+    assert change.after.rms < 1.5 * result.noise  # the drives' own departures from their data sheet are left
 
 
 def test_wear_of_both_flanks_has_no_direction(measured):
     wear = {k: v for k, v in kato2013.WEAR.items() if k != "direction"}
-    (found,) = mjsim.diagnose(*measured("both", wear, feed=QUICK)).effects
+    (found,) = mjsim.diagnose(*measured("both", wear)).effects
     assert found.effect.id == "worm_wear.A" and "direction" not in found.effect.values
     assert abs(found.effect.values["centre_deg"] - wear["centre_deg"]) < 0.5
     assert found.effect.values["depth_deg"] == pytest.approx(wear["depth_deg"], rel=0.1)
@@ -200,7 +200,7 @@ def test_wear_of_both_flanks_has_no_direction(measured):
 def test_flanks_worn_differently_at_one_place(measured):
     """Wear of both and the difference of one: nothing else, and each way the depth that was hidden."""
     deep, shallow = kato2013.WEAR, {**kato2013.WEAR, "direction": "CCW", "depth_deg": -0.002}
-    effects = [e.effect for e in mjsim.diagnose(*measured("unequal", deep, shallow, feed=QUICK)).effects]
+    effects = [e.effect for e in mjsim.diagnose(*measured("unequal", deep, shallow)).effects]
     assert {e.id for e in effects} == {"worm_wear.A"} and len(effects) == 2
     for true, way in ((deep, -1.0), (shallow, 1.0)):
         depth = sum(e.values["depth_deg"] for e in effects if e.direction_sign in (0.0, way))
@@ -209,5 +209,5 @@ def test_flanks_worn_differently_at_one_place(measured):
 
 def test_a_new_table_shows_nothing(measured):
     assert kato2013.case(worn=False).hidden == kato2013.pitch_effects()
-    result = mjsim.diagnose(*measured("new", feed=QUICK))
+    result = mjsim.diagnose(*measured("new"))
     assert result.verdict == "nothing_found" and result.effects == () and result.unexplained is None
