@@ -394,7 +394,7 @@ def test_limits(tests, tmp_path):
         (Options(step_deg=0.0), "allowed: 0.001 to 10"),
         (Options(step_deg=float("nan")), "allowed: 0.001 to 10"),
         (Options(step_deg=0.002), "allowed: up to 99998"),
-        (Options(step_deg=0.005, decimals=1), "no motion with 1 decimals"),
+        (Options(step_deg=0.005, decimals=1), "a block of 0.005° moves no axis"),
         (Options(decimals=12), "allowed: 1 to 9"),
         (Options(feed_decimals=-1), "allowed: 0 to 9"),
         (Options(number=0), "allowed: 1 to 9999"),
