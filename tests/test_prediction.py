@@ -277,7 +277,7 @@ def test_the_command(tmp_path, machine):
     data = json.loads(ok("predict", "pocket", "--machine", file, "--json").stdout)
     assert data["verdict"] is None and data["cutting_forces"] == "not included" and len(data["blocks"]) > 100
     for arguments, words in (
-        (("cone",), "which machine"),
+        (("cone",), "no machine is given"),
         (("nothing.nc", "--machine", file), "nothing.nc"),
         (("cone", "--machine", file, "--tolerance", "-1"), "allowed: above 0"),
     ):
