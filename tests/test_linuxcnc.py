@@ -13,6 +13,7 @@ from click.testing import CliRunner
 
 from mjsim.axislog.measurement import LogTest
 from mjsim.ballbar.commanded import Commanded
+from mjsim.ballbar.kinds import KINDS
 from mjsim.ballbar.program import Program
 from mjsim.campaign.driven import with_record
 from mjsim.campaign.files import read_campaign
@@ -24,7 +25,7 @@ from mjsim.linuxcnc import installed
 from mjsim.linuxcnc.configuration import Settings, check_settings, kinematics, write_configuration
 from mjsim.linuxcnc.held import held_against
 from mjsim.linuxcnc.record import Record
-from mjsim.linuxcnc.run import run_program
+from mjsim.linuxcnc.run import _starved, run_program
 from mjsim.machine.chain import FIVE_AXIS, chain_of
 from mjsim.nc.control import block_times, linuxcnc
 from mjsim.nc.read import parse_nc
@@ -198,6 +199,28 @@ def test_a_missing_control_is_one_sentence(tmp_path, monkeypatch):
     assert said.startswith("mjsim: LinuxCNC cannot run here: the program linuxcncsvr (run: ") and said.count("\n") == 1
 
 
+def test_a_record_that_depends_on_the_pace_is_not_taken():
+    """A path of 1000 blocks of 10 cycles: 200 blocks are queued at its begin, and more as they are done."""
+    line = np.concatenate([np.full(50, 2), np.repeat(np.arange(3, 1003), 10)])
+    feed = np.arange(len(line)) >= 50
+
+    def asked(every, stall=(0, 0)):
+        """Pairs of cycles and blocks at the last addition; nothing is added in the stall."""
+        out, end, told = [(10, 1), (40, 200)], 202, 200
+        for cycle in range(50, len(line), every):
+            more = min(1002, line[cycle] + 200 - cycle % 7)
+            if more > end and not stall[0] <= cycle < stall[1]:
+                end, told = more, more - line[cycle]
+            out.append((cycle + 1, told))
+        return np.array(out)
+
+    assert not _starved(line, feed, asked(200))
+    assert not _starved(line, feed, asked(200, (3000, 3600)))
+    assert _starved(line, feed, asked(200, (3000, 6000)))
+    assert not _starved(line, feed, asked(200, (9000, 20_000)))  # all blocks are there
+    assert not _starved(line, np.zeros(len(line), bool), asked(200))
+
+
 # -- the control itself ------------------------------------------------------------------------------------------------
 
 
@@ -241,6 +264,16 @@ def test_linuxcnc_slows_down_as_the_model_says(there, cone):
     assert held.model.duration == pytest.approx(held.lasted, rel=0.01)
     assert held.record.mean == pytest.approx(held.model.mean, rel=0.01)
     assert held.record.feed.min() == pytest.approx(held.model.feed.min(), rel=0.15)
+
+
+def test_tool_centre_point_of_another_chain(there, cone):
+    """xyzbc-trt-kins turns the tip as mjsim's kinematics do: the balls keep their distance to the chords."""
+    chain = chain_of("w-C'B'X'bYZ-t")
+    test = replace(next(iter(KINDS["cone_frustum"].proposals(chain, 0.1, 0.155))), revolutions=1, feed=cone.feed)
+    written = nc_program(test, Options(dialect="linuxcnc", feed="tcp", step_deg=0.5))
+    record = run_program(written.text, chain, Settings(), tip=True)
+    reading = held_against(test, written.motion, record, Settings()).record.reading
+    assert np.abs(reading).max() < 1.5e-6
 
 
 def test_what_linuxcnc_refuses_is_one_sentence(there):

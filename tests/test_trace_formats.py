@@ -194,6 +194,37 @@ def test_what_a_columns_name_says(tmp_path, name, found):
     assert [(c.axis, c.signal) for c in columns if c.place == 3] == ([] if found is None else [found])
 
 
+def test_a_following_error_stands_for_the_other_position(folder, motion):
+    """Command less actual position, in another unit than the position; where both are there it is not needed."""
+    from_actual = ("t [ms];X ist [mm];Schleppabstand X [µm]", motion[1], 1e3 * (motion[0] - motion[1]))
+    from_command = ("t [ms];X soll [mm];X following error [um]", motion[0], 1e3 * (motion[0] - motion[1]))
+    for name, (head, position, lag) in {"a": from_actual, "b": from_command}.items():
+        rows = [f"{i};{p:.7f};{e:.5f}" for i, (p, e) in enumerate(zip(position, lag, strict=True))]
+        (folder / f"{name}.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+        done = import_log(folder, folder / f"{name}.csv", controller="c")
+        assert "following error" in done.notes[-1]
+        record = read_campaign(folder).logs.recordings[name].axes["X"]
+        np.testing.assert_allclose(record.command, motion[0] * 1e-3, atol=1e-9)
+        np.testing.assert_allclose(record.actual, motion[1] * 1e-3, atol=1e-9)
+    names = ("t [s]", "X soll [mm]", "X ist [mm]", "X lag [mm]")
+    table = Table(folder, names, ("",) * 4, np.zeros((3, 4)), np.arange(3), (), ())
+    assert [c.signal for c in columns_of(table, FIVE_AXIS, (), Options())] == ["time", "command", "actual"]
+
+
+@pytest.mark.parametrize(
+    ("signal", "said"),
+    [
+        ("X_command=2:furlong", "allowed units for command of X: um, mm, inch, mil, uin"),
+        ("A_command=2:mm", "allowed units for command of A: deg, rad"),
+        ("X_torque=2:mNm", "allowed units for torque of X: Nm"),
+    ],
+)
+def test_units_that_cannot_be(tmp_path, signal, said):
+    table = Table(tmp_path, ("t [s]", "b"), ("",) * 2, np.zeros((3, 2)), np.arange(3), (), ())
+    with pytest.raises(InputError, match=said):
+        columns_of(table, FIVE_AXIS, (signal,), Options())
+
+
 def test_one_axis_need_not_be_named(tmp_path):
     table = Table(tmp_path, ("t [s]", "Soll [mm]", "Ist [mm]"), ("",) * 3, np.zeros((3, 3)), np.arange(3), (), ())
     columns = columns_of(table, chain_of("X"), (), Options())

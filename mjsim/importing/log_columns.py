@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from mjsim.errors import InputError
 from mjsim.importing.reading import Options
 from mjsim.importing.table import Table
-from mjsim.importing.units import bare, unit_of_column
+from mjsim.importing.units import QUANTITIES, bare, unit_named, unit_of_column
 from mjsim.io.inputs import shown
 from mjsim.machine.chain import Chain
 
@@ -18,19 +18,21 @@ _WORDS = {
                 "sollwert", "sollposition", "lagesollwert"),
     "actual": ("actual", "act", "feedback", "fb", "encoder", "measured", "ist", "istwert", "istposition",
                "lageistwert"),
+    "lag": ("lag", "following", "diff", "dif", "schleppabstand", "schleppfehler"),
     "torque": ("torque", "moment", "drehmoment"),
     "current": ("current", "strom"),
     "control": ("control", "output", "stellgröße", "stellgroesse"),
 }  # fmt: skip
 #: Words of quantities that are no position, so that their setpoint is not the command and their actual value is not
-#: the actual position.
+#: the actual position. (A following error is ``lag``.)
 _OTHER = {
     "velocity", "speed", "v", "geschwindigkeit", "drehzahl", "acceleration", "beschleunigung", "jerk", "ruck", "error",
-    "deviation", "lag", "diff", "dif", "schleppabstand", "schleppfehler", "regeldifferenz", "load", "power", "vcmd",
+    "deviation", "regeldifferenz", "load", "power", "vcmd",
 }  # fmt: skip
 _TIME = {"time", "t", "zeit", "timestamp", "sec", "seconds", "time_s"}
 _ENDINGS = {"torque": "torque_Nm", "current": "current_A", "control": "control_V"}
 _UNITS = {signal: ending.rpartition("_")[2] for signal, ending in _ENDINGS.items()}
+_POSITIONS = ("command", "actual")
 _SIGNAL = re.compile(r"([A-Z])_([a-z]+)=([^:]+)(?::(.+))?")
 
 
@@ -40,7 +42,8 @@ class Column:
 
     Attributes:
         axis: Letter; empty for the time.
-        signal: ``time``, ``command``, ``actual``, ``torque``, ``current`` or ``control``.
+        signal: ``time``, ``command``, ``actual``, ``lag`` (command less actual position), ``torque``, ``current`` or
+            ``control``.
         place: Of the column, from 0.
         unit: As the file has it; empty where nothing says it.
     """
@@ -82,16 +85,20 @@ def columns_of(table: Table, chain: Chain, signals: tuple[str, ...], options: Op
             f"{chain.letters[0]}_command=COLUMN:UNIT and --signal {chain.letters[0]}_actual=COLUMN:UNIT"
         )
     for axis in sorted(axes):
-        for signal in ("command", "actual"):
-            if (axis, signal) not in out:
+        missing = [s for s in _POSITIONS if (axis, s) not in out]
+        if not missing or len(missing) == 2:
+            out.pop((axis, "lag"), None)
+        for signal in missing:
+            if (axis, "lag") not in out:
                 raise InputError(
                     f"{table.path}: no {signal} position of {axis} in {table.columns}; say --signal "
                     f"{axis}_{signal}=COLUMN:UNIT"
                 )
     for c in out.values():
-        if not c.unit and c.signal in ("command", "actual"):
+        if not c.unit and c.signal in (*_POSITIONS, "lag"):
+            what = "following error" if c.signal == "lag" else f"{c.signal} position"
             raise InputError(
-                f"{table.path}: column {c.place + 1} ({c.signal} position of {c.axis}) has no unit; say --signal "
+                f"{table.path}: column {c.place + 1} ({what} of {c.axis}) has no unit; say --signal "
                 f"{c.axis}_{c.signal}={c.place + 1}:mm (or um, inch, deg, rad)"
             )
     return tuple(out.values())
@@ -115,6 +122,13 @@ def _said(table: Table, chain: Chain, text: str) -> Column:
         )
     axis, signal, column, unit = match.groups()
     place = _place(table, column)
+    if unit:
+        quantity = "angle" if chain.is_rotary(axis) else "deviation"
+        allowed = [_UNITS[signal]] if signal in _UNITS else [u for u in QUANTITIES[quantity] if u != "V"]
+        known = unit if signal in _UNITS else unit_named(unit, quantity)
+        if known not in allowed:
+            raise InputError(f"--signal {shown(text)}; allowed units for {signal} of {axis}: {', '.join(allowed)}")
+        unit = known
     fallback = _unit(table.names[place] if table.names else "", "", signal, chain.is_rotary(axis))
     return Column(axis, signal, place, unit or fallback)
 

@@ -157,13 +157,29 @@ def _converted(source: Path, table: Table, columns: tuple[Column, ...], options:
     out: dict[str, np.ndarray] = {}
     for c in columns:
         column = values[:, c.place]
-        if c.signal in ("command", "actual"):
+        if c.signal in ("command", "actual", "lag"):
             angle = c.unit in ("deg", "rad")
             size = factor(c.unit, "angle" if angle else "deviation") / (DEG if angle else MM)
             out[f"{c.axis}_{c.signal}_{'deg' if angle else 'mm'}"] = column * size
         elif c.axis:
             out[f"{c.axis}_{c.signal}_{c.unit}"] = column
+    notes += _without_lag(out)
     return time - time[0], out, tuple(notes)
+
+
+def _without_lag(values: dict[str, np.ndarray]) -> list[str]:
+    """Put the position that a following error stands for in its place; what was done, a sentence each."""
+    notes = []
+    for name in [n for n in values if "_lag_" in n]:
+        axis, _, unit = name.split("_")
+        lag, command, actual = values.pop(name), f"{axis}_command_{unit}", f"{axis}_actual_{unit}"
+        if command in values:
+            values[actual] = values[command] - lag
+            notes.append(f"actual position of {axis}: command less following error")
+        else:
+            values[command] = values[actual] + lag
+            notes.append(f"command of {axis}: actual position and following error")
+    return notes
 
 
 def _csv(time: np.ndarray, values: Mapping[str, np.ndarray]) -> bytes:

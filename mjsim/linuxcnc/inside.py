@@ -16,8 +16,8 @@ from typing import Any
 
 #: Kinds of messages that are errors (nml_oi.hh: NML_ERROR, OPERATOR_ERROR).
 _ERRORS = (1, 11)
-#: Blocks that the planner looks ahead, with some to spare: with fewer in its queue the path depends on the pace.
-_AHEAD = 60
+#: The queue is taken for filled when it has not grown for so long, s.
+_FILLED = 0.5
 
 
 class Failure(Exception):
@@ -119,30 +119,31 @@ class Loop:
         self.hal.set_p("sampler.0.enable", "1")
         self.command.auto(c.AUTO_RUN, 0)
         self.until(lambda: s.interp_state != c.INTERP_IDLE)
-        idle, began, look, least = 0, time.monotonic(), 0.0, None
+        idle, began, next_look = 0, time.monotonic(), 0.0
+        self.queue = []
         while idle < 5:
             time.sleep(0.01)
             self.poll()
+            self.look()
             now = time.monotonic()
             if now - began > self.limit:
                 raise Failure(f"the program does not end within {self.limit:g} s")
-            if now > look:
-                look = now + 1.0
+            if now > next_look:
+                next_look = now + 1.0
                 if not self.alive():
                     raise Failure("it has ended on its own")
             if s.interp_state == c.INTERP_PAUSED and s.inpos and not s.queue:
                 self._resume()
-            elif s.motion_line > 100 and 100 < s.read_line < self.blocks - 100:
-                least = s.queue if least is None else min(least, s.queue)
             idle = idle + 1 if s.interp_state == c.INTERP_IDLE and s.inpos and not s.queue else 0
         self.hal.set_p("sampler.0.enable", "0")
         time.sleep(0.05)
         self.poll()
-        if lost := int(self.hal.get_value("sampler.0.overruns")):
-            raise Failure(f"{lost} cycles were not recorded; allowed: a lower --speed")
-        if least is not None and least < _AHEAD:
-            raise Failure(f"its planner had {least} blocks left to look ahead; allowed: a lower --speed")
-        return {"seconds": time.monotonic() - began, "queue": least}
+        lost = int(self.hal.get_value("sampler.0.overruns"))
+        return {"seconds": time.monotonic() - began, "lost": lost, "queue": self.queue}
+
+    def look(self) -> None:
+        """Keep how many cycles there are, and how many blocks were queued when the last one was added."""
+        self.queue.append((len(self.rows) // (2 * self.joints + 3), self.stat.queue))
 
     def _resume(self) -> None:
         """Go on after M0, with the feed held until blocks are queued: so the first ones do not depend on the pace."""
@@ -151,11 +152,13 @@ class Loop:
         self.until(lambda: s.feedrate == 0.0)
         self.command.auto(c.AUTO_RESUME)
         self.until(lambda: s.interp_state != c.INTERP_PAUSED)
-        last = -1
-        while s.queue != last:
-            last = s.queue
-            time.sleep(0.1)
+        most, since = -1, time.monotonic()
+        while time.monotonic() - since < _FILLED and s.read_line < self.blocks - 5:
+            if s.queue > most:
+                most, since = s.queue, time.monotonic()
+            time.sleep(0.01)
             self.poll()
+            self.look()
         self.command.feedrate(1.0)
         self.until(lambda: s.feedrate == 1.0)
 

@@ -15,7 +15,7 @@ from mjsim.machine.chain import Chain
 from mjsim.nc.limits import scale
 
 #: Kinds of motion (motion.h of LinuxCNC) that are feeds: straight lines and arcs.
-_FEEDS = (2, 3)
+FEEDS = (2, 3)
 #: Cycles at rest that are kept before and after the path.
 _REST = 100
 
@@ -48,7 +48,7 @@ class Record:
             InputError: the program has no feed block that moves.
         """
         moves = np.abs(np.diff(self.path, axis=0)).max(axis=1) > 1e-13
-        on = np.flatnonzero(moves & np.isin(self.kind[1:], _FEEDS))
+        on = np.flatnonzero(moves & np.isin(self.kind[1:], FEEDS))
         if not len(on):
             raise InputError("LinuxCNC: the program has no feed block that moves an axis")
         return slice(int(on[0]), int(on[-1]) + 2)

@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +16,17 @@ from mjsim.errors import InputError
 from mjsim.linuxcnc import inside
 from mjsim.linuxcnc.configuration import Settings, check_settings, write_configuration
 from mjsim.linuxcnc.installed import PYTHON, environment, needed, unshare
-from mjsim.linuxcnc.record import Record
+from mjsim.linuxcnc.record import FEEDS, Record
 from mjsim.machine.chain import FIVE_AXIS, Chain
 from mjsim.nc.limits import scale
 from mjsim.nc.write import Options, nc_program
 
 #: Longest name of a folder with LinuxCNC's sockets: they take 108 characters.
 _LONGEST = 95
+#: Slower clocks that are tried where the computer is too busy, times real time.
+_SLOWER = (5.0, 1.0)
+#: Blocks that the planner looks ahead, with some to spare: with fewer in its queue the path depends on the pace.
+_AHEAD = 60
 
 
 def run_test(test: BallBarTest, settings: Settings | None = None, options: Options | None = None) -> Record:
@@ -57,6 +62,20 @@ def run_program(text: str, chain: Chain = FIVE_AXIS, settings: Settings | None =
     settings = settings or Settings()
     check_settings(settings, chain)
     needed()
+    speeds = [settings.speed, *(v for v in _SLOWER if v < settings.speed)]
+    for speed in speeds:
+        try:
+            return _run(text, chain, replace(settings, speed=speed), tip)
+        except _Starved:
+            continue  # the computer is busy: the path would depend on how fast the program is read
+    raise InputError(f"LinuxCNC reads the program too slowly at {speeds[-1]:g} times real time; is the computer busy?")
+
+
+class _Starved(Exception):
+    """A record that depends on the pace of the computer."""
+
+
+def _run(text: str, chain: Chain, settings: Settings, tip: bool) -> Record:
     folder = Path(tempfile.mkdtemp(prefix="lc"))
     try:
         if len(str(folder)) > _LONGEST:
@@ -98,8 +117,32 @@ def _recorded(folder: Path, chain: Chain, settings: Settings, faster: bool) -> R
         raise InputError(f"LinuxCNC: {result['failure']}")
     rows = np.fromfile(folder / "record.bin").reshape(-1, 2 * chain.count + 3)
     units = np.array([scale(a) for a in chain.letters])
+    line, kind = rows[:, -2].astype(int), rows[:, -1].astype(int)
+    if result["lost"] or _starved(line, np.isin(kind, FEEDS), np.array(result["queue"])):
+        raise _Starved
     told, path = rows[:, 1 : 1 + chain.count] * units, rows[:, 1 + chain.count : 1 + 2 * chain.count] * units
-    return Record(told, path, rows[:, -2].astype(int), rows[:, -1].astype(int), chain, result["seconds"])
+    return Record(told, path, line, kind, chain, result["seconds"])
+
+
+def _starved(line: np.ndarray, feed: np.ndarray, queue: np.ndarray) -> bool:
+    """Whether the planner may have had too few blocks to look ahead while it moved along the path.
+
+    Args:
+        line: Line of the program in every cycle, (n,).
+        feed: Whether it is on the path, (n,).
+        queue: Cycles so far, and the blocks in the queue when the last one was added, (m, 2), at increasing times.
+    """
+    if not feed.any() or len(queue) < 2:
+        return False
+    cycles = np.flatnonzero(feed)
+    added = np.flatnonzero(np.diff(queue[:, 1])) + 1
+    before = line[np.clip(queue[added - 1, 0] - 1, 0, len(line) - 1)]  # the block was added later than this
+    end = np.maximum.accumulate(np.append(0, before + queue[added, 1]))  # line up to which blocks were queued, at least
+    reached = end[np.searchsorted(queue[added, 0], cycles, side="right")]
+    last = queue[added, 0][queue[added, 0] <= cycles[-1]]
+    all_there = cycles >= (last[-1] if len(last) else 0)  # nothing was added later, and the path came to its end
+    moving = line[cycles] > line[cycles].min()  # the first block waits for the queue to fill
+    return bool((moving & ~all_there & (reached - line[cycles] < _AHEAD)).any())
 
 
 def _tail(folder: Path) -> str:
