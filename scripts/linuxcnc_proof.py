@@ -2,14 +2,16 @@
 
 Every test is run twice: with steps of 0.1°, and with the steps that mjsim writes for LinuxCNC. Needs linuxcnc-uspace.
 
-    scripts/linuxcnc_proof.py [CAMPAIGN] [--acceleration 5000] [--test NAME ...]
+    scripts/linuxcnc_proof.py [CAMPAIGN] [--acceleration 5000] [--revolutions 1] [--test NAME ...]
 """
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
+from mjsim.ballbar.kinds import kind_of
 from mjsim.campaign.files import read_campaign
 from mjsim.io.resources import examples
 from mjsim.linuxcnc.configuration import ACCELERATION, Settings
@@ -23,6 +25,7 @@ def main() -> None:
     parser.add_argument("campaign", nargs="?", type=Path, default=examples() / "hidden-backlash")
     parser.add_argument("--acceleration", type=float, default=ACCELERATION, help="of all axes, mm/s² and °/s²")
     parser.add_argument("--test", action="append")
+    parser.add_argument("--revolutions", type=int, default=1)
     a = parser.parse_args()
     print(
         "| test | by F, s | step of 0.1°: LinuxCNC, s | mjsim's step: LinuxCNC, s | model, s | mean feed, mm/min | "
@@ -31,6 +34,7 @@ def main() -> None:
     for test in read_campaign(a.campaign, traces=False).tests:
         if a.test and test.name not in a.test:
             continue
+        test = replace(test, revolutions=a.revolutions) if kind_of(test).goes_round else test
         settings = Settings(dict.fromkeys(test.chain.letters, a.acceleration))
         plain = nc_program(test, Options(dialect="linuxcnc", whole_cycles=False))
         written = nc_program(test, Options(dialect="linuxcnc"))

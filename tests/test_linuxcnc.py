@@ -272,8 +272,9 @@ def test_tool_centre_point_of_another_chain(there, cone):
     test = replace(next(iter(KINDS["cone_frustum"].proposals(chain, 0.1, 0.155))), revolutions=1, feed=cone.feed)
     written = nc_program(test, Options(dialect="linuxcnc", feed="tcp", step_deg=0.5))
     record = run_program(written.text, chain, Settings(), tip=True)
-    reading = held_against(test, written.motion, record, Settings()).record.reading
-    assert np.abs(reading).max() < 1.5e-6
+    held = held_against(test, written.motion, record, Settings())
+    assert np.abs(held.record.reading).max() < 1.5e-6
+    assert held.lasted == pytest.approx(held.model.duration, rel=0.01)
 
 
 def test_what_linuxcnc_refuses_is_one_sentence(there):

@@ -20,6 +20,10 @@ _ERRORS = (1, 11)
 _FILLED = 0.5
 
 
+#: Longest wait for an answer, s: a busy computer is slow.
+_PATIENCE = 60.0
+
+
 class Failure(Exception):
     """Why the run came to nothing, as a sentence."""
 
@@ -37,14 +41,20 @@ class Loop:
             self.env["RTAPI_UID"] = "65534"  # its real-time part refuses root
         if (work / "clock.so").exists():
             self.env["LD_PRELOAD"] = str(work / "clock.so")
-        self.blocks = sum(1 for _ in open("program.ngc"))
 
     def start(self, *command: str) -> subprocess.Popen:
         return subprocess.Popen(command, stdout=self.log, stderr=self.log, stdin=subprocess.DEVNULL, env=self.env)
 
     def run(self, *command: str) -> None:
-        if self.start(*command).wait(30):
+        if self._ended(self.start(*command)):
             raise Failure(f"{' '.join(command)} failed")
+
+    @staticmethod
+    def _ended(process: subprocess.Popen) -> int:
+        try:
+            return process.wait(_PATIENCE)
+        except subprocess.TimeoutExpired:
+            raise Failure(f"{process.args} does not end") from None
 
     def up(self) -> None:
         """As the script ``linuxcnc`` does, without its lock file, windows and questions."""
@@ -56,7 +66,7 @@ class Loop:
         self.run("halcmd", "-i", ini, "-f", "machine.hal")
         task = self.start("halcmd", "loadusr", "-Wn", "inihal", "milltask", "-ini", ini)
         self.run("halcmd", "start")  # milltask waits for answers of the running thread
-        if task.wait(30):
+        if self._ended(task):
             raise Failure("milltask does not start")
         import hal  # pyright: ignore[reportMissingImports]
         import linuxcnc  # pyright: ignore[reportMissingImports]
@@ -94,7 +104,7 @@ class Loop:
             self.rows.extend(row)
         return True
 
-    def until(self, test, limit: float = 20.0) -> None:
+    def until(self, test, limit: float = _PATIENCE) -> None:
         end = time.monotonic() + limit
         while not (self.poll() and test()):
             if time.monotonic() > end:
@@ -153,7 +163,7 @@ class Loop:
         self.command.auto(c.AUTO_RESUME)
         self.until(lambda: s.interp_state != c.INTERP_PAUSED)
         most, since = -1, time.monotonic()
-        while time.monotonic() - since < _FILLED and s.read_line < self.blocks - 5:
+        while time.monotonic() - since < _FILLED:
             if s.queue > most:
                 most, since = s.queue, time.monotonic()
             time.sleep(0.01)
@@ -165,14 +175,16 @@ class Loop:
 
 def main(joints: int, limit: float) -> None:
     work = Path.cwd()
+    up = False
     try:
         loop = Loop(work, joints, limit)
         loop.up()
+        up = True
         result = loop.go()
         with open("record.bin", "wb") as file:
             loop.rows.tofile(file)
     except Failure as failure:
-        result = {"failure": str(failure)}
+        result = {"failure": str(failure), "up": up}
     (work / "result.json").write_text(json.dumps(result))
     os._exit(0)  # the end of process 1 ends everything else in its namespace
 

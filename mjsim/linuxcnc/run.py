@@ -62,17 +62,17 @@ def run_program(text: str, chain: Chain = FIVE_AXIS, settings: Settings | None =
     settings = settings or Settings()
     check_settings(settings, chain)
     needed()
-    speeds = [settings.speed, *(v for v in _SLOWER if v < settings.speed)]
+    speeds, why = [settings.speed, *(v for v in _SLOWER if v < settings.speed)], ""
     for speed in speeds:
         try:
             return _run(text, chain, replace(settings, speed=speed), tip)
-        except _Starved:
-            continue  # the computer is busy: the path would depend on how fast the program is read
-    raise InputError(f"LinuxCNC reads the program too slowly at {speeds[-1]:g} times real time; is the computer busy?")
+        except _Busy as busy:
+            why = str(busy)
+    raise InputError(f"LinuxCNC: {why}, also at {speeds[-1]:g} times real time; is the computer busy?")
 
 
-class _Starved(Exception):
-    """A record that depends on the pace of the computer."""
+class _Busy(Exception):
+    """The computer is too busy for a clock that runs so fast: what is wrong."""
 
 
 def _run(text: str, chain: Chain, settings: Settings, tip: bool) -> Record:
@@ -113,13 +113,15 @@ def _recorded(folder: Path, chain: Chain, settings: Settings, faster: bool) -> R
     if not answer.exists():
         raise InputError(f"LinuxCNC ended without a record: {_tail(folder)}")
     result = json.loads(answer.read_text())
+    if "failure" in result and not result["up"]:
+        raise _Busy(result["failure"])
     if "failure" in result:
         raise InputError(f"LinuxCNC: {result['failure']}")
     rows = np.fromfile(folder / "record.bin").reshape(-1, 2 * chain.count + 3)
     units = np.array([scale(a) for a in chain.letters])
     line, kind = rows[:, -2].astype(int), rows[:, -1].astype(int)
     if result["lost"] or _starved(line, np.isin(kind, FEEDS), np.array(result["queue"])):
-        raise _Starved
+        raise _Busy("it reads the program too slowly")
     told, path = rows[:, 1 : 1 + chain.count] * units, rows[:, 1 + chain.count : 1 + 2 * chain.count] * units
     return Record(told, path, line, kind, chain, result["seconds"])
 
