@@ -131,7 +131,7 @@ def simulation(machine: Machine, repeats: int) -> list[Row]:
         )
         ratios = [statistics.median(t[i][0] / t[2][0] for t in times) for i in (0, 1)]
         duration = (n - 1) * STEP
-        what = f"{title} ({len(machine.effects)} effects, {len(plant.ops)} transmission operations)"
+        what = f"{title} ({len(m.effects)} effects, {len(plant.ops)} transmission operations)"
         measured = f"{total:.3f} s ({alone:.3f} s of processor time), {duration / total:.0f} times real time"
         goal = duration / TARGET
         limit = f"{goal:.2f} s, {TARGET:.0f} times"
