@@ -104,12 +104,12 @@ VARIANTS = {
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("letter", ["X", "A"])
-def test_kernel_against_the_equations(machine, letter, variant):
+@pytest.mark.parametrize(("name", "letter"), [("m1", "X"), ("m2", "A")])
+def test_kernel_against_the_equations(request, name, letter, variant):
     """A start from rest, three reversals: 31 mm/s on X at its fastest and 6°/s on A, as in a cone test at 1000
     mm/min.
     """
-    axis = replace(build(machine).axes[letter], **VARIANTS[variant])
+    axis = replace(build(request.getfixturevalue(name)).axes[letter], **VARIANTS[variant])
     size, w = (0.01 if letter == "X" else np.radians(2.0)), np.pi
     times = np.arange(3001) * STEP
     state = integrate(axis, lambda t: size * (1 - np.cos(w * t)), lambda t: size * w * np.sin(w * t), times)

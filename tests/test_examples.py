@@ -46,7 +46,9 @@ def diagnosed(tmp_path_factory, shared_results):
         if name not in done:
             fitted = folder / f"{name}.toml"
             campaign = cut(folder / name, PARTS[name], example=name) if name in PARTS else examples() / name
-            done[name] = run("diagnose", campaign, "--write", fitted), fitted
+            with pytest.MonkeyPatch.context() as patch:  # slow tests take long to simulate
+                patch.setattr("mjsim.estimation.planning.candidates.FIRST_FEEDS", (4000 / 60e3,))
+                done[name] = run("diagnose", campaign, "--write", fitted), fitted
         return done[name]
 
     return diagnose
