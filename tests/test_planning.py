@@ -12,9 +12,10 @@ from mjsim.cli.main import main
 from mjsim.effects.registry import make
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.planning.candidates import first_round, neighbours, reachable
-from mjsim.estimation.planning.choose import ENOUGH, worth
+from mjsim.estimation.planning.choose import worth
 from mjsim.estimation.planning.separation import Explanation, Separation, Separator
 from mjsim.estimation.samples import usual_noise
+from mjsim.estimation.settings import PLAN
 from mjsim.io.resources import examples
 
 test_table.__test__ = False
@@ -76,7 +77,7 @@ def test_two_scales_need_a_plane_that_tells_them_apart(m1, circle):
     x, y = explained(m1, "scale_error.X", ppm=40.0), explained(m1, "scale_error.Y", ppm=-40.0)
     separator = Separator(x, y, usual_noise())
     same, other = (separator.of(circle(plane, (0, 0, 155), feed=3000.0, revolutions=2)) for plane in ("XY", "ZX"))
-    assert same.deviance < ENOUGH < 0.1 * other.deviance
+    assert same.deviance < PLAN.decisive < 0.1 * other.deviance
     assert other.difference > 0.5e-6
 
 
@@ -95,7 +96,11 @@ def test_deviance_is_the_squared_distance_of_fixed_explanations(m1, circle):
 
 def test_short_decisive_tests_come_first(cone):
     short, long = cone(15, 10, (0, 0, 155), feed=4000.0), cone(15, 10, (0, 0, 155), feed=500.0, revolutions=2)
-    rows = [Separation(long, 5000.0, 1e-6), Separation(short, 500.0, 1e-6), Separation(short, 0.5 * ENOUGH, 1e-6)]
+    rows = [
+        Separation(long, 5000.0, 1e-6),
+        Separation(short, 500.0, 1e-6),
+        Separation(short, 0.5 * PLAN.decisive, 1e-6),
+    ]
     assert sorted(rows, key=worth, reverse=True) == [rows[1], rows[0], rows[2]]
 
 
@@ -111,9 +116,9 @@ def test_unknown_or_equal_effects_are_refused():
 
 def test_nothing_may_be_named_first(monkeypatch, circle):
     """Without traces as with them: the plan makes the effect show."""
-    made = Separation(circle("XY", (0, 0, 155)), 10 * ENOUGH, 1e-6)
+    made = Separation(circle("XY", (0, 0, 155)), 10 * PLAN.decisive, 1e-6)
     monkeypatch.setattr(
-        "mjsim.estimation.planning.next_test.choose", lambda separator, tests, threads, progress: [made]
+        "mjsim.estimation.planning.next_test.choose", lambda separator, tests, threads, progress, settings: [made]
     )
     campaign = replace(read_campaign(examples() / "healthy", traces=False), traces={})
     plan = mjsim.plan(campaign, mjsim.read_machine(campaign.machine_file), between=("nothing", "squareness.XY"))

@@ -3,6 +3,9 @@
 Gains and penalties are falls of the objective: squared whitened residuals plus squared prior departures, which is minus
 twice a log posterior density. A likelihood ratio of e^6 is therefore 12.
 
+Pitch errors and mistakes in a campaign have settings of their own (:mod:`mjsim.estimation.pitch.settings`,
+:mod:`mjsim.estimation.mistakes.settings`).
+
 Four sources of values: *nulls*, measured by ``scripts/null_bank.py`` on simulated machines without a missing effect;
 *bank*, chosen on the tuning half of the campaigns of ``scripts/benchmark_diagnosis.py`` and checked on the other half;
 *mistakes*, the same with ``scripts/benchmark_mistakes.py``; *assumed*, from the physics of machine and instrument.
@@ -55,6 +58,30 @@ class OutlierSettings:
 
 #: Settings where no others are given.
 OUTLIERS = OutlierSettings()
+
+
+@dataclass(frozen=True)
+class PlanSettings:
+    """Settings of the choice of the next test (all assumed).
+
+    Attributes:
+        decisive: Deviance of two explanations at which a test decides: the square of its separation in standard
+            deviations.
+        certain: Deviance beyond which more is not worth a longer test.
+        refined: So many of the best tests are varied in each round.
+        rounds: Rounds of varying.
+        handling: Time for mounting the balls and starting, s.
+    """
+
+    decisive: float = 40.0
+    certain: float = 400.0
+    refined: int = 2
+    rounds: int = 2
+    handling: float = 240.0
+
+
+#: Settings where no others are given.
+PLAN = PlanSettings()
 
 
 @dataclass(frozen=True)
@@ -131,6 +158,7 @@ class DiagnosisSettings:
         harmonic_share: Share of a curve's power in one harmonic that makes this its period (assumed).
         hidden_shape: Shapes of a curve with so many times the usual variance are hidden by the set-up (assumed).
         outliers: What is left out of a trace as a disturbance.
+        plan: How the next test is chosen.
     """
 
     likelihood_ratio: float = 30.0
@@ -179,92 +207,8 @@ class DiagnosisSettings:
     harmonic_share: float = 0.6
     hidden_shape: float = 30.0
     outliers: OutlierSettings = OUTLIERS
+    plan: PlanSettings = PLAN
 
 
 #: Settings of every command that is not given others.
 DIAGNOSIS = DiagnosisSettings()
-
-
-@dataclass(frozen=True)
-class PitchSettings:
-    """Settings of the identification of pitch errors.
-
-    Attributes:
-        false_alarm: Chance that noise alone names one component or more in one direction of one axis (chi-square
-            distribution).
-        trigger_limit: Largest trigger shift that is believed, prior standard deviations. Wider than the diagnosis'
-            limit: phases of high orders fix the trigger well (assumed).
-        teeth: Teeth that the arc must cover, so that the tooth order stands apart from what lies below it (assumed).
-        explained: Mean square of a test's whitened residuals up to which it ties the triggers (assumed).
-        slow_waves: So many waves below the tooth order in one test, and its machine file no longer says when the axes
-            were where (assumed).
-        whole_order_sd: A whole order is taken for the order where it lies within so many standard deviations (assumed).
-        whole_order_sharp: Standard deviation of an order up to which that is decided (assumed).
-        directions_differ: Chance of calling different what is the same in both directions (likelihood-ratio test).
-        own_share: Share of a term that must be its own, not another's, to be looked at. Small: what is left by two
-            waves closer than the resolution has to be explained by a second one, or its side lobes would be (assumed).
-        round_share: Terms that explain less than this share of a round's best wait until the better ones are fitted
-            (assumed).
-        round_terms: Most terms of one round (assumed).
-        rounds: Most rounds of choosing and fitting (assumed).
-        fault_widths: Widths of local faults, of one tooth's pitch (assumed).
-        floor_orders: Orders on both sides over which the floor of the residual's own spectrum is taken (assumed).
-    """
-
-    false_alarm: float = 1e-3
-    trigger_limit: float = 5.0
-    teeth: int = 4
-    explained: float = 1.5
-    slow_waves: int = 4
-    whole_order_sd: float = 3.5
-    whole_order_sharp: float = 0.12
-    directions_differ: float = 0.01
-    own_share: float = 0.003
-    round_share: float = 0.02
-    round_terms: int = 12
-    rounds: int = 6
-    fault_widths: tuple[float, ...] = (0.1, 0.25, 0.6)
-    floor_orders: int = 60
-
-
-#: Settings of every identification that is not given others.
-PITCH = PitchSettings()
-
-
-@dataclass(frozen=True)
-class MistakeSettings:
-    """Settings of the recognition of mistakes in a campaign.
-
-    Attributes:
-        agreement: Correlation of the spikes at reversals that a corrected test must reach (mistakes).
-        improvement: By how much that correlation must be better than as given (mistakes).
-        runner_up: The second best correction must leave so many times more (mistakes).
-        noise_ratio: A test without spikes whose noise is so many times less than the others' is in another unit
-            (mistakes).
-        same_span: Programs whose measured parts begin and end within this of each other can have each other's trace, s
-            (assumed).
-        contradiction: A test that fits so much better as given contradicts a mistake of all tests (mistakes).
-        weak_agreement: So much correlation still says something of sign and size (mistakes).
-        same_size: Sizes that differ by more than this factor are not of the same mistake (mistakes).
-        setup_disagrees: A set-up whose tests disagree by more than this has a mistake in it, m (mistakes).
-        setup_share: Corrected, they must disagree by less than this share of it (mistakes).
-        setup_agrees: Corrected, they must agree within this, m (mistakes).
-        visible_spike: A model's spikes are visible from this RMS on, m: about the noise that is as sharp (mistakes).
-    """
-
-    agreement: float = 0.5
-    improvement: float = 0.5
-    runner_up: float = 2.0
-    noise_ratio: float = 12.0
-    same_span: float = 0.5
-    contradiction: float = 0.2
-    weak_agreement: float = 0.15
-    same_size: float = 4.0
-    setup_disagrees: float = 3e-6
-    setup_share: float = 0.2
-    setup_agrees: float = 3e-6
-    visible_spike: float = 0.06e-6
-
-
-#: Settings of every check that is not given others.
-MISTAKES = MistakeSettings()

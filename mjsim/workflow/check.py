@@ -18,7 +18,7 @@ from mjsim.campaign.traces import read_trace
 from mjsim.errors import InputError
 from mjsim.estimation.mistakes.mistakes import Mistake, corrected, rewritten
 from mjsim.estimation.mistakes.recognise import TestEvidence, recognise
-from mjsim.estimation.settings import MISTAKES
+from mjsim.estimation.mistakes.settings import MISTAKES
 from mjsim.importing.checks import duration_question
 from mjsim.importing.into_campaign import trace_bytes
 from mjsim.io.files import write_all

@@ -70,7 +70,8 @@ def plan(
         fits = (fit_effect(problem, fitter, *registry.effect_class(i, machine.chain)) for i in between)
         first, second = (Explanation.of_fit(i, fit) for i, fit in zip(between, fits, strict=True))
         pair = first, second
-    return best_of(between, pair, campaign, problem.noise, problem.samples[0].block, threads, progress)
+    block = problem.samples[0].block
+    return best_of(between, pair, campaign, problem.noise, block, threads, progress, problem.settings.plan)
 
 
 def _by_default(effect_id: str, machine: Machine) -> Explanation:

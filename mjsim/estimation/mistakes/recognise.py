@@ -17,11 +17,11 @@ from mjsim.ballbar.kinds import kind_of
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.mistakes.evidence import Spikes, Variant
 from mjsim.estimation.mistakes.mistakes import Mistake, unit_of
+from mjsim.estimation.mistakes.settings import MISTAKES, MistakeSettings
 from mjsim.estimation.mistakes.single import single_mistakes
 from mjsim.estimation.mistakes.state import State
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import make_samples
-from mjsim.estimation.settings import MISTAKES, MistakeSettings
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant
 from mjsim.threads import one_blas_thread

@@ -8,8 +8,8 @@ import numpy as np
 
 from mjsim.estimation.mistakes.evidence import Spikes, Variant, disagreement, spikes
 from mjsim.estimation.mistakes.mistakes import unit_of
+from mjsim.estimation.mistakes.settings import MistakeSettings
 from mjsim.estimation.samples import Samples
-from mjsim.estimation.settings import MistakeSettings
 
 #: A test as it may have been run: its variant, its trace, and what the trace is multiplied with.
 Part = tuple[Variant, Samples, float]

@@ -15,8 +15,8 @@ from mjsim.estimation.pitch.curve import components_of
 from mjsim.estimation.pitch.directions import BAND, HIGHEST, TurnDirection, tangential, turn_directions
 from mjsim.estimation.pitch.model import PitchModel, State
 from mjsim.estimation.pitch.result import PitchIdentification
+from mjsim.estimation.pitch.settings import PITCH, PitchSettings
 from mjsim.estimation.pitch.summary import identified_direction
-from mjsim.estimation.settings import PITCH, PitchSettings
 from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build

@@ -16,10 +16,10 @@ from mjsim.estimation.data_sheet import DATA_SHEET, calibrated, data_sheet, shee
 from mjsim.estimation.least_squares import LeastSquares
 from mjsim.estimation.nuisance import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, Nuisances
 from mjsim.estimation.parameters import Block, Parameters
+from mjsim.estimation.pitch.settings import PITCH, PitchSettings
 from mjsim.estimation.pitch.terms import Term
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import GRID, GRID_STEPS
-from mjsim.estimation.settings import PITCH, PitchSettings
 from mjsim.machine.model import Machine, build
 from mjsim.simulation.transmission import BLEND
 

@@ -14,14 +14,13 @@ from mjsim.ballbar.kinds import KINDS, kind_of
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
 from mjsim.ballbar.speed import commanded_speed
+from mjsim.estimation.settings import PLAN
 from mjsim.machine.reach import usual_speed, usual_travel
 from mjsim.units import DEG, MM
 
 #: Feeds that are looked at, m/s: all of them around the best tests, and two in the first round.
 FEEDS = tuple(f * MM / 60.0 for f in (500, 1000, 2000, 4000, 6000))
 FIRST_FEEDS = (FEEDS[1], FEEDS[3])
-#: Time for mounting the balls and starting, s (assumed).
-HANDLING = 240.0
 
 
 def reachable(test: BallBarTest, tests: Iterable[BallBarTest] = ()) -> bool:
@@ -49,9 +48,14 @@ def axis_speeds(test: BallBarTest) -> dict[str, tuple[float, str]]:
     return {letter: (round(float(v), 1), unit) for letter, (v, unit) in rows.items() if v > 1e-3}
 
 
-def minutes(test: BallBarTest) -> float:
-    """Machine time of a test with its handling, min."""
-    return (Program(test).duration + HANDLING) / 60.0
+def minutes(test: BallBarTest, handling: float = PLAN.handling) -> float:
+    """Machine time of a test with its handling, min.
+
+    Args:
+        test: The test.
+        handling: Time for mounting the balls and starting, s.
+    """
+    return (Program(test).duration + handling) / 60.0
 
 
 def first_round(tests: tuple[BallBarTest, ...]) -> Iterator[BallBarTest]:

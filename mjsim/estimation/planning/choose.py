@@ -9,26 +9,32 @@ from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.files import test_table
 from mjsim.estimation.planning.candidates import first_round, minutes, neighbours, reachable
 from mjsim.estimation.planning.separation import Separation, Separator
+from mjsim.estimation.settings import PLAN, PlanSettings
 from mjsim.progress import Progress, silent
 
-#: Deviance at which a test decides, and beyond which more is not worth a longer test.
-ENOUGH, PLENTY = 40.0, 400.0
-_BEST, _ROUNDS = 2, 2
 
-
-def worth(s: Separation) -> tuple[float, float]:
+def worth(s: Separation, settings: PlanSettings = PLAN) -> tuple[float, float]:
     """Sort key: tests that decide by deviance per minute of machine time, before tests that do not by deviance."""
-    decides = s.deviance >= ENOUGH
-    return (1.0, min(s.deviance, PLENTY) / minutes(s.test)) if decides else (0.0, s.deviance)
+    if s.deviance < settings.decisive:
+        return 0.0, s.deviance
+    return 1.0, min(s.deviance, settings.certain) / minutes(s.test, settings.handling)
 
 
 def choose(
-    separator: Separator, tests: tuple[BallBarTest, ...], threads: int = 2, progress: Progress = silent
+    separator: Separator,
+    tests: tuple[BallBarTest, ...],
+    threads: int = 2,
+    progress: Progress = silent,
+    settings: PlanSettings = PLAN,
 ) -> list[Separation]:
     """Candidate tests, best first: a coarse round over everything, then conditions varied around the best ones.
 
     Args:
-        tests: the campaign's tests (bar, height of the table ball, what the axes are known to reach).
+        separator: Of the two explanations.
+        tests: The campaign's tests (bar, height of the table ball, what the axes are known to reach).
+        threads: Tests that are looked at side by side.
+        progress: Called as work gets on.
+        settings: What decides.
     """
     seen: dict[str, Separation] = {}
 
@@ -42,9 +48,12 @@ def choose(
     def key(t: BallBarTest) -> str:
         return str({k: v for k, v in test_table(t).items() if k not in ("name", "setup")})
 
+    def ranked() -> list[Separation]:
+        return sorted(seen.values(), key=lambda s: worth(s, settings), reverse=True)
+
     with ThreadPoolExecutor(threads) as pool:
         evaluate(first_round(tests), "planning: all kinds of tests")
-        for _ in range(_ROUNDS):
-            best = sorted(seen.values(), key=worth, reverse=True)[:_BEST]
+        for _ in range(settings.rounds):
+            best = ranked()[: settings.refined]
             evaluate([n for s in best for n in neighbours(s.test)], "planning: around the best")
-    return sorted(seen.values(), key=worth, reverse=True)
+    return ranked()

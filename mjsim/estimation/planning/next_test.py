@@ -10,11 +10,12 @@ from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.planning.candidates import axis_speeds, minutes
-from mjsim.estimation.planning.choose import ENOUGH, PLENTY, choose
+from mjsim.estimation.planning.choose import choose
 from mjsim.estimation.planning.separation import Explanation, Separation, Separator
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import Noise
 from mjsim.estimation.selection import Selection
+from mjsim.estimation.settings import PLAN, PlanSettings
 from mjsim.estimation.signatures import Projector
 from mjsim.estimation.testability import not_testable
 from mjsim.machine.chain import Chain
@@ -31,12 +32,15 @@ class Plan:
 
     Attributes:
         between: ids of the two explanations; the second is ``"nothing"`` where a hidden effect shall be made to show.
-        choices: candidate tests, best first. reason: one sentence.
+        choices: Candidate tests, best first.
+        reason: One sentence.
+        settings: By which they were chosen.
     """
 
     between: tuple[str, str]
     choices: tuple[Separation, ...]
     reason: str
+    settings: PlanSettings = PLAN
 
     @property
     def best(self) -> Separation:
@@ -46,29 +50,28 @@ class Plan:
     @property
     def decides(self) -> bool:
         """Whether the best test is expected to decide."""
-        return self.best.deviance >= ENOUGH
+        return self.best.deviance >= self.settings.decisive
 
     def to_json(self, most: int = 5) -> dict:
         """As ``next_test`` in the JSON of ``mjsim diagnose``, with the runners-up."""
         return {
-            **_row(self.best, self.between),
+            **self._row(self.best),
             "decides": self.decides,
             "reason": self.reason,
-            "enough": round(ENOUGH**0.5, 1),
-            "plenty": round(PLENTY**0.5, 1),
+            "enough": round(self.settings.decisive**0.5, 1),
+            "plenty": round(self.settings.certain**0.5, 1),
             "axis_speeds": axis_speeds(self.best.test),
-            "runners_up": [_row(s, self.between) for s in self.choices[1:most]],
+            "runners_up": [self._row(s) for s in self.choices[1:most]],
         }
 
-
-def _row(s: Separation, between: tuple[str, str]) -> dict:
-    return {
-        "between": list(between),
-        "test": test_table(s.test),
-        "difference_um": round(s.difference / UM, 3),
-        "separation": round(s.deviance**0.5, 1),
-        "minutes": round(minutes(s.test), 1),
-    }
+    def _row(self, s: Separation) -> dict:
+        return {
+            "between": list(self.between),
+            "test": test_table(s.test),
+            "difference_um": round(s.difference / UM, 3),
+            "separation": round(s.deviance**0.5, 1),
+            "minutes": round(minutes(s.test, self.settings.handling), 1),
+        }
 
 
 def plan_for(
@@ -77,7 +80,7 @@ def plan_for(
     """The next test after a search: see :func:`plan`. ``hidden``: also where nothing is ambiguous, for what is not
     testable.
     """
-    args = (problem.campaign, problem.noise, problem.samples[0].block, threads, progress)
+    args = (problem.campaign, problem.noise, problem.samples[0].block, threads, progress, problem.settings.plan)
     for f in selection.found:
         for other, fit in f.competing.items():
             mine = f.key.partition("[")[0]
@@ -102,17 +105,18 @@ def best_of(
     block: float,
     threads: int,
     progress: Progress,
+    settings: PlanSettings = PLAN,
 ) -> Plan:
     separator = Separator(*explanations, noise, block)
-    choices = choose(separator, campaign.tests, threads, progress)
+    choices = choose(separator, campaign.tests, threads, progress, settings)
     a, b = between
     what = f"makes {a} show" if b == NOTHING else f"separates {a} from {b}"
     best = choices[0]
-    if best.deviance >= ENOUGH:
+    if best.deviance >= settings.decisive:
         reason = f"Of {len(choices)} tests within reach this one {what} best per minute of machine time."
     else:
         reason = f"No test of {len(choices)} within reach {what} clearly; this one comes nearest."
-    return Plan(between, tuple(choices), reason)
+    return Plan(between, tuple(choices), reason, settings)
 
 
 def _seeds(effect_id: str, chain: Chain) -> list[dict]:
