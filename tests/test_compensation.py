@@ -5,8 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import tomlkit
 from commands import as_json, ok, run
 from independent import controls as reader
+from independent import drives as generator_drives
+from independent import layouts
+from independent import machines as generator_machines
+from independent import programs as generator_programs
+from independent import simulate as generator_simulate
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
@@ -14,6 +20,7 @@ from mjsim.compensation.arithmetic import Arithmetic, corrected, directions, ram
 from mjsim.compensation.compensate import compensate, write_compensation
 from mjsim.compensation.controls import CONTROLS, Settings, control
 from mjsim.compensation.forecast import forecast
+from mjsim.compensation.quadrant import Pulse, tuned
 from mjsim.compensation.tables import Corrections, Grid, sampled
 from mjsim.compensation.terms import wanted_of
 from mjsim.compensation.worth import worth_typing
@@ -264,3 +271,65 @@ def test_from_python_and_wrong_arguments(campaign, tmp_path):
         compensate(c, m, "csv", ranges={"A": (1.0, 0.0)}, saved=saved(found, known))
     bad = run("compensate", campaign, "--control", "csv", "-o", tmp_path / "x", "--range", "Q", "0", "1")
     assert bad.exit_code == 1 and "allowed: X, Y, Z, A, C" in bad.stderr
+
+
+# -- friction ----------------------------------------------------------------------------------------------------------
+
+
+def test_the_friction_pulse_calms_the_independent_drive(tmp_path):
+    """Numbers tuned on the model, read from the file, given to the generator's drive: what friction does goes."""
+    model = generator_machines.nominal("M1")
+    (tmp_path / "machine.toml").write_text(tomlkit.dumps(model))
+    (table,) = layouts.arrange([{**layouts.circle("XY", feed=3000.0), "revolutions": 1}])
+    head = {"name": "x", "machine": "machine.toml", "test": [table]}
+    (tmp_path / "campaign.toml").write_text(tomlkit.dumps(head))
+    machine, (test,) = read_machine(tmp_path / "machine.toml"), read_campaign(tmp_path, traces=False).tests
+    who = control("sinumerik")
+    digit = who.pulse_digit(FIVE_AXIS, "X")
+    pulse = tuned(machine, "X", [test], digit)
+    assert pulse is not None and pulse.removes > 0.5 and tuned(machine, "A", [test]) is None
+    (folder := tmp_path / "files").mkdir()
+    for name, text in who.files(Corrections(FIVE_AXIS, pulses={"X": pulse})).items():
+        (folder / name).write_text(text)
+    told = reader.READERS["sinumerik"](folder)
+    assert told.friction["X"][0] * MM / 60.0 == pytest.approx(pulse.speed, rel=1e-9)
+    program = generator_programs.Program(table)
+    time = generator_simulate.grid(program)
+    plain = program.commands(time)
+    step = time[1] - time[0]
+    gain = model["drive"]["X"]["position_gain_per_s"]
+    pulsed = plain.copy()
+    pulsed[:, 0] += reader.friction_pulses(told, "X", plain[:, 0], gain, step)
+    assert np.abs(pulsed - plain)[:, 0].max() == pytest.approx(pulse.speed / gain, rel=0.3)
+    effects = generator_machines.by_id(model["effect"])
+    free = {k: v for k, v in effects.items() if k != "friction.X"}
+    inside = (time > program.window[0]) & (time < program.window[1])
+
+    def motor(commands, present):
+        given = type("Given", (), {"commands": staticmethod(lambda t: commands)})
+        return generator_drives.run(model["drive"], present, given, time)[0][inside, 0]
+
+    wanted = motor(plain, free)
+    before, after = (np.mean((motor(c, effects) - wanted) ** 2) for c in (plain, pulsed))
+    assert 1.0 - after / before == pytest.approx(pulse.removes, abs=0.1)
+
+
+def test_friction_of_controls_without_such_numbers_is_listed(machine):
+    for name in ("fanuc", "heidenhain", "linuxcnc"):
+        who = control(name)
+        assert not who.pulses and "0.4 N·m" in who.friction_advice("X", 0.4)
+    neutral = control("csv").files(Corrections(FIVE_AXIS, pulses={"A": Pulse(0.001, 0.02, 45.0)}))
+    assert "friction pulse,A,3.437747,deg/min" in neutral["values.csv"]
+
+
+def test_a_pulse_through_a_feedforward_is_the_same_speed():
+    """The position loop turns the offset into the pulse: gain · offset + feedforward · its rate."""
+    time = np.arange(0.0, 1.0, 1e-4)
+    command = 0.01 * np.sin(2.0 * np.pi * 2.0 * time)
+    for ratio in (0.0, 0.4):
+        pulse = Pulse(2e-4, 0.02, 45.0, ratio)
+        d = pulse.offset(command, 1e-4)
+        speed = 45.0 * d + ratio * np.gradient(d, 1e-4)
+        start = np.flatnonzero(d)[0]
+        at = start + np.array([20, 100, 300])
+        assert speed[at] == pytest.approx(-2e-4 * np.exp(-(at - start) * 1e-4 / 0.02), rel=0.03)

@@ -47,6 +47,11 @@ _NAMES = ("linuxcnc", "sinumerik", "heidenhain", "fanuc", "csv")
     metavar="AXIS VALUE",
     help="MAX_ACCELERATION of LinuxCNC, mm/s² or °/s².",
 )
+@click.option(
+    "--friction",
+    is_flag=True,
+    help="Tune the friction (quadrant) compensation as well; the tests have to be measured with it off.",
+)
 @click.option("--force", is_flag=True, help="Replace files that are there.")
 @common.as_is_option
 @common.threads_option
@@ -60,6 +65,7 @@ def command(
     ranges,
     detection_unit,
     acceleration,
+    friction,
     force,
     threads,
     as_is,
@@ -94,7 +100,7 @@ def command(
     settings = Settings(detection_unit, {a: v * scale(chain, a) for a, v in acceleration}, programs == "tcp")
     spans = {a: (low * scale(chain, a), high * scale(chain, a)) for a, low, high in ranges}
     with common.progress_bar(quiet) as progress:
-        result = compensate(c, m, control, settings, spans, common.cores(threads), progress)
+        result = compensate(c, m, control, settings, spans, common.cores(threads), progress, friction=friction)
     picture = encode(forecast_figure(result.forecast), "png")
     paths = write_compensation(result, out, force, {"forecast.png": picture})
     data = result.to_json()
@@ -108,7 +114,7 @@ def command(
 
 def show(data: dict, result) -> None:
     """A compensation as text: what is corrected, what is left, the forecast."""
-    from mjsim.compensation.summary import size_lines
+    from mjsim.compensation.summary import pulse_lines, size_lines
 
     done = {row["id"] for row in data["corrects"]}
     click.echo("Corrected:")
@@ -116,7 +122,9 @@ def show(data: dict, result) -> None:
         if w.effect.key in done:
             for line in size_lines(w):
                 common.paragraph(line.strip(), "  ")
-    if not done:
+    for line in pulse_lines(result.corrections):
+        common.paragraph(line.strip(), "  ")
+    if not done and not result.corrections.pulses:
         click.echo("  nothing")
     if data["leaves"]:
         click.echo("\nLeft:")

@@ -101,6 +101,8 @@ def corrected(commands: np.ndarray, corrections: Corrections, how: Arithmetic, s
         if how.ramp is not None and np.ptp(total) > 0.0:
             total = ramped(total, how.ramp.acceleration[axis], how.ramp.velocity[axis], step)
         out[:, i] += total
+        if axis in corrections.pulses:
+            out[:, i] += corrections.pulses[axis].offset(commands[:, i], step)
     return out
 
 

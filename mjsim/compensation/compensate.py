@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.model import Campaign
-from mjsim.compensation.controls import Settings, control
+from mjsim.compensation.controls import Control, Settings, control
 from mjsim.compensation.forecast import Forecast, forecast
+from mjsim.compensation.quadrant import tuned
 from mjsim.compensation.result import Compensation
 from mjsim.compensation.summary import summary
-from mjsim.compensation.tables import ranges_of
+from mjsim.compensation.tables import Corrections, ranges_of
 from mjsim.compensation.terms import wanted_of
 from mjsim.compensation.worth import Left, worth_typing
 from mjsim.errors import InputError
@@ -32,6 +35,7 @@ def compensate(
     threads: int = 2,
     progress: Progress = silent,
     saved: SavedDiagnosis | None = None,
+    friction: bool = False,
 ) -> Compensation:
     """Corrections of what was found for one control.
 
@@ -46,6 +50,7 @@ def compensate(
         threads: Tests simulated side by side.
         progress: Called as work gets on.
         saved: A diagnosis to use in any case.
+        friction: Tune the friction (quadrant) compensation as well. The tests have to be measured with it off.
 
     Raises:
         InputError: unknown control, nothing measured, or a range that is none.
@@ -70,6 +75,9 @@ def compensate(
             )
         covered[axis] = (low, high)
     corrections = who.corrections(wanted, covered)
+    if friction:
+        corrections, more = _with_pulses(who, corrections, saved, campaign.measured, progress)
+        left += more
     corrections = replace(corrections, left=tuple(dict.fromkeys([*left, *corrections.left])))
     result = Compensation(campaign, who, saved, tuple(worth), corrections, Forecast(()), {})
     count = [0]
@@ -82,10 +90,32 @@ def compensate(
     for w in worth:
         if w.effect.key in result.corrected:
             sound = sound.without(w.effect.key)
+    for axis in corrections.pulses:
+        sound = sound.without(f"friction.{axis}")
     expected = forecast(saved.machine, sound, campaign.measured, corrections, who.arithmetic(chain), threads, done)
     result = replace(result, forecast=expected)
     files = who.files(corrections)
     return replace(result, files={"corrections.txt": summary(result), **files})
+
+
+def _with_pulses(
+    who: Control, corrections: Corrections, saved: SavedDiagnosis, tests: Sequence[BallBarTest], progress: Progress
+) -> tuple[Corrections, list[Left]]:
+    """Corrections with the friction compensation of every axis that has friction, and what cannot be compensated."""
+    machine, pulses, left = saved.machine, {}, []
+    known = {k.effect.key: k for k in saved.known if k.effect.kind == "friction"}
+    for i, (key, k) in enumerate(known.items()):
+        progress("tuning the friction compensation", i, len(known))
+        axis, torque = k.effect.subject, k.effect.values["coulomb_Nm"]
+        if not who.pulses:
+            left.append(Left(key, who.friction_advice(axis, torque)))
+        elif k.alternatives:
+            left.append(Left(key, f"ambiguous: the data cannot tell it from {', '.join(k.alternatives)}"))
+        elif pulse := tuned(machine, axis, tests, who.pulse_digit(machine.chain, axis)):
+            pulses[axis] = pulse
+        else:
+            left.append(Left(key, "a pulse at the reversals of these tests would take less than a fifth of its error"))
+    return replace(corrections, pulses=pulses), left
 
 
 def write_compensation(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from mjsim.campaign.model import Campaign
 from mjsim.compensation.controls import Control
 from mjsim.compensation.forecast import Forecast
-from mjsim.compensation.tables import Corrections
+from mjsim.compensation.tables import Corrections, scale
 from mjsim.compensation.worth import Worth
 from mjsim.units import DEG, MM, UM
 from mjsim.workflow.saved import SavedDiagnosis
@@ -86,6 +86,14 @@ class Compensation:
                 if e.name in c.kinematics
             },
             "position_gains_per_s": {a: _sig(g) for a, g in c.gains.items()},
+            "friction_pulses": {
+                a: {
+                    "deg_min" if chain.is_rotary(a) else "mm_min": _sig(p.speed / scale(chain, a) * 60.0),
+                    "time_s": _sig(p.time),
+                    "removes": round(p.removes, 3),
+                }
+                for a, p in c.pulses.items()
+            },
             "forecast": {
                 "programs": "tool centre point control" if self.control.settings.transforms else "axis positions",
                 "rms_before_um": _r(before),

@@ -5,8 +5,9 @@ from __future__ import annotations
 from textwrap import wrap
 
 from mjsim.compensation.result import Compensation
+from mjsim.compensation.tables import Corrections
 from mjsim.compensation.worth import Worth, unit_text
-from mjsim.units import UM
+from mjsim.units import DEG, MM, UM
 
 _WIDTH = 100
 
@@ -27,7 +28,7 @@ def summary(result: Compensation) -> str:
         "Corrected:",
     ]
     rows = [w for w in result.worth if w.effect.key in done]
-    out += [line for w in rows for line in size_lines(w)] or ["  nothing"]
+    out += [*(line for w in rows for line in size_lines(w)), *pulse_lines(c)] or ["  nothing"]
     out += ["", "Left:"]
     out += [line for x in c.left for line in _paragraph(f"{x.key}: {x.reason}")] or ["  nothing that is known"]
     if result.saved.unexplained:
@@ -61,6 +62,18 @@ def size_lines(w: Worth) -> list[str]:
         band = f" ± {half:.2g}" if half is not None else ""
         out.append(
             f"  {w.effect.key:24} {label:16} {value:.4g}{band}{unit_text(p, w.effect)}  ({origin[w.known.origin]})"
+        )
+    return out
+
+
+def pulse_lines(c: Corrections) -> list[str]:
+    """One line per axis whose friction is compensated."""
+    out = []
+    for axis, p in c.pulses.items():
+        size, unit = (DEG, "°") if c.chain.is_rotary(axis) else (MM, "mm")
+        out.append(
+            f"  friction.{axis:15} pulse of {p.speed / size * 60.0:.4g} {unit}/min for {p.time * 1e3:g} ms  (takes "
+            f"{100 * p.removes:.0f} % of the mean square of what friction does to {axis} in the tests)"
         )
     return out
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
+from mjsim.compensation.quadrant import Pulse
 from mjsim.compensation.terms import Term
 from mjsim.compensation.worth import Left
 from mjsim.machine.chain import Chain
@@ -61,6 +62,7 @@ class Corrections:
         tables: Position-dependent corrections.
         kinematics: Location errors of the rotary axes, m or rad, by name.
         gains: New position gain, 1/s, by axis.
+        pulses: Friction (quadrant) compensation, by axis.
         left: What is not corrected, and why.
         notes: Sentences for who types it.
     """
@@ -70,13 +72,14 @@ class Corrections:
     tables: tuple[Table, ...] = ()
     kinematics: dict[str, float] = field(default_factory=dict)
     gains: dict[str, float] = field(default_factory=dict)
+    pulses: dict[str, Pulse] = field(default_factory=dict)
     left: tuple[Left, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
     def empty(self) -> bool:
         """Whether nothing is corrected."""
-        return not (self.backlash or self.tables or self.kinematics or self.gains)
+        return not (self.backlash or self.tables or self.kinematics or self.gains or self.pulses)
 
     def table(self, out: str, source: str) -> Table | None:
         """The table of one axis by another, or ``None``."""

@@ -74,8 +74,8 @@ def worth_typing(saved: SavedDiagnosis) -> tuple[list[Worth], list[Left]]:
 
 
 _DRIVE = {
-    "friction": "friction acts on the torque; check lubrication and preload, or tune the control's own quadrant "
-    "compensation",
+    "friction": "friction acts on the torque; check lubrication and preload, or tune the control's own friction "
+    "compensation (compensate --friction)",
     "servo_delay": "a delay is no position error; delay the other axes by the same time where the control can",
     "velocity_feedforward": "set the feedforward of this axis as that of the others",
     "velocity_gain": "set the velocity gain of this axis as the data sheet says",

@@ -33,12 +33,15 @@ class Table:
 
 @dataclass
 class Told:
-    """What a control was told: full backlash by axis, tables, location errors (mm, µrad), gains (1/s)."""
+    """What a control was told: full backlash by axis, tables, location errors (mm, µrad), gains (1/s), friction
+    compensation (mm/min or rev/min, s).
+    """
 
     backlash: dict[str, float] = field(default_factory=dict)
     tables: list[Table] = field(default_factory=list)
     location: dict[str, float] = field(default_factory=dict)
     gain: dict[str, float] = field(default_factory=dict)
+    friction: dict[str, tuple[float, float]] = field(default_factory=dict)
     stepwise: bool = False
     ramp: dict[str, tuple[float, float]] | None = None
 
@@ -132,6 +135,12 @@ def read_sinumerik(folder: Path) -> Told:
         told.backlash[axis] = float(v)
     for axis, v in re.findall(rf"\$MA_POSCTRL_GAIN\[0,(\w)1\]: set ({NUMBER})", data):
         told.gain[axis] = float(v) * 1000.0 / 60.0
+    for axis, v in re.findall(rf"\$MA_FRICT_COMP_CONST_MAX\[0,(\w)1\]: set ({NUMBER})", data):
+        for name, value in (("MODE", 1), ("ENABLE", 1)):
+            assert f"$MA_FRICT_COMP_{name}[{axis}1]: set {value}\n" in data
+        assert f"$MA_FRICT_COMP_ADAPT_ENABLE[0,{axis}1]: set 0\n" in data
+        seconds = re.search(rf"\$MA_FRICT_COMP_TIME\[0,{axis}1\]: set ({NUMBER})", data)
+        told.friction[axis] = float(v), float(seconds[1])
     for name, axis in (("BASE_TOOL", "A"), ("JOINT_OFFSET", "C")):
         for i, v in re.findall(rf"\$MC_TRAFO5_{name}_1\[(\d)\]: add ({NUMBER})", data):
             told.location[f"E{'XYZ'[int(i)]}0{axis}"] = float(v)
@@ -306,6 +315,24 @@ def commands(told: Told, given: np.ndarray, tip: bool = True) -> np.ndarray:
                 s = sign[t.source]
                 more = more + UNIT[a] * np.where(s > 0, f, np.where(s < 0, r, 0.5 * (f + r)))
         out[:, i] += more
+    return out
+
+
+def friction_pulses(told: Told, axis: str, command: np.ndarray, gain: float, step: float) -> np.ndarray:
+    """What the speed pulses of one axis amount to as a change of its command (n,), m or rad: where the axis itself
+    turns, the speed set-point gets the amplitude in the new direction, and that fades.
+    """
+    amplitude, seconds = told.friction[axis]
+    amplitude *= (2.0 * np.pi if axis in "AC" else 1e-3) / 60.0
+    place, way, pulse, out = command[0], 0.0, 0.0, np.zeros(len(command))
+    for i in range(1, len(command)):
+        before, place = place, place + (command[i] - place) * (1.0 - np.exp(-gain * step))
+        pulse *= np.exp(-step / seconds)
+        now = np.sign(place - before) if abs(place - before) > 1e-13 else 0.0
+        if now and way and now != way:
+            pulse += now * amplitude
+        way = now or way
+        out[i] = pulse / gain
     return out
 
 

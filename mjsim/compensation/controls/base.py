@@ -14,7 +14,7 @@ from mjsim.compensation.tables import Corrections, Grid, Table, rounded, sampled
 from mjsim.compensation.terms import Term, Wanted
 from mjsim.compensation.worth import Left
 from mjsim.machine.chain import Chain
-from mjsim.units import MM
+from mjsim.units import DEG, MM
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,7 @@ class Control(ABC):
         directed: Whether tables may have values for each direction.
         directions_of_axes: Whether the kinematic data take the direction of a rotary axis, not only its place.
         most_cross: Most tables of one axis by another.
+        pulses: Whether it has a friction compensation whose numbers follow from the model.
     """
 
     name: ClassVar[str]
@@ -51,6 +52,7 @@ class Control(ABC):
     directions_of_axes: ClassVar[bool] = True
     most_cross: ClassVar[int] = 1000
     gains: ClassVar[bool] = True
+    pulses: ClassVar[bool] = False
     location_decimals: ClassVar[int] = 6
 
     def __init__(self, settings: Settings | None = None) -> None:
@@ -104,6 +106,14 @@ class Control(ABC):
             left.append(Left(wanted.keys[f"thermal {axis}"], self.thermal_advice(axis, size, constant)))
         merged = tuple(dict.fromkeys(left))
         return replace(out, backlash=backlash, tables=tuple(tables), kinematics=kinematics, gains=gains, left=merged)
+
+    def pulse_digit(self, chain: Chain, axis: str) -> float:
+        """Last digit of a pulse's amplitude, m/s or rad/s."""
+        return (DEG * 360.0 if chain.is_rotary(axis) else MM) / 60.0 * (1e-6 if chain.is_rotary(axis) else 1e-3)
+
+    def friction_advice(self, axis: str, torque: float) -> str:
+        """What to do about friction where the control has no such numbers."""
+        return f"{self.title} has no friction compensation; the torque to be overcome is {torque:.3g} N·m"
 
     def held(self, table: Table) -> Table:
         """A table as the control holds it, where rounding its values is not all."""

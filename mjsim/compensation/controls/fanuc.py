@@ -135,6 +135,13 @@ class Fanuc(Control):
                     out.append(f"N{start + e.along}P{k[e.name] / MM:.6f} (add)")
         return out
 
+    def friction_advice(self, axis: str, torque: float) -> str:
+        """The backlash acceleration counts in units of the servo software."""
+        return (
+            f"the backlash acceleration (2003 bit 5, 2048, 2071) counts in units of the servo software, which do not "
+            f"follow from {torque:.3g} N·m; tune it with a circle test"
+        )
+
     def where(self) -> list[str]:
         return [
             "parameters.txt: read it in as parameters and pitch error data (numbers from 10000 on), or type them. "

@@ -81,6 +81,13 @@ class Heidenhain(Control):
             rows.append([str(len(rows) - 1), "MachAxis", axis.letter])
         return _lines("kinematics.tab", rows)
 
+    def friction_advice(self, axis: str, torque: float) -> str:
+        """Friction compensation is a motor current there."""
+        return (
+            f"the friction compensation of a TNC is a motor current: {torque:.3g} N·m divided by the torque constant "
+            f"of the motor, which is not in the machine file"
+        )
+
     def where(self) -> list[str]:
         return [
             "*.COM: copy them to the folder of the control's compensation tables and name them in config.cma as the "

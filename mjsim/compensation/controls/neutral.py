@@ -13,6 +13,7 @@ class Neutral(Control):
 
     name = "csv"
     title = "a CSV file"
+    pulses = True
 
     def grid(self, chain: Chain, out: str, source: str) -> Grid:
         return Grid(most=5000, decimals=9, place_decimals=5)
@@ -24,6 +25,9 @@ class Neutral(Control):
             values.append(f"backlash,{a},{w / scale(chain, a):.9f},{_unit(chain, a)}")
         for a, g in corrections.gains.items():
             values.append(f"position gain,{a},{g:.6g},1/s")
+        for a, p in corrections.pulses.items():
+            values.append(f"friction pulse,{a},{p.speed / scale(chain, a) * 60.0:.6f},{_unit(chain, a)}/min")
+            values.append(f"friction pulse time,{a},{p.time:.6g},s")
         for e in chain.location_errors:
             if e.name in corrections.kinematics:
                 size, unit = (UM, "urad") if e.rotation else (MM, "mm")
@@ -46,6 +50,8 @@ class Neutral(Control):
             "values.csv and tables.csv: values of a table are added to the command of the corrected axis at the "
             "position of the other one, on a straight line between the points.",
             "A backlash is the full width: half of it is added in the direction of motion.",
+            "A friction pulse is added to the speed set-point where the axis reverses, in the new direction, and "
+            "decays as exp(-t / friction pulse time).",
         ]
 
 

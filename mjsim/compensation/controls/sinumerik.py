@@ -8,7 +8,7 @@ from __future__ import annotations
 from mjsim.compensation.controls.base import Control, table_and_tilt
 from mjsim.compensation.tables import Corrections, Grid, Table, scale
 from mjsim.machine.chain import Chain
-from mjsim.units import MM
+from mjsim.units import DEG, MM
 
 #: Points that one table gets at most (MD38000 and MD18342 must allow as many).
 _MOST = 2000
@@ -19,6 +19,7 @@ class Sinumerik(Control):
 
     name = "sinumerik"
     title = "SINUMERIK"
+    pulses = True
 
     def grid(self, chain: Chain, out: str, source: str) -> Grid:
         return Grid(most=_MOST, decimals=6, place_decimals=4)
@@ -80,6 +81,15 @@ class Sinumerik(Control):
             out.append(f"MD32450 $MA_BACKLASH[0,{axis}1]: add {width / scale(chain, axis):.6f}")
         for axis, gain in corrections.gains.items():
             out.append(f"MD32200 $MA_POSCTRL_GAIN[0,{axis}1]: set {gain * 60.0 / 1000.0:.6f}")
+        for axis, p in corrections.pulses.items():
+            turn, unit = (DEG * 360.0, "rev/min") if chain.is_rotary(axis) else (MM, "mm/min")
+            out += [
+                f"MD32490 $MA_FRICT_COMP_MODE[{axis}1]: set 1",
+                f"MD32500 $MA_FRICT_COMP_ENABLE[{axis}1]: set 1",
+                f"MD32510 $MA_FRICT_COMP_ADAPT_ENABLE[0,{axis}1]: set 0",
+                f"MD32520 $MA_FRICT_COMP_CONST_MAX[0,{axis}1]: set {p.speed / turn * 60.0:.6f} {unit}",
+                f"MD32540 $MA_FRICT_COMP_TIME[0,{axis}1]: set {p.time:.3f} s",
+            ]
         if corrections.kinematics:
             out += self._transformation(corrections)
         return out
@@ -127,6 +137,8 @@ class Sinumerik(Control):
             "machine_data.txt: type the values into the machine data; then reset the NCK. An axis vector has the sign "
             "that your transformation uses.",
             "Kinematic data act with TRAORI only.",
+            "Friction compensation (MD32490 to MD32540): constant, for the accelerations of the tests. The tests have "
+            "to be measured with it switched off. Look at a circularity test after every change.",
         ]
 
 
