@@ -13,6 +13,7 @@ from mjsim.cli.main import main
 from mjsim.errors import InputError
 from mjsim.importing.logs import import_log
 from mjsim.importing.reading import Options
+from mjsim.io.resources import examples
 from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
 
 AXIS, PI = Axis(coulomb=0.12), Control(integral_time=0.04)
@@ -75,6 +76,20 @@ def test_the_first_log_of_a_campaign(folder, motion):
     assert import_log(folder, folder / "m.csv", controller="c").new_test
     assert (folder / "campaign.toml").read_text().startswith(head + "\n[[test]]\n")
     assert [t.name for t in read_campaign(folder).logs.recorded] == ["m"]
+
+
+def test_what_would_be_refused_later_is_not_written(folder, motion):
+    """A ball bar's instrument stands for no log."""
+    head = (folder / "campaign.toml").read_text().partition("[instrument]")[0]
+    bar = """[[test]]\nname = "c"\nkind = "circular"\nplane = "XY"\ndirection = "CCW"\nbar_length_mm = 100.0
+table_ball_mm = [0.0, 0.0, 100.0]\nfeed_mm_min = 1000.0\n"""
+    (folder / "campaign.toml").write_text(head + bar)
+    (folder / "machine.toml").write_bytes((examples() / "healthy" / "machine.toml").read_bytes())
+    (folder / "m.csv").write_text(german(motion[0], motion[1], swapped=False))
+    before = (folder / "campaign.toml").read_text()
+    with pytest.raises(InputError, match="one \\[instrument\\]; allowed: one table for each"):
+        import_log(folder, folder / "m.csv")
+    assert (folder / "campaign.toml").read_text() == before and not (folder / "traces").exists()
 
 
 def test_commands_refuse_exchanged_columns(folder, motion):

@@ -146,6 +146,10 @@ def test_a_record_is_an_axis_log(cone, tmp_path):
     assert log.step == pytest.approx(1e-3)
     for i, axis in enumerate(FIVE_AXIS.letters):
         assert np.ptp(log.axes[axis].command) == pytest.approx(np.ptp(record.told[record.feed, i]), abs=1e-9)
+        assert (log.axes[axis].actual == log.axes[axis].command).all()
+    (tmp_path / "r.csv").write_text(record.to_csv(record.told + 1e-4))
+    log = read_recording(tmp_path / "r.csv", LogTest("r", FIVE_AXIS.letters))
+    assert log.axes["X"].actual - log.axes["X"].command == pytest.approx(1e-4, abs=1e-9)
 
 
 def test_driven_by_in_a_campaign(cone, tmp_path):
@@ -204,20 +208,26 @@ def test_a_record_that_depends_on_the_pace_is_not_taken():
     line = np.concatenate([np.full(50, 2), np.repeat(np.arange(3, 1003), 10)])
     feed = np.arange(len(line)) >= 50
 
-    def asked(every, stall=(0, 0)):
-        """Pairs of cycles and blocks at the last addition; nothing is added in the stall."""
-        out, end, told = [(10, 1), (40, 200)], 202, 200
+    def asked(every, stall=(0, 0), steady=False):
+        """Cycles, blocks at the last addition and times; nothing is added in the stall."""
+        out, end, told = [(10, 1, 0.0), (40, 200, 0.1)], 202, 200
         for cycle in range(50, len(line), every):
-            more = min(1002, line[cycle] + 200 - cycle % 7)
+            more = min(1002, line[cycle] + 200 - (0 if steady else cycle % 7))
             if more > end and not stall[0] <= cycle < stall[1]:
-                end, told = more, more - line[cycle]
-            out.append((cycle + 1, told))
-        return np.array(out)
+                end = min(more, end + 80)  # it is filled in steps
+                told = end - line[cycle]
+            out.append((cycle + 1, told, 0.1 + 0.01 * cycle / every))
+        return np.array(out, float)
 
     assert not _starved(line, feed, asked(200))
+    assert not _starved(line, feed, asked(200, steady=True))  # as many blocks come as go
     assert not _starved(line, feed, asked(200, (3000, 3600)))
     assert _starved(line, feed, asked(200, (3000, 6000)))
+    assert _starved(line, feed, asked(200, (3000, 6000), steady=True))
     assert not _starved(line, feed, asked(200, (9000, 20_000)))  # all blocks are there
+    late = asked(200, (3000, 4900))
+    late[late[:, 0] > 4800, 2] += 1.0  # nobody asked for a second
+    assert _starved(line, feed, late)
     assert not _starved(line, np.zeros(len(line), bool), asked(200))
 
 

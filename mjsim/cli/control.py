@@ -43,6 +43,8 @@ def command() -> None:
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder of `mjsim compensate --control linuxcnc`.",
 )
+@click.option("--drives", is_flag=True, help="Actual positions by the drives of the campaign's machine.")
+@common.machine_option
 @click.option(
     "--speed",
     type=common.NUMBER,
@@ -53,8 +55,9 @@ def command() -> None:
 @options.force
 @common.options
 def linuxcnc(
-    campaign, name, out, program, tool_centre, step_deg, acceleration, corrections, speed, force, as_json, quiet
-) -> None:
+    campaign, name, out, program, tool_centre, step_deg, acceleration, corrections, drives, machine, speed, force,
+    as_json, quiet,
+) -> None:  # fmt: skip
     """Have LinuxCNC run the program of a test, and record at 1 kHz what it tells the axes.
 
     The record is an axis log. `driven_by = "FILE"` in the test's table of campaign.toml makes it the commanded motion
@@ -67,22 +70,36 @@ def linuxcnc(
     """
     from dataclasses import replace
 
+    import numpy as np
+
     from mjsim.io.files import check_writable, write_whole
-    from mjsim.linuxcnc.configuration import Settings
+    from mjsim.linuxcnc.configuration import CYCLE, Settings
     from mjsim.linuxcnc.held import held_against, program_of
     from mjsim.linuxcnc.run import run_program
+    from mjsim.machine.model import build
     from mjsim.nc.write import Options
+    from mjsim.simulation.axes import motor_of
+    from mjsim.workflow.edit import machine_of
 
-    test = replace(options.find_test(campaign, name)[1], commanded=None)
+    if machine and not drives:
+        raise click.UsageError("--machine needs --drives")
+    c, test = options.find_test(campaign, name)
+    test = replace(test, commanded=None)
     check_writable(out, force)
     settings = Settings(dict(acceleration), speed, corrections)
     how = Options(dialect="linuxcnc", feed="tcp" if tool_centre else "", step_deg=step_deg)
     nc = program_of(test, how, program)
     record = run_program(nc.text, test.chain, settings, nc.motion.tip)
     held = held_against(test, nc.motion, record, settings)
-    write_whole(out, record.to_csv(), force)
+    actual = None
+    if drives:
+        plant = build(machine_of(c, machine))
+        time = np.arange(len(record.told)) * CYCLE
+        each = [motor_of(plant.axes[a], time, record.told[:, i]) for i, a in enumerate(test.chain.letters)]
+        actual = np.column_stack(each)
+    write_whole(out, record.to_csv(actual), force)
     data = {"file": str(out), "test": name, "program": str(program) if program else None}
-    data |= {"rows": len(record.told), "seconds": round(record.seconds, 2), **held.to_json()}
+    data |= {"rows": len(record.told), "seconds": round(record.seconds, 2), "drives": drives, **held.to_json()}
     if as_json:
         common.print_json(data)
         return
@@ -90,7 +107,7 @@ def linuxcnc(
         return
     common.table(["", "LinuxCNC", "model"], held.rows(), text=(0, 1, 2))
     common.paragraph(
-        f"{len(nc.motion.seconds)} blocks, {held.by_f:.3f} s by their F; run in {record.seconds:.1f} s. Joints are "
-        f"simulated and follow at once."
+        f"{len(nc.motion.seconds)} blocks, {held.by_f:.3f} s by their F; run in {record.seconds:.1f} s. "
+        + ("Actual positions are those of the simulated drives." if drives else "Joints follow at once.")
     )
     common.say(f"written to {out}", quiet)

@@ -119,6 +119,7 @@ def import_log(
         text = read_text(file)
         if known is None or known.trace is None:
             text = _with_test(text, replace(log, trace=str(target.relative_to(file.parent))), known is None)
+        campaign_from(file, tomlkit.parse(text).unwrap(), traces=False)  # what would be refused later is not written
         packed = gzip.compress(data, mtime=0) if target.suffix == ".gz" else data
         write_all({target: packed, file: text.encode()}, force=True)
     rate = 1.0 / float(np.median(np.diff(time)))

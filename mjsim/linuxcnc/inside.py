@@ -152,8 +152,8 @@ class Loop:
         return {"seconds": time.monotonic() - began, "lost": lost, "queue": self.queue}
 
     def look(self) -> None:
-        """Keep how many cycles there are, and how many blocks were queued when the last one was added."""
-        self.queue.append((len(self.rows) // (2 * self.joints + 3), self.stat.queue))
+        """Keep how many cycles there are, how many blocks were queued when the last one was added, and the time."""
+        self.queue.append((len(self.rows) // (2 * self.joints + 3), self.stat.queue, time.monotonic()))
 
     def _resume(self) -> None:
         """Go on after M0, with the feed held until blocks are queued: so the first ones do not depend on the pace."""

@@ -65,18 +65,22 @@ class Record:
         part = self.feed
         return (part.stop - part.start - 1) * CYCLE
 
-    def to_csv(self) -> str:
+    def to_csv(self, actual: np.ndarray | None = None) -> str:
         """As an axis log, with a little rest at both ends: command and actual position of every axis.
 
-        The simulated joints follow at once, so both are the same.
+        Args:
+            actual: Positions of the encoders in every cycle, (n, axes) m and rad; nothing: LinuxCNC's simulated joints,
+                which follow at once.
         """
-        part = self.feed
-        q = self.told[max(0, part.start - _REST) : part.stop + _REST] / [scale(a) for a in self.chain.letters]
+        part = slice(max(0, self.feed.start - _REST), self.feed.stop + _REST)
+        units = np.array([scale(a) for a in self.chain.letters])
+        q = self.told[part] / units
+        y = q if actual is None else actual[part] / units
         names, columns = ["time_s"], [np.arange(len(q)) * CYCLE]
         for i, axis in enumerate(self.chain.letters):
             unit = "deg" if self.chain.is_rotary(axis) else "mm"
             names += [f"{axis}_command_{unit}", f"{axis}_actual_{unit}"]
-            columns += [q[:, i], q[:, i]]
+            columns += [q[:, i], y[:, i]]
         text = io.StringIO()
         form = ["%.3f", *["%.9f"] * (len(columns) - 1)]
         np.savetxt(text, np.column_stack(columns), form, ",", header=",".join(names), comments="")

@@ -27,6 +27,9 @@ _LONGEST = 95
 _SLOWER = (5.0, 1.0)
 #: Blocks that the planner looks ahead, with some to spare: with fewer in its queue the path depends on the pace.
 _AHEAD = 60
+#: A queue that has run empty is filled at some 3000 blocks per second: to this share of its blocks not within a gap of
+#: so many seconds.
+_FULL, _GAP = 0.7, 0.2
 
 
 def run_test(test: BallBarTest, settings: Settings | None = None, options: Options | None = None) -> Record:
@@ -132,19 +135,21 @@ def _starved(line: np.ndarray, feed: np.ndarray, queue: np.ndarray) -> bool:
     Args:
         line: Line of the program in every cycle, (n,).
         feed: Whether it is on the path, (n,).
-        queue: Cycles so far, and the blocks in the queue when the last one was added, (m, 2), at increasing times.
+        queue: Cycles so far, the blocks in the queue when the last one was added, and the time, (m, 3), in s.
     """
     if not feed.any() or len(queue) < 2:
         return False
+    asked, blocks = queue[:, 0].astype(int), queue[:, 1]
     cycles = np.flatnonzero(feed)
-    added = np.flatnonzero(np.diff(queue[:, 1])) + 1
-    before = line[np.clip(queue[added - 1, 0] - 1, 0, len(line) - 1)]  # the block was added later than this
-    end = np.maximum.accumulate(np.append(0, before + queue[added, 1]))  # line up to which blocks were queued, at least
-    reached = end[np.searchsorted(queue[added, 0], cycles, side="right")]
-    last = queue[added, 0][queue[added, 0] <= cycles[-1]]
-    all_there = cycles >= (last[-1] if len(last) else 0)  # nothing was added later, and the path came to its end
-    moving = line[cycles] > line[cycles].min()  # the first block waits for the queue to fill
-    return bool((moving & ~all_there & (reached - line[cycles] < _AHEAD)).any())
+    added = np.flatnonzero(np.diff(blocks)) + 1
+    before = line[np.clip(asked[added - 1] - 1, 0, len(line) - 1)]  # the block was added later than this
+    end = np.maximum.accumulate(np.append(0, before + blocks[added]))  # line up to which blocks were queued, at least
+    place = np.searchsorted(asked[added], cycles, side="right")
+    few = (line[cycles] > line[cycles].min()) & (end[place] - line[cycles] < _AHEAD)  # the first block waits
+    # a full queue may take in as many blocks as it gives, so that its number stays; an empty one is filled in steps
+    full = (blocks[added] > _FULL * np.append(0, blocks[added])[:-1]) & (np.diff(queue[:, 2])[added - 1] < _GAP)
+    full |= asked[added] > cycles[-1]  # nothing was added any more, and the path came to its end
+    return bool((few & ~np.append(full, True)[place]).any())
 
 
 def _tail(folder: Path) -> str:
