@@ -8,12 +8,11 @@ import numpy as np
 
 from mjsim.estimation.criteria import is_feasible, penalised_objective
 from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.fit import Fit, Fitter, unabsorbed
+from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.nuisance import TRIGGERS
 from mjsim.estimation.one_direction import one_direction_rows
 from mjsim.estimation.signatures import Candidate, Projector, SignatureBank
 from mjsim.estimation.spectrum import spectral_candidates
-from mjsim.machine.model import build
 from mjsim.progress import Progress, silent
 
 
@@ -103,17 +102,6 @@ class CandidateModels:
         else:
             v[free.linear] = free.neutral + x
         return [*fit.effects, EffectVector(free.at(v), c.names)]
-
-    def visible(self, fit: Fit, key: str) -> bool:
-        """Whether an effect of ``fit`` stands out of some test: significance alone would name what nobody needs to
-        know.
-        """
-        present = self.fitter.machine.effect(key)
-        without = fit.machine.without(key) if present is None else fit.machine.with_effect(present)
-        parts = self.problem.difference(self.problem.readings(build(without)), fit.readings, fit.nuisance)
-        parts = unabsorbed(self.problem, fit, parts)
-        least = self.settings.visible_share * self.problem.noise.rms
-        return any(np.std(p[s.good]) > least for p, s in zip(parts, self.problem.samples, strict=True))
 
     def start_without(self, without: Fit, fit: Fit, rest: list[EffectVector]) -> Fit:
         """Where competing models start: at ``without``, or where ``fit`` ended.

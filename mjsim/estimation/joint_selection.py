@@ -26,6 +26,7 @@ from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.selection import Found, Selection
 from mjsim.estimation.signatures import SignatureBank
 from mjsim.estimation.verdicts import is_beyond, log_odds
+from mjsim.estimation.visibility import clear_tests
 from mjsim.progress import Progress, silent
 
 #: Most rounds of selection and refit; most Gauss-Newton steps of the first fit and of the others. Waves of a pitch
@@ -95,6 +96,7 @@ class JointSelector:
             if not changed and not released:
                 break
         model.fit = self.fitter.fit(model.fit.effects, start=model.fit, exact=True, iterations=_STEPS, fresh=False)
+        self._without_invisible(model)
         self._release(model)  # what lies at its limit may have come to lie beyond it
         if not machine.tolerance and model.curve is None:  # beside something unknown nothing small is proven
             for key in self._proven(model):
@@ -191,6 +193,14 @@ class JointSelector:
         effects = [EffectVector(f.effect, f.names) if f.effect.key in keys else f for f in model.fit.effects]
         model.fit = self._refit(effects, model.fit, _STEPS)
         return True
+
+    def _without_invisible(self, model: _Model) -> None:
+        """Drop what was selected, but stands out of no test."""
+        new = [f.effect.key for f in model.fit.effects if f.effect.key not in model.expected]
+        hidden = {key for key in new if not clear_tests(self.problem, model.fit, key)}
+        if hidden:
+            seen = [f for f in model.fit.effects if f.effect.key not in hidden]
+            model.fit = self.fitter.fit(seen, start=model.fit, exact=True, iterations=_STEPS, fresh=False)
 
     def _refit(self, effects: list[EffectVector], start: Fit, iterations: int) -> Fit:
         """Joint fit; exact where the model comes near the data, since a linearised data sheet is driven far off

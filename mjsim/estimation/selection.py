@@ -21,6 +21,7 @@ from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.evidence import select
 from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.signatures import SignatureBank, seeds
+from mjsim.estimation.visibility import clear_tests
 from mjsim.progress import Progress, silent
 
 #: Fall of the penalised objective that makes a competing model the better one; how often one may take an effect's
@@ -145,7 +146,9 @@ class ModelSelection(CandidateModels):
             self.progress(f"model {len(fit.effects) + 1}: trying {c.id}", i, len(shortlist))
             trial = self.refit(self.extended(fit, c, x), fit, c)
             mine = next(f for f in trial.effects if f.effect.key == c.effect.key)
-            if not is_large_enough(self.fitter.machine, mine, self.settings) or not self.visible(trial, c.effect.key):
+            if not is_large_enough(self.fitter.machine, mine, self.settings) or not clear_tests(
+                self.problem, trial, c.effect.key
+            ):
                 continue
             trail.append({"effects": [f.effect.id for f in trial.effects], "objective": trial.objective})
             if best is None or self.objective(trial) < self.objective(best):

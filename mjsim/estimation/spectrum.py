@@ -85,7 +85,8 @@ def spectral_candidates(
 
     Pitch errors at the ``count`` best orders (at half as many where they act in one direction only), and a torque
     ripple at the best one: all make a wave of the axis position, but the drive passes a torque on differently at
-    different speeds.
+    different speeds. A pitch error in the model leaves nothing of its orders for the spectrum to see, though a ripple
+    may hide behind it: a ripple is also tried at these.
     """
     cls, subject = registry.effect_class(f"pitch_error.{axis}", fit.machine.chain)
     scale = cls.parameters_of(subject)[0].scale
@@ -107,11 +108,13 @@ def spectral_candidates(
                 (Candidate(cls(subject, components=[[float(order), scale, 0.0]], **values), ("components",)), columns)
             )
     ripple, _ = registry.effect_class(f"torque_ripple.{axis}", fit.machine.chain)
-    per_motor_turn = [n if not is_rotary(axis) else n / fit.base.drives[axis].gear for n in found[""]]
-    fast = [n for n in per_motor_turn if n > _SLOWEST_RIPPLE]
-    if fast and not fit.machine.effect(f"torque_ripple.{axis}"):
-        seed = Candidate(
-            ripple(subject, amplitude_Nm=ripple.parameters[0].scale, order=float(fast[0])), ripple.search.free
-        )
+    if fit.machine.effect(f"torque_ripple.{axis}"):
+        return out
+    gear = fit.base.drives[axis].gear if is_rotary(axis) else 1.0
+    modelled = {round(c[0]) for e in present.values() for c in e.values["components"]}
+    fast = [n / gear for n in found[""] if n / gear > _SLOWEST_RIPPLE][:1]
+    fast += [n / gear for n in sorted(modelled) if n / gear > _SLOWEST_RIPPLE]
+    for order in dict.fromkeys(fast):
+        seed = Candidate(ripple(subject, amplitude_Nm=ripple.parameters[0].scale, order=order), ripple.search.free)
         out.append((seed, problem.whiten(bank.columns(seed))))
     return out

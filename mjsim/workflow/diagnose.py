@@ -17,7 +17,7 @@ from mjsim.estimation.curve_fit import fit_beside
 from mjsim.estimation.curve_search import best_curve_term
 from mjsim.estimation.curve_terms import CurveTerm
 from mjsim.estimation.disturbances import readmitted
-from mjsim.estimation.fit import Fitter, unabsorbed, with_effects
+from mjsim.estimation.fit import Fitter, with_effects
 from mjsim.estimation.joint_selection import JointSelection, JointSelector
 from mjsim.estimation.lines import Line
 from mjsim.estimation.mistakes.checked_problem import checked_problem
@@ -32,6 +32,7 @@ from mjsim.estimation.testability import not_testable
 from mjsim.estimation.unexplained import Unexplained, describe, find_unexplained
 from mjsim.estimation.verdicts import stands
 from mjsim.estimation.vibration import Separated, is_news, phased, separate
+from mjsim.estimation.visibility import clear_tests
 from mjsim.io.cache import remembered
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
@@ -261,7 +262,7 @@ def _found(problem: Problem, selection: Selection) -> list[tuple[float, Diagnose
         at = next(j for j, g in enumerate(selection.fit.effects) if g.effect.key == f.key)
         free = selection.fit.effects[at]
         ci = free.interval(free.vector, selection.fit.covariance_of(free))
-        where = _where(problem, selection, at)
+        where = clear_tests(problem, selection.fit, f.key)
         found = DiagnosedEffect(free.effect, free.names, ci, 0.0, 0.0, f.alternatives, where, f.gain, f.rejected)
         models = [CompetingModel.of(i, fit) for i, fit in ((f.key, selection.fit), *f.competing.items())]
         out.append((f.gain, replace(found, models=tuple(models))))
@@ -279,19 +280,3 @@ def _vibration(problem: Problem, line: Line) -> tuple[float, DiagnosedEffect]:
     return line.gain, DiagnosedEffect(
         line.effect, line.effect.search.free, line.ci95, 0.0, 0.0, line.alternatives, tests, line.gain
     )
-
-
-def _where(problem: Problem, selection: Selection, index: int) -> tuple[str, ...]:
-    """Tests in which an effect's part of the reading stands out of the noise (RMS above a quarter of it).
-
-    A set-up error that takes some of it up in one test moves the others of that set-up as well; these show nothing of
-    the effect.
-    """
-    machine = selection.fit.machine.without(selection.fit.effects[index].effect.key)
-    original = selection.fit.base.effect(selection.fit.effects[index].effect.key)
-    if original is not None:
-        machine = machine.with_effect(original)
-    parts = problem.difference(problem.readings(build(machine)), selection.fit.readings, selection.fit.nuisance)
-    left = unabsorbed(problem, selection.fit, parts)
-    least = problem.settings.visible_share * problem.noise.rms
-    return tuple(t.name for t, *both in zip(problem.tests, parts, left, strict=True) if min(map(np.std, both)) > least)

@@ -1,0 +1,35 @@
+"""In which tests an effect of a fitted model stands out of the noise."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mjsim.estimation.fit import Fit, unabsorbed
+from mjsim.estimation.problem import Problem
+from mjsim.machine.model import build
+
+
+def clear_tests(problem: Problem, fit: Fit, key: str) -> tuple[str, ...]:
+    """Names of the tests in which an effect's part of the reading stands out of the noise.
+
+    A set-up error that takes some of it up in one test moves the others of that set-up as well. These show nothing of
+    the effect: its own part has to stand out too. Significance alone would name what nobody needs to know.
+
+    Args:
+        problem: The measured tests.
+        fit: The model, the effect included.
+        key: Of the effect.
+    """
+    without = fit.machine.without(key)
+    stated = fit.base.effect(key)
+    if stated is not None:
+        without = without.with_effect(stated)
+    parts = problem.difference(problem.readings(build(without)), fit.readings, fit.nuisance)
+    left = unabsorbed(problem, fit, parts)
+    least = problem.settings.visible_share * problem.noise.rms
+    good = [s.good for s in problem.samples]
+    return tuple(
+        t.name
+        for t, ok, *both in zip(problem.tests, good, parts, left, strict=True)
+        if min(np.std(p[ok]) for p in both) > least
+    )
