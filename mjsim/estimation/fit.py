@@ -168,6 +168,8 @@ class Fitter:
             now = self._linearised(now, white, weight) if fresh else self._with_step(now, weight)
             promised = now.linear.gain(now.step)
             if promised < _CONVERGED:
+                if fresh:
+                    return self._with_equations(now, now.design)
                 break
             trial, scale = now, 0.0
             for scale in _SCALES if fresh else _SCALES[:1]:
@@ -180,11 +182,11 @@ class Fitter:
                 fresh = True
                 continue
             gain, now = now.objective - trial.objective, trial
-            if gain < max(_CONVERGED, _SLOW * (now.sum_squares - self.problem.count)):
+            slow = gain < max(_CONVERGED, _SLOW * (now.sum_squares - self.problem.count))
+            if slow and fresh:
                 break
-            fresh = (
-                scale < 1.0 or gain < _KEPT_PROMISE * promised
-            )  # derivatives that keep their promise serve once more
+            # derivatives that keep their promise serve once more
+            fresh = slow or scale < 1.0 or gain < _KEPT_PROMISE * promised
         return self._linearised(now, white)
 
     def _start(self, effects: tuple[EffectVector, ...], start: Fit | None, exact: bool, fresh: bool):
@@ -282,6 +284,10 @@ class Fitter:
         effects = p.whiten(self._effect_columns(fit)) if fit.effects else np.zeros((len(nuisance), 0))
         design = np.hstack([nuisance, sheet_white, effects])
         design[:, fit.parameters.frozen] = 0.0
+        return self._with_equations(fit, design, weight)
+
+    def _with_equations(self, fit: Fit, design: np.ndarray, weight: float = 1.0) -> Fit:
+        """The model with a design and its Gauss-Newton step."""
         equations = LeastSquares.of_design(fit.parameters, design, weight)
         return self._with_step(replace(fit, design=design, equations=equations), weight)
 

@@ -87,7 +87,7 @@ class JointSelector:
         start = self.fitter.fit([], exact=False)
         expected = {c.key: c for c in expected_effects(machine)}
         self.progress("fitting everything that a machine may have", 0, 1)
-        fit = self._refit([c.free for c in expected.values()], start, _FIRST)
+        fit = self._refit([c.free for c in expected.values()], None, _FIRST)
         model = _Model(fit, expected, frozenset(expected), SignatureBank(self.problem, fit))
         for number in range(_ROUNDS):
             self.progress("selecting causes by evidence", number, _ROUNDS)
@@ -202,7 +202,7 @@ class JointSelector:
             seen = [f for f in model.fit.effects if f.effect.key not in hidden]
             model.fit = self.fitter.fit(seen, start=model.fit, exact=True, iterations=_STEPS, fresh=False)
 
-    def _refit(self, effects: list[EffectVector], start: Fit, iterations: int) -> Fit:
+    def _refit(self, effects: list[EffectVector], start: Fit | None, iterations: int) -> Fit:
         """Joint fit; exact where the model comes near the data, since a linearised data sheet is driven far off
         otherwise.
         """
