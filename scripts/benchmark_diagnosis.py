@@ -3,11 +3,14 @@
 known.
 
     scripts/benchmark_diagnosis run [--half tune|publish] [--category C ...] [--only TEXT] [--jobs N] [--out FILE]
+    scripts/benchmark_diagnosis run --method pursuit|features --out OTHER-FILE ...
     scripts/benchmark_diagnosis report [--out FILE] [--page docs/diagnosis-benchmark.md] [--half publish]
+        [--pursuit FILE] [--features FILE]
 
 `run` writes one line per campaign into FILE (default benchmark-diagnosis.jsonl) and goes on where it stopped; a
-campaign that is in the file already is not run again. The whole bank takes some two hours on two cores. One half of the
-bank is for tuning, the other is published.
+campaign that is in the file already is not run again. The whole bank takes some seven hours on two cores. One half of
+the bank is for tuning, the other is published. With --method a simple method answers instead of the diagnosis (see
+scripts/diagnosis_baselines.py).
 """
 
 from __future__ import annotations
@@ -31,21 +34,25 @@ sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "scripts")]
 _GROUP = 6
 
 
-def run_group(cases: list, out: Path) -> int:
+def run_group(cases: list, out: Path, method: str) -> int:
     """Generate and diagnose cases that share tests and machine (their signatures are computed once); each goes into
     the file at once.
     """
     for case in cases:
-        row = run_case(case)
+        row = run_case(case, method)
         with out.open("a") as file:  # one short write each: lines of several processes do not mix
             file.write(json.dumps(row) + "\n")
         print(summary(row), flush=True)
     return len(cases)
 
 
-def run_case(case) -> dict:
-    """One campaign: written as files, read and diagnosed as a user's, on one thread; seconds are those of the processor."""
+def run_case(case, method: str = "diagnose") -> dict:
+    """One campaign: written as files, read and answered as a user's, on one thread. Seconds are those of the
+    processor.
+    """
+    import diagnosis_baselines
     from independent import campaign as generator
+    from independent import heldout
 
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import read_machine
@@ -65,11 +72,49 @@ def run_case(case) -> dict:
             row["answer"] = generator.write(case, Path(folder))
             began = time.process_time()
             campaign = read_campaign(folder)
-            row["result"] = finite(diagnose(campaign, read_machine(campaign.machine_file), threads=1).to_json())
+            machine = read_machine(campaign.machine_file)
+            if method == "diagnose":
+                diagnosis = diagnose(campaign, machine, threads=1)
+                row["result"] = finite(diagnosis.to_json())
+            else:
+                row["result"] = diagnosis_baselines.answer(campaign, machine, method)
             row["seconds"] = round(time.process_time() - began, 1)
+            if method == "diagnose" and case.category.startswith("real") and not case.unlisted():
+                heldout.write_heldout(case, folder)
+                row["heldout_removed"] = removed(Path(folder) / "heldout", diagnosis.machine)
         except Exception:  # a crash is a failure to report, not the end of the bank
             row["error"] = traceback.format_exc(limit=-3)
     return row
+
+
+def removed(folder: Path, machine) -> float:
+    """Share of the squared error of tests outside a campaign that a fitted machine predicts, the ball's place left out
+    (first harmonic), as it is set up anew for each.
+    """
+    import numpy as np
+
+    from mjsim.campaign.files import read_campaign
+    from mjsim.machine.model import build
+    from mjsim.simulation.axes import AxesMotion
+
+    left = error = 0.0
+    plant = build(machine)
+    for test in read_campaign(folder / "campaign.toml").tests:
+        phi, true, nominal = np.loadtxt(folder / f"{test.name}.truth.csv", delimiter=",", skiprows=1).T
+        motion = AxesMotion(test)
+        place = np.degrees(motion.program.phi(motion.time))
+        order = np.argsort(place, kind="stable")
+        predicted = np.interp(phi, place[order], motion.reading(plant)[order] * 1e6)
+        turning = (abs(phi) > 30.0) & (abs(phi) < 690.0)  # away from the run-in and the run-out
+        angle = np.radians(phi[turning])
+        basis = np.column_stack([np.ones(len(angle)), np.cos(angle), np.sin(angle)])
+
+        def shape(x, basis=basis, turning=turning):
+            return x[turning] - basis @ np.linalg.lstsq(basis, x[turning], rcond=None)[0]
+
+        left += float(np.mean(shape(true - predicted) ** 2))
+        error += float(np.mean(shape(true - nominal) ** 2))
+    return round(1.0 - left / error, 4)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -97,7 +142,7 @@ def run(options: argparse.Namespace) -> None:
     began, count = time.time(), 0
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(options.jobs, mp_context=context) as pool:
-        for future in as_completed([pool.submit(run_group, g, options.out) for g in groups]):
+        for future in as_completed([pool.submit(run_group, g, options.out, options.method) for g in groups]):
             count += future.result()
             left = (time.time() - began) / count * (len(todo) - count) / 60.0
             print(f"{count} of {len(todo)} done, about {left:.0f} min left", flush=True)
@@ -120,6 +165,9 @@ def main() -> None:
     parser.add_argument("action", choices=("run", "report"))
     parser.add_argument("--half", choices=("tune", "publish"))
     parser.add_argument("--category", nargs="*")
+    parser.add_argument("--method", choices=("diagnose", "pursuit", "features"), default="diagnose")
+    parser.add_argument("--pursuit", type=Path, help="rows of matching pursuit, for the page")
+    parser.add_argument("--features", type=Path, help="rows of the list of features, for the page")
     parser.add_argument("--only", help="campaigns whose name contains this")
     parser.add_argument("--most", type=int, help="at most so many campaigns")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
@@ -131,11 +179,22 @@ def main() -> None:
         run(options)
         return
     from diagnosis_report import page
+    from diagnosis_report_real import section
 
-    rows = [json.loads(line) for line in options.out.read_text().splitlines()]
-    rows = [r for r in rows if r["half"] == (options.half or "publish")]
-    options.page.write_text(page(rows, options.remark))
+    rows = rows_of(options.out, options.half)
+    others = {"matching pursuit": options.pursuit, "list of features": options.features}
+    answers = {name: rows_of(file, options.half) for name, file in others.items() if file}
+    real = [r for r in rows if r["category"].startswith("real")]
+    ideal = [r for r in rows if not r["category"].startswith("real")]
+    lines = [*page(ideal, options.remark), "", *section(real, answers)]
+    options.page.write_text("\n".join(lines).rstrip() + "\n")
     print(f"{len(rows)} campaigns; page written to {options.page}")
+
+
+def rows_of(file: Path, half: str | None) -> list[dict]:
+    """Rows of one half of the bank."""
+    rows = [json.loads(line) for line in file.read_text().splitlines()]
+    return [r for r in rows if r["half"] == (half or "publish")]
 
 
 if __name__ == "__main__":

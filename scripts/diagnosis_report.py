@@ -104,8 +104,8 @@ def wrapped(text: str) -> list[str]:
     return textwrap.wrap(text, 100, break_long_words=False, break_on_hyphens=False)
 
 
-def page(rows: list[dict], remark: str = "") -> str:
-    """The page as Markdown."""
+def page(rows: list[dict], remark: str = "") -> list[str]:
+    """Lines of the page on machines that are ideal but for what is hidden."""
     by = defaultdict(list)
     for r in rows:
         by[r["category"]].append(r)
@@ -208,7 +208,7 @@ def page(rows: list[dict], remark: str = "") -> str:
     confusion = Counter()
     for r in singles:
         if not exact(r):
-            confusion[truth(r)[0].split(".")[0], _said(r)] += 1
+            confusion[truth(r)[0].split(".")[0], said(r)] += 1
     out += [f"| {a} | {b} | {n} |" for (a, b), n in sorted(confusion.items())]
     out += [
         "",
@@ -225,19 +225,19 @@ def page(rows: list[dict], remark: str = "") -> str:
                 else ""
             )
             size = f"{snr(r):.1f}" if "answer" in r and r["answer"].get("signature_rms_um") else ""
-            out.append(f"| {r['name']} | {hidden or 'nothing'} | {size} | {mark(r)}: {_said(r)} |")
-    return "\n".join(out) + "\n"
+            out.append(f"| {r['name']} | {hidden or 'nothing'} | {size} | {mark(r)}: {said(r)} |")
+    return out
 
 
 def _number(pick, values: list[float]) -> str:
     return f"{pick(values):.2f}" if values else "-"
 
 
-def _said(row: dict) -> str:
+def said(row: dict) -> str:
     if "error" in row:
         return row["error"].strip().splitlines()[-1].replace("|", "/")
     r = row["result"]
-    said = [e["id"] + (f" or {' or '.join(e['alternatives'])}" if e["alternatives"] else "") for e in r["effects"]]
+    names = [e["id"] + (f" or {' or '.join(e['alternatives'])}" if e["alternatives"] else "") for e in r["effects"]]
     if r["unexplained"]:
-        said.append(f"unknown on {', '.join(r['unexplained']['axes'])} ({r['unexplained']['variable']})")
-    return "; ".join(said) or "nothing found"
+        names.append(f"unknown on {', '.join(r['unexplained']['axes'])} ({r['unexplained']['variable']})")
+    return "; ".join(names) or "nothing found"
