@@ -44,6 +44,11 @@ class Calibrated:
         """Key of the effect."""
         return self.free.effect.key
 
+    def at(self, fitted: EffectVector) -> EffectVector:
+        """The effect as it was fitted, with the tolerance as prior again; at its mean where it has other waves."""
+        same = len(fitted.vector) == len(self.free.vector)
+        return fitted.with_prior(self.mean, self.deviation) if same else self.free
+
 
 def calibrated_effects(machine: Machine) -> list[Calibrated]:
     """Every effect of the kinds for which the machine file states a tolerance, on every subject that the machine

@@ -1,5 +1,5 @@
-"""All candidates beside a fitted model as one whitened linear problem: the model's own effects, the catalogue, and
-generic curves.
+"""All candidates beside a fitted model as one whitened linear problem: the model's own effects, what the expected ones
+have beyond their tolerance, the catalogue, and generic curves.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ class Member:
         entries: Which entries of its vector.
         candidate: An effect that is not in the model, or ``None``.
         curve: A generic curve, or ``None``.
+        excess: Whether it is what an effect that is always in the model has beyond its tolerance.
     """
 
     free: EffectVector | None = None
@@ -42,6 +43,7 @@ class Member:
     entries: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     candidate: Candidate | None = None
     curve: CurveTerm | None = None
+    excess: bool = False
 
     @property
     def key(self) -> str:
@@ -92,6 +94,13 @@ class CandidateGroups:
                 places.append(at[entries])
                 members.append(Member(free=f, wave=wave, entries=entries))
                 odds.append(settings.log_odds)
+        for f in fit.effects:
+            if f.effect.key in kept:
+                at = np.arange(parameters.size)[parameters[f.block.name]]
+                for wave, entries in own_groups(f):
+                    blocks.append(fit.design[:, at[entries]])
+                    members.append(Member(free=f, wave=wave, entries=entries, excess=True))
+                    odds.append(settings.log_odds)
         others = _candidates(problem, fit, bank, kept)
         count: dict[str, int] = {}
         for c, _ in others:

@@ -49,7 +49,7 @@ def _near(fit: Fit, groups: CandidateGroups, key: str) -> list[tuple[Candidate, 
     """Candidates that reach nearly the finding's evidence in its place, the best of each effect, with their linear
     estimates and prior precisions.
     """
-    own = [g for g, m in enumerate(groups.members) if m.free is not None]
+    own = [g for g, m in enumerate(groups.members) if m.free is not None and not m.excess]
     mine = [g for g in own if groups.members[g].key == key]
     others = [g for g in own if g not in mine]
     columns = np.concatenate([groups.groups[g].columns for g in others]) if others else np.zeros(0, int)

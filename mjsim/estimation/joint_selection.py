@@ -25,13 +25,13 @@ from mjsim.estimation.evidence import SparseModel, log_evidence, select
 from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.selection import Found, Selection
 from mjsim.estimation.signatures import SignatureBank
-from mjsim.estimation.verdicts import is_beyond, log_odds
+from mjsim.estimation.verdicts import beyond, is_beyond, log_odds
 from mjsim.estimation.visibility import clear_tests
 from mjsim.progress import Progress, silent
 
 #: Most rounds of selection and refit; most Gauss-Newton steps of the first fit and of the others. Waves of a pitch
 #: error and trigger shifts need many: an unfinished fit asks for causes that are not there.
-_ROUNDS, _FIRST, _STEPS = 5, 16, 8
+_ROUNDS, _FIRST, _STEPS = 6, 16, 8
 #: A model that leaves so much more than the one before it is not taken.
 _WORSE = 1.1
 #: Signatures are computed again where the misfit has fallen to this share.
@@ -60,7 +60,7 @@ class _Model:
     Attributes:
         fit: Its fit.
         kept: What stays in it whatever the data say.
-        expected: Keys of all effects that a machine of its class may have.
+        expected: All effects that a machine of its class may have, by key.
         bank: Signatures of the candidates.
         bank_misfit: Mean square of the whitened residuals at which they were computed.
         curve: A curve beside the effects.
@@ -68,7 +68,7 @@ class _Model:
 
     fit: Fit
     kept: dict[str, Calibrated]
-    expected: frozenset[str]
+    expected: dict[str, Calibrated]
     bank: SignatureBank
     bank_misfit: float = np.inf
     curve: CurveTerm | None = None
@@ -88,16 +88,14 @@ class JointSelector:
         expected = {c.key: c for c in expected_effects(machine)}
         self.progress("fitting everything that a machine may have", 0, 1)
         fit = self._refit([c.free for c in expected.values()], None, _FIRST)
-        model = _Model(fit, expected, frozenset(expected), SignatureBank(self.problem, fit))
+        model = _Model(fit, dict(expected), expected, SignatureBank(self.problem, fit))
         for number in range(_ROUNDS):
             self.progress("selecting causes by evidence", number, _ROUNDS)
-            changed = self._select(model)
-            released = self._release(model)
-            if not changed and not released:
+            if not self._select(model) and not self._release(model):
                 break
         model.fit = self.fitter.fit(model.fit.effects, start=model.fit, exact=True, iterations=_STEPS, fresh=False)
         self._without_invisible(model)
-        self._release(model)  # what lies at its limit may have come to lie beyond it
+        self._return(model)
         if not machine.tolerance and model.curve is None:  # beside something unknown nothing small is proven
             for key in self._proven(model):
                 del model.kept[key]
@@ -117,15 +115,23 @@ class JointSelector:
         weight = max(1.0, misfit)
         chosen = self._chosen(groups, weight)
         model.curve = next((groups.members[g].curve for g in chosen.precision if groups.members[g].curve), None)
-        effects = self._effects(model, groups, chosen)
+        kept = self._kept(model, groups, chosen)
+        effects = self._effects(model, groups, chosen, kept)
         before = [(f.effect.key, len(f.vector)) for f in model.fit.effects]
-        if sorted(before) == sorted((f.effect.key, len(f.vector)) for f in effects):
+        after = [(f.effect.key, len(f.vector)) for f in effects]
+        if sorted(before) == sorted(after) and set(kept) == set(model.kept):
             return False
         fit = self._refit(effects, model.fit, _STEPS)
         if model.curve is None and fit.sum_squares > _WORSE * model.fit.sum_squares:
             return False  # what the linear problem promised is not there
-        model.fit = fit
+        model.fit, model.kept = fit, kept
         return True
+
+    @staticmethod
+    def _kept(model: _Model, groups: CandidateGroups, chosen: SparseModel) -> dict[str, Calibrated]:
+        """The expected effects that no evidence puts beyond their tolerance."""
+        beyond = {groups.members[g].key for g in chosen.precision if groups.members[g].free is not None}
+        return {key: c for key, c in model.expected.items() if key not in beyond}
 
     def _chosen(self, groups: CandidateGroups, weight: float) -> SparseModel:
         """The groups of largest evidence: with named effects and curves together, or one curve instead of them
@@ -153,14 +159,21 @@ class JointSelector:
         alone = select(linear, groups.groups, tuple(set(range(len(groups.groups))) - own - curves))
         return max(named, alone, key=lambda s: log_evidence(linear, groups.groups, s))
 
-    def _effects(self, model: _Model, groups: CandidateGroups, chosen: SparseModel) -> list[EffectVector]:
-        """Effects of the next model: what is kept, and what was chosen, with the width that the evidence gave them
-        as prior.
+    def _effects(
+        self, model: _Model, groups: CandidateGroups, chosen: SparseModel, kept: dict[str, Calibrated]
+    ) -> list[EffectVector]:
+        """Effects of the next model: what is kept, with its tolerance as prior, and what was chosen, with the width
+        that the evidence gave it.
         """
-        out = [f for f in model.fit.effects if f.effect.key in model.kept]
+        out = []
         for f in model.fit.effects:
+            key = f.effect.key
             mine = {m.wave: g for g, m in enumerate(groups.members) if m.free is f and g in chosen.precision}
-            if mine:
+            if key in kept:
+                out.append(f if key in model.kept else kept[key].at(f))
+            elif key in model.kept:
+                out.append(EffectVector(f.effect, f.names))
+            elif mine:
                 out.append(_kept_waves(f, {wave: chosen.precision[g] for wave, g in mine.items()}))
         new = [g for g in chosen.precision if groups.members[g].candidate is not None]
         new.sort(key=lambda g: -chosen.log_odds[g])
@@ -178,21 +191,32 @@ class JointSelector:
         return out
 
     def _release(self, model: _Model) -> bool:
-        """Fit effects freely whose interval lies beyond the tolerance: these are findings. Whether there were any."""
+        """Fit the effect freely that lies farthest beyond its tolerance with its whole interval, if there is one: this
+        is a finding. One at a time: what one cause does, several others share as long as it is held back.
+        """
         misfit = model.fit.sum_squares / self.problem.count
-        beyond = [
-            f
+        far = {
+            f.effect.key: beyond(model.fit, f, model.kept[f.effect.key], misfit)
             for f in model.fit.effects
-            if f.effect.key in model.kept and is_beyond(model.fit, f, model.kept[f.effect.key], misfit)
-        ]
-        if not beyond:
+            if f.effect.key in model.kept
+        }
+        key = max(far, key=lambda k: far[k], default=None)
+        if key is None or far[key] <= 1.0:
             return False
-        keys = {f.effect.key for f in beyond}
-        for key in keys:
-            del model.kept[key]
-        effects = [EffectVector(f.effect, f.names) if f.effect.key in keys else f for f in model.fit.effects]
+        del model.kept[key]
+        effects = [EffectVector(f.effect, f.names) if f.effect.key == key else f for f in model.fit.effects]
         model.fit = self._refit(effects, model.fit, _STEPS)
         return True
+
+    def _return(self, model: _Model) -> None:
+        """Put what came to lie within its tolerance again among what is calibrated."""
+        free = [f for f in model.fit.effects if f.effect.key in model.expected and f.effect.key not in model.kept]
+        inside = {f.effect.key for f in free if not is_beyond(model.fit, f, model.expected[f.effect.key])}
+        if not inside:
+            return
+        model.kept |= {key: model.expected[key] for key in inside}
+        effects = [model.expected[f.effect.key].at(f) if f.effect.key in inside else f for f in model.fit.effects]
+        model.fit = self.fitter.fit(effects, start=model.fit, exact=True, iterations=_STEPS, fresh=False)
 
     def _without_invisible(self, model: _Model) -> None:
         """Drop what was selected, but stands out of no test."""

@@ -25,15 +25,24 @@ def log_odds(fit: Fit, f: EffectVector) -> float:
 
 
 def is_beyond(fit: Fit, f: EffectVector, expected: Calibrated, misfit: float = 1.0) -> bool:
-    """Whether the 95 % interval of a calibrated effect lies beyond its limit, where variances are ``misfit`` times as
-    large: what the model fails to explain counts as noise.
+    """Whether the 95 % interval of a calibrated effect lies beyond its limit, see :func:`beyond`."""
+    return beyond(fit, f, expected, misfit) > 1.0
+
+
+def beyond(fit: Fit, f: EffectVector, expected: Calibrated, misfit: float = 1.0) -> float:
+    """Least size of a calibrated effect by its 95 % interval, in units of its limit; of the number that lies farthest.
+
+    Variances are ``misfit`` times as large: what the model fails to explain counts as noise.
     """
     intervals = f.interval(f.vector, max(1.0, misfit) * fit.covariance_of(f))
-    for name, limit in expected.limits.items():
-        for low, high, centre in _sizes(intervals[name], expected, name):
-            if low - centre > limit or high - centre < -limit:
-                return True
-    return False
+    return max(
+        (
+            max(low - centre, centre - high) / limit
+            for name, limit in expected.limits.items()
+            for low, high, centre in _sizes(intervals[name], expected, name)
+        ),
+        default=0.0,
+    )
 
 
 def stands(fit: Fit, key: str, expected: Mapping[str, Calibrated], misfit: float, enough: float) -> bool:
@@ -47,7 +56,15 @@ def stands(fit: Fit, key: str, expected: Mapping[str, Calibrated], misfit: float
         enough: The others need a misfit of at most so much: they may imitate what the curve leaves.
     """
     f = next(f for f in fit.effects if f.effect.key == key)
-    return is_beyond(fit, f, expected[key], misfit) if key in expected else misfit < enough
+    if key not in expected:
+        return misfit < enough
+    return is_beyond(fit, f, expected[key], misfit) and not _at_bound(f, expected[key])
+
+
+def _at_bound(f: EffectVector, expected: Calibrated) -> bool:
+    """Whether a size was driven to the end of what is possible, as by something else that it cannot explain."""
+    sizes = [(f.effect.values[n], f.specs[n]) for n in expected.limits if n != "components"]
+    return any(not p.lower < size < p.upper for size, p in sizes)
 
 
 def _sizes(interval: list, expected: Calibrated, name: str) -> list[tuple[float, float, float]]:
