@@ -73,13 +73,12 @@ def run_case(case, method: str = "diagnose") -> dict:
             began = time.process_time()
             campaign = read_campaign(folder)
             machine = read_machine(campaign.machine_file)
-            if method == "diagnose":
-                diagnosis = diagnose(campaign, machine, threads=1)
-                row["result"] = finite(diagnosis.to_json())
-            else:
-                row["result"] = diagnosis_baselines.answer(campaign, machine, method)
+            diagnosis = diagnose(campaign, machine, threads=1) if method == "diagnose" else None
+            row["result"] = (
+                finite(diagnosis.to_json()) if diagnosis else diagnosis_baselines.answer(campaign, machine, method)
+            )
             row["seconds"] = round(time.process_time() - began, 1)
-            if method == "diagnose" and case.category.startswith("real") and not case.unlisted():
+            if diagnosis and case.category.startswith("real") and not case.unlisted():
                 heldout.write_heldout(case, folder)
                 row["heldout_removed"] = removed(Path(folder) / "heldout", diagnosis.machine)
         except Exception:  # a crash is a failure to report, not the end of the bank

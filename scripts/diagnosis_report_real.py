@@ -101,8 +101,8 @@ def _intervals(r: dict) -> list[bool]:
     answers = {e["id"]: e for e in [*r["answer"].get("within", []), *r["answer"].get("effect", [])]}
     out = []
     for entry in [*r["result"].get("calibration", []), *r["result"]["effects"]]:
-        true = answers.get(entry["id"])
-        for name, pair in (entry.get("ci95") or {}).items() if true else ():
+        true = answers.get(entry["id"], {})
+        for name, pair in (entry.get("ci95") or {}).items():
             if name == "components":
                 out += _waves(true.get(name, []), pair)
             elif isinstance(true.get(name), (int, float)) and not name.startswith("phase"):

@@ -9,10 +9,11 @@ import numpy as np
 
 from mjsim.estimation.criteria import parameter_count, penalised_objective
 from mjsim.estimation.curve_terms import CurveTerm, CurveTerms
-from mjsim.estimation.fit import Fit, unabsorbed
+from mjsim.estimation.fit import Fit
 from mjsim.estimation.least_squares import ridge_solution
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.signatures import Projector
+from mjsim.estimation.visibility import unabsorbed
 
 #: Factors by which the best term's knots are made finer, up to this number of knots.
 _FINER, _LONG = (2, 4), 300

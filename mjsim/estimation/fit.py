@@ -295,12 +295,3 @@ class Fitter:
     def _with_step(fit: Fit, weight: float) -> Fit:
         """The model with the Gauss-Newton step of the design that it has, be it from an earlier point."""
         return replace(fit, step=fit.linear.step(fit.design.T @ fit.residual, fit.vector, weight))
-
-
-def unabsorbed(problem: Problem, fit: Fit, parts: list[np.ndarray]) -> list[np.ndarray]:
-    """What the nuisances of the set-up cannot take up of a reading's parts (block means per test, m)."""
-    n = fit.nuisances
-    design = fit.design[:, fit.parameters.places(*(b.name for b in n.blocks))]
-    taken = LeastSquares.of_design(n, design).solve(design.T @ problem.whiten(parts))
-    columns = problem.nuisance_columns(fit.readings, fit.nuisance)
-    return [d - c @ taken[n.of_test(t)] for d, c, t in zip(parts, columns, problem.tests, strict=True)]

@@ -3,10 +3,10 @@ evidence.
 
 First everything that a machine of its class may have is fitted at once, with its tolerance as prior. Where no tolerance
 is stated, typical sizes stand in, and what the data prove is a finding whatever its size. At that model all other
-candidates stand together in one whitened linear problem, and sparse Bayesian selection says which of them the data need
-(:mod:`mjsim.estimation.evidence`). The model is fitted again with these, until nothing changes. Where something is left
-that no named effect explains, generic curves of one axis' motion compete with them: where a curve is the better
-explanation, the cause is in no catalogue.
+candidates, and what each expected effect may have beyond its tolerance, stand together in one whitened linear problem.
+Sparse Bayesian selection says which of them the data need (:mod:`mjsim.estimation.evidence`). The model is fitted again
+with these, until nothing changes. Where something is left that no named effect explains, generic curves of one axis'
+motion compete with them: where a curve is the better explanation, the cause is in no catalogue.
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mjsim.estimation.calibration import Calibrated, expected_effects
-from mjsim.estimation.candidate_groups import CandidateGroups, own_groups
+from mjsim.estimation.candidate_groups import CandidateGroups
 from mjsim.estimation.criteria import is_feasible, is_large_enough
 from mjsim.estimation.curve_terms import CurveTerm
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.equivalents import equivalents
 from mjsim.estimation.evidence import SparseModel, log_evidence, select
+from mjsim.estimation.evidence_priors import added, kept_waves
 from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.selection import Found, Selection
 from mjsim.estimation.signatures import SignatureBank
@@ -174,7 +175,7 @@ class JointSelector:
             elif key in model.kept:
                 out.append(EffectVector(f.effect, f.names))
             elif mine:
-                out.append(_kept_waves(f, {wave: chosen.precision[g] for wave, g in mine.items()}))
+                out.append(kept_waves(f, {wave: chosen.precision[g] for wave, g in mine.items()}))
         new = [g for g in chosen.precision if groups.members[g].candidate is not None]
         new.sort(key=lambda g: -chosen.log_odds[g])
         for g in new:
@@ -183,11 +184,11 @@ class JointSelector:
             same = next((i for i, f in enumerate(out) if f.effect.key == c.effect.key), None)
             if same is not None and c.effect.kind != "pitch_error":
                 continue  # another place of the same cause: the refit finds the best one
-            added = _added(self.fitter.machine, EffectVector(c.effect, c.names), x, chosen.precision[g])
+            new_effect = added(self.fitter.machine, EffectVector(c.effect, c.names), x, chosen.precision[g])
             if same is None:
-                out.append(added)
+                out.append(new_effect)
             else:
-                out[same] = out[same].with_waves(added)
+                out[same] = out[same].with_waves(new_effect)
         return out
 
     def _release(self, model: _Model) -> bool:
@@ -258,7 +259,7 @@ class JointSelector:
         groups = CandidateGroups.at(self.problem, model.fit, model.bank, set(model.kept), curves=False)
         self.progress(f"what could stand in place of {found.key}", 0, 1)
         competing = equivalents(
-            model.fit, groups, found.key, lambda effects: self._refit(effects, model.fit, _STEPS), _added
+            model.fit, groups, found.key, lambda effects: self._refit(effects, model.fit, _STEPS), added
         )
         return replace(found, competing=competing)
 
@@ -269,39 +270,3 @@ class JointSelector:
             for f in model.fit.effects
             if f.effect.key in model.kept and log_odds(model.fit, f) + self.settings.log_odds > 0.0
         ]
-
-
-def _kept_waves(f: EffectVector, precision: dict[int | None, float]) -> EffectVector:
-    """An effect of the model with the waves (or all entries) that are still needed."""
-    if None in precision:
-        return f.with_prior(f.off, _widths(f, precision[None]))
-    rows = f.effect.values["components"]
-    waves = sorted(w for w in precision if w is not None)
-    effect = f.effect.replaced(components=[rows[w] for w in waves])
-    widths = np.concatenate([np.full(2, precision[w] ** -0.5) for w in waves])
-    return EffectVector(effect, f.names).with_prior(np.zeros(len(widths)), widths)
-
-
-def _widths(f: EffectVector, precision: float) -> np.ndarray:
-    """Prior standard deviations: of the linear entries by the evidence, wide for shapes."""
-    out = np.full(len(f.vector), 1e3)
-    for _, entries in own_groups(f):
-        out[entries] = precision**-0.5
-    return out
-
-
-def _added(machine, free: EffectVector, x: np.ndarray, precision: float) -> EffectVector:
-    """A candidate at its linear estimate ``x``, with the prior that the evidence gave it."""
-    if free.effect.kind == "pitch_error":
-        start = EffectVector(free.at(x), free.names)
-        return start.with_prior(np.zeros(2), np.full(2, precision**-0.5))
-    present = machine.effect(free.effect.key)
-    v = free.vector
-    if present is not None:
-        start = EffectVector(free.at(v + x), free.names)
-        return start.with_prior(EffectVector(present, free.names).vector, np.full(len(v), precision**-0.5))
-    off = v.copy()
-    off[free.linear] = free.neutral
-    v[free.linear] = free.neutral + x
-    start = EffectVector(free.at(v), free.names)
-    return start.with_prior(off, _widths(start, precision))

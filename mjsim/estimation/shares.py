@@ -9,9 +9,10 @@ import numpy as np
 
 from mjsim.estimation.calibration import Calibrated
 from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.fit import Fit, unabsorbed
+from mjsim.estimation.fit import Fit
 from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.problem import Problem
+from mjsim.estimation.visibility import unabsorbed
 from mjsim.machine.model import build
 
 

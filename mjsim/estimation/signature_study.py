@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.fit import Fit, unabsorbed
+from mjsim.estimation.fit import Fit
 from mjsim.estimation.least_squares import LeastSquares, ridge_solution
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.signatures import Candidate, Projector, SignatureBank, seeds
 from mjsim.estimation.spectrum import spectral_candidates
+from mjsim.estimation.visibility import unabsorbed
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
 

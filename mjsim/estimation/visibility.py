@@ -1,10 +1,11 @@
-"""In which tests an effect of a fitted model stands out of the noise."""
+"""What of a reading's parts stands out: beside the set-up's errors, and of the noise."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from mjsim.estimation.fit import Fit, unabsorbed
+from mjsim.estimation.fit import Fit
+from mjsim.estimation.least_squares import LeastSquares
 from mjsim.estimation.problem import Problem
 from mjsim.machine.model import build
 
@@ -33,3 +34,12 @@ def clear_tests(problem: Problem, fit: Fit, key: str) -> tuple[str, ...]:
         for t, ok, *both in zip(problem.tests, good, parts, left, strict=True)
         if min(np.std(p[ok]) for p in both) > least
     )
+
+
+def unabsorbed(problem: Problem, fit: Fit, parts: list[np.ndarray]) -> list[np.ndarray]:
+    """What the nuisances of the set-up cannot take up of a reading's parts (block means per test, m)."""
+    n = fit.nuisances
+    design = fit.design[:, fit.parameters.places(*(b.name for b in n.blocks))]
+    taken = LeastSquares.of_design(n, design).solve(design.T @ problem.whiten(parts))
+    columns = problem.nuisance_columns(fit.readings, fit.nuisance)
+    return [d - c @ taken[n.of_test(t)] for d, c, t in zip(parts, columns, problem.tests, strict=True)]
