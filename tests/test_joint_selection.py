@@ -14,11 +14,14 @@ from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.new import new_campaign
 from mjsim.campaign.tolerance import TYPICAL_TOLERANCE
 from mjsim.estimation.calibration import calibrated_effects, expected_effects
+from mjsim.estimation.candidate_groups import CandidateGroups
 from mjsim.estimation.combinations import combinations
+from mjsim.estimation.evidence import select
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.joint_selection import JointSelector
 from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.problem import Problem
+from mjsim.estimation.spectrum import spectral_candidates
 from mjsim.machine.model import build
 
 
@@ -106,6 +109,27 @@ def test_derivatives_without_simulation_are_those_of_the_readings(real):
             # what is left out is of second order in the other effects
             rest = np.sqrt(np.mean((cheap[:, 0] - full / change) ** 2))
             assert rest < 0.01 * np.sqrt(np.mean((full / change) ** 2)) + 2e-9, f.effect.id
+
+
+def test_a_ripple_is_looked_for_at_the_orders_of_a_pitch_error(real):
+    """Once a pitch error is fitted, the spectrum of the residual is blind at its orders."""
+    _, problem, _, joint = real
+    fit, bank = joint.selection.fit, joint.selection.bank
+    orders = {row[0] for row in fit.machine.effect("pitch_error.X").values["components"]}
+    waves = [c for c, _ in spectral_candidates(problem, fit, bank, "X") if c.effect.kind == "torque_ripple"]
+    assert orders <= {c.effect.values["order"] for c in waves}
+
+
+def test_what_is_beyond_its_tolerance_competes_with_the_catalogue(real):
+    """With the play held back by its tolerance, the evidence asks for more play and not for something else."""
+    _, problem, machine, joint = real
+    expected = {c.key: c for c in expected_effects(machine)}
+    fit = Fitter(problem, machine).fit([c.free for c in expected.values()], start=joint.selection.fit, exact=False)
+    groups = CandidateGroups.at(problem, fit, joint.selection.bank, set(expected), curves=False)
+    needed = select(groups.problem, groups.groups)
+    best = groups.members[max(needed.log_odds, key=lambda g: needed.log_odds[g])]
+    assert best.key == "backlash.A"
+    assert best.excess
 
 
 def test_every_kind_and_subject_of_the_table_is_calibrated(real):
