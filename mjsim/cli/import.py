@@ -42,8 +42,9 @@ def command(
     runs become the traces of the tests that fit the header, or that FILE=TEST names. The format is not published: look
     at --preview first.
 
-    With --log, FILES are axis logs. Columns are found by words such as soll, ist, command and actual beside the letter
-    of an axis.
+    With --log, FILES are axis logs: tables as text, exports of TwinCAT Scope, SINUMERIK traces (.xml), TNCscope (.sco),
+    halsampler, MATLAB (.mat). Columns are found by words such as soll, ist, command and actual beside the letter of an
+    axis. --signal says it otherwise: command, actual, lag (command less actual), torque, current, control.
 
     \b
     Example: mjsim import run1.csv --campaign my-machine --test circle-xy-ccw
