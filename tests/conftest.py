@@ -35,10 +35,10 @@ MACHINES = {"M1": "hidden-backlash", "M2": "two-candidates"}
 
 #: Files that take longest for their number of tests: begun first, so that all workers end together.
 LONG = (
-    "test_examples", "test_worn_worm", "test_upkeep", "test_bank", "test_workbench_browser", "test_mistakes",
-    "test_planning", "test_pitch", "test_figures", "test_linuxcnc_loop", "test_chain_campaigns",
-    "test_joint_selection", "test_workbench", "test_report_browser", "test_paper", "test_convergence", "test_batch",
-    "test_extras", "test_explain", "test_docs", "test_drive", "test_model", "test_writing",
+    "test_examples", "test_worn_worm", "test_workbench_browser", "test_mistakes", "test_pitch", "test_figures",
+    "test_batch", "test_chain_campaigns", "test_bank", "test_upkeep", "test_paper", "test_joint_selection",
+    "test_planning", "test_linuxcnc_loop", "test_workbench", "test_report_browser", "test_convergence", "test_extras",
+    "test_explain", "test_docs", "test_drive", "test_model", "test_writing",
 )  # fmt: skip
 
 

@@ -17,10 +17,14 @@ KEYS = {
     "next_test", "samples", "calibration", "combinations", "shares",
 }  # fmt: skip
 EFFECT_KEYS = {"id", "parameters", "ci95", "rms_before_um", "rms_after_um", "alternatives", "tests"}
-#: Tests of an example that show what is said of it here. The one that the demo walks through is diagnosed whole.
+#: Tests of an example that show what is said of it here.
 PARTS = {
     "healthy": (
         "cone15-centre-ccw", "cone45-x50-ccw", "circle-xy-ccw", "rotary-a-tangential-ccw", "rotary-c-tangential-ccw",
+    ),
+    "hidden-backlash": (
+        "cone15-centre-ccw", "cone15-centre-cw", "cone45-x50-ccw", "cone15-y50-ccw", "circle-xy-ccw",
+        "rotary-a-tangential-ccw", "rotary-c-tangential-ccw",
     ),
     "pitch-error": ("cone15-x50-ccw", "cone45-x50-ccw", "cone15-y50-ccw"),
     "two-candidates": ("cone15-centre-ccw", "cone15-x50-ccw", "cone45-x50-ccw"),
@@ -45,7 +49,7 @@ def diagnosed(tmp_path_factory, shared_results):
     def diagnose(name):
         if name not in done:
             fitted = folder / f"{name}.toml"
-            campaign = cut(folder / name, PARTS[name], example=name) if name in PARTS else examples() / name
+            campaign = cut(folder / name, PARTS[name], example=name)
             with pytest.MonkeyPatch.context() as patch:  # slow tests take long to simulate
                 patch.setattr("mjsim.estimation.planning.candidates.FIRST_FEEDS", (4000 / 60e3,))
                 done[name] = run("diagnose", campaign, "--write", fitted), fitted
