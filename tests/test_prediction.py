@@ -222,6 +222,18 @@ def test_verdicts(machine, allowed, tolerance, verdict):
         assert any(b.verdict == "passes" for b in result.blocks)
 
 
+def test_an_unknown_place_of_a_rotary_axis_asks_for_half_a_turn_of_the_spindle(machine):
+    m = replace(
+        stiff(machine).with_effect(effect("axis_location.EX0C", value_um=6.0)), tolerance={"squareness": {"urad": 24.0}}
+    )
+    fitted = (EffectVector(m.effect("axis_location.EX0C"), ("value_um",)),)
+    sheet = np.full(len(data_sheet(FIVE_AXIS)), 1e-12)
+    unsure = SavedDiagnosis("identified", m, (), Posterior(fitted, np.diag([0.04, *sheet])), "", 0.1 * UM)
+    sure = predict(part("cone", FIVE_AXIS, np.array(ZERO)), m, saved=unsure, zero=ZERO)
+    result = predict(part("cone", FIVE_AXIS, np.array(ZERO)), m, saved=unsure, tolerance=sure.largest[0], zero=ZERO)
+    assert result.verdict.startswith("cannot say") and "spindle_deg" in result.reason
+
+
 def test_causes_add_up_to_the_deviation(machine):
     m = machine.with_effect(effect("squareness.XY", angle_urad=300.0)).with_effect(effect("scale_error.X", ppm=50.0))
     result = predict(circle(), m, zero=ZERO)

@@ -214,9 +214,12 @@ def test_a_log(browser, tmp_path):
         tab.page.keyboard.press("d")
         tab.page.locator(".card .head", has_text="torque_ripple.X: amplitude 0.03").wait_for()
         tab.page.get_by_text("show it in the traces").click()
-        tab.page.locator(".card button", has_text="add").click()
+        tab.page.locator(".card button", has_text="add").focus()
+        tab.page.keyboard.press("Enter")
         tab.wait_for_error(0.01, 0.1, "drives alone")
         assert tab.ladder() == ["+ torque_ripple.X", "machine as given"]
+        tab.page.keyboard.press("Control+z")  # while a button has the focus
+        tab.wait_for_error(5.0, 20.0, "drives alone")
         tab.close()
 
 

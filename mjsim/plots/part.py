@@ -58,7 +58,7 @@ def _frame(axes, xyz: np.ndarray) -> None:
     flat = max(0.15 * half, 0.55 * float(np.ptp(xyz[:, 2])))
     for set_limits, m, h in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle, (half, half, flat), strict=True):
         set_limits(m - h, m + h)
-    axes.set_box_aspect((half, half, flat), zoom=1.15)
+    axes.set_box_aspect((half, half, flat))
     axes.view_init(_ELEVATION, _AZIMUTH)
     for set_label, name in zip((axes.set_xlabel, axes.set_ylabel, axes.set_zlabel), "xyz", strict=True):
         set_label(f"{name}, mm", fontsize=style.SMALL)

@@ -96,7 +96,8 @@ def predict(
         basis = "the tolerance in the machine file, without a diagnosis"
     else:
         basis = "the data sheet alone, without a diagnosis"
-    verdict, reason = _verdict(largest, tolerance, stated, uncertain)
+    places = {f"axis_location.{e.name}" for e in machine.chain.location_errors if not e.rotation}
+    verdict, reason = _verdict(largest, tolerance, stated, uncertain, places)
     return Prediction(
         name,
         machine,
@@ -188,7 +189,9 @@ def _verdict(
     tolerance: float | None,
     stated: bool,
     uncertain: tuple[tuple[str, float], ...],
+    places: set[str],
 ) -> tuple[str, str]:
+    """Verdict and reason; ``places`` are the keys of the places of the rotary axes."""
     if tolerance is None:
         return "", ""
     value, low, high = (x / UM for x in largest)
@@ -205,6 +208,8 @@ def _verdict(
         )
     name = uncertain[0][0] if uncertain else ""
     advice = f"; {name} makes most of the uncertainty" if name else ""
-    if name and not name.startswith("data sheet"):
+    if name in places:
+        advice += "; tests with the spindle turned by 180° for half of a set-up (spindle_deg) show it best"
+    elif name and not name.startswith("data sheet"):
         advice += f"; mjsim plan CAMPAIGN --between {name} nothing proposes the test that shows it"
     return UNKNOWN, f"the largest deviation is {value:.2f} µm, between {low:.2f} and {high:.2f} µm{advice}"

@@ -19,6 +19,7 @@ from mjsim.workbench.page.ladder import LadderPanel
 
 #: The page looks for news so often, s.
 _TICK = 0.03
+_SPACE = " "
 
 
 class BaseDesk:
@@ -46,7 +47,11 @@ class BaseDesk:
     def begin(self) -> None:
         """Listen to keys, and look for news from now on."""
         self.darken(bool(self.dark.value))
-        ui.keyboard(on_key=self._key)
+        # a focused button takes the space bar, no other key: who works without a mouse stands on buttons all the time
+        ui.keyboard(
+            on_key=lambda e: self._key(e) if e.key.name != _SPACE else None, ignore=["input", "select", "textarea"]
+        )
+        ui.keyboard(on_key=lambda e: self._key(e) if e.key.name == _SPACE else None)
         ui.timer(_TICK, self.tick)
 
     # -- what a subclass says ------------------------------------------------------------------------------------------
