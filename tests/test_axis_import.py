@@ -78,18 +78,23 @@ def test_the_first_log_of_a_campaign(folder, motion):
     assert [t.name for t in read_campaign(folder).logs.recorded] == ["m"]
 
 
-def test_what_would_be_refused_later_is_not_written(folder, motion):
-    """A ball bar's instrument stands for no log."""
+def test_a_campaign_of_ball_bar_tests_gets_a_recorder(folder, motion):
+    """A ball bar's instrument stands for no log. What would be refused later is not written."""
     head = (folder / "campaign.toml").read_text().partition("[instrument]")[0]
     bar = """[[test]]\nname = "c"\nkind = "circular"\nplane = "XY"\ndirection = "CCW"\nbar_length_mm = 100.0
 table_ball_mm = [0.0, 0.0, 100.0]\nfeed_mm_min = 1000.0\n"""
-    (folder / "campaign.toml").write_text(head + bar)
+    instrument = '[instrument]\nkind = "ball_bar"\nresolution_um = 0.2\n\n'
+    (folder / "campaign.toml").write_text(head + instrument + bar)
     (folder / "machine.toml").write_bytes((examples() / "healthy" / "machine.toml").read_bytes())
     (folder / "m.csv").write_text(german(motion[0], motion[1], swapped=False))
     before = (folder / "campaign.toml").read_text()
-    with pytest.raises(InputError, match="one \\[instrument\\]; allowed: one table for each"):
-        import_log(folder, folder / "m.csv")
+    with pytest.raises(InputError, match='"c" appears 2 times'):
+        import_log(folder, folder / "m.csv", test="c")
     assert (folder / "campaign.toml").read_text() == before and not (folder / "traces").exists()
+    assert import_log(folder, folder / "m.csv").questions == ()
+    campaign = read_campaign(folder)
+    assert [t.name for t in campaign.logs.recorded] == ["m"] and [t.name for t in campaign.tests] == ["c"]
+    assert campaign.logs.instrument.rate == pytest.approx(1000.0) and campaign.instrument.resolution == 0.2e-6
 
 
 def test_commands_refuse_exchanged_columns(folder, motion):

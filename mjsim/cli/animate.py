@@ -65,7 +65,8 @@ def command(
     """Write a video of a test of CAMPAIGN: the machine moving, the bar's error magnified, the trace growing beside it.
 
     What is magnified is measured less simulated, or the simulated deviation where nothing was measured; the factor
-    stands in the picture. With --ladder: the residuals of all tests collapsing from model to model.
+    stands in the picture. With --ladder: the residuals of all tests collapsing from model to model. Of an axis log: the
+    measured motion with its error magnified about the simulated one, and the error over time.
 
     \b
     Example: mjsim animate my-campaign --test cone15-y50-ccw -o cone.mp4
@@ -89,8 +90,19 @@ def command(
     from mjsim.campaign.files import read_campaign
 
     c = read_campaign(campaign, as_is=as_is)
+    logged = not ladder and tests[0] in [t.name for t in c.logs.tests]
+    if logged and (camera is not None or speed is not None or shadows):
+        raise click.UsageError("--camera, --speed and --shadows have no meaning for an axis log")
     with common.progress_bar(quiet, left=True) as progress:
-        if ladder:
+        if logged:
+            from mjsim.animation.axis_log import animate_log
+            from mjsim.workflow.edit import machine_of
+
+            m = machine_of(c, machine)
+            film = animate_log(c, tests[0], out, m, size, fps, seconds, factor, force, common.cores(threads), progress)
+            about = {"test": film.test, "magnification": film.magnification}
+            words = f"error magnified {film.magnification:g} times"
+        elif ladder:
             from mjsim.animation.ladder import animate_ladder
 
             film = animate_ladder(c, out, tests, size, fps, seconds, force, common.cores(threads), progress)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from mjsim.cli import common
+from mjsim.cli.log_plan import plan_measurement
 
 
 @click.command("plan")
@@ -28,6 +29,10 @@ def command(campaign, machine, between, threads, as_is, as_json, quiet) -> None:
     Without --between the campaign is diagnosed first. If nothing is ambiguous, the test is one that shows an effect
     which this campaign cannot show. The best test separates two effects most clearly per minute of machine time.
 
+    Where CAMPAIGN has axis logs, the answer is a motion to record: strokes, constant speeds, small steps or slow
+    reversals, with the torque or a second velocity gain where positions are not enough. Where it has ball-bar tests as
+    well, both instruments are compared.
+
     \b
     Example: mjsim plan examples/two-candidates --between servo_gain.C servo_delay.C
     """
@@ -37,6 +42,9 @@ def command(campaign, machine, between, threads, as_is, as_json, quiet) -> None:
 
     c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)
+    if c.logs.recorded:
+        plan_measurement(c, m, between, common.cores(threads), as_json, quiet)
+        return
     with common.progress_bar(quiet) as progress:
         result = plan(c, m, between, common.cores(threads), progress)
     if as_json:

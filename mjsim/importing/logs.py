@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import tomlkit
 
-from mjsim.axislog.measurement import Logs, LogTest
+from mjsim.axislog.measurement import LogInstrument, Logs, LogTest
 from mjsim.axislog.mistakes import LogMistake, log_mistakes
 from mjsim.campaign.files import campaign_from
 from mjsim.campaign.logs import LOG
@@ -20,6 +20,7 @@ from mjsim.importing.formats import read_any
 from mjsim.importing.into_campaign import campaign_file, test_name
 from mjsim.importing.log_columns import Column, columns_of
 from mjsim.importing.reading import Options
+from mjsim.importing.recorder import with_recorder
 from mjsim.importing.table import Table
 from mjsim.importing.units import factor
 from mjsim.io.files import check_writable, write_all
@@ -114,15 +115,16 @@ def import_log(
         check_writable(target, force)
     data = _csv(time, values)
     log = known or LogTest(name, axes, controller, name, str(target.relative_to(file.parent)), None, chain)
-    questions = _questions(log, axes, values, time, c.logs, columns)
+    rate = 1.0 / float(np.median(np.diff(time)))
+    logs = c.logs if c.logs.tests or not c.tests else replace(c.logs, instrument=LogInstrument(rate))
+    questions = _questions(log, axes, values, time, logs, columns)
     if not preview:
         text = read_text(file)
         if known is None or known.trace is None:
-            text = _with_test(text, replace(log, trace=str(target.relative_to(file.parent))), known is None)
+            text = _with_test(text, replace(log, trace=str(target.relative_to(file.parent))), known is None, rate)
         campaign_from(file, tomlkit.parse(text).unwrap(), traces=False)  # what would be refused later is not written
         packed = gzip.compress(data, mtime=0) if target.suffix == ".gz" else data
         write_all({target: packed, file: text.encode()}, force=True)
-    rate = 1.0 / float(np.median(np.diff(time)))
     return ImportedLog(source, name, target, columns, rate, len(time), notes, questions, known is None)
 
 
@@ -197,7 +199,7 @@ def _csv(time: np.ndarray, values: Mapping[str, np.ndarray]) -> bytes:
     return text.getvalue().encode()
 
 
-def _with_test(text: str, test: LogTest, new: bool) -> str:
+def _with_test(text: str, test: LogTest, new: bool, rate: float) -> str:
     """campaign.toml with a table for a new log, or with the trace of one that had none."""
     document = tomlkit.parse(text)
     if not new:
@@ -211,6 +213,9 @@ def _with_test(text: str, test: LogTest, new: bool) -> str:
     if "test" not in document:
         document.add(tomlkit.nl())
         document.append("test", tomlkit.aot())
+    with_recorder(document, rate)
+    if len(document["test"]):  # pyright: ignore[reportArgumentType]
+        document["test"][-1].add(tomlkit.nl())  # pyright: ignore[reportAttributeAccessIssue, reportIndexIssue]
     document["test"].append(table)  # pyright: ignore[reportAttributeAccessIssue, reportArgumentType]
     return tomlkit.dumps(document)
 

@@ -20,6 +20,10 @@ _SIZE = 24 + 3 * MOST_COEFFICIENTS
 #: Longest delay, samples of the control, and outputs that are kept, a power of two.
 MOST_DELAY = 200
 _RING = 256
+#: Further parts of a sub-step while bristles bend, and the share by which they may differ from sliding ones.
+FINER, SLIDING = 8, 0.02
+#: Angle of a wave in one sub-step, rad, and most sub-steps of a sample for it.
+WAVE, _MOST_STEPS = 0.2, 100
 
 
 def filters(axis: AxisPlant, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -98,10 +102,11 @@ def loop(p, waves, r, step, substeps, state, position, velocity, torque):
     n = len(r)
     h = step / substeps
     rate = p[_C] / p[_J]
-    e = math.exp(-rate * h)
-    f1 = (1.0 - e) / rate if rate * h > 1e-9 else h
-    f2 = (h - f1) / rate if rate * h > 1e-4 else 0.5 * h * h
-    of_j, of_h = 1.0 / p[_J], 1.0 / h
+    coarse, fine = _linear(rate, h), _linear(rate, h / FINER)
+    order = p[_WAVE_ORDER] if p[_WAVE] != 0.0 else 0.0
+    for i in range(len(waves)):
+        order = max(order, abs(waves[i, 1]))
+    of_j = 1.0 / p[_J]
     tc, s0, s1 = p[_COULOMB], p[_SIGMA0], p[_SIGMA1]
     of_s0 = 1.0 / s0 if tc > 0.0 else 0.0
     th, om = state[0], state[1]
@@ -160,19 +165,26 @@ def loop(p, waves, r, step, substeps, state, position, velocity, torque):
             here, earlier = outputs[(k - whole) & (_RING - 1)], outputs[(k - whole - 1) & (_RING - 1)]
             tau = (1.0 - part) * here + part * earlier
         torque[k] = tau
-        for _ in range(substeps):
+        split = p[_COULOMB] > 0.0 and not _keeps_sliding(p, z, om, th, tau, step)
+        steps = substeps * FINER if split else substeps
+        h, e, f1, f2 = fine if split else coarse
+        turns = int(abs(om) * order * step / WAVE) + 1
+        if turns > steps:
+            steps = min(turns, _MOST_STEPS)
+            h, e, f1, f2 = _linear(rate, step / steps)
+        of_h = 1.0 / h
+        for _ in range(steps):
             f = p[_CONSTANT]
             if len(waves):
                 f += _torque(waves, th + 0.5 * h * om)
-            if p[_EVEN] != 0.0:
-                f += p[_EVEN] * abs(om)
-            if tc > 0.0 or p[_RISE] != 0.0:
-                now = f
+            if tc > 0.0 or p[_RISE] != 0.0 or p[_EVEN] != 0.0:
+                now = f + p[_EVEN] * abs(om)
                 if tc > 0.0:
                     now += s0 * z + s1 * _bristle_rate(p, z, om, th)
                 if p[_RISE] != 0.0:
                     now += math.copysign(p[_RISE] * (1.0 - math.exp(-abs(om) / p[_RISE_AT])), om)
                 mid = om + 0.5 * h * (of_j * (tau - now) - rate * om)
+                f += p[_EVEN] * abs(mid)
                 if p[_RISE] != 0.0:
                     f += math.copysign(p[_RISE] * (1.0 - math.exp(-abs(mid) / p[_RISE_AT])), mid)
                 if tc > 0.0:
@@ -191,6 +203,23 @@ def loop(p, waves, r, step, substeps, state, position, velocity, torque):
             drive = (tau - f) * of_j
             th += f1 * om + f2 * drive
             om = e * om + f1 * drive
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _linear(rate, h):
+    """A step h, the decay of the speed in it, and the factors on speed and acceleration that give the position."""
+    e = math.exp(-rate * h)
+    f1 = (1.0 - e) / rate if rate * h > 1e-9 else h
+    f2 = (h - f1) / rate if rate * h > 1e-4 else 0.5 * h * h
+    return h, e, f1, f2
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _keeps_sliding(p, z, om, th, tau, step):
+    """Whether the bristles slide, and the axis does not turn back within a sample: friction is then constant."""
+    slides = _level(p, om, th) / p[_SIGMA0]
+    end = om + step / p[_J] * (tau - p[_C] * om - p[_CONSTANT] - p[_SIGMA0] * z)
+    return z * om > 0.0 and abs(abs(z) - slides) < SLIDING * slides and end * om > 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

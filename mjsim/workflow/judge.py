@@ -92,7 +92,8 @@ class Judge:
             chosen = replace(chosen, machine=machine)
         return Judged(machine, chosen, decisions, support)
 
-    def _fit(self, axis: str, model: CompetingModel, extra: Mapping[str, AxisFit]) -> AxisFit:
+    def fit(self, axis: str, model: CompetingModel, extra: Mapping[str, AxisFit]) -> AxisFit:
+        """One explanation fitted to the logs of an axis, beside what the logs have found there."""
         more = extra[axis].model if axis in extra else None
         return fitted_to_logs(self.fitters[axis], model, self.gains[axis], more, self.machine.factor is None)
 
@@ -102,12 +103,12 @@ class Judge:
         axes = [a for a in self.axes if a in subjects]
         if len(e.models) < 2 or not axes:
             return None
-        return decide(e.models, [[self._fit(a, m, extra) for a in axes] for m in e.models])
+        return decide(e.models, [[self.fit(a, m, extra) for a in axes] for m in e.models])
 
     def _support(self, model: CompetingModel, effect: Effect, extra: Mapping[str, AxisFit]) -> float:
         """By how much the logs are better explained with an effect than without it."""
         rest = replace(model, machine=_without(model.machine, effect, self.machine), posterior=_less(model, effect))
-        here, there = (self._fit(effect.subject, m, extra) for m in (model, rest))
+        here, there = (self.fit(effect.subject, m, extra) for m in (model, rest))
         better = here.misfit <= there.misfit
         return advantage(here, there) if better else -advantage(there, here)
 
@@ -118,7 +119,7 @@ class Judge:
         selections: dict[str, AxisSelection] = {}
         for axis, s in logs.selections.items():
             fitter = self.fitters[axis]
-            fit = fitter.polished(self._fit(axis, judged.model, {axis: s.fit}))
+            fit = fitter.polished(self.fit(axis, judged.model, {axis: s.fit}))
             kept = {e.owner for e in fit.model.entries}
             selections[axis] = replace(s, fit=fit, found=tuple(c for c in s.found if c.effect_id in kept))
         return log_diagnosis(logs.campaign, judged.machine, self.fitters, selections, self.settings)

@@ -218,7 +218,7 @@ def sheet_of(machine: Machine, axis: str, selection: AxisSelection) -> list[Shee
     fit, out = selection.fit, []
     read = {(g.controller or "", n) for g in selection.gains for n in g.values}
     deviations = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-    ranges = intervals(fit)
+    ranges, combined = intervals(fit), {label for i in inseparable(fit) for label in i.labels}
     friction = machine.effect(f"friction.{axis}")
     for e, sd in zip(fit.model.entries, deviations, strict=True):
         if e.owner == DRIVE:
@@ -231,6 +231,6 @@ def sheet_of(machine: Machine, axis: str, selection: AxisSelection) -> list[Shee
             continue
         value, low, high = ranges[e.label]
         source = "recorded output" if e.owner == CONTROLLER and (e.where, e.name) in read else "motion"
-        known = source == "recorded output" or bool(sd < 0.5 * e.deviation)
+        known = source == "recorded output" or bool(sd < 0.5 * e.deviation and e.label not in combined)
         out.append(SheetNumber(axis, e.name, e.where, stated, value, (low, high), known, source))
     return out

@@ -1,4 +1,4 @@
-"""Axis logs of one axis under a digital P-PI control, without any code of mjsim: explicit Euler at 2 µs.
+"""Axis logs of one axis under a digital P-PI control, without any code of mjsim: the midpoint rule at 2 µs.
 
 x = Kpp (r − y) + ratio·Δr/h − Δy/h,   u = Kvp [x + (1/Ti) Σ ½(x + x₋₁) h]      every sample h, held
 J dω/dt = u − C (ω + share |ω|) − c − a sin(n θ + φ) − F,     F = σ0 z + σ1 dz/dt,  dz/dt = ω − |ω| σ0 z / g
@@ -47,7 +47,6 @@ def _run(r, h, steps, axis, control, th, u_start, error, resolution, position, t
     j, c, tc, pre, static, stribeck, constant, ripple, phase, order, even = axis
     kpp, kvp, of_ti, ff, delay = control
     s0 = tc / pre if tc > 0.0 else 0.0
-    s1 = 0.3 * np.sqrt(s0 * j)
     dt = h / steps
     om, z, integral, last_x = 0.0, 0.0, 0.0, 0.0
     if tc > 0.0:
@@ -69,18 +68,37 @@ def _run(r, h, steps, axis, control, th, u_start, error, resolution, position, t
         u = held[(k - int(delay)) % 64] if k >= delay else u_start
         position[k], torque[k] = y, u
         for _ in range(steps):
-            f = constant + ripple * np.sin(order * th + phase) + even * c * abs(om)
-            if tc > 0.0:
-                g = tc * (1.0 + (static - 1.0) * np.exp(-((om / stribeck) ** 2)))
-                rate = om - abs(om) * s0 * z / g
-                f += s0 * z + s1 * rate
-                z += dt * rate
-            th += dt * om
-            om += dt * (u - c * om - f) / j
+            a, rate = _rates(om, z, th, u, j, c, tc, s0, static, stribeck, constant, ripple, phase, order, even)
+            b, mid = _rates(
+                om + 0.5 * dt * a,
+                z + 0.5 * dt * rate,
+                th + 0.5 * dt * om,
+                u, j, c, tc, s0, static, stribeck, constant, ripple, phase, order, even,
+            )  # fmt: skip
+            th += dt * (om + 0.5 * dt * a)
+            om += dt * b
+            z += dt * mid
 
 
-def record(axis: Axis, control: Control, command: np.ndarray, noise: float = 0.05e-6, seed: int = 1):
-    """Recorded positions (n,) m and torques (n,) N·m of ``command`` (n,) m, one sample of the control apart."""
+@njit(cache=True)
+def _rates(om, z, th, u, j, c, tc, s0, static, stribeck, constant, ripple, phase, order, even):
+    """Rates of speed and bristle."""
+    f = constant + ripple * np.sin(order * th + phase) + even * c * abs(om)
+    rate = 0.0
+    if tc > 0.0:
+        g = tc * (1.0 + (static - 1.0) * np.exp(-((om / stribeck) ** 2)))
+        rate = om - abs(om) * s0 * z / g
+        f += s0 * z + 0.3 * np.sqrt(s0 * j) * rate
+    return (u - c * om - f) / j, rate
+
+
+def record(
+    axis: Axis, control: Control, command: np.ndarray, noise: float = 0.05e-6, seed: int = 1, step: float = 1e-7
+):
+    """Recorded positions (n,) m and torques (n,) N·m of ``command`` (n,) m, one sample of the control apart.
+
+    ``noise`` is of the encoder and ``step`` its resolution, m.
+    """
     gear = 2.0 * np.pi / axis.lead
     position, torque = np.empty(len(command)), np.empty(len(command))
     mechanics = (
@@ -100,8 +118,8 @@ def record(axis: Axis, control: Control, command: np.ndarray, noise: float = 0.0
     law = (control.position_gain, control.velocity_gain, of_ti, control.feedforward, float(control.delay_samples))
     steps = max(1, round(control.sample / 2e-6))
     error = noise * gear * np.random.default_rng(seed).normal(size=len(command))
-    start, step = command[0] * gear, 1e-7 * gear
-    _run(command * gear, control.sample, steps, mechanics, law, start, 0.0, error, step, position, torque)
+    start = command[0] * gear
+    _run(command * gear, control.sample, steps, mechanics, law, start, 0.0, error, step * gear, position, torque)
     return position / gear, torque
 
 

@@ -28,6 +28,8 @@ WAVES = {"ripple": "torque_ripple", "friction_ripple": "friction_ripple"}
 _STEP = 1e-3
 #: A pass is the last where no logarithm of a mean square moved more. Longest step of a logarithm.
 _SAME, _LONGEST = 0.02, 1.5
+#: Share of its step within which an encoder, and what is computed of it, is true (assumed: interpolation errors).
+_TRUE = 0.03
 #: A residual beyond so many metres or radians belongs to a model that has run away.
 _LOST = 0.1
 
@@ -202,9 +204,12 @@ class LogFitter:
     # -- fit -----------------------------------------------------------------------------------------------------------
 
     def independent(self, residual: Sequence[np.ndarray]) -> tuple[float, ...]:
-        """Number of independent residuals per test."""
-        pairs = zip(self.data, residual, strict=True)
-        return tuple(independent_count(r, d.memory / (d.step * d.block)) for d, r in pairs)
+        """Number of independent residuals per test; no mean of them is known better than the encoder is true."""
+        out = []
+        for d, r in zip(self.data, residual, strict=True):
+            most = float(r @ r) / len(r) / (_TRUE * d.resolution) ** 2
+            out.append(max(min(independent_count(r, d.memory / (d.step * d.block)), most), 1.0))
+        return tuple(out)
 
     def weights(self, residual: Sequence[np.ndarray]) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Number of independent residuals per test, and the weight of one block mean."""

@@ -6,21 +6,26 @@ does. How many samples the control takes for a velocity follows as well.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mjsim.estimation.axis_logs.data import AxisData
-from mjsim.machine.model import Drive, Machine, build
+from mjsim.machine.model import TOLERANCE, Drive, Machine, build
 from mjsim.machine.plant import AxisPlant
 from mjsim.simulation.servo import sampling
 from mjsim.simulation.servo_loop import filters
 
 #: Samples over which a control may take the velocity.
 _VELOCITY_SAMPLES = (1, 2, 3, 4)
-#: Share of the output that the law must explain for its gains to be believed, and their least deviation (assumed).
-_EXPLAINED, _LEAST = 0.97, 0.0005
+#: Samples by which a recorded output may be later than the positions that it follows from.
+_DELAYS = (0, 1, 2, 3, 4)
+#: Share of the output that the law must explain for its gains to be believed, the share above which no delay is looked
+#: for, and the least deviation of a gain (assumed).
+_EXPLAINED, _EXACT, _LEAST = 0.97, 0.9999, 0.0005
+#: Factor on what is not explained within which two sets of gains do as well (assumed).
+_AS_WELL = 2.0
 
 
 @dataclass(frozen=True)
@@ -74,8 +79,12 @@ def read_gains(machine: Machine, data: Sequence[AxisData]) -> list[GainsRead]:
         mine = [d for d in data if d.test.controller == controller]
         drive = machine.under(controller).drives[data[0].axis]
         mine = [d for d in mine if d.record.motor_torque(drive.gear) is not None and _same_rate(machine, d)]
-        read = [_read(machine, controller, mine, n) for n in _samples(drive)] if mine else []
-        best = max((g for g in read if g is not None), key=lambda g: g.explained, default=None)
+        best = None
+        for delay in _DELAYS if mine else ():
+            read = [g for n in _samples(drive) if (g := _read(machine, controller, mine, n, delay)) is not None]
+            best = max(read if best is None else [best, *read], key=lambda g: g.explained, default=None)
+            if best is not None and best.explained > _EXACT:
+                break
         if best is not None and best.explained > _EXPLAINED:
             out.append(best)
     return out
@@ -93,7 +102,10 @@ def _same_rate(machine: Machine, d: AxisData) -> bool:
     return abs(sampling(axis, d.step) - d.step) < 1e-3 * d.step
 
 
-def _read(machine: Machine, controller: str | None, data: Sequence[AxisData], samples: int) -> GainsRead | None:
+def _read(
+    machine: Machine, controller: str | None, data: Sequence[AxisData], samples: int, delay: int = 0
+) -> GainsRead | None:
+    """Gains that give the recorded outputs, where velocities are taken over ``samples`` and outputs ``delay`` late."""
     from scipy.optimize import least_squares  # slow to load
 
     axis = build(machine.under(controller)).axes[data[0].axis]
@@ -108,7 +120,8 @@ def _read(machine: Machine, controller: str | None, data: Sequence[AxisData], sa
         moved = replace(axis, **{n: getattr(axis, n) * np.exp(v) for n, v in zip(names, x, strict=True)})
         parts = []
         for d, u in zip(data, recorded, strict=True):
-            rest = u - output_of(moved, d)
+            out = output_of(moved, d)
+            rest = u - np.concatenate([np.full(delay, out[0]), out[: len(out) - delay]])
             free = np.abs(u) < limit
             if "integral_time" in names:  # where the integrator stood at the start is not known
                 rest = rest - rest[free].mean()
@@ -116,6 +129,8 @@ def _read(machine: Machine, controller: str | None, data: Sequence[AxisData], sa
         return np.concatenate(parts)
 
     found = least_squares(residual, np.zeros(len(names)), bounds=(-3.0, 3.0))
+    if "integral_time" in names:
+        found = _nearer(axis, names, found, residual)
     size = np.concatenate([u for u in recorded])
     explained = 1.0 - float(np.mean(found.fun**2) / max(size.var(), 1e-30))
     try:
@@ -125,3 +140,22 @@ def _read(machine: Machine, controller: str | None, data: Sequence[AxisData], sa
     deviation = np.maximum(np.sqrt(np.diag(covariance)) + 0.1 * np.sqrt(max(1.0 - explained, 0.0)), _LEAST)
     values = {n: float(getattr(axis, n) * np.exp(v)) for n, v in zip(names, found.x, strict=True)}
     return GainsRead(controller, values, dict(zip(names, map(float, deviation), strict=True)), samples, explained)
+
+
+def _nearer(axis: AxisPlant, names: list[str], found, residual: Callable[[np.ndarray], np.ndarray]):
+    """Of two solutions that do as well, the one that is nearer to the data sheet.
+
+    With full velocity feedforward, the position gain and one over the integral time are two zeros of one law: they may
+    change places.
+    """
+    from scipy.optimize import least_squares  # slow to load
+
+    i, j = names.index("position_gain"), names.index("integral_time")
+    product = axis.position_gain * axis.integral_time
+    start = found.x.copy()
+    start[i], start[j] = -found.x[j] - np.log(product), -found.x[i] - np.log(product)
+    other = least_squares(residual, np.clip(start, -2.9, 2.9), bounds=(-3.0, 3.0))
+    if other.cost > _AS_WELL * found.cost and found.cost > 0.0:
+        return found
+    wide = np.array([TOLERANCE[n] for n in names])
+    return min((found, other), key=lambda f: float(np.sum((f.x / wide) ** 2)))

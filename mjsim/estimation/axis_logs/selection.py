@@ -16,6 +16,7 @@ from mjsim.estimation.axis_logs.gains import GainsRead, read_gains
 from mjsim.estimation.axis_logs.likelihood import Gain
 from mjsim.estimation.axis_logs.promise import linear_step
 from mjsim.estimation.axis_logs.start import start_model
+from mjsim.estimation.axis_logs.trifles import is_trifle, is_visible
 from mjsim.estimation.axis_logs.waves import strongest_orders
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.machine.model import Machine
@@ -34,11 +35,6 @@ _FIRST = 3
 _CURVED, _RESTARTS = ("presliding_rad", "velocity_rad_per_s", "stribeck_velocity_rad_per_s"), (0.2, 5.0)
 #: Steps of a fit that only has to be good enough for a comparison.
 _SHORT = 3
-#: Least share by which a cause must lower the RMS of a recording to be a cause of its own.
-_LEAST_SHARE = 0.01
-#: Least RMS of a cause's part of a recording, as a share of the noise of one sample (chosen on
-#: ``scripts/benchmark_logs.py``).
-_LEAST_NOISE = 0.5
 #: Share by which the mean square of a recording grows without a cause that shows in it (assumed).
 _SHOWS = 0.02
 
@@ -54,6 +50,7 @@ class FoundCause:
         alternatives: Ids of effects that the recordings cannot tell from it.
         rejected: How much worse others do in its place, by id.
         tests: Where it shows.
+        competing: Fits with an alternative in its place, by id.
     """
 
     key: str
@@ -62,6 +59,7 @@ class FoundCause:
     alternatives: tuple[str, ...] = ()
     rejected: dict[str, float] = field(default_factory=dict)
     tests: tuple[str, ...] = ()
+    competing: dict[str, AxisFit] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -121,7 +119,7 @@ class AxisSearch:
         given = fit_as_given(self.fitter, self.machine)
         if all(np.ptp(d.record.command) <= d.resolution for d in self.fitter.data):  # it stood still all the time
             return AxisSelection(self.axis, given, given, (given,), self.fitter.polished(given), ())
-        fit = sheet = self.fitter.fit(start_model(self.machine, self.fitter.data, self.gains, self.shared))
+        fit = sheet = self.sheet()
         found, ladder = self._opening(fit) if max_effects else ([], [fit])
         fit, restarted = ladder[-1], 0
         while len(found) < max_effects:
@@ -146,6 +144,10 @@ class AxisSearch:
             causes.append(self._against_competing(fit, candidate))
         kept = tuple(sorted((c for c in causes if c.gain > 0.0), key=lambda c: -c.gain))
         return AxisSelection(self.axis, given, sheet, tuple(ladder), fit, kept, tuple(self.gains), tuple(order))
+
+    def sheet(self) -> AxisFit:
+        """The data sheet fitted within its priors."""
+        return self.fitter.fit(start_model(self.machine, self.fitter.data, self.gains, self.shared))
 
     # -- growing -------------------------------------------------------------------------------------------------------
 
@@ -231,12 +233,12 @@ class AxisSearch:
             trials.append((won.less(self.settings.parameter_penalty * more), candidate, trial))
         # first what makes the misfit smaller, then what its spectrum shows
         for of in (lambda t: t[0].slow, lambda t: t[0].fine):
-            best = max(trials, key=of, default=None)
+            best = max((t for t in trials if not is_trifle(t[2].model, t[1])), key=of, default=None)
             if best is None or of(best) < self.settings.likelihood_ratio:
                 continue
             close = of(best) - self.settings.indistinguishable
             best = next((t for t in trials if t[1].effect.kind in SIMPLER and of(t) > close), best)
-            if _visible(fit, best[2]):
+            if is_visible(fit, best[2]):
                 return best[1], self.fitter.fit(best[2].model, 3 * _SHORT)
         return None
 
@@ -245,9 +247,9 @@ class AxisSearch:
         found = list(found)
         for candidate in tuple(found):
             without = self.fitter.fit(candidate.taken_from(fit.model, self.machine), _SHORT, 1)
-            if gain(without, fit) < self.settings.likelihood_ratio:
+            if is_trifle(fit.model, candidate) or gain(without, fit) < self.settings.likelihood_ratio:
                 found.remove(candidate)
-                fit = without
+                fit = self.fitter.fit(without.model)
         return found, fit
 
     def _as_stated(self, fit: AxisFit) -> AxisFit:
@@ -273,7 +275,7 @@ class AxisSearch:
         """What one cause contributes, and what does as well in its place."""
         without = self.fitter.fit(candidate.taken_from(fit.model, self.machine), _SHORT, 1)
         own = gain(without, fit)
-        alternatives, rejected = [], {}
+        competing, rejected = {}, {}
         rows = [r for r in self.ranked(without) if r[1].key != candidate.key]
         for promised, other, model in rows[:_COMPETING]:
             if promised.largest < 0.3 * own:
@@ -282,17 +284,9 @@ class AxisSearch:
             trial = self.fitter.fit(model, _SHORT, 1)
             worse = gain(trial, fit)
             if worse < self.settings.indistinguishable and other.effect.id != candidate.effect.id:
-                alternatives.append(other.effect.id)
+                competing[other.effect.id] = trial
             else:
                 rejected[other.effect.id] = round(worse, 1)
         shows = without.mean_squares > (1.0 + _SHOWS) * fit.mean_squares
         tests = tuple(d.name for d, there in zip(self.fitter.data, shows, strict=True) if there)
-        return FoundCause(candidate.key, candidate.effect.id, own, tuple(alternatives), rejected, tests)
-
-
-def _visible(less: AxisFit, more: AxisFit) -> bool:
-    """Whether what a cause explains in some recording is more than a trifle, of what was left and of the noise."""
-    before, after = less.mean_squares, more.mean_squares
-    share = np.sqrt(after / np.maximum(before, 1e-30)) < 1.0 - _LEAST_SHARE
-    size = np.sqrt(np.maximum(before - after, 0.0)) > _LEAST_NOISE * np.array(more.noise)
-    return bool((share & size).any())
+        return FoundCause(candidate.key, candidate.effect.id, own, tuple(competing), rejected, tests, competing)

@@ -65,11 +65,17 @@ def sampled_as_read(machine: Machine, axis: str, gains: Sequence[GainsRead]) -> 
 
 
 def _read_back(entry: Entry, gains: Sequence[GainsRead]) -> Entry:
-    """An entry of the data sheet with what the recorded output says about it."""
+    """An entry of the data sheet with what the recorded output says about it.
+
+    A reading that contradicts the data sheet is left out: its cause is looked for.
+    """
     for g in gains:
         if entry.name in g.values and entry.owner in (DRIVE, CONTROLLER) and entry.where == (g.controller or ""):
             value, deviation = g.values[entry.name], g.deviations[entry.name]
-            return replace(entry, value=value, deviation=min(deviation, entry.deviation), centre=value)
+            if entry.lower < value < entry.upper:
+                both = deviation**-2 + entry.deviation**-2
+                mean = entry.decode((entry.encode(value) / deviation**2 + entry.mean / entry.deviation**2) / both)
+                return replace(entry, value=mean, deviation=both**-0.5, centre=mean)
     return entry
 
 

@@ -1,0 +1,214 @@
+"""The next motion to record, and the next test across instruments, per minute of machine time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from mjsim.campaign.model import Campaign
+from mjsim.effects import registry
+from mjsim.errors import InputError
+from mjsim.estimation.axis_logs.data import axis_data
+from mjsim.estimation.axis_logs.fit import AxisFit
+from mjsim.estimation.axis_logs.planning import LogPlanner, PlannedLog, unmeasured
+from mjsim.estimation.axis_logs.selection import AxisSearch
+from mjsim.estimation.axis_logs.separability import inseparable
+from mjsim.estimation.axis_logs.shared import MOTOR_SIDE
+from mjsim.estimation.axis_logs.start import start_model
+from mjsim.estimation.competing import CompetingModel
+from mjsim.estimation.planning.choose import worth
+from mjsim.estimation.planning.next_test import NOTHING, Plan
+from mjsim.estimation.settings import DIAGNOSIS, PLAN
+from mjsim.machine.model import Machine
+from mjsim.progress import Progress, silent
+from mjsim.units import DEG, UM
+from mjsim.workflow.joint_diagnose import bars_of, diagnose_jointly, has_both, logs_of
+from mjsim.workflow.judge import Judge
+from mjsim.workflow.log_compare import check_recorded
+from mjsim.workflow.log_diagnose import diagnose_logs
+from mjsim.workflow.plan import plan
+
+#: Command delay that is looked at where its size is not known, ms.
+_DELAY_MS = 0.5
+
+
+@dataclass(frozen=True)
+class NextMeasurement:
+    """What to measure next.
+
+    Attributes:
+        between: Ids of two explanations, or labels of numbers of which only a combination is known.
+        logs: Recordings, best first.
+        bars: The ball-bar tests; nothing where none were looked at.
+        reason: One sentence.
+    """
+
+    between: tuple[str, ...]
+    logs: tuple[PlannedLog, ...]
+    bars: Plan | None
+    reason: str
+
+    def to_json(self, most: int = 5) -> dict:
+        """As ``mjsim plan --json`` prints it: the best measurement, and the runners-up of both instruments."""
+        rows = [(p.worth, log_row(p, self.between)) for p in self.logs]
+        if self.bars is not None:
+            rows += [(worth(s), {"instrument": "ball_bar", **row}) for s, row in _bar_rows(self.bars, most)]
+        rows.sort(key=lambda r: r[0], reverse=True)
+        best, others = rows[0][1], [row for _, row in rows[1:most]]
+        if self.bars is not None and all(r["instrument"] != "ball_bar" for r in (best, *others)):
+            others.append(next(row for _, row in rows if row["instrument"] == "ball_bar"))
+        shown = {"reason": self.reason, "enough": round(PLAN.decisive**0.5, 1), "plenty": round(PLAN.certain**0.5, 1)}
+        return best | shown | {"runners_up": others}
+
+
+def log_row(p: PlannedLog, between: Sequence[str]) -> dict:
+    """One recording as plain data."""
+    m = p.motion
+    test = {"name": m.name, "kind": "log", "axes": [m.axis]}
+    unit, symbol = (DEG, "deg") if m.rotary else (UM, "um")
+    return {
+        "instrument": "axis_log",
+        "between": list(between),
+        "test": test,
+        "motion": m.words,
+        "program": m.program(),
+        f"difference_{symbol}": float(f"{p.difference / unit:.4g}") if p.left is None else None,
+        "separation": round(p.deviance**0.5, 1) if p.left is None else None,
+        "left": None if p.left is None else round(p.left, 3),
+        "minutes": round(p.minutes, 1),
+        "decides": p.decides,
+    }
+
+
+def _bar_rows(bars: Plan, most: int) -> list:
+    said = bars.to_json(most)
+    rows = [{k: said[k] for k in ("between", "test", "difference_um", "separation", "minutes")}, *said["runners_up"]]
+    pairs = zip(bars.choices, rows, strict=False)
+    return [(s, {**row, "decides": bool(s.deviance >= PLAN.decisive)}) for s, row in pairs]
+
+
+def plan_measurement(
+    campaign: Campaign,
+    machine: Machine,
+    between: tuple[str, str] | None = None,
+    threads: int = 2,
+    progress: Progress = silent,
+) -> NextMeasurement | None:
+    """The next measurement for what the axis logs, or logs and ball-bar tests, leave open.
+
+    Without ``between`` the campaign is diagnosed first. The first finding that has alternatives is told from the first
+    of them; where nothing is ambiguous, the first numbers are made known of which the logs know a combination only.
+
+    Args:
+        campaign: With recorded logs, ball-bar tests or both.
+        machine: As given.
+        between: Two effect ids of one axis.
+        threads: Simulations side by side.
+        progress: Called as work gets on.
+
+    Raises:
+        InputError: Nothing was recorded, or the effects are not of one axis that logs show.
+    """
+    if between is not None:
+        return _between(campaign, machine, between, threads, progress)
+    if not has_both(campaign):
+        result = diagnose_logs(campaign, machine, 8, threads, progress)
+        return _for_logs(campaign, machine, result.selections)
+    result = diagnose_jointly(campaign, machine, None, threads, progress)
+    open_ = next((e for e in result.bar.effects for f in result.effects if f.alternatives and _same(e, f)), None)
+    if open_ is None:
+        return _for_logs(logs_of(campaign), machine, result.logs.selections)
+    found = next(f for f in result.effects if f.alternatives and _same(open_, f))
+    models = [next(m for m in open_.models if m.effect_id.split("[")[0] == i) for i in
+              (found.effect.id, found.alternatives[0])]  # fmt: skip
+    bars = plan(bars_of(campaign), machine, (found.effect.id, found.alternatives[0]), threads, progress)
+    return _across(campaign, machine, models, bars, threads)
+
+
+def _same(e, f) -> bool:
+    """Whether a finding of the ball bar is one of the joint diagnosis, as itself or as an alternative."""
+    return f.effect.id == e.effect.id or f.effect.id in e.alternatives
+
+
+def _for_logs(campaign: Campaign, machine: Machine, selections) -> NextMeasurement | None:
+    """For what a search on logs has left open."""
+    for axis, s in selections.items():
+        like = axis_data(campaign.logs, axis, machine)[0]
+        for cause in s.found:
+            for other, fit in cause.competing.items():
+                choices = LogPlanner(machine, axis, [s.fit, fit], like).apart()
+                return _said((cause.effect_id, other), choices, None)
+    for axis, s in selections.items():
+        like = axis_data(campaign.logs, axis, machine)[0]
+        for i in inseparable(s.fit):
+            return _said(i.labels, LogPlanner(machine, axis, [s.fit], like).known(i.labels), None)
+    return None
+
+
+def _across(
+    campaign: Campaign, machine: Machine, models: Sequence[CompetingModel], bars: Plan | None, threads: int
+) -> NextMeasurement | None:
+    """For two explanations of ball-bar tests: recordings of their axes, and further ball-bar tests."""
+    ids = tuple(m.effect_id.split("[")[0] for m in models)
+    kinds = {i.partition(".")[0] for i in ids}
+    axes = [a for a in dict.fromkeys(i.partition(".")[2] for i in ids) if a in machine.chain.letters]
+    choices: list[PlannedLog] = []
+    judge = Judge(campaign, machine, threads, DIAGNOSIS) if campaign.logs.recorded else None
+    for axis in axes if kinds & set(MOTOR_SIDE) else ():
+        if judge is not None and axis in judge.axes:
+            fitter = judge.fitters[axis]
+            fits = [fitter.polished(judge.fit(axis, m, {})) for m in models]
+            choices += LogPlanner(machine, axis, fits, fitter.data[0]).apart()
+        else:
+            choices += LogPlanner(machine, axis, [unmeasured(machine, axis, m) for m in models]).apart()
+    if not choices and bars is None:
+        return None
+    return _said(ids, sorted(choices, key=lambda p: p.worth, reverse=True), bars)
+
+
+def _between(
+    campaign: Campaign, machine: Machine, between: tuple[str, str], threads: int, progress: Progress
+) -> NextMeasurement | None:
+    """For two effects that a user names."""
+    axes = {i.partition(".")[2] for i in between}
+    place = campaign.folder / "campaign.toml"
+    if NOTHING in between or len(axes) != 1 or not axes <= set(machine.chain.letters):
+        raise InputError(f"{place}: plan between {' and '.join(between)}; allowed for logs: two effects of one axis")
+    (axis,) = axes
+    bars = plan(bars_of(campaign), machine, between, threads, progress) if campaign.measured else None
+    if axis not in campaign.logs.axes:
+        raise InputError(f"{place}: no log of {axis} has a trace; allowed: effects of {', '.join(campaign.logs.axes)}")
+    check_recorded(campaign, machine)
+    data = axis_data(campaign.logs, axis, machine)
+    search = AxisSearch(machine, data, threads, DIAGNOSIS, progress)
+    fits = [_with(search, effect_id, place) for effect_id in between]
+    return _said(between, LogPlanner(machine, axis, fits, data[0]).apart(), bars)
+
+
+def _with(search: AxisSearch, effect_id: str, place) -> AxisFit:
+    """The data sheet with one effect, fitted."""
+    sheet = search.sheet()
+    if effect_id == f"servo_delay.{search.axis}":  # the log is shifted by it, or it is not in the log at all
+        late = registry.make(effect_id, search.machine.chain, delay_ms=_DELAY_MS)
+        start = start_model(search.machine.with_effect(late), search.fitter.data, search.gains)
+        return search.fitter.polished(search.fitter.fit(start))
+    able = [c for c in search.catalogue.missing(sheet.model) if c.effect.id == effect_id]
+    if not able:
+        allowed = ", ".join(sorted({c.effect.id for c in search.catalogue.missing(sheet.model)}))
+        raise InputError(f"{place}: plan for {effect_id}; allowed for this axis' logs: {allowed}")
+    fits = [search.fitter.fit(c.extend(sheet.model)) for c in able]
+    return search.fitter.polished(min(fits, key=lambda f: f.misfit))
+
+
+def _said(between: Sequence[str], choices: Sequence[PlannedLog], bars: Plan | None) -> NextMeasurement:
+    """A plan with its reason."""
+    known = bool(choices) and choices[0].left is not None
+    what = f"makes {', '.join(between)} known" if known else f"separates {between[0]} from {between[1]}"
+    count = len(choices) + (len(bars.choices) if bars is not None else 0)
+    kinds = "recordings and ball-bar tests" if bars is not None else "recordings"
+    decides = any(c.decides for c in choices[:1]) or (bars is not None and bars.decides)
+    if decides:
+        reason = f"Of {count} {kinds} within reach this one {what} best per minute of machine time."
+    else:
+        reason = f"None of {count} {kinds} within reach {what} clearly; this one comes nearest."
+    return NextMeasurement(tuple(between), tuple(choices), bars, reason)
