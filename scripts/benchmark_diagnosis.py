@@ -4,8 +4,7 @@ known.
 
     scripts/benchmark_diagnosis run [--half tune|publish] [--category C ...] [--only TEXT] [--jobs N] [--out FILE]
     scripts/benchmark_diagnosis run --method pursuit|features --out OTHER-FILE ...
-    scripts/benchmark_diagnosis report [--out FILE] [--page docs/diagnosis-benchmark.md] [--half publish]
-        [--pursuit FILE] [--features FILE]
+    scripts/benchmark_diagnosis report [--out FILE] [--half publish] [--pursuit FILE] [--features FILE] [--pages docs]
 
 `run` writes one line per campaign into FILE (default benchmark-diagnosis.jsonl) and goes on where it stopped; a
 campaign that is in the file already is not run again. The whole bank takes some seven hours on two cores. One half of
@@ -171,23 +170,26 @@ def main() -> None:
     parser.add_argument("--most", type=int, help="at most so many campaigns")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--out", type=Path, default=ROOT / "benchmark-diagnosis.jsonl")
-    parser.add_argument("--page", type=Path, default=ROOT / "docs" / "diagnosis-benchmark.md")
-    parser.add_argument("--remark", default="", help="a paragraph for the page")
+    parser.add_argument("--pages", type=Path, default=ROOT / "docs", help="folder of the pages")
+    parser.add_argument("--remark", default="", help="paragraphs for the page")
     options = parser.parse_args()
     if options.action == "run":
         run(options)
         return
     from diagnosis_report import page
-    from diagnosis_report_real import section
+    from diagnosis_report_real import page_of_real_machines
 
     rows = rows_of(options.out, options.half)
     others = {"matching pursuit": options.pursuit, "list of features": options.features}
     answers = {name: rows_of(file, options.half) for name, file in others.items() if file}
     real = [r for r in rows if r["category"].startswith("real")]
     ideal = [r for r in rows if not r["category"].startswith("real")]
-    lines = [*page(ideal, options.remark), "", *section(real, answers)]
-    options.page.write_text("\n".join(lines).rstrip() + "\n")
-    print(f"{len(rows)} campaigns; page written to {options.page}")
+    pages = {"diagnosis-benchmark.md": ideal and page(ideal, options.remark)}
+    pages["diagnosis-benchmark-real.md"] = real and page_of_real_machines(real, answers, options.remark)
+    for name, lines in pages.items():
+        if lines:
+            (options.pages / name).write_text("\n".join(lines).rstrip() + "\n")
+            print(f"page written to {options.pages / name}")
 
 
 def rows_of(file: Path, half: str | None) -> list[dict]:

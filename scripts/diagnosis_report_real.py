@@ -1,5 +1,5 @@
-"""The part of docs/diagnosis-benchmark.md on machines on which everything is a little wrong, and on the simple
-methods.
+"""The page docs/diagnosis-benchmark-real.md: machines on which everything is a little wrong, and simple methods beside
+the diagnosis.
 """
 
 from __future__ import annotations
@@ -12,35 +12,38 @@ _CLEAR = 3.0
 _REMOVED = 0.95
 
 
-def section(rows: list[dict], others: dict[str, list[dict]]) -> list[str]:
+def page_of_real_machines(rows: list[dict], others: dict[str, list[dict]], remark: str = "") -> list[str]:
     """Lines of the page.
 
     Args:
-        rows: Answers of the diagnosis on real machines.
-        others: Answers of other methods on campaigns of the bank, by the method's name.
+        rows: Answers of the diagnosis.
+        others: Answers of other methods, by the method's name.
+        remark: Paragraphs for its head.
     """
-    if not rows:
-        return []
     ok = [r for r in rows if "error" not in r]
     stated = [r for r in ok if r["answer"]["tolerance_stated"]]
     unstated = [r for r in ok if not r["answer"]["tolerance_stated"]]
     seconds = [r["seconds"] for r in ok]
     count = {k: sum(r["category"] == f"real-{k}" for r in rows) for k in ("sound", "faulty", "unlisted")}
     out = [
-        "## Machines on which everything is a little wrong",
+        "# The diagnosis on real machines",
         "",
         *wrapped(
-            "These machines have some sixty small errors inside their tolerance, on drives of random data sheets. "
+            "No machine is ideal but for one fault. The machines of this page come from the generator in "
+            "`tests/independent`, which shares no code with mjsim. They have some sixty small errors inside their "
+            "tolerance, on drives of random data sheets. "
             "Half of the machine files state the tolerance. Where it is stated, a sound machine has no findings. "
             "Where it is not, the small errors that the data prove may be named as well."
         ),
         "",
         *wrapped(
-            f"{len(rows)} campaigns: {count['sound']} of sound machines, {count['faulty']} of faulty ones with one to "
+            f"The page covers {len(rows)} campaigns of the published half: {count['sound']} of sound machines, "
+            f"{count['faulty']} of faulty ones with one to "
             f"three causes, {count['unlisted']} with a cause that is in no catalogue. {len(rows) - len(ok)} crashed. A "
             f"diagnosis took {np.median(seconds):.0f} s (median) and at most {max(seconds):.0f} s of one core."
         ),
         "",
+        *([line for part in remark.split("\n\n") for line in (*wrapped(part), "")] if remark else []),
         "| | tolerance stated | not stated | all | target |",
         "|---|---|---|---|---|",
     ]
@@ -49,7 +52,7 @@ def section(rows: list[dict], others: dict[str, list[dict]]) -> list[str]:
         out.append(f"| {name} | {' | '.join(cells)} | {target} |")
     out += [
         "",
-        "### Every such campaign that was not answered in full",
+        "## Every campaign that was not answered in full",
         "",
         "| campaign | hidden | size / noise of mean | said |",
         "|---|---|---|---|",
