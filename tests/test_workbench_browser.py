@@ -220,6 +220,12 @@ def test_a_log(browser, tmp_path):
         assert tab.ladder() == ["+ torque_ripple.X", "machine as given"]
         tab.page.keyboard.press("Control+z")  # while a button has the focus
         tab.wait_for_error(5.0, 20.0, "drives alone")
+        tab.page.keyboard.press("Control+y")
+        tab.wait_for_error(0.01, 0.1, "drives alone")
+        tab.page.keyboard.press("s")
+        tab.page.wait_for_function("document.activeElement.closest('.q-dialog')")
+        tab.page.keyboard.press("Enter")
+        tab.page.get_by_text("machine.toml has + torque_ripple.X").wait_for()
         tab.close()
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Any, ClassVar
 
 from nicegui import background_tasks, run, ui
@@ -213,7 +213,12 @@ class BaseDesk:
         if do is not None:
             result = do()
             if result is not None:
-                background_tasks.create(result, name=f"key {key}")
+                background_tasks.create(self._here(result), name=f"key {key}")
+
+    async def _here(self, work: Awaitable[Any]) -> None:
+        """Do work that a key asked for: its dialogs and messages belong to this page."""
+        with self.place:
+            await work
 
     def _plain_keys(self) -> dict[str, Callable[[], Any]]:
         return {
