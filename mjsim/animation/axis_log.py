@@ -156,7 +156,7 @@ class _Picture:
         edge = 0.05 * max(np.ptp(u), np.ptp(v))
         plot.set_xlim(min(u.min(), x.min()) - edge, max(u.max(), x.max()) + edge)
         plot.set_ylim(min(v.min(), y.min()) - edge, max(v.max(), y.max()) + edge)
-        plot.set_aspect("equal", adjustable="datalim")
+        plot.set_aspect("equal", adjustable="box")
         plot.set(xlabel=f"{axes[0].axis}, mm", ylabel=f"{axes[1].axis}, mm")
         plot.legend(loc="upper right", fontsize=style.SMALL, frameon=False)
 

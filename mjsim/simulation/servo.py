@@ -30,6 +30,8 @@ from mjsim.simulation.servo_loop import loop, means, parameters, torque_waves
 
 #: Longest step of a control that states no sampling time, and is taken as continuous, s.
 _FINE = 1e-4
+#: Angle of the motor's swing on its bristles in one part of a sub-step, rad, while they bend; and most such parts.
+_BENDING, _MOST_PARTS = 0.04, 16
 
 
 @dataclass(frozen=True)
@@ -159,7 +161,8 @@ def _run(axis: AxisPlant, command: Sampled, start: ServoStart) -> tuple[np.ndarr
     friction = min(max(1, math.ceil(step * bristle_rate(axis) / PHASE)), MOST_SUBSTEPS)
     damping = math.ceil(step * axis.rising[0] / axis.rising[1] / axis.inertia / PHASE)
     substeps = max(friction, min(damping, MOST_SUBSTEPS), math.ceil(step / 1e-3))
+    finer = min(max(1, math.ceil(step / substeps * bristle_rate(axis) / _BENDING)), _MOST_PARTS)
     state = np.array([start.position * axis.gear, start.velocity * axis.gear, start.torque])
     angle, rate, torque = np.empty(count), np.empty(count), np.empty(count)
-    loop(parameters(axis, step), torque_waves(axis), command.command, step, substeps, state, angle, rate, torque)
+    loop(parameters(axis, step), torque_waves(axis), command.command, step, substeps, finer, state, angle, rate, torque)
     return angle, rate, torque

@@ -20,8 +20,8 @@ _SIZE = 24 + 3 * MOST_COEFFICIENTS
 #: Longest delay, samples of the control, and outputs that are kept, a power of two.
 MOST_DELAY = 200
 _RING = 256
-#: Further parts of a sub-step while bristles bend, and the share by which they may differ from sliding ones.
-FINER, SLIDING = 8, 0.02
+#: Share by which bending bristles may differ from sliding ones.
+SLIDING = 0.02
 #: Angle of a wave in one sub-step, rad, and most sub-steps of a sample for it.
 WAVE, _MOST_STEPS = 0.2, 100
 
@@ -97,12 +97,12 @@ def means(angle, rate, step, shift, block):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def loop(p, waves, r, step, substeps, state, position, velocity, torque):
+def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
     """Angles, rad, speeds, rad/s, and torques, N·m, at the control's samples; see the module."""
     n = len(r)
     h = step / substeps
     rate = p[_C] / p[_J]
-    coarse, fine = _linear(rate, h), _linear(rate, h / FINER)
+    coarse, fine = _linear(rate, h), _linear(rate, h / finer)
     order = p[_WAVE_ORDER] if p[_WAVE] != 0.0 else 0.0
     for i in range(len(waves)):
         order = max(order, abs(waves[i, 1]))
@@ -166,7 +166,7 @@ def loop(p, waves, r, step, substeps, state, position, velocity, torque):
             tau = (1.0 - part) * here + part * earlier
         torque[k] = tau
         split = p[_COULOMB] > 0.0 and not _keeps_sliding(p, z, om, th, tau, step)
-        steps = substeps * FINER if split else substeps
+        steps = substeps * finer if split else substeps
         h, e, f1, f2 = fine if split else coarse
         turns = int(abs(om) * order * step / WAVE) + 1
         if turns > steps:
