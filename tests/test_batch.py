@@ -329,7 +329,7 @@ def test_interrupted_by_the_user(folder, nursery):
     assert (
         status == 130
         and said.startswith("mjsim: stopped;")
-        and "the same command goes on" in said
+        and "the same command continues" in said
         and said.count("\n") == 1
     )
     assert 2 <= len(pd.read_parquet(out / "results")) < 600
@@ -349,7 +349,7 @@ def test_an_interrupt_that_foreign_code_swallows(folder, monkeypatch):
     before = signal.getsignal(signal.SIGINT)
     monkeypatch.setattr("mjsim.cli.common.progress_bar", lambda *_, **__: contextlib.nullcontext(swallow))
     result = run("batch", sweep_file(folder, BACKLASH.replace("count = 3", "count = 30")), "--out", out)
-    assert result.exit_code == 130 and "the same command goes on from there" in result.stderr
+    assert result.exit_code == 130 and "the same command continues from there" in result.stderr
     assert 1 <= len(pd.read_parquet(out / "results")) < 10
     assert signal.getsignal(signal.SIGINT) is before
 
