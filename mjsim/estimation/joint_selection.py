@@ -130,9 +130,9 @@ class JointSelector:
 
     @staticmethod
     def _kept(model: _Model, groups: CandidateGroups, chosen: SparseModel) -> dict[str, Calibrated]:
-        """The expected effects that no evidence puts beyond their tolerance."""
-        beyond = {groups.members[g].key for g in chosen.precision if groups.members[g].free is not None}
-        return {key: c for key, c in model.expected.items() if key not in beyond}
+        """The expected effects that the evidence does not put beyond their tolerance."""
+        needed = {groups.members[g].key for g in chosen.precision}  # further waves of a pitch error among them
+        return {key: c for key, c in model.expected.items() if key not in needed}
 
     def _chosen(self, groups: CandidateGroups, weight: float) -> SparseModel:
         """The groups of largest evidence: with named effects and curves together, or one curve instead of them
