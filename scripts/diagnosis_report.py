@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections import Counter, defaultdict
+from collections.abc import Callable
 
 import numpy as np
 from scipy.stats import beta
@@ -210,7 +211,12 @@ def page(rows: list[dict], remark: str = "") -> list[str]:
         if not exact(r):
             confusion[truth(r)[0].split(".")[0], said(r)] += 1
     out += [f"| {a} | {b} | {n} |" for (a, b), n in sorted(confusion.items())]
-    out += [
+    return [*out, *unanswered(rows, lambda r: f"{snr(r):.1f}")]
+
+
+def unanswered(rows: list[dict], size: Callable[[dict], str]) -> list[str]:
+    """Lines with every campaign that was not answered in full; ``size`` writes how large a campaign's causes are."""
+    out = [
         "",
         "## Every campaign that was not answered in full",
         "",
@@ -219,13 +225,11 @@ def page(rows: list[dict], remark: str = "") -> list[str]:
     ]
     for r in rows:
         if mark(r) != "right":
-            hidden = (
-                ", ".join(truth(r) + ([r["answer"]["hidden"]] if r.get("answer", {}).get("hidden") else []))
-                if "answer" in r
-                else ""
-            )
-            size = f"{snr(r):.1f}" if "answer" in r and r["answer"].get("signature_rms_um") else ""
-            out.append(f"| {r['name']} | {hidden or 'nothing'} | {size} | {mark(r)}: {said(r)} |")
+            answer = r.get("answer", {})
+            hidden = truth(r) if answer else []
+            hidden += [answer["hidden"]] if answer.get("hidden") else []
+            sizes = size(r) if answer.get("signature_rms_um") else ""
+            out.append(f"| {r['name']} | {', '.join(hidden) or 'nothing'} | {sizes} | {mark(r)}: {said(r)} |")
     return out
 
 

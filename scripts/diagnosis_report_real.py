@@ -5,7 +5,7 @@ the diagnosis.
 from __future__ import annotations
 
 import numpy as np
-from diagnosis_report import mark, rate, said, truth, wrapped
+from diagnosis_report import mark, rate, unanswered, wrapped
 
 #: A cause is clear from so many times the noise of the mean.
 _CLEAR = 3.0
@@ -50,17 +50,7 @@ def page_of_real_machines(rows: list[dict], others: dict[str, list[dict]], remar
     for name, figure, target in _FIGURES:
         cells = [rate(*_counts(figure, part)) for part in (stated, unstated, ok)]
         out.append(f"| {name} | {' | '.join(cells)} | {target} |")
-    out += [
-        "",
-        "## Every campaign that was not answered in full",
-        "",
-        "| campaign | hidden | size / noise of mean | said |",
-        "|---|---|---|---|",
-    ]
-    for r in rows:
-        if mark(r) != "right":
-            out.append(f"| {r['name']} | {_hidden(r)} | {_sizes(r)} | {mark(r)}: {said(r)} |")
-    return out + _methods(rows, others)
+    return [*out, *unanswered(rows, _sizes), *_methods(rows, others)]
 
 
 def _counts(figure, rows: list[dict]) -> tuple[int, int]:
@@ -172,14 +162,6 @@ def _methods(rows: list[dict], others: dict[str, list[dict]]) -> list[str]:
     return out
 
 
-def _hidden(r: dict) -> str:
-    if "answer" not in r:
-        return ""
-    names = truth(r) + ([r["answer"]["hidden"]] if r["answer"].get("hidden") else [])
-    return ", ".join(names) or "nothing"
-
-
 def _sizes(r: dict) -> str:
     """Size of every hidden signature in units of the noise of the mean."""
-    sizes = r.get("answer", {}).get("signature_rms_um") or []
-    return ", ".join(f"{s / (r['noise_um'] / np.sqrt(2.0)):.1f}" for s in sizes)
+    return ", ".join(f"{s / (r['noise_um'] / np.sqrt(2.0)):.1f}" for s in r["answer"]["signature_rms_um"])
