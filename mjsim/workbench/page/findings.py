@@ -12,6 +12,7 @@ from mjsim.workbench import catalogue
 from mjsim.workbench.live import Live
 from mjsim.workbench.log_live import LogLive
 from mjsim.workflow.diagnosis import DiagnosedEffect, Diagnosis
+from mjsim.workflow.log_diagnosis import LogEffect
 
 VERDICTS = {
     "identified": "Identified: the effects below are missing, and nothing else explains the data as well.",
@@ -63,6 +64,37 @@ class JobPanel:
     def draw(self) -> None:
         """Draw the answer of the last diagnosis."""
 
+    def verdict(self, verdict: str, residual: str) -> None:
+        """Draw the card with the verdict and what is left."""
+        with ui.element("div").classes("card plain").mark("verdict"):
+            with ui.element("div").style("display: flex; gap: 8px"):
+                ui.label(VERDICTS[verdict]).style("flex: 1")
+                ui.button(icon="close", on_click=self.clear).props('dense flat aria-label="Close the diagnosis"')
+            ui.label(residual).classes("soft")
+
+    def doubts(self, found: DiagnosedEffect | LogEffect, worse: str = "worse") -> None:
+        """Draw what a finding cannot be told from and what was tried in its place."""
+        if found.alternatives:
+            ui.label(f"cannot be told from {', '.join(found.alternatives)}").classes("problem")
+        near = sorted(found.rejected.items(), key=lambda row: row[1])[:3]
+        if near:
+            others = ", ".join(f"{name} ({worse} by {less:.3g})" for name, less in near)
+            ui.label(f"was tried in its place: {others}").classes("soft")
+
+    def buttons(self, found: DiagnosedEffect | LogEffect) -> None:
+        """Draw the buttons of a finding."""
+        effect = found.effect
+        with ui.element("div").style("display: flex; gap: 6px"):
+            shown = ui.button("show it in the traces", on_click=lambda: self.on_preview(effect))
+            shown.props("dense flat no-caps").mark(f"show {effect.id}")
+            add = ui.button("add", on_click=lambda: self._add(found))
+            add.props("dense no-caps unelevated").mark(f"add {effect.id}")
+
+    def _add(self, found: DiagnosedEffect | LogEffect) -> None:
+        self.live.bench.add(found.effect)
+        self.live.bench.intervals[found.effect.key] = found.ci95
+        self.on_change()
+
 
 class FindingsPanel(JobPanel):
     """Draws progress and findings of a ball-bar campaign; arguments as of :class:`JobPanel`."""
@@ -76,12 +108,8 @@ class FindingsPanel(JobPanel):
         if result is None:
             return
         with self.cards:
-            with ui.element("div").classes("card plain").mark("verdict"):
-                with ui.element("div").style("display: flex; gap: 8px"):
-                    ui.label(VERDICTS[result.verdict]).style("flex: 1")
-                    ui.button(icon="close", on_click=self.clear).props('dense flat aria-label="Close the diagnosis"')
-                words = f"residual RMS {result.before.rms / UM:.3f} → {result.after.rms / UM:.3f} µm, "
-                ui.label(f"{words}noise {result.noise / UM:.3f} µm").classes("soft")
+            words = f"residual RMS {result.before.rms / UM:.3f} → {result.after.rms / UM:.3f} µm, "
+            self.verdict(result.verdict, f"{words}noise {result.noise / UM:.3f} µm")
             for found in result.effects:
                 self._card(found, result)
             if result.unexplained is not None:
@@ -102,25 +130,10 @@ class FindingsPanel(JobPanel):
             share = result.shares.get(effect.key) or result.shares.get(effect.id)
             explained = f", {100 * share:.0f} % of what is explained" if share else ""
             ui.label(f"RMS {found.rms_before / UM:.3f} → {found.rms_after / UM:.3f} µm{explained}")
-            if found.alternatives:
-                ui.label(f"cannot be told from {', '.join(found.alternatives)}").classes("problem")
-            near = sorted(found.rejected.items(), key=lambda row: row[1])[:3]
-            if near:
-                others = ", ".join(f"{name} (χ² worse by {less:.3g})" for name, less in near)
-                ui.label(f"was tried in its place: {others}").classes("soft")
+            self.doubts(found, "χ² worse")
             if found.tests:
                 ui.label(f"shows in {', '.join(found.tests[:4])}{' …' if len(found.tests) > 4 else ''}").classes("soft")
-            with ui.element("div").style("display: flex; gap: 6px"):
-                shown = ui.button("show it in the traces", on_click=lambda: self.on_preview(effect))
-                shown.props("dense flat no-caps").mark(f"show {effect.id}")
-                ui.button("add", on_click=lambda: self._add(found)).props("dense no-caps unelevated").mark(
-                    f"add {effect.id}"
-                )
-
-    def _add(self, found: DiagnosedEffect) -> None:
-        self.live.bench.add(found.effect)
-        self.live.bench.intervals[found.effect.key] = found.ci95
-        self.on_change()
+            self.buttons(found)
 
     def _next_test(self, result: Diagnosis) -> None:
         following = result.next_test

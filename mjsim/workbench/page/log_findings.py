@@ -7,7 +7,7 @@ from nicegui import ui
 from mjsim.units import DEG, UM
 from mjsim.workbench import catalogue
 from mjsim.workbench.log_live import LogLive
-from mjsim.workbench.page.findings import VERDICTS, JobPanel
+from mjsim.workbench.page.findings import JobPanel
 from mjsim.workflow.log_diagnosis import LogDiagnosis, LogEffect
 
 #: Numbers of a data sheet in words, with their unit.
@@ -34,11 +34,7 @@ class LogFindingsPanel(JobPanel):
         if result is None:
             return
         with self.cards:
-            with ui.element("div").classes("card plain").mark("verdict"):
-                with ui.element("div").style("display: flex; gap: 8px"):
-                    ui.label(VERDICTS[result.verdict]).style("flex: 1")
-                    ui.button(icon="close", on_click=self.clear).props('dense flat aria-label="Close the diagnosis"')
-                ui.label(f"residual RMS {result.before.rms / UM:.3f} → {result.after.rms / UM:.3f} µm").classes("soft")
+            self.verdict(result.verdict, f"residual RMS {result.before.rms / UM:.3f} → {result.after.rms / UM:.3f} µm")
             for found in result.effects:
                 self._log_card(found, result)
             rest = result.to_json()["unexplained"]
@@ -59,22 +55,8 @@ class LogFindingsPanel(JobPanel):
                 if ci and p.kind != "components":
                     ui.label(f"{catalogue.spoken(p)} 95 %: {ci[0]:.4g} to {ci[1]:.4g} {p.unit}".rstrip())
             ui.label(f"RMS {found.rms_before / unit:.4g} → {found.rms_after / unit:.4g} {symbol}")
-            if found.alternatives:
-                ui.label(f"cannot be told from {', '.join(found.alternatives)}").classes("problem")
-            near = sorted(found.rejected.items(), key=lambda row: row[1])[:3]
-            if near:
-                others = ", ".join(f"{name} (worse by {less:.3g})" for name, less in near)
-                ui.label(f"was tried in its place: {others}").classes("soft")
-            with ui.element("div").style("display: flex; gap: 6px"):
-                shown = ui.button("show it in the traces", on_click=lambda: self.on_preview(effect))
-                shown.props("dense flat no-caps").mark(f"show {effect.id}")
-                add = ui.button("add", on_click=lambda: self._add_log(found))
-                add.props("dense no-caps unelevated").mark(f"add {effect.id}")
-
-    def _add_log(self, found: LogEffect) -> None:
-        self.live.bench.add(found.effect)
-        self.live.bench.intervals[found.effect.key] = found.ci95
-        self.on_change()
+            self.doubts(found)
+            self.buttons(found)
 
     def _sheet(self, result: LogDiagnosis) -> None:
         """The numbers of the drives that the recordings know."""
