@@ -87,6 +87,20 @@ class EffectVector:
         return [i for i, n in enumerate(self.names) if self.specs[n].neutral is not None]
 
     @property
+    def is_linear(self) -> bool:
+        """Whether the reading is linear in all entries of the vector."""
+        return self.names == ("components",) or len(self.linear) == len(self.vector)
+
+    def only(self, j: int, size: float) -> Effect:
+        """The effect with ``size`` in the ``j``-th entry of its vector and nothing in the others; all are linear."""
+        if self.names == ("components",):
+            order, scale = self.effect.values["components"][j // 2][0], self.specs["components"].scale
+            return self.effect.replaced(components=[[order, size * scale, 90.0 * (j % 2)]])
+        vector = self.neutral.copy()
+        vector[j] += size
+        return self.at(vector)
+
+    @property
     def vector(self) -> np.ndarray:
         """Present values, scaled."""
         out: list[float] = []

@@ -24,8 +24,8 @@ from mjsim.machine.plant import PLAY, Plant
 from mjsim.simulation.bar import reading
 from mjsim.simulation.transmission import reading_change, transmit
 
-#: Size of the numerical step, of a typical size.
-_STEP = 0.02
+#: Size of the numerical step, of a typical size; of an effect that the reading is linear in.
+_STEP, _PART = 0.02, 0.05
 #: Size of the numerical step of an error motion, m or rad.
 _MOTION = 1e-6
 
@@ -40,6 +40,7 @@ class Linearisation:
         self._by_motion: dict[int, list[np.ndarray]] = {}
         motions = problem.motions
         self.loads = problem.map(lambda k: np.ascontiguousarray(motions[k].load(self.plant, GRID_STEPS)))
+        problem.changes.move_to(self.loads)
 
     def columns(self, free: EffectVector) -> list[np.ndarray] | None:
         """Derivative of the block means by the entries of an effect, (m, k) per test in m per typical size.
@@ -48,6 +49,9 @@ class Linearisation:
         """
         if free.effect.in_python:
             return None
+        if free.is_linear and free.effect.search.quasi_static and not self._plays_back(self._alone(free.effect)):
+            parts = [self._added(free.only(j, _PART), keep=True) for j in range(len(free.vector))]
+            return [np.column_stack(of_test) / _PART for of_test in zip(*parts, strict=True)]
         pairs = [free.nudged(j, _STEP) for j in range(len(free.vector))]
         effects = [free.effect, *(effect for effect, _ in pairs)]
         plants = [self._alone(e) if e.search.quasi_static else self._with(e, free.names) for e in effects]
@@ -68,19 +72,38 @@ class Linearisation:
         of the one that the model has.
         """
         before = self.machine.effect(effect.key)
-        plants = [self._alone(e) for e in (effect, before) if e is not None]
+        if before is None:
+            return self._added(effect)
+        plants = [self._alone(e) for e in (effect, before)]
         part_of = self._part_of(effect, plants)
-        ideal = self._ideal if part_of == self._of_geometry and before is None else None
 
         def one(k: int) -> np.ndarray:
-            now = part_of(k, plants[0], effect.subject)
-            if before is not None:
-                now = now - part_of(k, plants[1], effect.subject)
-            elif ideal is not None:
-                now = now - ideal[k]
-            return self.problem.samples[k].sample(now, self.problem.shift(k, self.nuisance))
+            now, then = (part_of(k, plant, effect.subject) for plant in plants)
+            return self.problem.samples[k].sample(now - then, self.problem.shift(k, self.nuisance))
 
         return self.problem.map(one)
+
+    def _added(self, effect: Effect, keep: bool = False) -> list[np.ndarray]:
+        """What an effect of positions by itself adds to the block means, (m,) per test, m."""
+        plant, changes = self._alone(effect), self.problem.changes
+        part_of = self._part_of(effect, [plant])
+        ideal = self._ideal if part_of == self._of_geometry else None
+
+        def one(k: int) -> np.ndarray:
+            def added() -> np.ndarray:
+                part = part_of(k, plant, effect.subject)
+                return part if ideal is None else part - ideal[k]
+
+            # what a play does follows from the motion in front of it, which moves with the drives
+            grid = added() if self._plays_back(plant) else changes.change(k, effect, added, keep)
+            return self.problem.samples[k].sample(grid, self.problem.shift(k, self.nuisance))
+
+        return self.problem.map(one)
+
+    @staticmethod
+    def _plays_back(plant: Plant) -> bool:
+        """Whether an operation of the plant remembers where the motion turned."""
+        return any(op.code == PLAY for op in plant.ops)
 
     @cached_property
     def _ideal(self) -> list[np.ndarray]:
@@ -128,7 +151,7 @@ class Linearisation:
         """The plant of a machine that has nothing but the model's play of one axis."""
         if axis not in self._plays:
             mine = [e for e in self.machine.effects if e.subject == axis and not e.in_python]
-            playing = [e for e in mine if any(op.code == PLAY for op in self._alone(e).ops)]
+            playing = [e for e in mine if self._plays_back(self._alone(e))]
             self._plays[axis] = build(replace(self.machine, effects=tuple(playing)))
         return self._plays[axis]
 
@@ -168,7 +191,7 @@ class Linearisation:
         test, axes = self.problem.motions[k].test, self._axes(k)
         if not alone.ops:
             return np.zeros(len(axes))
-        if any(op.code == PLAY for op in alone.ops):
+        if self._plays_back(alone):
             # play has memory: what it does follows from the motion in front of it
             i = alone.chain.index(axis)
             axes = axes.copy()

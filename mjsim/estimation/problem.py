@@ -8,7 +8,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.estimation.data_sheet import calibrated, data_sheet
+from mjsim.estimation.kept_changes import KeptChanges
 from mjsim.estimation.nuisance import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, Nuisances
 from mjsim.estimation.samples import GRID, GRID_STEPS, Noise, Samples, estimate_noise, make_samples
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
@@ -84,6 +85,7 @@ class Problem:
         outliers: Number of disturbances left out, by test.
         workers: Work on the tests side by side.
         settings: What decides in a diagnosis.
+        changes: What single effects change in the readings, as far as it was computed.
     """
 
     campaign: Campaign
@@ -96,6 +98,7 @@ class Problem:
     outliers: Mapping[str, int]
     workers: Workers
     settings: DiagnosisSettings
+    changes: KeptChanges = field(default_factory=KeptChanges)
 
     @classmethod
     def of(

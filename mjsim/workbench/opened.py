@@ -7,6 +7,7 @@ from pathlib import Path
 
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.model import Campaign
+from mjsim.estimation.kept_changes import KeptChanges
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.problem import Problem, Workers
 from mjsim.machine.model import Machine, build
@@ -56,7 +57,7 @@ class OpenCampaign:
         if problem is not None:
             motions |= {t.name: m for t, m in zip(problem.tests, problem.motions, strict=True)}
             own = tuple(AxesMotion(t, light=True) for t in problem.tests)
-            background = replace(problem, motions=own, workers=Workers(1))
+            background = replace(problem, motions=own, workers=Workers(1), changes=KeptChanges())
         return cls(campaign, machine, problem, background, motions, threads)
 
     @property
