@@ -11,12 +11,26 @@ from mjsim.machine.kinematics import Geometry, reading
 from mjsim.workflow.diagnose import diagnose
 
 
+def further(case):
+    """A leaning circle, and both rotary axes together."""
+    (first, _), (second, _) = case.machine.serial()
+    common = {"bar_length_mm": 100.0, "feed_mm_min": 2000.0, "table_ball_mm": [100.0, 20.0, 155.0], "started_s": 0.0}
+    lean = {"plane": "YZ", "lean_deg": 35.0, "lean_about_deg": 120.0, "direction": "CW", "revolutions": 1}
+    yield {"name": "leaning", "trace": "", "kind": "circular", **lean, **common}
+    both = {"axis": first, "from_deg": 90.0, "to_deg": -60.0, "second_from_deg": -20.0, "second_to_deg": 70.0}
+    other = {"axis": second, "from_deg": -30.0, "to_deg": 50.0, "second_from_deg": 10.0, "second_to_deg": 200.0}
+    for name, one in (("first", both), ("second", other)):
+        for bar in "XYZ":
+            test = {"name": name + bar, "trace": "", "kind": "simultaneous", **one, "sensitive_direction": bar}
+            yield {**test, **common}
+
+
 @pytest.mark.parametrize("family", chains.FAMILIES)
 def test_programs_and_readings_agree(family, tmp_path):
     """The same campaign file means the same motion and the same reading to the generator and to mjsim."""
     case = chains.ChainCase(family, family, 3)
     (tmp_path / "machine.toml").write_text(chains.tomlkit.dumps(case.model()))
-    tables = case.tests()
+    tables = [*case.tests(), *further(case)]
     head = {"name": family, "machine": "machine.toml", "test": [{**t, "trace": None} for t in tables]}
     for t in head["test"]:
         del t["trace"]

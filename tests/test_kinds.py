@@ -26,9 +26,11 @@ def tests(tmp_path_factory):
     mjsim.new_campaign(file.parent)
     live, _, more = file.read_text().partition("# More tests.")
     file.write_text(live + re.sub(r"(?m)^# ", "", more.partition("\n")[2]))
-    tables = {t["kind"]: t for t in reversed(tomllib.loads(file.read_text())["test"])}
+    written = tomllib.loads(file.read_text())["test"]
+    tables = {t["kind"]: t for t in reversed(written)}
     by_name = {t.name: t for t in mjsim.read_campaign(file).tests}
-    return file, {kind: by_name[t["name"]] for kind, t in tables.items()}, tables
+    keys = {kind: {k for t in written if t["kind"] == kind for k in t} for kind in tables}
+    return file, {kind: by_name[t["name"]] for kind, t in tables.items()}, keys
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -73,7 +75,7 @@ def test_proposed_tests_are_tests_of_the_kind_with_names_of_their_own(kind):
 def test_no_module_asks_for_a_kind_by_its_name():
     """What depends on the kind is asked of the kind."""
     package = Path(mjsim.__file__).parent
-    names = re.compile(r"""[=!]=\s*["'](rotary|circular|cone_frustum)["']""")
+    names = re.compile(rf"""[=!]=\s*["']({"|".join(KINDS)})["']""")
     found = [
         f"{f.name}: {m[0]}"
         for f in package.rglob("*.py")
@@ -85,14 +87,42 @@ def test_no_module_asks_for_a_kind_by_its_name():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_feed_is_the_one_on_the_circle(tests, kind):
-    """Arc of the spindle ball as the table sees it, or of the table ball about the axis: radius times angle."""
+    """Arc of the spindle ball as the table sees it, or of the table ball about the axis: radius times angle. Where
+    both rotary axes turn, the linear axes' fastest way.
+    """
     test = tests[1][kind]
     q = KINDS[kind].path(test, np.linspace(0.5, 0.6, 1001))
-    if kind == "rotary":
+    if kind == "simultaneous":
+        q = KINDS[kind].path(test, np.linspace(*Program(test).ends, 20001))
+        step = np.linalg.norm(np.diff(q[:, :3], axis=0), axis=1).max()
+        arc = 0.1 * step * 20000 / np.ptp(Program(test).ends)
+    elif kind == "rotary":
         arc = np.hypot(*test.table_ball[:2]) * 0.1
     else:
         arc = np.linalg.norm(np.diff(machine_to_work(FIVE_AXIS, q, q[:, :3]), axis=0), axis=1).sum()
     assert KINDS[kind].radius(test) * 0.1 == pytest.approx(arc, rel=1e-6)
+
+
+def test_a_circle_leans_about_a_diameter(tests):
+    """By 90° it is the circle of another plane; φ on the diameter stays where it is; the lean is that of the normal."""
+    flat = tests[1]["circular"]
+    phi = np.linspace(0.0, 6.0, 50)
+
+    def away(plane, **more):
+        return KINDS["circular"].path(replace(flat, plane=plane, more=more), phi)[:, :3] - flat.table_ball
+
+    np.testing.assert_allclose(away("XY", lean=np.pi / 2), away("ZX")[:, [2, 1, 0]], atol=1e-12)
+    for about in (0.0, 1.1, -2.0):
+        leaning = away("YZ", lean=0.3, lean_about=about)
+        normal = np.cross(leaning[10], leaning[20])
+        assert abs(normal[0]) / np.linalg.norm(normal) == pytest.approx(np.cos(0.3), abs=1e-12)
+        hinge = KINDS["circular"].path(
+            replace(flat, plane="YZ", more={"lean": 0.3, "lean_about": about}), np.array([about])
+        )
+        still = KINDS["circular"].path(replace(flat, plane="YZ"), np.array([about]))
+        np.testing.assert_allclose(hinge, still, rtol=0, atol=1e-12)
+    assert KINDS["circular"].plane(replace(flat, more={"lean": 0.3})) == ""
+    assert "without a lean_deg" in KINDS["circular"].wrong(replace(flat, more={"lean_about": 0.3}))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -107,7 +137,7 @@ def test_a_test_written_and_read_is_the_same(tests, kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_keys_are_explained_and_have_options(tests, kind):
     keys = [k.name for k in KINDS[kind].keys]
-    assert set(keys) <= set(tests[2][kind])
+    assert set(keys) <= tests[2][kind]
     page = (DOCS / "campaign-format.md").read_text()
     for key in keys:
         assert f"`{key}`" in page and key in options()

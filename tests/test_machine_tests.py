@@ -1,6 +1,8 @@
 """Ball-bar tests on machines of any chain: the bar keeps its length, and no body passes through another."""
 
+import re
 from dataclasses import replace
+from itertools import permutations
 
 import mujoco
 import numpy as np
@@ -22,6 +24,13 @@ def possible(chain):
     base = BallBarTest("t", "circular", (0.05, -0.02, 0.155), LENGTH, 0.02, chain=chain, setup="1")
     for plane in chain.planes:
         yield replace(base, name=f"circle-{plane}", plane=plane)
+    yield replace(base, name="circle-leaning", plane="XY", more={"lean": 15 * DEG, "lean_about": 70 * DEG})
+    for axis, other in permutations(chain.rotary, 2):
+        ends = [(-0.4, 2.0) if chain.axis(a).vertical else (-0.3, 0.8) for a in (axis, other)]
+        for bar in chain.linear:
+            test = replace(base, kind="simultaneous", name=f"{axis}{other}-{bar}", axis=axis, sensitive=bar)
+            test = replace(test, start=ends[0][0], stop=ends[0][1], revolutions=1)
+            yield replace(test, more={"second_start": ends[1][0], "second_stop": ends[1][1]})
     for axis in (*chain.turning, *chain.swivelling):
         ends = (-0.3, 2.0) if axis.vertical else (-0.3, 0.8)
         for sensitive in ("radial", "tangential", "axial"):
@@ -46,7 +55,7 @@ ABLE = [
 def test_most_tests_can_be_followed():
     of = {c: {t.kind for _, t in ABLE if t.chain == c} for c in CHAINS}
     five = [c for c in CHAINS if len(c.rotary) == 2 and not c.idle and not c.carried]
-    assert len(five) >= 14 and all(of[c] == {"circular", "rotary", "cone_frustum"} for c in five)
+    assert len(five) >= 14 and all(of[c] == {"circular", "rotary", "cone_frustum", "simultaneous"} for c in five)
     assert of[chain_of("w-X'Y'bZ-t")] == {"circular"}
 
 
@@ -108,3 +117,51 @@ def test_what_cannot_be_followed_is_refused():
     assert KINDS["cone_frustum"].wrong(replace(cone, inclination=(nearest + 0.2) * DEG))
     with pytest.raises(InputError, match="cannot point along"):
         Program(replace(cone, inclination=40 * DEG)).path(np.linspace(0, 6, 100))
+
+
+def test_turns_that_cannot_be_followed_end_where_they_can():
+    """X stands on C: turned by 90°, it lies along Y. The nearest turn that is offered can be followed, and no more."""
+    chain = chain_of("w-X'C'bYZA-t")
+    base = BallBarTest("t", "rotary", (0.05, -0.02, 0.155), LENGTH, 0.02, chain=chain, axis="C", revolutions=1)
+    both = replace(base, kind="simultaneous", sensitive="Z", more={"second_start": 0.0, "second_stop": 40 * DEG})
+    for test, stop in ((replace(base, sensitive="radial"), -180), (both, 180)):
+        kind = KINDS[test.kind]
+        wrong = kind.wrong(replace(test, stop=stop * DEG))
+        assert "X is turned along another linear axis" in wrong
+        nearest = float(re.search(r"nearest possible: to_deg = (-?[\d.]+)", wrong)[1])
+        assert not kind.wrong(kind.ending(replace(test, stop=stop * DEG), nearest * DEG))
+        assert kind.wrong(kind.ending(replace(test, stop=stop * DEG), (nearest + 0.2 * np.sign(stop)) * DEG))
+    assert f"second_to_deg = {np.floor(nearest / 180 * 400) / 10}" in wrong
+
+
+@pytest.mark.parametrize(
+    ("configuration", "changed", "said"),
+    [
+        ("w-C'bXYZ-t", {}, "the machine has 1; nearest possible: rotary, of C alone"),
+        ("w-X'Y'bZ-t", {}, "the machine has none"),
+        ("w-C'A'Y'bXZ-t", {"more": {"second_start": 0.0, "second_stop": 0.001}}, 'where A rests, .* kind "rotary"'),
+        ("w-C'A'Y'bXZ-t", {"table_ball": (0.0, 0.0, -LENGTH)}, "C and A pass through the spindle ball"),
+        ("w-C'A'Y'bXZ-t", {"stop": 0.0}, "from_deg and to_deg are both 0"),
+    ],
+)
+def test_both_rotary_axes_have_to_move_something(configuration, changed, said):
+    chain, kind = chain_of(configuration), KINDS["simultaneous"]
+    test = BallBarTest(
+        "t", "simultaneous", (0.05, 0, 0.155), LENGTH, 0.02, chain=chain, axis="C", sensitive="Z", stop=2.0
+    )
+    test = replace(replace(test, more={"second_start": 0.0, "second_stop": 1.0}), **changed)
+    assert re.search(said, kind.cannot(chain) or kind.wrong(test))
+
+
+def test_a_plan_looks_at_both_rotary_axes_of_any_machine():
+    for chain in (c for c in CHAINS if len(c.rotary) == 2 and not c.carried):
+        proposed = list(KINDS["simultaneous"].proposals(chain, LENGTH, 0.155))
+        assert {t.sensitive for t in proposed} == set("XYZ") and {t.axis for t in proposed} < set(chain.rotary)
+
+
+def test_a_singular_pass_that_is_refused_names_an_inclination():
+    chain = chain_of("w-C'A'Y'bXZ-t", (), None, "refuse")
+    cone = BallBarTest("t", "cone_frustum", (0, 0, 0.155), LENGTH, 0.02, chain=chain, half_apex=15 * DEG)
+    wrong = KINDS["cone_frustum"].wrong(replace(cone, inclination=15.2 * DEG))
+    nearest = float(wrong.partition("nearest possible: inclination_deg = ")[2])
+    assert 14.0 <= nearest <= 16.5 and not KINDS["cone_frustum"].wrong(replace(cone, inclination=nearest * DEG))

@@ -249,7 +249,7 @@ def test_table(test: BallBarTest) -> dict:
     program.
     """
     out: dict = {"name": test.name, "kind": test.kind}
-    for key in kind_of(test).keys:
+    for key in (k for k in kind_of(test).keys if k.given(test)):
         value = key.of(test)
         out[key.name] = value if key.unit is None else _plain(value / key.unit)
     out |= {

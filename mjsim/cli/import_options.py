@@ -8,7 +8,7 @@ from mjsim.ballbar.kinds import KINDS, all_keys
 from mjsim.cli import common
 from mjsim.cli.nc_options import kept
 from mjsim.importing.names import options
-from mjsim.machine.chain import FIVE_AXIS
+from mjsim.machine.chain import CHAINS
 
 
 def _common(name: str, **more):
@@ -18,7 +18,7 @@ def _common(name: str, **more):
 def _specific():
     """Options for the keys that belong to some kinds of tests only, as the kinds describe them."""
     for name, keys in all_keys().items():
-        words = list(dict.fromkeys(w for k in keys for w in k.words_of(FIVE_AXIS)))
+        words = sorted({w for k in keys for chain in CHAINS for w in k.words_of(chain)})  # the campaign checks its own
         kinds = [k.name for k in KINDS.values() if name in (key.name for key in k.keys)]
         value = click.Choice(words) if words else common.NUMBER if keys[0].unit is not None else int
         yield click.option(
@@ -38,7 +38,7 @@ test = kept(
         type=common.NUMBER,
         metavar="X Y Z",
         default=None,
-        help="Table ball, mm from where A and C meet.",
+        help="Table ball, mm from the origin of the work frame.",
     ),
     _common("bar_length_mm", type=common.NUMBER, help="Length of the bar, mm."),
     _common("feed_mm_min", type=common.NUMBER, help="Feed on the circle, mm/min."),

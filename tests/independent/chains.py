@@ -148,11 +148,23 @@ class ChainProgram(Program):
         return away - d * (away @ d)
 
     def turning_radius(self) -> float:
-        return float(np.linalg.norm(self._away()))
+        if self.test["kind"] == "rotary":
+            return float(np.linalg.norm(self._away()))
+        phi, h = np.linspace(self.test["from_deg"] * DEG, self.test["to_deg"] * DEG, 361), 1e-5
+        slope = (self._both(phi + h) - self._both(phi - h))[:, :3] / (2 * h)
+        return float(np.linalg.norm(slope, axis=1).max())
+
+    def _both(self, phi: np.ndarray) -> np.ndarray:
+        """Both rotary axes in proportion, the spindle ball at rest in the frame of the workpiece, (n, axes)."""
+        t = self.test
+        first, last, other, end = (t[k] * DEG for k in ("from_deg", "to_deg", "second_from_deg", "second_to_deg"))
+        second = next(a for a, _ in self.machine.serial() if a != t["axis"])
+        angles = {t["axis"]: phi, second: other + (end - other) * (phi - first) / (last - first)}
+        return self._columns(angles, np.tile(self.ball + self.length * UNIT[t["sensitive_direction"]], (len(phi), 1)))
 
     def prepare_cone(self) -> None:
         """Rotary angles along the cone, followed from its start."""
-        self._grid = np.linspace(self.start, self.last, int(abs(self.last - self.start) / 0.01) + 2)
+        self._grid = np.linspace(self.start, self.last, int(abs(self.last - self.start) / 0.02) + 2)
         tool = self._cone(self._grid)[1]
         start = np.stack(np.meshgrid(*[np.linspace(-3, 3, 13)] * 2), -1).reshape(-1, 2)
         found = self.machine.aim(start, np.tile(tool[0], (len(start), 1)), 40)
@@ -188,10 +200,13 @@ class ChainProgram(Program):
             return self._columns({a: found[:, i] for i, (a, _) in enumerate(self.machine.serial())}, point)
         if t["kind"] == "circular":
             point = np.tile(self.ball, (len(phi), 1))
-            first, second = PLANES[t["plane"]]
-            point[:, first] += self.length * np.cos(phi)
-            point[:, second] += self.length * np.sin(phi)
-            return self._columns({}, point)
+            first, second = (np.eye(3)[i] for i in PLANES[t["plane"]])
+            circle = self.length * (np.outer(np.cos(phi), first) + np.outer(np.sin(phi), second))
+            about = t.get("lean_about_deg", 0.0) * DEG
+            lean = exp(np.cos(about) * first + np.sin(about) * second, t.get("lean_deg", 0.0) * DEG)[0, :3, :3]
+            return self._columns({}, point + circle @ lean.T)
+        if t["kind"] == "simultaneous":
+            return self._both(phi)
         axis, radial = self.machine.direction(t["axis"]), self._away() / self.turning_radius()
         on_head = t["axis"] in self.machine.sides[1]
         way = {"radial": -radial if on_head else radial, "axial": axis, "tangential": np.cross(axis, radial)}

@@ -42,7 +42,7 @@ class Program:
         self.ball = np.array(t["table_ball_mm"], float) * 1e-3
         self.length = t["bar_length_mm"] * 1e-3
         self.feed = t["feed_mm_min"] / 60e3
-        if t["kind"] == "rotary":
+        if t["kind"] in ("rotary", "simultaneous"):
             first, last = t["from_deg"] * DEG, t["to_deg"] * DEG
             self.radius, margin = self.turning_radius(), ROTARY_MARGIN
             self.start, self.sign, turned = first, np.sign(last - first), abs(last - first)

@@ -52,6 +52,10 @@ class Key:
         """What a text may be on a machine with these axes; empty for numbers."""
         return self.words(chain) if callable(self.words) else self.words
 
+    def given(self, test: BallBarTest) -> bool:
+        """Whether the test has the key: one of a kind's own that is not needed may be left out."""
+        return self.attribute in test.more or hasattr(test, self.attribute)
+
     def of(self, test: BallBarTest) -> Any:
         """The test's value, SI."""
         return test.more[self.attribute] if self.attribute in test.more else getattr(test, self.attribute)
@@ -208,6 +212,22 @@ class Arc(Kind):
 
     def derived(self, given: dict[str, Any]) -> dict[str, Any]:
         return {"direction": "CCW" if given["stop"] > given["start"] else "CW", "revolutions": 1}
+
+    def ending(self, test: BallBarTest, stop: float) -> BallBarTest:
+        """The same path as far as the command ``stop``, rad."""
+        return replace(test, stop=stop)
+
+    def nearest(self, test: BallBarTest) -> str:
+        """How far the axes can follow a path that they cannot follow to its end; empty where not at all."""
+        if self.out_of_reach(self.ending(test, test.start + np.sign(test.stop - test.start) * 3 * self.margin)):
+            return ""
+        able, unable = test.start, test.stop
+        while abs(unable - able) > 0.05 * DEG:
+            middle = (able + unable) / 2
+            able, unable = (able, middle) if self.out_of_reach(self.ending(test, middle)) else (middle, unable)
+        end = self.ending(test, np.sign(able) * np.floor(abs(able) / DEG * 10.0) / 10.0 * DEG)
+        keys = (k for k in self.keys if k.unit and k.of(end) != k.of(test))
+        return "; nearest possible: " + ", ".join(f"{k.name} = {k.of(end) / (k.unit or 1.0):.1f}" for k in keys)
 
     def wrong(self, test: BallBarTest) -> str:
         if test.start == test.stop:

@@ -47,6 +47,8 @@ _SENSITIVE = Key(
 _CONES = tuple((a * DEG, b * DEG) for a, b in ((15, 10), (45, 30), (20, 17), (10, 25)))
 #: Angles at which directions are tried, rad.
 _AROUND = np.linspace(0.0, 2 * np.pi, 73)
+#: Inclinations that are tried where a path cannot be followed, rad.
+_LEANS = tuple(np.arange(0.0, 90.0, 0.5) * DEG)
 #: Offsets of the table ball that a plan looks at, m: the first round's places, then along X or Y.
 _PLACES = ((0.0, 0.0), (0.1, 0.0), (0.0, 0.1), (-0.1, 0.0), (0.0, -0.1))
 _OFFSETS = tuple(o * MM for o in (-200, -100, -50, 50, 100, 200))
@@ -86,7 +88,8 @@ class ConeFrustum(Kind):
 
     def wrong(self, test: BallBarTest) -> str:
         if _reaches(test):
-            return self.out_of_reach(test) if test.chain.carried or test.chain.singular == "refuse" else ""
+            wrong = self.out_of_reach(test) if test.chain.carried or test.chain.singular == "refuse" else ""
+            return wrong + self._nearest(test) if wrong else ""
         most = test.half_apex + test.inclination
         low, high = 0.0, test.inclination
         if not _reaches(replace(test, inclination=low)):
@@ -102,6 +105,12 @@ class ConeFrustum(Kind):
             f"{' and '.join(test.chain.rotary)} turn it by up to {(test.half_apex + low) / DEG:.1f}°; "
             f"nearest possible: inclination_deg = {low / DEG:.2f}"
         )
+
+    def _nearest(self, test: BallBarTest) -> str:
+        """The next inclination that the axes can follow; empty where there is none."""
+        able = (replace(test, inclination=beta) for beta in sorted(_LEANS, key=lambda b: abs(b - test.inclination)))
+        found = next((t for t in able if _reaches(t) and not self.out_of_reach(t)), None)
+        return "" if found is None else f"; nearest possible: inclination_deg = {found.inclination / DEG:g}"
 
     def radius(self, test: BallBarTest) -> float:
         return test.length * float(np.cos(test.half_apex)) if test.sensitive == "perpendicular" else test.length

@@ -63,7 +63,8 @@ class Rotary(Arc):
         if wrong := super().wrong(test):
             return wrong
         if self.radius(test) >= _NEAREST:
-            return self.out_of_reach(test) if test.chain.carried else ""
+            wrong = self.out_of_reach(test) if test.chain.carried else ""
+            return wrong + self.nearest(test) if wrong else ""
         if test.chain.axis(test.axis) in test.chain.tool:
             swivel = [a.letter for a in test.chain.swivelling if not a.vertical]
             return (
