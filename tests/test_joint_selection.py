@@ -16,6 +16,7 @@ from mjsim.campaign.tolerance import TYPICAL_TOLERANCE
 from mjsim.estimation.calibration import calibrated_effects, expected_effects
 from mjsim.estimation.candidate_groups import CandidateGroups
 from mjsim.estimation.combinations import combinations
+from mjsim.estimation.disturbances import without_disturbances, without_more_disturbances
 from mjsim.estimation.evidence import select
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.joint_selection import JointSelector
@@ -109,6 +110,24 @@ def test_derivatives_without_simulation_are_those_of_the_readings(real):
             # what is left out is of second order in the other effects
             rest = np.sqrt(np.mean((cheap[:, 0] - full / change) ** 2))
             assert rest < 0.01 * np.sqrt(np.mean((full / change) ** 2)) + 2e-9, f.effect.id
+
+
+def test_a_knock_shows_once_the_waves_are_fitted(real):
+    """A knock on the bar that is no higher than what the worm gear does all the time."""
+    _, problem, machine, joint = real
+    fit = joint.selection.fit
+    samples = [s.copy() for s in problem.samples]
+    k = len(samples) - 1
+    since = samples[k].time - np.quantile(samples[k].time, 0.4)
+    struck = samples[k].value + np.where(since < 0.0, 0.0, 8e-6 * np.exp(-since / 0.05) * np.cos(150.0 * since))
+    samples[k].value, samples[k].mean = struck, samples[k].average(struck)
+    knocked = problem.with_samples(samples, problem.tests, problem.outliers)
+    assert not any(without_disturbances(knocked, problem.readings(build(machine))).outliers.values())
+    seen = without_more_disturbances(knocked, fit.readings, fit.nuisance)
+    assert [seen.outliers[t.name] for t in problem.tests] == [int(j == k) for j in range(len(problem.tests))]
+    left_out = ~seen.samples[k].valid
+    assert left_out[np.searchsorted(since, 0.0)] and left_out.sum() < 0.1 * len(left_out)
+    assert without_more_disturbances(problem, fit.readings, fit.nuisance) is problem
 
 
 def test_a_ripple_is_looked_for_at_the_orders_of_a_pitch_error(real):

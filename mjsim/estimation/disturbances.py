@@ -19,10 +19,29 @@ def without_disturbances(problem: Problem, readings: Sequence[np.ndarray]) -> Pr
         problem: The measured tests as they were read.
         readings: Simulated readings of the machine as given, on the GRID, one per test, m.
     """
+    out = _less_disturbed(problem, problem.sample_residuals(readings, fit_nuisance(problem, readings)))
+    return out or problem.with_samples(problem.samples, problem.tests, {t.name: 0 for t in problem.tests})
+
+
+def without_more_disturbances(problem: Problem, readings: Sequence[np.ndarray], nuisance: np.ndarray) -> Problem:
+    """The problem without those disturbances as well that only stand out beside a fitted model: the waves of a worm
+    gear hide a knock. The same one where there are none.
+
+    Args:
+        problem: The measured tests without the disturbances that stood out before.
+        readings: Simulated readings of the fitted model on the GRID, one per test, m.
+        nuisance: Its nuisances.
+    """
+    return _less_disturbed(problem, problem.sample_residuals(readings, nuisance)) or problem
+
+
+def _less_disturbed(problem: Problem, rest: list[np.ndarray]) -> Problem | None:
+    """The problem without what happened once by the residuals ``rest`` of every sample, (n,) per test, m; ``None``
+    where there is nothing of that kind.
+    """
     samples = [s.copy() for s in problem.samples]
     tests, events = list(problem.tests), {t.name: 0 for t in problem.tests}
     noise, settings = problem.noise.rms, problem.settings.outliers
-    rest = problem.sample_residuals(readings, fit_nuisance(problem, readings))
     for s, r in zip(samples, rest, strict=True):
         events[s.test.name] = mark_outliers(s, r, noise, settings)
     for _ in range(settings.most_events):
@@ -34,8 +53,10 @@ def without_disturbances(problem: Problem, readings: Sequence[np.ndarray]) -> Pr
             events[tests[k].name] += 1
         if not accidents:
             break
-    out = problem.with_samples(samples, tuple(tests), events)
-    return out.with_noise_of_samples() if any(events.values()) else out
+    if not any(events.values()):
+        return None
+    events = {name: count + problem.outliers.get(name, 0) for name, count in events.items()}
+    return problem.with_samples(samples, tuple(tests), events).with_noise_of_samples()
 
 
 def readmitted(problem: Problem, readings: Sequence[np.ndarray], nuisance: np.ndarray) -> Problem:

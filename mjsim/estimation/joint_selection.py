@@ -19,11 +19,13 @@ from mjsim.estimation.calibration import Calibrated, expected_effects
 from mjsim.estimation.candidate_groups import CandidateGroups
 from mjsim.estimation.criteria import is_feasible, is_large_enough
 from mjsim.estimation.curve_terms import CurveTerm
+from mjsim.estimation.disturbances import without_more_disturbances
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.equivalents import equivalents
 from mjsim.estimation.evidence import SparseModel, log_evidence, select
 from mjsim.estimation.evidence_priors import added, kept_waves
 from mjsim.estimation.fit import Fit, Fitter
+from mjsim.estimation.problem import Problem
 from mjsim.estimation.selection import Found, Selection
 from mjsim.estimation.signatures import SignatureBank
 from mjsim.estimation.verdicts import beyond, is_beyond, log_odds
@@ -44,11 +46,13 @@ class JointSelection:
     """Outcome of a joint selection.
 
     Attributes:
+        problem: The measured tests that it ended on, with fewer samples where disturbances came to light.
         selection: Start, final model and findings, as of :class:`ModelSelection`.
         calibrated: Effects that a machine of its class may have and that are no findings.
         curve: The generic curve that explains what no effect of the catalogue does, if there is one.
     """
 
+    problem: Problem
     selection: Selection
     calibrated: tuple[Calibrated, ...]
     curve: CurveTerm | None = None
@@ -85,10 +89,10 @@ class JointSelector:
     def run(self) -> JointSelection:
         """Fit what the machine may have, select what else the data need, and release what lies beyond its tolerance."""
         machine = self.fitter.machine
-        start = self.fitter.fit([], exact=False)
         expected = {c.key: c for c in expected_effects(machine)}
         self.progress("fitting everything that a machine may have", 0, 1)
-        fit = self._refit([c.free for c in expected.values()], None, _FIRST)
+        fit = self._without_disturbances(self._refit([c.free for c in expected.values()], None, _FIRST))
+        start = self.fitter.fit([], exact=False)
         model = _Model(fit, dict(expected), expected, SignatureBank(self.problem, fit))
         for number in range(_ROUNDS):
             self.progress("selecting causes by evidence", number, _ROUNDS)
@@ -101,7 +105,19 @@ class JointSelector:
             for key in self._proven(model):
                 del model.kept[key]
         found = [self._against_equivalents(model, f) for f in self._found(model)]
-        return JointSelection(Selection(start, model.fit, found, model.bank), tuple(model.kept.values()), model.curve)
+        return JointSelection(
+            self.problem, Selection(start, model.fit, found, model.bank), tuple(model.kept.values()), model.curve
+        )
+
+    def _without_disturbances(self, fit: Fit) -> Fit:
+        """The first fit, and the same to data without what only now stands out as having happened once."""
+        if fit.sum_squares <= self.settings.complete_fit * self.problem.count:
+            return fit
+        data = without_more_disturbances(self.problem, fit.readings, fit.nuisance)
+        if data is self.problem:
+            return fit
+        self.problem, self.fitter = data, self.fitter.with_problem(data)
+        return self._refit(list(fit.effects), None, _FIRST)
 
     # -- one round -----------------------------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
-from mjsim.estimation.disturbances import readmitted
+from mjsim.estimation.disturbances import readmitted, without_more_disturbances
 from mjsim.estimation.fit import with_effects
 from mjsim.estimation.mistakes.checked_problem import trusted_problem
 from mjsim.estimation.nuisance_fit import fit_nuisance
@@ -47,10 +47,11 @@ def prepared(result: Diagnosis, threads: int = 2) -> Problem:
     follow.
     """
     problem = trusted_problem(result.campaign, build(result.before.machine), threads)
-    if any(problem.outliers.values()):
-        readings = problem.readings(build(phased(problem, result.machine)))
-        return readmitted(problem, readings, fit_nuisance(problem, readings))
-    return problem
+    if not any(problem.outliers.values()) and not any(t.outliers for t in result.after.tests):
+        return problem
+    readings = problem.readings(build(phased(problem, result.machine)))
+    nuisance = fit_nuisance(problem, readings)
+    return readmitted(without_more_disturbances(problem, readings, nuisance), readings, nuisance)
 
 
 def rigid(test: BallBarTest) -> Simulation:

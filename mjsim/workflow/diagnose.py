@@ -221,7 +221,8 @@ def _explain_jointly(problem: Problem, fitter: Fitter, progress: Progress) -> Ex
     proven where none is stated.
     """
     joint = JointSelector(fitter, progress).run()
-    fit = joint.selection.fit
+    problem, fit = joint.problem, joint.selection.fit
+    fitter = fitter.with_problem(problem)
     incomplete = fit.sum_squares > problem.settings.joint_fit * problem.count
     rest = best_curve_term(problem, fit) if joint.curve is not None or incomplete else None
     if rest is not None:
