@@ -22,6 +22,7 @@ _WHERE = {
     "write_corrected": "mjsim.workflow.check",
     "compare": "mjsim.workflow.compare",
     "calibrate": "mjsim.workflow.calibrate",
+    "geometry": "mjsim.workflow.geometry",
     "diagnose": "mjsim.workflow.diagnose",
     "compare_logs": "mjsim.workflow.log_compare",
     "diagnose_logs": "mjsim.workflow.log_diagnose",

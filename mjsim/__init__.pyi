@@ -50,6 +50,7 @@ from mjsim.workflow.edit import add as add
 from mjsim.workflow.edit import remove as remove
 from mjsim.workflow.explain import explain as explain
 from mjsim.workflow.export import export as export
+from mjsim.workflow.geometry import geometry as geometry
 from mjsim.workflow.history import read_history as history
 from mjsim.workflow.log_compare import compare_logs as compare_logs
 from mjsim.workflow.log_diagnose import diagnose_logs as diagnose_logs
@@ -87,6 +88,7 @@ __all__ = [
     "feed_report",
     "figures",
     "fleet",
+    "geometry",
     "history",
     "identify_pitch_errors",
     "import_features",

@@ -18,6 +18,7 @@ from mjsim.machine.inverse_real import real_pose
 from mjsim.machine.kinematics import Geometry, reading, spindle_in_work, tool_direction
 from mjsim.machine.model import Drive, Machine, build
 from mjsim.machine.plant import Op
+from mjsim.machine.redundant import visible_orders
 from mjsim.machine.sensitivity import sensitivity
 from mjsim.simulation import mjmodel
 from mjsim.simulation.bar import reading as compiled
@@ -191,6 +192,36 @@ def test_location_errors_are_independent_and_complete(machine, chain):
     assert rank == len(kept)
     everything = np.array(list(vectors.values())).T if vectors else np.zeros((1, 0))
     assert np.linalg.matrix_rank(everything, tol=1e-5) == rank
+
+
+@pytest.mark.parametrize(
+    ("number", "axis", "order", "location"),
+    [(7, "B", -2, "EA0B"), (8, "A", 2, "EB0A"), (11, "C", 1, "EB0A"), (12, "C", 1, "EA0B")],
+)
+def test_wobbles_that_are_location_errors_are_not_looked_for(number, axis, order, location):
+    """With the phase that fits best, the oracle's bar is the same: only rounding and the balls' offsets are left."""
+    chain = CHAINS[number]
+    q, h = amounts(chain, 60, 15)[:, : chain.count], 1e-6
+    at = dict(zip(chain.letters, q.T, strict=True))
+    names = chain.error_motion(axis)[2:4]
+
+    def bar(motion, location=None):
+        return oracle(MACHINES[number], location).bar(at, motion, BALL).ravel()
+
+    columns, zeros = [], []
+    for phase in (0.0, np.pi / 2):
+        angle = order * at[axis] + phase
+        columns.append((bar(dict(zip(names, h * np.array([np.cos(angle), np.sin(angle)]), strict=True))) - bar({})) / h)
+    for a in chain.rotary:  # zeros of the axes are set anew for every test
+        shifted = at | {a: at[a] + h}
+        zeros.append((oracle(MACHINES[number]).bar(shifted, {}, BALL).ravel() - bar({})) / h)
+    wanted = (bar({}, {location: h}) - bar({})) / h
+    basis = np.array([*columns, *zeros]).T
+    left = wanted - basis @ np.linalg.lstsq(basis, wanted, rcond=1e-9)[0]
+    assert np.linalg.norm(left) < 1e-4 * np.linalg.norm(wanted)
+    orders = set(range(-6, 7)) - {0}
+    assert order in orders - set(visible_orders(chain, axis, True))
+    assert set(visible_orders(CHAINS[0], "C", True)) == set(visible_orders(CHAINS[0], "C", False)) == orders
 
 
 def machine_toml(configuration, more=""):

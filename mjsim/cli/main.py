@@ -23,6 +23,7 @@ _COMMANDS = {
     "compare": "Measured against simulated, test by test.",
     "export": "Compared traces and their figures as CSV.",
     "diagnose": "Which effects are missing.",
+    "geometry": "Where the axes are: location errors and squareness, with intervals.",
     "explain": "One effect: its signature, what looks like it, why it was named.",
     "identify": "Pitch errors from turns of one axis; drives from axis logs.",
     "plan": "The next test that separates what cannot be told apart.",

@@ -9,6 +9,7 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.hints import SearchHints
 from mjsim.machine.parameter import Parameter
 from mjsim.machine.plant import SINE
+from mjsim.machine.redundant import visible_orders
 from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import wobbling_axes
 
@@ -19,10 +20,15 @@ _SHAPE = (
 
 
 def _hints(amplitude: str, size: float) -> SearchHints:
-    """Orders -6 to 6 are tried; the order itself is a whole number and stays."""
-    return SearchHints(
-        free=(amplitude, "phase_deg"), seeds=[{amplitude: size, "order": float(k)} for k in range(-6, 7) if k]
-    )
+    """Orders -6 to 6 are tried, but for those that are a location error in another form; the order itself is a whole
+    number and stays.
+    """
+
+    def seeds(subject, chain):
+        orders = visible_orders(chain, subject, amplitude.endswith("urad"))
+        return [{amplitude: size, "order": float(k)} for k in orders]
+
+    return SearchHints(free=(amplitude, "phase_deg"), seeds=seeds)
 
 
 def _go_round(effect: Effect, plant, amplitude: float, first: str, second: str) -> None:

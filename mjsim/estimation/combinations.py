@@ -6,7 +6,7 @@ are compared in standard deviations of their priors.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,13 +47,24 @@ class Combination:
     ci95: tuple[float, float]
 
 
-def combinations(fit: Fit, settings: DiagnosisSettings = DIAGNOSIS) -> tuple[Combination, ...]:
-    """Sums of the single numbers with a prior that a fit determines, the best determined first."""
+def combinations(
+    fit: Fit, settings: DiagnosisSettings = DIAGNOSIS, wanted: Mapping[str, float] | None = None
+) -> tuple[Combination, ...]:
+    """Sums of the single numbers with a prior that a fit determines, the best determined first.
+
+    Args:
+        fit: A finished fit.
+        settings: What counts as open and as determined.
+        wanted: Standard deviation to compare with in place of the prior's, by key of the effect, in typical sizes.
+            Effects that it does not name are left out.
+    """
     free = [f for f in fit.effects if f.prior is not None and len(f.vector) == 1 and not f.specs[f.names[0]].inverse]
+    if wanted is not None:
+        free = [f for f in free if f.effect.key in wanted]
     if len(free) < 2:
         return ()
     at = np.concatenate([np.arange(fit.parameters.size)[fit.parameters[f.block.name]] for f in free])
-    prior = np.array([f.prior[1][0] for f in free if f.prior is not None])
+    prior = np.array([f.prior[1][0] if wanted is None else wanted[f.effect.key] for f in free if f.prior is not None])
     covariance = fit.covariance[np.ix_(at, at)] / np.outer(prior, prior)
     width = np.sqrt(np.diag(covariance))
     tied = np.abs(covariance / np.outer(width, width)) > settings.tied_numbers

@@ -218,6 +218,12 @@ class Chain:
         return tuple(out)
 
     @cached_property
+    def redundant_location_errors(self) -> tuple[str, ...]:
+        """Names of the location errors that no ball bar can see beside :attr:`location_errors`."""
+        kept = {e.name for e in self.location_errors}
+        return tuple(e.name for a in self.axes if a.rotary for e in location_errors_of(a) if e.name not in kept)
+
+    @cached_property
     def straightness(self) -> tuple[str, ...]:
         """Straightness errors of the linear axes: ``E``, direction, axis."""
         return tuple(f"E{direction}{axis}" for axis in self.linear for direction in self.linear if direction != axis)

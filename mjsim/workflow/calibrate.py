@@ -10,6 +10,7 @@ from mjsim.estimation.calibration import calibrated_effects
 from mjsim.estimation.combinations import Combination, combinations
 from mjsim.estimation.fit import Fit, Fitter, with_effects
 from mjsim.estimation.mistakes.checked_problem import checked_problem
+from mjsim.estimation.retiming import retimed
 from mjsim.estimation.shares import Calibration, calibrations
 from mjsim.estimation.vibration import separate
 from mjsim.machine.model import Machine, build
@@ -82,4 +83,6 @@ def fit_within_tolerance(fitter: Fitter, without: str = "") -> Fit:
     """
     start = fitter.fit([], exact=False)
     expected = [c.free for c in calibrated_effects(fitter.machine) if c.free.effect.id != without]
-    return fitter.fit(expected, start=start, exact=False, iterations=_STEPS) if expected else start
+    fit = fitter.fit(expected, start=start, exact=False, iterations=_STEPS) if expected else start
+    better = retimed(fitter.problem, fit)
+    return fit if better is None else fitter.fit(fit.effects, better, _STEPS, exact=False, fresh=False)

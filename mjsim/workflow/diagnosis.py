@@ -191,16 +191,21 @@ def calibration_json(
     """The keys ``calibration``, ``combinations`` and ``shares`` of the JSON."""
     return {
         "calibration": [_calibration_row(c) for c in entries],
-        "combinations": [
-            {
-                "terms": [{"id": t.effect_id, "parameter": t.name, "factor": _sig(t.factor)} for t in c.terms],
-                "value": _sig(c.value),
-                "ci95": [_sig(x) for x in c.ci95],
-            }
-            for c in sums
-        ],
+        "combinations": combination_json(sums),
         "shares": [{"id": name, "share": round(share, 4)} for name, share in shares.items()],
     }
+
+
+def combination_json(sums: tuple[Combination, ...]) -> list[dict]:
+    """The key ``combinations`` of the JSON."""
+    return [
+        {
+            "terms": [{"id": t.effect_id, "parameter": t.name, "factor": _sig(t.factor)} for t in c.terms],
+            "value": _sig(c.value),
+            "ci95": [_sig(x) for x in c.ci95],
+        }
+        for c in sums
+    ]
 
 
 def _calibration_row(c: Calibration) -> dict:

@@ -1,0 +1,80 @@
+"""``mjsim geometry``."""
+
+from __future__ import annotations
+
+import click
+
+from mjsim.cli import common
+from mjsim.cli.compare import show_combinations
+from mjsim.units import unit_of
+
+
+@click.command("geometry")
+@common.campaign_argument
+@common.machine_option
+@common.as_is_option
+@common.threads_option
+@common.options
+def command(campaign, machine, threads, as_is, as_json, quiet) -> None:
+    """Where the axes of the machine of CAMPAIGN are: the location errors of its rotary axes and the squareness of its
+    linear axes, each with its 95 % interval, and what the tests cannot tell apart.
+
+    \b
+    Example: mjsim geometry examples/healthy
+    """
+    from mjsim.campaign.files import read_campaign
+    from mjsim.workflow.edit import machine_of
+    from mjsim.workflow.geometry import geometry
+
+    c = read_campaign(campaign, as_is=as_is)
+    m = machine_of(c, machine)
+    with common.progress_bar(quiet) as progress:
+        result = geometry(c, m, common.cores(threads), progress)
+    data = result.to_json()
+    if as_json:
+        common.print_json(data)
+        return
+    if not quiet:
+        show(data)
+
+
+def show(data: dict) -> None:
+    """The table of the geometry, then what it leaves open."""
+    common.paragraph(
+        f"Geometry of {data['configuration']} from {data['tests']} test{'s' if data['tests'] > 1 else ''}; the "
+        f"residual is {data['residual_over_noise']:.2f} times the noise of {data['noise_um']:.3f} µm"
+    )
+    if not data["explained"]:
+        common.paragraph(
+            "The tests show more than geometry and what a machine of this class has. The numbers below can be wrong: "
+            "run `mjsim diagnose` first, and `mjsim add` what it finds."
+        )
+    click.echo()
+    rows = []
+    for r in data["geometry"]:
+        unit, (low, high) = unit_of(r["parameter"])[1], r["ci95"]
+        half = (high - low) / 2
+        rows.append([r["id"], f"{r['value']:+.1f}", f"± {half:.1f}", unit, "" if r["determined"] else "open"])
+    common.table(["error", "value", "95 %", "unit", ""], rows, text=(0, 3, 4))
+    still_open = [r for r in data["geometry"] if not r["determined"]]
+    if still_open:
+        click.echo()
+    for r in still_open:
+        others = ", ".join(_names(r["instead"]))
+        why = f"the tests cannot tell it from {others}" if others else "no test shows it well"
+        common.paragraph(f"{r['id']} is open: {why}.")
+    show_combinations(data)
+    if data["left_out"]:
+        common.paragraph(
+            f"Not listed, because no test can tell them from the others: {', '.join(data['left_out'])}. Their sum with "
+            "those is in the table."
+        )
+
+
+def _names(rows: list[dict]) -> list[str]:
+    """What may stand in the place of a number; the same of several set-ups once."""
+    out: dict[str, list[str]] = {}
+    for row in rows:
+        what, _, setup = row["name"].partition(" of set-up ")
+        out.setdefault(what, []).extend([setup] if setup else [])
+    return [f"{what} of set-up {' and '.join(setups)}" if setups else what for what, setups in out.items()]

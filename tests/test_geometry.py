@@ -1,0 +1,110 @@
+"""``mjsim geometry``: where the axes of any machine are, from a campaign alone."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from independent import chains
+
+from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import read_machine
+from mjsim.campaign.tolerance import TYPICAL_TOLERANCE
+from mjsim.cli.geometry import show
+from mjsim.cli.main import main
+from mjsim.estimation.fit import Fitter
+from mjsim.estimation.mistakes.checked_problem import checked_problem
+from mjsim.estimation.nuisance import TRIGGERS
+from mjsim.estimation.retiming import retimed
+from mjsim.machine.chain import chain_of
+from mjsim.machine.model import build
+from mjsim.workflow.calibrate import fit_within_tolerance
+
+#: Family -> numbers that turns of single axes leave open, each with what shows in its place.
+OPEN = {
+    "head_table": {
+        "axis_location.EY0C": "axis_location.EA0B",
+        "axis_location.EA0B": "squareness.YZ",
+        "axis_location.EZ0B": "table ball z of set-up x100",
+    },
+    "fork_head": {
+        "axis_location.EY0C": "axis_location.EY0A",
+        "axis_location.EB0A": "axis_location.EB0C",
+        "axis_location.EC0A": "squareness.XY",
+    },
+    "nutating_table": {"axis_location.EA0B": "squareness.YZ"},
+}
+
+
+def planted(family):
+    """Location errors far beyond what a machine of its class has."""
+    values = (60.0, -45.0, 80.0, -120.0, 35.0, -70.0, 150.0, -95.0)
+    for name, value in zip(chains.FAMILIES[family][3].split(), values, strict=False):
+        yield {"id": f"axis_location.{name}", "value_um" if name[1] in "XYZ" else "value_urad": value}
+
+
+@pytest.mark.parametrize("family", OPEN)
+def test_location_errors_of_three_families(family, tmp_path):
+    """Turns of single axes in one set-up: every number is within its interval, and what hides it is named."""
+    hidden = tuple(planted(family))
+    chains.write(chains.ChainCase(family, family, 21, hidden, kinds=("rotary",)), tmp_path)
+    result = CliRunner().invoke(main, ["geometry", str(tmp_path), "--json"])
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    by_id = {row["id"]: row for row in found["geometry"]}
+    assert found["explained"] and set(by_id) > {h["id"] for h in hidden}
+    for h in hidden:
+        row = by_id[h["id"]]
+        low, high = row["ci95"]
+        middle, half = (low + high) / 2, (high - low) / 2
+        assert abs(middle - h[row["parameter"]]) < 1.5 * half
+        assert row["determined"] == (half <= (6.0 if row["parameter"] == "value_um" else 15.0))
+    assert sum(by_id[h["id"]]["determined"] for h in hidden) >= (0 if family == "fork_head" else 4)
+    for number, instead in OPEN[family].items():
+        assert not by_id[number]["determined"]
+        assert instead in [row["name"] for row in by_id[number]["instead"]]
+
+
+def test_what_is_left_open_is_said(capsys):
+    rows = [
+        {"id": "axis_location.EX0C", "parameter": "value_um", "value": 3.0, "ci95": [2.0, 4.0], "determined": True},
+        {"id": "axis_location.EZ0B", "parameter": "value_um", "value": 1.0, "ci95": [-19.0, 21.0], "determined": False},
+    ]
+    names = ["table ball z of set-up a", "squareness.YZ", "table ball z of set-up b"]
+    rows = [r | {"instead": [] if r["determined"] else [{"name": n, "correlation": 0.9} for n in names]} for r in rows]
+    head = {"configuration": "w-C'bXYZB-t", "tests": 3, "residual_over_noise": 2.0, "noise_um": 0.1}
+    show(head | {"explained": False, "geometry": rows, "combinations": [], "left_out": ["EX0B"]})
+    said = " ".join(capsys.readouterr().out.split())
+    assert "more than geometry" in said and "± 20.0 µm open" in said and "Not listed" in said and "EX0B" in said
+    assert "cannot tell it from table ball z of set-up a and b, squareness.YZ" in said
+
+
+def test_what_no_test_can_tell_apart_is_left_out():
+    assert chain_of("w-C'A'Y'bXZ-t").redundant_location_errors == ()
+    assert chain_of("w-C'bXYZB-t").redundant_location_errors == ("EX0B",)
+    assert chain_of("w-bXYZCA-t").redundant_location_errors == ()
+
+
+def test_a_campaign_without_traces_is_refused(tmp_path):
+    runner = CliRunner()
+    assert runner.invoke(main, ["new", "campaign", str(tmp_path / "new")]).exit_code == 0
+    result = runner.invoke(main, ["geometry", str(tmp_path / "new")])
+    assert result.exit_code == 1 and "no ball-bar test has a trace" in result.output
+
+
+def test_triggers_leave_a_false_minimum(tmp_path):
+    """A trigger that stands 60 ms off is found again; one that stands right is left alone."""
+    hidden = tuple(planted("fork_head"))
+    chains.write(chains.ChainCase("fork", "fork_head", 21, hidden, kinds=("rotary",)), tmp_path)
+    campaign = read_campaign(tmp_path)
+    wide = TYPICAL_TOLERANCE | {"axis_location": {"um": 400.0, "urad": 1000.0}}
+    machine = replace(read_machine(campaign.machine_file), tolerance=wide)
+    fitter = Fitter(checked_problem(campaign, build(machine), 1), machine)
+    fit, at = fit_within_tolerance(fitter), fitter.problem.nuisances[TRIGGERS]
+    assert retimed(fitter.problem, fit) is None
+    moved = fit.nuisance.copy()
+    moved[at] += [0.0, -3.0, 0.0]
+    back = retimed(fitter.problem, replace(fit, nuisance=moved))
+    assert back is not None
+    np.testing.assert_allclose(back.nuisance[at], fit.nuisance[at], rtol=0, atol=0.3)
