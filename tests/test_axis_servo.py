@@ -7,7 +7,7 @@ from scipy.linalg import expm
 from mjsim.machine.control import Control, Law
 from mjsim.machine.plant import AxisPlant
 from mjsim.simulation.servo import ServoStart, follow
-from mjsim.simulation.servo_loop import filters
+from mjsim.simulation.servo_filters import filters
 from tests.independent import logs
 
 GEAR = 2.0 * np.pi / 0.02

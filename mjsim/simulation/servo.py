@@ -23,10 +23,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from mjsim.machine.plant import AxisPlant
 from mjsim.simulation.drive import MOST_SUBSTEPS, PHASE, bristle_rate
-from mjsim.simulation.servo_loop import loop, means, parameters, torque_waves
+from mjsim.simulation.servo_loop import loop, parameters, torque_waves
 
 #: Longest step of a control that states no sampling time, and is taken as continuous, s.
 _FINE = 1e-4
@@ -152,7 +153,28 @@ def block_means(axis: AxisPlant, command: Sampled, start: ServoStart, shift: flo
         block: Samples of a block.
     """
     angle, rate, _ = _run(axis, command, start)
-    return means(angle, rate, command.step, shift, block) / axis.gear
+    return _means(angle, rate, command.step, shift, block) / axis.gear
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _means(angle, rate, step, shift, block):
+    """Means of blocks of the angles read ``shift`` s earlier, by cubic Hermite interpolation."""
+    last = len(angle) - 2
+    out = np.empty(len(angle) // block)
+    for b in range(len(out)):
+        total = 0.0
+        for i in range(b * block, (b + 1) * block):
+            if shift == 0.0:
+                total += angle[i]
+                continue
+            at = i - shift / step
+            k = min(max(math.floor(at), 0), last)
+            u = min(max(at - k, 0.0), 1.0)
+            d = angle[k + 1] - angle[k]
+            p, q = rate[k] * step - d, d - rate[k + 1] * step
+            total += angle[k] + u * d + u * (1.0 - u) * ((1.0 - u) * p + u * q)
+        out[b] = total / block
+    return out
 
 
 def _run(axis: AxisPlant, command: Sampled, start: ServoStart) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -10,13 +10,14 @@ from numba import njit
 from mjsim.machine.control import MOST_COEFFICIENTS
 from mjsim.machine.plant import AxisPlant
 from mjsim.simulation.drive import bristle
+from mjsim.simulation.servo_filters import filters
 
 # parameters of one axis
 _J, _C, _CONSTANT, _COULOMB, _SIGMA0, _SIGMA1, _STATIC, _STRIBECK, _ASYMMETRY, _RISE, _RISE_AT = range(11)
 _CLIP, _DELAY, _ANTI_WINDUP, _RATE, _GAIN, _HOLD, _LINEAR, _QUADRATIC = range(11, 19)
-_WAVE, _WAVE_ORDER, _WAVE_PHASE, _TAPS, _EVEN = range(19, 24)
-_R, _S, _T = 24, 24 + MOST_COEFFICIENTS, 24 + 2 * MOST_COEFFICIENTS
-_SIZE = 24 + 3 * MOST_COEFFICIENTS
+_WAVE, _TAPS, _EVEN = range(19, 22)
+_R, _S, _T = 22, 22 + MOST_COEFFICIENTS, 22 + 2 * MOST_COEFFICIENTS
+_SIZE = 22 + 3 * MOST_COEFFICIENTS
 #: Longest delay, samples of the control, and outputs that are kept, a power of two.
 MOST_DELAY = 200
 _RING = 256
@@ -24,27 +25,11 @@ _RING = 256
 SLIDING = 0.02
 #: Angle of a wave in one sub-step, rad, and most sub-steps of a sample for it.
 WAVE, _MOST_STEPS = 0.2, 100
-
-
-def filters(axis: AxisPlant, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Coefficients R, S, T (R[0] = 1) that give x from command and actual angle."""
-    law = axis.control.law
-    if law is not None:
-        R, S, T = (np.array(c, float) for c in (law.R, law.S, law.T))
-        return R / R[0], S / R[0], T / R[0]
-    Kp, ff, lag, over = axis.position_gain, axis.feedforward, axis.control.torque_lag, axis.control.velocity_samples
-    if lag < 0.5 * step and axis.control.sample_time == 0.0:
-        # a continuous control: what it gives in the middle of the step, from the last three samples
-        ahead, rate = np.array([1.5, -0.5, 0.0]), np.array([2.0, -3.0, 1.0]) / step
-        return np.ones(1), Kp * ahead + rate, Kp * ahead + ff * rate
-    if lag < 0.5 * step:
-        difference = np.zeros(over + 1)
-        difference[0], difference[-1] = 1.0 / (over * step), -1.0 / (over * step)
-        gain = Kp * np.eye(over + 1)[0]
-        return np.ones(1), gain + difference, gain + ff * difference
-    w = 2.0 / step
-    d = np.array([1.0 + lag * w, 1.0 - lag * w])
-    return d / d[0], np.array([Kp + w, Kp - w]) / d[0], np.array([Kp + ff * w, Kp - ff * w]) / d[0]
+#: Steps by which sines of waves are carried on before they are computed anew, and the way of the motor in a step, in
+#: units of the way over which its bristles bend, below which a series stands for the exponential: good to 1e-9.
+_EXACT, _SHORT_WAY = 100, 0.05
+#: Speed, rad/s, and change of the torque in a sample, share of the friction, below which an axis is at rest.
+AT_REST = 1e-9
 
 
 def parameters(axis: AxisPlant, step: float) -> np.ndarray:
@@ -57,7 +42,7 @@ def parameters(axis: AxisPlant, step: float) -> np.ndarray:
         out[[_COULOMB, _SIGMA0, _SIGMA1]] = p.coulomb, s0, 0.3 * math.sqrt(s0 * p.inertia)
     out[[_ASYMMETRY, _RISE, _RISE_AT, _HOLD]] = p.asymmetry, *p.rising, p.hold
     out[[_LINEAR, _QUADRATIC]] = p.by_position
-    out[[_WAVE, _WAVE_ORDER, _WAVE_PHASE]] = p.friction_ripple
+    out[_WAVE] = p.friction_ripple[0]
     out[[_CLIP, _DELAY, _ANTI_WINDUP]] = c.clip, c.loop_delay / step, c.anti_windup
     out[_RATE] = 0.0 if c.law is not None else step / p.integral_time
     out[_GAIN] = p.velocity_gain
@@ -70,46 +55,32 @@ def parameters(axis: AxisPlant, step: float) -> np.ndarray:
 
 
 def torque_waves(axis: AxisPlant) -> np.ndarray:
-    """Torques that vary with the motor's angle: amplitude N·m, order, phase rad, (waves, 3)."""
+    """Waves over the motor's angle: amplitude, order, phase rad, (1 + waves, 3).
+
+    Row 0 is that of the friction level, with its share as amplitude. The others are torques, N·m.
+    """
     there = [w for w in (axis.ripple, *axis.waves) if w[0] != 0.0]
-    return np.array(there, float).reshape(-1, 3)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def means(angle, rate, step, shift, block):
-    """Means of blocks of the angles read ``shift`` s earlier, by cubic Hermite interpolation."""
-    last = len(angle) - 2
-    out = np.empty(len(angle) // block)
-    for b in range(len(out)):
-        total = 0.0
-        for i in range(b * block, (b + 1) * block):
-            if shift == 0.0:
-                total += angle[i]
-                continue
-            at = i - shift / step
-            k = min(max(math.floor(at), 0), last)
-            u = min(max(at - k, 0.0), 1.0)
-            d = angle[k + 1] - angle[k]
-            p, q = rate[k] * step - d, d - rate[k + 1] * step
-            total += angle[k] + u * d + u * (1.0 - u) * ((1.0 - u) * p + u * q)
-        out[b] = total / block
-    return out
+    return np.array([axis.friction_ripple, *there], float)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
-    """Angles, rad, speeds, rad/s, and torques, N·m, at the control's samples; see the module."""
+    """Angles, rad, speeds, rad/s, and torques, N·m, at the control's samples; see the module.
+
+    Row 0 of ``waves`` is that of the friction level, with its share as amplitude.
+    """
     n = len(r)
-    h = step / substeps
-    rate = p[_C] / p[_J]
-    coarse, fine = _linear(rate, h), _linear(rate, h / finer)
-    order = p[_WAVE_ORDER] if p[_WAVE] != 0.0 else 0.0
+    rate, of_j = p[_C] / p[_J], 1.0 / p[_J]
+    coarse, fine = _linear(rate, step / substeps), _linear(rate, step / substeps / finer)
+    wavy, order = False, 0.0
     for i in range(len(waves)):
-        order = max(order, abs(waves[i, 1]))
-    of_j = 1.0 / p[_J]
+        if waves[i, 0] != 0.0:
+            wavy, order = True, max(order, abs(waves[i, 1]))
     tc, s0, s1 = p[_COULOMB], p[_SIGMA0], p[_SIGMA1]
     of_s0 = 1.0 / s0 if tc > 0.0 else 0.0
     th, om = state[0], state[1]
+    turned, turns_left, angle = np.zeros((len(waves), 2)), 0, th  # sines and cosines of the waves at an angle
+    _turn_to(turned, waves, th)
     before = np.empty(MOST_COEFFICIENTS)  # outputs, actual angles and commands of earlier samples, newest first
     actual = np.empty(MOST_COEFFICIENTS)
     wanted = np.empty(MOST_COEFFICIENTS)
@@ -129,16 +100,18 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
         integral = state[2] / p[_GAIN] - x
     first = p[_GAIN] * (x + integral)
     first = min(max(first, -p[_CLIP]), p[_CLIP])
-    z = 0.0
+    z, place = 0.0, _place(p, turned, th)
+    speed_part, rising = _at_speed(p, om)
     if tc > 0.0:
-        z = (first - p[_CONSTANT] - _torque(waves, th)) * of_s0
+        z = (first - p[_CONSTANT] - _torque(waves, turned)) * of_s0
         z = min(max(z, -tc * of_s0), tc * of_s0)
         if om != 0.0:  # it slides already
-            z = math.copysign(_level(p, om, th) * of_s0, om)
+            z = math.copysign(_level(p, om, speed_part * place) * of_s0, om)
     outputs = np.full(_RING, first)
     whole = min(int(p[_DELAY]), MOST_DELAY - 1)
     part = min(max(p[_DELAY] - whole, 0.0), 1.0)
-    for k in range(n):
+    k, quiet, tau = 0, 0, first
+    while k < n:
         position[k], velocity[k] = th, om
         if k:
             for i in range(taps - 1, 0, -1):
@@ -159,13 +132,26 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
             out = math.copysign(p[_CLIP], out)
         else:
             integral = more
-        tau = out
+        former, tau = tau, out
         if p[_DELAY] > 0.0:
             outputs[k & (_RING - 1)] = out
             here, earlier = outputs[(k - whole) & (_RING - 1)], outputs[(k - whole - 1) & (_RING - 1)]
             tau = (1.0 - part) * here + part * earlier
         torque[k] = tau
-        split = p[_COULOMB] > 0.0 and not _keeps_sliding(p, z, om, th, tau, step)
+        split = False
+        if tc > 0.0:
+            level = _level(p, om, speed_part * place)
+            end = om + step * of_j * (tau - p[_C] * om - p[_CONSTANT] - s0 * z)
+            # where the bristles slide, and the axis does not turn back within a sample, friction is constant
+            slides = z * om > 0.0 and abs(abs(z) * s0 - level) < SLIDING * level and end * om > 0.0
+            split = not slides
+            still = k > 0 and abs(om) < AT_REST and abs(tau - former) < AT_REST * tc and p[_RATE] == 0.0
+            quiet = quiet + 1 if still and r[k] == r[k - 1] else 0
+            if quiet > whole + taps + 2:  # nothing moves until the command does
+                while k + 1 < n and r[k + 1] == r[k]:
+                    k += 1
+                    position[k], velocity[k], torque[k] = th, om, tau
+                outputs[:] = out
         steps = substeps * finer if split else substeps
         h, e, f1, f2 = fine if split else coarse
         turns = int(abs(om) * order * step / WAVE) + 1
@@ -174,35 +160,45 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
             h, e, f1, f2 = _linear(rate, step / steps)
         of_h = 1.0 / h
         for _ in range(steps):
-            f = p[_CONSTANT]
-            if len(waves):
-                f += _torque(waves, th + 0.5 * h * om)
+            f, middle = p[_CONSTANT], th + 0.5 * h * om
+            if wavy:
+                turns_left -= 1
+                if turns_left < 0 or abs(middle - angle) * order > 2.0 * WAVE:
+                    _turn_to(turned, waves, middle)
+                    turns_left = _EXACT
+                else:
+                    _turn_by(turned, waves, middle - angle)
+                angle = middle
+                f += _torque(waves, turned)
             if tc > 0.0 or p[_RISE] != 0.0 or p[_EVEN] != 0.0:
-                now = f + p[_EVEN] * abs(om)
+                # the speed in the middle of the step, from friction as it was in the middle of the former one
+                now = f + p[_EVEN] * abs(om) + math.copysign(rising, om)
                 if tc > 0.0:
-                    now += s0 * z + s1 * _bristle_rate(p, z, om, th)
-                if p[_RISE] != 0.0:
-                    now += math.copysign(p[_RISE] * (1.0 - math.exp(-abs(om) / p[_RISE_AT])), om)
+                    place = _place(p, turned, middle)
+                    g = _level(p, om, speed_part * place)
+                    slip = abs(om) * s0 * z / g
+                    now += s0 * z + s1 * (om - (slip * _slip(p, z, om, g) if p[_HOLD] != 0.0 else slip))
                 mid = om + 0.5 * h * (of_j * (tau - now) - rate * om)
-                f += p[_EVEN] * abs(mid)
-                if p[_RISE] != 0.0:
-                    f += math.copysign(p[_RISE] * (1.0 - math.exp(-abs(mid) / p[_RISE_AT])), mid)
+                speed_part, rising = _at_speed(p, mid)
+                f += p[_EVEN] * abs(mid) + math.copysign(rising, mid)
                 if tc > 0.0:
-                    g = _level(p, mid, th)
-                    slides = g * of_s0
+                    g = _level(p, mid, speed_part * place)
+                    way = g * of_s0
                     if p[_HOLD] != 0.0:
-                        slides /= _slip(p, z, mid, g)
-                    a = abs(mid) * h / slides
-                    if a > 1e-9:
-                        zn, mean = bristle(z, math.copysign(slides, mid), a)
-                    else:
-                        zn = z + mid * h
-                        mean = 0.5 * (z + zn)
+                        way /= _slip(p, z, mid, g)
+                    a = abs(mid) * h / way
+                    if a > _SHORT_WAY:
+                        zn, mean = bristle(z, math.copysign(way, mid), a)
+                    else:  # the same by its series
+                        share = 1.0 - a * (0.5 - a * (1.0 / 6.0 - a * (1.0 / 24.0 - a / 120.0)))
+                        end = math.copysign(way, mid)
+                        zn, mean = z + (end - z) * a * share, end + (z - end) * share
                     f += s0 * mean + s1 * (zn - z) * of_h
                     z = zn
             drive = (tau - f) * of_j
             th += f1 * om + f2 * drive
             om = e * om + f1 * drive
+        k += 1
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -215,33 +211,61 @@ def _linear(rate, h):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _keeps_sliding(p, z, om, th, tau, step):
-    """Whether the bristles slide, and the axis does not turn back within a sample: friction is then constant."""
-    slides = _level(p, om, th) / p[_SIGMA0]
-    end = om + step / p[_J] * (tau - p[_C] * om - p[_CONSTANT] - p[_SIGMA0] * z)
-    return z * om > 0.0 and abs(abs(z) - slides) < SLIDING * slides and end * om > 0.0
+def _turn_to(turned, waves, angle):
+    """Sines and cosines of all waves at a motor angle."""
+    for i in range(len(waves)):
+        phase = waves[i, 1] * angle + waves[i, 2]
+        turned[i, 0], turned[i, 1] = math.sin(phase), math.cos(phase)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _torque(waves, th):
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _turn_by(turned, waves, angle):
+    """The same a small motor angle on: by the series of the turn's sine and cosine."""
+    for i in range(len(waves)):
+        d = waves[i, 1] * angle
+        q = d * d
+        sine = d * (1.0 - q * (1.0 / 6.0 - q * (1.0 / 120.0 - q / 5040.0)))
+        cosine = 1.0 - q * (0.5 - q * (1.0 / 24.0 - q / 720.0))
+        s, c = turned[i, 0], turned[i, 1]
+        turned[i, 0], turned[i, 1] = s * cosine + c * sine, c * cosine - s * sine
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _torque(waves, turned):
     """Torque of all waves over the motor's angle, N·m."""
     total = 0.0
-    for i in range(len(waves)):
-        total += waves[i, 0] * math.sin(waves[i, 1] * th + waves[i, 2])
+    for i in range(1, len(waves)):
+        total += waves[i, 0] * turned[i, 0]
     return total
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _level(p, om, th):
-    """The friction level at which the bristles slide, N·m."""
-    g = p[_COULOMB]
+def _at_speed(p, om):
+    """The factor of a speed on the friction level, and the torque that rises and saturates, N·m."""
+    factor, rising = 1.0, 0.0
     if p[_STRIBECK] > 0.0:
         w = om / p[_STRIBECK]
-        g *= 1.0 + (p[_STATIC] - 1.0) * math.exp(-w * w)
+        factor += (p[_STATIC] - 1.0) * math.exp(-w * w)
+    if p[_RISE] != 0.0:
+        rising = p[_RISE] * (1.0 - math.exp(-abs(om) / p[_RISE_AT]))
+    return factor, rising
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _place(p, turned, th):
+    """The factor of a motor angle on the friction level."""
+    factor = 1.0
     if p[_LINEAR] != 0.0 or p[_QUADRATIC] != 0.0:
-        g *= max(1.0 + th * (p[_LINEAR] + th * p[_QUADRATIC]), 0.1)
+        factor = max(1.0 + th * (p[_LINEAR] + th * p[_QUADRATIC]), 0.1)
     if p[_WAVE] != 0.0:
-        g *= 1.0 + p[_WAVE] * math.sin(p[_WAVE_ORDER] * th + p[_WAVE_PHASE])
+        factor *= 1.0 + p[_WAVE] * turned[0, 0]
+    return factor
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _level(p, om, factor):
+    """The friction level at which the bristles slide one way, N·m, with the factors of speed and angle on it."""
+    g = p[_COULOMB] * factor
     return g * (1.0 + math.copysign(p[_ASYMMETRY], om * p[_ASYMMETRY])) if p[_ASYMMETRY] != 0.0 else g
 
 
@@ -256,10 +280,3 @@ def _slip(p, z, om, g):
     if deflection >= 1.0:
         return 1.0
     return 0.5 - 0.5 * math.cos(math.pi * (deflection - p[_HOLD]) / (1.0 - p[_HOLD]))
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _bristle_rate(p, z, om, th):
-    g = _level(p, om, th)
-    rate = abs(om) * p[_SIGMA0] * z / g
-    return om - (rate * _slip(p, z, om, g) if p[_HOLD] != 0.0 else rate)

@@ -15,7 +15,7 @@ from mjsim.estimation.axis_logs.data import AxisData
 from mjsim.machine.model import TOLERANCE, Drive, Machine, build
 from mjsim.machine.plant import AxisPlant
 from mjsim.simulation.servo import sampling
-from mjsim.simulation.servo_loop import filters
+from mjsim.simulation.servo_filters import filters
 
 #: Samples over which a control may take the velocity.
 _VELOCITY_SAMPLES = (1, 2, 3, 4)

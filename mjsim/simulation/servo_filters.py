@@ -1,0 +1,28 @@
+"""The control law of an axis as filters of its samples."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mjsim.machine.plant import AxisPlant
+
+
+def filters(axis: AxisPlant, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Coefficients R, S, T (R[0] = 1) that give x from command and actual angle."""
+    law = axis.control.law
+    if law is not None:
+        R, S, T = (np.array(c, float) for c in (law.R, law.S, law.T))
+        return R / R[0], S / R[0], T / R[0]
+    Kp, ff, lag, over = axis.position_gain, axis.feedforward, axis.control.torque_lag, axis.control.velocity_samples
+    if lag < 0.5 * step and axis.control.sample_time == 0.0:
+        # a continuous control: what it gives in the middle of the step, from the last three samples
+        ahead, rate = np.array([1.5, -0.5, 0.0]), np.array([2.0, -3.0, 1.0]) / step
+        return np.ones(1), Kp * ahead + rate, Kp * ahead + ff * rate
+    if lag < 0.5 * step:
+        difference = np.zeros(over + 1)
+        difference[0], difference[-1] = 1.0 / (over * step), -1.0 / (over * step)
+        gain = Kp * np.eye(over + 1)[0]
+        return np.ones(1), gain + difference, gain + ff * difference
+    w = 2.0 / step
+    d = np.array([1.0 + lag * w, 1.0 - lag * w])
+    return d / d[0], np.array([Kp + w, Kp - w]) / d[0], np.array([Kp + ff * w, Kp - ff * w]) / d[0]
