@@ -109,8 +109,7 @@ class Judge:
         """By how much the logs are better explained with an effect than without it."""
         rest = replace(model, machine=_without(model.machine, effect, self.machine), posterior=_less(model, effect))
         here, there = (self.fit(effect.subject, m, extra) for m in (model, rest))
-        better = here.misfit <= there.misfit
-        return advantage(here, there) if better else -advantage(there, here)
+        return advantage(here, there)
 
     def again(self, logs: LogDiagnosis, judged: Judged) -> LogDiagnosis:
         """The diagnosis of the logs with the explanations that were chosen last."""

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.estimation.axis_logs.data import axis_data
-from mjsim.estimation.axis_logs.fit import AxisFit
+from mjsim.estimation.axis_logs.fit import AxisFit, misfits
 from mjsim.estimation.axis_logs.planning import LogPlanner, PlannedLog, unmeasured
 from mjsim.estimation.axis_logs.selection import AxisSearch
 from mjsim.estimation.axis_logs.separability import inseparable
@@ -197,7 +199,7 @@ def _with(search: AxisSearch, effect_id: str, place) -> AxisFit:
         allowed = ", ".join(sorted({c.effect.id for c in search.catalogue.missing(sheet.model)}))
         raise InputError(f"{place}: plan for {effect_id}; allowed for this axis' logs: {allowed}")
     fits = [search.fitter.fit(c.extend(sheet.model)) for c in able]
-    return search.fitter.polished(min(fits, key=lambda f: f.misfit))
+    return search.fitter.polished(fits[int(np.argmin(misfits(fits)))])
 
 
 def _said(between: Sequence[str], choices: Sequence[PlannedLog], bars: Plan | None) -> NextMeasurement:

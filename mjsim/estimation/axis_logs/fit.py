@@ -7,15 +7,16 @@ while a model is poor, and intervals are those of correlated residuals.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mjsim.estimation.axis_logs.data import AxisData
+from mjsim.estimation.axis_logs.derivatives import LOST, columns
 from mjsim.estimation.axis_logs.descent import Descended, Priors, descend, mean_logs
-from mjsim.estimation.axis_logs.entries import CONTROLLER, NUISANCES, PHASE, SHIFT, START_TORQUE, ZERO, AxisModel
+from mjsim.estimation.axis_logs.entries import PHASE, SHIFT, START_TORQUE, ZERO, AxisModel
 from mjsim.estimation.axis_logs.likelihood import Gain, independent_count
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import AxisPlant
@@ -24,14 +25,12 @@ from mjsim.simulation.servo import ServoMotion, ServoStart, block_means, follow_
 #: Number of the plant -> kind of the effect that puts a wave there, whose phase is free in every set-up; so are those
 #: of the waves of ``cogging``.
 WAVES = {"ripple": "torque_ripple", "friction_ripple": "friction_ripple"}
-#: Step of numerical derivatives, units of the vector.
-_STEP = 1e-3
 #: A pass is the last where no logarithm of a mean square moved more. Longest step of a logarithm.
 _SAME, _LONGEST = 0.02, 1.5
 #: Share of its step within which an encoder, and what is computed of it, is true (assumed: interpolation errors).
 _TRUE = 0.03
-#: A residual beyond so many metres or radians belongs to a model that has run away.
-_LOST = 0.1
+#: An axis as each controller runs it, by the controller's name.
+AxisRuns = Mapping[str | None, AxisPlant]
 
 
 @dataclass(frozen=True)
@@ -58,11 +57,6 @@ class AxisFit:
     def mean_squares(self) -> np.ndarray:
         """Mean square of the residuals, one per test."""
         return np.array([r @ r / len(r) for r in self.residual])
-
-    @property
-    def misfit(self) -> float:
-        """Minus twice the log likelihood less a constant: independent residuals times logarithms of mean squares."""
-        return float(np.array(self.independent) @ np.log(np.maximum(self.mean_squares, 1e-30)))
 
     @property
     def rms(self) -> float:
@@ -99,7 +93,8 @@ class LogFitter:
         self._commands = [
             sampled(build(machine.under(d.test.controller)).axes[d.axis], d.time, d.record.command) for d in self.data
         ]
-        self._measured = [d.means(d.record.actual) for d in self.data]
+        self.measured = [d.means(d.record.actual) for d in self.data]
+        self._controllers = tuple(dict.fromkeys(d.test.controller for d in self.data))
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
         self.noise = tuple(d.noise.rms for d in self.data)
         # phases count from the set-up that shows most of a wave
@@ -107,15 +102,20 @@ class LogFitter:
 
     # -- simulation ----------------------------------------------------------------------------------------------------
 
+    def axes(self, model: AxisModel, vector: np.ndarray) -> AxisRuns:
+        """The axis of a model as each controller runs it."""
+        machine = model.at(vector)
+        return {c: build(machine.under(c)).axes[model.axis] for c in self._controllers}
+
     def motion(self, model: AxisModel, vector: np.ndarray, k: int) -> ServoMotion:
         """The simulated motion of recording ``k``."""
-        axis, start = self._under(model, vector, k)
+        axis, start = self._under(self.axes(model, vector), model, vector, k)
         return follow_sampled(axis, self._commands[k], start)
 
-    def _under(self, model: AxisModel, vector: np.ndarray, k: int) -> tuple[AxisPlant, ServoStart]:
+    def _under(self, axes: AxisRuns, model: AxisModel, vector: np.ndarray, k: int) -> tuple[AxisPlant, ServoStart]:
         """The axis as it ran in recording ``k``, and where it began."""
         d = self.data[k]
-        plant = build(model.at(vector).under(d.test.controller)).axes[d.axis]
+        plant = replace(axes[d.test.controller])
         for attribute, kind in WAVES.items():
             phase = model.nuisance(vector, PHASE, d.test.setup, kind)
             if phase:
@@ -126,21 +126,30 @@ class LogFitter:
         )
         return plant, ServoStart(*d.start, model.nuisance(vector, START_TORQUE, d.name))
 
-    def positions(self, model: AxisModel, vector: np.ndarray, k: int) -> np.ndarray:
+    def positions(self, model: AxisModel, vector: np.ndarray, k: int, axes: AxisRuns | None = None) -> np.ndarray:
         """Modelled samples of recording ``k``, (n,) axis units: the simulated motion with the nuisances."""
         d = self.data[k]
-        motion = self.motion(model, vector, k)
+        axis, start = self._under(axes or self.axes(model, vector), model, vector, k)
+        motion = follow_sampled(axis, self._commands[k], start)
         shift, zero = (model.nuisance(vector, n, d.name) for n in (SHIFT, ZERO))
         if not shift and self._commands[k].as_recorded:
             return motion.position + zero
         return motion.at(d.time - shift) + zero
 
-    def _means(self, model: AxisModel, vector: np.ndarray, k: int) -> np.ndarray:
+    def means(self, axes: AxisRuns, model: AxisModel, vector: np.ndarray, k: int) -> np.ndarray:
+        """Modelled block means of recording ``k``, (blocks,) axis units.
+
+        Args:
+            axes: Of the model at the vector, see :meth:`axes`.
+            model: What is free.
+            vector: Where.
+            k: Number of the recording.
+        """
         d = self.data[k]
         if not self._commands[k].as_recorded:
-            return d.means(self.positions(model, vector, k))
+            return d.means(self.positions(model, vector, k, axes))
         shift, zero = (model.nuisance(vector, n, d.name) for n in (SHIFT, ZERO))
-        axis, start = self._under(model, vector, k)
+        axis, start = self._under(axes, model, vector, k)
         return block_means(axis, self._commands[k], start, shift, d.block)[: d.blocks] + zero
 
     def map(self, jobs: Sequence) -> list:
@@ -151,55 +160,17 @@ class LogFitter:
 
     def residual(self, model: AxisModel, vector: np.ndarray) -> tuple[np.ndarray, ...]:
         """Measured less modelled block means of every recording."""
-        modelled = self.map([(self._means, model, vector, k) for k in range(len(self.data))])
+        axes = self.axes(model, vector)
+        modelled = self.map([(self.means, axes, model, vector, k) for k in range(len(self.data))])
         return tuple(
-            np.nan_to_num(np.clip(m - x, -_LOST, _LOST), nan=_LOST)
-            for m, x in zip(self._measured, modelled, strict=True)
+            np.nan_to_num(np.clip(m - x, -LOST, LOST), nan=LOST) for m, x in zip(self.measured, modelled, strict=True)
         )
-
-    def touches(self, model: AxisModel, j: int, k: int) -> bool:
-        """Whether an entry of the vector changes recording ``k``."""
-        e, d = model.entries[j], self.data[k]
-        if e.owner == CONTROLLER:
-            return e.where == (d.test.controller or next(iter(model.machine.controllers)))
-        if e.owner == PHASE:
-            return e.where == d.test.setup
-        return e.owner not in NUISANCES or e.where == d.name
 
     def columns(
         self, model: AxisModel, vector: np.ndarray, residual, entries=None, central: bool = False
     ) -> tuple[np.ndarray, ...]:
-        """Derivatives of the modelled block means, (blocks, len(entries)) per recording.
-
-        Args:
-            model: What is free.
-            vector: Where.
-            residual: There.
-            entries: Places in the vector; all by default.
-            central: By differences to both sides: what the recordings cannot separate looks separable otherwise.
-        """
-        which = range(len(vector)) if entries is None else entries
-        jobs = [(j, k) for j in which for k in range(len(self.data)) if self.touches(model, j, k)]
-
-        def one(j: int, k: int) -> np.ndarray:
-            if model.entries[j].owner == ZERO:  # simply added
-                return np.full(len(residual[k]), model.entries[j].scale)
-            moved = vector.copy()
-            low, high = model.entries[j].bounds
-            step = _STEP if vector[j] + _STEP <= high else -_STEP
-            moved[j] = max(moved[j] + step, low)
-            if central and low + _STEP < vector[j] < high - _STEP:
-                other = vector.copy()
-                other[j] -= step
-                return (self._means(model, moved, k) - self._means(model, other, k)) / (2.0 * step)
-            change = moved[j] - vector[j]
-            return (self._means(model, moved, k) - (self._measured[k] - residual[k])) / change
-
-        out = tuple(np.zeros((len(r), len(which))) for r in residual)
-        at = {j: i for i, j in enumerate(which)}
-        for (j, k), column in zip(jobs, self.map([(one, j, k) for j, k in jobs]), strict=True):
-            out[k][:, at[j]] = np.clip(np.nan_to_num(column), -_LOST / _STEP, _LOST / _STEP)
-        return out
+        """Derivatives, see :func:`mjsim.estimation.axis_logs.derivatives.columns`."""
+        return columns(self, model, vector, residual, entries, central)
 
     # -- fit -----------------------------------------------------------------------------------------------------------
 
@@ -279,3 +250,13 @@ def priors_of(model: AxisModel) -> Priors:
 def gain(less: AxisFit, more: AxisFit) -> float:
     """Twice the logarithm of the likelihood ratio of two fits, the noise of every test unknown; see :class:`Gain`."""
     return Gain.of(less.residual, more.residual, more.independent, less.noise).largest
+
+
+def misfits(fits: Sequence[AxisFit]) -> np.ndarray:
+    """Minus twice the log likelihood of several fits, less a constant, (fits,).
+
+    Each recording counts by the number of independent residuals that it is worth in all fits on average: a fit does
+    not win because what it leaves is less correlated.
+    """
+    count = np.mean([f.independent for f in fits], axis=0)
+    return np.array([count @ np.log(np.maximum(f.mean_squares, 1e-30)) for f in fits])

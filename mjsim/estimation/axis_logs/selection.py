@@ -11,7 +11,7 @@ from mjsim.estimation.axis_logs.as_given import fit_as_given
 from mjsim.estimation.axis_logs.candidates import FRICTION, SIMPLER, Candidate, Catalogue
 from mjsim.estimation.axis_logs.data import AxisData
 from mjsim.estimation.axis_logs.entries import CONTROLLER, AxisModel, Entry
-from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter, gain
+from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter, gain, misfits
 from mjsim.estimation.axis_logs.gains import GainsRead, read_gains
 from mjsim.estimation.axis_logs.likelihood import Gain
 from mjsim.estimation.axis_logs.promise import linear_step
@@ -181,8 +181,7 @@ class AxisSearch:
     def _best_of(self, models: Sequence[AxisModel]) -> AxisFit | None:
         """The best fit of models that differ in their starts, the best of short ones carried on."""
         short = [self.fitter.fit(m, _SHORT, 1) for m in models]
-        best = min(short, key=lambda f: f.misfit, default=None)
-        return self.fitter.fit(best.model) if best is not None else None
+        return self.fitter.fit(short[int(np.argmin(misfits(short)))].model) if short else None
 
     def ranked(self, fit: AxisFit, sheet: bool = False) -> list[tuple[Gain, Candidate, AxisModel]]:
         """Candidates with the gain that one linear step from their starts promises, the best start of each.
@@ -213,7 +212,7 @@ class AxisSearch:
                 moved = best.model.vector
                 moved[j] = np.clip(e.encode(e.value * factor), *e.bounds)
                 trial = self.fitter.fit(best.model.with_values(moved), _SHORT, 1)
-                if best.misfit - trial.misfit > self.settings.indistinguishable:
+                if -float(np.diff(misfits([best, trial]))[0]) > self.settings.indistinguishable:
                     best = self.fitter.fit(trial.model)
         return best if best is not fit else None
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from mjsim.estimation.axis_logs.data import AxisData
 from mjsim.estimation.axis_logs.entries import DRIVE, NUISANCES, AxisModel, Entry
-from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter, gain
+from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter, gain, misfits
 from mjsim.estimation.axis_logs.gains import GainsRead
 from mjsim.estimation.axis_logs.start import start_model
 from mjsim.estimation.competing import CompetingModel
@@ -144,9 +144,11 @@ def _with_extra(start: AxisModel, extra: AxisModel, data: Sequence[AxisData]) ->
     return replace(start, entries=(*start.entries, *phases))
 
 
-def advantage(better: AxisFit, worse: AxisFit) -> float:
-    """By how much the objective of one fit lies above that of another: misfit and squared prior departures."""
-    return gain(worse, better) + departure(worse) - departure(better)
+def advantage(one: AxisFit, other: AxisFit) -> float:
+    """By how much the objective of ``other`` lies above that of ``one``: misfit and squared prior departures."""
+    further = departure(other) - departure(one)
+    first, second = misfits([one, other])
+    return gain(other, one) + further if first <= second + further else further - gain(one, other)
 
 
 def departure(fit: AxisFit) -> float:
@@ -165,10 +167,7 @@ def decide(models: Sequence[CompetingModel], fits: Sequence[Sequence[AxisFit]]) 
 
     def distance(i: int, j: int) -> float:
         """By how much model j is worse than model i in the logs."""
-        return sum(
-            advantage(a, b) if a.misfit + departure(a) <= b.misfit + departure(b) else -advantage(b, a)
-            for a, b in zip(fits[i], fits[j], strict=True)
-        )
+        return sum(advantage(a, b) for a, b in zip(fits[i], fits[j], strict=True))
 
     totals = [m.objective + distance(0, j) for j, m in enumerate(models)]
     best = int(np.argmin(totals))
