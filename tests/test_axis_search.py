@@ -54,6 +54,14 @@ def test_viscous_friction_by_direction_is_no_constant_force(folder):
     assert result.effects[0].effect.values["share_ratio"] == pytest.approx(0.3, abs=0.02)
 
 
+def test_friction_after_a_rest_is_found(folder):
+    result = diagnosed(folder(Axis(coulomb=0.12, excess=0.8, way=0.05, rest=1.0)))
+    assert [e.effect.id for e in result.effects] == ["rest_friction.X"]
+    (found,) = result.effects
+    low, high = found.ci95["excess_ratio"]
+    assert low < 0.8 < high and result.after.rms < 0.1e-6
+
+
 def test_a_fitted_machine_predicts_a_log_that_begins_elsewhere_on_the_screw(folder, tmp_path):
     """The encoder of another day has another zero: the phase of a wave is a nuisance, its amplitude is not."""
     ripple = Axis(coulomb=0.12, ripple=0.03, ripple_phase=0.7)

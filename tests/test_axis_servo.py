@@ -110,7 +110,14 @@ def test_friction_holds_below_its_level_and_slides_at_it():
     assert moving.torque[k] == pytest.approx(0.3 + axis.viscous * speed, rel=1e-3)
 
 
-@pytest.mark.parametrize(("more", "extra"), [({"asymmetry": 0.2}, 0.06), ({"rising": (0.1, 3.0)}, 0.0995)])
+@pytest.mark.parametrize(
+    ("more", "extra"),
+    [
+        ({"asymmetry": 0.2}, 0.06),
+        ({"rising": (0.1, 3.0)}, 0.0995),
+        ({"resting": (0.5, 0.05, 0.01)}, 0.15 / (1.0 + 0.05 * GEAR * 0.01 / 0.05)),
+    ],
+)
 def test_friction_by_direction_and_speed(more, extra):
     time, command = ramp(3000, speed=0.05)
     axis = drive(coulomb=0.3, presliding=0.003, **more)
@@ -119,7 +126,20 @@ def test_friction_by_direction_and_speed(more, extra):
     back = follow(axis, time, -command, ServoStart(0.0)).torque[k]
     plain = 0.3 + axis.viscous * 0.05 * GEAR
     assert forth == pytest.approx(plain + extra, rel=2e-3)
-    assert back == pytest.approx(-(plain + extra) if "rising" in more else -(plain - extra), rel=2e-3)
+    assert back == pytest.approx(-(plain - extra) if "asymmetry" in more else -(plain + extra), rel=2e-3)
+
+
+def test_an_axis_at_rest_is_not_computed_on():
+    """An integrator that does next to nothing is always computed; without one the rest is passed over."""
+    time = STEP * np.arange(12000)
+    command = 0.005 * (np.clip((time - 0.2) / 0.1, 0.0, 1.0) - np.clip((time - 1.7) / 0.1, 0.0, 1.0))
+    ripple = {"ripple": (0.02, 3.0, 0.4), "friction_ripple": (0.1, 2.0, 0.0)}
+    found = [
+        follow(drive(integral_time=t, coulomb=0.3, presliding=0.003, resting=(1.0, 0.02, 0.5), **ripple), time, command,
+               ServoStart(0.0)).position
+        for t in (np.inf, 1e15)
+    ]  # fmt: skip
+    assert np.ptp(found[0]) > 4e-3 and np.abs(found[0] - found[1]).max() < 1e-11
 
 
 def test_elastic_bristles_do_not_creep():
@@ -146,8 +166,13 @@ def test_interpolated_positions_are_those_of_a_finer_control():
 
 @pytest.mark.parametrize(
     "changes",
-    [{"viscous_share": 0.3}, {"ripple": 0.03, "ripple_order": 6.0}, {"presliding": 0.002}],
-    ids=["viscous by direction", "ripple", "stiff bristles"],
+    [
+        {"viscous_share": 0.3},
+        {"ripple": 0.03, "ripple_order": 6.0},
+        {"presliding": 0.002},
+        {"excess": 2.0, "way": 0.03, "rest": 0.4},
+    ],
+    ids=["viscous by direction", "ripple", "stiff bristles", "after a rest"],
 )
 @pytest.mark.parametrize("delay", [0, 3])
 def test_the_loop_is_true_to_nanometres(changes, delay):
@@ -168,6 +193,7 @@ def test_the_loop_is_true_to_nanometres(changes, delay):
         presliding=axis.presliding,
         viscous_share=axis.viscous_share,
         ripple=(axis.ripple, axis.ripple_order, axis.ripple_phase),
+        resting=(axis.excess, axis.way, axis.rest),
         control=Control(sample_time=1e-3, loop_delay=1e-3 * delay),
     )
     motion = follow(plant, 1e-3 * np.arange(len(command)), command, ServoStart(0.0))

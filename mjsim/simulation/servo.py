@@ -11,7 +11,7 @@ no sampling time is continuous: r, y and their rates are then those of the middl
 :mod:`mjsim.simulation.drive`: the linear part exact, the LuGre bristle by its own exponential at the mid velocity, with
 
     g(ω, θ) = Tc [1 + (static_ratio − 1) exp(−(ω/ω_s)²)] (1 + asymmetry·sign ω) (1 + linear·θ + quadratic·θ²)
-              · (1 + a sin(order·θ + phase))
+              · (1 + a sin(order·θ + phase)) (1 + excess·s),   ds/dt = (1 − s)/rest − s |ω|/way
 
 and beside the bristle a friction torque that rises and saturates, Tr (1 − exp(−|ω|/ω_r)) sign ω, a share of the
 viscous torque that does not turn with the direction, and torques that vary with θ.
@@ -27,7 +27,7 @@ from numba import njit
 
 from mjsim.machine.plant import AxisPlant
 from mjsim.simulation.drive import MOST_SUBSTEPS, PHASE, bristle_rate
-from mjsim.simulation.servo_loop import loop, parameters, torque_waves
+from mjsim.simulation.servo_loop import loop, parameters
 
 #: Longest step of a control that states no sampling time, and is taken as continuous, s.
 _FINE = 1e-4
@@ -186,5 +186,14 @@ def _run(axis: AxisPlant, command: Sampled, start: ServoStart) -> tuple[np.ndarr
     finer = min(max(1, math.ceil(step / substeps * bristle_rate(axis) / _BENDING)), _MOST_PARTS)
     state = np.array([start.position * axis.gear, start.velocity * axis.gear, start.torque])
     angle, rate, torque = np.empty(count), np.empty(count), np.empty(count)
-    loop(parameters(axis, step), torque_waves(axis), command.command, step, substeps, finer, state, angle, rate, torque)
+    loop(parameters(axis, step), _waves(axis), command.command, step, substeps, finer, state, angle, rate, torque)
     return angle, rate, torque
+
+
+def _waves(axis: AxisPlant) -> np.ndarray:
+    """Waves over the motor's angle: amplitude, order, phase rad, (1 + waves, 3).
+
+    Row 0 is that of the friction level, with its share as amplitude. The others are torques, N·m.
+    """
+    there = [w for w in (axis.ripple, *axis.waves) if w[0] != 0.0]
+    return np.array([axis.friction_ripple, *there], float)

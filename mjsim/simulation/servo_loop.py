@@ -15,9 +15,9 @@ from mjsim.simulation.servo_filters import filters
 # parameters of one axis
 _J, _C, _CONSTANT, _COULOMB, _SIGMA0, _SIGMA1, _STATIC, _STRIBECK, _ASYMMETRY, _RISE, _RISE_AT = range(11)
 _CLIP, _DELAY, _ANTI_WINDUP, _RATE, _GAIN, _HOLD, _LINEAR, _QUADRATIC = range(11, 19)
-_WAVE, _TAPS, _EVEN = range(19, 22)
-_R, _S, _T = 22, 22 + MOST_COEFFICIENTS, 22 + 2 * MOST_COEFFICIENTS
-_SIZE = 22 + 3 * MOST_COEFFICIENTS
+_WAVE, _TAPS, _EVEN, _EXCESS, _WAY, _REST = range(19, 25)
+_R, _S, _T = 25, 25 + MOST_COEFFICIENTS, 25 + 2 * MOST_COEFFICIENTS
+_SIZE = 25 + 3 * MOST_COEFFICIENTS
 #: Longest delay, samples of the control, and outputs that are kept, a power of two.
 MOST_DELAY = 200
 _RING = 256
@@ -28,6 +28,8 @@ WAVE, _MOST_STEPS = 0.2, 100
 #: Steps by which sines of waves are carried on before they are computed anew, and the way of the motor in a step, in
 #: units of the way over which its bristles bend, below which a series stands for the exponential: good to 1e-9.
 _EXACT, _SHORT_WAY = 100, 0.05
+#: Turn of a wave, rad, below which it is as it was.
+_SAME_ANGLE = 1e-6
 #: Speed, rad/s, and change of the torque in a sample, share of the friction, below which an axis is at rest.
 AT_REST = 1e-9
 
@@ -47,20 +49,12 @@ def parameters(axis: AxisPlant, step: float) -> np.ndarray:
     out[_RATE] = 0.0 if c.law is not None else step / p.integral_time
     out[_GAIN] = p.velocity_gain
     out[_EVEN] = p.viscous_share * p.viscous
+    out[[_EXCESS, _WAY, _REST]] = p.resting[0], 1.0 / p.resting[1], 1.0 / p.resting[2]
     laws = filters(axis, step)
     out[_TAPS] = max(len(values) for values in laws)
     for at, values in zip((_R, _S, _T), laws, strict=True):
         out[at : at + len(values)] = values
     return out
-
-
-def torque_waves(axis: AxisPlant) -> np.ndarray:
-    """Waves over the motor's angle: amplitude, order, phase rad, (1 + waves, 3).
-
-    Row 0 is that of the friction level, with its share as amplitude. The others are torques, N·m.
-    """
-    there = [w for w in (axis.ripple, *axis.waves) if w[0] != 0.0]
-    return np.array([axis.friction_ripple, *there], float)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -81,6 +75,7 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
     th, om = state[0], state[1]
     turned, turns_left, angle = np.zeros((len(waves), 2)), 0, th  # sines and cosines of the waves at an angle
     _turn_to(turned, waves, th)
+    wave = _torque(waves, turned)
     before = np.empty(MOST_COEFFICIENTS)  # outputs, actual angles and commands of earlier samples, newest first
     actual = np.empty(MOST_COEFFICIENTS)
     wanted = np.empty(MOST_COEFFICIENTS)
@@ -102,11 +97,13 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
     first = min(max(first, -p[_CLIP]), p[_CLIP])
     z, place = 0.0, _place(p, turned, th)
     speed_part, rising = _at_speed(p, om)
+    rested = 1.0 if om == 0.0 else _rested(p, 1.0, om, 1e9)  # share of the friction of a long rest
+    aged = 1.0 + p[_EXCESS] * rested
     if tc > 0.0:
-        z = (first - p[_CONSTANT] - _torque(waves, turned)) * of_s0
-        z = min(max(z, -tc * of_s0), tc * of_s0)
+        z = (first - p[_CONSTANT] - wave) * of_s0
+        z = min(max(z, -tc * aged * of_s0), tc * aged * of_s0)
         if om != 0.0:  # it slides already
-            z = math.copysign(_level(p, om, speed_part * place) * of_s0, om)
+            z = math.copysign(_level(p, om, speed_part * place * aged) * of_s0, om)
     outputs = np.full(_RING, first)
     whole = min(int(p[_DELAY]), MOST_DELAY - 1)
     part = min(max(p[_DELAY] - whole, 0.0), 1.0)
@@ -140,7 +137,7 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
         torque[k] = tau
         split = False
         if tc > 0.0:
-            level = _level(p, om, speed_part * place)
+            level = _level(p, om, speed_part * place * aged)
             end = om + step * of_j * (tau - p[_C] * om - p[_CONSTANT] - s0 * z)
             # where the bristles slide, and the axis does not turn back within a sample, friction is constant
             slides = z * om > 0.0 and abs(abs(z) * s0 - level) < SLIDING * level and end * om > 0.0
@@ -148,9 +145,12 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
             still = k > 0 and abs(om) < AT_REST and abs(tau - former) < AT_REST * tc and p[_RATE] == 0.0
             quiet = quiet + 1 if still and r[k] == r[k - 1] else 0
             if quiet > whole + taps + 2:  # nothing moves until the command does
+                begun = k
                 while k + 1 < n and r[k + 1] == r[k]:
                     k += 1
                     position[k], velocity[k], torque[k] = th, om, tau
+                if p[_EXCESS] != 0.0:
+                    rested = 1.0 - (1.0 - rested) * math.exp(-(k - begun) * step * p[_REST])
                 outputs[:] = out
         steps = substeps * finer if split else substeps
         h, e, f1, f2 = fine if split else coarse
@@ -162,27 +162,32 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
         for _ in range(steps):
             f, middle = p[_CONSTANT], th + 0.5 * h * om
             if wavy:
-                turns_left -= 1
-                if turns_left < 0 or abs(middle - angle) * order > 2.0 * WAVE:
-                    _turn_to(turned, waves, middle)
-                    turns_left = _EXACT
-                else:
-                    _turn_by(turned, waves, middle - angle)
-                angle = middle
-                f += _torque(waves, turned)
+                if abs(middle - angle) * order > _SAME_ANGLE:
+                    turns_left -= 1
+                    if turns_left < 0 or abs(middle - angle) * order > 2.0 * WAVE:
+                        _turn_to(turned, waves, middle)
+                        turns_left = _EXACT
+                    else:
+                        _turn_by(turned, waves, middle - angle)
+                    angle, wave = middle, _torque(waves, turned)
+                f += wave
             if tc > 0.0 or p[_RISE] != 0.0 or p[_EVEN] != 0.0:
                 # the speed in the middle of the step, from friction as it was in the middle of the former one
                 now = f + p[_EVEN] * abs(om) + math.copysign(rising, om)
                 if tc > 0.0:
                     place = _place(p, turned, middle)
-                    g = _level(p, om, speed_part * place)
+                    g = _level(p, om, speed_part * place * aged)
                     slip = abs(om) * s0 * z / g
                     now += s0 * z + s1 * (om - (slip * _slip(p, z, om, g) if p[_HOLD] != 0.0 else slip))
                 mid = om + 0.5 * h * (of_j * (tau - now) - rate * om)
                 speed_part, rising = _at_speed(p, mid)
                 f += p[_EVEN] * abs(mid) + math.copysign(rising, mid)
+                if p[_EXCESS] != 0.0:
+                    earlier_rested = rested
+                    rested = _rested(p, rested, mid, h)
+                    aged = 1.0 + p[_EXCESS] * 0.5 * (earlier_rested + rested)
                 if tc > 0.0:
-                    g = _level(p, mid, speed_part * place)
+                    g = _level(p, mid, speed_part * place * aged)
                     way = g * of_s0
                     if p[_HOLD] != 0.0:
                         way /= _slip(p, z, mid, g)
@@ -224,8 +229,8 @@ def _turn_by(turned, waves, angle):
     for i in range(len(waves)):
         d = waves[i, 1] * angle
         q = d * d
-        sine = d * (1.0 - q * (1.0 / 6.0 - q * (1.0 / 120.0 - q / 5040.0)))
-        cosine = 1.0 - q * (0.5 - q * (1.0 / 24.0 - q / 720.0))
+        sine = d * (1.0 - q * (1.0 / 6.0 - q * (1.0 / 120.0 - q * (1.0 / 5040.0))))
+        cosine = 1.0 - q * (0.5 - q * (1.0 / 24.0 - q * (1.0 / 720.0)))
         s, c = turned[i, 0], turned[i, 1]
         turned[i, 0], turned[i, 1] = s * cosine + c * sine, c * cosine - s * sine
 
@@ -249,6 +254,15 @@ def _at_speed(p, om):
     if p[_RISE] != 0.0:
         rising = p[_RISE] * (1.0 - math.exp(-abs(om) / p[_RISE_AT]))
     return factor, rising
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _rested(p, rested, om, h):
+    """Share of the friction of a long rest after a time at a speed: it forms with time, and motion ends it."""
+    rate = p[_REST] + abs(om) * p[_WAY]
+    if h * rate < 0.2:
+        return rested + h * (p[_REST] - rate * rested) / (1.0 + 0.5 * h * rate)
+    return p[_REST] / rate + (rested - p[_REST] / rate) * math.exp(-h * rate)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

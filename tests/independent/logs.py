@@ -2,6 +2,7 @@
 
 x = Kpp (r − y) + ratio·Δr/h − Δy/h,   u = Kvp [x + (1/Ti) Σ ½(x + x₋₁) h]      every sample h, held
 J dω/dt = u − C (ω + share |ω|) − c − a sin(n θ + φ) − F,     F = σ0 z + σ1 dz/dt,  dz/dt = ω − |ω| σ0 z / g
+g is multiplied by 1 + excess·s after a rest:  ds/dt = (1 − s)/rest − s |ω|/way,  s = 1 at the start
 """
 
 from __future__ import annotations
@@ -28,6 +29,9 @@ class Axis:
     ripple_phase: float = 0.0
     ripple_order: float = 1.0
     viscous_share: float = 0.0
+    excess: float = 0.0
+    way: float = 1.0
+    rest: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -44,15 +48,16 @@ class Control:
 
 @njit(cache=True)
 def _run(r, h, steps, axis, control, th, u_start, error, resolution, position, torque):
-    j, c, tc, pre, static, stribeck, constant, ripple, phase, order, even = axis
+    j, c, tc, pre, static, stribeck, constant, ripple, phase, order, even, excess, way, rest = axis
     kpp, kvp, of_ti, ff, delay = control
     s0 = tc / pre if tc > 0.0 else 0.0
     dt = h / steps
     om, z, integral, last_x = 0.0, 0.0, 0.0, 0.0
     if tc > 0.0:
-        z = min(max((u_start - constant - ripple * np.sin(order * th + phase)) / s0, -pre), pre)
+        most = pre * (1.0 + excess)
+        z = min(max((u_start - constant - ripple * np.sin(order * th + phase)) / s0, -most), most)
     held = np.full(64, u_start)
-    y1, r1 = th, r[0]
+    y1, r1, rested = th, r[0], 1.0
     for k in range(len(r)):
         y = np.round((th + error[k]) / resolution) * resolution  # the encoder, which the control sees as well
         if k == 0:
@@ -68,25 +73,28 @@ def _run(r, h, steps, axis, control, th, u_start, error, resolution, position, t
         u = held[(k - int(delay)) % 64] if k >= delay else u_start
         position[k], torque[k] = y, u
         for _ in range(steps):
-            a, rate = _rates(om, z, th, u, j, c, tc, s0, static, stribeck, constant, ripple, phase, order, even)
+            level = tc * (1.0 + excess * rested)
+            a, rate = _rates(om, z, th, u, j, c, level, s0, static, stribeck, constant, ripple, phase, order, even)
             b, mid = _rates(
                 om + 0.5 * dt * a,
                 z + 0.5 * dt * rate,
                 th + 0.5 * dt * om,
-                u, j, c, tc, s0, static, stribeck, constant, ripple, phase, order, even,
+                u, j, c, level, s0, static, stribeck, constant, ripple, phase, order, even,
             )  # fmt: skip
+            middle = abs(om + 0.5 * dt * a)
+            rested += dt * ((1.0 - rested) / rest - rested * middle / way)
             th += dt * (om + 0.5 * dt * a)
             om += dt * b
             z += dt * mid
 
 
 @njit(cache=True)
-def _rates(om, z, th, u, j, c, tc, s0, static, stribeck, constant, ripple, phase, order, even):
+def _rates(om, z, th, u, j, c, level, s0, static, stribeck, constant, ripple, phase, order, even):
     """Rates of speed and bristle."""
     f = constant + ripple * np.sin(order * th + phase) + even * c * abs(om)
     rate = 0.0
-    if tc > 0.0:
-        g = tc * (1.0 + (static - 1.0) * np.exp(-((om / stribeck) ** 2)))
+    if level > 0.0:
+        g = level * (1.0 + (static - 1.0) * np.exp(-((om / stribeck) ** 2)))
         rate = om - abs(om) * s0 * z / g
         f += s0 * z + 0.3 * np.sqrt(s0 * j) * rate
     return (u - c * om - f) / j, rate
@@ -113,6 +121,9 @@ def record(
         axis.ripple_phase,
         axis.ripple_order,
         axis.viscous_share,
+        axis.excess,
+        axis.way,
+        axis.rest,
     )
     of_ti = 0.0 if np.isinf(control.integral_time) else 1.0 / control.integral_time
     law = (control.position_gain, control.velocity_gain, of_ti, control.feedforward, float(control.delay_samples))

@@ -6,24 +6,36 @@ derivatives with respect to these two parts are there.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 
+from mjsim.estimation.axis_logs.data import AxisData
 from mjsim.estimation.axis_logs.entries import CONTROLLER, NUISANCES, PHASE, ZERO, AxisModel
-
-if TYPE_CHECKING:
-    from mjsim.estimation.axis_logs.fit import LogFitter
+from mjsim.machine.plant import AxisPlant
 
 #: Step of numerical derivatives, units of the vector.
 _STEP = 1e-3
 #: A residual beyond so many metres or radians belongs to a model that has run away.
 LOST = 0.1
+#: An axis as each controller runs it, by the controller's name.
+AxisRuns = Mapping[str | None, AxisPlant]
+
+
+class Simulator(Protocol):
+    """What simulates the recordings of an axis: :class:`mjsim.estimation.axis_logs.fit.LogFitter`."""
+
+    data: tuple[AxisData, ...]
+    measured: list[np.ndarray]
+
+    def axes(self, model: AxisModel, vector: np.ndarray) -> AxisRuns: ...
+    def means(self, axes: AxisRuns, model: AxisModel, vector: np.ndarray, k: int) -> np.ndarray: ...
+    def map(self, jobs: Sequence) -> list: ...
 
 
 def columns(
-    fitter: LogFitter,
+    fitter: Simulator,
     model: AxisModel,
     vector: np.ndarray,
     residual: Sequence[np.ndarray],
@@ -75,7 +87,7 @@ def columns(
     return out
 
 
-def _shows(fitter: LogFitter, model: AxisModel, j: int, k: int) -> bool:
+def _shows(fitter: Simulator, model: AxisModel, j: int, k: int) -> bool:
     """Whether an entry of the vector changes recording ``k``."""
     e, d = model.entries[j], fitter.data[k]
     if e.owner == CONTROLLER:

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 #: A descent ends where the objective falls by less, or at this damping.
-_FALL, _STUCK = 0.05, 1e5
+FALL, _STUCK = 0.05, 1e5
 #: Share of a change of the residuals by which the derivatives may miss it and be kept, and how often in a row.
-_PREDICTED, _KEPT = 0.2, 2
+_PREDICTED, _KEPT = 0.2, 4
 
 Residuals = Sequence[np.ndarray]
 
@@ -77,17 +77,19 @@ def descend(
     residual_of: Callable[[np.ndarray], Residuals],
     columns_of: Callable[[np.ndarray, Residuals], tuple[np.ndarray, ...]],
     steps: int,
+    least: float = FALL,
 ) -> Descended:
     """Lower the objective from a point on.
 
     Args:
-        begin: Where to start; its design is not used.
+        begin: Where to start. Its derivatives serve for the first steps where it has any.
         priors: Of the vector.
         count: Number of independent residuals per recording.
         noise: RMS of each recording's noise.
         residual_of: Measured less modelled values at a vector.
         columns_of: Derivatives of the modelled values at a vector, whose residuals are given as well.
         steps: At most so many steps.
+        least: It ends where the objective falls by less in one.
     """
     n = np.array(count)
 
@@ -96,7 +98,8 @@ def descend(
         return float(n @ mean_logs(rest, noise) + departure @ departure)
 
     vector, residual, design = begin.vector, begin.residual, begin.design
-    now, damping, kept = objective(vector, residual), 1e-3, _KEPT
+    now, damping, well = objective(vector, residual), 1e-3, True
+    kept = 1 if design and all(d.shape[1] == len(vector) for d in design) else _KEPT
     for _ in range(steps):
         if kept >= _KEPT:
             design, kept = columns_of(vector, residual), 0
@@ -120,8 +123,8 @@ def descend(
                 break
             else:
                 damping *= 10.0
-        if fall < _FALL:
-            if not kept:
+        if fall < least:
+            if not kept or (fall and well):
                 break
             kept = _KEPT  # the derivatives were carried on: try new ones before giving up
     return Descended(vector, residual, design)

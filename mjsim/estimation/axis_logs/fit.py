@@ -7,15 +7,15 @@ while a model is poor, and intervals are those of correlated residuals.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mjsim.estimation.axis_logs.data import AxisData
-from mjsim.estimation.axis_logs.derivatives import LOST, columns
-from mjsim.estimation.axis_logs.descent import Descended, Priors, descend, mean_logs
+from mjsim.estimation.axis_logs.derivatives import LOST, AxisRuns, columns
+from mjsim.estimation.axis_logs.descent import FALL, Descended, Priors, descend, mean_logs
 from mjsim.estimation.axis_logs.entries import PHASE, SHIFT, START_TORQUE, ZERO, AxisModel
 from mjsim.estimation.axis_logs.likelihood import Gain, independent_count
 from mjsim.machine.model import Machine, build
@@ -29,8 +29,6 @@ WAVES = {"ripple": "torque_ripple", "friction_ripple": "friction_ripple"}
 _SAME, _LONGEST = 0.02, 1.5
 #: Share of its step within which an encoder, and what is computed of it, is true (assumed: interpolation errors).
 _TRUE = 0.03
-#: An axis as each controller runs it, by the controller's name.
-AxisRuns = Mapping[str | None, AxisPlant]
 
 
 @dataclass(frozen=True)
@@ -205,7 +203,28 @@ class LogFitter:
         fit = self.fit(fit.model, steps, 1, central=True)
         return replace(fit, design=self.columns(fit.model, fit.model.vector, fit.residual, central=True))
 
-    def fit(self, model: AxisModel, steps: int = 15, passes: int = 2, central: bool = False) -> AxisFit:
+    def _carried(self, model: AxisModel, residual, former: AxisFit) -> tuple[np.ndarray, ...]:
+        """Derivatives at the start of a model: those of a similar one, and new ones for what that one has not."""
+        places = [former.model.place(e.label) for e in model.entries]
+        fresh = [j for j, p in enumerate(places) if p is None]
+        there = [(j, p) for j, p in enumerate(places) if p is not None]
+        out = []
+        for old, new in zip(former.design, self.columns(model, model.vector, residual, fresh), strict=True):
+            design = np.empty((len(old), len(places)))
+            design[:, [j for j, _ in there]] = old[:, [p for _, p in there]]
+            design[:, fresh] = new
+            out.append(design)
+        return tuple(out)
+
+    def fit(
+        self,
+        model: AxisModel,
+        steps: int = 15,
+        passes: int = 2,
+        central: bool = False,
+        least: float = FALL,
+        former: AxisFit | None = None,
+    ) -> AxisFit:
         """Fit all entries of a model, see :mod:`mjsim.estimation.axis_logs.descent`.
 
         Args:
@@ -213,11 +232,14 @@ class LogFitter:
             steps: At most so many steps in one pass.
             passes: How often the number of independent residuals is taken anew.
             central: Take derivatives from both sides.
+            least: A pass ends where the objective falls by less in a step.
+            former: Fit of a similar model, whose derivatives serve for the first steps.
         """
         priors = priors_of(model)
         vector = priors.inside(model.vector)
         residual = self.residual(model, vector)
-        at = Descended(vector, residual, tuple(np.zeros((len(r), 0)) for r in residual))
+        design = self._carried(model, residual, former) if former else tuple(np.zeros((len(r), 0)) for r in residual)
+        at = Descended(vector, residual, design)
         for _ in range(passes if model.entries else 0):
             begun = mean_logs(at.residual, self.noise)
             at = descend(
@@ -228,6 +250,7 @@ class LogFitter:
                 lambda x: self.residual(model, x),
                 lambda x, r: self.columns(model, x, r, central=central),
                 steps,
+                least,
             )
             if np.abs(mean_logs(at.residual, self.noise) - begun).max() < _SAME:
                 break

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mjsim.estimation.axis_logs.as_given import fit_as_given
-from mjsim.estimation.axis_logs.candidates import FRICTION, SIMPLER, Candidate, Catalogue
+from mjsim.estimation.axis_logs.candidates import FRICTION, Candidate, Catalogue
 from mjsim.estimation.axis_logs.data import AxisData
 from mjsim.estimation.axis_logs.entries import CONTROLLER, AxisModel, Entry
 from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter, gain, misfits
@@ -16,7 +16,8 @@ from mjsim.estimation.axis_logs.gains import GainsRead, read_gains
 from mjsim.estimation.axis_logs.likelihood import Gain
 from mjsim.estimation.axis_logs.promise import linear_step
 from mjsim.estimation.axis_logs.start import start_model
-from mjsim.estimation.axis_logs.trifles import is_trifle, is_visible
+from mjsim.estimation.axis_logs.trials import Trial, are_ahead, taken
+from mjsim.estimation.axis_logs.trifles import is_trifle
 from mjsim.estimation.axis_logs.waves import strongest_orders
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.machine.model import Machine
@@ -33,8 +34,10 @@ _FIRST = 3
 #: Numbers on which the motion depends so nonlinearly that a fit can end in a wrong valley, and the factors on them from
 #: which it is tried again.
 _CURVED, _RESTARTS = ("presliding_rad", "velocity_rad_per_s", "stribeck_velocity_rad_per_s"), (0.2, 5.0)
-#: Steps of a fit that only has to be good enough for a comparison.
-_SHORT = 3
+#: Steps of a fit that only has to be good enough for a comparison; it ends where the objective falls by less in one.
+_SHORT, _SLOWING = 10, 5.0
+#: Steps after which candidates are compared: those that are ahead go on.
+_FEW = 3
 #: Share by which the mean square of a recording grows without a cause that shows in it (assumed).
 _SHOWS = 0.02
 
@@ -136,18 +139,22 @@ class AxisSearch:
             found.append(candidate)
             ladder.append(fit)
         order = [c.key for c in found]
-        found, fit = self._pruned(found, fit)
+        lesser, fit = self._pruned(found, fit)
         fit = self.fitter.polished(self._as_stated(fit))
         causes = []
-        for i, candidate in enumerate(found):
-            self.progress(f"axis {self.axis}: what competes", i, len(found))
-            causes.append(self._against_competing(fit, candidate))
+        for i, (candidate, without) in enumerate(lesser.items()):
+            self.progress(f"axis {self.axis}: what competes", i, len(lesser))
+            causes.append(self._against_competing(fit, candidate, without))
         kept = tuple(sorted((c for c in causes if c.gain > 0.0), key=lambda c: -c.gain))
         return AxisSelection(self.axis, given, sheet, tuple(ladder), fit, kept, tuple(self.gains), tuple(order))
 
     def sheet(self) -> AxisFit:
         """The data sheet fitted within its priors."""
         return self.fitter.fit(start_model(self.machine, self.fitter.data, self.gains, self.shared))
+
+    def _short(self, model: AxisModel, former: AxisFit | None = None, steps: int = _SHORT) -> AxisFit:
+        """A fit that is good enough for a comparison, with the derivatives of a ``former`` one to begin with."""
+        return self.fitter.fit(model, steps, 1, least=_SLOWING, former=former)
 
     # -- growing -------------------------------------------------------------------------------------------------------
 
@@ -180,7 +187,7 @@ class AxisSearch:
 
     def _best_of(self, models: Sequence[AxisModel]) -> AxisFit | None:
         """The best fit of models that differ in their starts, the best of short ones carried on."""
-        short = [self.fitter.fit(m, _SHORT, 1) for m in models]
+        short = [self._short(m) for m in models]
         return self.fitter.fit(short[int(np.argmin(misfits(short)))].model) if short else None
 
     def ranked(self, fit: AxisFit, sheet: bool = False) -> list[tuple[Gain, Candidate, AxisModel]]:
@@ -211,7 +218,7 @@ class AxisSearch:
             for factor in _RESTARTS if e.name in _CURVED else ():
                 moved = best.model.vector
                 moved[j] = np.clip(e.encode(e.value * factor), *e.bounds)
-                trial = self.fitter.fit(best.model.with_values(moved), _SHORT, 1)
+                trial = self._short(best.model.with_values(moved))
                 if -float(np.diff(misfits([best, trial]))[0]) > self.settings.indistinguishable:
                     best = self.fitter.fit(trial.model)
         return best if best is not fit else None
@@ -221,35 +228,32 @@ class AxisSearch:
         rows = self.ranked(fit, sheet)
         fine = sorted(rows, key=lambda row: -row[0].fine)
         shortlist = {row[1].key: row for row in (*rows[:_SHORTLIST], *fine[:_SHORTLIST])}
-        trials: list[tuple[Gain, Candidate, AxisFit]] = []
+        trials, penalty = [], self.settings.parameter_penalty
         for promised, candidate, model in shortlist.values():
             worth = max(promised.slow / max(rows[0][0].slow, 1.0), promised.fine / max(fine[0][0].fine, 1.0))
-            if promised.largest < 0.3 * self.settings.likelihood_ratio or worth < _WORTH:
-                continue
-            trial = self.fitter.fit(model, _SHORT, 1)
-            more = len(model.entries) - len(fit.model.entries) - 1
-            won = Gain.of(fit.residual, trial.residual, trial.independent, trial.noise)
-            trials.append((won.less(self.settings.parameter_penalty * more), candidate, trial))
-        # first what makes the misfit smaller, then what its spectrum shows
-        for of in (lambda t: t[0].slow, lambda t: t[0].fine):
-            best = max((t for t in trials if not is_trifle(t[2].model, t[1])), key=of, default=None)
-            if best is None or of(best) < self.settings.likelihood_ratio:
-                continue
-            close = of(best) - self.settings.indistinguishable
-            best = next((t for t in trials if t[1].effect.kind in SIMPLER and of(t) > close), best)
-            if is_visible(fit, best[2]):
-                return best[1], self.fitter.fit(best[2].model, 3 * _SHORT)
-        return None
+            if promised.largest >= 0.3 * self.settings.likelihood_ratio and worth >= _WORTH:
+                trials.append(Trial.of(fit, candidate, self._short(model, fit, _FEW), penalty))
+        for i, ahead in enumerate(are_ahead(trials)):
+            if ahead:
+                further = self._short(trials[i].fit.model, trials[i].fit)
+                trials[i] = Trial.of(fit, trials[i].candidate, further, penalty)
+        best = taken(fit, trials, self.settings)
+        return (best.candidate, self.fitter.fit(best.fit.model, _SHORT, former=best.fit)) if best else None
 
-    def _pruned(self, found: list[Candidate], fit: AxisFit) -> tuple[list[Candidate], AxisFit]:
-        """The causes that the final model still needs: one that was found early may stand for others found later."""
-        found = list(found)
-        for candidate in tuple(found):
-            without = self.fitter.fit(candidate.taken_from(fit.model, self.machine), _SHORT, 1)
+    def _pruned(self, found: list[Candidate], fit: AxisFit) -> tuple[dict[Candidate, AxisFit | None], AxisFit]:
+        """The causes that the final model still needs: one that was found early may stand for others found later.
+
+        Each comes with the fit without it, where the model did not change afterwards.
+        """
+        kept: dict[Candidate, AxisFit | None] = {}
+        for candidate in found:
+            without = self._short(candidate.taken_from(fit.model, self.machine), fit)
             if is_trifle(fit.model, candidate) or gain(without, fit) < self.settings.likelihood_ratio:
-                found.remove(candidate)
-                fit = self.fitter.fit(without.model)
-        return found, fit
+                fit = self.fitter.fit(without.model, former=without)
+                kept = dict.fromkeys(kept)
+            else:
+                kept[candidate] = without
+        return kept, fit
 
     def _as_stated(self, fit: AxisFit) -> AxisFit:
         """The model with the position gains of the sheet where the recordings do not contradict them.
@@ -263,16 +267,16 @@ class AxisSearch:
             now, stated = fit.model.entries, e.decode(e.mean)
             held = replace(e, value=stated, deviation=_STATED, centre=stated)
             model = replace(fit.model, entries=tuple(held if f.label == e.label else f for f in now))
-            trial = self.fitter.fit(model, 3 * _SHORT, 1)
+            trial = self._short(model, fit)
             if gain(trial, fit) < self.settings.likelihood_ratio:
                 fit = trial
         return fit
 
     # -- what competes -------------------------------------------------------------------------------------------------
 
-    def _against_competing(self, fit: AxisFit, candidate: Candidate) -> FoundCause:
-        """What one cause contributes, and what does as well in its place."""
-        without = self.fitter.fit(candidate.taken_from(fit.model, self.machine), _SHORT, 1)
+    def _against_competing(self, fit: AxisFit, candidate: Candidate, without: AxisFit | None) -> FoundCause:
+        """What one cause contributes, beyond the fit ``without`` it, and what does as well in its place."""
+        without = without or self._short(candidate.taken_from(fit.model, self.machine), fit)
         own = gain(without, fit)
         competing, rejected = {}, {}
         rows = [r for r in self.ranked(without) if r[1].key != candidate.key]
@@ -280,7 +284,7 @@ class AxisSearch:
             if promised.largest < 0.3 * own:
                 rejected[other.effect.id] = round(own - max(promised.largest, 0.0), 1)
                 continue
-            trial = self.fitter.fit(model, _SHORT, 1)
+            trial = self._short(model, without)
             worse = gain(trial, fit)
             if worse < self.settings.indistinguishable and other.effect.id != candidate.effect.id:
                 competing[other.effect.id] = trial
