@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 os.environ.setdefault("MUJOCO_GL", "egl")
@@ -12,6 +14,7 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from mjsim.ballbar.kinds import KINDS
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
 from mjsim.campaign.new_machine import new_machine
@@ -41,6 +44,8 @@ MACHINES = (
     ("nutating table", "w-C'B'Y'bXZ-t", _LEANING),
     ("nutating head, table C", "w-C'bXYZB-t", _LEANING),
     ("nutating head C, B", "w-bXYZCB-t", _LEANING),
+    ("swivel head B with a quill", "w-C'bXYBZ-t", ()),
+    ("slide on the table C, head A", "w-X'C'bYZA-t", ()),
     ("four axes, table C", "w-C'bXYZ-t", ()),
     ("four axes, table A", "w-A'X'bYZ-t", ()),
     ("four axes, head B", "w-bXYZB-t", ()),
@@ -69,6 +74,11 @@ def pose(chain, phi: float) -> tuple[np.ndarray, BallBarTest]:
     test = BallBarTest("t", "circular", (0.05, 0.0, 0.155), 0.1, 0.02, chain=chain)
     if len(chain.rotary) == 2:
         test = BallBarTest("t", "cone_frustum", (0.05, 0.0, 0.155), 0.1, 0.02, 20 * DEG, 15 * DEG, chain=chain)
+    if KINDS[test.kind].wrong(test):  # a slide on the table cannot follow a whole turn
+        first, *_ = chain.rotary
+        test = BallBarTest("t", "simultaneous", (0.05, 0.0, 0.155), 0.1, 0.02, axis=first, sensitive="Z", chain=chain)
+        test = replace(test, stop=50 * DEG, more={"second_start": 0.0, "second_stop": 40 * DEG})
+        return Program(test).path(np.array([0.4]))[0], test
     q = Program(test).path(np.linspace(0.0, phi, 200))[-1]
     if len(chain.rotary) == 1:  # turned a little, to be seen
         axis = chain.rotary[0]
@@ -107,7 +117,8 @@ def main() -> None:
         draw.text((x + 8, y + SIZE[1] + 2), name, "black", font)
         draw.text((x + 8, y + SIZE[1] + 22), configuration, (80, 80, 80), font)
     sheet.save(IMAGES / "machines.jpg", quality=84, optimize=True)
-    animation()
+    if "--sheet" not in sys.argv:
+        animation()
 
 
 def animation() -> None:

@@ -13,9 +13,11 @@ import numpy as np
 import pytest
 import trimesh
 
+from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.model import build
 from mjsim.machine.modelling import five_axis
 from mjsim.machine.modelling.folder import differences, write_folder
+from mjsim.machine.modelling.mjcf import machine_xml
 from mjsim.machine.modelling.pieces import cylinder, loft
 from mjsim.simulation.mjmodel import build_model
 
@@ -486,3 +488,40 @@ def test_random_jogging(scene, engine_warnings):
         mujoco.mj_step(scene, data)
     np.testing.assert_allclose(data.qpos, scene.key("home").qpos, rtol=0, atol=1e-5)
     assert not raised(data) and not engine_warnings
+
+
+def test_the_builder_gives_the_shipped_machine(model):
+    """For its own chain the builder makes the same joints in the same order, carried by the same ones, with the same
+    sites, actuators, sensors and key frame; all kinematics agree. Solids, travel and weights are the shipped file's.
+    """
+    built = mujoco.MjModel.from_xml_string(machine_xml(FIVE_AXIS))
+
+    def structure(m):
+        carried = {}
+        for what, body in [
+            *((m.joint(i).name, m.jnt_bodyid[i]) for i in range(m.njnt)),
+            *((m.site(i).name, m.site_bodyid[i]) for i in range(m.nsite)),
+        ]:
+            carried[what] = []
+            while body:
+                carried[what] += [m.joint(i).name for i in range(m.njnt) if m.jnt_bodyid[i] == body]
+                body = m.body_parentid[body]
+        return {
+            "carried": carried,
+            "joints": [(m.joint(i).name, int(m.jnt_type[i]), m.jnt_axis[i].tolist()) for i in range(m.njnt)],
+            "actuators": [(m.actuator(i).name, m.joint(m.actuator_trnid[i, 0]).name) for i in range(m.nu)],
+            "sensors": [m.sensor(i).name for i in range(m.nsensor)],
+            "tendons": [m.tendon(i).name for i in range(m.ntendon)],
+            "home": m.key("home").qpos.tolist(),
+        }
+
+    assert structure(built) == structure(model)
+    rng, data = np.random.default_rng(4), [mujoco.MjData(m) for m in (model, built)]
+    for _ in range(1000):
+        q, places = np.append(rng.uniform(-0.3, 0.3, 3), rng.uniform(-2.0, 2.0, 2)), []
+        for m, d in zip((model, built), data, strict=True):
+            d.qpos[:] = q
+            mujoco.mj_kinematics(m, d)
+            sites = [d.site(n) for n in ("table_ball", "spindle_ball")]
+            places.append(np.concatenate([np.append(s.xpos, s.xmat) for s in sites]))
+        np.testing.assert_allclose(places[1], places[0], rtol=0, atol=1e-12)

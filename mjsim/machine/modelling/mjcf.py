@@ -24,6 +24,8 @@ _MATERIALS = {
     "mark": "0.95 0.75 0.08 1",
     "bar": "1 0.3 0.02 1",
 }
+#: Length of the bar in the key frame, m.
+BAR = 0.1
 #: Natural frequency of a viewer's sliders, rad/s (assumed; no model of the drives).
 _VIEWER = 8.0
 #: Motor's share of an axis' inertia until a machine file says more: this many times that of the bodies (assumed).
@@ -66,9 +68,10 @@ def _text(assembly: Assembly, name: str) -> str:
     weigh, travel = weights(assembly), dict(zip(chain.letters, usual_travel(chain), strict=True))
     out.append('    <body name="bed">\n')
     out += [_geom(s, np.zeros(3), "      ") for s in assembly.bed.solids]
-    for links, last in ((assembly.work, assembly.table), (assembly.tool, assembly.spindle)):
+    for links, last in ((assembly.tool, assembly.spindle), (assembly.work, assembly.table)):
         out.append(_nested(links, np.zeros(3), last, chain, weigh, travel, "      "))
     out.append("    </body>\n  </worldbody>\n")
+    order = [k.axis.letter for k in (*assembly.tool, *assembly.work) if k.axis]
     first = [links[0].name for links in (assembly.work, assembly.tool) if links]
     loose = [n for n, links in (("table", assembly.work), ("spindle", assembly.tool)) if not links]
     excluded = "".join(f'    <exclude body1="bed" body2="{b}"/>\n' for b in (*first, *loose))
@@ -78,14 +81,21 @@ def _text(assembly: Assembly, name: str) -> str:
     for links in (assembly.work, assembly.tool):
         carried |= {k.axis.letter: _carried(links[i:], weigh) for i, k in enumerate(links) if k.axis}
     out.append("  <!-- For the sliders of a viewer. They are no model of the drives. -->\n  <actuator>\n")
-    for a in chain.letters:
+    for a in order:
         kp = (1 + _ARMATURE) * carried[a] * _VIEWER**2
         control = "" if a not in chain.round_axes else ' ctrlrange="-6.2832 6.2832"'
         inherit = control or ' inheritrange="1"'
         out.append(f'    <position name="{a}" joint="{a}" kp="{kp:.6g}" dampratio="1"{inherit}/>\n')
     out.append("  </actuator>\n  <sensor>\n")
-    out += [f'    <jointpos name="{a}_pos" joint="{a}"/>\n' for a in chain.letters]
+    out += [f'    <jointpos name="{a}_pos" joint="{a}"/>\n' for a in order]
     out.append(_SENSORS)
+    if chain.spatial:
+        home = dict(zip(chain.linear, (BAR, 0.0, BALL_HEIGHT), strict=True))
+        at = _numbers([home.get(a, 0.0) for a in order])
+        out.append(
+            f"  <keyframe>\n    <!-- In the order {' '.join(order)}. The bar is {BAR:g} m long. -->\n"
+            f'    <key name="home" qpos="{at}" ctrl="{at}"/>\n  </keyframe>\n'
+        )
     return "".join(out) + "</mujoco>\n"
 
 

@@ -9,6 +9,9 @@ from mjsim.machine.modelling.links import GAP, Link, Solid, box, from_axis, orie
 from mjsim.machine.modelling.work_stack import BALL
 from mjsim.machine.reach import usual_travel
 
+#: Half width and rear face of a quill, m.
+_QUILL = 0.08, 0.10
+
 
 class ToolStack:
     """Links from the spindle to the column.
@@ -83,6 +86,8 @@ class ToolStack:
             inner, outer = at + side * wide, at + side * (wide + 0.09)
             a, b, c = axis.centre, axis.centre, axis.centre
             a[axis.along], b[axis.along], c[axis.along] = at, inner + side * 0.01, outer
+            if self.links[-2:-1] and self.links[-2].role == "quill":  # which slides past the journal
+                a[axis.along] = at + side * self._cheek(link, axis, side)
             c_end = c.copy()
             c_end[axis.along] = outer + side * 0.012
             link.solids.append(rod(a, b, 0.05, "steel"))
@@ -100,6 +105,18 @@ class ToolStack:
         span = (at - far, at + far) if fork else (at - 0.12, at + far)
         self.rest.append(oriented_box(axis.along, span, (across - 0.12, across + 0.12), (crown, crown + 0.08), "white"))
         self._top = crown + 0.08
+
+    def _cheek(self, link: Link, axis: Axis, side: float) -> float:
+        """Lengthen the guide of a quill to a journal beside it; distance from the quill's middle to the journal, m."""
+        low, high = float(axis.centre[2]) - 0.06, self._top - 0.2
+        if axis.along == 1:
+            link.solids.append(box((-0.09, 0.09), sorted((side * (_QUILL[1] + GAP), side * 0.2)), (low, high), "white"))
+            return _QUILL[1] + GAP
+        near = _QUILL[0] + GAP
+        wide = sorted((side * near, side * 0.14))
+        link.solids.append(box(wide, (-0.06, 0.06), (low, low + 0.2), "white"))
+        link.solids.append(box(wide, (-0.06, 0.2), (low + 0.2, high), "white"))  # clear of the table when it swivels
+        return near
 
     def _nutating_head(self, link: Link, axis: Axis, above: list[Solid]) -> None:
         """A flange across the tilted axis, above all that swings with it, under an inclined arm."""
@@ -128,8 +145,9 @@ class ToolStack:
         link.role, z = "quill" if axis.along == 2 else "slide", self._top
         reach = max(map(abs, self._travel[axis.letter]))
         if axis.along == 2:
-            link.solids.append(box((-0.08, 0.08), (-0.08, 0.10), (z, z + reach + 0.15), "light_grey"))
-            self.rest.append(box((-0.09, 0.09), (0.10 + GAP, 0.2), (z + 0.02, z + 2 * reach + 0.2), "white"))
+            x, y = _QUILL
+            link.solids.append(box((-x, x), (-x, y), (z, z + reach + 0.15), "light_grey"))
+            self.rest.append(box((-0.09, 0.09), (y + GAP, 0.2), (z + 0.02, z + 2 * reach + 0.2), "white"))
             self.rest.append(box((-0.15, 0.15), (-0.15, 0.2), (z + 2 * reach + 0.2, z + 2 * reach + 0.26), "white"))
             self._top = z + 2 * reach + 0.26
         else:
