@@ -6,6 +6,9 @@ import pytest
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.estimation.axis_logs.data import noise_of, period_of
+from mjsim.estimation.axis_logs.entries import AxisModel, Entry
+from mjsim.estimation.axis_logs.fit import AxisFit
+from mjsim.estimation.axis_logs.together import known_together
 from mjsim.workflow.log_compare import compare_logs
 from mjsim.workflow.log_diagnose import diagnose_logs
 from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
@@ -55,6 +58,10 @@ def test_an_integral_time_that_is_not_on_the_sheet(campaign):
     low, high = result.effects[0].ci95["ratio"]
     assert low < 0.4 < high and high / low < 1.5
     assert result.after.rms < 0.2e-6
+    # the table of the data sheet tells the same: the number that the factor makes
+    (row,) = (s for s in result.sheet if s.name == "integral_time")
+    assert row.stated == 0.1 and row.known and row.ci95[0] < 0.04 < row.ci95[1] < 0.1
+    assert row.found / row.stated == pytest.approx(result.effects[0].effect.values["ratio"], rel=0.03)
 
 
 def test_a_constant_force_is_told_from_a_direction_by_the_sticking(campaign):
@@ -104,3 +111,20 @@ def test_noise_from_repeats_rest_and_declared():
     assert "rest" in found.source and found.rms == pytest.approx(0.4e-7, rel=0.1)
     chirp = 0.01 * np.sin(2 * np.pi * time**2)
     assert "declared" in noise_of(time, AxisRecord(chirp, chirp + noise), 1e-7).source
+
+
+def test_a_number_that_is_known_only_together_with_another(tmp_path):
+    """Two entries of which the sum is known: the interval of the first holds zero, and where the second is as found
+    it does not.
+    """
+    entries = [Entry("rising_friction.X", n, v, deviation=10.0) for n, v in (("torque_Nm", 1.0), ("other", 2.0))]
+    rising = '\n[[effect]]\nid = "rising_friction.X"\ntorque_Nm = 1.0\nvelocity_rad_per_s = 5.0\n'
+    (tmp_path / "machine.toml").write_text(machine_toml(FRICTION, PI, False) + rising)
+    model = AxisModel(read_machine(tmp_path / "machine.toml"), "X", tuple(entries))
+    design = np.column_stack([np.ones(50), np.ones(50)])
+    fit = AxisFit(model, (np.zeros(50),), (design,), (50.0,), (1.0,), (1.0,))
+    found = known_together(fit, "rising_friction.X")
+    assert found is not None and found.others == ("other",)
+    assert found.ci95 == pytest.approx((1.0 - 1.96 / np.sqrt(50.0), 1.0 + 1.96 / np.sqrt(50.0)), rel=1e-2)
+    poor = AxisFit(model, (np.zeros(50),), (design,), (50.0,), (0.1,), (1.0,))
+    assert known_together(poor, "rising_friction.X").others == ()  # too little is known of the sum as well

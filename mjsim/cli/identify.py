@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
-from mjsim.cli.logs import chosen, identify, test_option
+from mjsim.cli.logs import chosen, diagnose, test_option
 from mjsim.machine.axis import TURNING
 
 
@@ -113,7 +113,7 @@ def drive(campaign, machine, write, max_effects, only, force, threads, as_json, 
     c = chosen(read_campaign(campaign), only)
     if not c.logs.recorded:
         raise InputError(f"{c.folder / 'campaign.toml'}: no test of the kind log has a trace; drives need axis logs")
-    identify(c, machine_of(c, machine), write, max_effects, force, common.cores(threads), as_json, quiet)
+    diagnose(c, machine_of(c, machine), write, max_effects, force, common.cores(threads), as_json, quiet, drive=True)
 
 
 def show(axis: str, data: dict) -> None:

@@ -118,31 +118,10 @@ def show_check(data: dict) -> None:
         common.paragraph("No mistake found: command and actual position, axes, units and time fit each other.")
 
 
-def diagnose(campaign, machine, write: Path | None, max_effects: int, force: bool, threads: int, as_json, quiet):
-    """``mjsim diagnose`` on axis logs."""
-    data = _searched(campaign, machine, write, max_effects, force, threads, quiet)
-    if as_json:
-        common.print_json(data)
-    elif not quiet:
-        show_diagnosis(data)
-        if write is not None:
-            common.say(f"fitted machine written to {write}", quiet)
-
-
-def identify(campaign, machine, write: Path | None, max_effects: int, force: bool, threads: int, as_json, quiet):
-    """``mjsim identify drive``."""
-    data = _searched(campaign, machine, write, max_effects, force, threads, quiet)
-    if as_json:
-        common.print_json(data)
-    elif not quiet:
-        show_sheet(data)
-        click.echo()
-        show_effects(data)
-        if write is not None:
-            common.say(f"machine with the numbers found written to {write}", quiet)
-
-
-def _searched(campaign, machine, write: Path | None, max_effects: int, force: bool, threads: int, quiet: bool) -> dict:
+def diagnose(
+    campaign, machine, write: Path | None, max_effects: int, force: bool, threads: int, as_json, quiet, drive=False
+):
+    """``mjsim diagnose`` on axis logs; with ``drive`` ``mjsim identify drive``: the numbers come first."""
     from mjsim.campaign.machine_file import write_machine
     from mjsim.io.files import check_writable
     from mjsim.workflow.log_diagnose import diagnose_logs
@@ -153,7 +132,13 @@ def _searched(campaign, machine, write: Path | None, max_effects: int, force: bo
         result = diagnose_logs(campaign, machine, max_effects, threads, progress)
     if write is not None:
         write_machine(result.machine, machine.file, write, force=force)
-    return result.to_json()
+    data = result.to_json()
+    if as_json:
+        common.print_json(data)
+    elif not quiet:
+        (show_drive if drive else show_diagnosis)(data)
+        if write is not None:
+            common.say(f"{'machine with the numbers found' if drive else 'fitted machine'} written to {write}", quiet)
 
 
 def show_comparison(data: dict) -> None:
@@ -225,6 +210,13 @@ def show_diagnosis(data: dict) -> None:
         common.paragraph(f"not testable with an encoder on the motor alone: {', '.join(data['not_testable'])}")
 
 
+def show_drive(data: dict) -> None:
+    """The data sheet of a diagnosis' JSON, then its effects."""
+    show_sheet(data)
+    click.echo()
+    show_effects(data)
+
+
 def show_effects(data: dict) -> None:
     """The effects found, and the errors per axis with them."""
     for e in data["effects"]:
@@ -248,27 +240,18 @@ def show_axes(tests: list[dict], title: str) -> None:
     common.table([title, "axis", "RMS", "max", "noise", "radial µm"], rows, text=(0, 1))
 
 
-_UNITS = {
-    "inertia": "kg·m²",
-    "viscous": "N·m·s/rad",
-    "position_gain": "1/s",
-    "velocity_gain": "N·m·s/rad",
-    "integral_time": "s",
-    "coulomb_Nm": "N·m",
-    "presliding_rad": "rad",
-}
-
-
 def show_sheet(data: dict) -> None:
     """The data sheet as stated and as found, and what cannot be separated."""
+    from mjsim.machine.sheet_names import sheet_name
+
     rows = []
     for s in data["data_sheet"]:
-        name = s["name"].replace("_Nm", "").replace("_rad", "").replace("_", " ")
+        name, unit = sheet_name(s["name"])
         low, high = s["ci95"]
         known = "recorded output" if s["source"] == "recorded output" else "motion" if s["known"] else "the sheet"
         label = f"{s['axis']} {name}" + (f" ({s['controller']})" if s["controller"] else "")
         numbers = [f"{s['stated']:.4g}", f"{s['found']:.4g}", f"{low:.4g} to {high:.4g}"]
-        rows.append([label, *numbers, _UNITS.get(s["name"], ""), known])
+        rows.append([label, *numbers, unit, known])
     if rows:
         common.table(["data sheet", "stated", "found", "95 %", "unit", "known from"], rows, text=(0, 3, 4, 5))
     for i in data["not_separable"]:

@@ -22,6 +22,8 @@ def parameter_lines(parameters: dict, intervals: dict) -> list[str]:
 def finding_lines(finding: dict) -> list[str]:
     """What stands below the name of a finding: its parameters, what looks like it, and where it shows."""
     lines = parameter_lines(finding["parameters"], finding["ci95"])
+    if finding.get("known_together"):
+        lines.append(finding["known_together"]["sentence"])
     if finding["alternatives"]:
         lines.append(f"cannot be told from: {', '.join(finding['alternatives'])}")
     if finding["tests"]:

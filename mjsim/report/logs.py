@@ -10,6 +10,7 @@ from mjsim.campaign.model import Campaign
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.machine.model import Machine
 from mjsim.machine.model import build as build_plant
+from mjsim.machine.sheet_names import sheet_name
 from mjsim.plots.logs import axis_figure, circle_figure
 from mjsim.progress import Progress, silent
 from mjsim.report import build
@@ -182,6 +183,7 @@ def _finding(e: LogEffect, row: dict) -> dict:
     return (
         {k: row[k] for k in keys}
         | {"change": size}
+        | {"together": e.together.sentence if e.together else None}
         | {"title": e.effect.title, "remedy": e.effect.remedy.text, "rows": rows}
     )
 
@@ -206,8 +208,9 @@ def _ladders(result: LogDiagnosis) -> list[dict]:
 def _sheet_row(row: dict) -> dict:
     where = f" ({row['controller']})" if row["controller"] else ""
     low, high = row["ci95"]
+    name, unit = sheet_name(row["name"])
     return {
-        "name": f"{row['axis']} {row['name'].replace('_', ' ')}{where}",
+        "name": f"{row['axis']} {name}{where}, {unit}".rstrip(", "),
         "stated": f"{row['stated']:.4g}",
         "found": f"{row['found']:.4g}",
         "ends": f"{low:.4g} to {high:.4g}",

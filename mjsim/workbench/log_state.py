@@ -28,8 +28,9 @@ from mjsim.workbench.tried import ChangedModel
 from mjsim.workflow import history
 from mjsim.workflow.edit import machine_of
 from mjsim.workflow.log_compare import LogComparison, check_recorded, compare_logs
-from mjsim.workflow.log_diagnose import diagnose_logs, merged, parameter_intervals
+from mjsim.workflow.log_diagnose import diagnose_logs, merged
 from mjsim.workflow.log_diagnosis import LogDiagnosis
+from mjsim.workflow.log_numbers import parameter_intervals
 
 #: Prior standard deviation of a fitted number, logarithms and typical sizes: next to none.
 _WIDE, _WIDE_LOG = 1e3, 10.0

@@ -25,8 +25,9 @@ from mjsim.workflow.diagnosis import DiagnosedEffect, Diagnosis
 from mjsim.workflow.joint_diagnosis import JointDiagnosis, JointEffect
 from mjsim.workflow.judge import Judge, Judged
 from mjsim.workflow.log_compare import check_recorded, compare_logs
-from mjsim.workflow.log_diagnose import diagnose_logs, exists, parameter_intervals
+from mjsim.workflow.log_diagnose import diagnose_logs, exists
 from mjsim.workflow.log_diagnosis import LogDiagnosis
+from mjsim.workflow.log_numbers import parameter_intervals
 
 #: Most causes on each axis that the logs may add.
 _MOST = 8

@@ -12,17 +12,19 @@ import numpy as np
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.axis_logs.data import axis_data
-from mjsim.estimation.axis_logs.entries import CONTROLLER, DRIVE, NUISANCES, Entry
+from mjsim.estimation.axis_logs.entries import CONTROLLER, Entry
 from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter
-from mjsim.estimation.axis_logs.selection import AxisSearch, AxisSelection
-from mjsim.estimation.axis_logs.separability import inseparable, intervals
+from mjsim.estimation.axis_logs.selection import AxisSearch, AxisSelection, FoundCause
+from mjsim.estimation.axis_logs.separability import inseparable
+from mjsim.estimation.axis_logs.together import known_together
 from mjsim.estimation.axis_logs.unexplained import unexplained_rest
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 from mjsim.workflow.log_compare import check_recorded, overlay_logs
-from mjsim.workflow.log_diagnosis import LogDiagnosis, LogEffect, SheetNumber
+from mjsim.workflow.log_diagnosis import LogDiagnosis, LogEffect
+from mjsim.workflow.log_numbers import parameter_intervals, sheet_of
 
 #: Effects behind the motor's encoder, which a log without an encoder at the load cannot show.
 _BEHIND = ("backlash", "pitch_error", "scale_error", "worm_wear", "thermal_drift", "drive_compliance")
@@ -92,7 +94,7 @@ def log_diagnosis(
         if (r := unexplained_rest(fitters[a], s.fit, machine.drives[a].gear, settings)) is not None
     ]
     if effects:
-        verdict = "ambiguous" if any(e.alternatives for e in effects) else "identified"
+        verdict = "ambiguous" if any(e.alternatives or e.is_open for e in effects) else "identified"
     else:
         verdict = "unknown" if rest else "nothing_found"
     return LogDiagnosis(
@@ -153,6 +155,12 @@ def merged(machine: Machine, fits: list[AxisFit]) -> Machine:
     return replace(out, drives=drives, controllers=controllers)
 
 
+def _order_of(cause: FoundCause) -> float | None:
+    """Order of the wave that a cause is one of several of."""
+    several = cause.effect_id.partition(".")[0] == "cogging"
+    return float(cause.key.rpartition(" ")[2]) if several else None
+
+
 def effects_of(selection: AxisSelection) -> list[LogEffect]:
     """Causes of one axis with their parameters; two shapes of one effect are one cause."""
     fit, out = selection.fit, {}
@@ -172,65 +180,9 @@ def effects_of(selection: AxisSelection) -> list[LogEffect]:
             cause.rejected,
             cause.tests,
             cause.gain,
+            known_together(fit, effect.id, _order_of(cause)),
         )
         former = out.get(effect.id)
         if former is None or former.gain < mine.gain:
             out[effect.id] = mine
     return list(out.values())
-
-
-def parameter_intervals(fit: AxisFit) -> dict[str, dict[str, list]]:
-    """95 % intervals by effect and parameter, in the parameters' units; those of a wave from its two parts."""
-    out: dict[str, dict[str, list]] = {}
-    found = intervals(fit)
-    for e in fit.model.entries:
-        if e.owner in (DRIVE, CONTROLLER, *NUISANCES):
-            continue
-        if not e.name.startswith(("cosine", "sine")):
-            out.setdefault(e.owner, {})[e.name] = list(found[e.label][1:])
-    for e in fit.model.entries:
-        if not e.name.startswith("cosine"):
-            continue
-        effect = fit.model.machine.effect(e.owner)
-        assert effect is not None
-        parts = [found[f"{e.owner}.{n}"] for n in (e.name, e.name.replace("cosine", "sine"))]
-        amplitude = float(np.hypot(parts[0][0], parts[1][0]))
-        spread = max(0.5 * (high - low) for _, low, high in parts)
-        turn = float(np.degrees(spread / max(amplitude, 1e-12)))
-        ends = [max(0.0, amplitude - spread), amplitude + spread]
-        mine = out.setdefault(e.owner, {})
-        if order := e.name.removeprefix("cosine").strip():
-            row = next(r for r in effect.values["components"] if f"{r[0]:g}" == order)
-            low, high = mine.get("components", [[], []])
-            mine["components"] = [
-                [*low, [row[0], ends[0], row[2] - turn]],
-                [*high, [row[0], ends[1], row[2] + turn]],
-            ]
-        else:
-            name = next(p.name for p in effect.parameters_of(effect.subject) if p.name.startswith("amplitude_"))
-            phase = effect.values["phase_deg"]
-            mine |= {name: ends, "phase_deg": [phase - turn, phase + turn]}
-    return out
-
-
-def sheet_of(machine: Machine, axis: str, selection: AxisSelection) -> list[SheetNumber]:
-    """The numbers of one axis' data sheet as stated and as found."""
-    fit, out = selection.fit, []
-    read = {(g.controller or "", n) for g in selection.gains for n in g.values}
-    deviations = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-    ranges, combined = intervals(fit), {label for i in inseparable(fit) for label in i.labels}
-    friction = machine.effect(f"friction.{axis}")
-    for e, sd in zip(fit.model.entries, deviations, strict=True):
-        if e.owner == DRIVE:
-            stated = getattr(machine.drives[axis], e.name)
-        elif e.owner == CONTROLLER:
-            stated = getattr(machine.controllers[e.where][axis], e.name)
-        elif friction is not None and e.owner == friction.id and e.name in ("coulomb_Nm", "presliding_rad"):
-            stated = friction.values[e.name]
-        else:
-            continue
-        value, low, high = ranges[e.label]
-        source = "recorded output" if e.owner == CONTROLLER and (e.where, e.name) in read else "motion"
-        known = source == "recorded output" or bool(sd < 0.5 * e.deviation and e.label not in combined)
-        out.append(SheetNumber(axis, e.name, e.where, stated, value, (low, high), known, source))
-    return out

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.axis_logs.selection import AxisSelection
 from mjsim.estimation.axis_logs.separability import Inseparable
+from mjsim.estimation.axis_logs.together import KnownTogether
 from mjsim.estimation.axis_logs.unexplained import UnexplainedRest
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
@@ -28,6 +29,7 @@ class LogEffect:
         rejected: How much less others explain in its place, by id.
         tests: Where it shows.
         gain: Twice the logarithm of its likelihood ratio.
+        together: How its leading number is known where that number's own interval holds the value that means no cause.
     """
 
     effect: Effect
@@ -38,6 +40,12 @@ class LogEffect:
     rejected: dict[str, float]
     tests: tuple[str, ...]
     gain: float
+    together: KnownTogether | None = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether its size is open, also where other numbers are as found."""
+        return self.together is not None and not self.together.others
 
 
 @dataclass(frozen=True)
@@ -126,6 +134,7 @@ class LogDiagnosis:
                     **change(self.machine, e.effect.subject, e.rms_before, e.rms_after),
                     "alternatives": list(e.alternatives),
                     "tests": list(e.tests),
+                    "known_together": _together(e.together),
                 }
                 for e in self.effects
             ],
@@ -186,6 +195,13 @@ def change(machine: Machine, axis: str, before: float, after: float) -> dict:
     """RMS of an axis before and after a cause entered the model, µm or degrees."""
     unit, symbol = (DEG, "deg") if axis in machine.chain.letters and machine.chain.is_rotary(axis) else (UM, "um")
     return {f"rms_before_{symbol}": _sig(before / unit), f"rms_after_{symbol}": _sig(after / unit)}
+
+
+def _together(known: KnownTogether | None) -> dict | None:
+    if known is None:
+        return None
+    ends = [_sig(x) for x in known.ci95]
+    return {"parameter": known.parameter, "others": list(known.others), "ci95": ends, "sentence": known.sentence}
 
 
 def _sig(x):

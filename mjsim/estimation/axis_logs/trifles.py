@@ -12,7 +12,7 @@ from mjsim.estimation.axis_logs.fit import AxisFit
 from mjsim.machine.model import TOLERANCE
 
 #: Kinds whose ratio is that of a number of the data sheet.
-_OF_SHEET = {
+OF_SHEET = {
     "inertia": "inertia",
     "integral_time": "integral_time",
     "servo_gain": "position_gain",
@@ -37,8 +37,8 @@ def is_trifle(model: AxisModel, candidate: Candidate) -> bool:
     effect = model.machine.effect(candidate.effect.id)
     if effect is None:
         return True
-    if effect.kind in _OF_SHEET:
-        return abs(math.log(effect.values["ratio"])) < _WITHIN * TOLERANCE[_OF_SHEET[effect.kind]]
+    if effect.kind in OF_SHEET:
+        return abs(math.log(effect.values["ratio"])) < _WITHIN * TOLERANCE[OF_SHEET[effect.kind]]
     if effect.kind == "friction_direction":
         return abs(effect.values["share_ratio"]) < _DIRECTION
     friction = model.machine.effect(f"{FRICTION}.{model.axis}")

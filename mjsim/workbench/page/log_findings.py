@@ -4,22 +4,12 @@ from __future__ import annotations
 
 from nicegui import ui
 
+from mjsim.machine.sheet_names import sheet_name
 from mjsim.units import DEG, UM
 from mjsim.workbench import catalogue
 from mjsim.workbench.log_live import LogLive
 from mjsim.workbench.page.findings import JobPanel
 from mjsim.workflow.log_diagnosis import LogDiagnosis, LogEffect
-
-#: Numbers of a data sheet in words, with their unit.
-_SPOKEN = {
-    "inertia": ("inertia", "kg·m²"),
-    "viscous": ("viscous friction", "N·m·s/rad"),
-    "position_gain": ("position gain", "1/s"),
-    "velocity_gain": ("velocity gain", "N·m·s/rad"),
-    "integral_time": ("integral time", "s"),
-    "coulomb_Nm": ("Coulomb friction", "N·m"),
-    "presliding_rad": ("presliding", "rad"),
-}
 
 
 class LogFindingsPanel(JobPanel):
@@ -54,6 +44,8 @@ class LogFindingsPanel(JobPanel):
                 ci = found.ci95.get(p.name)
                 if ci and p.kind != "components":
                     ui.label(f"{catalogue.spoken(p)} 95 %: {ci[0]:.4g} to {ci[1]:.4g} {p.unit}".rstrip())
+            if found.together is not None:
+                ui.label(found.together.sentence).classes("soft")
             ui.label(f"RMS {found.rms_before / unit:.4g} → {found.rms_after / unit:.4g} {symbol}")
             self.doubts(found)
             self.buttons(found)
@@ -65,7 +57,7 @@ class LogFindingsPanel(JobPanel):
             ui.label("The fitted machine").classes("head")
             for n in rows[:8]:
                 where = f" ({n.controller})" if n.controller else ""
-                name, unit = _SPOKEN.get(n.name, (n.name.replace("_", " "), ""))
+                name, unit = sheet_name(n.name)
                 ui.label(f"{n.axis} {name}{where}: {n.found:.4g}, stated {n.stated:.4g} {unit}".rstrip())
             for i in result.inseparable[:3]:
                 ui.label(
