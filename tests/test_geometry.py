@@ -72,7 +72,14 @@ def test_what_is_left_open_is_said(capsys):
         {"id": "axis_location.EZ0B", "parameter": "value_um", "value": 1.0, "ci95": [-19.0, 21.0], "determined": False},
     ]
     names = ["table ball z of set-up a", "squareness.YZ", "table ball z of set-up b"]
-    rows = [r | {"instead": [] if r["determined"] else [{"name": n, "correlation": 0.9} for n in names]} for r in rows]
+    rows = [
+        r
+        | {
+            "meaning": "C centreline",
+            "instead": [] if r["determined"] else [{"name": n, "correlation": 0.9} for n in names],
+        }
+        for r in rows
+    ]
     head = {"configuration": "w-C'bXYZB-t", "tests": 3, "residual_over_noise": 2.0, "noise_um": 0.1}
     show(head | {"explained": False, "geometry": rows, "combinations": [], "left_out": ["EX0B"]})
     said = " ".join(capsys.readouterr().out.split())

@@ -78,6 +78,13 @@ def test_the_catalogue_of_a_machine(tmp_path):
     of = {e["kind"]: e["subjects"] for e in listed}
     assert of["axis_location"] == ["EX0C", "EY0C", "EA0C", "EB0C", "EZ0B", "EA0B", "EC0B"]
     assert of["gravity_windup"] == ["B"] and of["tilt_error_motion"] == ["B", "C"]
+    for subject, said in (
+        ("EZ0B", "B centreline displaced along Z, on Z"),
+        ("EA0C", "C centreline turned about X, on"),
+    ):
+        shown = run("effects", f"axis_location.{subject}", "--machine", tmp_path / "m" / "machine.toml").output
+        assert f"subject: {said}" in shown
+    assert "subject" not in run("effects", "backlash.B", "--machine", tmp_path / "m" / "machine.toml").output
     result = run("effects", "backlash.A", "--machine", tmp_path / "m" / "machine.toml")
     assert result.exit_code == 1 and "X, Y, Z, B, C" in result.output
 

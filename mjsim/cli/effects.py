@@ -8,6 +8,7 @@ import click
 
 from mjsim.cli import common
 from mjsim.machine.chain import FIVE_AXIS, Chain
+from mjsim.machine.subjects import in_words
 
 
 @click.command("effects")
@@ -56,8 +57,9 @@ def command(effect, machine_file, as_json, quiet) -> None:
         f"{data['id'] if subject else cls.kind}: {data['title']}" + ("" if subject else f" ({', '.join(subjects)})")
     )
     click.echo()
-    for word in ("definition", "source", "signature"):
-        common.paragraph(f"{word}: {data[word]}")
+    for word in ("subject", "definition", "source", "signature"):
+        if data[word]:
+            common.paragraph(f"{word}: {data[word]}")
     click.echo()
     rows = [
         [p["name"], p["unit"] or "–", "–" if p["neutral"] is None else f"{p['neutral']:g}", _allowed(p), p["meaning"]]
@@ -86,6 +88,7 @@ def describe(cls, subject: str | None, chain: Chain = FIVE_AXIS) -> dict:
         "kind": cls.kind,
         "subjects": list(subjects),
         "title": cls.title,
+        "subject": in_words(subject, chain) if subject else "",
         "definition": cls.definition,
         "source": cls.source,
         "signature": cls.signature,

@@ -54,8 +54,9 @@ def show(data: dict) -> None:
     for r in data["geometry"]:
         unit, (low, high) = unit_of(r["parameter"])[1], r["ci95"]
         half = (high - low) / 2
-        rows.append([r["id"], f"{r['value']:+.1f}", f"± {half:.1f}", unit, "" if r["determined"] else "open"])
-    common.table(["error", "value", "95 %", "unit", ""], rows, text=(0, 3, 4))
+        name, known = r["id"].partition(".")[2], "" if r["determined"] else "open"
+        rows.append([name, r["meaning"], f"{r['value']:+.1f}", f"± {half:.1f}", unit, known])
+    common.table(["error", "what", "value", "95 %", "unit", ""], rows, text=(0, 1, 4, 5))
     still_open = [r for r in data["geometry"] if not r["determined"]]
     if still_open:
         click.echo()
@@ -66,8 +67,8 @@ def show(data: dict) -> None:
     show_combinations(data)
     if data["left_out"]:
         common.paragraph(
-            f"Not listed, because no test can tell them from the others: {', '.join(data['left_out'])}. Their sum with "
-            "those is in the table."
+            f"Not listed, because no test can tell them from the others: {', '.join(data['left_out'])}. The table has "
+            "what they make together."
         )
 
 

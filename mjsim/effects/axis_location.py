@@ -19,8 +19,8 @@ class AxisLocation(Effect):
     noun = "location error"
     parameters = _SHIFT
     definition = (
-        "p ← Ry(EB0C) Rx(EA0C) p + (EX0C, EY0C, 0) in the cradle; p ← Rz(EC0A) Ry(EB0A) p + (0, EY0A, EZ0A) on the "
-        "slide"
+        "p ← R p + shift behind every rotary axis, in the frame that carries it: for C, R = Ry(EB0C) Rx(EA0C) and the "
+        "shift (EX0C, EY0C, 0); for A, R = Rz(EC0A) Ry(EB0A) and the shift (0, EY0A, EZ0A)"
     )
     source = "ISO 230-7 and ISO 230-1 (axis location errors); order of rotations: theory page"
     signature = "Once- and twice-per-turn deviations; partly or wholly hidden by the set-up's ball offsets."

@@ -1,5 +1,5 @@
-"""Error motion of the rotary table, radial and tilt (ISO 230-7): a vector that goes round ``order`` times per table
-turn.
+"""Error motion of a rotary axis, radial and tilt (ISO 230-7): a vector that goes round ``order`` times per turn of the
+axis.
 """
 
 import math
@@ -14,7 +14,7 @@ from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import wobbling_axes
 
 _SHAPE = (
-    Parameter("order", "cycles per table turn k", -50.0, 50.0, scale=1.0),
+    Parameter("order", "cycles per turn of the axis k", -50.0, 50.0, scale=1.0),
     Parameter("phase_deg", "phase", -360.0, 360.0, default=0.0, scale=10.0),
 )
 
@@ -42,12 +42,14 @@ def _go_round(effect: Effect, plant, amplitude: float, first: str, second: str) 
 class RadialErrorMotion(Effect):
     kind = "radial_error_motion"
     subjects = wobbling_axes
-    title = "Radial error motion of the rotary table"
+    title = "Radial error motion of a rotary axis"
     parameters = (Parameter("amplitude_um", "radius of the motion", 0.0, 500.0, neutral=0.0, scale=1.0), *_SHAPE)
-    definition = "table displaced by a (cos(kC + φ), sin(kC + φ), 0) in the cradle frame"
+    definition = (
+        "what C carries is displaced by a (cos(kC + φ), sin(kC + φ), 0) in the frame that carries C; A and B alike"
+    )
     source = "ISO 230-7 (radial error motion)"
     signature = "Waves of k ± 1 per turn on cones and circles about C; of order 1 it hides in the ball's offset."
-    remedy = Remedy("maintain", "", "Check the table's bearing and its seat.")
+    remedy = Remedy("maintain", "", "Check the bearing of the axis and its seat.")
     search = _hints("amplitude_um", 1.0)
 
     def apply(self, plant):
@@ -58,12 +60,15 @@ class RadialErrorMotion(Effect):
 class TiltErrorMotion(Effect):
     kind = "tilt_error_motion"
     subjects = wobbling_axes
-    title = "Tilt error motion of the rotary table"
+    title = "Tilt error motion of a rotary axis"
     parameters = (Parameter("amplitude_urad", "angle of the wobble", 0.0, 5000.0, neutral=0.0, scale=5.0), *_SHAPE)
-    definition = "table turned by a·cos(kC + φ) about cradle x and a·sin(kC + φ) about cradle y"
+    definition = (
+        "what C carries is turned by a·cos(kC + φ) about x and a·sin(kC + φ) about y of the frame that carries C; "
+        "A and B alike"
+    )
     source = "ISO 230-7 (tilt error motion)"
-    signature = "As radial error motion, growing with the ball's height above the A centreline."
-    remedy = Remedy("maintain", "", "Check the table's bearing, its preload and clamping.")
+    signature = "As radial error motion, growing with the distance of the ball along the axis."
+    remedy = Remedy("maintain", "", "Check the bearing of the axis, its preload and clamping.")
     search = _hints("amplitude_urad", 5.0)
 
     def apply(self, plant):

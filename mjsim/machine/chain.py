@@ -134,6 +134,14 @@ class Chain:
         """The rotary axes that carry the tool, from the tool to the bed."""
         return tuple(a for a in reversed(self.tool) if a.rotary)
 
+    def carrier(self, letter: str) -> str:
+        """Letter of the axis on which another one stands; empty for one that stands on the bed."""
+        for side in (self.work, tuple(reversed(self.tool))):  # both from the far end to the bed
+            letters = [a.letter for a in side]
+            if letter in letters[:-1]:
+                return letters[letters.index(letter) + 1]
+        return ""
+
     @cached_property
     def carried(self) -> tuple[str, ...]:
         """Letters of the linear axes that stand on a rotary axis and turn with it."""

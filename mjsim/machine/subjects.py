@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mjsim.machine.chain import Chain
+from mjsim.machine.chain import COORDINATES, Chain
 
 
 def every_axis(chain: Chain) -> tuple[str, ...]:
@@ -53,3 +53,21 @@ def axis_of_subject(subject: str, chain: Chain) -> str:
         if error.name == subject:
             return error.axis
     return subject[-1] if subject[-1:] in chain.letters else ""  # as ISO 230-1 names errors: the axis last
+
+
+def in_words(subject: str, chain: Chain) -> str:
+    """What a geometric error moves, and where, such as ``C centreline turned about Y, on A``; empty for other subjects.
+
+    Args:
+        subject: name of a location error, or of two axes that are not square.
+        chain: axes of the machine.
+    """
+    for error in chain.location_errors:
+        if error.name == subject:
+            way = "turned about" if error.rotation else "displaced along"
+            carrier = chain.carrier(error.axis)
+            on = f"on {carrier}" if carrier else "on the bed"
+            return f"{error.axis} centreline {way} {COORDINATES[error.along]}, {on}"
+    if subject in chain.planes:
+        return f"{subject[0]} and {subject[1]} not square"
+    return ""

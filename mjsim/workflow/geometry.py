@@ -19,6 +19,7 @@ from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.vibration import separate
 from mjsim.machine.chain import Chain
 from mjsim.machine.model import Machine, build
+from mjsim.machine.subjects import in_words
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 from mjsim.units import UM
@@ -46,6 +47,7 @@ class Located:
         parameter: its parameter, which ends in its unit.
         value: its estimate.
         half_width: half of its 95 % interval.
+        meaning: what is displaced or turned, and where.
         wanted: limit of a machine of its class: the tolerance of the machine file, or the one of a typical machine.
         instead: what else the tests may see in its place, each with the correlation, where the number is open.
     """
@@ -54,6 +56,7 @@ class Located:
     parameter: str
     value: float
     half_width: float
+    meaning: str
     wanted: float
     instead: tuple[tuple[str, float], ...] = ()
 
@@ -66,6 +69,7 @@ class Located:
         """Plain numbers in the unit of the parameter."""
         return {
             "id": self.id,
+            "meaning": self.meaning,
             "parameter": self.parameter,
             "value": _plain(self.value),
             "ci95": [_plain(self.value - self.half_width), _plain(self.value + self.half_width)],
@@ -170,6 +174,7 @@ def _numbers(fit: Fit, limits: Mapping[str, float]) -> tuple[Located, ...]:
             f.names[0],
             float(f.effect.values[f.names[0]]),
             1.96 * float(deviation[at]) * scale,
+            in_words(f.effect.subject, fit.machine.chain),
             limits[f.effect.key],
         )
         if not one.determined:
