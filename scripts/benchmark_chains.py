@@ -34,6 +34,7 @@ def cases(count: int, families: list[str]):
 def main() -> None:
     from diagnosis_report import mark
     from independent import chains
+    from independent.chains import FAMILIES
 
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import read_machine
@@ -61,10 +62,17 @@ def main() -> None:
         with options.out.open("a") as file:
             file.write(json.dumps(row) + "\n")
         print(f"{case.name:32} {row['mark']:8} {row['seconds']:6.1f} s", flush=True)
+    print("| family | machines | campaigns | right | partly | missed | wrong | crash | median s |")
+    print("|---|---|---|---|---|---|---|---|---|")
     for kind in ("ideal", "real"):
-        marks = [r["mark"] for r in rows if f"-{kind}-" in r["name"]]
-        if marks:
-            print(f"{kind}: {len(marks)} campaigns, " + ", ".join(f"{m} {marks.count(m)}" for m in sorted(set(marks))))
+        for family in options.family or FAMILIES:
+            mine = [r for r in rows if r["name"].startswith(f"{family}-{kind}-")]
+            if not mine:
+                continue
+            marks = [r["mark"] for r in mine]
+            counts = " | ".join(str(marks.count(m)) for m in ("right", "partly", "missed", "wrong", "crash"))
+            seconds = sorted(r["seconds"] for r in mine)[len(mine) // 2]
+            print(f"| {family} | {kind} | {len(mine)} | {counts} | {seconds:.0f} |")
 
 
 if __name__ == "__main__":

@@ -221,6 +221,7 @@ def test_wobbles_that_are_location_errors_are_not_looked_for(number, axis, order
     assert np.linalg.norm(left) < 1e-4 * np.linalg.norm(wanted)
     orders = set(range(-6, 7)) - {0}
     assert order in orders - set(visible_orders(chain, axis, True))
+    assert len(visible_orders(chain, "X", True)) == 12
     assert set(visible_orders(CHAINS[0], "C", True)) == set(visible_orders(CHAINS[0], "C", False)) == orders
 
 

@@ -15,10 +15,11 @@ from mjsim.estimation.effect_vector import EffectVector
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.machine.parameter import Parameter
+from mjsim.machine.redundant import visible_orders
 
-#: Order of a rotary table's error motion where none is stated: twice per turn (once per turn hides in the ball's
-#: offset).
-_TABLE_ORDER = 2.0
+#: Orders of a rotary axis' error motion where none is stated, the first that is no location error in another form:
+#: twice per turn (once per turn hides in the ball's offset).
+_ORDERS = (2, -2, 3)
 #: A limit is this many standard deviations of the prior.
 LIMIT_DEVIATIONS = 2.0
 
@@ -115,7 +116,8 @@ def _at_mean(
         return present, names
     values = {p.name: p.neutral for p in cls.parameters_of(subject) if p.leading}
     if any(p.name == "order" for p in cls.parameters_of(subject)):
-        values["order"] = _TABLE_ORDER
+        visible = visible_orders(machine.chain, subject, "amplitude_urad" in values)
+        values["order"] = float(next((k for k in _ORDERS if k in visible), _ORDERS[0]))
     return cls(subject, **values), names
 
 

@@ -26,20 +26,22 @@ def visible_orders(chain: Chain, axis: str, rotation: bool) -> tuple[int, ...]:
 
     Args:
         chain: the machine's axes.
-        axis: letter of the rotary axis.
+        axis: letter of the rotary axis; all orders of anything else are visible.
         rotation: whether it is a tilt; otherwise it is radial.
     """
+    orders = tuple(k for k in range(-MOST_ORDERS, MOST_ORDERS + 1) if k)
+    at = [i for i, m in enumerate(chain.motions, chain.count) if m.axis == axis and m.rotation == rotation]
+    if not chain.is_rotary(axis):
+        return orders
     rng = np.random.default_rng(1)
     q = np.zeros((_POSES, len(chain.columns)))
     q[:, chain.linear_columns] = rng.uniform(-0.3, 0.3, (_POSES, len(chain.linear)))
     q[:, chain.rotary_columns] = rng.uniform(-1.2, 1.2, (_POSES, len(chain.rotary)))
     balls = rng.uniform(-0.2, 0.2, (_POSES, 3))  # another place of the table ball in every pose
-    at = [i for i, m in enumerate(chain.motions, chain.count) if m.axis == axis and m.rotation == rotation]
     first, second = (_of_motion(chain, q, balls, i) for i in at)
     known = [_of_location(chain, q, balls, e.name) for e in chain.location_errors]
     known += [_of_motion(chain, q, balls, chain.index(a)) for a in chain.rotary]
     basis = np.linalg.qr(np.array([k.ravel() for k in known]).T)[0]
-    orders = (k for k in range(-MOST_ORDERS, MOST_ORDERS + 1) if k)
     return tuple(k for k in orders if not _is_known(basis, first, second, k * q[:, chain.index(axis)]))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
@@ -32,6 +33,9 @@ _LEAN_ABOUT = Key(
     option="--lean-about",
     help="Angle φ of the diameter about which it leans, ° (default 0).",
 )
+
+#: Lean of the circles that a plan looks at, rad: the spindle stays clear of the table (assumed).
+_PLANNED_LEAN = 15.0 * DEG
 
 
 @register
@@ -88,6 +92,11 @@ class Circular(Kind):
     def proposals(self, chain: Chain, length: float, height: float) -> Iterator[BallBarTest]:
         for plane in chain.planes:
             yield BallBarTest("", self.name, (0.0, 0.0, height), length, 0.0, plane=plane, chain=chain)
+
+    def variations(self, test: BallBarTest) -> Iterator[BallBarTest]:
+        if not _leans(test):
+            for about in (0.0, 90.0):
+                yield replace(test, more={"lean": _PLANNED_LEAN, "lean_about": about * DEG})
 
 
 def _lean(test: BallBarTest) -> tuple[float, float]:
