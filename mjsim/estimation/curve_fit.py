@@ -16,7 +16,7 @@ _STEPS = 2
 _WIDEST = 1e6
 
 
-def fit_beside(fitter: Fitter, fit: Fit, term: CurveTerm) -> tuple[Fit, CurveTerm]:
+def fit_beside(fitter: Fitter, fit: Fit, term: CurveTerm, steps: int = _STEPS) -> tuple[Fit, CurveTerm, Together]:
     """The model and the curve where both lie when they are fitted together.
 
     The curve is no part of the model, so the model's residuals show it in full. The covariance allows for it.
@@ -25,16 +25,20 @@ def fit_beside(fitter: Fitter, fit: Fit, term: CurveTerm) -> tuple[Fit, CurveTer
         fitter: Of the machine.
         fit: The model fitted without the curve.
         term: The curve, with its columns.
+        steps: Gauss-Newton steps.
+
+    Returns:
+        The model, the curve, and the linear problem of both.
     """
     columns, misfit = fitter.problem.whiten(term.columns), fit.sum_squares / fitter.problem.count
-    for _ in range(_STEPS):
+    for _ in range(steps):
         together = Together(fit, columns, max(1.0, misfit))
         misfit = together.misfit
         moved = fit.moved(together.step)
         fit = fitter.fit(moved.effects, start=moved, iterations=0, exact=True, fresh=False)
     together = Together(fit, columns, max(1.0, misfit))
     curve = replace(term, coefficients=together.coefficients, precision=together.information)
-    return replace(fit, step=together.step, equations=together.equations), curve
+    return replace(fit, step=together.step, equations=together.equations), curve, together
 
 
 class Together:
@@ -46,6 +50,7 @@ class Together:
         coefficients: Of the curve, (k,).
         information: That the data hold about them beside the model, (k, k).
         misfit: Mean square of what is left, in units of the noise.
+        objective: -2 log evidence of the curve beside the model, but for what all models share.
     """
 
     def __init__(self, fit: Fit, columns: np.ndarray, weight: float = 1.0) -> None:
@@ -64,3 +69,6 @@ class Together:
         self.coefficients = taken[:, -1] - taken[:, :-1] @ self.step
         left = fit.residual - fit.design @ self.step - columns @ self.coefficients
         self.misfit = float(np.mean(left**2))
+        flexibility = np.linalg.slogdet(self.information)[1] - len(own) * np.log(precision)
+        prior = fit.parameters.penalty(fit.vector + self.step) + precision * float(np.sum(self.coefficients**2))
+        self.objective = float(left @ left) + prior + flexibility

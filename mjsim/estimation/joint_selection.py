@@ -25,6 +25,7 @@ from mjsim.estimation.equivalents import equivalents
 from mjsim.estimation.evidence import SparseModel, log_evidence, select
 from mjsim.estimation.evidence_priors import added, kept_waves
 from mjsim.estimation.fit import Fit, Fitter
+from mjsim.estimation.one_curve import FEWEST, one_curve
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.selection import Found, Selection
 from mjsim.estimation.signatures import SignatureBank
@@ -50,12 +51,14 @@ class JointSelection:
         selection: Start, final model and findings, as of :class:`ModelSelection`.
         calibrated: Effects that a machine of its class may have and that are no findings.
         curve: The generic curve that explains what no effect of the catalogue does, if there is one.
+        alone: Whether it stands in the place of all findings.
     """
 
     problem: Problem
     selection: Selection
     calibrated: tuple[Calibrated, ...]
     curve: CurveTerm | None = None
+    alone: bool = False
 
 
 @dataclass
@@ -91,9 +94,9 @@ class JointSelector:
         machine = self.fitter.machine
         expected = {c.key: c for c in expected_effects(machine)}
         self.progress("fitting everything that a machine may have", 0, 1)
-        fit = self._without_disturbances(self._refit([c.free for c in expected.values()], None, _FIRST))
+        first = self._without_disturbances(self._refit([c.free for c in expected.values()], None, _FIRST))
         start = self.fitter.fit([], exact=False)
-        model = _Model(fit, dict(expected), expected, SignatureBank(self.problem, fit))
+        model = _Model(first, dict(expected), expected, SignatureBank(self.problem, first))
         for number in range(_ROUNDS):
             self.progress("selecting causes by evidence", number, _ROUNDS)
             if not self._select(model) and not self._release(model):
@@ -101,6 +104,11 @@ class JointSelector:
         model.fit = self.fitter.fit(model.fit.effects, start=model.fit, exact=True, iterations=_STEPS, fresh=False)
         self._without_invisible(model)
         self._return(model)
+        instead = self._one_curve(model, first)
+        if instead is not None:
+            fit, curve = instead
+            selection = Selection(start, fit, [], model.bank)
+            return JointSelection(self.problem, selection, tuple(expected.values()), curve, alone=True)
         if not machine.tolerance and model.curve is None:  # beside something unknown nothing small is proven
             for key in self._proven(model):
                 del model.kept[key]
@@ -234,6 +242,14 @@ class JointSelector:
         model.kept |= {key: model.expected[key] for key in inside}
         effects = [model.expected[f.effect.key].at(f) if f.effect.key in inside else f for f in model.fit.effects]
         model.fit = self.fitter.fit(effects, start=model.fit, exact=True, iterations=_STEPS, fresh=False)
+
+    def _one_curve(self, model: _Model, first: Fit) -> tuple[Fit, CurveTerm] | None:
+        """One generic curve in place of all findings, where the evidence is for it."""
+        named = [f.effect.key for f in model.fit.effects if f.effect.key not in model.kept]
+        if model.curve is not None or len(named) < FEWEST:
+            return None
+        self.progress("one cause outside the catalogue against all that was named", 0, 1)
+        return one_curve(self.fitter, first, model.fit, named)
 
     def _without_invisible(self, model: _Model) -> None:
         """Drop what was selected, but stands out of no test."""

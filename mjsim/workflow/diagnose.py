@@ -223,8 +223,9 @@ def _explain_jointly(problem: Problem, fitter: Fitter, progress: Progress) -> Ex
     joint = JointSelector(fitter, progress).run()
     problem, fit = joint.problem, joint.selection.fit
     fitter = fitter.with_problem(problem)
-    incomplete = fit.sum_squares > problem.settings.joint_fit * problem.count
-    rest = best_curve_term(problem, fit) if joint.curve is not None or incomplete else None
+    rest = joint.curve if joint.alone else None
+    if rest is None and (joint.curve is not None or fit.sum_squares > problem.settings.joint_fit * problem.count):
+        rest = best_curve_term(problem, fit)
     if rest is not None:
         progress("fitting beside what is not in the catalogue", 0, 1)
         joint, rest = _beside_unknown(problem, fitter, joint, rest)
@@ -242,7 +243,7 @@ def _beside_unknown(
     problem: Problem, fitter: Fitter, joint: JointSelection, rest: CurveTerm
 ) -> tuple[JointSelection, CurveTerm]:
     """The outcome fitted together with a curve, and without the findings that do not stand beside it."""
-    fit, curve = fit_beside(fitter, joint.selection.fit, rest)
+    fit, curve, _ = fit_beside(fitter, joint.selection.fit, rest)
     expected = {c.key: c for c in expected_effects(fitter.machine)}
     misfit = (describe(problem, fit, curve, together=True).left / problem.noise.rms) ** 2
     found = [f for f in joint.selection.found if stands(fit, f.key, expected, misfit, problem.settings.joint_fit)]
@@ -251,7 +252,7 @@ def _beside_unknown(
         calibrated = tuple(c for key, c in expected.items() if key not in keys)
         effects = [f for f in fit.effects if f.effect.key in keys]
         start = fitter.fit([*effects, *(c.free for c in calibrated)], start=joint.selection.fit, fresh=False)
-        fit, curve = fit_beside(fitter, start, best_curve_term(problem, start) or rest)
+        fit, curve, _ = fit_beside(fitter, start, best_curve_term(problem, start) or rest)
         joint = replace(joint, calibrated=calibrated)
     return replace(joint, selection=replace(joint.selection, fit=fit, found=found)), curve
 

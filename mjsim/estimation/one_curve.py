@@ -1,0 +1,68 @@
+"""One cause that is in no catalogue, against several named effects that imitate it.
+
+A few tests leave the catalogue much room. An axis whose play changes with its position looks like a pitch error in one
+direction, and what that does not fit goes into locations and straightness. One generic curve of that axis explains the
+same with a single cause.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Collection
+
+import numpy as np
+
+from mjsim.estimation.candidate_groups import own_groups
+from mjsim.estimation.curve_fit import Together, fit_beside
+from mjsim.estimation.curve_terms import CurveTerm, CurveTerms
+from mjsim.estimation.fit import Fit, Fitter
+
+#: Fewest effects that one curve may stand for.
+FEWEST = 2
+#: Curves that are fitted, and Gauss-Newton steps with each: the model without the effects may be far off.
+_TRIED, _STEPS = 4, 4
+
+
+def one_curve(fitter: Fitter, calibrated: Fit, named: Fit, findings: Collection[str]) -> tuple[Fit, CurveTerm] | None:
+    """The model with one curve in place of all findings, where the evidence is for it; otherwise ``None``.
+
+    Args:
+        fitter: Of the machine.
+        calibrated: The model without findings.
+        named: The model with them.
+        findings: Their keys.
+    """
+    problem = fitter.problem
+    terms = CurveTerms(problem, calibrated)
+    ranked: list[tuple[float, CurveTerm]] = []
+    tried = 0
+    for term in itertools.chain(terms.own(), terms.clock(False), terms.across()):
+        columns = problem.whiten(term.columns)
+        if np.square(columns).sum() < 1e-6:
+            continue
+        tried += 1
+        together = Together(calibrated, columns)
+        ranked.append((together.objective, term))
+        ranked = sorted(ranked, key=lambda r: r[0])[:_TRIED]  # a curve's columns fill several MB
+    best, least = None, _objective(named, findings, problem.settings.log_odds)
+    for _, term in ranked:
+        fit, curve, together = fit_beside(fitter, calibrated, term, _STEPS)
+        objective = together.objective - 2.0 * problem.settings.curve_log_odds + 2.0 * math.log(tried)
+        if objective < least:
+            best, least = (fitter.fit(fit.effects, start=fit, iterations=0, fresh=False), curve), objective
+    return best
+
+
+def _objective(named: Fit, findings: Collection[str], log_odds: float) -> float:
+    """-2 log evidence of a model with its findings, but for what it shares with the model without them."""
+    out = named.objective
+    for f in named.effects:
+        if f.effect.key not in findings:
+            continue
+        variance = np.diag(named.covariance_of(f))
+        for _, entries in own_groups(f):
+            out -= 2.0 * log_odds
+            # a prior as wide as the size that was found costs this much
+            out += float(np.log1p((f.vector - f.off)[entries] ** 2 / variance[entries]).sum())
+    return out
