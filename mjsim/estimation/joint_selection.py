@@ -29,7 +29,7 @@ from mjsim.estimation.one_curve import FEWEST, one_curve
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.selection import Found, Selection
 from mjsim.estimation.signatures import SignatureBank
-from mjsim.estimation.verdicts import beyond, is_beyond, log_odds
+from mjsim.estimation.verdicts import beyond, is_beyond, proven
 from mjsim.estimation.visibility import clear_tests
 from mjsim.progress import Progress, silent
 
@@ -110,7 +110,7 @@ class JointSelector:
             selection = Selection(start, fit, [], model.bank)
             return JointSelection(self.problem, selection, tuple(expected.values()), curve, alone=True)
         if not machine.tolerance and model.curve is None:  # beside something unknown nothing small is proven
-            for key in self._proven(model):
+            for key in proven(model.fit, model.kept, self.settings.log_odds):
                 del model.kept[key]
         found = [self._against_equivalents(model, f) for f in self._found(model)]
         return JointSelection(
@@ -294,11 +294,3 @@ class JointSelector:
             model.fit, groups, found.key, lambda effects: self._refit(effects, model.fit, _STEPS), added
         )
         return replace(found, competing=competing)
-
-    def _proven(self, model: _Model) -> list[str]:
-        """Keys of the effects beside which, at typical sizes as prior, the data leave no doubt that they are there."""
-        return [
-            f.effect.key
-            for f in model.fit.effects
-            if f.effect.key in model.kept and log_odds(model.fit, f) + self.settings.log_odds > 0.0
-        ]

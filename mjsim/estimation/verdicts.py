@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -22,6 +22,13 @@ def log_odds(fit: Fit, f: EffectVector) -> float:
     departure, covariance = (f.vector - mean)[informed], fit.covariance_of(f)[np.ix_(informed, informed)]
     shrunk = np.linalg.slogdet(covariance)[1] - 2.0 * np.log(deviation[informed]).sum()
     return 0.5 * float(departure @ np.linalg.solve(covariance, departure) + shrunk)
+
+
+def proven(fit: Fit, kept: Collection[str], prior_log_odds: float) -> list[str]:
+    """Keys of those effects of ``kept`` beside which, at typical sizes as prior, the data leave no doubt that they are
+    there.
+    """
+    return [f.effect.key for f in fit.effects if f.effect.key in kept and log_odds(fit, f) + prior_log_odds > 0.0]
 
 
 def is_beyond(fit: Fit, f: EffectVector, expected: Calibrated, misfit: float = 1.0) -> bool:
