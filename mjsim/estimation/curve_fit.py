@@ -70,5 +70,5 @@ class Together:
         left = fit.residual - fit.design @ self.step - columns @ self.coefficients
         self.misfit = float(np.mean(left**2))
         flexibility = np.linalg.slogdet(self.information)[1] - len(own) * np.log(precision)
-        prior = fit.parameters.penalty(fit.vector + self.step) + precision * float(np.sum(self.coefficients**2))
+        prior = linear.parameters.penalty(fit.vector + self.step) + precision * float(np.sum(self.coefficients**2))
         self.objective = float(left @ left) + prior + flexibility

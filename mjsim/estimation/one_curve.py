@@ -45,13 +45,12 @@ def one_curve(fitter: Fitter, calibrated: Fit, named: Fit, findings: Collection[
         together = Together(calibrated, columns)
         ranked.append((together.objective, term))
         ranked = sorted(ranked, key=lambda r: r[0])[:_TRIED]  # a curve's columns fill several MB
-    best, least = None, _objective(named, findings, problem.settings.log_odds)
-    for _, term in ranked:
-        fit, curve, together = fit_beside(fitter, calibrated, term, _STEPS)
-        objective = together.objective - 2.0 * problem.settings.curve_log_odds + 2.0 * math.log(tried)
-        if objective < least:
-            best, least = (fitter.fit(fit.effects, start=fit, iterations=0, fresh=False), curve), objective
-    return best
+    charge = 2.0 * math.log(tried) - 2.0 * problem.settings.curve_log_odds
+    fitted = [fit_beside(fitter, calibrated, term, _STEPS) for _, term in ranked]
+    fit, curve, together = min(fitted, key=lambda f: f[2].objective)
+    if together.objective + charge >= _objective(named, findings, problem.settings.log_odds):
+        return None
+    return fitter.fit(fit.effects, start=fit, iterations=0, fresh=False), curve
 
 
 def _objective(named: Fit, findings: Collection[str], log_odds: float) -> float:

@@ -1,0 +1,58 @@
+"""One cause outside the catalogue is not named as several effects that imitate it, and several causes are not one."""
+
+from independent import campaign as generator
+from independent.layouts import layout
+from independent.unlisted import EccentricPlay
+
+from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import read_machine
+from mjsim.effects import registry
+from mjsim.estimation.calibration import expected_effects
+from mjsim.estimation.effect_vector import EffectVector
+from mjsim.estimation.fit import Fitter
+from mjsim.estimation.one_curve import one_curve
+from mjsim.estimation.problem import Problem
+from mjsim.machine.model import build
+
+KEPT = ("axis_location.EX0C", "axis_location.EY0C", "axis_location.EA0C", "axis_location.EB0C", "squareness.XY")
+
+
+def free(machine, effect_id, **values):
+    """An effect whose last value is fitted."""
+    cls, subject = registry.effect_class(effect_id, machine.chain)
+    return EffectVector(cls(subject, **values), tuple(values)[-1:])
+
+
+def instead_of(named_of, hidden, folder):
+    """What one curve explains in place of the named effects, on a turn of the table each way."""
+    tests = [t for t in layout("rotaries") if t["name"].startswith("rotary-c-tangential")]
+    generator.write_files(generator.Case("c", "M1", tuple(tests), hidden, seed=3, tolerance_stated=True), folder)
+    campaign = read_campaign(folder)
+    machine = read_machine(campaign.machine_file)
+    fitter = Fitter(Problem.of(campaign, build(machine), threads=2), machine)
+    kept = [c.free for c in expected_effects(machine) if c.key in KEPT]
+    named = named_of(machine)
+    findings = [f.effect.key for f in named]
+    model = fitter.fit([*(f for f in kept if f.effect.key not in findings), *named])
+    return one_curve(fitter, fitter.fit(kept), model, findings)
+
+
+def test_play_that_changes_with_the_position_is_one_cause(tmp_path):
+    def named(machine):
+        wave = free(machine, "pitch_error.C", direction="CW", components=[[1.0, 0.0005, 10.0]])
+        return [wave, *(free(machine, f"axis_location.{name}", value_um=1.0) for name in ("EX0C", "EY0C"))]
+
+    instead = instead_of(named, (EccentricPlay("C", 8.0),), tmp_path)
+    assert instead is not None
+    fit, curve = instead
+    assert curve.axis == "C" and curve.signed
+    assert {f.effect.key for f in fit.effects} == set(KEPT)
+
+
+def test_two_causes_are_not_one(tmp_path):
+    def named(machine):
+        waves = free(machine, "pitch_error.C", components=[[240.0, 0.0003, 10.0]])
+        return [free(machine, "backlash.C", width_deg=0.001), waves]
+
+    waves = {"id": "pitch_error.C", "components": [[240.0, 0.0005, 50.0]]}
+    assert instead_of(named, ({"id": "backlash.C", "width_deg": 0.003}, waves), tmp_path) is None
