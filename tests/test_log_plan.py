@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 from test_joint import candidates, with_log
 
-from mjsim.axislog.motions import Motion, proposals
+from mjsim.axislog.motions import Circle, Motion, proposals
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.cli.main import main
@@ -40,6 +40,9 @@ def test_motions_are_what_their_programs_say(m1):
             command = motion.command(1e-3)
             assert np.abs(np.diff(command)).max() <= 1.0001 * fastest * 1e-3
             assert command[0] == 0.0 and command[-1] == motion.moves[-1][0]
+            if isinstance(motion, Circle):
+                assert np.ptp(command) == pytest.approx(0.02, rel=1e-6) and "G2 X0 Y0 I10 " in motion.program()[2]
+                continue
             words = [line for line in motion.program() if line.startswith("G1")]
             assert len(words) == motion.repeats * len(motion.moves)
             assert sum(float(w.split()[1][1:]) for w in words) == pytest.approx(0.0, abs=1e-6)

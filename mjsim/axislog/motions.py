@@ -1,4 +1,4 @@
-"""Motions of one axis that are worth a recording: strokes, constant speeds, small steps, slow reversals."""
+"""Motions of one axis that are worth a recording: strokes, constant speeds, small steps, slow reversals, circles."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from mjsim.units import DEG, MM
 
 #: Acceleration of a usual control, m/s² and rad/s², and the time of a stop, s (assumed).
 _ACCELERATION, _STOP = {False: 2.0, True: 20.0}, 0.3
+#: Radius of the circle that is looked at, m (assumed).
+_RADIUS = 10e-3
 #: Lengths that are looked at, m and rad.
 _SMALL, _SHORT, _LONG = {False: 0.1e-3, True: 0.02 * DEG}, {False: 1e-3, True: 0.5 * DEG}, {False: 0.06, True: 30 * DEG}
 
@@ -23,7 +25,7 @@ class Motion:
 
     Attributes:
         axis: Letter.
-        kind: ``steps``, ``strokes``, ``constant speeds`` or ``slow reversals``.
+        kind: ``steps``, ``strokes``, ``constant speeds``, ``slow reversals`` or ``slow circle``.
         moves: Targets and speeds, axis units and axis units per s; a stop follows each.
         repeats: How often all of them run.
         rotary: Whether the axis turns.
@@ -58,9 +60,12 @@ class Motion:
         speeds = dict.fromkeys(f"{v / unit:.3g}" for _, v in self.moves)
         many = self.repeats * len(self.moves)
         said = f"{self.axis}: {many} moves of {', '.join(ways)} {symbol} at {', '.join(speeds)} {symbol}/s, a stop of "
-        said += f"{_STOP:g} s after each"
-        if self.torque:
-            said += "; record the torque or the current as well"
+        return said + f"{_STOP:g} s after each" + self._settings
+
+    @property
+    def _settings(self) -> str:
+        """What is recorded or set besides, in words."""
+        said = "; record the torque or the current as well" if self.torque else ""
         if self.gain != 1.0:
             said += f"; set the velocity gain to {self.gain:g} of the present one for this recording"
         return said
@@ -89,6 +94,44 @@ class Motion:
                 out.append(f"G4 P{_STOP:g}")
                 here = target
         return [*out, "G90"]
+
+
+@dataclass(frozen=True)
+class Circle(Motion):
+    """One axis on a circle that it runs with another linear axis: smooth reversals, with the other one at full speed.
+
+    Attributes:
+        partner: Letter of the other axis.
+        turns: How often round.
+    """
+
+    partner: str = ""
+    turns: int = 1
+
+    @property
+    def radius(self) -> float:
+        """Of the circle, m."""
+        return 0.5 * max(p for p, _ in self.moves)
+
+    @property
+    def words(self) -> str:
+        """In one sentence."""
+        said = f"{self.axis} and {self.partner}: {self.turns} turns on a circle of {self.radius / MM:.3g} mm radius at "
+        return said + f"{self._speed:.3g} mm/s" + self._settings
+
+    def command(self, step: float) -> np.ndarray:
+        """Commanded positions of the axis from 0, (n,) m, ``step`` s apart; it begins where the axis turns back."""
+        way = _trapezoid(2.0 * np.pi * self.radius * self.turns, self.moves[0][1], _ACCELERATION[False], step)
+        rest = np.zeros(int(_STOP / step))
+        return np.concatenate([rest, self.radius * (1.0 - np.cos(way / self.radius)), rest])
+
+    def program(self) -> list[str]:
+        """Lines of an NC program, relative to where the axes stand."""
+        centre = chr(ord(self.axis) - ord("X") + ord("I"))  # I, J, K are the centre along X, Y, Z
+        third = 3 * ord("Y") - ord(self.axis) - ord(self.partner)
+        plane = 17 + ord("Z") - third  # G17 has X and Y, G18 Z and X, G19 Y and Z
+        turn = f"G2 {self.axis}0 {self.partner}0 {centre}{self.radius / MM:.6g} F{60.0 * self.moves[0][1] / MM:.6g}"
+        return [f"G{plane}", "G91", *[turn] * self.turns, f"G4 P{_STOP:g}", "G90"]
 
 
 def _trapezoid(way: float, speed: float, acceleration: float, step: float) -> np.ndarray:
@@ -120,6 +163,10 @@ def proposals(chain: Chain, axis: str) -> Iterator[Motion]:
     yield motion("slow reversals", [(short, 0.005 * fastest), (0.0, 0.005 * fastest)], 3)
     for share in (0.1, 0.5, 1.0):
         yield motion("strokes", [(long, share * fastest), (0.0, share * fastest)], 3)
+    partner = next((a for a in chain.letters if a != axis and not chain.is_rotary(a)), None)
+    if partner is not None and not rotary:
+        feed = 0.01 * fastest
+        yield Circle(axis, "slow circle", ((2.0 * _RADIUS, feed), (0.0, feed)), 1, False, partner=partner, turns=2)
     slow = [s * fastest for s in (0.01, 0.05, 0.2, 0.8)]
     yield motion("constant speeds", [(p, v) for v in slow for p in (min(long, 2.0 * v), 0.0)], 1)
 

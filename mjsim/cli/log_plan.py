@@ -63,6 +63,20 @@ def show(data: dict, folder: str) -> None:
     click.echo(f"  3. mjsim diagnose {folder}")
 
 
+def show_recordings(rows: list[dict]) -> None:
+    """Recordings that separate what a ball-bar test is to separate, below the test."""
+    if not rows:
+        return
+    (axis,) = rows[0]["test"]["axes"]
+    click.echo()
+    common.paragraph(f"Or without the ball bar: record command and position of {axis} in the control.")
+    common.table(
+        ["motion to record", "expected", "time min"],
+        [[r["motion"], _effect(r), f"{r['minutes']:.1f}"] for r in rows],
+        text=(0, 1),
+    )
+
+
 def _effect(row: dict) -> str:
     """What a measurement is expected to bring."""
     if row.get("left") is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from mjsim.cli import common
-from mjsim.cli.log_plan import plan_measurement
+from mjsim.cli.log_plan import plan_measurement, show_recordings
 
 
 @click.command("plan")
@@ -38,6 +38,7 @@ def command(campaign, machine, between, threads, as_is, as_json, quiet) -> None:
     """
     from mjsim.campaign.files import read_campaign
     from mjsim.workflow.edit import machine_of
+    from mjsim.workflow.log_plan import recordings_beside
     from mjsim.workflow.plan import plan
 
     c = read_campaign(campaign, as_is=as_is)
@@ -47,8 +48,10 @@ def command(campaign, machine, between, threads, as_is, as_json, quiet) -> None:
         return
     with common.progress_bar(quiet) as progress:
         result = plan(c, m, between, common.cores(threads), progress)
+        recordings = recordings_beside(result, m) if result else []
     if as_json:
-        common.print_json(result.to_json() if result else {"between": None, "test": None, "difference_um": None})
+        none = {"between": None, "test": None, "difference_um": None}
+        common.print_json({**(result.to_json() if result else none), "recordings": recordings})
         return
     if quiet:
         return
@@ -59,6 +62,7 @@ def command(campaign, machine, between, threads, as_is, as_json, quiet) -> None:
         )
         return
     show(result, campaign)
+    show_recordings(recordings)
 
 
 def show(result, campaign) -> None:

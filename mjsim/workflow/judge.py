@@ -10,8 +10,8 @@ import numpy as np
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.axis_logs.data import axis_data
 from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter
+from mjsim.estimation.axis_logs.found import AxisSelection
 from mjsim.estimation.axis_logs.gains import read_gains
-from mjsim.estimation.axis_logs.selection import AxisSelection
 from mjsim.estimation.axis_logs.shared import MOTOR_SIDE, Decision, advantage, decide, fitted_to_logs, shared_entries
 from mjsim.estimation.competing import CompetingModel
 from mjsim.estimation.posterior import Posterior

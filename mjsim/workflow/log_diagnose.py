@@ -14,7 +14,8 @@ from mjsim.errors import InputError
 from mjsim.estimation.axis_logs.data import axis_data
 from mjsim.estimation.axis_logs.entries import CONTROLLER, Entry
 from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter
-from mjsim.estimation.axis_logs.selection import AxisSearch, AxisSelection, FoundCause
+from mjsim.estimation.axis_logs.found import AxisSelection, FoundCause
+from mjsim.estimation.axis_logs.selection import AxisSearch
 from mjsim.estimation.axis_logs.separability import inseparable
 from mjsim.estimation.axis_logs.together import known_together
 from mjsim.estimation.axis_logs.unexplained import unexplained_rest

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mjsim.campaign.model import Campaign
-from mjsim.estimation.axis_logs.selection import AxisSelection
+from mjsim.estimation.axis_logs.found import AxisSelection
 from mjsim.estimation.axis_logs.separability import Inseparable
 from mjsim.estimation.axis_logs.together import KnownTogether
 from mjsim.estimation.axis_logs.unexplained import UnexplainedRest

@@ -6,7 +6,7 @@ import numpy as np
 
 from mjsim.estimation.axis_logs.entries import CONTROLLER, DRIVE, NUISANCES, Entry
 from mjsim.estimation.axis_logs.fit import AxisFit
-from mjsim.estimation.axis_logs.selection import AxisSelection
+from mjsim.estimation.axis_logs.found import AxisSelection
 from mjsim.estimation.axis_logs.separability import inseparable, intervals
 from mjsim.estimation.axis_logs.trifles import OF_SHEET
 from mjsim.machine.model import Machine

@@ -20,6 +20,7 @@ from mjsim.estimation.axis_logs.start import start_model
 from mjsim.estimation.competing import CompetingModel
 from mjsim.estimation.planning.choose import worth
 from mjsim.estimation.planning.next_test import NOTHING, Plan
+from mjsim.estimation.planning.separation import competing_of
 from mjsim.estimation.settings import DIAGNOSIS, PLAN
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
@@ -166,6 +167,26 @@ def _across(
     if not choices and bars is None:
         return None
     return _said(ids, sorted(choices, key=lambda p: p.worth, reverse=True), bars)
+
+
+def recordings_beside(bars: Plan, machine: Machine, most: int = 3) -> list[dict]:
+    """Recordings of the control that separate what a plan for ball-bar tests is to separate, the best first.
+
+    What a ball bar cannot tell apart, the encoder of one axis often can, without any set-up.
+
+    Args:
+        bars: The plan.
+        machine: As given.
+        most: At most so many.
+    """
+    axes = {i.partition(".")[2] for i in bars.between}
+    kinds = {i.partition(".")[0] for i in bars.between}
+    if len(axes) != 1 or not axes <= set(machine.chain.letters) or not kinds & set(MOTOR_SIDE):
+        return []
+    (axis,) = axes
+    models = [competing_of(e) for e in bars.explanations]
+    choices = LogPlanner(machine, axis, [unmeasured(machine, axis, m) for m in models]).apart()
+    return [log_row(p, bars.between) for p in choices[:most] if p.decides]
 
 
 def _between(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,11 +12,12 @@ from mjsim.estimation.axis_logs.candidates import FRICTION, Candidate, Catalogue
 from mjsim.estimation.axis_logs.data import AxisData
 from mjsim.estimation.axis_logs.entries import CONTROLLER, AxisModel, Entry
 from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter, gain, misfits
-from mjsim.estimation.axis_logs.gains import GainsRead, read_gains
+from mjsim.estimation.axis_logs.found import AxisSelection, FoundCause
+from mjsim.estimation.axis_logs.gains import read_gains
 from mjsim.estimation.axis_logs.likelihood import Gain
 from mjsim.estimation.axis_logs.promise import linear_step
 from mjsim.estimation.axis_logs.start import start_model
-from mjsim.estimation.axis_logs.trials import Trial, are_ahead, taken
+from mjsim.estimation.axis_logs.trials import Trial, ahead, taken
 from mjsim.estimation.axis_logs.trifles import is_trifle
 from mjsim.estimation.axis_logs.waves import strongest_orders
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
@@ -33,61 +34,17 @@ _WORTH = 0.3
 _FIRST = 3
 #: Numbers on which the motion depends so nonlinearly that a fit can end in a wrong valley, and the factors on them from
 #: which it is tried again.
-_CURVED, _RESTARTS = ("presliding_rad", "velocity_rad_per_s", "stribeck_velocity_rad_per_s"), (0.2, 5.0)
+_CURVED = ("presliding_rad", "velocity_rad_per_s", "stribeck_velocity_rad_per_s", "way_rad")
+_RESTARTS = 0.2, 5.0
 #: Steps of a fit that only has to be good enough for a comparison; it ends where the objective falls by less in one.
 _SHORT, _SLOWING = 10, 5.0
+#: The same for a first look at a model that is to be worse than another, and by how much it then has to be worse to be
+#: believed; and for the model of a step of the search, from which the next one goes on.
+_FIRST_LOOK, _FAR, _ENOUGH = 15.0, 200.0, 1.0
 #: Steps after which candidates are compared: those that are ahead go on.
 _FEW = 3
 #: Share by which the mean square of a recording grows without a cause that shows in it (assumed).
 _SHOWS = 0.02
-
-
-@dataclass(frozen=True)
-class FoundCause:
-    """One cause of the final model.
-
-    Attributes:
-        key: Of the candidate.
-        effect_id: Of the effect.
-        gain: Twice the logarithm of the likelihood ratio against the model without it.
-        alternatives: Ids of effects that the recordings cannot tell from it.
-        rejected: How much worse others do in its place, by id.
-        tests: Where it shows.
-        competing: Fits with an alternative in its place, by id.
-    """
-
-    key: str
-    effect_id: str
-    gain: float
-    alternatives: tuple[str, ...] = ()
-    rejected: dict[str, float] = field(default_factory=dict)
-    tests: tuple[str, ...] = ()
-    competing: dict[str, AxisFit] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class AxisSelection:
-    """Outcome of the search on one axis.
-
-    Attributes:
-        axis: Letter.
-        given: The machine as it is, nuisances fitted.
-        sheet: With the data sheet fitted within its priors.
-        ladder: The models on the way, one cause more each; the last is the final one before competing models.
-        fit: The final model.
-        found: Its causes, the largest gain first.
-        gains: Read back from recorded outputs.
-        order: Keys of the causes in the order of the ladder.
-    """
-
-    axis: str
-    given: AxisFit
-    sheet: AxisFit
-    ladder: tuple[AxisFit, ...]
-    fit: AxisFit
-    found: tuple[FoundCause, ...]
-    gains: tuple[GainsRead, ...] = ()
-    order: tuple[str, ...] = ()
 
 
 class AxisSearch:
@@ -152,9 +109,16 @@ class AxisSearch:
         """The data sheet fitted within its priors."""
         return self.fitter.fit(start_model(self.machine, self.fitter.data, self.gains, self.shared))
 
-    def _short(self, model: AxisModel, former: AxisFit | None = None, steps: int = _SHORT) -> AxisFit:
+    def _short(
+        self, model: AxisModel, former: AxisFit | None = None, steps: int = _SHORT, least: float = _SLOWING
+    ) -> AxisFit:
         """A fit that is good enough for a comparison, with the derivatives of a ``former`` one to begin with."""
-        return self.fitter.fit(model, steps, 1, least=_SLOWING, former=former)
+        return self.fitter.fit(model, steps, 1, least=least, former=former)
+
+    def _lesser(self, model: AxisModel, former: AxisFit, best: AxisFit) -> AxisFit:
+        """A fit of a model that may be worse than the ``best``: carried to the end where it comes near."""
+        look = self._short(model, former, least=_FIRST_LOOK)
+        return self._short(look.model, look) if gain(look, best) < _FAR else look
 
     # -- growing -------------------------------------------------------------------------------------------------------
 
@@ -233,12 +197,15 @@ class AxisSearch:
             worth = max(promised.slow / max(rows[0][0].slow, 1.0), promised.fine / max(fine[0][0].fine, 1.0))
             if promised.largest >= 0.3 * self.settings.likelihood_ratio and worth >= _WORTH:
                 trials.append(Trial.of(fit, candidate, self._short(model, fit, _FEW), penalty))
-        for i, ahead in enumerate(are_ahead(trials)):
-            if ahead:
-                further = self._short(trials[i].fit.model, trials[i].fit)
-                trials[i] = Trial.of(fit, trials[i].candidate, further, penalty)
+        for best in ahead(trials):  # they go on, until one is taken
+            further = self._short(best.fit.model, best.fit)
+            trials[trials.index(best)] = Trial.of(fit, best.candidate, further, penalty)
+            if taken(fit, trials, self.settings, only_size=True):
+                break
         best = taken(fit, trials, self.settings)
-        return (best.candidate, self.fitter.fit(best.fit.model, _SHORT, former=best.fit)) if best else None
+        if best is None:
+            return None
+        return best.candidate, self.fitter.fit(best.fit.model, _SHORT, least=_ENOUGH, former=best.fit)
 
     def _pruned(self, found: list[Candidate], fit: AxisFit) -> tuple[dict[Candidate, AxisFit | None], AxisFit]:
         """The causes that the final model still needs: one that was found early may stand for others found later.
@@ -247,7 +214,7 @@ class AxisSearch:
         """
         kept: dict[Candidate, AxisFit | None] = {}
         for candidate in found:
-            without = self._short(candidate.taken_from(fit.model, self.machine), fit)
+            without = self._lesser(candidate.taken_from(fit.model, self.machine), fit, fit)
             if is_trifle(fit.model, candidate) or gain(without, fit) < self.settings.likelihood_ratio:
                 fit = self.fitter.fit(without.model, former=without)
                 kept = dict.fromkeys(kept)
@@ -276,7 +243,7 @@ class AxisSearch:
 
     def _against_competing(self, fit: AxisFit, candidate: Candidate, without: AxisFit | None) -> FoundCause:
         """What one cause contributes, beyond the fit ``without`` it, and what does as well in its place."""
-        without = without or self._short(candidate.taken_from(fit.model, self.machine), fit)
+        without = without or self._lesser(candidate.taken_from(fit.model, self.machine), fit, fit)
         own = gain(without, fit)
         competing, rejected = {}, {}
         rows = [r for r in self.ranked(without) if r[1].key != candidate.key]
@@ -284,7 +251,7 @@ class AxisSearch:
             if promised.largest < 0.3 * own:
                 rejected[other.effect.id] = round(own - max(promised.largest, 0.0), 1)
                 continue
-            trial = self._short(model, without)
+            trial = self._lesser(model, without, fit)
             worse = gain(trial, fit)
             if worse < self.settings.indistinguishable and other.effect.id != candidate.effect.id:
                 competing[other.effect.id] = trial

@@ -12,7 +12,7 @@ from mjsim.estimation.axis_logs.trifles import is_trifle, is_visible
 from mjsim.estimation.settings import DiagnosisSettings
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trial:
     """A model with one cause more.
 
@@ -38,21 +38,24 @@ class Trial:
 _ORDERS: tuple[Callable[[Trial], float], ...] = (lambda t: t.gain.slow, lambda t: t.gain.fine)
 
 
-def are_ahead(trials: Sequence[Trial]) -> list[bool]:
-    """Which of several trials are ahead of the others."""
+def ahead(trials: Sequence[Trial]) -> list[Trial]:
+    """The trials that are ahead of the others: in size, and in the spectrum where that is another one."""
     best = [max(trials, key=of) for of in _ORDERS] if trials else []
-    return [any(t is b for b in best) for t in trials]
+    return best[:1] if len(best) > 1 and best[0] is best[1] else best
 
 
-def taken(before: AxisFit, trials: Sequence[Trial], settings: DiagnosisSettings) -> Trial | None:
+def taken(
+    before: AxisFit, trials: Sequence[Trial], settings: DiagnosisSettings, only_size: bool = False
+) -> Trial | None:
     """The trial that a search takes; nothing where none pays.
 
     Args:
         before: The model that they extend.
         trials: What was tried.
         settings: What decides.
+        only_size: Look at the size of the misfit alone, which comes first.
     """
-    for of in _ORDERS:
+    for of in _ORDERS[: 1 if only_size else None]:
         best = max((t for t in trials if not is_trifle(t.fit.model, t.candidate)), key=of, default=None)
         if best is None or of(best) < settings.likelihood_ratio:
             continue

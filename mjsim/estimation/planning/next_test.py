@@ -35,12 +35,14 @@ class Plan:
         choices: Candidate tests, best first.
         reason: One sentence.
         settings: By which they were chosen.
+        explanations: What is to be separated.
     """
 
     between: tuple[str, str]
     choices: tuple[Separation, ...]
     reason: str
     settings: PlanSettings = PLAN
+    explanations: tuple[Explanation, ...] = ()
 
     @property
     def best(self) -> Separation:
@@ -116,7 +118,7 @@ def best_of(
         reason = f"Of {len(choices)} tests within reach this one {what} best per minute of machine time."
     else:
         reason = f"No test of {len(choices)} within reach {what} clearly; this one comes nearest."
-    return Plan(between, tuple(choices), reason, settings)
+    return Plan(between, tuple(choices), reason, settings, explanations)
 
 
 def _seeds(effect_id: str, chain: Chain) -> list[dict]:

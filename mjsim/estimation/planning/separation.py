@@ -12,12 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mjsim.ballbar.measurement import BallBarTest
+from mjsim.estimation.competing import CompetingModel
 from mjsim.estimation.data_sheet import DATA_SHEET, calibrated, data_sheet, sheet_block
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit, with_effects
 from mjsim.estimation.least_squares import ridge_solution
 from mjsim.estimation.nuisance import BAR_LENGTH, LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER
 from mjsim.estimation.parameters import Block, Parameters
+from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.problem import sheet_grid, sheet_plants
 from mjsim.estimation.samples import BLOCKS, GRID_STEPS, Noise
 from mjsim.machine.model import Machine, build
@@ -157,6 +159,13 @@ class Separator:
         for k, t in enumerate(taps):
             out += t * columns[p - k : len(columns) - k]
         return out
+
+
+def competing_of(explanation: Explanation) -> CompetingModel:
+    """An explanation as other instruments take it: its machine, and what is uncertain about effects and data sheet."""
+    e = explanation
+    places = e.parameters.places(*(f.block.name for f in e.effects), DATA_SHEET)
+    return CompetingModel(e.name, e.machine, Posterior(e.effects, e.covariance[np.ix_(places, places)]), 0.0)
 
 
 def _lasting(machine: Machine, effects: tuple[EffectVector, ...]) -> Parameters:
