@@ -1,8 +1,9 @@
 """Compute the figures of the page "A real machine" from a copy of the recordings: docs/real-machine.md.
 
-    python scripts/real_machine.py --table TABLE --emps EMPS
+    python scripts/real_machine.py --table TABLE --emps EMPS --screw SCREW
 
-TABLE is a campaign with two logs of a two-axis table under two controllers, EMPS one with the benchmark's four periods.
+TABLE is a campaign with two logs of a two-axis table under two controllers, EMPS one with the benchmark's four periods,
+SCREW one with steps and ramps of a single ball screw under three controllers.
 """
 
 from __future__ import annotations
@@ -138,8 +139,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--table", type=Path)
     parser.add_argument("--emps", type=Path)
+    parser.add_argument("--screw", type=Path)
     given = parser.parse_args()
-    for folder in filter(None, (given.table, given.emps)):
+    for folder in filter(None, (given.table, given.emps, given.screw)):
         campaign = read_campaign(folder)
         machine = read_machine(campaign.machine_file)
         print(f"\n## {campaign.name}\n")
@@ -154,7 +156,8 @@ def main() -> None:
         if folder == given.emps:
             published_form(campaign, machine)
             campaign = parts(campaign, 3 * PERIOD)
-        predictions(campaign, machine)
+        if folder != given.screw:
+            predictions(campaign, machine)
 
 
 if __name__ == "__main__":

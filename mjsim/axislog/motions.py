@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mjsim.machine.axis import COORDINATES, arc_words
 from mjsim.machine.chain import Chain
 from mjsim.machine.reach import usual_speed
 from mjsim.units import DEG, MM
@@ -127,11 +128,9 @@ class Circle(Motion):
 
     def program(self) -> list[str]:
         """Lines of an NC program, relative to where the axes stand."""
-        centre = chr(ord(self.axis) - ord("X") + ord("I"))  # I, J, K are the centre along X, Y, Z
-        third = 3 * ord("Y") - ord(self.axis) - ord(self.partner)
-        plane = 17 + ord("Z") - third  # G17 has X and Y, G18 Z and X, G19 Y and Z
+        plane, centre = arc_words(self.axis, self.partner)
         turn = f"G2 {self.axis}0 {self.partner}0 {centre}{self.radius / MM:.6g} F{60.0 * self.moves[0][1] / MM:.6g}"
-        return [f"G{plane}", "G91", *[turn] * self.turns, f"G4 P{_STOP:g}", "G90"]
+        return [plane, "G91", *[turn] * self.turns, f"G4 P{_STOP:g}", "G90"]
 
 
 def _trapezoid(way: float, speed: float, acceleration: float, step: float) -> np.ndarray:
@@ -163,8 +162,8 @@ def proposals(chain: Chain, axis: str) -> Iterator[Motion]:
     yield motion("slow reversals", [(short, 0.005 * fastest), (0.0, 0.005 * fastest)], 3)
     for share in (0.1, 0.5, 1.0):
         yield motion("strokes", [(long, share * fastest), (0.0, share * fastest)], 3)
-    partner = next((a for a in chain.letters if a != axis and not chain.is_rotary(a)), None)
-    if partner is not None and not rotary:
+    partner = next((a for a in chain.letters if a != axis and a in COORDINATES), None)
+    if partner is not None and axis in COORDINATES:
         feed = 0.01 * fastest
         yield Circle(axis, "slow circle", ((2.0 * _RADIUS, feed), (0.0, feed)), 1, False, partner=partner, turns=2)
     slow = [s * fastest for s in (0.01, 0.05, 0.2, 0.8)]

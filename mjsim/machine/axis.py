@@ -128,3 +128,14 @@ def is_rotary(letter: str) -> bool:
 def is_linear(letter: str) -> bool:
     """Whether an axis moves along a line. Texts that are no axis letter do not."""
     return len(letter) == 1 and letter in ALONG + BESIDE
+
+
+def arc_words(first: str, second: str) -> tuple[str, str]:
+    """The word of an NC program for the plane of two linear axes, and the letter of a circle's centre along the first.
+
+    Args:
+        first: Letter.
+        second: Letter.
+    """
+    i, j = (ALONG.index(letter) for letter in (first, second))
+    return {1: "G17", 2: "G18", 3: "G19"}[i + j], "IJK"[i]

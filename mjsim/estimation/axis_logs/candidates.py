@@ -27,9 +27,8 @@ _PRESLIDING = (2e-6, 15e-6)
 _PRESLIDING_DEG = (1e-5, 1e-4)
 #: Ways of the axis, m or rad, over which the friction of a rest goes, from which fits start; time in which it forms, s,
 #: and the prior deviation of its logarithm: recordings are short, and nobody knows how long an axis rested before them.
-#: Prior deviation of its excess, tenths of the friction level: where the way is short, only their product is known.
 _RENEWED, _RENEWED_DEG = (2e-5, 2e-4), (1e-4, 1e-3)
-_REST, _REST_WIDE, _EXCESS_WIDE = 10.0, 2.0, 30.0
+_REST, _REST_WIDE = 10.0, 2.0
 
 
 #: Prior standard deviation of the two parts of a wave, in starting sizes of a tenth of what is usual (assumed).
@@ -228,8 +227,7 @@ class Catalogue:
         for way in _RENEWED_DEG if self.rotary else _RENEWED:
             e = self._make("rest_friction", excess_ratio=0.3, way_rad=way * self.gear, rest_s=_REST)
             rest = replace(self._log(e, "rest_s"), deviation=_REST_WIDE)
-            excess = replace(self._linear(e, "excess_ratio", 0.1), deviation=_EXCESS_WIDE)
-            out.append(Candidate(e, (excess, self._log(e, "way_rad"), rest)))
+            out.append(Candidate(e, (self._linear(e, "excess_ratio", 0.1), self._log(e, "way_rad"), rest)))
         e = self._make("viscous_direction", share_ratio=0.05)
         out.append(Candidate(e, (self._linear(e, "share_ratio", 0.05),)))
         e = self._make("friction_direction", share_ratio=0.05)

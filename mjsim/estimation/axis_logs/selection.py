@@ -34,13 +34,9 @@ _WORTH = 0.3
 _FIRST = 3
 #: Numbers on which the motion depends so nonlinearly that a fit can end in a wrong valley, and the factors on them from
 #: which it is tried again.
-_CURVED = ("presliding_rad", "velocity_rad_per_s", "stribeck_velocity_rad_per_s", "way_rad")
-_RESTARTS = 0.2, 5.0
+_CURVED, _RESTARTS = ("presliding_rad", "velocity_rad_per_s", "stribeck_velocity_rad_per_s"), (0.2, 5.0)
 #: Steps of a fit that only has to be good enough for a comparison; it ends where the objective falls by less in one.
 _SHORT, _SLOWING = 10, 5.0
-#: The same for a first look at a model that is to be worse than another, and by how much it then has to be worse to be
-#: believed; and for the model of a step of the search, from which the next one goes on.
-_FIRST_LOOK, _FAR, _ENOUGH = 15.0, 200.0, 1.0
 #: Steps after which candidates are compared: those that are ahead go on.
 _FEW = 3
 #: Share by which the mean square of a recording grows without a cause that shows in it (assumed).
@@ -109,16 +105,9 @@ class AxisSearch:
         """The data sheet fitted within its priors."""
         return self.fitter.fit(start_model(self.machine, self.fitter.data, self.gains, self.shared))
 
-    def _short(
-        self, model: AxisModel, former: AxisFit | None = None, steps: int = _SHORT, least: float = _SLOWING
-    ) -> AxisFit:
+    def _short(self, model: AxisModel, former: AxisFit | None = None, steps: int = _SHORT) -> AxisFit:
         """A fit that is good enough for a comparison, with the derivatives of a ``former`` one to begin with."""
-        return self.fitter.fit(model, steps, 1, least=least, former=former)
-
-    def _lesser(self, model: AxisModel, former: AxisFit, best: AxisFit) -> AxisFit:
-        """A fit of a model that may be worse than the ``best``: carried to the end where it comes near."""
-        look = self._short(model, former, least=_FIRST_LOOK)
-        return self._short(look.model, look) if gain(look, best) < _FAR else look
+        return self.fitter.fit(model, steps, 1, least=_SLOWING, former=former)
 
     # -- growing -------------------------------------------------------------------------------------------------------
 
@@ -205,7 +194,7 @@ class AxisSearch:
         best = taken(fit, trials, self.settings)
         if best is None:
             return None
-        return best.candidate, self.fitter.fit(best.fit.model, _SHORT, least=_ENOUGH, former=best.fit)
+        return best.candidate, self.fitter.fit(best.fit.model, _SHORT, former=best.fit)
 
     def _pruned(self, found: list[Candidate], fit: AxisFit) -> tuple[dict[Candidate, AxisFit | None], AxisFit]:
         """The causes that the final model still needs: one that was found early may stand for others found later.
@@ -214,7 +203,7 @@ class AxisSearch:
         """
         kept: dict[Candidate, AxisFit | None] = {}
         for candidate in found:
-            without = self._lesser(candidate.taken_from(fit.model, self.machine), fit, fit)
+            without = self._short(candidate.taken_from(fit.model, self.machine), fit)
             if is_trifle(fit.model, candidate) or gain(without, fit) < self.settings.likelihood_ratio:
                 fit = self.fitter.fit(without.model, former=without)
                 kept = dict.fromkeys(kept)
@@ -243,7 +232,7 @@ class AxisSearch:
 
     def _against_competing(self, fit: AxisFit, candidate: Candidate, without: AxisFit | None) -> FoundCause:
         """What one cause contributes, beyond the fit ``without`` it, and what does as well in its place."""
-        without = without or self._lesser(candidate.taken_from(fit.model, self.machine), fit, fit)
+        without = without or self._short(candidate.taken_from(fit.model, self.machine), fit)
         own = gain(without, fit)
         competing, rejected = {}, {}
         rows = [r for r in self.ranked(without) if r[1].key != candidate.key]
@@ -251,7 +240,7 @@ class AxisSearch:
             if promised.largest < 0.3 * own:
                 rejected[other.effect.id] = round(own - max(promised.largest, 0.0), 1)
                 continue
-            trial = self._lesser(model, without, fit)
+            trial = self._short(model, without)
             worse = gain(trial, fit)
             if worse < self.settings.indistinguishable and other.effect.id != candidate.effect.id:
                 competing[other.effect.id] = trial
