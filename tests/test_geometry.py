@@ -44,12 +44,22 @@ def planted(family):
         yield {"id": f"axis_location.{name}", "value_um" if name[1] in "XYZ" else "value_urad": value}
 
 
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    """A campaign of each family: turns of single axes in one set-up."""
+    made = {}
+    for family in OPEN:
+        made[family] = tmp_path_factory.mktemp(family)
+        case = chains.ChainCase(family, family, 21, tuple(planted(family)), kinds=("rotary",))
+        chains.write(case, made[family])
+    return made
+
+
 @pytest.mark.parametrize("family", OPEN)
-def test_location_errors_of_three_families(family, tmp_path):
-    """Turns of single axes in one set-up: every number is within its interval, and what hides it is named."""
+def test_location_errors_of_three_families(family, folders):
+    """Every number is within its interval, and what hides it is named."""
     hidden = tuple(planted(family))
-    chains.write(chains.ChainCase(family, family, 21, hidden, kinds=("rotary",)), tmp_path)
-    result = CliRunner().invoke(main, ["geometry", str(tmp_path), "--json"])
+    result = CliRunner().invoke(main, ["geometry", str(folders[family]), "--json"])
     assert result.exit_code == 0, result.output
     found = json.loads(result.stdout)
     by_id = {row["id"]: row for row in found["geometry"]}
@@ -100,11 +110,9 @@ def test_a_campaign_without_traces_is_refused(tmp_path):
     assert result.exit_code == 1 and "no ball-bar test has a trace" in result.output
 
 
-def test_triggers_leave_a_false_minimum(tmp_path):
+def test_triggers_leave_a_false_minimum(folders):
     """A trigger that stands 60 ms off is found again; one that stands right is left alone."""
-    hidden = tuple(planted("fork_head"))
-    chains.write(chains.ChainCase("fork", "fork_head", 21, hidden, kinds=("rotary",)), tmp_path)
-    campaign = read_campaign(tmp_path)
+    campaign = read_campaign(folders["fork_head"])
     wide = TYPICAL_TOLERANCE | {"axis_location": {"um": 400.0, "urad": 1000.0}}
     machine = replace(read_machine(campaign.machine_file), tolerance=wide)
     fitter = Fitter(checked_problem(campaign, build(machine), 1), machine)
