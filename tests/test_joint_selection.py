@@ -17,11 +17,13 @@ from mjsim.estimation.calibration import calibrated_effects, expected_effects
 from mjsim.estimation.candidate_groups import CandidateGroups
 from mjsim.estimation.combinations import combinations
 from mjsim.estimation.disturbances import without_disturbances, without_more_disturbances
+from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.evidence import select
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.joint_selection import JointSelector
 from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.problem import Problem
+from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.estimation.spectrum import spectral_candidates
 from mjsim.machine.model import build
 
@@ -110,6 +112,18 @@ def test_derivatives_without_simulation_are_those_of_the_readings(real):
             # what is left out is of second order in the other effects
             rest = np.sqrt(np.mean((cheap[:, 0] - full / change) ** 2))
             assert rest < 0.01 * np.sqrt(np.mean((full / change) ** 2)) + 2e-9, f.effect.id
+
+
+def test_a_signature_is_that_of_a_small_change_whatever_the_model_has(real):
+    """An effect that the fit has put into the model and may take out again looks as it does beside the model."""
+    _, problem, machine, joint = real
+    delay = next(c for c in seeds(machine) if c.effect.id == "servo_delay.X")
+    fit = joint.selection.fit
+    late = EffectVector(delay.effect.replaced(delay_ms=-0.3), delay.names)
+    with_delay = Fitter(problem, machine).fit([*fit.effects, late], start=fit, iterations=0, exact=False, fresh=False)
+    without, beside = (SignatureBank(problem, f).columns(delay) for f in (fit, with_delay))
+    for a, b in zip(without, beside, strict=True):
+        assert np.allclose(a, b, atol=0.02 * np.abs(a).max() + 1e-12)
 
 
 def test_a_knock_shows_once_the_waves_are_fitted(real):

@@ -290,7 +290,9 @@ class JointSelector:
             return found  # a machine of its class has it: the others would have to be there besides
         groups = CandidateGroups.at(self.problem, model.fit, model.bank, set(model.kept), curves=False)
         self.progress(f"what could stand in place of {found.key}", 0, 1)
-        competing = equivalents(
-            model.fit, groups, found.key, lambda effects: self._refit(effects, model.fit, _STEPS), added
-        )
+
+        def refit(effects: list[EffectVector]) -> Fit:  # exact at once: a linearised data sheet is driven far off
+            return self.fitter.fit(effects, start=model.fit, exact=True, iterations=_STEPS, fresh=False)
+
+        competing = equivalents(model.fit, groups, found.key, refit, added)
         return replace(found, competing=competing)

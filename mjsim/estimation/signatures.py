@@ -103,9 +103,10 @@ class SignatureBank:
 
     def columns(self, c: Candidate) -> list[np.ndarray]:
         """Block-mean signatures per test, (m, k), m per typical size."""
-        present, moves = self._moves(c)
-        free = EffectVector(c.effect, c.names)
+        given, moves = self._moves(c)
         mine = self._machine.effect(c.effect.key)
+        # an effect that the fit has put into the model is moved from where it is; one of the machine from its seed
+        free = EffectVector(c.effect if given or mine is None else mine, c.names)
         if mine is not None and free.is_linear and c.effect.search.quasi_static:
             known = self.linearisation.columns(free)
             if known is not None:
@@ -114,23 +115,23 @@ class SignatureBank:
         changes_of = self.position_changes if c.effect.search.quasi_static else self._motor_changes
         out: list[list[np.ndarray]] = [[] for _ in self.problem.tests]
         for move in moves:
-            at = v + move if present else self._from_neutral(free, v, move)
-            effect = free.at(at)
+            effect = free.at(v + move if mine is not None else self._from_neutral(free, v, move))
             size = float(np.abs(move).max())
             for k, d in enumerate(changes_of(effect)):
                 out[k].append(d / size)
         return [np.column_stack(x) for x in out]
 
     def _moves(self, c: Candidate) -> tuple[bool, np.ndarray]:
-        """Whether the model has the effect, and the small moves of its vector, one a row, that give its columns.
+        """Whether the machine as given has the effect, and the small moves of its vector, one a row, that give its
+        columns.
 
-        Where the model lacks it, only entries count that the reading is linear in: the leading size (and its
+        Where the machine lacks it, only entries count that the reading is linear in: the leading size (and its
         quadrature); shapes come with the refit.
         """
         free = EffectVector(c.effect, c.names)
-        present = any(e.key == c.effect.key for e in self._machine.effects)
+        given = self.fit.base.effect(c.effect.key) is not None
         every = np.eye(len(free.vector)) * _SMALL
-        return present, every if present else every[free.linear]
+        return given, every if given else every[free.linear]
 
     @staticmethod
     def _from_neutral(free: EffectVector, v: np.ndarray, move: np.ndarray) -> np.ndarray:
