@@ -106,12 +106,13 @@ def test_the_same_bytes_in_two_processes(campaign, tmp_path):
 
 def test_random_numbers_come_from_the_seed_that_is_recorded():
     """A sweep's design draws them, and its description and results keep the seed (test_batch.py). The interval of a
-    predicted part is drawn from one fixed seed.
+    predicted part and the poses that tell error motions from location errors are drawn from one fixed seed each.
     """
     package = Path(sys.modules["mjsim"].__file__).parent
     draws = re.compile(r"np\.random|numpy\.random|default_rng|RandomState|^\s*import random|from random", re.M)
     found = {f.relative_to(package).as_posix(): draws.findall(f.read_text()) for f in package.rglob("*.py")}
-    seeds = {"batch/design.py": "default_rng(seed)", "prediction/predict.py": "default_rng(_SEED)"}
+    fixed = dict.fromkeys(("prediction/predict.py", "machine/redundant.py"), "default_rng(_SEED)")
+    seeds = {"batch/design.py": "default_rng(seed)", **fixed}
     assert {k: v for k, v in found.items() if v} == {file: ["np.random", "default_rng"] for file in seeds}
     for file, drawn in seeds.items():
         assert drawn in (package / file).read_text()
