@@ -22,9 +22,6 @@ from mjsim.estimation.fit import Fit, Fitter
 FEWEST = 2
 #: Curves that are fitted, and Gauss-Newton steps with each: the model without the effects may be far off.
 _TRIED, _STEPS = 4, 4
-#: A curve that promises an objective of more than so many times that of the findings is not fitted: what the linear
-#: problem promises is nearly what comes of it.
-_NEAR = 1.2
 
 
 def one_curve(fitter: Fitter, calibrated: Fit, named: Fit, findings: Collection[str]) -> tuple[Fit, CurveTerm] | None:
@@ -48,15 +45,15 @@ def one_curve(fitter: Fitter, calibrated: Fit, named: Fit, findings: Collection[
         together = Together(calibrated, columns)
         ranked.append((together.objective, term))
         ranked = sorted(ranked, key=lambda r: r[0])[:_TRIED]  # a curve's columns fill several MB
-    least = _objective(named, findings, problem.settings.log_odds)
-    promising = [term for objective, term in ranked if objective < _NEAR * least]
-    if not promising:
-        return None
     charge = 2.0 * math.log(tried) - 2.0 * problem.settings.curve_log_odds
-    fitted = [fit_beside(fitter, calibrated, term, _STEPS) for term in promising]
-    fit, curve, together = min(fitted, key=lambda f: f[2].objective)
-    if together.objective + charge >= least:
+    # where what a machine may have explains everything, no curve is needed either
+    least = min(calibrated.objective, _objective(named, findings, problem.settings.log_odds)) - charge
+    # what the linear problem promises is nearly what comes of it
+    fitted = [fit_beside(fitter, calibrated, term, _STEPS) for objective, term in ranked if objective < least]
+    better = [row for row in fitted if row[2].objective < least]
+    if not better:
         return None
+    fit, curve, _ = min(better, key=lambda row: row[2].objective)
     return fitter.fit(fit.effects, start=fit, iterations=0, fresh=False), curve
 
 
