@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -34,12 +34,14 @@ class KeptChanges:
             if before.shape != now.shape or np.abs(now - before).max() > _SAME:
                 self._positions[k], self._changes[k] = now, {}
 
-    def change(self, k: int, effect: Effect, compute: Callable[[], np.ndarray], keep: bool) -> np.ndarray:
-        """What ``effect`` alone adds to the reading of test ``k``, (n,) m; computed where it is not kept."""
-        key = effect.id, repr(effect.values)
-        found = self._changes[k].get(key)
-        if found is None:
-            found = compute()
-            if keep:
-                self._changes[k][key] = found
-        return found
+    def of(self, k: int, effect: Effect) -> np.ndarray | None:
+        """What ``effect`` alone adds to the reading of test ``k``, (n,) m, where it is kept."""
+        return self._changes[k].get(_key(effect))
+
+    def keep(self, k: int, effect: Effect, change: np.ndarray) -> None:
+        """Keep what ``effect`` alone adds to the reading of test ``k``, (n,) m."""
+        self._changes[k][_key(effect)] = change
+
+
+def _key(effect: Effect) -> tuple[str, str]:
+    return effect.id, repr(effect.values)

@@ -85,20 +85,29 @@ class Linearisation:
 
     def _added(self, effect: Effect, keep: bool = False) -> list[np.ndarray]:
         """What an effect of positions by itself adds to the block means, (m,) per test, m."""
-        plant, changes = self._alone(effect), self.problem.changes
-        part_of = self._part_of(effect, [plant])
-        ideal = self._ideal if part_of == self._of_geometry else None
+        changes = self.problem.changes
+        known = [changes.of(k, effect) for k in range(len(self.problem.tests))]
+        compute = self._change_by(effect) if any(grid is None for grid in known) else None
 
         def one(k: int) -> np.ndarray:
-            def added() -> np.ndarray:
-                part = part_of(k, plant, effect.subject)
-                return part if ideal is None else part - ideal[k]
-
-            # what a play does follows from the motion in front of it, which moves with the drives
-            grid = added() if self._plays_back(plant) else changes.change(k, effect, added, keep)
+            grid = known[k]
+            if grid is None:
+                assert compute is not None
+                grid = compute(k)
+                if keep:
+                    changes.keep(k, effect, grid)
             return self.problem.samples[k].sample(grid, self.problem.shift(k, self.nuisance))
 
         return self.problem.map(one)
+
+    def _change_by(self, effect: Effect) -> Callable[[int], np.ndarray]:
+        """What computes the change of a test's reading by this effect alone, on the grid, m."""
+        plant = self._alone(effect)
+        part_of = self._part_of(effect, [plant])
+        if part_of != self._of_geometry:
+            return lambda k: part_of(k, plant, effect.subject)
+        ideal = self._ideal
+        return lambda k: part_of(k, plant, effect.subject) - ideal[k]
 
     @staticmethod
     def _plays_back(plant: Plant) -> bool:
