@@ -4,7 +4,6 @@ have beyond their tolerance, the catalogue, and generic curves.
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass, field
 
@@ -172,15 +171,10 @@ def _candidates(problem: Problem, fit: Fit, bank: SignatureBank, kept: set[str])
 
 def _best_curves(problem: Problem, fit: Fit) -> list[tuple[CurveTerm, np.ndarray, int]]:
     """The generic curves of largest evidence beside the model, with whitened columns, and how many were looked at."""
-    terms = CurveTerms(problem, fit)
     weight = max(1.0, fit.sum_squares / problem.count)
     rows: list[tuple[float, CurveTerm, np.ndarray]] = []
     tried = 0
-    for term in itertools.chain(terms.own(), terms.clock(False), terms.across()):
-        columns = problem.whiten(term.columns)
-        columns = columns[:, np.square(columns).sum(axis=0) > 1e-6]
-        if not columns.shape[1]:
-            continue
+    for term, columns in CurveTerms(problem, fit).whitened():
         cross = fit.design.T @ columns
         information = fit.linear.left_over(columns.T @ columns, cross)
         score = columns.T @ fit.residual - cross.T @ fit.step

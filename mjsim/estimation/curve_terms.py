@@ -6,6 +6,7 @@ acceleration yaws its neighbour, a float of the table lifts the work.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -123,6 +124,16 @@ class CurveTerms:
         return [
             a for i, a in enumerate(self.chain.letters) if any(np.ptp(m.position[:, i]) > 0.0 for m in self.motions)
         ]
+
+    def whitened(self) -> Iterator[tuple[CurveTerm, np.ndarray]]:
+        """Every term but the waves of the clock, with those of its whitened columns (count, k) that reach a reading;
+        without the terms that have none.
+        """
+        for term in itertools.chain(self.own(), self.clock(False), self.across()):
+            columns = self.problem.whiten(term.columns)
+            columns = columns[:, np.square(columns).sum(axis=0) > 1e-6]
+            if columns.shape[1]:
+                yield term, columns
 
     def own(self) -> Iterator[CurveTerm]:
         """Terms of an axis in its own direction."""

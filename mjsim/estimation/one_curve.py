@@ -7,7 +7,6 @@ same with a single cause.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Collection
 
@@ -34,18 +33,13 @@ def one_curve(fitter: Fitter, calibrated: Fit, named: Fit, findings: Collection[
         findings: Their keys.
     """
     problem = fitter.problem
-    terms = CurveTerms(problem, calibrated)
     ranked: list[tuple[float, CurveTerm]] = []
     tried = 0
-    for term in itertools.chain(terms.own(), terms.clock(False), terms.across()):
-        columns = problem.whiten(term.columns)
-        if np.square(columns).sum() < 1e-6:
-            continue
+    for term, columns in CurveTerms(problem, calibrated).whitened():
         tried += 1
-        together = Together(calibrated, columns)
-        ranked.append((together.objective, term))
+        ranked.append((Together(calibrated, columns).objective, term))
         ranked = sorted(ranked, key=lambda r: r[0])[:_TRIED]  # a curve's columns fill several MB
-    charge = 2.0 * math.log(tried) - 2.0 * problem.settings.curve_log_odds
+    charge = 2.0 * math.log(max(tried, 1)) - 2.0 * problem.settings.curve_log_odds
     # where what a machine may have explains everything, no curve is needed either
     least = min(calibrated.objective, _objective(named, findings, problem.settings.log_odds)) - charge
     # what the linear problem promises is nearly what comes of it
