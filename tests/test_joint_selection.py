@@ -16,7 +16,7 @@ from mjsim.campaign.tolerance import TYPICAL_TOLERANCE
 from mjsim.estimation.calibration import calibrated_effects, expected_effects
 from mjsim.estimation.candidate_groups import CandidateGroups
 from mjsim.estimation.combinations import combinations
-from mjsim.estimation.disturbances import without_disturbances, without_more_disturbances
+from mjsim.estimation.disturbances import without_disturbances
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.evidence import select
 from mjsim.estimation.fit import Fitter
@@ -137,11 +137,11 @@ def test_a_knock_shows_once_the_waves_are_fitted(real):
     samples[k].value, samples[k].mean = struck, samples[k].average(struck)
     knocked = problem.with_samples(samples, problem.tests, problem.outliers)
     assert not any(without_disturbances(knocked, problem.readings(build(machine))).outliers.values())
-    seen = without_more_disturbances(knocked, fit.readings, fit.nuisance)
+    seen = without_disturbances(knocked, fit.readings, fit.nuisance)
     assert [seen.outliers[t.name] for t in problem.tests] == [int(j == k) for j in range(len(problem.tests))]
     left_out = ~seen.samples[k].valid
     assert left_out[np.searchsorted(since, 0.0)] and left_out.sum() < 0.1 * len(left_out)
-    assert without_more_disturbances(problem, fit.readings, fit.nuisance) is problem
+    assert without_disturbances(problem, fit.readings, fit.nuisance) is problem
 
 
 def test_a_ripple_is_looked_for_at_the_orders_of_a_pitch_error(real):

@@ -12,33 +12,20 @@ from mjsim.estimation.outliers import largest_jump, leave_out_shorter_side, mark
 from mjsim.estimation.problem import Problem
 
 
-def without_disturbances(problem: Problem, readings: Sequence[np.ndarray]) -> Problem:
-    """The problem without what happened once.
+def without_disturbances(
+    problem: Problem, readings: Sequence[np.ndarray], nuisance: np.ndarray | None = None
+) -> Problem:
+    """The problem without what happened once; the same one where there is nothing of that kind.
+
+    The waves of a worm gear hide a knock. So it is worth to look again once a model follows them: what was found before
+    stays left out.
 
     Args:
-        problem: The measured tests as they were read.
-        readings: Simulated readings of the machine as given, on the GRID, one per test, m.
+        problem: The measured tests.
+        readings: Simulated readings on the GRID, one per test, m: of the machine as given, or of a fitted model.
+        nuisance: Of the fitted model; fitted to the readings where it is missing.
     """
-    out = _less_disturbed(problem, problem.sample_residuals(readings, fit_nuisance(problem, readings)))
-    return out or problem.with_samples(problem.samples, problem.tests, {t.name: 0 for t in problem.tests})
-
-
-def without_more_disturbances(problem: Problem, readings: Sequence[np.ndarray], nuisance: np.ndarray) -> Problem:
-    """The problem without those disturbances as well that only stand out beside a fitted model: the waves of a worm
-    gear hide a knock. The same one where there are none.
-
-    Args:
-        problem: The measured tests without the disturbances that stood out before.
-        readings: Simulated readings of the fitted model on the GRID, one per test, m.
-        nuisance: Its nuisances.
-    """
-    return _less_disturbed(problem, problem.sample_residuals(readings, nuisance)) or problem
-
-
-def _less_disturbed(problem: Problem, rest: list[np.ndarray]) -> Problem | None:
-    """The problem without what happened once by the residuals ``rest`` of every sample, (n,) per test, m; ``None``
-    where there is nothing of that kind.
-    """
+    rest = problem.sample_residuals(readings, fit_nuisance(problem, readings) if nuisance is None else nuisance)
     samples = [s.copy() for s in problem.samples]
     tests, events = list(problem.tests), {t.name: 0 for t in problem.tests}
     noise, settings = problem.noise.rms, problem.settings.outliers
@@ -54,7 +41,7 @@ def _less_disturbed(problem: Problem, rest: list[np.ndarray]) -> Problem | None:
         if not accidents:
             break
     if not any(events.values()):
-        return None
+        return problem
     events = {name: count + problem.outliers.get(name, 0) for name, count in events.items()}
     return problem.with_samples(samples, tuple(tests), events).with_noise_of_samples()
 

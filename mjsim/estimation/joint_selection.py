@@ -19,7 +19,7 @@ from mjsim.estimation.calibration import Calibrated, expected_effects
 from mjsim.estimation.candidate_groups import CandidateGroups
 from mjsim.estimation.criteria import is_feasible, is_large_enough
 from mjsim.estimation.curve_terms import CurveTerm
-from mjsim.estimation.disturbances import without_more_disturbances
+from mjsim.estimation.disturbances import without_disturbances
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.equivalents import equivalents
 from mjsim.estimation.evidence import SparseModel, log_evidence, select
@@ -121,7 +121,7 @@ class JointSelector:
         """The first fit, and the same to data without what only now stands out as having happened once."""
         if fit.sum_squares <= self.settings.complete_fit * self.problem.count:
             return fit
-        data = without_more_disturbances(self.problem, fit.readings, fit.nuisance)
+        data = without_disturbances(self.problem, fit.readings, fit.nuisance)
         if data is self.problem:
             return fit
         self.problem, self.fitter = data, self.fitter.with_problem(data)

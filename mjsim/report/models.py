@@ -10,7 +10,7 @@ import numpy as np
 
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
-from mjsim.estimation.disturbances import readmitted, without_more_disturbances
+from mjsim.estimation.disturbances import readmitted, without_disturbances
 from mjsim.estimation.fit import with_effects
 from mjsim.estimation.mistakes.checked_problem import trusted_problem
 from mjsim.estimation.nuisance_fit import fit_nuisance
@@ -51,7 +51,7 @@ def prepared(result: Diagnosis, threads: int = 2) -> Problem:
         return problem
     readings = problem.readings(build(phased(problem, result.machine)))
     nuisance = fit_nuisance(problem, readings)
-    return readmitted(without_more_disturbances(problem, readings, nuisance), readings, nuisance)
+    return readmitted(without_disturbances(problem, readings, nuisance), readings, nuisance)
 
 
 def rigid(test: BallBarTest) -> Simulation:
