@@ -161,7 +161,7 @@ class Kind(ABC):
         kind has stand behind its name, as in ``latitude30-centre-ccw``.
         """
         own = [k.of(test) / k.unit for k in self.keys if k.attribute in test.more and k.unit]
-        numbers = "-".join(f"{abs(round(v))}{'neg' if v < 0 else ''}" for v in own)
+        numbers = "-".join(map(number_name, own))
         return f"{self.name}{numbers}-{place_name(test)}-{test.direction.lower()}".replace("_", "-")
 
     def out_of_reach(self, test: BallBarTest) -> str:
@@ -241,12 +241,17 @@ class Arc(Kind):
         return ""
 
 
+def number_name(value: float) -> str:
+    """A number as a part of a name: ``50``, ``50neg``."""
+    return f"{abs(round(value))}{'neg' if value < 0 else ''}"
+
+
 def place_name(test: BallBarTest) -> str:
     """Where the table ball is, as a part of a name: ``centre``, ``x50``, ``x100-y50neg``."""
 
     def part(letter: str, value: float) -> str:
         mm = round(value / MM)
-        return f"{letter}{abs(mm)}{'neg' if mm < 0 else ''}" if mm else ""
+        return f"{letter}{number_name(mm)}" if mm else ""
 
     return "-".join(p for p in map(part, "xy", test.table_ball[:2]) if p) or "centre"
 

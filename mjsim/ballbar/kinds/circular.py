@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from mjsim.ballbar.kinds.base import DIRECTION, REVOLUTIONS, Angle, Key, Kind, register
+from mjsim.ballbar.kinds.base import DIRECTION, REVOLUTIONS, Angle, Key, Kind, number_name, register
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.machine.chain import Chain
 from mjsim.units import DEG
@@ -84,9 +84,7 @@ class Circular(Kind):
         return "" if _leans(test) else test.plane
 
     def short_name(self, test: BallBarTest) -> str:
-        leaning = (
-            "".join(f"-{abs(round(v / DEG))}{'neg' if v < 0 else ''}" for v in _lean(test)) if _leans(test) else ""
-        )
+        leaning = "".join(f"-{number_name(v / DEG)}" for v in _lean(test)) if _leans(test) else ""
         return f"circle-{test.plane.lower()}{leaning}-{test.direction.lower()}"
 
     def proposals(self, chain: Chain, length: float, height: float) -> Iterator[BallBarTest]:

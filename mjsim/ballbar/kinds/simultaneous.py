@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from mjsim.ballbar.kinds.base import FROM, TO, Angle, Arc, Key, place_name, register
+from mjsim.ballbar.kinds.base import FROM, TO, Angle, Arc, Key, number_name, place_name, register
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.errors import InputError
 from mjsim.machine.chain import COORDINATES, Axis, Chain
@@ -108,7 +108,7 @@ class Simultaneous(Arc):
         way = "cw" if test.stop < test.start else "ccw"
         axes = f"{test.axis}{_second(test)}".lower()
         turns = test.stop - test.start, float(test.more["second_stop"]) - float(test.more["second_start"])
-        ends = "-".join(_number(v / DEG) for v in turns)
+        ends = "-".join(number_name(round(v / DEG)) for v in turns)
         return f"simultaneous-{axes}-{ends}-{test.sensitive.lower()}-{way}-{place_name(test)}"
 
     def proposals(self, chain: Chain, length: float, height: float) -> Iterator[BallBarTest]:
@@ -165,8 +165,3 @@ def _usual_turn(chain: Chain, axis: Axis) -> tuple[float, float]:
     if axis in chain.tool:
         return (-90 * DEG, 90 * DEG) if axis.vertical else (-60 * DEG, 60 * DEG)
     return (0.0, 2 * np.pi) if axis.letter in chain.round_axes else (-20 * DEG, 90 * DEG)
-
-
-def _number(value: float) -> str:
-    """A number as a part of a name."""
-    return f"{abs(round(value))}{'neg' if round(value) < 0 else ''}"
