@@ -9,6 +9,7 @@ import numpy as np
 
 from mjsim.animation import encode
 from mjsim.animation.movie import Format
+from mjsim.animation.story import nice_factor
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.io import files
@@ -120,7 +121,7 @@ class _Picture:
         shown = path or axes[:1]
         largest = max(float(np.abs(a.residual).max()) for a in shown)
         travel = max(float(np.ptp(a.measured)) for a in shown)
-        self.factor = float(magnify or _round(_FILLS * travel / max(largest, 1e-12)))
+        self.factor = float(magnify or nice_factor(_FILLS * travel / max(largest, 1e-12)))
         above, below = self.figure.subplots(2, 1, height_ratios=(3.0, 1.3))
         self._lines = []
         every = max(1, len(axes[0].time) // _POINTS)
@@ -183,11 +184,3 @@ class _Picture:
             line.set_data(x[:n], y[:n])
         self.figure.canvas.draw()
         return np.array(self.figure.canvas.buffer_rgba())[..., :3]  # pyright: ignore[reportAttributeAccessIssue]
-
-
-def _round(x: float) -> float:
-    """The next smaller of 1, 2, 5, 10 and so on, at least 1."""
-    if x <= 1.0:
-        return 1.0
-    power = 10.0 ** np.floor(np.log10(x))
-    return float(next(f * power for f in (5.0, 2.0, 1.0) if f * power <= x))

@@ -133,7 +133,7 @@ def tell(
         traces, error = _simulated(simulation)
     largest = float(np.nanmax(np.abs(error.value)))
     if magnify is None:
-        magnify = _nice_factor(FILL * test.length / max(largest, 1e-12))
+        magnify = nice_factor(FILL * test.length / max(largest, 1e-12))
     elif not (math.isfinite(magnify) and magnify >= 1.0 and magnify * largest <= 0.9 * test.length):
         raise InputError(
             f"magnification {magnify:g}: the error is up to {largest / UM:.2f} µm and the bar "
@@ -182,7 +182,7 @@ def _centre(test: BallBarTest, phi: np.ndarray, deviation: np.ndarray):
         return lambda phi: np.full(len(phi), mean)
 
 
-def _nice_factor(largest: float) -> float:
+def nice_factor(largest: float) -> float:
     """The largest of 1, 2, 5 x 10^k that is not above ``largest``, at least 1."""
     if largest < 1.0:
         return 1.0
