@@ -6,6 +6,8 @@ import click
 
 from mjsim.cli import common
 
+#: JSON of a plan where nothing is to be separated.
+NOTHING_OPEN = {"between": None, "test": None, "difference_um": None}
 _INSTRUMENTS = {"axis_log": "axis log", "ball_bar": "ball bar"}
 
 
@@ -16,7 +18,7 @@ def plan_measurement(campaign, machine, between, threads: int, as_json: bool, qu
     with common.progress_bar(quiet) as progress:
         result = plan_measurement(campaign, machine, between, threads, progress)
     if as_json:
-        common.print_json(result.to_json() if result else {"between": None, "test": None, "difference_um": None})
+        common.print_json(result.to_json() if result else NOTHING_OPEN)
     elif quiet:
         return
     elif result is None:

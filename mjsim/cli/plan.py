@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from mjsim.cli import common
-from mjsim.cli.log_plan import plan_measurement, show_recordings
+from mjsim.cli.log_plan import NOTHING_OPEN, plan_measurement, show_recordings
 
 
 @click.command("plan")
@@ -50,8 +50,7 @@ def command(campaign, machine, between, threads, as_is, as_json, quiet) -> None:
         result = plan(c, m, between, common.cores(threads), progress)
         recordings = recordings_beside(result, m) if result else []
     if as_json:
-        none = {"between": None, "test": None, "difference_um": None}
-        common.print_json({**(result.to_json() if result else none), "recordings": recordings})
+        common.print_json({**(result.to_json() if result else NOTHING_OPEN), "recordings": recordings})
         return
     if quiet:
         return

@@ -118,10 +118,10 @@ def plan_measurement(
         result = diagnose_logs(campaign, machine, 8, threads, progress)
         return _for_logs(campaign, machine, result.selections)
     result = diagnose_jointly(campaign, machine, None, threads, progress)
-    open_ = next((e for e in result.bar.effects for f in result.effects if f.alternatives and _same(e, f)), None)
-    if open_ is None:
+    pairs = ((e, f) for e in result.bar.effects for f in result.effects if f.alternatives and _same(e, f))
+    open_, found = next(pairs, (None, None))
+    if open_ is None or found is None:
         return _for_logs(logs_of(campaign), machine, result.logs.selections)
-    found = next(f for f in result.effects if f.alternatives and _same(open_, f))
     models = [next(m for m in open_.models if m.effect_id.split("[")[0] == i) for i in
               (found.effect.id, found.alternatives[0])]  # fmt: skip
     bars = plan(bars_of(campaign), machine, (found.effect.id, found.alternatives[0]), threads, progress)

@@ -105,9 +105,9 @@ class LogFitter:
         machine = model.at(vector)
         return {c: build(machine.under(c)).axes[model.axis] for c in self._controllers}
 
-    def motion(self, model: AxisModel, vector: np.ndarray, k: int) -> ServoMotion:
-        """The simulated motion of recording ``k``."""
-        axis, start = self._under(self.axes(model, vector), model, vector, k)
+    def motion(self, model: AxisModel, vector: np.ndarray, k: int, axes: AxisRuns | None = None) -> ServoMotion:
+        """The simulated motion of recording ``k``; ``axes`` where those of the model at the vector are made already."""
+        axis, start = self._under(axes or self.axes(model, vector), model, vector, k)
         return follow_sampled(axis, self._commands[k], start)
 
     def _under(self, axes: AxisRuns, model: AxisModel, vector: np.ndarray, k: int) -> tuple[AxisPlant, ServoStart]:
@@ -127,8 +127,7 @@ class LogFitter:
     def positions(self, model: AxisModel, vector: np.ndarray, k: int, axes: AxisRuns | None = None) -> np.ndarray:
         """Modelled samples of recording ``k``, (n,) axis units: the simulated motion with the nuisances."""
         d = self.data[k]
-        axis, start = self._under(axes or self.axes(model, vector), model, vector, k)
-        motion = follow_sampled(axis, self._commands[k], start)
+        motion = self.motion(model, vector, k, axes)
         shift, zero = (model.nuisance(vector, n, d.name) for n in (SHIFT, ZERO))
         if not shift and self._commands[k].as_recorded:
             return motion.position + zero
