@@ -63,3 +63,14 @@ def test_a_hidden_play_of_a_head_is_named(tmp_path):
     low, high = found["ci95"]["width_deg"]
     assert (result["verdict"], found["id"]) == ("identified", "backlash.B") and low < 0.002 < high < 1.05 * low
     assert result["rms_after_um"] < 1.1 * result["noise_um"]
+
+
+def test_a_centreline_far_off_is_not_taken_for_offsets_of_the_balls(tmp_path):
+    """Three set-ups whose spindle balls stand off alike, by 17 times their uncertainty, are a centreline that does."""
+    hidden = ({"id": "axis_location.EX0B", "value_um": -34.0},)
+    chains.write(chains.ChainCase("trunnion", "bc_trunnion", 12, hidden, kinds=("rotary",)), tmp_path)
+    campaign = read_campaign(tmp_path)
+    result = diagnose(campaign, read_machine(campaign.machine_file)).to_json()
+    (found,) = result["effects"]
+    low, high = found["ci95"]["value_um"]
+    assert (result["verdict"], found["id"]) == ("identified", "axis_location.EX0B") and low < -34.0 < high

@@ -65,7 +65,10 @@ class CandidateModels:
         columns.
         """
         exact = not c.effect.search.quasi_static and start.sum_squares < self.settings.close_fit * self.problem.count
-        fit = self.fitter.fit(effects, start=start, exact=exact, iterations=5 if exact else 4)
+        steps = 5 if exact else 4
+        fit = self.fitter.fit(effects, start=start, exact=exact, iterations=steps)
+        if fit.objective > start.objective:  # where the effect belongs, the set-up is too far off to start from
+            fit = min(fit, self.fitter.fit(effects, exact=exact, iterations=steps), key=self.objective)
         return fit if exact or c.effect.search.quasi_static else self.exact_refit(fit)
 
     def exact_refit(self, fit: Fit, iterations: int = 6) -> Fit:

@@ -27,6 +27,7 @@ from mjsim.estimation.evidence_priors import added, kept_waves
 from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.one_curve import FEWEST, one_curve
 from mjsim.estimation.problem import Problem
+from mjsim.estimation.retiming import retimed
 from mjsim.estimation.selection import Found, Selection
 from mjsim.estimation.signatures import SignatureBank
 from mjsim.estimation.verdicts import beyond, is_beyond, proven
@@ -94,7 +95,7 @@ class JointSelector:
         machine = self.fitter.machine
         expected = {c.key: c for c in expected_effects(machine)}
         self.progress("fitting everything that a machine may have", 0, 1)
-        first = self._without_disturbances(self._refit([c.free for c in expected.values()], None, _FIRST))
+        first = self._first_fit([c.free for c in expected.values()])
         start = self.fitter.fit([], exact=False)
         model = _Model(first, dict(expected), expected, SignatureBank(self.problem, first))
         for number in range(_ROUNDS):
@@ -117,17 +118,18 @@ class JointSelector:
             self.problem, Selection(start, model.fit, found, model.bank), tuple(model.kept.values()), model.curve
         )
 
-    def _without_disturbances(self, fit: Fit) -> Fit:
-        """The first fit, and the same to data without what only now stands out as having happened once."""
-        if fit.sum_squares <= self.settings.complete_fit * self.problem.count:
-            return fit
-        data = without_disturbances(self.problem, fit.readings, fit.nuisance)
+    def _first_fit(self, effects: list[EffectVector]) -> Fit:
+        """Everything that a machine may have, fitted to data without what then stands out as having happened once."""
+        fit = self._refit(effects, None, _FIRST)
+        better = retimed(self.problem, fit)
+        if better is not None:
+            fit = self._refit(list(fit.effects), better, _FIRST)
+        explained = fit.sum_squares <= self.settings.complete_fit * self.problem.count
+        data = self.problem if explained else without_disturbances(self.problem, fit.readings, fit.nuisance)
         if data is self.problem:
             return fit
         self.problem, self.fitter = data, self.fitter.with_problem(data)
         return self._refit(list(fit.effects), None, _FIRST)
-
-    # -- one round -----------------------------------------------------------------------------------------------------
 
     def _select(self, model: _Model) -> bool:
         """Replace the free effects of the model by those that the data need; whether that changed it."""
@@ -269,8 +271,6 @@ class JointSelector:
         limit = self.settings.close_sheet
         near = replace(fit, sheet_deviation=np.clip(fit.sheet_deviation, -limit, limit))
         return self.fitter.fit(fit.effects, start=near, exact=True, iterations=2, fresh=False)
-
-    # -- findings ------------------------------------------------------------------------------------------------------
 
     def _found(self, model: _Model) -> list[Found]:
         """The free effects of the final model that are large enough to be causes, the largest contribution first."""

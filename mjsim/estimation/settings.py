@@ -98,6 +98,8 @@ class DiagnosisSettings:
             and within which another axis of a vibration cannot: a likelihood ratio of e^6 (bank).
         visible_share: Least size of an effect: standard deviation of its part of the reading in its clearest test, as a
             share of one sample's noise (bank).
+        setup_limit: Largest set-up error that can hide an effect, prior standard deviations: a normal distribution has
+            one in 1.7 million beyond it.
         sheet_limit: Standard deviations of the data sheet beyond which one of its numbers is wrong. It has 35 numbers:
             the largest of a healthy machine is beyond 3 in one campaign of eleven, beyond 4 in one of 450 (normal
             distribution).
@@ -166,6 +168,7 @@ class DiagnosisSettings:
     direction_penalty: float = 4.0
     indistinguishable: float = 12.0
     visible_share: float = 0.25
+    setup_limit: float = 5.0
     sheet_limit: float = 4.0
     trigger_limit: float = 4.0
     shortlist: int = 5

@@ -14,7 +14,9 @@ def clear_tests(problem: Problem, fit: Fit, key: str) -> tuple[str, ...]:
     """Names of the tests in which an effect's part of the reading stands out of the noise.
 
     A set-up error that takes some of it up in one test moves the others of that set-up as well. These show nothing of
-    the effect: its own part has to stand out too. Significance alone would name what nobody needs to know.
+    the effect: its own part has to stand out too. Significance alone would name what nobody needs to know. A set-up
+    error takes up no more than is believed of it: three spindle balls that stand off alike by many times their
+    uncertainty are a rotary axis that stands off.
 
     Args:
         problem: The measured tests.
@@ -26,7 +28,7 @@ def clear_tests(problem: Problem, fit: Fit, key: str) -> tuple[str, ...]:
     if stated is not None:
         without = without.with_effect(stated)
     parts = problem.difference(problem.readings(build(without)), fit.readings, fit.nuisance)
-    left = unabsorbed(problem, fit, parts)
+    left = unabsorbed(problem, fit, parts, problem.settings.setup_limit)
     least = problem.settings.visible_share * problem.noise.rms
     good = [s.good for s in problem.samples]
     return tuple(
@@ -36,10 +38,17 @@ def clear_tests(problem: Problem, fit: Fit, key: str) -> tuple[str, ...]:
     )
 
 
-def unabsorbed(problem: Problem, fit: Fit, parts: list[np.ndarray]) -> list[np.ndarray]:
-    """What the nuisances of the set-up cannot take up of a reading's parts (block means per test, m)."""
+def unabsorbed(problem: Problem, fit: Fit, parts: list[np.ndarray], limit: float = np.inf) -> list[np.ndarray]:
+    """What the nuisances of the set-up cannot take up of a reading's parts (block means per test, m).
+
+    Args:
+        problem: The measured tests.
+        fit: The fitted model.
+        parts: Of the reading, (m,) per test, m.
+        limit: Largest value of a nuisance, prior standard deviations.
+    """
     n = fit.nuisances
     design = fit.design[:, fit.parameters.places(*(b.name for b in n.blocks))]
-    taken = LeastSquares.of_design(n, design).solve(design.T @ problem.whiten(parts))
+    taken = np.clip(LeastSquares.of_design(n, design).solve(design.T @ problem.whiten(parts)), -limit, limit)
     columns = problem.nuisance_columns(fit.readings, fit.nuisance)
     return [d - c @ taken[n.of_test(t)] for d, c, t in zip(parts, columns, problem.tests, strict=True)]
