@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 from playwright.sync_api import Page, sync_playwright
@@ -44,8 +45,13 @@ class Opened:
         self._folder = tempfile.TemporaryDirectory()
         self.campaign = Path(self._folder.name) / self.example
         shutil.copytree(examples() / self.example, self.campaign)
+        self._playwright = sync_playwright().start()
+        browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))))
+        self._browser = self._playwright.chromium.launch(executable_path=browser, args=FLAGS)
         start = "from mjsim.cli.main import main; main()"
         command = [sys.executable, "-c", start, "open", str(self.campaign), "--no-browser", "--json"]
+        #: When the command was started, s: the browser runs by then, as a user's does.
+        self.started = time.monotonic()
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         text = ""
         while "}" not in text:
@@ -53,9 +59,6 @@ class Opened:
             if not line:
                 raise RuntimeError("the server did not start")
             text += line
-        self._playwright = sync_playwright().start()
-        browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))))
-        self._browser = self._playwright.chromium.launch(executable_path=browser, args=FLAGS)
         width, height = self.size
         view = {"width": width, "height": height}
         recorded = {"record_video_dir": str(self.video), "record_video_size": view} if self.video else {}

@@ -1,5 +1,5 @@
-"""A workbench whose error is computed in the background: at once by the drives alone, soon after by the multibody
-model, then what each effect could explain.
+"""A workbench whose error is computed in the background: at once by the drives alone, the shown test first, soon after
+by the multibody model, then what each effect could explain.
 """
 
 from __future__ import annotations
@@ -87,7 +87,9 @@ class Live(Jobs):
                 self._calm.set()
 
     def _quick(self) -> None:
-        asked = self._asked
+        asked, now = self._asked, self.overlay
+        if now is not None and now.machine is not self.bench.machine:  # all tests take ten times as long
+            self._publish(self.bench.quick_one(self.shown[0], now))
         result = self.bench.quick()
         self.error = ""
         self._publish(result)

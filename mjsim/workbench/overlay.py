@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -109,11 +109,30 @@ def overlay(opened: OpenCampaign, machine: Machine, readings: Mapping[str, Simul
 
     rows = problem.map(one)
     squares, count = sum(r[1] for r in rows), sum(r[2] for r in rows)
-    found = {r[0].test.name: _with_share(r[0], r[1] / squares if squares else 0.0) for r in rows}
+    found = {r[0].test.name: replace(r[0], share=r[1] / squares if squares else 0.0) for r in rows}
     for t in opened.tests:
         traces[t.name] = found[t.name] if t.name in found else _simulated(opened, t, readings[t.name])
     rms = float(np.sqrt(squares / count)) if count else None
     return Overlay(machine, traces, rms, max(r[3] for r in rows), engine, nuisance)
+
+
+def with_one(opened: OpenCampaign, machine: Machine, name: str, reading: Simulated, now: Overlay) -> Overlay:
+    """One test of a model beside the other tests of an earlier overlay, with the nuisances that were fitted there.
+
+    Args:
+        opened: The campaign.
+        machine: The model that was simulated.
+        name: Of the test.
+        reading: Of the test.
+        now: The earlier overlay; its errors stand until all tests are there.
+    """
+    if now.nuisance is None or name not in opened.measured:
+        trace = _simulated(opened, opened.test(name), reading)
+    else:
+        trace = replace(
+            _measured(opened, opened.measured[name], reading, now.nuisance)[0], share=now.traces[name].share
+        )
+    return replace(now, machine=machine, traces={**now.traces, name: trace}, engine=DRIVES)
 
 
 def _measured(opened: OpenCampaign, k: int, reading: Simulated, nuisance: np.ndarray):
@@ -128,10 +147,6 @@ def _measured(opened: OpenCampaign, k: int, reading: Simulated, nuisance: np.nda
     rms, worst = float(np.sqrt(squares / max(1, len(rest)))), float(np.abs(rest).max(initial=0.0))
     phi = opened.motions[s.test.name].program.phi(time)
     return Trace(s.test, reading.engine, time, phi, modelled, s.value, s.valid, rms), squares, len(rest), worst
-
-
-def _with_share(trace: Trace, share: float) -> Trace:
-    return Trace(**{**vars(trace), "share": share})
 
 
 def _simulated(opened: OpenCampaign, test: BallBarTest, reading: Simulated) -> Trace:

@@ -14,7 +14,7 @@ from mjsim.workbench import catalogue
 from mjsim.workbench.gains import Gain, Gains
 from mjsim.workbench.ladder import Ladder
 from mjsim.workbench.opened import OpenCampaign
-from mjsim.workbench.overlay import Overlay, overlay
+from mjsim.workbench.overlay import Overlay, overlay, with_one
 from mjsim.workbench.readings import Readings
 
 
@@ -190,6 +190,18 @@ class TriedModel(ChangedModel):
         missing = [t.name for t in self.opened.tests if t.name not in kept]
         alone = self.shared.readings.drives_alone(machine, missing) if missing else {}
         return self._noted(overlay(self.opened, machine, alone | kept))
+
+    def quick_one(self, name: str, now: Overlay) -> Overlay:
+        """One test of the present model beside the other tests of an earlier overlay: what a page can show first; some
+        0.01 s.
+
+        Raises:
+            InputError: An effect acts on what the machine does not have.
+            SimulationError: A drive is unstable.
+        """
+        machine, readings = self.machine, self.shared.readings
+        found = readings.kept(machine, [name]) or readings.drives_alone(machine, [name])
+        return with_one(self.opened, machine, name, found[name], now)
 
     def full(self, names: Sequence[str] | None = None, machine: Machine | None = None) -> Overlay:
         """As :meth:`quick`, after some tests (all) were simulated in the multibody model.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time as clock
 from collections.abc import Callable
 from typing import Any
 
@@ -19,6 +21,8 @@ from mjsim.workbench.page.machine import MachinePanel
 from mjsim.workbench.page.part import PartDialog
 from mjsim.workbench.page.traces import Traces
 
+#: The large plot moves at once; the rest is drawn so much later, s, when the page has it.
+_LATER = 0.06
 _KEYS = (
     "Ctrl+Z, Ctrl+Y | undo, redo",
     "P, N | test before, next test",
@@ -50,7 +54,7 @@ class Desk(BaseDesk):
     def __init__(self, live: Live, meshes: str, bodies: MachineBodies | None, dark: bool) -> None:
         super().__init__(live, dark)
         self._bars = -1
-        self._late = False
+        self._rest_at = math.inf
         with self.place:
             self.effects = EffectsPanel(live, self.changed, self.fit)
             self.traces = Traces(live, self.cursor)
@@ -102,12 +106,13 @@ class Desk(BaseDesk):
         if live.version != self._version:
             self._version = live.version
             self._draw_error()
-            self.traces.draw_shown()
+            self.traces.draw_polar()
+            self._rest_at = clock.monotonic() + _LATER
+        elif clock.monotonic() > self._rest_at:
+            self._rest_at = math.inf
+            self.traces.draw_chart()
             self.machine.changed(self.traces.name)
             self.ladder.draw()
-            self._late = True
-        elif self._late:  # what is small comes a moment later, so that the large plot moves at once
-            self._late = False
             self.traces.draw_all()
         if live.bars != self._bars and live.settled:
             self._bars = live.bars

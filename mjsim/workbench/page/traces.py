@@ -114,11 +114,22 @@ class Traces:
 
     def draw_shown(self) -> None:
         """Draw the large plots again."""
+        self.draw_polar()
+        self.draw_chart()
+
+    def draw_polar(self) -> None:
+        """Draw the polar plot again."""
         trace = self.trace
         if trace is None:
             return
         self.polar.content = svg.polar(trace, self._reversals[self.name])
         self.about.text = f"{trace.engine}, RMS {trace.rms / UM:.3f} µm" if trace.measured is not None else trace.engine
+
+    def draw_chart(self) -> None:
+        """Draw the residual again."""
+        trace = self.trace
+        if trace is None:
+            return
         self.other.content = f"residual {self.live.other_name}"
         self.chart.options.update(self._options(trace))
         self.chart.update()
