@@ -154,6 +154,19 @@ def test_a_ball_in_another_seat_is_left_out_and_a_step_that_repeats_is_not():
     assert largest_jump(t, t.value, 0.1e-6) is None
 
 
+@pytest.mark.parametrize("revolution", [0, 1])
+def test_a_ball_in_another_seat_is_found_where_the_machine_steps_the_other_way(revolution):
+    """The machine's own step at the same angle, in both revolutions, makes the smaller step that of the knock."""
+    from mjsim.estimation.outliers import largest_jump
+
+    s = samples(np.random.default_rng(8), signal=0.0)
+    turn = round(revolution_time(CIRCLE) / 0.005)
+    at = 2000 + revolution * turn
+    own = 2e-6 * ((np.arange(len(s.time)) - 2000) % turn < turn // 2)
+    s.value = s.value + own - 1.5e-6 * (np.arange(len(s.time)) >= at)
+    assert abs(largest_jump(s, s.value, 0.1e-6) - at) < 20
+
+
 def test_a_stiffness_is_fitted_as_its_compliance():
     """Off is infinite for the file and zero for the fit; intervals come back in the file's unit, low to high."""
     soft = registry.make("drive_compliance.X", stiffness_N_per_um=50.0, damping_ratio=0.1)

@@ -115,8 +115,9 @@ def largest_jump(s: Samples, residual: np.ndarray, noise: float, settings: Outli
     """First sample after the largest lasting jump of one test, such as a ball that a knock has put into another seat;
     or ``None``.
 
-    A jump shows in the difference of two revolutions, where what belongs to the machine's cycle is gone; the residual
-    says in which of the two. A test that does not repeat must show it far above everything else that it does.
+    A jump shows in the difference of two revolutions, where what belongs to the machine's cycle is gone. The ball stays
+    in its new seat: after a jump in the first revolution both agree, and before one in the second. A test that does not
+    repeat must show it far above everything else that it does.
 
     Args:
         s: The samples, after :func:`mark_outliers`.
@@ -132,15 +133,14 @@ def largest_jump(s: Samples, residual: np.ndarray, noise: float, settings: Outli
         usual = float(np.quantile(np.abs(short), 0.9))
         return at if abs(short[at]) > max(settings.jump_alone * usual, 2.0 * settings.least_jump) else None
     lag = round(revolution_time(s.test) / dt)
-    twice = _jumps(residual[lag:] - residual[:-lag], s.valid[lag:] & s.valid[:-lag], n)
-    at = int(np.argmax(np.abs(twice)))
+    before, after = _means(residual[lag:] - residual[:-lag], s.valid[lag:] & s.valid[:-lag], n)
+    at = int(np.argmax(np.abs(after - before)))
     deviation = noise * np.sqrt(
         2.0 * 2.0 * settings.correlation / settings.side
     )  # of the difference of two means, of two revolutions
-    if abs(twice[at]) < max(settings.jump * deviation, settings.least_jump):
+    if abs(after[at] - before[at]) < max(settings.jump * deviation, settings.least_jump):
         return None
-    single = _jumps(residual, s.valid, n)
-    return max((at, at + lag), key=lambda k: abs(single[min(k, len(single) - 1)]))
+    return at if abs(before[at]) > abs(after[at]) else at + lag
 
 
 def leave_out_shorter_side(s: Samples, here: int, residual: np.ndarray, settings: OutlierSettings = OUTLIERS) -> bool:
@@ -168,12 +168,21 @@ def _jumps(x: np.ndarray, valid: np.ndarray, n: int) -> np.ndarray:
     """Mean of the ``n`` values from each place on less that of the ``n`` before it, (len(x),); 0 where too few are
     valid.
     """
+    before, after = _means(x, valid, n)
+    return after - before
+
+
+def _means(x: np.ndarray, valid: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Mean of the ``n`` values before each place, and of those from there on, (len(x),) each; 0 where too few are
+    valid.
+    """
     total = np.concatenate([[0.0], np.cumsum(np.where(valid, x, 0.0))])
     number = np.concatenate([[0], np.cumsum(valid)])
-    out = np.zeros(len(x))
+    before, after = np.zeros(len(x)), np.zeros(len(x))
     k = np.arange(n, len(x) - n)
-    after, before = number[k + n] - number[k], number[k] - number[k - n]
-    enough = np.minimum(after, before) > 0.6 * n
-    k, after, before = k[enough], after[enough], before[enough]
-    out[k] = (total[k + n] - total[k]) / after - (total[k] - total[k - n]) / before
-    return out
+    counts = number[k] - number[k - n], number[k + n] - number[k]
+    enough = np.minimum(*counts) > 0.6 * n
+    k = k[enough]
+    before[k] = (total[k] - total[k - n]) / counts[0][enough]
+    after[k] = (total[k + n] - total[k]) / counts[1][enough]
+    return before, after
