@@ -50,6 +50,19 @@ def test_whitened_noise_is_white_with_unit_variance():
         assert abs(np.mean(white[lag:] * white[:-lag])) < 0.03
 
 
+def test_what_is_left_out_does_not_make_the_noise_smaller():
+    """Most tests of a campaign with a third or a half of the trace left out, as after a knock."""
+    rng = np.random.default_rng(9)
+    all_of_them = [samples(rng, signal=0.0) for _ in range(6)]
+    whole = estimate_noise(all_of_them, 0.1e-6)
+    for s, share in zip(all_of_them, (0.3, 0.3, 0.3, 0.48, 0.48, 0.0), strict=True):
+        s.valid[: int(share * len(s.valid))] = False
+        s.refresh()
+    part = estimate_noise(all_of_them, 0.1e-6)
+    assert part.rms == pytest.approx(whole.rms, rel=0.1)
+    assert part.block_rms == pytest.approx(whole.block_rms, rel=0.1)
+
+
 def test_a_gap_becomes_invalid_samples_on_an_even_clock():
     rng = np.random.default_rng(3)
     s = samples(rng)

@@ -133,14 +133,17 @@ def largest_jump(s: Samples, residual: np.ndarray, noise: float, settings: Outli
         usual = float(np.quantile(np.abs(short), 0.9))
         return at if abs(short[at]) > max(settings.jump_alone * usual, 2.0 * settings.least_jump) else None
     lag = round(revolution_time(s.test) / dt)
-    before, after = _means(residual[lag:] - residual[:-lag], s.valid[lag:] & s.valid[:-lag], n)
+    apart, valid = residual[lag:] - residual[:-lag], s.valid[lag:] & s.valid[:-lag]
+    before, after = _means(apart, valid, n)
     at = int(np.argmax(np.abs(after - before)))
     deviation = noise * np.sqrt(
         2.0 * 2.0 * settings.correlation / settings.side
     )  # of the difference of two means, of two revolutions
     if abs(after[at] - before[at]) < max(settings.jump * deviation, settings.least_jump):
         return None
-    return at if abs(before[at]) > abs(after[at]) else at + lag
+    sharp = np.abs(_jumps(apart[max(0, at - n) : at + n], valid[max(0, at - n) : at + n], max(3, n // 10)))
+    here = max(0, at - n) + int(np.argmax(sharp))
+    return here if abs(before[at]) > abs(after[at]) else here + lag
 
 
 def leave_out_shorter_side(s: Samples, here: int, residual: np.ndarray, settings: OutlierSettings = OUTLIERS) -> bool:

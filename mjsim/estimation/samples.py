@@ -22,6 +22,8 @@ GRID = GRID_STEPS * STEP
 #: Length of an averaging block, s: at feeds up to SLOW, and above it.
 BLOCKS = (0.020, 0.010)
 SLOW = 1.5 / 60.0
+#: A test whose revolutions have fewer samples or blocks in common says nothing about the noise.
+_FEWEST = 50
 
 
 @dataclass
@@ -215,8 +217,9 @@ def _delayed(x: np.ndarray, delay: float, taps: int = 32) -> np.ndarray:
     return np.correlate(x, kernel / kernel.sum(), mode="valid")[whole - before :]
 
 
-def half_differences(s: Samples) -> tuple[np.ndarray, np.ndarray]:
-    """Half the difference of successive revolutions: per sample and per block, m.
+def half_differences(s: Samples) -> tuple[np.ma.MaskedArray, np.ma.MaskedArray]:
+    """Half the difference of successive revolutions: per sample and per block, m; masked where one of them was left
+    out.
 
     It has the noise's RMS over √2 and no repeatable signal. Slow drift between revolutions (eccentricity and its
     growth) is taken out.
@@ -232,10 +235,9 @@ def half_differences(s: Samples) -> tuple[np.ndarray, np.ndarray]:
         ok = valid[:n] & ~bad[lag : lag + n]
         phi = 2 * np.pi * (time[:n] - time[0]) / turn
         basis = np.column_stack([np.ones(n), np.cos(phi), np.sin(phi), phi, phi * np.cos(phi), phi * np.sin(phi)])
-        if ok.sum() > 50:
+        if ok.sum() > _FEWEST:
             h = h - basis @ np.linalg.lstsq(basis[ok], h[ok], rcond=None)[0]
-        h[~ok] = 0.0
-        out.append(h)
+        out.append(np.ma.array(h, mask=~ok))
     return out[0], out[1]
 
 
@@ -255,16 +257,16 @@ def estimate_noise(samples: Sequence[Samples], resolution: float, order: int = 5
     test with something that does not repeat does not raise the floor. Without any, 0.1 µm with the usual colour is
     assumed.
     """
-    repeated = [s for s in samples if kind_of(s.test).repeats(s.test)]
+    repeated = [half_differences(s) for s in samples if kind_of(s.test).repeats(s.test)]
+    repeated = [(fine, coarse) for fine, coarse in repeated if coarse.count() > _FEWEST]
     if not repeated:
         return usual_noise(samples[0].block, resolution)
     lags = np.arange(order + 1)
     covariances, levels = [], []
-    for s in repeated:
-        fine, coarse = half_differences(s)
-        n = len(coarse)
-        covariances.append([2.0 * np.dot(coarse[: n - k], coarse[k:]) / n for k in lags])
-        levels.append(np.sqrt(2.0 * np.mean(fine**2)))
+    for fine, coarse in repeated:
+        n, values = len(coarse), coarse.filled(0.0)
+        covariances.append([2.0 * np.dot(values[: n - k], values[k:]) / coarse.count() for k in lags])
+        levels.append(np.sqrt(2.0 * np.mean(fine.compressed() ** 2)))
     covariances = np.array(covariances)
     quietest = covariances[:, 0] <= np.median(covariances[:, 0]) * (1 + 1e-12)
     r = covariances[quietest].mean(axis=0)
