@@ -72,6 +72,7 @@ def main() -> int:
         opened.settled()
         print("after that:")
         time_slider(opened, options.rounds)
+        opened.page.wait_for_timeout(5000)  # the bars of the last model
         opened.page.keyboard.press("Escape")
         opened.page.locator("button[aria-label='Play']").click()
         opened.page.wait_for_timeout(500)
