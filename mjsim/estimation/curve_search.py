@@ -44,11 +44,7 @@ def best_curve_term(problem: Problem, fit: Fit, teeth: Iterable[str] = ()) -> Cu
         return None
     if len(best.knots) <= _LONG:
         best = _best(problem, projector, [best, *(t for n in _FINER for t in generic.finer(best, n))]) or best
-    return (
-        best
-        if any(np.std(p) > settings.visible_share * problem.noise.rms for p in visible(problem, fit, best))
-        else None
-    )
+    return best if stands_out(problem, fit, best) else None
 
 
 def _best(problem: Problem, projector: Projector, terms: Iterable[CurveTerm]) -> CurveTerm | None:
@@ -66,6 +62,11 @@ def _best(problem: Problem, projector: Projector, terms: Iterable[CurveTerm]) ->
 def visible(problem: Problem, fit: Fit, term: CurveTerm) -> list[np.ndarray]:
     """What of a term's readings the nuisances cannot take up: block means per test, m."""
     return unabsorbed(problem, fit, [c @ term.coefficients for c in term.columns])
+
+
+def stands_out(problem: Problem, fit: Fit, term: CurveTerm) -> bool:
+    """Whether what a term explains is seen in a test."""
+    return any(np.std(p) > problem.settings.visible_share * problem.noise.rms for p in visible(problem, fit, term))
 
 
 def is_overfit(problem: Problem, start: Fit, fit: Fit, curve: CurveTerm | None, first_gain: float) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 
 from mjsim.estimation.candidate_groups import own_groups
 from mjsim.estimation.curve_fit import Together, fit_beside
+from mjsim.estimation.curve_search import stands_out
 from mjsim.estimation.curve_terms import CurveTerm, CurveTerms
 from mjsim.estimation.fit import Fit, Fitter
 
@@ -44,7 +45,7 @@ def one_curve(fitter: Fitter, calibrated: Fit, named: Fit, findings: Collection[
     least = min(calibrated.objective, _objective(named, findings, problem.settings.log_odds)) - charge
     # what the linear problem promises is nearly what comes of it
     fitted = [fit_beside(fitter, calibrated, term, _STEPS) for objective, term in ranked if objective < least]
-    better = [row for row in fitted if row[2].objective < least]
+    better = [row for row in fitted if row[2].objective < least and stands_out(problem, row[0], row[1])]
     if not better:
         return None
     fit, curve, _ = min(better, key=lambda row: row[2].objective)
