@@ -149,6 +149,9 @@ class JointSelector:
         if sorted(before) == sorted(after) and set(kept) == set(model.kept):
             return False
         fit = self._refit(effects, model.fit, _STEPS)
+        if fit.objective > model.fit.objective:  # worse with what the data need: the fit has lost its way
+            again = self.fitter.fit(effects, start=model.fit, iterations=_STEPS, fresh=False)
+            fit = min(fit, again, key=lambda f: f.objective)
         if model.curve is None and fit.sum_squares > _WORSE * model.fit.sum_squares:
             return False  # what the linear problem promised is not there
         model.fit, model.kept = fit, kept
@@ -246,7 +249,6 @@ class JointSelector:
         model.fit = self.fitter.fit(effects, start=model.fit, exact=True, iterations=_STEPS, fresh=False)
 
     def _one_curve(self, model: _Model, first: Fit) -> tuple[Fit, CurveTerm] | None:
-        """One generic curve in place of all findings, where the evidence is for it."""
         named = [f.effect.key for f in model.fit.effects if f.effect.key not in model.kept]
         if model.curve is not None or len(named) < FEWEST:
             return None
