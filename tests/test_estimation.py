@@ -254,3 +254,15 @@ def test_the_written_effect_does_what_its_term_did(moves, tmp_path):
     want = term.columns[0] @ (values / term.unit)
     assert np.std(want) > 0.2e-6
     assert np.abs(got - want).max() < 0.03 * np.abs(want).max() + 0.01e-6
+
+
+def test_a_ball_in_another_seat_has_a_length_of_its_own():
+    """A knock moves the ball along the bar as well, by an amount that the jump alone does not tell exactly."""
+    from mjsim.estimation.nuisance import AFTER_KNOCK, Nuisances
+
+    knocked = dataclasses.replace(CIRCLE, name="d", setup=f"d {AFTER_KNOCK}")
+    n = Nuisances.of_tests([CIRCLE, knocked], 4.0)
+    x = np.zeros(n.size)
+    x[n.of_test(knocked)[6]] = 1.0
+    assert n.length(x, knocked.setup) == pytest.approx(3e-6)
+    assert n.length(x, CIRCLE.setup) == n.length(x) == 0.0

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from mjsim.estimation.nuisance import AFTER_KNOCK
 from mjsim.estimation.nuisance_fit import fit_nuisance
 from mjsim.estimation.outliers import largest_jump, leave_out_shorter_side, mark_outliers, readmit_outliers
 from mjsim.estimation.problem import Problem
@@ -36,7 +37,7 @@ def without_disturbances(
         accidents = [k for k in jumps if not _jumps_elsewhere(problem, jumps, k)]
         for k in accidents:
             if leave_out_shorter_side(samples[k], jumps[k], rest[k], settings):  # the ball sits anew in what is kept
-                tests[k] = replace(tests[k], setup=f"{tests[k].name} after a knock")
+                tests[k] = replace(tests[k], setup=f"{tests[k].name} {AFTER_KNOCK}")
             events[tests[k].name] += 1
         if not accidents:
             break

@@ -206,7 +206,7 @@ class Problem:
         return (
             sens.table @ n.table_ball(nuisance, setup)
             + sens.spindle @ n.spindle_ball(nuisance, setup)
-            + n.length(nuisance)
+            + n.length(nuisance, setup)
         )
 
     def modelled(self, readings: Sequence[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
