@@ -102,7 +102,7 @@ class JointSelector:
             self.progress("selecting causes by evidence", number, _ROUNDS)
             if not self._select(model) and not self._release(model):
                 break
-        model.fit = self.fitter.fit(model.fit.effects, start=model.fit, exact=True, iterations=_STEPS, fresh=False)
+        model.fit = self._exact_refit(model.fit.effects, model.fit)
         self._without_invisible(model)
         self._return(model)
         instead = self._one_curve(model, first)
@@ -150,8 +150,7 @@ class JointSelector:
             return False
         fit = self._refit(effects, model.fit, _STEPS)
         if fit.objective > model.fit.objective:  # worse with what the data need: the fit has lost its way
-            again = self.fitter.fit(effects, start=model.fit, iterations=_STEPS, fresh=False)
-            fit = min(fit, again, key=lambda f: f.objective)
+            fit = min(fit, self._exact_refit(effects, model.fit), key=lambda f: f.objective)
         if model.curve is None and fit.sum_squares > _WORSE * model.fit.sum_squares:
             return False  # what the linear problem promised is not there
         model.fit, model.kept = fit, kept
@@ -246,9 +245,10 @@ class JointSelector:
             return
         model.kept |= {key: model.expected[key] for key in inside}
         effects = [model.expected[f.effect.key].at(f) if f.effect.key in inside else f for f in model.fit.effects]
-        model.fit = self.fitter.fit(effects, start=model.fit, exact=True, iterations=_STEPS, fresh=False)
+        model.fit = self._exact_refit(effects, model.fit)
 
     def _one_curve(self, model: _Model, first: Fit) -> tuple[Fit, CurveTerm] | None:
+        """One generic curve in place of all findings, where the evidence is for it."""
         named = [f.effect.key for f in model.fit.effects if f.effect.key not in model.kept]
         if model.curve is not None or len(named) < FEWEST:
             return None
@@ -261,7 +261,7 @@ class JointSelector:
         hidden = {key for key in new if not clear_tests(self.problem, model.fit, key)}
         if hidden:
             seen = [f for f in model.fit.effects if f.effect.key not in hidden]
-            model.fit = self.fitter.fit(seen, start=model.fit, exact=True, iterations=_STEPS, fresh=False)
+            model.fit = self._exact_refit(seen, model.fit)
 
     def _refit(self, effects: list[EffectVector], start: Fit | None, iterations: int) -> Fit:
         """Joint fit; exact where the model comes near the data, since a linearised data sheet is driven far off
@@ -273,6 +273,10 @@ class JointSelector:
         limit = self.settings.close_sheet
         near = replace(fit, sheet_deviation=np.clip(fit.sheet_deviation, -limit, limit))
         return self.fitter.fit(fit.effects, start=near, exact=True, iterations=2, fresh=False)
+
+    def _exact_refit(self, effects: list[EffectVector] | tuple[EffectVector, ...], start: Fit) -> Fit:
+        """Joint fit from where ``start`` ended, exact at once: from there a linearised data sheet is driven far off."""
+        return self.fitter.fit(effects, start=start, exact=True, iterations=_STEPS, fresh=False)
 
     def _found(self, model: _Model) -> list[Found]:
         """The free effects of the final model that are large enough to be causes, the largest contribution first."""
@@ -292,9 +296,5 @@ class JointSelector:
             return found  # a machine of its class has it: the others would have to be there besides
         groups = CandidateGroups.at(self.problem, model.fit, model.bank, set(model.kept), curves=False)
         self.progress(f"what could stand in place of {found.key}", 0, 1)
-
-        def refit(effects: list[EffectVector]) -> Fit:  # exact at once: a linearised data sheet is driven far off
-            return self.fitter.fit(effects, start=model.fit, exact=True, iterations=_STEPS, fresh=False)
-
-        competing = equivalents(model.fit, groups, found.key, refit, added)
+        competing = equivalents(model.fit, groups, found.key, lambda e: self._exact_refit(e, model.fit), added)
         return replace(found, competing=competing)

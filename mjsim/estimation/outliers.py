@@ -141,8 +141,8 @@ def largest_jump(s: Samples, residual: np.ndarray, noise: float, settings: Outli
     )  # of the difference of two means, of two revolutions
     if abs(after[at] - before[at]) < max(settings.jump * deviation, settings.least_jump):
         return None
-    sharp = np.abs(_jumps(apart[max(0, at - n) : at + n], valid[max(0, at - n) : at + n], max(3, n // 10)))
-    here = max(0, at - n) + int(np.argmax(sharp))
+    near = slice(max(0, at - n), at + n)
+    here = near.start + int(np.argmax(np.abs(_jumps(apart[near], valid[near], max(3, n // 10)))))
     return here if abs(before[at]) > abs(after[at]) else here + lag
 
 
