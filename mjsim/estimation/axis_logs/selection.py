@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -42,6 +44,9 @@ _FEW = 3
 #: Share by which the mean square of a recording grows without a cause that shows in it (assumed).
 _SHOWS = 0.02
 
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
+
 
 class AxisSearch:
     """The search on one axis.
@@ -66,6 +71,8 @@ class AxisSearch:
     ) -> None:
         self.machine, self.settings, self.progress, self.shared = machine, settings, progress, tuple(shared)
         self.fitter = LogFitter(machine, data, threads)
+        # of its own: fits that run side by side wait for the simulations in the fitter's pool
+        self._fits = ThreadPoolExecutor(threads) if threads > 1 else None
         self.catalogue = Catalogue(machine, data)
         self.axis = data[0].axis
         self.gains = read_gains(machine, data)
@@ -94,16 +101,22 @@ class AxisSearch:
         order = [c.key for c in found]
         lesser, fit = self._pruned(found, fit)
         fit = self.fitter.polished(self._as_stated(fit))
-        causes = []
-        for i, (candidate, without) in enumerate(lesser.items()):
-            self.progress(f"axis {self.axis}: what competes", i, len(lesser))
-            causes.append(self._against_competing(fit, candidate, without))
+
+        def judged(row: tuple[int, tuple[Candidate, AxisFit | None]]) -> FoundCause:
+            self.progress(f"axis {self.axis}: what competes", row[0], len(lesser))
+            return self._against_competing(fit, *row[1])
+
+        causes = self._each(judged, enumerate(lesser.items()))
         kept = tuple(sorted((c for c in causes if c.gain > 0.0), key=lambda c: -c.gain))
         return AxisSelection(self.axis, given, sheet, tuple(ladder), fit, kept, tuple(self.gains), tuple(order))
 
     def sheet(self) -> AxisFit:
         """The data sheet fitted within its priors."""
         return self.fitter.fit(start_model(self.machine, self.fitter.data, self.gains, self.shared))
+
+    def _each(self, work: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:
+        """Results of independent pieces of work, in order; side by side: one fit does not keep all cores busy."""
+        return list((self._fits.map if self._fits else map)(work, items))
 
     def _short(self, model: AxisModel, former: AxisFit | None = None, steps: int = _SHORT) -> AxisFit:
         """A fit that is good enough for a comparison, with the derivatives of a ``former`` one to begin with."""
@@ -140,7 +153,7 @@ class AxisSearch:
 
     def _best_of(self, models: Sequence[AxisModel]) -> AxisFit | None:
         """The best fit of models that differ in their starts, the best of short ones carried on."""
-        short = [self._short(m) for m in models]
+        short = self._each(self._short, models)
         return self.fitter.fit(short[int(np.argmin(misfits(short)))].model) if short else None
 
     def ranked(self, fit: AxisFit, sheet: bool = False) -> list[tuple[Gain, Candidate, AxisModel]]:
@@ -181,11 +194,16 @@ class AxisSearch:
         rows = self.ranked(fit, sheet)
         fine = sorted(rows, key=lambda row: -row[0].fine)
         shortlist = {row[1].key: row for row in (*rows[:_SHORTLIST], *fine[:_SHORTLIST])}
-        trials, penalty = [], self.settings.parameter_penalty
-        for promised, candidate, model in shortlist.values():
-            worth = max(promised.slow / max(rows[0][0].slow, 1.0), promised.fine / max(fine[0][0].fine, 1.0))
-            if promised.largest >= 0.3 * self.settings.likelihood_ratio and worth >= _WORTH:
-                trials.append(Trial.of(fit, candidate, self._short(model, fit, _FEW), penalty))
+        penalty = self.settings.parameter_penalty
+
+        def is_worth(promised: Gain) -> bool:
+            share = max(promised.slow / max(rows[0][0].slow, 1.0), promised.fine / max(fine[0][0].fine, 1.0))
+            return promised.largest >= 0.3 * self.settings.likelihood_ratio and share >= _WORTH
+
+        trials = self._each(
+            lambda row: Trial.of(fit, row[1], self._short(row[2], fit, _FEW), penalty),
+            [row for row in shortlist.values() if is_worth(row[0])],
+        )
         for best in ahead(trials):  # they go on, until one is taken
             further = self._short(best.fit.model, best.fit)
             trials[trials.index(best)] = Trial.of(fit, best.candidate, further, penalty)
