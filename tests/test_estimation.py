@@ -192,6 +192,17 @@ def test_a_stiffness_is_fitted_as_its_compliance():
     assert low < 50.0 < high and low == pytest.approx(100.0 / 2.98, rel=1e-3)
 
 
+def test_a_time_constant_is_fitted_as_its_logarithm():
+    """It is above zero and known to a factor: its interval is as wide to both sides in ratios, within the bounds."""
+    drift = registry.make("thermal_drift.Z", amplitude_um=30.0, time_constant_s=240.0)
+    free = EffectVector(drift, drift.search.free)
+    assert free.at(free.vector).values["time_constant_s"] == pytest.approx(240.0)
+    low, high = free.interval(free.vector, np.diag([0.1, 0.25]))["time_constant_s"]
+    assert low < 240.0 < high and low * high == pytest.approx(240.0**2)
+    assert free.interval(free.vector, np.diag([0.1, 1e6]))["time_constant_s"] == [5.0, 20000.0]
+    assert free.linear == [0]
+
+
 def test_a_generic_curve_finds_the_axis_and_the_variable():
     """A float of X with Y's speed, laid over a healthy campaign: the term says so, and so does the effect file it
     writes.

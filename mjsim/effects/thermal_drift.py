@@ -16,7 +16,7 @@ class ThermalDrift(Effect):
     title = "Thermal drift between spindle and table"
     parameters = (
         Parameter("amplitude_um", "final displacement", -1000.0, 1000.0, neutral=0.0, scale=5.0),
-        Parameter("time_constant_s", "time constant of the warm-up", 5.0, 20000.0, default=600.0, scale=60.0),
+        Parameter("time_constant_s", "time constant of the warm-up", 5.0, 20000.0, default=600.0, scale=60.0, log=True),
     )
     definition = "a (1 − exp(−t/τ)), t on the campaign clock"
     source = "ISO 230-3 (thermal drift); first-order warm-up assumed"

@@ -174,7 +174,7 @@ class EffectVector:
             elif not (self.polar and n == "phase_deg"):
                 sd = math.sqrt(max(covariance[i, i], 0.0))
                 ends = vector[i] - z * sd, vector[i] + z * sd
-                out[n] = sorted(p.decode(x) for x in ends) if p.inverse else [x * p.scale for x in ends]
+                out[n] = sorted(p.decode(x) for x in ends) if p.inverse or p.log else [x * p.scale for x in ends]
                 i += 1
         return out
 

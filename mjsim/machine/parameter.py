@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +23,7 @@ class Parameter:
         choices: allowed texts of a ``choice``.
         scale: a typical size, in the same unit: the step of numerical derivatives and of searches.
         inverse: fitted as its reciprocal (a stiffness is off at infinity; its compliance is off at zero).
+        log: fitted as its logarithm (a time constant is above zero, and known to a factor rather than to seconds).
     """
 
     name: str
@@ -34,16 +36,20 @@ class Parameter:
     choices: tuple[str, ...] = ()
     scale: float = 1.0
     inverse: bool = False
+    log: bool = False
 
     def encode(self, value: float) -> float:
         """A value as fits see it, in typical sizes."""
+        if self.log:
+            return math.log(value / self.scale)
         return self.scale / value if self.inverse else value / self.scale
 
     def decode(self, x: float) -> float:
         """The value, inside its bounds, that fits see as ``x``."""
         if self.inverse:
             return max(self.scale / x, self.lower) if x > self.scale / self.upper else self.upper
-        return min(max(x * self.scale, self.lower), self.upper)
+        value = self.scale * math.exp(min(x, 700.0)) if self.log else x * self.scale
+        return min(max(value, self.lower), self.upper)
 
     @property
     def factor(self) -> float:
