@@ -20,6 +20,8 @@ from mjsim.workbench.overlay import Trace
 _POINTS = 540
 #: Vertical field of view of the page's camera, °.
 FIELD = 38.0
+#: Three.js' cylinder stands along y; this turns it along z, (3, 3).
+STANDING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 #: Groups of geoms that are looked at; the others are there to touch.
 _LOOKED_AT = (0, 2)
 #: Directions from which the whole machine is seen, and the distance in its sizes.
@@ -223,3 +225,11 @@ def _colour(model: mujoco.MjModel, g: int) -> str:
     material = int(model.geom_matid[g])
     rgba = model.mat_rgba[material] if material >= 0 else model.geom_rgba[g]
     return "#" + "".join(f"{round(255 * float(x)):02x}" for x in rgba[:3])
+
+
+def turn_to(along: np.ndarray) -> np.ndarray:
+    """A rotation (3, 3) that takes z to ``along`` (3,)."""
+    helper = np.eye(3)[int(np.argmin(np.abs(along)))]
+    x = np.cross(helper, along)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(along, x), along])

@@ -13,7 +13,7 @@ from mjsim.machine.subjects import axis_of_subject
 from mjsim.plots import style
 from mjsim.units import DEG
 from mjsim.workbench import catalogue
-from mjsim.workbench.bodies import FIELD, Body, MachineBodies, Posed
+from mjsim.workbench.bodies import FIELD, STANDING, Body, MachineBodies, Posed, turn_to
 from mjsim.workbench.live import Live
 
 #: Poses a second while the machine plays.
@@ -50,9 +50,11 @@ class MachinePanel:
         self.playing, self.time, self.factor = False, 0.0, 1.0
         self._position = np.zeros((1, live.bench.machine.chain.count))
         self._groups: dict[str, ui.scene.group] = {}
-        self._name, self._machine, self._started, self._ready = "", None, (0.0, 0.0), False
-        self.poses = 0
+        self._name, self._machine, self._started = "", None, (0.0, 0.0)
+        self.poses, self._dark = 0, False
+        #: There from the first picture of the traces on: a scene keeps the browser busy for a second.
         self.model: Posed | None = None
+        self._coming: Posed | None = None
         with ui.element("div").classes("panel machine").mark("machine"):
             with ui.element("div").classes("title").style("z-index: 1"):
                 ui.label("Machine")
@@ -60,37 +62,37 @@ class MachinePanel:
             if bodies is None:
                 ui.label(f"There is no model in 3D of {live.bench.machine.configuration}.").classes("soft q-pa-md")
                 return
-            self._bodies, self.model = bodies.bodies, bodies.posed(live.bench.opened.test(shown()))
-            with ui.element("div").classes("view"):
-                self._make_scene(meshes)
+            self._meshes, self._bodies = meshes, bodies.bodies
+            self._coming = bodies.posed(live.bench.opened.test(shown()))
+            self._place = ui.element("div").classes("view")
             self.picked = ui.label().classes("about soft").mark("picked")
-            self._make_controls()
+            self._make_controls(self._coming)
         self._timer = ui.timer(1.0 / RATE, self._play, active=False)
 
-    def _make_scene(self, meshes: str) -> None:
-        assert self.model is not None
+    def _make_scene(self, model: Posed) -> None:
+        self.model, self._coming = model, None
         camera = ui.scene.perspective_camera(fov=FIELD, near=0.05, far=40)
         # a number of pixels is asked for, but the size is that of the place
         self.scene = ui.scene(
             width=340, height=260, grid=False, camera=camera, on_click=self._picked, click_events=["click"],
-            background_color=_BACKGROUND[False], fps=_FRAMES["at rest"],
+            background_color=_BACKGROUND[self._dark], fps=_FRAMES["at rest"],
         )  # fmt: skip
         self.scene.style("width: 100%; height: 100%").mark("scene")
         self.scene.on("mouseenter", lambda: self._draw_at("pointed at"))
         self.scene.on("mouseleave", lambda: self._draw_at("moving" if self.playing else "at rest"))
         with self.scene:
             for body in self._bodies:
-                self._make_body(body, meshes)
+                self._make_body(body)
             self.bar = ui.scene.group()
             with self.bar:
-                length = self.model.test.length
+                length = model.test.length
                 self.rod = ui.scene.cylinder(0.0028, 0.0028, 1.0, 12).material("#ff6b0d")
                 self.rod.rotate(np.pi / 2, 0, 0).scale(1, length, 1)
             self.error = ui.scene.cylinder(0.0045, 0.0045, 1.0, 12).material("#d91a40")
         self._paths: dict[str, ui.scene.point_cloud] = {}
         self.view("close-up", 0.0)
 
-    def _make_body(self, body: Body, meshes: str) -> None:
+    def _make_body(self, body: Body) -> None:
         with self._groups.get(body.parent, self.scene):
             group = ui.scene.group().with_name(body.name)
             self._groups[body.name] = group
@@ -98,10 +100,9 @@ class MachinePanel:
             group.move(*place.tolist()).rotate_R(turn.tolist())
             with group:
                 for i, (colour, _) in enumerate(body.solids):
-                    ui.scene.stl(f"{meshes}/{body.name}-{i}.stl").material(colour).with_name(body.name)
+                    ui.scene.stl(f"{self._meshes}/{body.name}-{i}.stl").material(colour).with_name(body.name)
 
-    def _make_controls(self) -> None:
-        assert self.model is not None
+    def _make_controls(self, model: Posed) -> None:
         with ui.element("div").classes("controls"):
             self.button = ui.button(icon="play_arrow", on_click=self.toggle)
             self.button.props('flat dense aria-label="Play"').tooltip("Play (space)").mark("play")
@@ -111,7 +112,7 @@ class MachinePanel:
             self.speed = ui.select(_SPEEDS, value=2.0).props('dense borderless options-dense aria-label="Speed"')
             self.speed.on_value_change(lambda _: self._restart())
         with ui.element("div").classes("controls"):
-            views = list(self.model.views(self._position[0]))
+            views = list(model.views(self._position[0]))
             views_select = ui.select(views, value=views[0], on_change=lambda e: self.view(e.value))
             views_select.props('dense borderless options-dense prefix="view" aria-label="View"').mark("view")
             ui.element("div").style("flex: 1")
@@ -124,7 +125,12 @@ class MachinePanel:
     def changed(self, name: str) -> None:
         """Another test is shown, or the model is another one."""
         overlay = self.live.overlay
-        if self.model is None or overlay is None:
+        if overlay is None:
+            return
+        if self._coming is not None:
+            with self._place:
+                self._make_scene(self._coming)
+        if self.model is None:
             return
         if name == self._name and overlay.machine is self._machine:
             return
@@ -180,12 +186,12 @@ class MachinePanel:
                     group.move(*place.tolist())
         table, spindle = self.model.balls(position)
         along = (spindle - table) / np.linalg.norm(spindle - table)
-        turn = _turn_to(along).tolist()
+        turn = turn_to(along).tolist()
         length, stretch = self.model.test.length, self._stretch()
         self.bar.move(*(table + 0.5 * length * along).tolist())
         self.bar.rotate_R(turn)
         self.error.move(*(table + (length + 0.5 * stretch) * along).tolist())
-        self.error.rotate_R((np.array(turn) @ _rotated_cylinder()).tolist())
+        self.error.rotate_R((np.array(turn) @ STANDING).tolist())
         self.error.scale(1.0, max(abs(stretch), 1e-6), 1.0)
         self.poses += 1
 
@@ -250,7 +256,8 @@ class MachinePanel:
 
     def view(self, name: str, seconds: float = 0.4) -> None:
         """Look at the machine from one of the usual places."""
-        assert self.model is not None
+        if self.model is None:
+            return
         (x, y, z), (to_x, to_y, to_z) = self.model.views(self._position[0])[name]
         self.scene.move_camera(x, y, z, to_x, to_y, to_z, 0.0, 0.0, 1.0, duration=seconds)
 
@@ -259,6 +266,7 @@ class MachinePanel:
 
     def darken(self, dark: bool) -> None:
         """Dark or light background."""
+        self._dark = dark
         if self.model is not None:
             self.scene.props(f'background-color="{_BACKGROUND[dark]}"')
 
@@ -284,16 +292,3 @@ class MachinePanel:
                 if axis_of_subject(e.subject, chain) == body.joint]  # fmt: skip
         acting = "; ".join(f"{e.key} ({catalogue.words(e)})" for e in mine) or "no effect acts on it"
         self.picked.text = f"{name.replace('_', ' ')}, axis {body.joint} at {where}: {acting}"
-
-
-def _turn_to(along: np.ndarray) -> np.ndarray:
-    """A rotation (3, 3) that takes z to ``along`` (3,)."""
-    helper = np.eye(3)[int(np.argmin(np.abs(along)))]
-    x = np.cross(helper, along)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(along, x), along])
-
-
-def _rotated_cylinder() -> np.ndarray:
-    """Three.js' cylinder stands along y; this turns it along z."""
-    return np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
