@@ -211,6 +211,8 @@ def test_a_log(browser, tmp_path):
     with opened(write_log(tmp_path)) as (_, address):
         tab = Page(browser, address)
         tab.wait_for_error(5.0, 20.0, "drives alone")
+        bar = "document.querySelector(\"[data-effect='torque_ripple.X'] .percent\")?.textContent"
+        tab.page.wait_for_function(f"parseInt({bar}) > 90")
         tab.page.keyboard.press("d")
         tab.page.locator(".card .head", has_text="torque_ripple.X: amplitude 0.03").wait_for()
         tab.page.get_by_text("show it in the traces").click()

@@ -44,6 +44,30 @@ def test_a_wave_is_switched_on_fitted_and_saved(tmp_path):
         bench.save()
 
 
+def test_bars_say_what_could_explain_the_error(tmp_path):
+    """One linear step finds the ripple's order, size and phase; what is fitted leaves nothing to explain."""
+    bench = mjsim.log_workbench(write(tmp_path))
+    with pytest.raises(InputError, match="switch one on first"):
+        bench.fit_all()
+    before, bars = bench.quick().rms, bench.update_gains()
+    best = max(bars, key=lambda k: bars[k].share)
+    assert best == "torque_ripple.X" and bars[best].share > 0.95 and bars[best].significant
+    assert set(bars) <= {e.id for e in bench.catalogue["X"]}
+    bench.switch(best)
+    assert bench.gains_are_old
+    assert bench.effect(best).values["order"] == pytest.approx(3.0, abs=0.05)
+    assert bench.effect(best).values["amplitude_Nm"] == pytest.approx(0.03, rel=0.1)
+    assert bench.quick().rms < 0.2 * before
+    assert [e.id for e in bench.fit_all()] == [best] and bench.ladder.present.label == "fit all"
+    assert bench.quick().rms < 0.1e-6
+    assert max(bar.share for bar in bench.update_gains().values()) < 0.01
+
+
+def test_bars_of_a_sound_axis_stay_empty(tmp_path):
+    bars = mjsim.log_workbench(write(tmp_path, 0.0)).update_gains()
+    assert bars and not any(bar.significant for bar in bars.values())
+
+
 def test_numbers_that_cannot_be_fitted_are_said(tmp_path):
     bench = mjsim.log_workbench(write(tmp_path, 0.0))
     assert bench.fit("viscous_friction.X").values["ratio"] == pytest.approx(1.0, abs=0.05)

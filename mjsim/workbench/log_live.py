@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import threading
+import time
 
 from mjsim.errors import InputError, SimulationError
 from mjsim.machine.effect import Effect
-from mjsim.workbench.jobs import Jobs
+from mjsim.workbench.jobs import Jobs, Stopped
 from mjsim.workbench.log_state import LogBench
 from mjsim.workflow.log_compare import LogComparison
 
@@ -18,13 +19,13 @@ class LogLive(Jobs):
         bench: The workbench. After a change of its model, call :meth:`changed`.
     """
 
-    #: There are no bars to wait for.
-    signatures = 1.0
-
     def __init__(self, bench: LogBench) -> None:
         super().__init__()
         self.bench = bench
-        self.version = 0
+        #: Counts whatever a page may want to draw again: traces, and bars of the effects.
+        self.version, self.bars = 0, 0
+        #: Whether the bars have been computed once, 0 or 1.
+        self.signatures = 0.0
         #: The newest error, and the one of another model that is drawn beside it, with its name.
         self.overlay: LogComparison | None = None
         self.other: LogComparison | None = None
@@ -32,8 +33,9 @@ class LogLive(Jobs):
         #: What went wrong, in one sentence; empty where nothing did.
         self.error = ""
         self._ended = False
-        self._wake = threading.Event()
-        threading.Thread(target=self._loop, daemon=True).start()
+        self._wake, self._wake_bars = threading.Event(), threading.Event()
+        for work in (self._loop, self._bars_loop):
+            threading.Thread(target=work, daemon=True).start()
         self.changed()
 
     def changed(self) -> None:
@@ -41,10 +43,11 @@ class LogLive(Jobs):
         self._wake.set()
 
     def close(self) -> None:
-        """End the thread."""
+        """End the threads."""
         self._ended = True
         self._stop_job.set()
         self._wake.set()
+        self._wake_bars.set()
 
     @property
     def settled(self) -> bool:
@@ -77,3 +80,19 @@ class LogLive(Jobs):
                 self.other, self.other_name = self.overlay, "before"
             self.overlay = result
             self.version += 1
+            self._wake_bars.set()
+
+    def _bars_loop(self) -> None:
+        while True:
+            self._wake_bars.wait()
+            self._wake_bars.clear()
+            while self.job is not None and self.job.alone and not self._ended:
+                time.sleep(0.05)
+            if self._ended:
+                return
+            try:
+                self.bench.update_gains(stopped=lambda: self._ended or not self.settled)
+            except (Stopped, InputError, SimulationError):
+                continue  # of another model; what is wrong with this one the error says
+            self.signatures = 1.0
+            self.bars += 1

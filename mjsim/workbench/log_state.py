@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +24,8 @@ from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 from mjsim.workbench import catalogue
 from mjsim.workbench import save as saving
+from mjsim.workbench.gains import Gain
+from mjsim.workbench.log_gains import log_gains
 from mjsim.workbench.readings import DRIVES
 from mjsim.workbench.tried import ChangedModel
 from mjsim.workflow import history
@@ -62,8 +65,6 @@ class SharedLogs:
     Raises:
         InputError: No log has a recording, a controller is missing, or a recording shows a mistake.
     """
-
-    gains = None
 
     def __init__(self, campaign: Campaign, machine: Machine, threads: int = 2) -> None:
         check_recorded(campaign, machine)
@@ -110,28 +111,60 @@ class LogBench(ChangedModel):
         self.noise_rms = result.noise
         return result
 
-    @one_blas_thread
+    def update_gains(self, stopped: Callable[[], bool] = lambda: False) -> dict[str, Gain]:
+        """How much of the present residual of its axis each effect could explain, by its id; takes some seconds.
+
+        Args:
+            stopped: Asked now and then.
+
+        Raises:
+            Stopped: It was stopped.
+            SimulationError: A drive is unstable.
+        """
+        machine = self.machine
+        found = log_gains(self.campaign, machine, self.opened.threads, stopped)
+        self.gains, self._gains_of, self.gains_complete = found, machine, True
+        return found
+
     def fit(self, effect_id: str) -> Effect:
         """Fit one effect, with the data sheet of its axis and the nuisances beside it.
 
         Raises:
             InputError: There is no such effect, its axis was not recorded, or it is a wave in several set-ups.
         """
-        machine = self.machine
         effect = self.effect(effect_id) or self.start_of(effect_id)
-        axis = effect.subject
-        if axis not in self.campaign.logs.axes:
-            raise InputError(f"{effect.key}: {axis} was not recorded; allowed: {', '.join(self.campaign.logs.axes)}")
-        data = axis_data(self.campaign.logs, axis, machine)
-        fitter = LogFitter(machine, data, self.opened.threads)
-        free = _entries(effect, len({d.test.setup for d in data}))
-        model = start_model(machine, data, read_gains(machine, data)).extended(effect, free)
-        fit = fitter.polished(fitter.fit(model))
-        self.intervals |= parameter_intervals(fit)
-        self.put(f"fit {effect.id}", merged(machine, [fit]))
+        self.put(f"fit {effect.id}", self._fitted([effect]))
         fitted = self.effect(effect.id)
         assert fitted is not None
         return fitted
+
+    def fit_all(self) -> list[Effect]:
+        """Fit all effects together that the machine file lacks or has with other values, axis by axis.
+
+        Raises:
+            InputError: There is none, or one of them is a wave in several set-ups.
+        """
+        free = self.need_changed_effects()
+        self.put("fit all", self._fitted(free))
+        return [e for e in self.machine.effects if e.id in {f.id for f in free}]
+
+    @one_blas_thread
+    def _fitted(self, effects: list[Effect]) -> Machine:
+        """The present model with some effects fitted, those of one axis together."""
+        machine, recorded, fits = self.machine, self.campaign.logs.axes, []
+        for axis in dict.fromkeys(e.subject for e in effects):
+            mine = [e for e in effects if e.subject == axis]
+            if axis not in recorded:
+                raise InputError(f"{mine[0].key}: {axis} was not recorded; allowed: {', '.join(recorded)}")
+            data = axis_data(self.campaign.logs, axis, machine)
+            model = start_model(machine, data, read_gains(machine, data))
+            for effect in mine:
+                model = model.extended(effect, _entries(effect, len({d.test.setup for d in data})))
+            fitter = LogFitter(machine, data, self.opened.threads)
+            fits.append(fitter.polished(fitter.fit(model)))
+        for fit in fits:
+            self.intervals |= parameter_intervals(fit)
+        return merged(machine, fits)
 
     def diagnose(self, progress: Progress = silent) -> LogDiagnosis:
         """Search for what the present model lacks, as ``mjsim diagnose`` does.

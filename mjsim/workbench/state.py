@@ -89,20 +89,13 @@ class Workbench(TriedModel):
         assert effect is not None
         return effect
 
-    def changed_effects(self) -> list[Effect]:
-        """Effects of the present model that the machine file lacks or has with other values."""
-        known = {e.key: e.values for e in self.saved.effects}
-        return [e for e in self.machine.effects if known.get(e.key) != e.values]
-
     def fit_all(self) -> list[Effect]:
         """Fit all effects together that the machine file lacks or has with other values.
 
         Raises:
             InputError: There is none.
         """
-        gains, free = self._need_gains(), self.changed_effects()
-        if not free:
-            raise InputError("the model has no effect that the machine file lacks; switch one on first")
+        gains, free = self._need_gains(), self.need_changed_effects()
         done = fitting.fit(gains, self.machine, free)
         self.intervals |= done.intervals
         self.put("fit all", done.machine)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from mjsim.campaign.model import Campaign
+from mjsim.errors import InputError
 from mjsim.io.toml import read_text
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
@@ -151,6 +152,22 @@ class ChangedModel:
             merge: Changes with the same key make one rung of the ladder.
         """
         self.ladder.push(label, machine, merge)
+
+    def changed_effects(self) -> list[Effect]:
+        """Effects of the present model that the machine file lacks or has with other values."""
+        known = {e.key: e.values for e in self.saved.effects}
+        return [e for e in self.machine.effects if known.get(e.key) != e.values]
+
+    def need_changed_effects(self) -> list[Effect]:
+        """The same, to be fitted together.
+
+        Raises:
+            InputError: There is none.
+        """
+        free = self.changed_effects()
+        if not free:
+            raise InputError("the model has no effect that the machine file lacks; switch one on first")
+        return free
 
     def undo(self) -> bool:
         """Go back by one model; whether there was one."""

@@ -2,20 +2,37 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mjsim.estimation.axis_logs.candidates import Candidate
 from mjsim.estimation.axis_logs.entries import PHASE, AxisModel, Entry
-from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter
+from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter, priors_of
+from mjsim.machine.effect import Effect
 
 #: Angle of a wave, rad, that an axis must run through for its phase to be estimated.
 _HALF_WAVE = np.pi
 
 
-def linear_step(fitter: LogFitter, fit: AxisFit, candidate: Candidate) -> tuple[AxisModel, list[np.ndarray]]:
-    """A model with a cause, and what one linear step with it leaves."""
+@dataclass(frozen=True)
+class LinearStep:
+    """One linear step with a cause.
+
+    Attributes:
+        model: With the cause, at the start.
+        left: Residuals after the step, (n,) per recording.
+        effect: The cause after the step.
+    """
+
+    model: AxisModel
+    left: Sequence[np.ndarray]
+    effect: Effect
+
+
+def linear_step(fitter: LogFitter, fit: AxisFit, candidate: Candidate) -> LinearStep:
+    """What one linear step with a cause leaves of the residuals of a fit without it."""
     model = candidate.extend(fit.model)
     if candidate.wave:
         model = with_phases(fitter, fit, model, candidate)
@@ -38,7 +55,10 @@ def linear_step(fitter: LogFitter, fit: AxisFit, candidate: Candidate) -> tuple[
     step = np.clip(now + step, *np.array(bounds).T) - now
     parts = zip(white, size, fit.weight, strict=True)
     left = [(r - columns @ step) / w for r, columns, w in parts]
-    return model, left
+    vector[new] += np.minimum(np.abs(step[len(old) :]), priors_of(model).largest[new]) * np.sign(step[len(old) :])
+    effect = model.at(vector).effect(candidate.effect.id)
+    assert effect is not None
+    return LinearStep(model, left, effect)
 
 
 def with_phases(fitter: LogFitter, fit: AxisFit, model: AxisModel, candidate: Candidate) -> AxisModel:

@@ -169,12 +169,12 @@ class AxisSearch:
             bases.append(self.fitter.evaluated(fit.model.as_printed()))
         for base in bases:
             for candidate in self.catalogue.missing(fit.model, orders):
-                model, left = linear_step(self.fitter, base, candidate)
-                more = len(model.entries) - len(fit.model.entries) - 1
-                promised = Gain.of(fit.residual, left, self.fitter.independent(left), self.fitter.noise)
+                step = linear_step(self.fitter, base, candidate)
+                more = len(step.model.entries) - len(fit.model.entries) - 1
+                promised = Gain.of(fit.residual, step.left, self.fitter.independent(step.left), self.fitter.noise)
                 promised = promised.less(self.settings.parameter_penalty * more)
                 if candidate.key not in best or promised.largest > best[candidate.key][0].largest:
-                    best[candidate.key] = (promised, candidate, model)
+                    best[candidate.key] = (promised, candidate, step.model)
         return sorted(best.values(), key=lambda row: -row[0].slow)
 
     def _restarted(self, fit: AxisFit) -> AxisFit | None:
@@ -253,14 +253,15 @@ class AxisSearch:
         without = without or self._short(candidate.taken_from(fit.model, self.machine), fit)
         own = gain(without, fit)
         competing, rejected = {}, {}
-        rows = [r for r in self.ranked(without) if r[1].key != candidate.key]
+        # the same effect at another order, or in another shape, is no other cause
+        rows = [r for r in self.ranked(without) if r[1].effect.id != candidate.effect.id]
         for promised, other, model in rows[:_COMPETING]:
             if promised.largest < 0.3 * own:
                 rejected[other.effect.id] = round(own - max(promised.largest, 0.0), 1)
                 continue
             trial = self._short(model, without)
             worse = gain(trial, fit)
-            if worse < self.settings.indistinguishable and other.effect.id != candidate.effect.id:
+            if worse < self.settings.indistinguishable:
                 competing[other.effect.id] = trial
             else:
                 rejected[other.effect.id] = round(worse, 1)

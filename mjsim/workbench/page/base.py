@@ -56,9 +56,6 @@ class BaseDesk:
 
     # -- what a subclass says ------------------------------------------------------------------------------------------
 
-    def fit_buttons(self) -> None:
-        """Buttons before "diagnose"."""
-
     def more_buttons(self) -> None:
         """Buttons behind "save"."""
 
@@ -96,7 +93,7 @@ class BaseDesk:
             with ui.element("div").classes("buttons"):
                 self.undo = self._button("undo", "undo", self._undo, "Undo (Ctrl+Z)")
                 self.redo = self._button("redo", "redo", self._redo, "Redo (Ctrl+Y)")
-                self.fit_buttons()
+                self._button("auto_graph", "fit all", self.fit_all, "Fit all effects that were put in (A)", True)
                 self._button("troubleshoot", "diagnose", self.diagnose, "Search for what the model lacks (D)", True)
                 self.save_button = self._button("save", "save", self.save, "Write to the machine file (S)", True)
                 self.more_buttons()
@@ -155,6 +152,11 @@ class BaseDesk:
     async def fit(self, effect_id: str) -> None:
         """Fit one effect."""
         if effect_id and await self.work(f"fit {effect_id}", lambda _: self.live.bench.fit(effect_id), False):
+            self.changed()
+
+    async def fit_all(self) -> None:
+        """Fit all effects that were put in."""
+        if await self.work("fit all", lambda _: self.live.bench.fit_all(), False):
             self.changed()
 
     async def diagnose(self) -> None:
@@ -223,6 +225,7 @@ class BaseDesk:
     def _plain_keys(self) -> dict[str, Callable[[], Any]]:
         return {
             "f": lambda: self.fit(self.effects.chosen),
+            "a": self.fit_all,
             "d": self.diagnose,
             "s": self.save,
             "l": self._toggle_dark,

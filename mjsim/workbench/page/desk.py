@@ -66,10 +66,6 @@ class Desk(BaseDesk):
         self.part = PartDialog(live, self.work)
         self.begin()
 
-    def fit_buttons(self) -> None:
-        """Fit all."""
-        self._button("auto_graph", "fit all", self.fit_all, "Fit all effects that were put in (A)", True)
-
     def more_buttons(self) -> None:
         """Part, report and video."""
         self._button("category", "part", self._part, "Predict the error of a part (W)")
@@ -81,7 +77,6 @@ class Desk(BaseDesk):
         return {
             "p": lambda: self.traces.beside(-1),
             "n": lambda: self.traces.beside(1),
-            "a": self.fit_all,
             "w": self._part,
             " ": self.machine.toggle,
             ",": lambda: self.machine.step(-0.5),
@@ -133,11 +128,6 @@ class Desk(BaseDesk):
         self.engine.text = now.engine
         self.engine.classes(**({"add": "multibody"} if self.live.settled else {"remove": "multibody"}))
         self._draw_buttons()
-
-    async def fit_all(self) -> None:
-        """Fit all effects that were put in."""
-        if await self.work("fit all", lambda _: self.live.bench.fit_all(), False):
-            self.changed()
 
     def _part(self) -> None:
         self.part.open(bool(self.dark.value))

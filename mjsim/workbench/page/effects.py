@@ -70,8 +70,6 @@ class EffectsPanel:
             self.tree.expand([f"axis {self._entries[best].axis}"])
         if not bench.can_fit:
             self.state.text = "nothing was measured"
-        elif bench.shared.gains is None:
-            self.state.text = "of the recorded axes"
         elif self.live.signatures < 1.0:
             self.state.text = f"computing the bars, {100 * self.live.signatures:.0f} %"
         else:

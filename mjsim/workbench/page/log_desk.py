@@ -28,6 +28,7 @@ class LogDesk(BaseDesk):
         "Ctrl+Z, Ctrl+Y | undo, redo",
         "P, N | recording before, next recording",
         "F | fit the chosen effect",
+        "A | fit all effects that were put in",
         "D | diagnose",
         "S | save to the machine file",
         "L | light or dark",
@@ -36,6 +37,7 @@ class LogDesk(BaseDesk):
 
     def __init__(self, live: LogLive, dark: bool) -> None:
         super().__init__(live, dark)
+        self._bars = -1
         with self.place:
             self.effects = EffectsPanel(live, self.changed, self.fit)
             self.traces = LogTraces(live)
@@ -61,6 +63,9 @@ class LogDesk(BaseDesk):
 
     def tick(self) -> None:
         """Draw what has changed."""
+        if self.live.bars != self._bars:
+            self._bars = self.live.bars
+            self.effects.draw()
         if self.live.version != self._version:
             self._version = self.live.version
             self.problem.text = self.live.error
