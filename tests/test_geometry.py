@@ -16,7 +16,8 @@ from mjsim.cli.main import main
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.nuisance import TRIGGERS
-from mjsim.estimation.retiming import retimed
+from mjsim.estimation.nuisance_fit import fit_nuisance
+from mjsim.estimation.retiming import better_triggers, retimed
 from mjsim.machine.chain import chain_of
 from mjsim.machine.model import build
 from mjsim.workflow.calibrate import fit_within_tolerance
@@ -123,3 +124,10 @@ def test_triggers_leave_a_false_minimum(folders):
     back = retimed(fitter.problem, replace(fit, nuisance=moved))
     assert back is not None
     np.testing.assert_allclose(back.nuisance[at], fit.nuisance[at], rtol=0, atol=0.3)
+    # where many tests are not met, the model is wrong and no trigger
+    assert better_triggers(fitter.problem, fit.readings, moved, 0.2) is None
+    begin = better_triggers(fitter.problem, fit.readings, moved, 0.7)
+    assert begin is not None
+    np.testing.assert_allclose(begin, back.nuisance, rtol=0, atol=1e-12)
+    again, alone = (fit_nuisance(fitter.problem, list(fit.readings), begin=x) for x in (begin, None))
+    np.testing.assert_allclose(again, alone, rtol=0, atol=0.01)

@@ -14,7 +14,9 @@ from mjsim.estimation.problem import Problem
 _CORRELATED, _MISFIT_POINTS = 5.0, 50.0
 
 
-def fit_nuisance(problem: Problem, readings: Sequence[np.ndarray], iterations: int = 12) -> np.ndarray:
+def fit_nuisance(
+    problem: Problem, readings: Sequence[np.ndarray], iterations: int = 12, begin: np.ndarray | None = None
+) -> np.ndarray:
     """Least-squares nuisances for fixed simulated readings.
 
     Plain block means are fitted, not whitened ones: what is fitted here is what the eye would take out of the plots.
@@ -27,12 +29,13 @@ def fit_nuisance(problem: Problem, readings: Sequence[np.ndarray], iterations: i
         problem: The measured tests.
         readings: Simulated readings on the GRID, one per test, m.
         iterations: Gauss-Newton steps at most.
+        begin: Nuisances to start from; all zero by default.
 
     Returns:
         The nuisances, (problem.nuisances.size,), in prior standard deviations.
     """
     p = problem.nuisances
-    x = np.zeros(p.size)
+    x = np.zeros(p.size) if begin is None else begin
     for _ in range(iterations):
         columns, rest = problem.nuisance_columns(readings, x), problem.residual(readings, x)
         misfit = max(0.0, _spread(problem, rest) - problem.noise.block_rms)

@@ -213,9 +213,11 @@ class Problem:
         """Modelled block means of every test, m: simulated readings on the GRID with the nuisances
         (nuisances.size,) applied.
         """
-        return self.map(
-            lambda k: self.samples[k].sample(readings[k] + self.offsets(k, nuisance), self.shift(k, nuisance))
-        )
+        return self.map(lambda k: self.modelled_test(k, readings[k], nuisance))
+
+    def modelled_test(self, k: int, reading: np.ndarray, nuisance: np.ndarray) -> np.ndarray:
+        """Modelled block means of one test, (m,) m; arguments as of :meth:`modelled`."""
+        return self.samples[k].sample(reading + self.offsets(k, nuisance), self.shift(k, nuisance))
 
     def residual(self, readings: Sequence[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
         """Measured less modelled block means (m,) per test, m."""
@@ -227,19 +229,18 @@ class Problem:
         Columns are those of ``nuisances.of_test(test)``. The other nuisances do not reach that test: what is computed
         with these columns grows with the tests, not with their square.
         """
+        return self.map(lambda k: self.nuisance_columns_of_test(k, readings[k], nuisance))
 
-        def columns(k: int) -> np.ndarray:
-            s, sens, shift = self.samples[k], self.sensitivity[k], self.shift(k, nuisance)
-            out = np.empty((len(s.centre), 8))
-            for j in range(3):
-                out[:, j] = s.sample(sens.table[:, j], shift) * TABLE_BALL
-                out[:, 3 + j] = s.sample(sens.spindle[:, j], shift) * SPINDLE_BALL
-            out[:, 6] = LENGTH
-            total = readings[k] + self.offsets(k, nuisance)
-            out[:, 7] = -s.sample(np.gradient(total, GRID), shift) * TRIGGER
-            return out
-
-        return self.map(columns)
+    def nuisance_columns_of_test(self, k: int, reading: np.ndarray, nuisance: np.ndarray) -> np.ndarray:
+        """The same of one test, (m, 8)."""
+        s, sens, shift = self.samples[k], self.sensitivity[k], self.shift(k, nuisance)
+        out = np.empty((len(s.centre), 8))
+        for j in range(3):
+            out[:, j] = s.sample(sens.table[:, j], shift) * TABLE_BALL
+            out[:, 3 + j] = s.sample(sens.spindle[:, j], shift) * SPINDLE_BALL
+        out[:, 6] = LENGTH
+        out[:, 7] = -s.sample(np.gradient(reading + self.offsets(k, nuisance), GRID), shift) * TRIGGER
+        return out
 
     def whiten_nuisance(self, columns: Sequence[np.ndarray]) -> np.ndarray:
         """Whitened rows (count, nuisances.size) of :meth:`nuisance_columns`."""

@@ -4,6 +4,7 @@ from their place.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,33 +30,49 @@ def retimed(problem: Problem, fit: Fit) -> Fit | None:
         problem: The measured tests.
         fit: A fit of them.
     """
-    at = problem.nuisances[TRIGGERS]
-    rests = problem.residual(list(fit.readings), fit.nuisance)
+    nuisance = better_triggers(problem, fit.readings, fit.nuisance)
+    return None if nuisance is None else replace(fit, nuisance=nuisance)
+
+
+def better_triggers(
+    problem: Problem, readings: Sequence[np.ndarray], nuisance: np.ndarray, largest_share: float = 1.0
+) -> np.ndarray | None:
+    """Nuisances with better triggers, to start from again; ``None`` where each stands in its best place.
+
+    Args:
+        problem: The measured tests.
+        readings: Simulated readings on the GRID, one per test, m.
+        nuisance: (problem.nuisances.size,) in prior standard deviations.
+        largest_share: Nothing is looked for where a larger share of the tests is not met: their model is wrong.
+    """
+    rests = problem.residual(list(readings), nuisance)
     size = np.array([np.sqrt(np.mean(r[s.good] ** 2)) for r, s in zip(rests, problem.samples, strict=True)])
-    poor = np.flatnonzero(size > _GOOD * problem.noise.block_rms)
-    if not len(poor):
+    poor = np.flatnonzero(size > _GOOD * problem.noise.block_rms).tolist()
+    if not len(poor) or len(poor) > largest_share * len(size):
         return None
-    tried = np.array([_left(problem, fit, np.full(len(problem.tests), trigger), poor) for trigger in _TRIED])
-    now, least, best = _left(problem, fit, fit.nuisance[at], poor), tried.min(axis=0), _TRIED[tried.argmin(axis=0)]
-    nuisance = fit.nuisance.copy()
-    triggers = nuisance[at]
-    better = (least < (1.0 - _WON) * now) & (np.abs(best - triggers[poor]) > _NEAR)
-    if not better.any():
+    at = [problem.nuisances.place(TRIGGERS, problem.tests[k].name) for k in poor]
+    better = [_better_trigger(problem, k, readings[k], nuisance) for k in poor]
+    if all(trigger is None for trigger in better):
         return None
-    triggers[poor[better]] = best[better]
-    nuisance[at] = triggers
-    return replace(fit, nuisance=nuisance)
+    out = nuisance.copy()
+    out[at] = [nuisance[i] if trigger is None else trigger for i, trigger in zip(at, better, strict=True)]
+    return out
 
 
-def _left(problem: Problem, fit: Fit, triggers: np.ndarray, tests: np.ndarray) -> np.ndarray:
-    """Squared residual of some tests at these triggers of all tests, once the set-up has taken up what it can."""
-    nuisance = fit.nuisance.copy()
-    nuisance[problem.nuisances[TRIGGERS]] = triggers
-    readings = list(fit.readings)
-    rests, columns = problem.residual(readings, nuisance), problem.nuisance_columns(readings, nuisance)
-    out = []
-    for k in tests:
-        good = problem.samples[k].good
-        r, slow = rests[k][good], np.delete(columns[k], -1, axis=1)[good]  # all but the trigger's own
-        out.append(float(np.sum((r - slow @ np.linalg.lstsq(slow, r, rcond=1e-10)[0]) ** 2)))
-    return np.array(out)
+def _better_trigger(problem: Problem, k: int, reading: np.ndarray, nuisance: np.ndarray) -> float | None:
+    """A trigger of test ``k`` that leaves clearly less than the present one; ``None`` where none does."""
+    now = problem.nuisances.of_test(problem.tests[k])[-1]
+    left = np.array([_left(problem, k, reading, nuisance, t) for t in (float(nuisance[now]), *_TRIED.tolist())])
+    best = _TRIED[left[1:].argmin()]
+    won = left.min() < (1.0 - _WON) * left[0] and abs(best - nuisance[now]) > _NEAR
+    return float(best) if won else None
+
+
+def _left(problem: Problem, k: int, reading: np.ndarray, nuisance: np.ndarray, trigger: float) -> float:
+    """Squared residual of test ``k`` at a trigger, once the set-up has taken up what it can."""
+    moved, s = nuisance.copy(), problem.samples[k]
+    moved[problem.nuisances.place(TRIGGERS, problem.tests[k].name)] = trigger
+    rest = (s.mean - problem.modelled_test(k, reading, moved))[s.good]
+    columns = problem.nuisance_columns_of_test(k, reading, moved)[s.good]
+    slow = np.delete(columns, -1, axis=1)  # all but the trigger's own
+    return float(np.sum((rest - slow @ np.linalg.lstsq(slow, rest, rcond=1e-10)[0]) ** 2))
