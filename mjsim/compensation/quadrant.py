@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
@@ -48,6 +47,8 @@ class Pulse:
 
     def offset(self, command: np.ndarray, step: float) -> np.ndarray:
         """What added to the command (n,) has the same effect, (n,) m or rad; ``step`` s between the samples."""
+        from scipy.signal import lfilter  # slow to load
+
         follow = 1.0 - np.exp(-self.gain * step)
         wanted = command + self.feedforward / self.gain * np.gradient(command, step)
         lagged = lfilter([follow], [1.0, follow - 1.0], wanted, zi=[(1.0 - follow) * wanted[0]])[0]
