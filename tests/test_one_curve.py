@@ -56,3 +56,15 @@ def test_two_causes_are_not_one(tmp_path):
 
     waves = {"id": "pitch_error.C", "components": [[240.0, 0.0005, 50.0]]}
     assert instead_of(named, ({"id": "backlash.C", "width_deg": 0.003}, waves), tmp_path) is None
+
+
+def test_a_curve_does_not_stand_for_causes_beside_which_it_does_as_much(tmp_path):
+    """Backlash and a pitch error, and besides a play that changes with the position: three causes, not one."""
+
+    def named(machine):
+        waves = free(machine, "pitch_error.C", components=[[240.0, 0.0003, 10.0]])
+        return [free(machine, "backlash.C", width_deg=0.0002), waves]
+
+    waves = {"id": "pitch_error.C", "components": [[240.0, 0.00015, 50.0]]}
+    hidden = ({"id": "backlash.C", "width_deg": 0.0006}, waves, EccentricPlay("C", 2.0))
+    assert instead_of(named, hidden, tmp_path) is None

@@ -42,10 +42,16 @@ def one_curve(fitter: Fitter, calibrated: Fit, named: Fit, findings: Collection[
         ranked = sorted(ranked, key=lambda r: r[0])[:_TRIED]  # a curve's columns fill several MB
     charge = 2.0 * math.log(max(tried, 1)) - 2.0 * problem.settings.curve_log_odds
     # where what a machine may have explains everything, no curve is needed either
-    least = min(calibrated.objective, _objective(named, findings, problem.settings.log_odds)) - charge
+    named_objective = _objective(named, findings, problem.settings.log_odds)
+    least = min(calibrated.objective, named_objective) - charge
     # what the linear problem promises is nearly what comes of it
     fitted = [fit_beside(fitter, calibrated, term, _STEPS) for objective, term in ranked if objective < least]
     better = [row for row in fitted if row[2].objective < least and stands_out(problem, row[0], row[1])]
+    # a curve that does as much beside the findings stands for something else than they do
+    evidence = named_objective - named.objective
+    better = [
+        row for row in better if row[2].objective < Together(named, problem.whiten(row[1].columns)).objective + evidence
+    ]
     if not better:
         return None
     fit, curve, _ = min(better, key=lambda row: row[2].objective)
