@@ -11,6 +11,7 @@ import numpy as np
 
 from mjsim.estimation.fit import Fit
 from mjsim.estimation.nuisance import TRIGGERS
+from mjsim.estimation.nuisance_fit import fit_nuisance
 from mjsim.estimation.problem import Problem
 
 #: Triggers that are tried, prior standard deviations: 3 ms apart, within the shift that is believed.
@@ -21,6 +22,8 @@ _WON = 0.3
 _GOOD = 1.2
 #: Nearer than this the fit finds the place itself, prior standard deviations.
 _NEAR = 0.3
+#: Share of the tests up to which a wrong trigger, not a wrong model, may be why they are not met (assumed).
+_FEW = 1.0 / 3.0
 
 
 def retimed(problem: Problem, fit: Fit) -> Fit | None:
@@ -32,6 +35,13 @@ def retimed(problem: Problem, fit: Fit) -> Fit | None:
     """
     nuisance = better_triggers(problem, fit.readings, fit.nuisance)
     return None if nuisance is None else replace(fit, nuisance=nuisance)
+
+
+def fit_nuisance_retimed(problem: Problem, readings: Sequence[np.ndarray]) -> np.ndarray:
+    """Least-squares nuisances as of :func:`fit_nuisance`, with other triggers where a few tests alone are not met."""
+    nuisance = fit_nuisance(problem, readings)
+    better = better_triggers(problem, readings, nuisance, _FEW)
+    return nuisance if better is None else fit_nuisance(problem, readings, begin=better)
 
 
 def better_triggers(

@@ -17,9 +17,8 @@ from mjsim.ballbar.speed import range_warning, speed_warnings
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.mistakes.checked_problem import checked_problem
-from mjsim.estimation.nuisance_fit import fit_nuisance
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.retiming import better_triggers
+from mjsim.estimation.retiming import fit_nuisance_retimed
 from mjsim.estimation.samples import GRID_STEPS
 from mjsim.estimation.vibration import phased
 from mjsim.io.extras import need
@@ -34,9 +33,6 @@ from mjsim.workflow.acceptance import acceptance_rows
 
 if TYPE_CHECKING:
     import pandas as pd
-
-#: Share of the tests up to which a wrong trigger, not a wrong model, may be why they are not met (assumed).
-_FEW = 1.0 / 3.0
 
 
 @dataclass(frozen=True)
@@ -196,10 +192,7 @@ def compare(
 def overlay(problem: Problem, machine: Machine, simulations: Sequence[Simulation | Reading]) -> Comparison:
     """Comparison of given simulations (one per measured test, in order)."""
     readings = [s.deviation[::GRID_STEPS] for s in simulations]
-    nuisance = fit_nuisance(problem, readings)
-    retimed = better_triggers(problem, readings, nuisance, _FEW)
-    if retimed is not None:
-        nuisance = fit_nuisance(problem, readings, begin=retimed)
+    nuisance = fit_nuisance_retimed(problem, readings)
     tests, squares, count = [], 0.0, 0
     for k, s in enumerate(problem.samples):
         shift = problem.shift(k, nuisance)
