@@ -5,9 +5,7 @@ All columns are in m per standard deviation of their prior, so every prior is a 
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -27,6 +25,7 @@ from mjsim.machine.plant import Plant
 from mjsim.machine.sensitivity import BarSensitivity
 from mjsim.simulation.axes import AxesMotion
 from mjsim.simulation.stability import check_stable
+from mjsim.threads import Workers
 
 
 def sheet_plants(machine: Machine, axes: Iterable[str]) -> dict[int, Plant]:
@@ -49,25 +48,6 @@ def sheet_grid(motion: AxesMotion, sens: BarSensitivity, base: Plant, moved: dic
         if motion.moves[i]:
             out[j] = sens.axes[:, i] * motion.motor_change(axis, base.axes[axis], plant.axes[axis], GRID_STEPS)
     return out
-
-
-class Workers:
-    """Threads that work on the tests side by side; they end with the last problem that has them.
-
-    A diagnosis calls them more than a thousand times: starting them each time took a fifth of it on a busy machine.
-
-    Args:
-        threads: How many; with one, the calling thread does the work.
-    """
-
-    def __init__(self, threads: int) -> None:
-        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
-        if self._pool is not None:
-            weakref.finalize(self, self._pool.shutdown, wait=False)
-
-    def map(self, work: Callable[[int], object], count: int) -> list:
-        """``work(k)`` for ``k`` from 0 to ``count``, in order; ``work`` must not call this itself."""
-        return list(map(work, range(count)) if self._pool is None else self._pool.map(work, range(count)))
 
 
 @dataclass(frozen=True)
@@ -132,7 +112,7 @@ class Problem:
         samples = make_samples(tests, campaign.traces, block)
         noise = estimate_noise(samples, campaign.instrument.resolution)
         motions = tuple(AxesMotion(t) if keep_motions else AxesMotion(t, keep=1, light=True) for t in tests)
-        sensitivity = workers.map(lambda k: motions[k].sensitivity(plant, GRID_STEPS), len(tests))
+        sensitivity = workers.map(lambda k: motions[k].sensitivity(plant, GRID_STEPS), range(len(tests)))
         nuisances = Nuisances.of_tests(tests, settings.trigger_limit)
         outliers = {t.name: 0 for t in tests}
         return cls(
@@ -180,7 +160,7 @@ class Problem:
 
     def map(self, work: Callable[[int], object]) -> list:
         """``work(k)`` for every test on the problem's threads, in order."""
-        return self.workers.map(work, len(self.tests))
+        return self.workers.map(work, range(len(self.tests)))
 
     @property
     def chain(self) -> Chain:

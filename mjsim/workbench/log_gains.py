@@ -11,7 +11,6 @@ from mjsim.estimation.axis_logs.as_given import fit_as_given
 from mjsim.estimation.axis_logs.candidates import Catalogue
 from mjsim.estimation.axis_logs.data import axis_data
 from mjsim.estimation.axis_logs.fit import LogFitter
-from mjsim.estimation.axis_logs.likelihood import Gain as LikelihoodGain
 from mjsim.estimation.axis_logs.promise import linear_step
 from mjsim.estimation.axis_logs.waves import strongest_orders
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
@@ -56,8 +55,6 @@ def log_gains(
             share = min(max((now - left) / (now - noise), 0.0), 1.0) if now > noise else 0.0
             best = out.get(candidate.effect.id)
             if best is None or share > best.share:
-                won = LikelihoodGain.of(fit.residual, step.left, fitter.independent(step.left), fitter.noise)
-                lost = settings.parameter_penalty * (len(step.model.entries) - len(fit.model.entries) - 1)
-                significant = won.less(lost).largest > settings.likelihood_ratio
+                significant = step.gain(fit, fitter, settings.parameter_penalty).largest > settings.likelihood_ratio
                 out[candidate.effect.id] = Gain(share, step.effect, significant)
     return out

@@ -9,10 +9,10 @@ from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.kept_changes import KeptChanges
 from mjsim.estimation.mistakes.checked_problem import checked_problem
-from mjsim.estimation.problem import Problem, Workers
+from mjsim.estimation.problem import Problem
 from mjsim.machine.model import Machine, build
 from mjsim.simulation.axes import AxesMotion
-from mjsim.threads import one_blas_thread
+from mjsim.threads import Workers, one_blas_thread
 from mjsim.workflow.edit import machine_of
 
 

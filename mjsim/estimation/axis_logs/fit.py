@@ -8,7 +8,6 @@ while a model is poor, and intervals are those of correlated residuals.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +20,7 @@ from mjsim.estimation.axis_logs.likelihood import Gain, independent_count
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import AxisPlant
 from mjsim.simulation.servo import ServoMotion, ServoStart, block_means, follow_sampled, sampled
+from mjsim.threads import Workers
 
 #: Number of the plant -> kind of the effect that puts a wave there, whose phase is free in every set-up; so are those
 #: of the waves of ``cogging``.
@@ -93,7 +93,7 @@ class LogFitter:
         ]
         self.measured = [d.means(d.record.actual) for d in self.data]
         self._controllers = tuple(dict.fromkeys(d.test.controller for d in self.data))
-        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+        self._workers = Workers(threads)
         self.noise = tuple(d.noise.rms for d in self.data)
         # phases count from the set-up that shows most of a wave
         self.first_setup = max(self.data, key=lambda d: np.ptp(d.record.command)).test.setup
@@ -151,9 +151,7 @@ class LogFitter:
 
     def map(self, jobs: Sequence) -> list:
         """Results of ``f(*arguments)`` for every job ``(f, *arguments)``, in order."""
-        if self._pool is None:
-            return [job[0](*job[1:]) for job in jobs]
-        return list(self._pool.map(lambda job: job[0](*job[1:]), jobs))
+        return self._workers.map(lambda job: job[0](*job[1:]), jobs)
 
     def residual(self, model: AxisModel, vector: np.ndarray) -> tuple[np.ndarray, ...]:
         """Measured less modelled block means of every recording."""

@@ -10,6 +10,7 @@ import numpy as np
 from mjsim.estimation.axis_logs.candidates import Candidate
 from mjsim.estimation.axis_logs.entries import PHASE, AxisModel, Entry
 from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter, priors_of
+from mjsim.estimation.axis_logs.likelihood import Gain
 from mjsim.machine.effect import Effect
 
 #: Angle of a wave, rad, that an axis must run through for its phase to be estimated.
@@ -21,14 +22,29 @@ class LinearStep:
     """One linear step with a cause.
 
     Attributes:
+        candidate: The cause.
         model: With the cause, at the start.
+        vector: Of the model, with the cause's entries after the step, (p,).
         left: Residuals after the step, (n,) per recording.
-        effect: The cause after the step.
     """
 
+    candidate: Candidate
     model: AxisModel
+    vector: np.ndarray
     left: Sequence[np.ndarray]
-    effect: Effect
+
+    @property
+    def effect(self) -> Effect:
+        """The cause after the step, of which no entry goes farther than in a fit."""
+        start, largest = self.model.vector, priors_of(self.model).largest
+        effect = self.model.at(start + np.clip(self.vector - start, -largest, largest)).effect(self.candidate.effect.id)
+        assert effect is not None
+        return effect
+
+    def gain(self, before: AxisFit, fitter: LogFitter, penalty: float) -> Gain:
+        """What the step explains beyond the fit ``before``, less the ``penalty`` of every entry beyond the first."""
+        more = len(self.model.entries) - len(before.model.entries) - 1
+        return Gain.of(before.residual, self.left, fitter.independent(self.left), fitter.noise).less(penalty * more)
 
 
 def linear_step(fitter: LogFitter, fit: AxisFit, candidate: Candidate) -> LinearStep:
@@ -55,10 +71,8 @@ def linear_step(fitter: LogFitter, fit: AxisFit, candidate: Candidate) -> Linear
     step = np.clip(now + step, *np.array(bounds).T) - now
     parts = zip(white, size, fit.weight, strict=True)
     left = [(r - columns @ step) / w for r, columns, w in parts]
-    vector[new] += np.minimum(np.abs(step[len(old) :]), priors_of(model).largest[new]) * np.sign(step[len(old) :])
-    effect = model.at(vector).effect(candidate.effect.id)
-    assert effect is not None
-    return LinearStep(model, left, effect)
+    vector[new] += step[len(old) :]
+    return LinearStep(candidate, model, vector, left)
 
 
 def with_phases(fitter: LogFitter, fit: AxisFit, model: AxisModel, candidate: Candidate) -> AxisModel:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -25,6 +23,7 @@ from mjsim.estimation.axis_logs.waves import strongest_orders
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
+from mjsim.threads import Workers
 
 #: Candidates that are fitted in one step of the search, and in the place of one that was found.
 _SHORTLIST, _COMPETING = 2, 1
@@ -43,9 +42,6 @@ _SHORT, _SLOWING = 10, 5.0
 _FEW = 3
 #: Share by which the mean square of a recording grows without a cause that shows in it (assumed).
 _SHOWS = 0.02
-
-_Item = TypeVar("_Item")
-_Result = TypeVar("_Result")
 
 
 class AxisSearch:
@@ -71,8 +67,8 @@ class AxisSearch:
     ) -> None:
         self.machine, self.settings, self.progress, self.shared = machine, settings, progress, tuple(shared)
         self.fitter = LogFitter(machine, data, threads)
-        # of its own: fits that run side by side wait for the simulations in the fitter's pool
-        self._fits = ThreadPoolExecutor(threads) if threads > 1 else None
+        # one fit does not keep all cores busy; of its own, as these fits wait for the simulations of the fitter's
+        self._fits = Workers(threads)
         self.catalogue = Catalogue(machine, data)
         self.axis = data[0].axis
         self.gains = read_gains(machine, data)
@@ -106,17 +102,13 @@ class AxisSearch:
             self.progress(f"axis {self.axis}: what competes", row[0], len(lesser))
             return self._against_competing(fit, *row[1])
 
-        causes = self._each(judged, enumerate(lesser.items()))
+        causes = self._fits.map(judged, enumerate(lesser.items()))
         kept = tuple(sorted((c for c in causes if c.gain > 0.0), key=lambda c: -c.gain))
         return AxisSelection(self.axis, given, sheet, tuple(ladder), fit, kept, tuple(self.gains), tuple(order))
 
     def sheet(self) -> AxisFit:
         """The data sheet fitted within its priors."""
         return self.fitter.fit(start_model(self.machine, self.fitter.data, self.gains, self.shared))
-
-    def _each(self, work: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:
-        """Results of independent pieces of work, in order; side by side: one fit does not keep all cores busy."""
-        return list((self._fits.map if self._fits else map)(work, items))
 
     def _short(self, model: AxisModel, former: AxisFit | None = None, steps: int = _SHORT) -> AxisFit:
         """A fit that is good enough for a comparison, with the derivatives of a ``former`` one to begin with."""
@@ -153,7 +145,7 @@ class AxisSearch:
 
     def _best_of(self, models: Sequence[AxisModel]) -> AxisFit | None:
         """The best fit of models that differ in their starts, the best of short ones carried on."""
-        short = self._each(self._short, models)
+        short = self._fits.map(self._short, models)
         return self.fitter.fit(short[int(np.argmin(misfits(short)))].model) if short else None
 
     def ranked(self, fit: AxisFit, sheet: bool = False) -> list[tuple[Gain, Candidate, AxisModel]]:
@@ -170,9 +162,7 @@ class AxisSearch:
         for base in bases:
             for candidate in self.catalogue.missing(fit.model, orders):
                 step = linear_step(self.fitter, base, candidate)
-                more = len(step.model.entries) - len(fit.model.entries) - 1
-                promised = Gain.of(fit.residual, step.left, self.fitter.independent(step.left), self.fitter.noise)
-                promised = promised.less(self.settings.parameter_penalty * more)
+                promised = step.gain(fit, self.fitter, self.settings.parameter_penalty)
                 if candidate.key not in best or promised.largest > best[candidate.key][0].largest:
                     best[candidate.key] = (promised, candidate, step.model)
         return sorted(best.values(), key=lambda row: -row[0].slow)
@@ -200,7 +190,7 @@ class AxisSearch:
             share = max(promised.slow / max(rows[0][0].slow, 1.0), promised.fine / max(fine[0][0].fine, 1.0))
             return promised.largest >= 0.3 * self.settings.likelihood_ratio and share >= _WORTH
 
-        trials = self._each(
+        trials = self._fits.map(
             lambda row: Trial.of(fit, row[1], self._short(row[2], fit, _FEW), penalty),
             [row for row in shortlist.values() if is_worth(row[0])],
         )
