@@ -18,8 +18,10 @@ from mjsim.workbench.state import Workbench
 
 #: Multibody results of the tests that are not shown appear at least so often, s.
 _EVERY = 1.0
-#: The signatures wait so long for a change to be simulated, s; then they go on.
+#: The bars of the effects wait at most so long for changes to be simulated, s; then they go on.
 _PATIENCE = 5.0
+#: They go on when the user has changed nothing for this time after that, s.
+_PAUSE = 0.3
 
 
 class Live(Jobs):
@@ -44,7 +46,7 @@ class Live(Jobs):
         self.error = ""
         #: How far the signatures of the catalogue are, 0 to 1.
         self.signatures = 1.0 if bench.shared.gains is None or bench.shared.gains.ready else 0.0
-        self._asked, self._ended = 0, False
+        self._asked, self._rested, self._ended = 0, 0, False
         self._wake = [threading.Event() for _ in range(3)]
         self._calm = threading.Event()
         for wake, work in zip(self._wake, (self._quick, self._full, self._update_bars), strict=True):
@@ -85,6 +87,9 @@ class Live(Jobs):
                 self.error = str(error)
                 self.version += 1
                 self._calm.set()
+            except RuntimeError:
+                if not self._ended:  # a program that ends starts no more work
+                    raise
 
     def _quick(self) -> None:
         asked, now = self._asked, self.overlay
@@ -146,7 +151,7 @@ class Live(Jobs):
         if not gains.ready:
 
             def progress(_: str, done: int, total: int) -> None:
-                self._calm.wait(_PATIENCE)  # a change of the model goes first, and what the user waits for
+                self._rest()  # a change of the model goes first, and what the user waits for
                 while self.job is not None and self.job.alone and not self._ended:
                     time.sleep(0.05)
                 self.signatures = done / total
@@ -154,12 +159,22 @@ class Live(Jobs):
 
             gains.prepare(progress, lambda: self._ended)
         self.signatures = 1.0
+        self._rest()
         asked = self._asked
         for waves in (False, True):
             self.bench.update_gains(waves, stopped=lambda: self._ended or asked != self._asked)
             self.bars += 1
             if asked != self._asked:
                 return
+
+    def _rest(self) -> None:
+        """Wait while the user changes the model: until it is simulated and no other change has come."""
+        limit = time.monotonic() + _PATIENCE
+        while self._rested != self._asked and time.monotonic() < limit and not self._ended:
+            asked = self._asked
+            if self._calm.wait(0.1):
+                time.sleep(_PAUSE)
+                self._rested = asked
 
     @property
     def settled(self) -> bool:

@@ -15,6 +15,11 @@ from mjsim.workbench.overlay import Trace
 
 #: Radius of the nominal circle and of the rim, in the units of the drawing (100 is its half width).
 NOMINAL, RIM = 56.0, 84.0
+#: A ray at 0°, to be laid over :func:`polar` and turned.
+RAY = (
+    '<svg class="polar cursor" viewBox="-100 -100 200 200" aria-hidden="true">'
+    f'<line x1="0" y1="0" x2="{RIM}" y2="0"/><circle cx="{RIM}" cy="0" r="2"/></svg>'
+)
 #: Most points of a line: lowest and highest value of so many parts of a trace.
 _PARTS = {True: 130, False: 420}
 _LABEL_APART = 9.0
@@ -71,14 +76,9 @@ def polar(
     return f'<svg class="polar" viewBox="{box}" role="img" aria-label="{title}">{"".join(parts)}</svg>'
 
 
-def cursor(trace: Trace, place: int) -> str:
-    """A ray at one sample of a trace, to be laid over :func:`polar`."""
-    angle = float(trace.phi[place]) + np.radians(kind_of(trace.test).plot_offset_deg)
-    x, y = RIM * np.cos(angle), -RIM * np.sin(angle)
-    return (
-        f'<svg class="polar cursor" viewBox="-100 -100 200 200" aria-hidden="true">'
-        f'<line x1="0" y1="0" x2="{x:.1f}" y2="{y:.1f}"/><circle cx="{x:.1f}" cy="{y:.1f}" r="2"/></svg>'
-    )
+def ray_angle(trace: Trace, place: int) -> float:
+    """Angle of :data:`RAY` at one sample of a trace, counterclockwise, °."""
+    return float(np.degrees(trace.phi[place])) + kind_of(trace.test).plot_offset_deg
 
 
 def _grid(small: bool) -> str:

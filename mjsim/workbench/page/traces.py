@@ -42,7 +42,8 @@ class Traces:
             with ui.element("div").classes("main-plots"):
                 with ui.element("div").classes("polar-place"):
                     self.polar = ui.html("", sanitize=False).mark("polar")
-                    self.ray = ui.html("", sanitize=False).mark("ray")
+                    self.ray = ui.html(svg.RAY, sanitize=False).classes("ray").mark("ray")
+                    self.ray.visible = False
                 self.chart = ui.echart(self._options(None)).classes("chart").mark("residual")
                 self.chart.on("chart:highlight", self._pointed, args=["batch"], throttle=0.05)
             self._all()
@@ -90,7 +91,7 @@ class Traces:
         if self.key not in self._choices():
             self.key = ANGLE
         self.over.set_options(self._choices(), value=self.key)
-        self.ray.content = ""
+        self.ray.visible = False
         self.draw_shown()
         self._mark_chosen()
 
@@ -155,7 +156,8 @@ class Traces:
         trace = self.trace
         if trace is None:
             return
-        self.ray.content = svg.cursor(trace, int(np.clip(np.searchsorted(trace.time, time), 0, len(trace.time) - 1)))
+        angle = svg.ray_angle(trace, int(np.clip(np.searchsorted(trace.time, time), 0, len(trace.time) - 1)))
+        self.ray.style(f"transform: rotate({-angle:.1f}deg)").visible = True
 
     def _pointed(self, event) -> None:
         batch = event.args.get("batch") if isinstance(event.args, dict) else None
