@@ -8,19 +8,22 @@ simulated alone. All of them are tiny beside the motion, so that what the other 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
 from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.problem import Problem
+from mjsim.estimation.kept_changes import KeptChanges
 from mjsim.estimation.samples import GRID_STEPS
 from mjsim.machine.effect import Effect
 from mjsim.machine.kinematics import Geometry
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import PLAY, Plant
+from mjsim.machine.sensitivity import BarSensitivity
+from mjsim.simulation.axes import AxesMotion
 from mjsim.simulation.bar import reading
 from mjsim.simulation.transmission import reading_change, transmit
 
@@ -30,10 +33,50 @@ _STEP, _PART = 0.02, 0.05
 _MOTION = 1e-6
 
 
+class Sampled(Protocol):
+    """How the reading of a test is sampled."""
+
+    def sample(self, grid: np.ndarray, shift: float) -> np.ndarray:
+        """Samples of a reading on the grid, (n,) m, that began ``shift`` seconds later."""
+        ...
+
+
+class Tests(Protocol):
+    """Tests whose readings are differentiated: those of a :class:`Problem`, or one that was not measured yet."""
+
+    @property
+    def motions(self) -> Sequence[AxesMotion]:
+        """The axes' motions, one per test."""
+        ...
+
+    @property
+    def sensitivity(self) -> Sequence[BarSensitivity]:
+        """The reading's derivatives along each test."""
+        ...
+
+    @property
+    def samples(self) -> Sequence[Sampled]:
+        """How each reading is sampled."""
+        ...
+
+    @property
+    def changes(self) -> KeptChanges:
+        """What was computed already."""
+        ...
+
+    def map(self, work: Callable[[int], object]) -> list:
+        """``work(k)`` for every test, in order."""
+        ...
+
+    def shift(self, k: int, nuisance: np.ndarray) -> float:
+        """Trigger shift of test ``k``, s."""
+        ...
+
+
 class Linearisation:
     """The axes' positions of one model, and what single effects change there."""
 
-    def __init__(self, problem: Problem, machine: Machine, nuisance: np.ndarray) -> None:
+    def __init__(self, problem: Tests, machine: Machine, nuisance: np.ndarray) -> None:
         self.problem, self.machine, self.nuisance = problem, machine, nuisance
         self.plant = build(machine)
         self._plays: dict[str, Plant] = {}
@@ -86,7 +129,7 @@ class Linearisation:
     def _added(self, effect: Effect, keep: bool = False) -> list[np.ndarray]:
         """What an effect of positions by itself adds to the block means, (m,) per test, m."""
         changes = self.problem.changes
-        known = [changes.of(k, effect) for k in range(len(self.problem.tests))]
+        known = [changes.of(k, effect) for k in range(len(self.problem.motions))]
         compute = self._change_by(effect) if any(grid is None for grid in known) else None
 
         def one(k: int) -> np.ndarray:

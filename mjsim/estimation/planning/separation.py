@@ -7,7 +7,8 @@ what the campaign has left open, the new set-up within its priors.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,13 +17,16 @@ from mjsim.estimation.competing import CompetingModel
 from mjsim.estimation.data_sheet import DATA_SHEET, calibrated, data_sheet, sheet_block
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit, with_effects
+from mjsim.estimation.kept_changes import KeptChanges
 from mjsim.estimation.least_squares import ridge_solution
+from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.nuisance import BAR_LENGTH, LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER
 from mjsim.estimation.parameters import Block, Parameters
 from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.problem import sheet_grid, sheet_plants
 from mjsim.estimation.samples import BLOCKS, GRID_STEPS, Noise
 from mjsim.machine.model import Machine, build
+from mjsim.machine.sensitivity import BarSensitivity
 from mjsim.simulation.axes import AxesMotion
 
 _STEP = 0.02
@@ -85,6 +89,38 @@ class Separation:
     difference: float
 
 
+@dataclass(frozen=True)
+class _Unmeasured:
+    """A test that was not measured yet: its reading is sampled at every instant of the grid.
+
+    Attributes:
+        motions: Its axes' motion, alone in a tuple.
+        sensitivity: The reading's derivatives along it, likewise.
+        changes: What was computed already.
+    """
+
+    motions: tuple[AxesMotion]
+    sensitivity: tuple[BarSensitivity]
+    changes: KeptChanges = field(default_factory=KeptChanges)
+
+    @property
+    def samples(self) -> tuple[_Unmeasured]:
+        """The reading as it is."""
+        return (self,)
+
+    def sample(self, grid: np.ndarray, shift: float) -> np.ndarray:
+        """The reading itself."""
+        return grid
+
+    def map(self, work: Callable[[int], object]) -> list:
+        """The work on the one test."""
+        return [work(0)]
+
+    def shift(self, k: int, nuisance: np.ndarray) -> float:
+        """No trigger shift."""
+        return 0.0
+
+
 class Separator:
     """Separations of two explanations by tests, under one noise model."""
 
@@ -143,13 +179,15 @@ class Separator:
         yield -np.gradient(base, motion.time[GRID_STEPS]) * TRIGGER
         yield np.full(len(base), LENGTH)
         yield from sheet_grid(motion, sens, plant, self._moved)[list(self._moved)]
-        for k, f in enumerate(other.effects):
+        linear = Linearisation(_Unmeasured((motion,), (sens,)), other.machine, np.zeros(0))
+        for f in other.effects:
+            cheap = linear.columns(f)
+            if cheap is not None:
+                yield from cheap[0].T
+                continue
             for j in range(len(f.vector)):
                 effect, change = f.nudged(j, _STEP)
-                effects = [g.effect if m != k else effect for m, g in enumerate(other.effects)]
-                there = motion.reading(
-                    build(calibrated(with_effects(other.base, effects), other.sheet_deviation)), GRID_STEPS
-                )
+                there = motion.reading(build(other.machine.with_effect(effect)), GRID_STEPS)
                 yield (there - base) / change if abs(change) > 1e-9 else np.zeros(len(base))
 
     def _whitened(self, columns: np.ndarray) -> np.ndarray:
