@@ -108,6 +108,18 @@ def test_the_covariance_is_the_inverse(parameters, system):
     )
 
 
+def test_rows_of_more_noise_tell_less(parameters, system):
+    """Rows of four times the variance beside the same priors: the posterior by Bayes' rule."""
+    design, _ = system
+    informative = parameters.informative
+    kept = design[:, informative]
+    prior = parameters.precision()[informative]
+    blocks = Parameters(tuple(b for b in parameters.blocks if b.name != "effect"))
+    assert blocks.size == informative.sum()
+    covariance = LeastSquares.of_design(blocks, kept, 4.0).covariance
+    np.testing.assert_allclose(covariance, np.linalg.inv(kept.T @ kept / 4.0 + np.diag(prior)), rtol=1e-9, atol=1e-12)
+
+
 def test_frozen_entries_stay(parameters, system):
     """They do not move, take nothing up, and keep the variance of their prior."""
     design, residual = system

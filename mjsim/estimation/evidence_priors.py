@@ -8,6 +8,9 @@ from mjsim.estimation.candidate_groups import own_groups
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.machine.model import Machine
 
+#: Prior standard deviation of what nothing holds back, typical sizes.
+WIDE = 1e3
+
 
 def kept_waves(f: EffectVector, precision: dict[int | None, float]) -> EffectVector:
     """An effect of the model with the waves (or all entries) that are still needed."""
@@ -22,7 +25,7 @@ def kept_waves(f: EffectVector, precision: dict[int | None, float]) -> EffectVec
 
 def _widths(f: EffectVector, precision: float) -> np.ndarray:
     """Prior standard deviations: of the linear entries by the evidence, wide for shapes."""
-    out = np.full(len(f.vector), 1e3)
+    out = np.full(len(f.vector), WIDE)
     for _, entries in own_groups(f):
         out[entries] = precision**-0.5
     return out

@@ -12,6 +12,7 @@ motion compete with them: where a curve is the better explanation, the cause is 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from mjsim.estimation.criteria import is_feasible, is_large_enough
 from mjsim.estimation.curve_terms import CurveTerm
 from mjsim.estimation.disturbances import without_disturbances
 from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.equivalents import equivalents
+from mjsim.estimation.equivalents import Equivalents
 from mjsim.estimation.evidence import SparseModel, log_evidence, select
 from mjsim.estimation.evidence_priors import added, kept_waves
 from mjsim.estimation.fit import Fit, Fitter
@@ -37,6 +38,8 @@ from mjsim.progress import Progress, silent
 #: Most rounds of selection and refit; most Gauss-Newton steps of the first fit and of the others. Waves of a pitch
 #: error and trigger shifts need many: an unfinished fit asks for causes that are not there.
 _ROUNDS, _FIRST, _STEPS = 6, 16, 8
+#: The same with another effect in the place of a finding: one that fits as well is soon there.
+_TRIAL_STEPS = 6
 #: A model that leaves so much more than the one before it is not taken.
 _WORSE = 1.1
 #: Signatures are computed again where the misfit has fallen to this share.
@@ -113,7 +116,12 @@ class JointSelector:
         if not machine.tolerance and model.curve is None:  # beside something unknown nothing small is proven
             for key in proven(model.fit, model.kept, self.settings.log_odds):
                 del model.kept[key]
-        found = [self._against_equivalents(model, f) for f in self._found(model)]
+        refit = partial(self.fitter.fit, start=model.fit, exact=True, iterations=_TRIAL_STEPS, fresh=False)
+        others = Equivalents(self.problem, model.fit, model.bank, model.expected, refit)
+        found = []
+        for f in self._found(model):
+            self.progress(f"what could stand in place of {f.key}", 0, 1)
+            found.append(replace(f, competing=others.of(f.key)))
         return JointSelection(
             self.problem, Selection(start, model.fit, found, model.bank), tuple(model.kept.values()), model.curve
         )
@@ -289,12 +297,3 @@ class JointSelector:
             columns = model.fit.design[:, at] @ off
             out.append(Found(f.effect.key, float(columns @ columns)))
         return sorted(out, key=lambda f: -f.gain)
-
-    def _against_equivalents(self, model: _Model, found: Found) -> Found:
-        """The finding with the effects that could stand in its place."""
-        if found.key in model.expected:
-            return found  # a machine of its class has it: the others would have to be there besides
-        groups = CandidateGroups.at(self.problem, model.fit, model.bank, set(model.kept), curves=False)
-        self.progress(f"what could stand in place of {found.key}", 0, 1)
-        competing = equivalents(model.fit, groups, found.key, lambda e: self._exact_refit(e, model.fit), added)
-        return replace(found, competing=competing)

@@ -20,7 +20,7 @@ class LeastSquares:
     Attributes:
         parameters: Priors, bounds and frozen flags of the entries, p in all.
         normal: ``JᵀJ`` of the whitened design ``J``, (p, p).
-        weight: How often informative priors count.
+        weight: How often informative priors count: the variance of the rows where the model leaves more than noise.
     """
 
     parameters: Parameters
@@ -34,7 +34,9 @@ class LeastSquares:
 
     @cached_property
     def precision(self) -> np.ndarray:
-        """Inverse covariance of the estimate, (p, p). A frozen entry has that of its prior."""
+        """Inverse covariance of the estimate, (p, p), where the rows have variance 1. A frozen entry has that of its
+        prior.
+        """
         free = ~self.parameters.frozen
         return np.where(free[:, None] & free, self.normal, 0.0) + np.diag(self.parameters.precision(self.weight))
 
@@ -46,7 +48,7 @@ class LeastSquares:
     @cached_property
     def covariance(self) -> np.ndarray:
         """Covariance of the estimate, (p, p)."""
-        return self.solve(np.eye(len(self.normal)))
+        return self.weight * self.solve(np.eye(len(self.normal)))
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """``precision⁻¹ right`` of a vector (p,) or columns (p, k)."""

@@ -42,25 +42,29 @@ def one_curve(fitter: Fitter, calibrated: Fit, named: Fit, findings: Collection[
         ranked = sorted(ranked, key=lambda r: r[0])[:_TRIED]  # a curve's columns fill several MB
     charge = 2.0 * math.log(max(tried, 1)) - 2.0 * problem.settings.curve_log_odds
     # where what a machine may have explains everything, no curve is needed either
-    named_objective = _objective(named, findings, problem.settings.log_odds)
+    named_objective = _objective(named, calibrated, findings, problem.settings.log_odds)
     least = min(calibrated.objective, named_objective) - charge
     # what the linear problem promises is nearly what comes of it
     fitted = [fit_beside(fitter, calibrated, term, _STEPS) for objective, term in ranked if objective < least]
-    better = [row for row in fitted if row[2].objective < least and stands_out(problem, row[0], row[1])]
-    # a curve that does as much beside the findings stands for something else than they do
-    evidence = named_objective - named.objective
-    better = [
-        row for row in better if row[2].objective < Together(named, problem.whiten(row[1].columns)).objective + evidence
-    ]
+
+    def is_better(fit: Fit, curve: CurveTerm, together: Together) -> bool:
+        if together.objective >= least or not stands_out(problem, fit, curve):
+            return False
+        # a curve that does as much beside the findings stands for something else than they do
+        beside = Together(named, problem.whiten(curve.columns)).objective - named.objective
+        return together.objective < named_objective + beside
+
+    better = [row for row in fitted if is_better(*row)]
     if not better:
         return None
     fit, curve, _ = min(better, key=lambda row: row[2].objective)
     return fitter.fit(fit.effects, start=fit, iterations=0, fresh=False), curve
 
 
-def _objective(named: Fit, findings: Collection[str], log_odds: float) -> float:
+def _objective(named: Fit, calibrated: Fit, findings: Collection[str], log_odds: float) -> float:
     """-2 log evidence of a model with its findings, but for what it shares with the model without them."""
     out = named.objective
+    held = {f.effect.key: f for f in calibrated.effects}
     for f in named.effects:
         if f.effect.key not in findings:
             continue
@@ -69,4 +73,8 @@ def _objective(named: Fit, findings: Collection[str], log_odds: float) -> float:
             out -= 2.0 * log_odds
             # a prior as wide as the size that was found costs this much
             out += float(np.log1p((f.vector - f.off)[entries] ** 2 / variance[entries]).sum())
+        other = held.get(f.effect.key)
+        if other is not None and other.prior is not None and len(other.vector) == len(f.vector):
+            # the other model has the effect as well, and pays for it by its tolerance
+            out -= float(np.log1p(other.prior[1] ** 2 / variance).sum())
     return out

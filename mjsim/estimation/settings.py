@@ -154,8 +154,10 @@ class DiagnosisSettings:
         determined_sum: Posterior over prior standard deviation up to which a sum is determined (assumed).
         narrower_sum: Share of the width of each of its numbers up to which a sum is worth telling (assumed).
         least_factor: Least factor of a number in a sum, over the largest one (assumed).
-        equivalent_share: Share of a finding's evidence that another candidate must reach in its place to be fitted
-            there (assumed).
+        equivalent_share: Share of a finding's evidence that another effect must reach in its place, by its linear
+            estimate, to be fitted there (assumed).
+        equivalent_share_drive: The same for an effect of the same axis' drive, as friction: the reading is not linear
+            in its size (bank).
         most_equivalents: Most candidates that are fitted in the place of one finding (assumed).
         harmonic_share: Share of a curve's power in one harmonic that makes this its period (assumed).
         hidden_shape: Shapes of a curve with so many times the usual variance are hidden by the set-up (assumed).
@@ -206,6 +208,7 @@ class DiagnosisSettings:
     narrower_sum: float = 0.4
     least_factor: float = 0.15
     equivalent_share: float = 0.9
+    equivalent_share_drive: float = 0.4
     most_equivalents: int = 3
     harmonic_share: float = 0.6
     hidden_shape: float = 30.0

@@ -31,9 +31,9 @@ def proven(fit: Fit, kept: Collection[str], prior_log_odds: float) -> list[str]:
     return [f.effect.key for f in fit.effects if f.effect.key in kept and log_odds(fit, f) + prior_log_odds > 0.0]
 
 
-def is_beyond(fit: Fit, f: EffectVector, expected: Calibrated, misfit: float = 1.0) -> bool:
+def is_beyond(fit: Fit, f: EffectVector, expected: Calibrated) -> bool:
     """Whether the 95 % interval of a calibrated effect lies beyond its limit, see :func:`beyond`."""
-    return beyond(fit, f, expected, misfit) > 1.0
+    return beyond(fit, f, expected) > 1.0
 
 
 def beyond(fit: Fit, f: EffectVector, expected: Calibrated, misfit: float = 1.0) -> float:
@@ -65,7 +65,7 @@ def stands(fit: Fit, key: str, expected: Mapping[str, Calibrated], misfit: float
     f = next(f for f in fit.effects if f.effect.key == key)
     if key not in expected:
         return misfit < enough
-    return is_beyond(fit, f, expected[key], misfit) and not _at_bound(f, expected[key])
+    return is_beyond(fit, f, expected[key]) and not _at_bound(f, expected[key])
 
 
 def _at_bound(f: EffectVector, expected: Calibrated) -> bool:
