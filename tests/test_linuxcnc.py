@@ -25,7 +25,7 @@ from mjsim.linuxcnc import installed
 from mjsim.linuxcnc.configuration import Settings, check_settings, kinematics, write_configuration
 from mjsim.linuxcnc.held import held_against
 from mjsim.linuxcnc.record import Record
-from mjsim.linuxcnc.run import _starved, run_program
+from mjsim.linuxcnc.run import _Busy, _starved, run_program
 from mjsim.machine.chain import FIVE_AXIS, chain_of
 from mjsim.nc.control import block_times, linuxcnc
 from mjsim.nc.read import parse_nc
@@ -229,6 +229,24 @@ def test_a_record_that_depends_on_the_pace_is_not_taken():
     late[late[:, 0] > 4800, 2] += 1.0  # nobody asked for a second
     assert _starved(line, feed, late)
     assert not _starved(line, np.zeros(len(line), bool), asked(200))
+
+
+def test_a_control_that_is_stuck_is_started_again(monkeypatch):
+    speeds = []
+
+    def recorded(folder, chain, settings, faster):
+        speeds.append(settings.speed)
+        if len(speeds) < stuck:
+            raise _Busy("it stands still at line 2 of the program")
+        return record_of(np.zeros((2, 5)))
+
+    monkeypatch.setattr("mjsim.linuxcnc.run.needed", lambda: None)
+    monkeypatch.setattr("mjsim.linuxcnc.run._recorded", recorded)
+    stuck = 2
+    assert len(run_program("M30\n").told) == 2 and speeds == [20.0, 5.0]
+    stuck = 9
+    with pytest.raises(InputError, match=r"LinuxCNC: it stands still at line 2 of the program, also at 1 times"):
+        run_program("M30\n")
 
 
 # -- the control itself ------------------------------------------------------------------------------------------------

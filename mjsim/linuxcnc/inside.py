@@ -18,14 +18,19 @@ from typing import Any
 _ERRORS = (1, 11)
 #: The queue is taken for filled when it has not grown for so long, s.
 _FILLED = 0.5
-
-
 #: Longest wait for an answer, s: a busy computer is slow.
 _PATIENCE = 60.0
+#: The control is taken for stuck when it has neither moved, read a block nor dwelled for so long, s. A busy computer
+#: has been seen to do it, once in some hundred runs.
+_STUCK = 30.0
 
 
 class Failure(Exception):
     """Why the run came to nothing, as a sentence."""
+
+
+class Stuck(Failure):
+    """The run stands still: another one may not."""
 
 
 class Loop:
@@ -131,6 +136,7 @@ class Loop:
         self.until(lambda: s.interp_state != c.INTERP_IDLE)
         idle, began, next_look = 0, time.monotonic(), 0.0
         self.queue = []
+        state, since = (), began
         while idle < 5:
             time.sleep(0.01)
             self.poll()
@@ -138,6 +144,10 @@ class Loop:
             now = time.monotonic()
             if now - began > self.limit:
                 raise Failure(f"the program does not end within {self.limit:g} s")
+            if state != (state := (s.interp_state, s.queue, s.motion_line, s.read_line, s.position, s.delay_left)):
+                since = now
+            elif now - since > _STUCK:
+                raise Stuck(f"it stands still at line {s.motion_line} of the program")
             if now > next_look:
                 next_look = now + 1.0
                 if not self.alive():
@@ -184,7 +194,7 @@ def main(joints: int, limit: float) -> None:
         with open("record.bin", "wb") as file:
             loop.rows.tofile(file)
     except Failure as failure:
-        result = {"failure": str(failure), "up": up}
+        result = {"failure": str(failure), "again": not up or isinstance(failure, Stuck)}
     (work / "result.json").write_text(json.dumps(result))
     os._exit(0)  # the end of process 1 ends everything else in its namespace
 

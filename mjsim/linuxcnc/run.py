@@ -75,7 +75,7 @@ def run_program(text: str, chain: Chain = FIVE_AXIS, settings: Settings | None =
 
 
 class _Busy(Exception):
-    """The computer is too busy for a clock that runs so fast: what is wrong."""
+    """The run did not go as it should, maybe since the computer is too busy for a clock that runs so fast: why."""
 
 
 def _run(text: str, chain: Chain, settings: Settings, tip: bool) -> Record:
@@ -116,7 +116,7 @@ def _recorded(folder: Path, chain: Chain, settings: Settings, faster: bool) -> R
     if not answer.exists():
         raise InputError(f"LinuxCNC ended without a record: {_tail(folder)}")
     result = json.loads(answer.read_text())
-    if "failure" in result and not result["up"]:
+    if "failure" in result and result["again"]:
         raise _Busy(result["failure"])
     if "failure" in result:
         raise InputError(f"LinuxCNC: {result['failure']}")
