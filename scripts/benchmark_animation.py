@@ -21,8 +21,8 @@ from mjsim.animation.panel import Panel
 from mjsim.animation.scene import Stage
 from mjsim.animation.story import tell
 from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import machine_of
 from mjsim.io.resources import examples
-from mjsim.workflow.edit import machine_of
 
 TARGET = 10.0
 

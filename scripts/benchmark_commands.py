@@ -22,6 +22,7 @@ from benchmark_page import Curve, Row
 
 from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import machine_of
 from mjsim.estimation import signatures
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.mistakes.checked_problem import trusted_problem
@@ -30,7 +31,6 @@ from mjsim.io.resources import examples
 from mjsim.machine.model import build
 from mjsim.simulation.axes import time_grid
 from mjsim.threads import one_blas_thread
-from mjsim.workflow.edit import machine_of
 
 #: Seconds that the commands may take.
 HELP, COMPARE, DIAGNOSE = 0.4, 8.0, 40.0

@@ -16,7 +16,7 @@ from mjsim.errors import InputError
 from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.prediction.part_run import PartRun
-from mjsim.workbench import axis_data, catalogue, svg
+from mjsim.workbench import axis_data, catalogue, lines
 from mjsim.workbench.bodies import MachineBodies
 from mjsim.workbench.jobs import Stopped
 from mjsim.workbench.ladder import Ladder
@@ -211,9 +211,12 @@ def test_thinned_lines_keep_their_peaks():
     x = np.linspace(0.0, 1.0, 20001)
     y = np.sin(20 * x)
     y[7777], y[12345] = 5.0, np.nan
-    a, b = svg.thinned(x, y, 100)
+    a, b = lines.thinned(x, y, 100)
     assert len(a) <= 200 and np.nanmax(b) == 5.0 and np.nanmin(b) == pytest.approx(np.nanmin(y))
     assert (np.diff(a) > 0).all()
+    points = lines.pairs(np.array([0.0, 123.45678]), np.array([np.nan, -0.0123456]))
+    assert points[1].tolist() == [123.457, -0.01235] and np.isnan(points[0, 1])
+    assert lines.pairs(np.zeros(2), np.full(2, np.nan)).shape == (2, 2)
 
 
 def test_the_notebook_runs(tmp_path, monkeypatch, capsys):

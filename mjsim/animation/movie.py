@@ -13,12 +13,12 @@ from mjsim.animation import encode, gl
 from mjsim.animation.layout import INSET, MARGIN, Layout, label, parse_size
 from mjsim.animation.panel import Panel
 from mjsim.animation.story import Story, tell
+from mjsim.campaign.machine_file import machine_of
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.io import files
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
-from mjsim.workflow.edit import machine_of
 
 #: What is chosen per kind of file when the user does not: size, frames per second, and the longest video (s).
 DEFAULTS = {".mp4": ("1280x720", 25.0, 20.0), ".gif": ("800x450", 10.0, 8.0)}

@@ -13,6 +13,7 @@ from tomlkit.items import AoT, InlineTable, Table
 
 from mjsim.campaign.chain_file import chain_of_file, placed
 from mjsim.campaign.controllers import edit_controllers, read_controllers
+from mjsim.campaign.model import Campaign
 from mjsim.campaign.schema import machine_table
 from mjsim.campaign.tolerance import check_tolerance
 from mjsim.effects import registry
@@ -34,6 +35,15 @@ DRIVE_KEYS = {
     "viscous": "viscous_Nms_per_rad",
     "gravity": "gravity_Nm",
 }
+
+
+def machine_of(campaign: Campaign, file: str | Path | None = None) -> Machine:
+    """The campaign's machine, or the one in ``file``.
+
+    Raises:
+        InputError: The file cannot be read, or is no machine.
+    """
+    return read_machine(file if file is not None else campaign.machine_file)
 
 
 def read_machine(path: str | Path, text: str | None = None) -> Machine:

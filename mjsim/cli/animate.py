@@ -96,7 +96,7 @@ def command(
     with common.progress_bar(quiet, left=True) as progress:
         if logged:
             from mjsim.animation.axis_log import animate_log
-            from mjsim.workflow.edit import machine_of
+            from mjsim.campaign.machine_file import machine_of
 
             m = machine_of(c, machine)
             film = animate_log(c, tests[0], out, m, size, fps, seconds, factor, force, common.cores(threads), progress)

@@ -47,6 +47,7 @@ def command(campaign, machine, out, calibrated, only, no_plots, force, threads, 
     Example: mjsim compare examples/hidden-backlash
     """
     from mjsim.campaign.files import read_campaign
+    from mjsim.campaign.machine_file import machine_of
     from mjsim.importing.features import circles_of, imported_features
     from mjsim.io.files import check_writable
     from mjsim.plots.logs import log_plot_files
@@ -54,7 +55,6 @@ def command(campaign, machine, out, calibrated, only, no_plots, force, threads, 
     from mjsim.workflow.calibrate import calibrate
     from mjsim.workflow.compare import compare
     from mjsim.workflow.diagnosis import calibration_json
-    from mjsim.workflow.edit import machine_of
 
     c = chosen(read_campaign(campaign, as_is=as_is), only)
     m = machine_of(c, machine)

@@ -81,13 +81,13 @@ def command(
     Example: mjsim compensate examples/hidden-backlash --control linuxcnc -o corrections
     """
     from mjsim.campaign.files import read_campaign
+    from mjsim.campaign.machine_file import machine_of
     from mjsim.compensation.compensate import compensate, write_compensation
     from mjsim.compensation.controls import Settings
     from mjsim.compensation.tables import scale
     from mjsim.errors import InputError
     from mjsim.plots.forecast import forecast_figure
     from mjsim.plots.save import encode
-    from mjsim.workflow.edit import machine_of
 
     c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)

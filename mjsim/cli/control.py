@@ -72,6 +72,7 @@ def linuxcnc(
 
     import numpy as np
 
+    from mjsim.campaign.machine_file import machine_of
     from mjsim.io.files import check_writable, write_whole
     from mjsim.linuxcnc.configuration import CYCLE, Settings
     from mjsim.linuxcnc.held import held_against, program_of
@@ -79,7 +80,6 @@ def linuxcnc(
     from mjsim.machine.model import build
     from mjsim.nc.write import Options
     from mjsim.simulation.axes import motor_of
-    from mjsim.workflow.edit import machine_of
 
     if machine and not drives:
         raise click.UsageError("--machine needs --drives")

@@ -54,14 +54,14 @@ def command(campaign, machine, write, max_effects, only, force, threads, as_is, 
     Example: mjsim diagnose examples/hidden-backlash --write fitted.toml
     """
     from mjsim.campaign.files import read_campaign
-    from mjsim.campaign.machine_file import write_machine
+    from mjsim.campaign.machine_file import machine_of, write_machine
     from mjsim.errors import InputError
     from mjsim.importing.features import circles_of, imported_features
     from mjsim.io.files import check_writable
     from mjsim.plots.output import unexplained_plot
     from mjsim.workflow.diagnose import diagnose
     from mjsim.workflow.diagnosis import write_effect_file
-    from mjsim.workflow.edit import machine_of, with_effect_file
+    from mjsim.workflow.edit import with_effect_file
     from mjsim.workflow.saved import keep
 
     c = chosen(read_campaign(campaign, as_is=as_is), only)

@@ -36,10 +36,10 @@ def command(campaign, effect, machine, out, no_plots, force, threads, as_is, as_
     Example: mjsim explain examples/hidden-backlash backlash.A
     """
     from mjsim.campaign.files import read_campaign
+    from mjsim.campaign.machine_file import machine_of
     from mjsim.effects import registry
     from mjsim.io.files import check_writable
     from mjsim.plots.output import explanation_plot
-    from mjsim.workflow.edit import machine_of
     from mjsim.workflow.explain import explain
 
     c = read_campaign(campaign, as_is=as_is)

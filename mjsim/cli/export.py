@@ -38,9 +38,9 @@ def command(campaign, machine, names, out, decimal_comma, force, threads, as_is,
     Example: mjsim export examples/hidden-backlash --out tables
     """
     from mjsim.campaign.files import read_campaign
+    from mjsim.campaign.machine_file import machine_of
     from mjsim.cli.joint import has_both
     from mjsim.cli.logs import is_log_campaign
-    from mjsim.workflow.edit import machine_of
     from mjsim.workflow.export import export
     from mjsim.workflow.log_export import export_logs
 

@@ -23,7 +23,7 @@ def command(campaign, machine, threads, as_is, as_json, quiet) -> None:
     Example: mjsim geometry examples/healthy
     """
     from mjsim.campaign.files import read_campaign
-    from mjsim.workflow.edit import machine_of
+    from mjsim.campaign.machine_file import machine_of
     from mjsim.workflow.geometry import geometry
 
     c = read_campaign(campaign, as_is=as_is)

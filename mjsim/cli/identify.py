@@ -43,11 +43,10 @@ def pitch_error(
     Example: mjsim identify pitch-error examples/kato2013 --axis C
     """
     from mjsim.campaign.files import read_campaign
-    from mjsim.campaign.machine_file import write_machine
+    from mjsim.campaign.machine_file import machine_of, write_machine
     from mjsim.estimation.pitch.identify import identified_machine, identify_pitch_errors, testable_axes
     from mjsim.io.files import check_writable
     from mjsim.plots.output import pitch_plot_files, pitch_plots
-    from mjsim.workflow.edit import machine_of
 
     c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)
@@ -107,8 +106,8 @@ def drive(campaign, machine, write, max_effects, only, force, threads, as_json, 
     Example: mjsim identify drive my-table --write identified.toml
     """
     from mjsim.campaign.files import read_campaign
+    from mjsim.campaign.machine_file import machine_of
     from mjsim.errors import InputError
-    from mjsim.workflow.edit import machine_of
 
     c = chosen(read_campaign(campaign), only)
     if not c.logs.recorded:

@@ -60,10 +60,10 @@ def command() -> None:
 def write(campaign, name, out, limit, max_speed, force, machine, as_json, quiet, **how) -> None:
     """Write a test of CAMPAIGN as an NC program."""
     from mjsim.ballbar.speed import speed_warnings as ordinary_speed_warnings
+    from mjsim.campaign.machine_file import machine_of
     from mjsim.io.files import check_writable
     from mjsim.nc.dialects import FEEDS
     from mjsim.nc.write import write_nc
-    from mjsim.workflow.edit import machine_of
 
     c, test = options.find_test(campaign, name)
     m = machine_of(c, machine)

@@ -31,9 +31,9 @@ def command(campaign, machine, host, port, no_browser, as_is, threads, as_json, 
 
     need("open", "workbench", "nicegui")
     from mjsim.campaign.files import read_campaign
+    from mjsim.campaign.machine_file import machine_of
     from mjsim.errors import InputError
     from mjsim.workbench.page.server import LOOPBACK, serve
-    from mjsim.workflow.edit import machine_of
 
     if not host.strip():
         raise InputError("--host is empty; allowed: an address of this computer, such as 127.0.0.1")

@@ -37,7 +37,7 @@ def command(campaign, machine, between, threads, as_is, as_json, quiet) -> None:
     Example: mjsim plan examples/two-candidates --between servo_gain.C servo_delay.C
     """
     from mjsim.campaign.files import read_campaign
-    from mjsim.workflow.edit import machine_of
+    from mjsim.campaign.machine_file import machine_of
     from mjsim.workflow.log_plan import recordings_beside
     from mjsim.workflow.plan import plan
 

@@ -33,13 +33,12 @@ def command(
              --tolerance 20 -o cone.png
     """
     from mjsim.campaign.files import read_campaign
-    from mjsim.campaign.machine_file import read_machine
+    from mjsim.campaign.machine_file import machine_of, read_machine
     from mjsim.errors import InputError
     from mjsim.io.files import check_writable, write_whole
     from mjsim.plots.part import part_figure
     from mjsim.plots.save import encoded
     from mjsim.workflow.diagnose import diagnose
-    from mjsim.workflow.edit import machine_of
     from mjsim.workflow.saved import keep, read_saved
 
     if campaign is None and machine is None:

@@ -50,13 +50,13 @@ def command(
              mjsim report examples/hidden-backlash --part s-shape --zero 40 0 120
     """
     from mjsim.campaign.files import read_campaign
+    from mjsim.campaign.machine_file import machine_of
     from mjsim.cli.joint import has_both
     from mjsim.cli.logs import is_log_campaign
     from mjsim.errors import InputError
     from mjsim.io.files import check_writable, write_whole
     from mjsim.report.logs import joint_report, log_report
     from mjsim.report.write import check_same_machine, need_report, report
-    from mjsim.workflow.edit import machine_of
 
     runs = part_runs(parts, tolerance, tool, zero, feed, dialect)
     read = [read_campaign(c, as_is=as_is) for c in campaigns]

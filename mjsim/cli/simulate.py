@@ -36,12 +36,12 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
     """
     from mjsim.ballbar.speed import range_warning, speed_warnings
     from mjsim.campaign.files import read_campaign
+    from mjsim.campaign.machine_file import machine_of
     from mjsim.errors import InputError
     from mjsim.io.files import check_writable, together
     from mjsim.plots.output import polar_of_simulation, simulation_csv, simulation_summary
     from mjsim.plots.save import encode
     from mjsim.simulation.multibody import simulate
-    from mjsim.workflow.edit import machine_of
 
     c = read_campaign(campaign, traces=False)
     m = machine_of(c, machine)

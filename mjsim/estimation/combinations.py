@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit
@@ -66,6 +65,8 @@ def combinations(
     at = np.concatenate([np.arange(fit.parameters.size)[fit.parameters[f.block.name]] for f in free])
     prior = np.array([f.prior[1][0] if wanted is None else wanted[f.effect.key] for f in free if f.prior is not None])
     covariance = fit.covariance[np.ix_(at, at)] / np.outer(prior, prior)
+    from scipy.sparse.csgraph import connected_components  # slow to load
+
     width = np.sqrt(np.diag(covariance))
     tied = np.abs(covariance / np.outer(width, width)) > settings.tied_numbers
     is_open = width > settings.open_number

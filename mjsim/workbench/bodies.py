@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import mujoco
 import numpy as np
-import trimesh
 
 from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import BallBarTest
@@ -24,6 +23,8 @@ FIELD = 38.0
 STANDING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 #: Groups of geoms that are looked at; the others are there to touch.
 _LOOKED_AT = (0, 2)
+#: Types of geoms that have an end.
+_SOLID = tuple(int(getattr(mujoco.mjtGeom, f"mjGEOM_{n}")) for n in ("MESH", "BOX", "CYLINDER", "SPHERE"))
 #: Directions from which the whole machine is seen, and the distance in its sizes.
 _VIEWS = {"overview": ((-0.60, -0.72, 0.36), 1.75), "side": ((-0.98, -0.15, 0.12), 1.75), "above": ((0, -0.3, 1), 1.6)}
 #: Eye of the view at the bar, less its middle, bar lengths.
@@ -42,7 +43,7 @@ class Body:
         joint: The axis that moves it; empty where none does.
         along: (3,) direction of that axis.
         rotary: Whether it turns.
-        solids: Colour as ``#rrggbb`` and STL data of what one sees of it, in its own frame.
+        solids: Colour as ``#rrggbb`` and geoms of the model that have it, of what one sees of it.
     """
 
     name: str
@@ -52,7 +53,7 @@ class Body:
     joint: str
     along: np.ndarray
     rotary: bool
-    solids: tuple[tuple[str, bytes], ...] = field(repr=False)
+    solids: tuple[tuple[str, tuple[int, ...]], ...] = ()
 
     def placed(self, position: float) -> tuple[np.ndarray, np.ndarray]:
         """Place (3,) m and turn (3, 3) in the parent with its axis at ``position`` (m, rad)."""
@@ -80,9 +81,10 @@ class MachineBodies:
         self._joints = np.array([self.model.joint(a).qposadr[0] for a in chain.letters])
         self._chain = chain
 
-    def solids(self) -> dict[str, bytes]:
-        """STL data by file name: ``<body>-<number>.stl``."""
-        return {f"{b.name}-{i}.stl": data for b in self.bodies for i, (_, data) in enumerate(b.solids)}
+    @property
+    def meshes(self) -> dict[str, tuple[int, ...]]:
+        """Geoms by the file name of the mesh that shows them: ``<body>-<number>.stl``."""
+        return {f"{b.name}-{i}.stl": geoms for b in self.bodies for i, (_, geoms) in enumerate(b.solids)}
 
     def posed(self, test: BallBarTest) -> Posed:
         """The machine in a test."""
@@ -127,6 +129,7 @@ class Posed:
         self.model.body("table_fixture").pos[:] = test.table_ball
         self.data = mujoco.MjData(self.model)
         self.carrier = machine.carrier(test)
+        self._way: tuple[np.ndarray, np.ndarray] | None = None
 
     def balls(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Centres of table ball and spindle ball, (3,) m each, with the axes at ``position`` (axes,) m and rad."""
@@ -157,31 +160,36 @@ class Posed:
         Returns:
             ``nominal``, ``simulated``, and ``measured`` where there is a measurement.
         """
-        measured, simulated = trace.centred()
+        measured, simulated = trace.centred
         pick = np.unique(np.linspace(0, len(trace.time) - 1, _POINTS).astype(int))
-        at = np.clip(np.searchsorted(time, trace.time[pick]), 0, len(time) - 1)
-        base, along = np.empty((len(pick), 3)), np.empty((len(pick), 3))
-        carrier = self.model.body(self.carrier).id
-        for row, k in enumerate(at):
-            table, spindle = self.balls(position[k])
-            direction = (spindle - table) / np.linalg.norm(spindle - table)
-            turn = self.data.xmat[carrier].reshape(3, 3)
-            base[row] = (table + direction * self.test.length - self.data.xpos[carrier]) @ turn
-            along[row] = direction @ turn
+        if self._way is None or len(self._way[0]) != len(pick):  # models differ by µm, of which one sees nothing
+            self._way = self._bar_along(position[np.clip(np.searchsorted(time, trace.time[pick]), 0, len(time) - 1)])
+        base, along = self._way
         lines = {"nominal": np.zeros(len(pick)), "simulated": simulated[pick]}
         if measured is not None:
             lines["measured"] = np.nan_to_num(measured[pick])
         return {name: base + factor * value[:, None] * along for name, value in lines.items()}
 
+    def _bar_along(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """End of the bar without an error, m, and its direction, (n, 3) each in the frame of :attr:`carrier`."""
+        base, along = np.empty((len(position), 3)), np.empty((len(position), 3))
+        carrier = self.model.body(self.carrier).id
+        for row, q in enumerate(position):
+            table, spindle = self.balls(q)
+            direction = (spindle - table) / np.linalg.norm(spindle - table)
+            turn = self.data.xmat[carrier].reshape(3, 3)
+            base[row] = (table + direction * self.test.length - self.data.xpos[carrier]) @ turn
+            along[row] = direction @ turn
+        return base, along
+
 
 def _body(model: mujoco.MjModel, i: int) -> Body:
     has_joint = model.body_jntnum[i] > 0
     j = int(model.body_jntadr[i]) if has_joint else -1
-    by_colour: dict[str, list[trimesh.Trimesh]] = {}
+    by_colour: dict[str, list[int]] = {}
     for g in np.flatnonzero((model.geom_bodyid == i) & np.isin(model.geom_group, _LOOKED_AT)):
-        solid = _solid(model, int(g))
-        if solid is not None:
-            by_colour.setdefault(_colour(model, int(g)), []).append(solid)
+        if model.geom_type[g] in _SOLID:
+            by_colour.setdefault(_colour(model, int(g)), []).append(int(g))
     return Body(
         model.body(i).name,
         model.body(int(model.body_parentid[i])).name,
@@ -190,35 +198,8 @@ def _body(model: mujoco.MjModel, i: int) -> Body:
         model.joint(j).name if has_joint else "",
         model.jnt_axis[j].copy() if has_joint else np.zeros(3),
         bool(has_joint and model.jnt_type[j] == int(mujoco.mjtJoint.mjJNT_HINGE)),
-        tuple((colour, _stl(solids)) for colour, solids in by_colour.items()),
+        tuple((colour, tuple(geoms)) for colour, geoms in by_colour.items()),
     )
-
-
-def _solid(model: mujoco.MjModel, g: int) -> trimesh.Trimesh | None:
-    """What a geom looks like, in its body's frame; ``None`` where it has no end."""
-    kind, size = int(model.geom_type[g]), model.geom_size[g]
-    if kind == int(mujoco.mjtGeom.mjGEOM_MESH):
-        m = int(model.geom_dataid[g])
-        vertices = model.mesh_vert[model.mesh_vertadr[m] :][: model.mesh_vertnum[m]]
-        faces = model.mesh_face[model.mesh_faceadr[m] :][: model.mesh_facenum[m]]
-        solid = trimesh.Trimesh(vertices, faces, process=False)
-    elif kind == int(mujoco.mjtGeom.mjGEOM_BOX):
-        solid = trimesh.creation.box(2 * size)
-    elif kind == int(mujoco.mjtGeom.mjGEOM_CYLINDER):
-        solid = trimesh.creation.cylinder(size[0], 2 * size[1], sections=48)
-    elif kind == int(mujoco.mjtGeom.mjGEOM_SPHERE):
-        solid = trimesh.creation.icosphere(2, size[0])
-    else:
-        return None
-    place = np.eye(4)
-    place[:3, :3], place[:3, 3] = rotation_of(model.geom_quat[g]), model.geom_pos[g]
-    return solid.apply_transform(place)
-
-
-def _stl(solids: list[trimesh.Trimesh]) -> bytes:
-    data = trimesh.util.concatenate(solids).export(file_obj=None, file_type="stl")
-    assert isinstance(data, bytes)
-    return data
 
 
 def _colour(model: mujoco.MjModel, g: int) -> str:

@@ -16,6 +16,8 @@ from mjsim.workbench.picture import most_changed
 from mjsim.workbench.readings import MULTIBODY
 from mjsim.workbench.state import Workbench
 
+#: The page has so long to draw the shown test before the others are fitted, which takes both cores, s.
+_PICTURE = 0.08
 #: Multibody results of the tests that are not shown appear at least so often, s.
 _EVERY = 1.0
 #: The bars of the effects wait at most so long for changes to be simulated, s; then they go on.
@@ -95,6 +97,7 @@ class Live(Jobs):
         asked, now = self._asked, self.overlay
         if now is not None and now.machine is not self.bench.machine:  # all tests take ten times as long
             self._publish(self.bench.quick_one(self.shown[0], now))
+            time.sleep(_PICTURE)
         result = self.bench.quick()
         self.error = ""
         self._publish(result)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mjsim.campaign.files import read_campaign
-from mjsim.campaign.machine_file import machine_document
+from mjsim.campaign.machine_file import machine_document, machine_of
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.axis_logs.data import axis_data
@@ -29,7 +29,6 @@ from mjsim.workbench.log_gains import log_gains
 from mjsim.workbench.readings import DRIVES
 from mjsim.workbench.tried import ChangedModel
 from mjsim.workflow import history
-from mjsim.workflow.edit import machine_of
 from mjsim.workflow.log_compare import LogComparison, check_recorded, compare_logs
 from mjsim.workflow.log_diagnose import diagnose_logs, merged
 from mjsim.workflow.log_diagnosis import LogDiagnosis

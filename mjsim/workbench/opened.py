@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjsim.ballbar.measurement import BallBarTest
+from mjsim.campaign.machine_file import machine_of
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.kept_changes import KeptChanges
 from mjsim.estimation.mistakes.checked_problem import checked_problem
@@ -13,7 +14,6 @@ from mjsim.estimation.problem import Problem
 from mjsim.machine.model import Machine, build
 from mjsim.simulation.axes import AxesMotion
 from mjsim.threads import Workers, one_blas_thread
-from mjsim.workflow.edit import machine_of
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -52,6 +53,7 @@ class Trace:
             return None
         return np.where(self.valid, self.measured - self.simulated, np.nan)
 
+    @cached_property
     def centred(self) -> tuple[np.ndarray | None, np.ndarray]:
         """Measured and simulated, (n,) m, without what a ball off its place adds: about the least-squares centre of
         the first that there is, as in the plots of ``mjsim compare``.

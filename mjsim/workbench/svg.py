@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from html import escape
-from itertools import pairwise
 
 import numpy as np
 
 from mjsim.ballbar.kinds import kind_of
 from mjsim.plots import style
 from mjsim.units import UM
+from mjsim.workbench.lines import thinned
 from mjsim.workbench.overlay import Trace
 
 #: Radius of the nominal circle and of the rim, in the units of the drawing (100 is its half width).
@@ -23,25 +23,6 @@ RAY = (
 #: Most points of a line: lowest and highest value of so many parts of a trace.
 _PARTS = {True: 130, False: 420}
 _LABEL_APART = 9.0
-
-
-def thinned(x: np.ndarray, y: np.ndarray, parts: int) -> tuple[np.ndarray, np.ndarray]:
-    """A line with few points that looks the same: the lowest and the highest value of every part of it.
-
-    Args:
-        x: (n,) abscissa.
-        y: (n,) values; NaN where there is none.
-        parts: How many parts.
-    """
-    if len(x) <= 2 * parts:
-        return x, y
-    edges = np.linspace(0, len(x), parts + 1).astype(int)
-    low = np.where(np.isfinite(y), y, np.inf)
-    high = np.where(np.isfinite(y), y, -np.inf)
-    keep = []
-    for a, b in pairwise(edges):
-        keep += sorted({a + int(np.argmin(low[a:b])), a + int(np.argmax(high[a:b]))})
-    return x[keep], y[keep]
 
 
 def division_um(values: list[np.ndarray]) -> float:
@@ -61,7 +42,7 @@ def polar(
         small: As a small multiple: without labels.
         step_um: µm per division; chosen where it is missing.
     """
-    measured, simulated = trace.centred()
+    measured, simulated = trace.centred
     step = step_um or division_um([v for v in (measured, simulated) if v is not None])
     parts = [_grid(small)]
     angle = trace.phi + np.radians(kind_of(trace.test).plot_offset_deg)
@@ -97,14 +78,10 @@ def _path(angle: np.ndarray, divisions: np.ndarray, small: bool) -> str:
     angle, divisions = thinned(angle, divisions, _PARTS[small])
     radius = np.clip(NOMINAL + divisions * (RIM - NOMINAL) / 3.0, 0.0, 99.0)
     x, y = radius * np.cos(angle), -radius * np.sin(angle)
-    out, pen = [], "M"
-    for a, b in zip(x, y, strict=True):
-        if np.isfinite(a):
-            out.append(f"{pen}{a:.1f} {b:.1f}")
-            pen = "L"
-        else:
-            pen = "M"
-    return "".join(out)
+    there = np.isfinite(x)
+    pieces = np.split(np.arange(len(x)), np.flatnonzero(np.diff(there)) + 1)
+    points = [f"{a:.1f} {b:.1f}" for a, b in zip(x.tolist(), y.tolist(), strict=True)]
+    return "".join("M" + "L".join(points[p[0] : p[-1] + 1]) for p in pieces if len(p) and there[p[0]])
 
 
 def _marks(trace: Trace, reversals: Mapping[str, np.ndarray]) -> list[str]:

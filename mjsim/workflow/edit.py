@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.campaign.machine_file import machine_document, read_machine, text_without
+from mjsim.campaign.machine_file import machine_document, machine_of, read_machine, text_without
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
@@ -47,11 +47,6 @@ class Change:
     before: Comparison | None
     after: Comparison
     machine: Machine
-
-
-def machine_of(campaign: Campaign, file: str | Path | None = None) -> Machine:
-    """The campaign's machine, or the one in ``file``."""
-    return read_machine(file if file is not None else campaign.machine_file)
 
 
 def resolve_effect(name: str | Path, chain: Chain) -> tuple[type[Effect], list[str], Path | None]:

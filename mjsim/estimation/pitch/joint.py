@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from mjsim.ballbar.kinds import kind_of
 from mjsim.estimation.nuisance import TRIGGERS
@@ -191,6 +191,4 @@ def shared(model: PitchModel, state: State, axis: str) -> State | None:
     # phases of the two directions may stand apart by the trigger: the fit finds the triggers that bring them together
     trial = model.fit(replace(state, terms=rest + tuple(both)), 12)
     separate = state.objective
-    return (
-        trial if trial.objective - separate < chi2.ppf(1.0 - model.settings.directions_differ, 2 * len(both)) else None
-    )
+    return trial if trial.objective - separate < chdtri(2 * len(both), model.settings.directions_differ) else None

@@ -21,8 +21,10 @@ from mjsim.workbench.page.machine import MachinePanel
 from mjsim.workbench.page.part import PartDialog
 from mjsim.workbench.page.traces import Traces
 
-#: The large plot moves at once; the rest is drawn so much later, s, when the page has it.
+#: The polar plot moves at once and the residual so much later, s, when the page has it.
 _LATER = 0.06
+#: The machine and the small plots wait so long for the rest of the tests, s: drawing them holds up the next change.
+_REST = 0.5
 _KEYS = (
     "Ctrl+Z, Ctrl+Y | undo, redo",
     "P, N | test before, next test",
@@ -54,7 +56,7 @@ class Desk(BaseDesk):
     def __init__(self, live: Live, meshes: str, bodies: MachineBodies | None, dark: bool) -> None:
         super().__init__(live, dark)
         self._bars = -1
-        self._rest_at = math.inf
+        self._chart_at = self._rest_at = math.inf
         with self.place:
             self.effects = EffectsPanel(live, self.changed, self.fit)
             self.traces = Traces(live, self.cursor)
@@ -102,10 +104,13 @@ class Desk(BaseDesk):
             self._version = live.version
             self._draw_error()
             self.traces.draw_polar()
-            self._rest_at = clock.monotonic() + _LATER
+            now = clock.monotonic()
+            self._chart_at, self._rest_at = now + _LATER, now + (2 * _LATER if live.settled else _REST)
+        elif clock.monotonic() > self._chart_at:
+            self._chart_at = math.inf
+            self.traces.draw_chart()
         elif clock.monotonic() > self._rest_at:
             self._rest_at = math.inf
-            self.traces.draw_chart()
             self.machine.changed(self.traces.name)
             self.ladder.draw()
             self.traces.draw_all()

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from mjsim.io.extras import need
 from mjsim.progress import Progress
-from mjsim.report.write import report
 from mjsim.workbench.state import Workbench
 
 
@@ -17,6 +16,8 @@ def report_of(bench: Workbench, progress: Progress) -> bytes:
     Raises:
         InputError: The extra "report" is not installed, or nothing was measured.
     """
+    from mjsim.report.write import report  # slow to load
+
     result = report(bench.campaign, bench.machine, diagnosed=False, threads=bench.opened.threads, progress=progress)
     return result.html.encode()
 

@@ -6,8 +6,8 @@ import numpy as np
 from nicegui import ui
 
 from mjsim.units import DEG, MM, UM
+from mjsim.workbench.lines import pairs, thinned
 from mjsim.workbench.log_live import LogLive
-from mjsim.workbench.svg import thinned
 from mjsim.workflow.log_compare import ComparedAxis, LogComparison
 
 #: Parts of a line, and points of a cloud.
@@ -170,13 +170,9 @@ def _spread(n: int) -> np.ndarray:
 
 def _line(name: str, colour: str, x: np.ndarray, y: np.ndarray) -> dict:
     look = {"type": "line", "showSymbol": False, "animation": False, "lineStyle": {"width": 1.1, "color": colour}}
-    return {**look, "name": name, "itemStyle": {"color": colour}, "data": _pairs(x, y)}
+    return {**look, "name": name, "itemStyle": {"color": colour}, "data": pairs(x, y)}
 
 
 def _cloud(name: str, colour: str, x: np.ndarray, y: np.ndarray) -> dict:
     look = {"type": "scatter", "symbolSize": 2.5, "animation": False, "itemStyle": {"color": colour}}
-    return {**look, "name": name, "data": _pairs(x, y)}
-
-
-def _pairs(x: np.ndarray, y: np.ndarray) -> list[list[float]]:
-    return [[float(f"{a:.5g}"), float(f"{b:.4g}")] for a, b in zip(x, y, strict=True)]
+    return {**look, "name": name, "data": pairs(x, y)}

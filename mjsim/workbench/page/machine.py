@@ -146,7 +146,7 @@ class MachinePanel:
         self._position = self._position[:, : overlay.machine.chain.count]
         trace = overlay.traces[name]
         if fresh:
-            largest = max(float(np.nanmax(np.abs(v))) for v in trace.centred() if v is not None)
+            largest = max(float(np.nanmax(np.abs(v))) for v in trace.centred if v is not None)
             room = _FILL * self.model.test.length / max(largest, 1e-9)
             self.factor = style.nice_step(room) if style.nice_step(room) <= room else style.nice_step(room / 2.5)
             self.magnify.value = self.factor
@@ -202,7 +202,7 @@ class MachinePanel:
             return 0.0
         trace = overlay.traces[self._name]
         k = int(np.clip(np.searchsorted(trace.time, self.time), 0, len(trace.time) - 1))
-        value = trace.centred()[1] if trace.residual is None else trace.residual
+        value = trace.centred[1] if trace.residual is None else trace.residual
         return float(np.nan_to_num(value[k])) * self.factor
 
     # -- time ----------------------------------------------------------------------------------------------------------

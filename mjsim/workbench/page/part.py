@@ -14,8 +14,8 @@ from mjsim.prediction.part_run import PartRun
 from mjsim.prediction.parts import PARTS
 from mjsim.prediction.result import FAILS, PASSES, Prediction
 from mjsim.units import MM, UM
+from mjsim.workbench.lines import pairs, thinned
 from mjsim.workbench.live import Live
-from mjsim.workbench.svg import thinned
 
 _FILE = "NC file"
 #: Points of the path, and of a line in the chart.
@@ -143,13 +143,13 @@ class PartDialog:
         ends = [np.array([getattr(result.blocks[i], n) for i in at]) / UM for n in ("low", "high")]
         clear = {"lineStyle": {"width": 0}, "stack": "interval", "tooltip": {"show": False}}
         series: list[dict] = [
-            {**look, **clear, "data": _pairs(place, ends[0])},
-            {**look, **clear, "areaStyle": {"color": _BAND}, "data": _pairs(place, ends[1] - ends[0])},
+            {**look, **clear, "data": pairs(place, ends[0])},
+            {**look, **clear, "areaStyle": {"color": _BAND}, "data": pairs(place, ends[1] - ends[0])},
         ]
         if before is not None and len(before.blocks) == len(result.blocks):
             grey = {"lineStyle": {"color": _BEFORE, "width": 1}, "itemStyle": {"color": _BEFORE}}
             series.append({**look, **grey, "name": "model before, µm",
-                           "data": _pairs(place, before.sizes[at] / UM)})  # fmt: skip
+                           "data": pairs(place, before.sizes[at] / UM)})  # fmt: skip
         main = {"name": "deviation, µm", "lineStyle": {"color": _LINE, "width": 1.2}, "itemStyle": {"color": _LINE}}
         if result.tolerance is not None:
             main["markLine"] = {
@@ -157,7 +157,7 @@ class PartDialog:
                 "lineStyle": {"color": edge, "type": "dashed"},
                 "label": {"formatter": "allowed", "position": "insideEndTop", "color": edge},
             }  # fmt: skip
-        series.append({**look, **main, "data": _pairs(place, value)})
+        series.append({**look, **main, "data": pairs(place, value)})
         most = max(float(ends[1].max()), (result.tolerance or 0.0) / UM)
         return {
             "animation": False,
@@ -181,10 +181,6 @@ class PartDialog:
                     for words in (c.key, f"{c.rms / UM:.2f}", f"{c.at_worst / UM:+.2f}"):
                         with ui.element("td"):
                             ui.label(words)
-
-
-def _pairs(x: np.ndarray, y: np.ndarray) -> list[list[float]]:
-    return [[round(float(a), 1), round(float(b), 4)] for a, b in zip(x, y, strict=True)]
 
 
 def _rounded_up(x: float) -> float:

@@ -5,32 +5,24 @@ from __future__ import annotations
 import asyncio
 import secrets
 import socket
+import threading
 import webbrowser
-from collections import OrderedDict
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fastapi import Response
 from nicegui import app, ui
 
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError, SimulationError
-from mjsim.machine.bodies import has_model
 from mjsim.machine.model import Machine
-from mjsim.workbench.bodies import MachineBodies
-from mjsim.workbench.live import Live
-from mjsim.workbench.log_live import LogLive
-from mjsim.workbench.log_state import LogBench, SharedLogs
-from mjsim.workbench.opened import OpenCampaign
-from mjsim.workbench.page.desk import Desk
-from mjsim.workbench.page.log_desk import LogDesk
-from mjsim.workbench.state import Workbench
-from mjsim.workbench.tried import Shared
+
+if TYPE_CHECKING:
+    from mjsim.workbench.page.tabs import Tabs
 
 #: A tab that lost its connection finds its page again within this time, s.
 RECONNECT = 120.0
-#: Tabs whose state is kept, the ones closed last included.
-_TABS = 12
 _PREFERS_DARK = "return window.matchMedia('(prefers-color-scheme: dark)').matches"
 LOOPBACK = "127.0.0.1"
 
@@ -39,34 +31,33 @@ class Server:
     """Serves one campaign.
 
     Args:
-        opening: Opens the campaign; called once, in a thread.
-        name: Of the campaign.
+        campaign: As it was read.
+        machine: The model to begin with.
+        threads: Tests that are worked on side by side.
     """
 
-    def __init__(self, opening: Callable[[], Shared | SharedLogs], name: str) -> None:
+    def __init__(self, campaign: Campaign, machine: Machine, threads: int) -> None:
         self.token = secrets.token_urlsafe(16)
-        self.name = name
-        self._opening = opening
-        self._shared: asyncio.Task[Shared | SharedLogs] | None = None
-        self._tabs: OrderedDict[str, Live | LogLive] = OrderedDict()
-        self._bodies: MachineBodies | None = None
-        self._solids: dict[str, bytes] = {}
+        self.campaign, self.machine, self.threads = campaign, machine, threads
+        self._tabs: asyncio.Task[Tabs] | None = None
+        self._lock = threading.Lock()
         app.get(f"/{self.token}/meshes/{{name}}")(self._mesh)
-        ui.page(f"/{self.token}", title=f"{name} – mjsim", response_timeout=30)(self._page)
+        ui.page(f"/{self.token}", title=f"{campaign.name} – mjsim", response_timeout=30)(self._page)
         app.on_startup(self._open)
 
     def _open(self) -> None:
-        self._shared = asyncio.create_task(asyncio.to_thread(self._prepare))
+        self._tabs = asyncio.create_task(asyncio.to_thread(self._opened))
 
-    def _prepare(self) -> Shared | SharedLogs:
-        shared = self._opening()
-        if isinstance(shared, Shared) and has_model(shared.opened.machine.chain):
-            self._bodies = MachineBodies(shared.opened.machine.chain)
-            self._solids = self._bodies.solids()
-        return shared
+    def _opened(self) -> Tabs:
+        from mjsim.workbench.page.tabs import Tabs  # takes seconds: the browser gets its page meanwhile
+
+        return Tabs(self.campaign, self.machine, self.threads)
 
     def _mesh(self, name: str) -> Response:
-        known = self._solids.get(name)
+        known = None
+        if self._tabs is not None and self._tabs.done():
+            with self._lock:
+                known = self._tabs.result().mesh(name)
         return Response(known, media_type="model/stl") if known else Response(status_code=404)
 
     async def _page(self) -> None:
@@ -74,41 +65,27 @@ class Server:
         ui.add_css(Path(__file__).with_name("style.css").read_text(encoding="utf-8"))
         place = ui.element("div").classes("waiting")
         with place, ui.element("div").classes("sentence panel"):
-            ui.label(f"Opening {self.name} …")
-            ui.linear_progress(show_value=False).props("indeterminate")
+            ui.label(f"Opening {self.campaign.name} …")  # nothing that moves: drawing it takes a core in software
+            ui.echart({}).style("display: none")  # so the browser has it when the page comes
         await client.connected()
-        assert self._shared is not None
+        dark = await ui.run_javascript(_PREFERS_DARK, timeout=10.0)
+        assert self._tabs is not None
         try:
-            shared = await asyncio.shield(self._shared)
+            tabs = await asyncio.shield(self._tabs)
         except (InputError, SimulationError) as error:
             place.clear()
             with place, ui.element("div").classes("sentence panel").mark("sentence"):
                 ui.label("The campaign cannot be opened as it is.").style("font-weight: 600")
                 ui.label(str(error))
             return
-        live = self._live(client.tab_id or client.id, shared)
-        dark = await ui.run_javascript(_PREFERS_DARK, timeout=10.0)
         place.delete()
         with client.content:
-            if isinstance(live, LogLive):
-                LogDesk(live, bool(dark))
-            else:
-                Desk(live, f"/{self.token}/meshes", self._bodies, bool(dark))
-
-    def _live(self, tab: str, shared: Shared | SharedLogs) -> Live | LogLive:
-        """The state of a tab, which a reload of the page keeps."""
-        if tab not in self._tabs:
-            logs = isinstance(shared, SharedLogs)
-            self._tabs[tab] = LogLive(LogBench(shared)) if logs else Live(Workbench(shared))
-        self._tabs.move_to_end(tab)
-        while len(self._tabs) > _TABS:
-            self._tabs.popitem(last=False)[1].close()
-        return self._tabs[tab]
+            tabs.build(client.tab_id or client.id, f"/{self.token}/meshes", bool(dark))
 
     def close(self) -> None:
         """End what goes on in the background."""
-        for live in self._tabs.values():
-            live.close()
+        if self._tabs is not None and self._tabs.done() and self._tabs.exception() is None:
+            self._tabs.result().close()
 
 
 def serve(
@@ -134,18 +111,14 @@ def serve(
     Raises:
         InputError: The port is taken.
     """
-
-    def opening() -> Shared | SharedLogs:
-        if campaign.logs.tests and not campaign.tests:
-            return SharedLogs(campaign, machine, threads)
-        return Shared(OpenCampaign.of(campaign, machine, threads))
-
-    server = Server(opening, campaign.name)
+    server = Server(campaign, machine, threads)
     port = _free_port(host, port)
-    shown = host if host not in ("0.0.0.0", "::") else socket.gethostname()
+    shown = socket.gethostname() if host in ("0.0.0.0", "::") else f"[{host}]" if ":" in host else host
     address = f"http://{shown}:{port}/{server.token}"
 
-    def started() -> None:
+    async def started() -> None:
+        while not await _listens("::1" if ":" in host else LOOPBACK if host == "0.0.0.0" else host, port):
+            await asyncio.sleep(0.02)
         say(address)
         if browser:
             webbrowser.open(address)
@@ -167,6 +140,15 @@ def serve(
         binding_refresh_interval=None,
         timeout_graceful_shutdown=1,
     )
+
+
+async def _listens(host: str, port: int) -> bool:
+    try:
+        _, writer = await asyncio.open_connection(host, port)
+    except OSError:
+        return False
+    writer.close()
+    return True
 
 
 def _free_port(host: str, port: int) -> int:

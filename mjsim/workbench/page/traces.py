@@ -8,6 +8,7 @@ from nicegui import ui
 from mjsim.units import UM
 from mjsim.workbench import svg
 from mjsim.workbench.axis_data import ANGLE, Abscissa, abscissa, choices
+from mjsim.workbench.lines import pairs, thinned
 from mjsim.workbench.live import Live
 from mjsim.workbench.overlay import Overlay, Trace, reversals_of
 
@@ -204,16 +205,16 @@ class Traces:
             "min": -step,
             "max": step,
         }
-        place, thin = svg.thinned(np.arange(len(values), dtype=float), values / UM, _PARTS)
+        place, thin = thinned(np.arange(len(values), dtype=float), values / UM, _PARTS)
         at = place.astype(int)
         self._points = trace.time[at]
         halves = [(np.ones(len(at), bool), words)]
         if across.forward is not None:
             halves = [(across.forward[at], f"{words}, forwards"), (~across.forward[at], f"{words}, backwards")]
         for series, (mask, name) in zip(out["series"][1:], halves, strict=False):
-            series |= {"name": f"{name} in µm", "data": _pairs(across.value[at], np.where(mask, thin, np.nan))}
+            series |= {"name": f"{name} in µm", "data": pairs(across.value[at], np.where(mask, thin, np.nan))}
         if b is not None and across.forward is None:
-            out["series"][0] |= {"name": f"{self.live.other_name} in µm", "data": _pairs(across.value[at], b[at] / UM)}
+            out["series"][0] |= {"name": f"{self.live.other_name} in µm", "data": pairs(across.value[at], b[at] / UM)}
         self._mark(out["series"][1], trace, across, measured)
 
     def _mark(self, series: dict, trace: Trace, across: Abscissa, measured: bool) -> None:
@@ -256,10 +257,6 @@ def _limit(values: list[np.ndarray]) -> float:
     largest = max((float(np.nanmax(np.abs(v))) / UM for v in values), default=0.0) or 0.1
     decade = 10.0 ** np.floor(np.log10(largest))
     return float(next(f for f in (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0) if f * decade >= largest) * decade)
-
-
-def _pairs(x: np.ndarray, y: np.ndarray) -> list[list[float | None]]:
-    return [[_round(a), None if np.isnan(b) else round(float(b), 3)] for a, b in zip(x, y, strict=True)]
 
 
 def _round(x: float) -> float:
