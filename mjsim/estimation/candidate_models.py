@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mjsim.estimation.criteria import is_feasible, penalised_objective
+from mjsim.estimation.criteria import feasible_share, penalised_objective
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.nuisance import TRIGGERS
@@ -45,6 +45,9 @@ class CandidateModels:
     def ranked_candidates(self, fit: Fit, bank: SignatureBank) -> list[tuple[float, np.ndarray, Candidate]]:
         """Best possible starting point of every effect at the residual of ``fit``, best first; gains are net of the
         parameters' penalty.
+
+        In place of an estimate beyond the bounds stands one half way to them: an effect that works as the inverse of
+        its parameter, as a velocity gain does, is overestimated where it is large.
         """
         projector = Projector(fit)
         rows = projector.screen(bank)
@@ -53,7 +56,12 @@ class CandidateModels:
             waves = spectral_candidates(self.problem, fit, bank, axis)
             gains = projector.gains([columns for _, columns in waves])
             rows += [(*gain, candidate) for gain, (candidate, _) in zip(gains, waves, strict=True)]
-        rows = [(g - self.penalty(c), x, c) for g, x, c in rows if is_feasible(self.fitter.machine, x, c)]
+        shares = [t if t >= 1.0 else 0.5 * t for t in (feasible_share(self.fitter.machine, x, c) for _, x, c in rows)]
+        rows = [
+            (g * t * (2.0 - t) - self.penalty(c), t * x, c)
+            for (g, x, c), t in zip(rows, shares, strict=True)
+            if t > 0.0
+        ]
         rows.sort(key=lambda r: -r[0])
         best: dict[str, tuple] = {}
         for row in rows:

@@ -30,22 +30,29 @@ def penalised_objective(fit: Fit, settings: DiagnosisSettings) -> float:
 
 def is_feasible(machine: Machine, x: np.ndarray, c: Candidate) -> bool:
     """Whether the linear estimate lies within the parameter's bounds and above its least sensible size."""
+    return feasible_share(machine, x, c) >= 1.0
+
+
+def feasible_share(machine: Machine, x: np.ndarray, c: Candidate) -> float:
+    """Up to which share of itself, 0 to 1, the linear estimate lies within the parameters' bounds; 0 where it is below
+    its least sensible size.
+    """
     if c.effect.search.scanned:
-        return True
+        return 1.0
     free = EffectVector(c.effect, c.names)
     if free.polar and free.amplitude is not None:
         p = free.specs[free.amplitude]
-        return bool(np.hypot(x[0], x[1]) * p.scale <= p.upper)
-    present = any(e.key == c.effect.key for e in machine.effects)
+        return min(1.0, p.upper / max(float(np.hypot(x[0], x[1])) * p.scale, 1e-30))
+    present, share = any(e.key == c.effect.key for e in machine.effects), 1.0
     for value, name in zip(x, (n for n in free.names if present or free.specs[n].neutral is not None), strict=False):
         p = free.specs[name]
-        size = value + p.encode(c.effect.values[name] if present else p.neutral or 0.0)
+        start = p.encode(c.effect.values[name] if present else p.neutral or 0.0)
         low, high = sorted((p.encode(p.lower), p.encode(p.upper)))
-        if not low - _SLACK <= size <= high + _SLACK:
-            return False
-        if c.effect.search.least and abs(p.decode(size) - (p.neutral or 0.0)) < c.effect.search.least:
-            return False
-    return True
+        if not low - _SLACK <= start + value <= high + _SLACK:
+            share = min(share, ((high if value > 0.0 else low) - start) / value)
+        elif c.effect.search.least and abs(p.decode(start + value) - (p.neutral or 0.0)) < c.effect.search.least:
+            return 0.0
+    return max(0.0, share)
 
 
 def is_large_enough(machine: Machine, free: EffectVector, settings: DiagnosisSettings) -> bool:
