@@ -9,10 +9,12 @@ from mjsim.ballbar.measurement import BallBarTest, Trace
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.effects import registry
+from mjsim.estimation.criteria import feasible_share
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.mistakes.checked_problem import trusted_problem
 from mjsim.estimation.outliers import mark_outliers, readmit_outliers
 from mjsim.estimation.samples import Samples, estimate_noise, revolution_time
+from mjsim.estimation.signatures import Candidate
 from mjsim.io.resources import examples
 
 CIRCLE = BallBarTest("c", "circular", (0.0, 0.0, 0.155), 0.1, 1 / 60, revolutions=2)
@@ -186,6 +188,20 @@ def test_a_ball_in_another_seat_is_found_where_the_machine_steps_the_other_way(r
     own = 2e-6 * ((np.arange(len(s.time)) - 2000) % turn < turn // 2)
     s.value = s.value + own - 1.5e-6 * (np.arange(len(s.time)) >= at)
     assert abs(largest_jump(s, s.value, 0.1e-6) - at) < 20
+
+
+def test_an_estimate_beyond_the_bounds_goes_back_towards_them():
+    """A velocity gain between 0.1 and 5, in twentieths; a gap cannot be below zero."""
+    machine = read_machine(examples() / "healthy" / "machine.toml")
+
+    def share(effect, x):
+        return feasible_share(machine, np.array([x]), Candidate(effect, effect.search.free_of(type(effect).parameters)))
+
+    gain, gap = registry.make("velocity_gain.C", ratio=1.05), registry.make("backlash.A", width_deg=0.001)
+    assert share(gain, -10.0) == 1.0
+    assert share(gain, -20.0) == pytest.approx(18.0 / 20.0)
+    assert share(gain, 100.0) == pytest.approx(80.0 / 100.0)
+    assert share(gap, -1.0) == 0.0 and share(gap, 1.0) == 1.0
 
 
 def test_a_stiffness_is_fitted_as_its_compliance():
