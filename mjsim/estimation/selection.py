@@ -20,8 +20,10 @@ from mjsim.estimation.curve_terms import CurveTerm
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.evidence import select
 from mjsim.estimation.fit import Fit, Fitter
-from mjsim.estimation.signatures import SignatureBank, seeds
+from mjsim.estimation.signatures import Projector, SignatureBank, seeds
+from mjsim.estimation.spectrum import wave
 from mjsim.estimation.visibility import clear_tests
+from mjsim.machine.chain import is_rotary
 from mjsim.progress import Progress, silent
 
 #: Fall of the penalised objective that makes a competing model the better one; how often one may take an effect's
@@ -252,7 +254,8 @@ class ModelSelection(CandidateModels):
         ranked = self.ranked_candidates(without, bank)
         own = max((r[0] for r in ranked if r[2].effect.key == mine.effect.key), default=gain)
         have = {f.effect.key for f in fit.effects}
-        rows = [r for r in ranked if r[2].effect.key not in have]
+        rows = [*(r for r in ranked if r[2].effect.key not in have), *self._first_order(without, mine, bank)]
+        rows.sort(key=lambda r: -r[0])
         # far from its seed a linear gain is a rough guide: refit everything that comes near
         close = [r for r in rows if r[0] > 0.8 * min(own, gain) - 3 * self.settings.likelihood_ratio][:_MOST_COMPETING]
         found, better = Found(mine.effect.key, gain), None
@@ -277,3 +280,15 @@ class ModelSelection(CandidateModels):
         if not (found.competing or found.rejected) and nearest is not None:
             found.rejected[nearest[2].id] = gain - nearest[0]
         return found, better
+
+    def _first_order(self, without: Fit, mine: EffectVector, bank: SignatureBank) -> list[tuple]:
+        """A wave of one period per turn beside the other waves of a pitch error of the same axis, as a row of
+        :meth:`ranked_candidates`: the spectrum does not see it, and it acts as the wind-up by an unbalance does.
+        """
+        present = [f.effect for f in without.effects if f.effect.search.scanned and f.effect is not mine.effect]
+        rows = []
+        for effect in (e for e in present if e.subject == mine.effect.subject and is_rotary(e.subject)):
+            candidate, columns = wave(self.problem, bank, effect.replaced(components=[[1.0, 1.0, 0.0]]))
+            ((gain, x),) = Projector(without).gains([columns])
+            rows.append((gain - self.penalty(candidate), x, candidate))
+        return rows

@@ -9,6 +9,7 @@ from mjsim.estimation.fit import Fit
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.signatures import Candidate, SignatureBank
 from mjsim.machine.chain import is_rotary
+from mjsim.machine.effect import Effect
 
 #: Highest order that is looked for: per turn of a rotary axis, per turn of a linear axis' screw.
 HIGHEST_ROTARY, HIGHEST_LINEAR = 800, 24
@@ -89,7 +90,6 @@ def spectral_candidates(
     may hide behind it: a ripple is also tried at these.
     """
     cls, subject = registry.effect_class(f"pitch_error.{axis}", fit.machine.chain)
-    scale = cls.parameters_of(subject)[0].scale
     present = {e.key: e for e in fit.machine.effects if e.id == f"pitch_error.{axis}"}
     most = max((len(e.values["components"]) for e in present.values()), default=0)
     found = orders(problem, fit, bank, axis, count + most)
@@ -99,14 +99,7 @@ def spectral_candidates(
         own = present.get(cls(subject, components=[], **values).key)
         have = {round(c[0]) for c in own.values["components"]} if own else set()
         for order in [n for n in numbers if n not in have][: count // 2 if direction else count]:
-            sides = []
-            for phase in (0.0, 90.0):
-                effect = cls(subject, components=[[float(order), 0.05 * scale, phase]], **values)
-                sides.append([d / 0.05 for d in bank.position_changes(effect)])
-            columns = problem.whiten([np.column_stack(pair) for pair in zip(*sides, strict=True)])
-            out.append(
-                (Candidate(cls(subject, components=[[float(order), scale, 0.0]], **values), ("components",)), columns)
-            )
+            out.append(wave(problem, bank, cls(subject, components=[[float(order), 1.0, 0.0]], **values)))
     ripple, _ = registry.effect_class(f"torque_ripple.{axis}", fit.machine.chain)
     if fit.machine.effect(f"torque_ripple.{axis}"):
         return out
@@ -118,3 +111,16 @@ def spectral_candidates(
         seed = Candidate(ripple(subject, amplitude_Nm=ripple.parameters[0].scale, order=order), ripple.search.free)
         out.append((seed, problem.whiten(bank.columns(seed))))
     return out
+
+
+def wave(problem: Problem, bank: SignatureBank, pitch_error: Effect) -> tuple[Candidate, np.ndarray]:
+    """A pitch error of one order as a candidate, with its whitened columns (count, 2) as in
+    :func:`spectral_candidates`.
+    """
+    scale, ((order, *_),) = pitch_error.parameters_of(pitch_error.subject)[0].scale, pitch_error.values["components"]
+    sides = []
+    for phase in (0.0, 90.0):
+        part = pitch_error.replaced(components=[[order, 0.05 * scale, phase]])
+        sides.append([d / 0.05 for d in bank.position_changes(part)])
+    columns = problem.whiten([np.column_stack(pair) for pair in zip(*sides, strict=True)])
+    return Candidate(pitch_error.replaced(components=[[order, scale, 0.0]]), ("components",)), columns
