@@ -9,13 +9,17 @@ from mjsim.ballbar.measurement import BallBarTest, Trace
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.effects import registry
+from mjsim.estimation.candidate_models import CandidateModels
 from mjsim.estimation.criteria import feasible_share
 from mjsim.estimation.effect_vector import EffectVector
+from mjsim.estimation.fit import Fitter
 from mjsim.estimation.mistakes.checked_problem import trusted_problem
+from mjsim.estimation.nuisance import TRIGGERS
 from mjsim.estimation.outliers import mark_outliers, readmit_outliers
-from mjsim.estimation.samples import Samples, estimate_noise, revolution_time
+from mjsim.estimation.samples import GRID, Samples, estimate_noise, revolution_time
 from mjsim.estimation.signatures import Candidate
 from mjsim.io.resources import examples
+from mjsim.machine.model import build
 
 CIRCLE = BallBarTest("c", "circular", (0.0, 0.0, 0.155), 0.1, 1 / 60, revolutions=2)
 
@@ -133,7 +137,6 @@ def test_nuisances_are_recovered_by_a_problem_of_known_offsets():
     from mjsim.estimation.nuisance_fit import fit_nuisance
     from mjsim.machine.chain import FIVE_AXIS
     from mjsim.machine.kinematics import reading
-    from mjsim.machine.model import build
     from mjsim.simulation.axes import AxesMotion
 
     campaign = read_campaign(examples() / "healthy", traces=False)
@@ -204,6 +207,28 @@ def test_an_estimate_beyond_the_bounds_goes_back_towards_them():
     assert share(gap, -1.0) == 0.0 and share(gap, 1.0) == 1.0
 
 
+def test_a_wave_is_found_from_triggers_that_followed_it():
+    """Without the ripple in the model, the triggers move along with it; a fit from there ends half a wave off."""
+    campaign = read_campaign(examples() / "healthy")
+    names = ("cone45-centre-ccw", "circle-xy-ccw", "circle-xy-cw", "rotary-a-tangential-ccw")
+    campaign = dataclasses.replace(campaign, tests=tuple(t for t in campaign.tests if t.name in names))
+    machine = read_machine(campaign.machine_file)
+    problem = trusted_problem(campaign, build(machine), 2)
+    ripple = registry.make("torque_ripple.A", amplitude_Nm=0.4, order=3.0, phase_deg=-20.0)
+    with_it, without = (problem.readings(build(m)) for m in (machine.with_effect(ripple), machine))
+    for s, a, b in zip(problem.samples, with_it, without, strict=True):
+        s.value = s.value + np.interp(s.time, np.arange(len(a)) * GRID, a - b)
+        s.mean = s.average(s.value)
+    models = CandidateModels(Fitter(problem, machine))
+    start = models.start()
+    nuisance = start.nuisance.copy()
+    nuisance[problem.nuisances[TRIGGERS]] = [-3.0, 3.0, 3.5, 0.0]
+    start = dataclasses.replace(start, nuisance=nuisance)
+    seed = Candidate(ripple.replaced(amplitude_Nm=0.15, phase_deg=-152.0), ripple.search.free)
+    fit = models.refit([EffectVector(seed.effect, seed.names)], start, seed)
+    assert fit.effects[0].effect.values["phase_deg"] == pytest.approx(-20.0, abs=1.0)
+
+
 def test_a_stiffness_is_fitted_as_its_compliance():
     """Off is infinite for the file and zero for the fit; intervals come back in the file's unit, low to high."""
     soft = registry.make("drive_compliance.X", stiffness_N_per_um=50.0, damping_ratio=0.1)
@@ -235,7 +260,6 @@ def test_a_generic_curve_finds_the_axis_and_the_variable():
     from mjsim.estimation.fit import Fitter
     from mjsim.estimation.selection import ModelSelection
     from mjsim.estimation.unexplained import describe
-    from mjsim.machine.model import build
 
     campaign = read_campaign(examples() / "healthy")
     machine = read_machine(campaign.machine_file)
@@ -268,7 +292,6 @@ def test_the_written_effect_does_what_its_term_did(moves, tmp_path):
     from mjsim.estimation.effect_file import effect_source
     from mjsim.estimation.fit import Fitter
     from mjsim.estimation.selection import ModelSelection
-    from mjsim.machine.model import build
 
     campaign = read_campaign(examples() / "healthy")
     machine = read_machine(campaign.machine_file)

@@ -77,7 +77,17 @@ class CandidateModels:
         fit = self.fitter.fit(effects, start=start, exact=exact, iterations=steps)
         if fit.objective > start.objective:  # where the effect belongs, the set-up is too far off to start from
             fit = min(fit, self.fitter.fit(effects, exact=exact, iterations=steps), key=self.objective)
+        poor = fit.sum_squares > self.settings.complete_fit * self.problem.count
+        if poor and _has_phase(c) and self._mistimed(start):
+            turned = [self.fitter.fit(_turned(effects, c, a), exact=exact, iterations=steps) for a in (120.0, 240.0)]
+            fit = min(fit, *turned, key=self.objective)
         return fit if exact or c.effect.search.quasi_static else self.exact_refit(fit)
+
+    def _mistimed(self, fit: Fit) -> bool:
+        """Whether the triggers may stand where they follow a wave that the model lacks: then the phase of its linear
+        estimate means nothing.
+        """
+        return bool(np.abs(fit.nuisance[self.problem.nuisances[TRIGGERS]]).max() > self.settings.distorted_trigger)
 
     def exact_refit(self, fit: Fit, iterations: int = 6) -> Fit:
         """Exact refit of a model that comes near the data; while effects are missing the data sheet would be driven
@@ -128,3 +138,17 @@ class CandidateModels:
         ):
             return without
         return self.fitter.fit(rest, start=fit, exact=False, iterations=0, fresh=False)
+
+
+def _has_phase(c: Candidate) -> bool:
+    return "phase_deg" in c.names
+
+
+def _turned(effects: list[EffectVector], c: Candidate, angle: float) -> list[EffectVector]:
+    """The effects with the candidate's phase ``angle`` ° further."""
+
+    def one(f: EffectVector) -> EffectVector:
+        phase = (f.effect.values["phase_deg"] + angle + 180.0) % 360.0 - 180.0
+        return EffectVector(f.effect.replaced(phase_deg=phase), f.names)
+
+    return [one(f) if f.effect.key == c.effect.key else f for f in effects]
