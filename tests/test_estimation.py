@@ -193,6 +193,22 @@ def test_a_ball_in_another_seat_is_found_where_the_machine_steps_the_other_way(r
     assert abs(largest_jump(s, s.value, 0.1e-6) - at) < 20
 
 
+@pytest.mark.parametrize("revolution", [0, 1])
+def test_a_ball_that_moves_while_the_signal_is_lost_is_found(revolution):
+    from mjsim.estimation.outliers import largest_jump
+
+    s = samples(np.random.default_rng(11))
+    at = 2000 + revolution * round(revolution_time(CIRCLE) / 0.005)
+    s.value = s.value + 1.5e-6 * (np.arange(len(s.time)) >= at)
+    assert largest_jump(s, s.value, 0.1e-6) == pytest.approx(at, abs=20)
+    s.valid[at - 200 : at + 200] = False
+    s.refresh()
+    assert abs(largest_jump(s, s.value, 0.1e-6) - at) <= 201
+    lost = samples(np.random.default_rng(11))
+    lost.valid[at - 200 : at + 200] = False
+    assert largest_jump(lost, lost.value, 0.1e-6) is None
+
+
 def test_an_estimate_beyond_the_bounds_goes_back_towards_them():
     """A velocity gain between 0.1 and 5, in twentieths; a gap cannot be below zero."""
     machine = read_machine(examples() / "healthy" / "machine.toml")

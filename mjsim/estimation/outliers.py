@@ -133,17 +133,21 @@ def largest_jump(s: Samples, residual: np.ndarray, noise: float, settings: Outli
         usual = float(np.quantile(np.abs(short), 0.9))
         return at if abs(short[at]) > max(settings.jump_alone * usual, 2.0 * settings.least_jump) else None
     lag = round(revolution_time(s.test) / dt)
-    apart, valid = residual[lag:] - residual[:-lag], s.valid[lag:] & s.valid[:-lag]
-    before, after = _means(apart, valid, n)
-    at = int(np.argmax(np.abs(after - before)))
+    # what is left out counts as no time: the ball may have moved while the signal was lost
+    at = np.flatnonzero(s.valid[lag:] & s.valid[:-lag])
+    apart, there = residual[at + lag] - residual[at], np.ones(len(at), bool)
+    if len(at) <= 2 * n:
+        return None
+    before, after = _means(apart, there, n)
+    most = int(np.argmax(np.abs(after - before)))
     deviation = noise * np.sqrt(
         2.0 * 2.0 * settings.correlation / settings.side
     )  # of the difference of two means, of two revolutions
-    if abs(after[at] - before[at]) < max(settings.jump * deviation, settings.least_jump):
+    if abs(after[most] - before[most]) < max(settings.jump * deviation, settings.least_jump):
         return None
-    near = slice(max(0, at - n), at + n)
-    here = near.start + int(np.argmax(np.abs(_jumps(apart[near], valid[near], max(3, n // 10)))))
-    return here if abs(before[at]) > abs(after[at]) else here + lag
+    near = slice(max(0, most - n), most + n)
+    here = int(at[near.start + int(np.argmax(np.abs(_jumps(apart[near], there[near], max(3, n // 10)))))])
+    return here if abs(before[most]) > abs(after[most]) else here + lag
 
 
 def leave_out_shorter_side(s: Samples, here: int, residual: np.ndarray, settings: OutlierSettings = OUTLIERS) -> bool:
