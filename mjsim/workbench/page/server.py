@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import secrets
 import socket
-import threading
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
@@ -25,6 +24,8 @@ if TYPE_CHECKING:
 RECONNECT = 120.0
 _PREFERS_DARK = "return window.matchMedia('(prefers-color-scheme: dark)').matches"
 LOOPBACK = "127.0.0.1"
+#: Addresses that stand for all of this computer, and its own among them.
+_EVERYWHERE = {"0.0.0.0": LOOPBACK, "::": "::1"}
 
 
 class Server:
@@ -40,7 +41,6 @@ class Server:
         self.token = secrets.token_urlsafe(16)
         self.campaign, self.machine, self.threads = campaign, machine, threads
         self._tabs: asyncio.Task[Tabs] | None = None
-        self._lock = threading.Lock()
         app.get(f"/{self.token}/meshes/{{name}}")(self._mesh)
         ui.page(f"/{self.token}", title=f"{campaign.name} – mjsim", response_timeout=30)(self._page)
         app.on_startup(self._open)
@@ -54,10 +54,8 @@ class Server:
         return Tabs(self.campaign, self.machine, self.threads)
 
     def _mesh(self, name: str) -> Response:
-        known = None
-        if self._tabs is not None and self._tabs.done():
-            with self._lock:
-                known = self._tabs.result().mesh(name)
+        tabs = self._ready
+        known = tabs.mesh(name) if tabs is not None else None
         return Response(known, media_type="model/stl") if known else Response(status_code=404)
 
     async def _page(self) -> None:
@@ -84,8 +82,16 @@ class Server:
 
     def close(self) -> None:
         """End what goes on in the background."""
-        if self._tabs is not None and self._tabs.done() and self._tabs.exception() is None:
-            self._tabs.result().close()
+        tabs = self._ready
+        if tabs is not None:
+            tabs.close()
+
+    @property
+    def _ready(self) -> Tabs | None:
+        """The open campaign; ``None`` while it is not open, or where it cannot be opened."""
+        task = self._tabs
+        there = task is not None and task.done() and not task.cancelled() and task.exception() is None
+        return task.result() if task is not None and there else None
 
 
 def serve(
@@ -113,11 +119,13 @@ def serve(
     """
     server = Server(campaign, machine, threads)
     port = _free_port(host, port)
-    shown = socket.gethostname() if host in ("0.0.0.0", "::") else f"[{host}]" if ":" in host else host
+    shown = f"[{host}]" if ":" in host else host
+    if host in _EVERYWHERE:
+        shown = socket.gethostname()
     address = f"http://{shown}:{port}/{server.token}"
 
     async def started() -> None:
-        while not await _listens("::1" if ":" in host else LOOPBACK if host == "0.0.0.0" else host, port):
+        while not await _listens(_EVERYWHERE.get(host, host), port):
             await asyncio.sleep(0.02)
         say(address)
         if browser:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections import OrderedDict
 
 from mjsim.campaign.model import Campaign
@@ -38,6 +39,7 @@ class Tabs:
         self._live: OrderedDict[str, Live | LogLive] = OrderedDict()
         self._bodies: MachineBodies | None = None
         self._meshes: dict[str, bytes] = {}
+        self._lock = threading.Lock()
         if campaign.logs.tests and not campaign.tests:
             self._shared: Shared | SharedLogs = SharedLogs(campaign, machine, threads)
             return
@@ -64,11 +66,12 @@ class Tabs:
         geoms = self._bodies.meshes.get(name) if self._bodies is not None else None
         if self._bodies is None or geoms is None:
             return None
-        if name not in self._meshes:
-            from mjsim.workbench.meshes import stl_of  # slow to load, and the traces come first
+        with self._lock:
+            if name not in self._meshes:
+                from mjsim.workbench.meshes import stl_of  # slow to load, and the traces come first
 
-            self._meshes[name] = stl_of(self._bodies.model, geoms)
-        return self._meshes[name]
+                self._meshes[name] = stl_of(self._bodies.model, geoms)
+            return self._meshes[name]
 
     def close(self) -> None:
         """End what goes on in the background."""
