@@ -57,6 +57,8 @@ def combinations(
         wanted: Standard deviation to compare with in place of the prior's, by key of the effect, in typical sizes.
             Effects that it does not name are left out.
     """
+    from scipy.sparse.csgraph import connected_components  # slow to load
+
     free = [f for f in fit.effects if f.prior is not None and len(f.vector) == 1 and not f.specs[f.names[0]].inverse]
     if wanted is not None:
         free = [f for f in free if f.effect.key in wanted]
@@ -65,8 +67,6 @@ def combinations(
     at = np.concatenate([np.arange(fit.parameters.size)[fit.parameters[f.block.name]] for f in free])
     prior = np.array([f.prior[1][0] if wanted is None else wanted[f.effect.key] for f in free if f.prior is not None])
     covariance = fit.covariance[np.ix_(at, at)] / np.outer(prior, prior)
-    from scipy.sparse.csgraph import connected_components  # slow to load
-
     width = np.sqrt(np.diag(covariance))
     tied = np.abs(covariance / np.outer(width, width)) > settings.tied_numbers
     is_open = width > settings.open_number

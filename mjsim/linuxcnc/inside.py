@@ -144,8 +144,9 @@ class Loop:
             now = time.monotonic()
             if now - began > self.limit:
                 raise Failure(f"the program does not end within {self.limit:g} s")
-            if state != (state := (s.interp_state, s.queue, s.motion_line, s.read_line, s.position, s.delay_left)):
-                since = now
+            here = (s.interp_state, s.queue, s.motion_line, s.read_line, s.position, s.delay_left)
+            if here != state:
+                state, since = here, now
             elif now - since > _STUCK:
                 raise Stuck(f"it stands still at line {s.motion_line} of the program")
             if now > next_look:
