@@ -17,7 +17,8 @@ from mjsim.estimation.mistakes.checked_problem import trusted_problem
 from mjsim.estimation.nuisance import TRIGGERS
 from mjsim.estimation.outliers import mark_outliers, readmit_outliers
 from mjsim.estimation.samples import GRID, Samples, estimate_noise, revolution_time
-from mjsim.estimation.signatures import Candidate
+from mjsim.estimation.selection import ModelSelection
+from mjsim.estimation.signatures import Candidate, Projector, SignatureBank
 from mjsim.io.resources import examples
 from mjsim.machine.model import build
 
@@ -223,6 +224,14 @@ def test_an_estimate_beyond_the_bounds_goes_back_towards_them():
     assert share(gap, -1.0) == 0.0 and share(gap, 1.0) == 1.0
 
 
+def hide(problem, machine, effect):
+    """Add what an effect does to the measured values."""
+    with_it, without = (problem.readings(build(m)) for m in (machine.with_effect(effect), machine))
+    for s, a, b in zip(problem.samples, with_it, without, strict=True):
+        s.value = s.value + np.interp(s.time, np.arange(len(a)) * GRID, a - b)
+        s.mean = s.average(s.value)
+
+
 def test_a_wave_is_found_from_triggers_that_followed_it():
     """Without the ripple in the model, the triggers move along with it; a fit from there ends half a wave off."""
     campaign = read_campaign(examples() / "healthy")
@@ -231,10 +240,7 @@ def test_a_wave_is_found_from_triggers_that_followed_it():
     machine = read_machine(campaign.machine_file)
     problem = trusted_problem(campaign, build(machine), 2)
     ripple = registry.make("torque_ripple.A", amplitude_Nm=0.4, order=3.0, phase_deg=-20.0)
-    with_it, without = (problem.readings(build(m)) for m in (machine.with_effect(ripple), machine))
-    for s, a, b in zip(problem.samples, with_it, without, strict=True):
-        s.value = s.value + np.interp(s.time, np.arange(len(a)) * GRID, a - b)
-        s.mean = s.average(s.value)
+    hide(problem, machine, ripple)
     models = CandidateModels(Fitter(problem, machine))
     start = models.start()
     nuisance = start.nuisance.copy()
@@ -243,6 +249,30 @@ def test_a_wave_is_found_from_triggers_that_followed_it():
     seed = Candidate(ripple.replaced(amplitude_Nm=0.15, phase_deg=-152.0), ripple.search.free)
     fit = models.refit([EffectVector(seed.effect, seed.names)], start, seed)
     assert fit.effects[0].effect.values["phase_deg"] == pytest.approx(-20.0, abs=1.0)
+
+
+def test_a_wave_of_order_1_stands_in_the_place_of_a_windup():
+    """The wind-up by an unbalance is a sine of A, and so is the eccentricity of its wheel: nothing tells them apart."""
+    campaign = read_campaign(examples() / "healthy")
+    names = ("cone45-centre-ccw", "rotary-a-tangential-ccw", "rotary-a-tangential-cw")
+    campaign = dataclasses.replace(campaign, tests=tuple(t for t in campaign.tests if t.name in names))
+    machine = read_machine(campaign.machine_file)
+    selection = ModelSelection(Fitter(trusted_problem(campaign, build(machine), 2), machine))
+    pitch = registry.make("pitch_error.A", components=[[72.0, 0.0005, 30.0]])
+    windup = registry.make("gravity_windup.A", amplitude_deg=0.0003, phase_deg=40.0)
+    mine = EffectVector(windup, windup.search.free_of(windup.parameters_of("A")))
+    hide(selection.problem, machine, windup)
+    beside = EffectVector(pitch, ("components",))
+    without = selection.fitter.fit([beside], exact=False, iterations=1)
+    bank = SignatureBank(selection.problem, without)
+    ((gain, x, candidate),) = selection._first_order(without, mine, bank)
+    assert candidate.id == "pitch_error.A" and candidate.effect.values["components"][0][0] == 1.0
+    other = Candidate(windup, mine.names)
+    ((same, y),) = Projector(without).gains([selection.problem.whiten(bank.columns(other))])
+    assert gain == pytest.approx(same - selection.penalty(other), rel=1e-3)
+    assert np.hypot(*x) == pytest.approx(np.hypot(*y), rel=1e-3)
+    alone = selection.fitter.fit([], exact=False, iterations=1)
+    assert selection._first_order(alone, mine, bank) == []
 
 
 def test_a_stiffness_is_fitted_as_its_compliance():

@@ -78,7 +78,7 @@ class CandidateModels:
         if fit.objective > start.objective:  # where the effect belongs, the set-up is too far off to start from
             fit = min(fit, self.fitter.fit(effects, exact=exact, iterations=steps), key=self.objective)
         poor = fit.sum_squares > self.settings.complete_fit * self.problem.count
-        if poor and _has_phase(c) and self._mistimed(start):
+        if poor and "phase_deg" in c.names and self._mistimed(start):
             turned = [self.fitter.fit(_turned(effects, c, a), exact=exact, iterations=steps) for a in (120.0, 240.0)]
             fit = min(fit, *turned, key=self.objective)
         return fit if exact or c.effect.search.quasi_static else self.exact_refit(fit)
@@ -138,10 +138,6 @@ class CandidateModels:
         ):
             return without
         return self.fitter.fit(rest, start=fit, exact=False, iterations=0, fresh=False)
-
-
-def _has_phase(c: Candidate) -> bool:
-    return "phase_deg" in c.names
 
 
 def _turned(effects: list[EffectVector], c: Candidate, angle: float) -> list[EffectVector]:

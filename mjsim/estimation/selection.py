@@ -285,10 +285,10 @@ class ModelSelection(CandidateModels):
         """A wave of one period per turn beside the other waves of a pitch error of the same axis, as a row of
         :meth:`ranked_candidates`: the spectrum does not see it, and it acts as the wind-up by an unbalance does.
         """
-        present = [f.effect for f in without.effects if f.effect.search.scanned and f.effect is not mine.effect]
-        rows = []
-        for effect in (e for e in present if e.subject == mine.effect.subject and is_rotary(e.subject)):
-            candidate, columns = wave(self.problem, bank, effect.replaced(components=[[1.0, 1.0, 0.0]]))
-            ((gain, x),) = Projector(without).gains([columns])
-            rows.append((gain - self.penalty(candidate), x, candidate))
-        return rows
+        axis = mine.effect.subject
+        present = [f.effect for f in without.effects if f.effect.search.scanned and f.effect.subject == axis]
+        if not present or not is_rotary(axis):
+            return []
+        waves = [wave(self.problem, bank, effect, 1.0) for effect in present]
+        gains = Projector(without).gains([columns for _, columns in waves])
+        return [(gain - self.penalty(c), x, c) for (gain, x), (c, _) in zip(gains, waves, strict=True)]

@@ -96,10 +96,11 @@ def spectral_candidates(
     out = []
     for direction, numbers in found.items():
         values = {"direction": direction} if direction else {}
-        own = present.get(cls(subject, components=[], **values).key)
+        empty = cls(subject, components=[], **values)
+        own = present.get(empty.key)
         have = {round(c[0]) for c in own.values["components"]} if own else set()
         for order in [n for n in numbers if n not in have][: count // 2 if direction else count]:
-            out.append(wave(problem, bank, cls(subject, components=[[float(order), 1.0, 0.0]], **values)))
+            out.append(wave(problem, bank, empty, float(order)))
     ripple, _ = registry.effect_class(f"torque_ripple.{axis}", fit.machine.chain)
     if fit.machine.effect(f"torque_ripple.{axis}"):
         return out
@@ -113,11 +114,11 @@ def spectral_candidates(
     return out
 
 
-def wave(problem: Problem, bank: SignatureBank, pitch_error: Effect) -> tuple[Candidate, np.ndarray]:
-    """A pitch error of one order as a candidate, with its whitened columns (count, 2) as in
-    :func:`spectral_candidates`.
+def wave(problem: Problem, bank: SignatureBank, pitch_error: Effect, order: float) -> tuple[Candidate, np.ndarray]:
+    """A pitch error of one order alone as a candidate, of the axis and direction of ``pitch_error``, with its whitened
+    columns (count, 2) as in :func:`spectral_candidates`.
     """
-    scale, ((order, *_),) = pitch_error.parameters_of(pitch_error.subject)[0].scale, pitch_error.values["components"]
+    scale = pitch_error.parameters_of(pitch_error.subject)[0].scale
     sides = []
     for phase in (0.0, 90.0):
         part = pitch_error.replaced(components=[[order, 0.05 * scale, phase]])
