@@ -16,7 +16,7 @@ from mjsim.ballbar.program import Program
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.mistakes.checked_problem import checked_problem
-from mjsim.estimation.vibration import phased
+from mjsim.estimation.vibration import phased_at
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
 from mjsim.simulation.drive import STEP
@@ -153,9 +153,10 @@ def _compared(campaign: Campaign, machine: Machine, test: BallBarTest, threads: 
         progress("simulating", count[0], len(problem.tests))
 
     progress("simulating", 0, len(problem.tests))
-    simulations = simulate(phased(problem, machine), problem.tests, threads, done)
+    whole, begin = phased_at(problem, machine)
+    simulations = simulate(whole, problem.tests, threads, done)
     k = [t.name for t in problem.tests].index(test.name)
-    t = overlay(problem, machine, simulations).tests[k]
+    t = overlay(problem, machine, simulations, begin).tests[k]
     time = problem.samples[k].time - t.trigger
     centre = _centre(test, t.phi[t.valid], t.measured[t.valid])
     hidden = np.where(t.valid, 0.0, np.nan)

@@ -113,8 +113,11 @@ def records_of(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray, r
 
 
 def _slow(x: np.ndarray, dt: float) -> np.ndarray:
-    n = max(3, round(SLOW / dt)) | 1
-    return np.convolve(x, np.ones(n) / n, mode="same")
+    """What changes in more than ``SLOW`` s. The window's side lobes are below 0.2 %, so it takes nothing off a
+    vibration: a plain mean over 1 s takes up to 0.5 % off it, or adds that much.
+    """
+    window = np.blackman(max(5, round(3.0 * SLOW / dt)) | 1)
+    return np.convolve(x, window / window.sum(), mode="same")
 
 
 def _strongest(records: list[Record]) -> tuple[float, float]:

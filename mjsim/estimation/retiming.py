@@ -37,9 +37,11 @@ def retimed(problem: Problem, fit: Fit) -> Fit | None:
     return None if nuisance is None else replace(fit, nuisance=nuisance)
 
 
-def fit_nuisance_retimed(problem: Problem, readings: Sequence[np.ndarray]) -> np.ndarray:
+def fit_nuisance_retimed(
+    problem: Problem, readings: Sequence[np.ndarray], begin: np.ndarray | None = None
+) -> np.ndarray:
     """Least-squares nuisances as of :func:`fit_nuisance`, with other triggers where a few tests alone are not met."""
-    nuisance = fit_nuisance(problem, readings)
+    nuisance = fit_nuisance(problem, readings, begin=begin)
     better = better_triggers(problem, readings, nuisance, _FEW)
     return nuisance if better is None else fit_nuisance(problem, readings, begin=better)
 

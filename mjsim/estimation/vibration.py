@@ -7,6 +7,7 @@ effects are searched.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,12 +47,12 @@ def separate(problem: Problem, machine: Machine) -> Separated:
         if line is None or any(_same(line.effect, other.effect) for other in lines):
             break
         lines.append(line)
-        data = _without(problem, lines, nuisance)
+        data = _without(problem, [line.effect for line in lines], nuisance)
     left = [e for e in machine.effects if e.kind == "vibration" and not any(_same(e, line.effect) for line in lines)]
     if left:
         weak = phased(data, replace(rigid, effects=(*rigid.effects, *left)), readings, nuisance)
         lines += [Line(e, {}, (), 0.0) for e in weak.effects if e.kind == "vibration"]
-        data = _without(problem, lines, nuisance)
+        data = _without(problem, [line.effect for line in lines], nuisance)
     return Separated(data, rigid, tuple(lines))
 
 
@@ -79,13 +80,13 @@ def _same(a: Effect, b: Effect) -> bool:
     return a.subject == b.subject and abs(a.values["frequency_Hz"] - b.values["frequency_Hz"]) < 0.1
 
 
-def _without(problem: Problem, lines: list[Line], nuisance: np.ndarray) -> Problem:
+def _without(problem: Problem, waves: Sequence[Effect], nuisance: np.ndarray) -> Problem:
     """The problem with vibrations left out of its data."""
 
     def part(k: int) -> np.ndarray:
         shift = problem.shift(k, nuisance)
-        waves = (_wave(problem, k, line.effect, shift) for line in lines)
-        return sum(waves, np.zeros(len(problem.samples[k].time)))
+        parts = (_wave(problem, k, wave, shift) for wave in waves)
+        return sum(parts, np.zeros(len(problem.samples[k].time)))
 
     return problem.without([part(k) for k in range(len(problem.samples))])
 
@@ -93,26 +94,55 @@ def _without(problem: Problem, lines: list[Line], nuisance: np.ndarray) -> Probl
 def phased(
     problem: Problem, machine: Machine, readings: list[np.ndarray] | None = None, nuisance: np.ndarray | None = None
 ) -> Machine:
-    """``machine`` with the phases that its vibrations have in the measured tests.
+    """``machine`` with the phases that its vibrations have in the measured tests; see :func:`phased_at`."""
+    return phased_at(problem, machine, readings, nuisance)[0]
 
-    ``readings`` are simulated ones of the machine without vibrations, ``nuisance`` is fitted to them; both are made
-    where missing.
+
+def phased_at(
+    problem: Problem, machine: Machine, readings: list[np.ndarray] | None = None, nuisance: np.ndarray | None = None
+) -> tuple[Machine, np.ndarray | None]:
+    """``machine`` with the phases that its vibrations have in the measured tests, and the nuisances that these phases
+    belong to: at a trigger one period off they look nearly as good. ``None`` where nothing vibrates.
+
+    Args:
+        problem: The measured tests.
+        machine: The machine.
+        readings: Simulated ones of the machine without vibrations, one per test, m; made where missing.
+        nuisance: Fitted to ``readings``, (problem.nuisances.size,); where missing, it is fitted, and again without
+            the vibrations, which disturb the triggers.
     """
     waves = [e for e in machine.effects if isinstance(e, Vibration) and not e.is_neutral]
     if not waves:
-        return machine
+        return machine, None
     if readings is None:
         readings = problem.readings(build(without_vibrations(machine)))
     if nuisance is None:
         nuisance = fit_nuisance(problem, readings)
+        found = _with_phases(problem, waves, readings, nuisance)
+        nuisance = fit_nuisance(_without(problem, found, nuisance), readings)
+    for effect in _with_phases(problem, waves, readings, nuisance):
+        machine = machine.with_effect(effect)
+    return machine, nuisance
+
+
+def at_own_noise(problem: Problem, machine: Machine, nuisance: np.ndarray) -> Problem:
+    """The same data with the noise that they have without the vibrations of ``machine`` (:func:`phased_at`)."""
+    waves = [e for e in machine.effects if isinstance(e, Vibration) and not e.is_neutral]
+    return _without(problem, waves, nuisance).restored()
+
+
+def _with_phases(
+    problem: Problem, waves: list[Vibration], readings: list[np.ndarray], nuisance: np.ndarray
+) -> list[Vibration]:
+    """The vibrations with the phases that they have in every test at these triggers."""
+    out = []
     rest = problem.sample_residuals(readings, nuisance)
     for effect in waves:
         records = records_of(problem, rest, nuisance, False)
         i, f = problem.chain.index(effect.subject), effect.values["frequency_Hz"]
-        effect = effect.with_phases({r.name: float(np.angle(amplitude_of(r, f, i)[0])) for r in records})
-        machine = machine.with_effect(effect)
-        rest = [r - _wave(problem, k, effect, problem.shift(k, nuisance)) for k, r in enumerate(rest)]
-    return machine
+        out.append(effect.with_phases({r.name: float(np.angle(amplitude_of(r, f, i)[0])) for r in records}))
+        rest = [r - _wave(problem, k, out[-1], problem.shift(k, nuisance)) for k, r in enumerate(rest)]
+    return out
 
 
 def _wave(problem: Problem, k: int, effect, shift: float) -> np.ndarray:

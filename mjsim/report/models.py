@@ -15,7 +15,7 @@ from mjsim.estimation.fit import with_effects
 from mjsim.estimation.mistakes.checked_problem import trusted_problem
 from mjsim.estimation.nuisance_fit import fit_nuisance
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.vibration import phased
+from mjsim.estimation.vibration import phased, phased_at
 from mjsim.machine.kinematics import reading
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
@@ -125,11 +125,9 @@ def ladder(
         if not last:
             out.append(Model(f"+ {effect.key}", text, SIMULATION, result.rungs[i + 1]))
         elif apart:
-            whole = phased(problem, with_effects(result.before.machine, [*within, *found]))
-            comparison = overlay(
-                problem, whole, run(problem, whole, "simulating the data sheet as given", threads, progress)
-            )
-            out.append(Model(f"+ {effect.key}", text, SIMULATION, comparison))
+            whole, begin = phased_at(problem, with_effects(result.before.machine, [*within, *found]))
+            simulations = run(problem, whole, "simulating the data sheet as given", threads, progress)
+            out.append(Model(f"+ {effect.key}", text, SIMULATION, overlay(problem, whole, simulations, begin)))
     if own < len(found):
         text = f"The other {len(found) - own} effects: {', '.join(e.key for e in found[own:])}. Data sheet calibrated."
         out.append(Model(f"+ {len(found) - own} more", text, SIMULATION, result.after))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mjsim.campaign.machine_file import machine_document
 from mjsim.errors import InputError
-from mjsim.estimation.vibration import phased
+from mjsim.estimation.vibration import phased_at
 from mjsim.io.files import write_all
 from mjsim.io.toml import read_text
 from mjsim.machine.model import Machine
@@ -108,8 +108,8 @@ def _compared(readings: Readings, machine: Machine) -> Comparison:
     problem = readings.opened.problem
     assert problem is not None
     simulated = readings.multibody(machine, [t.name for t in problem.tests])
-    machine = phased(problem, machine)
-    return overlay(problem, machine, [Reading(t, simulated[t.name].deviation) for t in problem.tests])
+    machine, begin = phased_at(problem, machine)
+    return overlay(problem, machine, [Reading(t, simulated[t.name].deviation) for t in problem.tests], begin)
 
 
 def check_unchanged(path: Path, text: str) -> None:

@@ -20,7 +20,7 @@ from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.retiming import fit_nuisance_retimed
 from mjsim.estimation.samples import GRID_STEPS
-from mjsim.estimation.vibration import phased
+from mjsim.estimation.vibration import at_own_noise, phased_at
 from mjsim.io.extras import need
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
@@ -177,22 +177,29 @@ def compare(
         )
     plant = build(machine)
     problem = problem or checked_problem(campaign, plant, threads, keep_motions=False)
-    with_phases = phased(problem, machine)
-    if with_phases is not machine:
-        plant = build(with_phases)
+    with_phases, begin = phased_at(problem, machine)
+    if begin is not None:
+        plant, problem = build(with_phases), at_own_noise(problem, with_phases, begin)
     count = [0]
 
     def done(test: BallBarTest) -> None:
         count[0] += 1
         progress("simulating", count[0], len(problem.tests))
 
-    return overlay(problem, with_phases, readings_of(plant, problem.tests, threads, done))
+    return overlay(problem, with_phases, readings_of(plant, problem.tests, threads, done), begin)
 
 
-def overlay(problem: Problem, machine: Machine, simulations: Sequence[Simulation | Reading]) -> Comparison:
-    """Comparison of given simulations (one per measured test, in order)."""
+def overlay(
+    problem: Problem,
+    machine: Machine,
+    simulations: Sequence[Simulation | Reading],
+    begin: np.ndarray | None = None,
+) -> Comparison:
+    """Comparison of given simulations (one per measured test, in order), with the nuisances fitted from ``begin`` on
+    (:func:`~mjsim.estimation.vibration.phased_at`).
+    """
     readings = [s.deviation[::GRID_STEPS] for s in simulations]
-    nuisance = fit_nuisance_retimed(problem, readings)
+    nuisance = fit_nuisance_retimed(problem, readings, begin)
     tests, squares, count = [], 0.0, 0
     for k, s in enumerate(problem.samples):
         shift = problem.shift(k, nuisance)

@@ -31,7 +31,7 @@ from mjsim.estimation.signatures import Projector
 from mjsim.estimation.testability import not_testable
 from mjsim.estimation.unexplained import Unexplained, describe, find_unexplained
 from mjsim.estimation.verdicts import stands
-from mjsim.estimation.vibration import Separated, is_news, phased, separate
+from mjsim.estimation.vibration import Separated, is_news, phased_at, separate
 from mjsim.estimation.visibility import clear_tests
 from mjsim.io.cache import remembered
 from mjsim.machine.model import Machine, build
@@ -98,28 +98,29 @@ def _diagnose(
     )
     problem = data.restored()
 
-    def simulated(m: Machine, stage: str) -> Comparison:
+    def simulated(m: Machine, stage: str, begin: np.ndarray | None = None) -> Comparison:
         count = [0]
 
         def done(_: BallBarTest) -> None:
             count[0] += 1
             progress(stage, count[0], len(problem.tests))
 
-        return overlay(problem, m, readings_of(m, problem.tests, threads, done))
+        return overlay(problem, m, readings_of(m, problem.tests, threads, done), begin)
 
-    before = simulated(phased(problem, machine), "simulating the machine as given")
+    given, begin = phased_at(problem, machine)
+    before = simulated(given, "simulating the machine as given", begin)
     expected = with_effects(machine, [c.effect.effect for c in explained.calibration])
-    calibrated = (
-        simulated(phased(problem, expected), "simulating the calibrated machine")
-        if explained.calibration and found
-        else None
-    )
-    ladder = [calibrated or before]
+    ladder = [before]
+    if explained.calibration and found:
+        calibrated, begin = phased_at(problem, expected)
+        ladder = [simulated(calibrated, "simulating the calibrated machine", begin)]
     for i in range(1, min(len(found), _RUNGS)):
-        part = phased(problem, with_effects(expected, [e.effect for _, e in found[:i]]))
-        ladder.append(simulated(part, f"simulating with {i} effect{'s' if i > 1 else ''}"))
+        part, begin = phased_at(problem, with_effects(expected, [e.effect for _, e in found[:i]]))
+        ladder.append(simulated(part, f"simulating with {i} effect{'s' if i > 1 else ''}", begin))
+    # the triggers have moved since the vibrations were found, and their phases with them
     final = with_effects(selection.fit.machine, [line.effect for line in separated.lines])
-    after = simulated(final, "simulating the fitted machine")
+    final, begin = phased_at(problem, final, list(selection.fit.readings), selection.fit.nuisance)
+    after = simulated(final, "simulating the fitted machine", begin)
     last = len(ladder) - 1
     ladder += [after] * max(1, len(found) - last)
     effects = tuple(
