@@ -251,6 +251,23 @@ def test_a_wave_is_found_from_triggers_that_followed_it():
     assert fit.effects[0].effect.values["phase_deg"] == pytest.approx(-20.0, abs=1.0)
 
 
+def test_a_fit_that_was_stopped_in_a_valley_is_carried_on():
+    """Half of a slow drift looks like any other time constant with another amplitude."""
+    campaign = read_campaign(examples() / "healthy")
+    names = ("circle-xy-ccw", "circle-xy-cw", "circle-yz-ccw", "cone15-parallel-ccw")
+    campaign = dataclasses.replace(campaign, tests=tuple(t for t in campaign.tests if t.name in names))
+    machine = read_machine(campaign.machine_file)
+    problem = trusted_problem(campaign, build(machine), 2)
+    hide(problem, machine, registry.make("thermal_drift.Y", amplitude_um=20.0, time_constant_s=600.0))
+    models = CandidateModels(Fitter(problem, machine))
+    seed = registry.make("thermal_drift.Y", amplitude_um=28.0, time_constant_s=1000.0)
+    stopped = models.fitter.fit([EffectVector(seed, seed.search.free)], iterations=1)
+    done = models.settled(stopped)
+    assert done.linear.gain(done.step) < 0.5 < stopped.linear.gain(stopped.step)
+    assert done.effects[0].effect.values["time_constant_s"] == pytest.approx(600.0, rel=0.05)
+    assert models.settled(done) is done
+
+
 def test_a_wave_of_order_1_stands_in_the_place_of_a_windup():
     """The wind-up by an unbalance is a sine of A, and so is the eccentricity of its wheel: nothing tells them apart."""
     campaign = read_campaign(examples() / "healthy")

@@ -8,12 +8,15 @@ import numpy as np
 
 from mjsim.estimation.criteria import feasible_share, penalised_objective
 from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.fit import Fit, Fitter
+from mjsim.estimation.fit import CONVERGED, Fit, Fitter
 from mjsim.estimation.nuisance import TRIGGERS
 from mjsim.estimation.one_direction import one_direction_rows
 from mjsim.estimation.signatures import Candidate, Projector, SignatureBank
 from mjsim.estimation.spectrum import spectral_candidates
 from mjsim.progress import Progress, silent
+
+#: Gauss-Newton steps of the final model at most.
+_MANY_STEPS = 30
 
 
 class CandidateModels:
@@ -101,6 +104,14 @@ class CandidateModels:
         near = replace(fit, sheet_deviation=np.clip(fit.sheet_deviation, -limit, limit))
         exact = self.fitter.fit(fit.effects, start=near, exact=True, iterations=iterations)
         return exact if exact.objective < fit.objective + self.settings.likelihood_ratio else fit
+
+    def settled(self, fit: Fit) -> Fit:
+        """``fit`` carried on until it stands still: a search stops its fits earlier, and in a narrow valley, as that
+        of amplitude and time constant of a slow drift, far from its end.
+        """
+        if fit.linear.gain(fit.step) < CONVERGED or fit.sum_squares > self.settings.close_fit * self.problem.count:
+            return fit
+        return self.fitter.fit(fit.effects, start=fit, iterations=_MANY_STEPS)
 
     def extended(self, fit: Fit, c: Candidate, x: np.ndarray) -> list[EffectVector]:
         """Free effects of ``fit`` and the candidate at its linear estimate ``x``."""

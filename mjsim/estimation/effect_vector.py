@@ -154,7 +154,9 @@ class EffectVector:
         return effect, change
 
     def interval(self, vector: np.ndarray, covariance: np.ndarray, z: float = 1.96) -> dict:
-        """95 % intervals in the file's units, per parameter; for components two tables, lower and upper."""
+        """95 % intervals in the file's units, per parameter, as far as its bounds; for components two tables, lower and
+        upper.
+        """
         out, i = {}, 0
         for n in self.names:
             p = self.specs[n]
@@ -173,8 +175,7 @@ class EffectVector:
                 i += 2
             elif not (self.polar and n == "phase_deg"):
                 sd = math.sqrt(max(covariance[i, i], 0.0))
-                ends = vector[i] - z * sd, vector[i] + z * sd
-                out[n] = sorted(p.decode(x) for x in ends) if p.inverse or p.log else [x * p.scale for x in ends]
+                out[n] = sorted(p.decode(x) for x in (vector[i] - z * sd, vector[i] + z * sd))
                 i += 1
         return out
 

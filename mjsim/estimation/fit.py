@@ -25,7 +25,7 @@ _SCALES = (1.0, 0.5, 0.2, 0.05)
 #: Share of the promised gain that a step must bring for its derivatives to be used again.
 _KEPT_PROMISE = 0.7
 #: Fall of the objective below which a fit has converged; share of what it leaves beyond the noise below which it ends.
-_CONVERGED, _SLOW = 0.5, 1e-3
+CONVERGED, _SLOW = 0.5, 1e-3
 #: A start that fits about so well (mean square), with its data sheet within so many standard deviations, needs no other
 #: beside it.
 _GOOD_START, _GOOD_SHEET = 1.5, 3.0
@@ -167,7 +167,7 @@ class Fitter:
                 sheet, white = self._sheet_columns(now)
             now = self._linearised(now, white, weight) if fresh else self._with_step(now, weight)
             promised = now.linear.gain(now.step)
-            if promised < _CONVERGED:
+            if promised < CONVERGED:
                 if fresh:
                     return self._with_equations(now, now.design)
                 break
@@ -182,7 +182,7 @@ class Fitter:
                 fresh = True
                 continue
             gain, now = now.objective - trial.objective, trial
-            slow = gain < max(_CONVERGED, _SLOW * (now.sum_squares - self.problem.count))
+            slow = gain < max(CONVERGED, _SLOW * (now.sum_squares - self.problem.count))
             if slow and fresh:
                 break
             # derivatives that keep their promise serve once more

@@ -125,10 +125,11 @@ class ModelSelection(CandidateModels):
                 fit = better
                 if max_effects is None and self._needs_many(fit, bank):
                     return Selection(start, fit, [], bank, trail, self._first_gain, complete=False)
-        fit = self._prune(fit)
+        fit = self.settled(self._prune(fit))
         found = []
         if fit.effects:
             fit, found = self._against_competing(fit, bank)
+            fit = self.settled(fit)
         return Selection(start, fit, found, bank, trail, self._first_gain, self._best_curve)
 
     # -- growing -------------------------------------------------------------------------------------------------------
