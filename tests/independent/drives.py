@@ -22,9 +22,10 @@ from .kinematics import AXES, DEG
 GRID = 1e-3
 #: Integration steps per grid interval: 100 µs. Quarter steps change positions by less than 2e-11 m and rad.
 SUBSTEPS = 10
-#: Assumed share of the moving bodies in an axis' whole inertia; the rest is the motor's rotor, coupling and screw or
-#: worm.
-LOAD_SHARE = 0.6
+#: What each axis moves, kg and kg m² (the bodies in the table of models/README.md); the rest of an axis' inertia is the
+#: motor's rotor, coupling and screw or worm, and that is 5 % at least.
+_BODIES = {"X": 875.23, "Y": 716.99, "Z": 586.62, "A": 5.13, "C": 5.09}
+_MOST_BODIES = 0.95
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "arcp", "nsz"}, inline="always")
@@ -98,6 +99,11 @@ def gear(drive: dict) -> float:
     return 2.0 * np.pi / (drive["lead_mm"] * 1e-3) if "lead_mm" in drive else float(drive["worm_teeth"])
 
 
+def load_inertia(axis: str, drive: dict) -> float:
+    """Inertia of what an axis moves, on the motor's side, kg m²."""
+    return float(min(_BODIES[axis] / gear(drive) ** 2, _MOST_BODIES * drive["inertia_kgm2"]))
+
+
 def parameters(axis: str, drive: dict, effects: dict) -> tuple[float, ...]:
     """The numbers of one axis' drive with its effects, in the order that the integrator takes them (SI, motor side)."""
 
@@ -111,7 +117,7 @@ def parameters(axis: str, drive: dict, effects: dict) -> tuple[float, ...]:
     stiffness = elastic.get("stiffness_N_per_um", elastic.get("stiffness_Nm_per_urad", np.inf)) * 1e6 / gear(drive) ** 2
     load, spring, damping = 0.0, 0.0, 0.0
     if np.isfinite(stiffness):
-        load, spring = LOAD_SHARE * inertia, stiffness
+        load, spring = load_inertia(axis, drive), stiffness
         damping = 2.0 * elastic["damping_ratio"] * np.sqrt(stiffness * load)
     return (
         drive["position_gain_per_s"] * get("servo_gain", "ratio", 1.0),

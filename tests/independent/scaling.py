@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .drives import LOAD_SHARE, gear
+from .drives import gear, load_inertia
 from .signatures import Bench
 
 #: Leading parameter and its neutral value; for the rest of an effect's parameters see the catalogue.
@@ -74,7 +74,7 @@ def scaled(bench: Bench, cause, factor: float):
     elif kind == "drive_compliance":
         key = next(k for k in cause if k.startswith("stiffness"))
         drive = bench.drive[subject]
-        softest = _SLOWEST**2 * LOAD_SHARE * drive["inertia_kgm2"] * gear(drive) ** 2 * 1e-6
+        softest = _SLOWEST**2 * load_inertia(subject, drive) * gear(drive) ** 2 * 1e-6
         out[key] = max(cause[key] / factor, softest)
     elif kind in LEADING:
         key, neutral = LEADING[kind]
