@@ -34,6 +34,9 @@ from mjsim.workflow.acceptance import acceptance_rows
 if TYPE_CHECKING:
     import pandas as pd
 
+#: What two tests share that run the same path, be it in either direction.
+_SAME_PATH = ("kind", "table_ball", "length", "feed", "half_apex", "inclination", "sensitive", "plane", "setup")
+
 
 @dataclass(frozen=True)
 class ComparedTest:
@@ -278,20 +281,7 @@ def _pairs(tests: list[ComparedTest]) -> list[dict]:
     out = []
     for a in tests:
         for b in tests:
-            same = all(
-                getattr(a.test, n) == getattr(b.test, n)
-                for n in (
-                    "kind",
-                    "table_ball",
-                    "length",
-                    "feed",
-                    "half_apex",
-                    "inclination",
-                    "sensitive",
-                    "plane",
-                    "setup",
-                )
-            )
+            same = all(getattr(a.test, n) == getattr(b.test, n) for n in _SAME_PATH)
             if kind_of(a.test).goes_round and same and a.test.direction == "CCW" and b.test.direction == "CW":
                 row: dict = {"ccw": a.test.name, "cw": b.test.name}
                 try:
