@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +12,16 @@ from mjsim.machine.effect import Effect
 
 #: Prior width of an effect's entries, typical sizes.
 _WIDE = 1e3
+
+
+def _plane() -> np.ndarray:
+    """Points (2, n) that stand for a normal distribution in the plane, each for as much of it as the others."""
+    share = (np.arange(128) + 0.5) / 128
+    radius, angle = np.meshgrid(np.sqrt(-2.0 * np.log(share)), 2.0 * np.pi * share)
+    return np.vstack([(radius * np.cos(angle)).ravel(), (radius * np.sin(angle)).ravel()])
+
+
+_PLANE = _plane()
 
 
 class EffectVector:
@@ -34,10 +45,29 @@ class EffectVector:
         equations regular.
         """
         labels = [f"{i}" for i in range(len(self.vector))]
+        name, (lower, upper) = f"effect {self.effect.key}", self.bounds
         if self.prior is not None:
             mean, deviation = self.prior
-            return Block.normal(f"effect {self.effect.key}", labels, mean=mean, deviation=deviation)
-        return Block.normal(f"effect {self.effect.key}", labels, mean=self.vector, deviation=_WIDE, informative=False)
+            block = Block.normal(name, labels, mean=mean, deviation=deviation)
+        else:
+            block = Block.normal(name, labels, mean=self.vector, deviation=_WIDE, informative=False)
+        return replace(block, lower=lower, upper=upper)
+
+    @property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bound of every entry, (n,) each; the two of an amplitude with its phase have none."""
+        ends: list[tuple[float, float]] = []
+        for n in self.names:
+            p = self.specs[n]
+            if n == "components":
+                ends += [(-math.inf, math.inf)] * 2 * len(self.effect.values[n])
+            elif self.polar and n == self.amplitude:
+                ends += [(-math.inf, math.inf)] * 2
+            elif not (self.polar and n == "phase_deg"):
+                first, last = p.encode(p.lower), p.encode(p.upper)
+                ends.append((min(first, last), max(first, last)))
+        lower, upper = np.array(ends).T
+        return lower, upper
 
     def with_prior(self, mean: np.ndarray, deviation: np.ndarray) -> EffectVector:
         """The same with a normal prior of its entries.
@@ -163,15 +193,14 @@ class EffectVector:
             if n == "components":
                 low, high = [], []
                 for order, _, _ in self.effect.values[n]:
-                    a, sa, phase, sp = _polar(vector[i : i + 2], covariance[i : i + 2, i : i + 2])
-                    low.append([order, max(0.0, (a - z * sa) * p.scale), phase - z * sp])
-                    high.append([order, (a + z * sa) * p.scale, phase + z * sp])
+                    size, phase = _polar(vector[i : i + 2], covariance[i : i + 2, i : i + 2], z)
+                    low.append([order, size[0] * p.scale, phase[0]])
+                    high.append([order, size[1] * p.scale, phase[1]])
                     i += 2
                 out[n] = [low, high]
             elif self.polar and n == self.amplitude:
-                a, sa, phase, sp = _polar(vector[i : i + 2], covariance[i : i + 2, i : i + 2])
-                out[n] = [max(0.0, (a - z * sa) * p.scale), (a + z * sa) * p.scale]
-                out["phase_deg"] = [phase - z * sp, phase + z * sp]
+                size, out["phase_deg"] = _polar(vector[i : i + 2], covariance[i : i + 2, i : i + 2], z)
+                out[n] = [x * p.scale for x in size]
                 i += 2
             elif not (self.polar and n == "phase_deg"):
                 sd = math.sqrt(max(covariance[i, i], 0.0))
@@ -180,13 +209,23 @@ class EffectVector:
         return out
 
 
-def _polar(v: np.ndarray, c: np.ndarray) -> tuple[float, float, float, float]:
-    """Amplitude and phase (deg) with standard deviations from a Cartesian pair and its covariance."""
-    a = max(float(np.hypot(*v)), 1e-12)
-    along, across = v / a, np.array([-v[1], v[0]]) / a
-    return (
-        a,
-        math.sqrt(max(along @ c @ along, 0.0)),
-        math.degrees(math.atan2(v[1], v[0])),
-        math.degrees(math.sqrt(max(across @ c @ across, 0.0)) / a),
-    )
+def _polar(v: np.ndarray, c: np.ndarray, z: float) -> tuple[list[float], list[float]]:
+    """Intervals of amplitude and phase (deg) of a wave whose Cartesian pair (2,) has the covariance (2, 2).
+
+    Noise makes a small amplitude larger rather than smaller. The interval starts at the smallest wave that comes out as
+    large as this one often enough, and ends where the estimate's distribution in the plane does.
+    """
+    a, outside = float(np.hypot(*v)), 0.5 * math.erfc(z / math.sqrt(2.0))
+    along = v / a if a > 0.0 else np.array([1.0, 0.0])
+    across = np.array([-along[1], along[0]])
+    values, directions = np.linalg.eigh(c)
+    noise = directions * np.sqrt(np.maximum(values, 0.0)) @ _PLANE
+    # the wave along v that comes out as large as v with this noise
+    with_it = along @ noise
+    left = a * a - (noise * noise).sum(0) + with_it * with_it
+    smallest = np.where(np.hypot(*noise) < a, np.sqrt(np.maximum(left, 0.0)) - with_it, 0.0)
+    low = float(np.quantile(smallest, outside))
+    high = float(np.quantile(np.hypot(*(v[:, None] + noise)), 1.0 - outside))
+    phase, off = math.degrees(math.atan2(v[1], v[0])), z * math.sqrt(max(across @ c @ across, 0.0))
+    width = min(math.degrees(off / a), 180.0) if a > 0.0 else 180.0
+    return [low, high], [phase - width, phase + width]
