@@ -14,6 +14,8 @@ from mjsim.machine.effect import Effect
 #: Highest order that is looked for: per turn of a rotary axis, per turn of a linear axis' screw.
 HIGHEST_ROTARY, HIGHEST_LINEAR = 800, 24
 _BINS = 8192
+#: Orders of the waves of a wheel that the spectrum may not see; order 1, its eccentricity, acts as other effects do.
+_SLOW_WAVES = (2, 3)
 #: A motor's torque ripples at least about once per turn.
 _SLOWEST_RIPPLE = 0.95
 
@@ -87,10 +89,12 @@ def spectral_candidates(
     Pitch errors at the ``count`` best orders (at half as many where they act in one direction only), and a torque
     ripple at the best one: all make a wave of the axis position, but the drive passes a torque on differently at
     different speeds. A pitch error in the model leaves nothing of its orders for the spectrum to see, though a ripple
-    may hide behind it: a ripple is also tried at these.
+    may hide behind it: a ripple is also tried at these. Beside a pitch error of a rotary axis its slowest waves are
+    tried as well, which hide behind errors of the set-up where the axis only swings.
     """
     cls, subject = registry.effect_class(f"pitch_error.{axis}", fit.machine.chain)
     present = {e.key: e for e in fit.machine.effects if e.id == f"pitch_error.{axis}"}
+    slow = _SLOW_WAVES if is_rotary(axis) else ()
     most = max((len(e.values["components"]) for e in present.values()), default=0)
     found = orders(problem, fit, bank, axis, count + most)
     out = []
@@ -99,8 +103,9 @@ def spectral_candidates(
         empty = cls(subject, components=[], **values)
         own = present.get(empty.key)
         have = {round(c[0]) for c in own.values["components"]} if own else set()
-        for order in [n for n in numbers if n not in have][: count // 2 if direction else count]:
-            out.append(wave(problem, bank, empty, float(order)))
+        best = [n for n in numbers if n not in have][: count // 2 if direction else count]
+        best += [n for n in slow if own and n not in (*have, *best)]
+        out += [wave(problem, bank, empty, float(order)) for order in best]
     ripple, _ = registry.effect_class(f"torque_ripple.{axis}", fit.machine.chain)
     if fit.machine.effect(f"torque_ripple.{axis}"):
         return out
