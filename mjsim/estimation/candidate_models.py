@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mjsim.estimation.criteria import feasible_share, penalised_objective
+from mjsim.estimation.criteria import penalised_objective, start_share
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import CONVERGED, Fit, Fitter
 from mjsim.estimation.nuisance import TRIGGERS
@@ -48,9 +48,6 @@ class CandidateModels:
     def ranked_candidates(self, fit: Fit, bank: SignatureBank) -> list[tuple[float, np.ndarray, Candidate]]:
         """Best possible starting point of every effect at the residual of ``fit``, best first; gains are net of the
         parameters' penalty.
-
-        In place of an estimate beyond the bounds stands one half way to them: an effect that works as the inverse of
-        its parameter, as a velocity gain does, is overestimated where it is large.
         """
         projector = Projector(fit)
         rows = projector.screen(bank)
@@ -59,17 +56,21 @@ class CandidateModels:
             waves = spectral_candidates(self.problem, fit, bank, axis)
             gains = projector.gains([columns for _, columns in waves])
             rows += [(*gain, candidate) for gain, (candidate, _) in zip(gains, waves, strict=True)]
-        shares = [t if t >= 1.0 else 0.5 * t for t in (feasible_share(self.fitter.machine, x, c) for _, x, c in rows)]
-        rows = [
-            (g * t * (2.0 - t) - self.penalty(c), t * x, c)
-            for (g, x, c), t in zip(rows, shares, strict=True)
-            if t > 0.0
-        ]
+        rows = self.net(rows)
         rows.sort(key=lambda r: -r[0])
         best: dict[str, tuple] = {}
         for row in rows:
             best.setdefault(row[2].effect.key, row)
         return list(best.values())
+
+    def net(self, rows: list[tuple[float, np.ndarray, Candidate]]) -> list[tuple[float, np.ndarray, Candidate]]:
+        """Gains of candidates, net of the parameters' penalty, and where a fit of each starts."""
+        shares = [start_share(self.fitter.machine, x, c) for _, x, c in rows]
+        return [
+            (g * t * (2.0 - t) - self.penalty(c), t * x, c)
+            for (g, x, c), t in zip(rows, shares, strict=True)
+            if t > 0.0
+        ]
 
     def refit(self, effects: list[EffectVector], start: Fit, c: Candidate) -> Fit:
         """Joint fit with a candidate: exact where a drive changes, since drives bend the data sheet's linear

@@ -18,7 +18,7 @@ import numpy as np
 
 from mjsim.estimation.calibration import Calibrated, expected_effects
 from mjsim.estimation.candidate_groups import CandidateGroups
-from mjsim.estimation.criteria import is_feasible, is_large_enough
+from mjsim.estimation.criteria import is_large_enough, start_share
 from mjsim.estimation.curve_terms import CurveTerm
 from mjsim.estimation.disturbances import without_disturbances
 from mjsim.estimation.effect_vector import EffectVector
@@ -183,7 +183,7 @@ class JointSelector:
                 g
                 for g in chosen.precision
                 if (c := groups.members[g].candidate) is not None
-                and not is_feasible(machine, chosen.value(groups.groups[g]), c)
+                and not start_share(machine, chosen.value(groups.groups[g]), c)
             }
             if not impossible:
                 break
@@ -220,6 +220,7 @@ class JointSelector:
             same = next((i for i, f in enumerate(out) if f.effect.key == c.effect.key), None)
             if same is not None and c.effect.kind != "pitch_error":
                 continue  # another place of the same cause: the refit finds the best one
+            x = start_share(self.fitter.machine, x, c) * x
             new_effect = added(self.fitter.machine, EffectVector(c.effect, c.names), x, chosen.precision[g])
             if same is None:
                 out.append(new_effect)

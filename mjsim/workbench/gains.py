@@ -10,11 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjsim.estimation.candidate_models import CandidateModels
-from mjsim.estimation.criteria import is_feasible
 from mjsim.estimation.data_sheet import data_sheet
-from mjsim.estimation.fit import Fit, Fitter
+from mjsim.estimation.fit import Fitter
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.signatures import Candidate, Projector, SignatureBank, seeds
+from mjsim.estimation.signatures import Projector, SignatureBank, seeds
 from mjsim.estimation.vibration import Separated, separate, without_vibrations
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
@@ -142,7 +141,7 @@ class Gains:
             fitter = self.fitter(machine)
             fit = fitter.fit([], exact=False)
             models = CandidateModels(fitter)
-            rows = models.ranked_candidates(fit, self._bank) if waves else _screened(models, fit, self._bank)
+            rows = models.ranked_candidates(fit, self._bank) if waves else models.net(Projector(fit).screen(self._bank))
             settings = self.problem.settings
             lines = [line for line in self._separated.lines if machine.effect(line.effect.key) is None]
             above = max(fit.sum_squares - self.problem.count, 0.0) + sum(line.gain for line in lines)
@@ -156,9 +155,3 @@ class Gains:
             for line in lines:
                 out[line.effect.id] = Gain(min(line.gain / above, 1.0) if above else 0.0, line.effect, True)
             return out
-
-
-def _screened(models: CandidateModels, fit: Fit, bank: SignatureBank) -> list[tuple[float, np.ndarray, Candidate]]:
-    """Gains of the bank's candidates at a model, net of the parameters' penalty."""
-    rows = Projector(fit).screen(bank)
-    return [(g - models.penalty(c), x, c) for g, x, c in rows if is_feasible(models.fitter.machine, x, c)]
