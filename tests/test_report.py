@@ -366,6 +366,7 @@ def test_steps_of_a_list_add_up_to_it():
         ),
         (make("drive_compliance.A", stiffness_Nm_per_urad=2.0), "elastic drive with a stiffness of about 2.0 N·m/µrad"),
         (make("friction_direction.X", share_ratio=0.2), "friction by direction of about 20 %"),
+        (make("straightness.EXZ", quadratic_um=0.015, cubic_um=-0.244), "straightness error of about −0.24 µm"),
         (make("worm_wear.A", depth_deg=0.002, centre_deg=30.0, width_deg=3.0), "worm wear of about 0.0020°"),
     ],
 )

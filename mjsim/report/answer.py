@@ -85,9 +85,11 @@ def sized(effect: Effect, former: Effect | None = None) -> str:
     """
     name = noun(effect)
     direction = f" while it turns {effect.values['direction']}" if "direction" in effect.values else ""
-    parameter = next((p for p in effect.parameters_of(effect.subject) if p.leading), None)
-    if parameter is None:
+    leading = [p for p in effect.parameters_of(effect.subject) if p.leading]
+    if not leading:
         return name + direction
+    # of a straightness, the larger of its two shapes
+    parameter = leading[0] if len(leading) == 1 else max(leading, key=lambda p: abs(effect.values[p.name]))
     value = effect.values[parameter.name]
     if parameter.kind == "components":
         return f"{name} {_components(value, '°' if is_rotary(effect.subject) else 'µm')}{direction}"
