@@ -251,6 +251,22 @@ def test_a_wave_is_found_from_triggers_that_followed_it():
     assert fit.effects[0].effect.values["phase_deg"] == pytest.approx(-20.0, abs=1.0)
 
 
+def test_a_data_sheet_far_off_does_not_end_a_fit():
+    """Linear columns may move a sheet so far that the drives are unstable; the fit starts from the printed one."""
+    campaign = read_campaign(examples() / "healthy")
+    campaign = dataclasses.replace(campaign, tests=tuple(t for t in campaign.tests if t.name == "circle-xy-ccw"))
+    machine = read_machine(campaign.machine_file)
+    fitter = Fitter(trusted_problem(campaign, build(machine), 2), machine)
+    near = fitter.fit([], iterations=0)
+    wild = dataclasses.replace(
+        near, sheet_deviation=np.where(np.arange(len(near.sheet_deviation)) % 7 == 2, -57.0, 20.0)
+    )
+    readings = fitter.problem.readings(build(wild.machine))
+    assert not all(np.isfinite(r).all() for r in readings) or max(np.abs(r).max() for r in readings) > 1.0
+    fit = fitter.fit([], start=wild, iterations=0, fresh=False)
+    assert np.isfinite(fit.objective) and np.isfinite(fit.step).all() and np.abs(fit.sheet_deviation).max() < 10.0
+
+
 def test_a_fit_that_was_stopped_in_a_valley_is_carried_on():
     """Half of a slow drift looks like any other time constant with another amplitude."""
     campaign = read_campaign(examples() / "healthy")

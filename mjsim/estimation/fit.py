@@ -29,6 +29,8 @@ CONVERGED, _SLOW = 0.5, 1e-3
 #: A start that fits about so well (mean square), with its data sheet within so many standard deviations, needs no other
 #: beside it.
 _GOOD_START, _GOOD_SHEET = 1.5, 3.0
+#: A data sheet that was moved farther by its linear columns is also tried as printed (standard deviations).
+_FAR_SHEET = 10.0
 
 
 @dataclass(frozen=True)
@@ -190,11 +192,8 @@ class Fitter:
         return self._linearised(now, white)
 
     def _start(self, effects: tuple[EffectVector, ...], start: Fit | None, exact: bool, fresh: bool):
-        """The better of two starts, with its data-sheet columns: where ``start`` ended, or fresh nuisances and the
-        sheet as printed.
-
-        A model that lacked an effect has distorted nuisances and data sheet; with the effect in it, a fresh start is
-        often nearer.
+        """The best start, with its data-sheet columns: where ``start`` ended, or fresh nuisances and the sheet as
+        printed. A model that lacked an effect has distorted both; with the effect in it, a fresh start is often nearer.
         """
         p, frozen = self.problem, self._frozen_sheet(effects)
         printed = np.zeros(len(frozen))
@@ -202,6 +201,8 @@ class Fitter:
         if start is not None:
             deviation = np.where(frozen, 0.0, start.sheet_deviation)
             made.append(Fit(self.machine, effects, p.nuisances, start.nuisance, deviation, frozen))
+            if np.abs(deviation).max() > _FAR_SHEET:  # may be unstable
+                made.append(replace(made[0], sheet_deviation=printed))
         poor = (
             start is None
             or start.sum_squares > _GOOD_START * p.count
@@ -239,6 +240,7 @@ class Fitter:
         sheet = self.problem.sample_grids(grids, fit.nuisance)
         return sheet, self.problem.whiten(sheet)
 
+    @np.errstate(over="ignore", invalid="ignore")
     def _evaluated(self, fit: Fit, anchor: np.ndarray, exact: bool, sheet: list[np.ndarray]) -> Fit:
         """The model with its readings, residuals and objective."""
         p = self.problem
@@ -249,6 +251,7 @@ class Fitter:
             rest = [r - c @ (fit.sheet_deviation - anchor) for r, c in zip(rest, sheet, strict=True)]
         residual = p.whiten(rest)
         squares = float(residual @ residual)
+        squares = squares if np.isfinite(squares) else np.inf  # drives that such a data sheet makes unstable
         return replace(
             fit,
             readings=tuple(readings),
