@@ -123,9 +123,8 @@ class Equivalents:
             if gain < self._share(member, subject) * here:
                 continue
             x = np.linalg.solve(information + precision * np.eye(len(score)), score)
-            share = start_share(self.fit.base, x, member.candidate) if member.candidate else 1.0
-            if share > 0.0:
-                rows.append((gain, member, share * x, precision))
+            if member.candidate is None or start_share(self.fit.base, x, member.candidate) >= 1.0:
+                rows.append((gain, member, x, precision))
         best: dict[str, tuple[Member, np.ndarray, float]] = {}
         for _, member, x, precision in sorted(rows, key=lambda r: -r[0]):
             best.setdefault(member.key, (member, x, precision))

@@ -29,8 +29,7 @@ CONVERGED, _SLOW = 0.5, 1e-3
 #: A start that fits about so well (mean square), with its data sheet within so many standard deviations, needs no other
 #: beside it.
 _GOOD_START, _GOOD_SHEET = 1.5, 3.0
-#: A data sheet that was moved farther by its linear columns is also tried as printed (standard deviations).
-_FAR_SHEET = 10.0
+_FAR_SHEET = 10.0  # beyond so many standard deviations, the printed data sheet is tried as well
 
 
 @dataclass(frozen=True)
@@ -82,9 +81,10 @@ class Fit:
 
     @cached_property
     def parameters(self) -> Parameters:
-        """Everything that is fitted: nuisances, data sheet, and a block per effect."""
+        """Nuisances, data sheet, a block per effect. What a poor model lacks drives effects to bounds: it has none."""
         sheet = sheet_block(self.base.chain, self.frozen_sheet)
-        return self.nuisances.with_blocks(sheet, *(f.block for f in self.effects))
+        near = self.sum_squares < _GOOD_START * len(self.residual)
+        return self.nuisances.with_blocks(sheet, *(f.block if near else f.block.unbounded for f in self.effects))
 
     @cached_property
     def vector(self) -> np.ndarray:

@@ -183,7 +183,7 @@ class JointSelector:
                 g
                 for g in chosen.precision
                 if (c := groups.members[g].candidate) is not None
-                and not start_share(machine, chosen.value(groups.groups[g]), c)
+                and start_share(machine, chosen.value(groups.groups[g]), c) < 1.0
             }
             if not impossible:
                 break
@@ -220,7 +220,6 @@ class JointSelector:
             same = next((i for i, f in enumerate(out) if f.effect.key == c.effect.key), None)
             if same is not None and c.effect.kind != "pitch_error":
                 continue  # another place of the same cause: the refit finds the best one
-            x = start_share(self.fitter.machine, x, c) * x
             new_effect = added(self.fitter.machine, EffectVector(c.effect, c.names), x, chosen.precision[g])
             if same is None:
                 out.append(new_effect)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -67,6 +67,11 @@ class Block:
     def size(self) -> int:
         """Number of entries."""
         return len(self.labels)
+
+    @property
+    def unbounded(self) -> Block:
+        """The same without bounds."""
+        return replace(self, lower=np.full(self.size, -np.inf), upper=np.full(self.size, np.inf))
 
 
 @dataclass(frozen=True)
