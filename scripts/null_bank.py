@@ -22,7 +22,7 @@ from mjsim.ballbar.measurement import Trace
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.model import Campaign
-from mjsim.estimation.criteria import start_share
+from mjsim.estimation.criteria import is_feasible
 from mjsim.estimation.data_sheet import calibrated, data_sheet
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.mistakes.checked_problem import trusted_problem
@@ -86,7 +86,7 @@ def main() -> None:
         best = [
             (round(r[0], 1), r[2].id)
             for r in selection.ranked_candidates(start, bank)
-            if start_share(machine, r[1], r[2])
+            if is_feasible(machine, r[1], r[2])
         ][:3]
         square = start.sum_squares / problem.count
         rows.append({"number": number, "tests": [t.name for t in problem.tests], "best": best, "mean_square": square})

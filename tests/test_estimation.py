@@ -224,6 +224,14 @@ def test_an_estimate_beyond_the_bounds_goes_back_towards_them():
     assert share(gap, -1.0) == 0.0 and share(gap, 1.0) == 1.0
 
 
+def healthy(*names):
+    """Tests of the healthy example, and its machine."""
+    campaign = read_campaign(examples() / "healthy")
+    campaign = dataclasses.replace(campaign, tests=tuple(t for t in campaign.tests if t.name in names))
+    machine = read_machine(campaign.machine_file)
+    return trusted_problem(campaign, build(machine), 2), machine
+
+
 def hide(problem, machine, effect):
     """Add what an effect does to the measured values."""
     with_it, without = (problem.readings(build(m)) for m in (machine.with_effect(effect), machine))
@@ -234,11 +242,7 @@ def hide(problem, machine, effect):
 
 def test_a_wave_is_found_from_triggers_that_followed_it():
     """Without the ripple in the model, the triggers move along with it; a fit from there ends half a wave off."""
-    campaign = read_campaign(examples() / "healthy")
-    names = ("cone45-centre-ccw", "circle-xy-ccw", "circle-xy-cw", "rotary-a-tangential-ccw")
-    campaign = dataclasses.replace(campaign, tests=tuple(t for t in campaign.tests if t.name in names))
-    machine = read_machine(campaign.machine_file)
-    problem = trusted_problem(campaign, build(machine), 2)
+    problem, machine = healthy("cone45-centre-ccw", "circle-xy-ccw", "circle-xy-cw", "rotary-a-tangential-ccw")
     ripple = registry.make("torque_ripple.A", amplitude_Nm=0.4, order=3.0, phase_deg=-20.0)
     hide(problem, machine, ripple)
     models = CandidateModels(Fitter(problem, machine))
@@ -269,11 +273,7 @@ def test_a_data_sheet_far_off_does_not_end_a_fit():
 
 def test_a_fit_that_was_stopped_in_a_valley_is_carried_on():
     """Half of a slow drift looks like any other time constant with another amplitude."""
-    campaign = read_campaign(examples() / "healthy")
-    names = ("circle-xy-ccw", "circle-xy-cw", "circle-yz-ccw", "cone15-parallel-ccw")
-    campaign = dataclasses.replace(campaign, tests=tuple(t for t in campaign.tests if t.name in names))
-    machine = read_machine(campaign.machine_file)
-    problem = trusted_problem(campaign, build(machine), 2)
+    problem, machine = healthy("circle-xy-ccw", "circle-xy-cw", "circle-yz-ccw", "cone15-parallel-ccw")
     hide(problem, machine, registry.make("thermal_drift.Y", amplitude_um=20.0, time_constant_s=600.0))
     models = CandidateModels(Fitter(problem, machine))
     seed = registry.make("thermal_drift.Y", amplitude_um=28.0, time_constant_s=1000.0)

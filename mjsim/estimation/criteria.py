@@ -28,6 +28,11 @@ def penalised_objective(fit: Fit, settings: DiagnosisSettings) -> float:
     return fit.objective + settings.parameter_penalty * parameter_count(fit) + settings.direction_penalty * directed
 
 
+def is_feasible(machine: Machine, x: np.ndarray, c: Candidate) -> bool:
+    """Whether the linear estimate lies within the parameter's bounds and above its least sensible size."""
+    return feasible_share(machine, x, c) >= 1.0
+
+
 def start_share(machine: Machine, x: np.ndarray, c: Candidate) -> float:
     """Share of a linear estimate that a fit starts from, 0 to 1: all of it within the bounds, beyond them half of the
     way to them, nothing where it is below its least sensible size.

@@ -12,7 +12,7 @@ import numpy as np
 
 from mjsim.estimation.calibration import Calibrated
 from mjsim.estimation.candidate_groups import CandidateGroups, Member
-from mjsim.estimation.criteria import is_large_enough, start_share
+from mjsim.estimation.criteria import is_feasible, is_large_enough
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.evidence import best_precision, log_bayes_factor
 from mjsim.estimation.evidence_priors import WIDE, added
@@ -123,7 +123,7 @@ class Equivalents:
             if gain < self._share(member, subject) * here:
                 continue
             x = np.linalg.solve(information + precision * np.eye(len(score)), score)
-            if member.candidate is None or start_share(self.fit.base, x, member.candidate) >= 1.0:
+            if member.candidate is None or is_feasible(self.fit.base, x, member.candidate):
                 rows.append((gain, member, x, precision))
         best: dict[str, tuple[Member, np.ndarray, float]] = {}
         for _, member, x, precision in sorted(rows, key=lambda r: -r[0]):

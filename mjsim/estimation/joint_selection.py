@@ -18,7 +18,7 @@ import numpy as np
 
 from mjsim.estimation.calibration import Calibrated, expected_effects
 from mjsim.estimation.candidate_groups import CandidateGroups
-from mjsim.estimation.criteria import is_large_enough, start_share
+from mjsim.estimation.criteria import is_feasible, is_large_enough
 from mjsim.estimation.curve_terms import CurveTerm
 from mjsim.estimation.disturbances import without_disturbances
 from mjsim.estimation.effect_vector import EffectVector
@@ -183,7 +183,7 @@ class JointSelector:
                 g
                 for g in chosen.precision
                 if (c := groups.members[g].candidate) is not None
-                and start_share(machine, chosen.value(groups.groups[g]), c) < 1.0
+                and not is_feasible(machine, chosen.value(groups.groups[g]), c)
             }
             if not impossible:
                 break

@@ -111,7 +111,7 @@ def phased_at(
         nuisance: Fitted to ``readings``, (problem.nuisances.size,); where missing, it is fitted, and again without
             the vibrations, which disturb the triggers.
     """
-    waves = [e for e in machine.effects if isinstance(e, Vibration) and not e.is_neutral]
+    waves = _vibrations(machine)
     if not waves:
         return machine, None
     if readings is None:
@@ -127,8 +127,12 @@ def phased_at(
 
 def at_own_noise(problem: Problem, machine: Machine, nuisance: np.ndarray) -> Problem:
     """The same data with the noise that they have without the vibrations of ``machine`` (:func:`phased_at`)."""
-    waves = [e for e in machine.effects if isinstance(e, Vibration) and not e.is_neutral]
+    waves = _vibrations(machine)
     return _without(problem, waves, nuisance).restored()
+
+
+def _vibrations(machine: Machine) -> list[Vibration]:
+    return [e for e in machine.effects if isinstance(e, Vibration) and not e.is_neutral]
 
 
 def _with_phases(
