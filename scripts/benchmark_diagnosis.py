@@ -46,17 +46,9 @@ def run_group(cases: list, out: Path, method: str) -> int:
 
 
 def run_case(case, method: str = "diagnose") -> dict:
-    """One campaign: written as files, read and answered as a user's, on one thread. Seconds are those of the
-    processor.
-    """
-    import diagnosis_baselines
+    """One campaign: written as files, read and answered as a user's, on one thread."""
     from independent import campaign as generator
     from independent import heldout
-
-    from mjsim.campaign.files import read_campaign
-    from mjsim.campaign.machine_file import read_machine
-    from mjsim.cli.common import finite
-    from mjsim.workflow.diagnose import diagnose
 
     row = {
         "name": case.name,
@@ -64,11 +56,27 @@ def run_case(case, method: str = "diagnose") -> dict:
         "half": case.half,
         "machine": case.machine,
         "tests": len(case.tests),
+        "noise_um": case.noise_um,
     }
-    row["noise_um"] = case.noise_um
+    further = case.category.startswith("real") and not case.unlisted()
+    return row | answered(case, generator.write, heldout.write_heldout if further else None, method)
+
+
+def answered(case, write, write_heldout=None, method: str = "diagnose") -> dict:
+    """The true answer of a case, what mjsim says (``write`` makes the files), and the seconds of the processor; with
+    ``write_heldout`` also how much of the error of other tests it predicts.
+    """
+    import diagnosis_baselines
+
+    from mjsim.campaign.files import read_campaign
+    from mjsim.campaign.machine_file import read_machine
+    from mjsim.cli.common import finite
+    from mjsim.workflow.diagnose import diagnose
+
+    row: dict = {}
     with tempfile.TemporaryDirectory() as folder:
         try:
-            row["answer"] = generator.write(case, Path(folder))
+            row["answer"] = write(case, Path(folder))
             began = time.process_time()
             campaign = read_campaign(folder)
             machine = read_machine(campaign.machine_file)
@@ -77,8 +85,8 @@ def run_case(case, method: str = "diagnose") -> dict:
                 finite(diagnosis.to_json()) if diagnosis else diagnosis_baselines.answer(campaign, machine, method)
             )
             row["seconds"] = round(time.process_time() - began, 1)
-            if diagnosis and case.category.startswith("real") and not case.unlisted():
-                heldout.write_heldout(case, folder)
+            if diagnosis and write_heldout:
+                write_heldout(case, folder)
                 row["heldout_removed"] = removed(Path(folder) / "heldout", diagnosis.machine)
         except Exception:  # a crash is a failure to report, not the end of the bank
             row["error"] = traceback.format_exc(limit=-3)

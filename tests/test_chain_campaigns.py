@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from independent import chains
+from independent import chain_campaigns, chains
 
 from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
@@ -28,13 +28,13 @@ def further(case):
 @pytest.mark.parametrize("family", chains.FAMILIES)
 def test_programs_and_readings_agree(family, tmp_path):
     """The same campaign file means the same motion and the same reading to the generator and to mjsim."""
-    case = chains.ChainCase(family, family, 3)
-    (tmp_path / "machine.toml").write_text(chains.tomlkit.dumps(case.model()))
+    case = chain_campaigns.ChainCase(family, family, 3)
+    (tmp_path / "machine.toml").write_text(chain_campaigns.tomlkit.dumps(case.model()))
     tables = [*case.tests(), *further(case)]
     head = {"name": family, "machine": "machine.toml", "test": [{**t, "trace": None} for t in tables]}
     for t in head["test"]:
         del t["trace"]
-    (tmp_path / "campaign.toml").write_text(chains.tomlkit.dumps(head))
+    (tmp_path / "campaign.toml").write_text(chain_campaigns.tomlkit.dumps(head))
     campaign = read_campaign(tmp_path)
     chain = read_machine(campaign.machine_file).chain
     assert len(tables) >= 11 and chain.letters == tuple(case.machine.axes)
@@ -56,7 +56,7 @@ def test_programs_and_readings_agree(family, tmp_path):
 def test_a_hidden_play_of_a_head_is_named(tmp_path):
     """B head over C table, from the files to the diagnosis."""
     hidden = ({"id": "backlash.B", "width_deg": 0.002},)
-    chains.write(chains.ChainCase("head", "head_table", 5, hidden, kinds=("cone_frustum",)), tmp_path)
+    chain_campaigns.write(chain_campaigns.ChainCase("head", "head_table", 5, hidden, kinds=("cone_frustum",)), tmp_path)
     campaign = read_campaign(tmp_path)
     result = diagnose(campaign, read_machine(campaign.machine_file)).to_json()
     (found,) = result["effects"]
@@ -68,7 +68,7 @@ def test_a_hidden_play_of_a_head_is_named(tmp_path):
 def test_a_centreline_far_off_is_not_taken_for_offsets_of_the_balls(tmp_path):
     """Three set-ups whose spindle balls stand off alike, by 17 times their uncertainty, are a centreline that does."""
     hidden = ({"id": "axis_location.EX0B", "value_um": -34.0},)
-    chains.write(chains.ChainCase("trunnion", "bc_trunnion", 12, hidden, kinds=("rotary",)), tmp_path)
+    chain_campaigns.write(chain_campaigns.ChainCase("trunnion", "bc_trunnion", 12, hidden, kinds=("rotary",)), tmp_path)
     campaign = read_campaign(tmp_path)
     result = diagnose(campaign, read_machine(campaign.machine_file)).to_json()
     (found,) = result["effects"]

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from independent import chains
+from independent import chain_campaigns, chains
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
@@ -51,8 +51,8 @@ def folders(tmp_path_factory):
     made = {}
     for family in OPEN:
         made[family] = tmp_path_factory.mktemp(family)
-        case = chains.ChainCase(family, family, 21, tuple(planted(family)), kinds=("rotary",))
-        chains.write(case, made[family])
+        case = chain_campaigns.ChainCase(family, family, 21, tuple(planted(family)), kinds=("rotary",))
+        chain_campaigns.write(case, made[family])
     return made
 
 

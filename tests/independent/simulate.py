@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from . import drives, transmission
-from .kinematics import bar_reading
+from .kinematics import AXES, bar_reading
 from .programs import Program
 
 #: Simulated beyond the program's end, s; a shifted clock may look there.
@@ -45,7 +45,7 @@ def _directions(x, travel, dt):
 
 @dataclass
 class State:
-    """What a cause may depend on, all on the grid: (n,) or (n, 5) in the order X, Y, Z, A, C; SI units.
+    """What a cause may depend on, all on the grid: (n,) or (n, 5) in the order of ``axes``; SI units.
 
     ``torque`` is the motor's, ``since_reversal`` is 1e9 s before an axis' first reversal.
     """
@@ -54,6 +54,7 @@ class State:
     clock: np.ndarray
     position: np.ndarray
     torque: np.ndarray
+    axes: str = AXES
     velocity: np.ndarray = field(init=False)
     acceleration: np.ndarray = field(init=False)
     direction: np.ndarray = field(init=False)

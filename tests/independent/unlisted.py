@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from .kinematics import AXES, DEG, MICRO
+from .kinematics import DEG, MICRO
 from .simulate import State
 from .transmission import _play
 
@@ -21,13 +21,13 @@ ARCSEC = DEG / 3600.0
 
 def unit(axis: str) -> float:
     """What an amplitude of 1 means on an axis: 1 µm, or 1 arcsec on a rotary axis."""
-    return ARCSEC if axis in "AC" else MICRO
+    return ARCSEC if axis in "ABC" else MICRO
 
 
 @dataclass(frozen=True)
 class Unlisted:
-    """A cause outside the catalogue. ``axis`` is where it comes from, ``amplitude`` in µm (arcsec where it acts on
-    A or C).
+    """A cause outside the catalogue. ``axis`` is where it comes from, ``amplitude`` in µm (arcsec where it acts on a
+    rotary axis).
     """
 
     axis: str
@@ -56,7 +56,8 @@ class Unlisted:
         """(n, 5) what is added to the axis positions, m and rad."""
         out = np.zeros_like(state.position)
         target = self.moves or self.axis
-        out[:, AXES.index(target)] = self.amplitude * unit(target) * self.shape(state, AXES.index(self.axis))
+        source = state.axes.index(self.axis)
+        out[:, state.axes.index(target)] = self.amplitude * unit(target) * self.shape(state, source)
         return out
 
     def table(self, state: State, ball: np.ndarray) -> np.ndarray | float:
@@ -227,6 +228,6 @@ class TableEgg(Unlisted):
     variable: ClassVar = ("position",)
 
     def table(self, state: State, ball: np.ndarray) -> np.ndarray:
-        turned = state.position[:, AXES.index("C")] + np.arctan2(ball[1], ball[0])
+        turned = state.position[:, state.axes.index("C")] + np.arctan2(ball[1], ball[0])
         radial = np.column_stack([np.cos(turned), np.sin(turned), np.zeros_like(turned)])
         return self.amplitude * MICRO * (np.cos(2.0 * turned + self.phase_deg * DEG)[:, None] * radial)
