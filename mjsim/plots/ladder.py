@@ -105,16 +105,7 @@ def ladder_figure(steps: Sequence[LadderStep], noise_um: float | None = None, ti
     for side, spine in axes.spines.items():
         spine.set(visible=side in ("left", "bottom"), color=style.NOMINAL, linewidth=0.6)
     if title:
-        figure.text(
-            0.5,
-            1.0 - 0.2 / height,
-            title,
-            ha="center",
-            va="center",
-            fontsize=style.TITLE,
-            fontweight="bold",
-            color=style.INK,
-        )
+        style.heading(figure, title)
     return figure
 
 

@@ -61,16 +61,7 @@ def overview_figure(
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             legend.setdefault(label, handle)
     if title:
-        figure.text(
-            0.5,
-            1.0 - 0.2 / height,
-            title,
-            ha="center",
-            va="center",
-            fontsize=style.TITLE,
-            fontweight="bold",
-            color=style.INK,
-        )
+        style.heading(figure, title)
     figure.legend(
         list(legend.values()), list(legend), loc="center", bbox_to_anchor=(0.5, 0.18 / height), ncols=max(len(legend),
             1), frameon=False,

@@ -231,16 +231,7 @@ def spectrum_figure(spectra: Sequence[PitchSpectrum], title: str) -> Figure:
         fontsize=style.SMALL,
         handlelength=1.8,
     )
-    figure.text(
-        0.5,
-        1.0 - 0.2 / height,
-        title,
-        ha="center",
-        va="center",
-        fontsize=style.TITLE,
-        fontweight="bold",
-        color=style.INK,
-    )
+    style.heading(figure, title)
     return figure
 
 
@@ -273,14 +264,5 @@ def curves_figure(curves: Sequence[PitchCurves], title: str, degrees_per_div: fl
     figure.legend(
         handles, labels, loc="center", bbox_to_anchor=(0.5, 0.2 / height), ncols=3, frameon=False, fontsize=style.TEXT
     )
-    figure.text(
-        0.5,
-        1.0 - 0.2 / height,
-        title,
-        ha="center",
-        va="center",
-        fontsize=style.TITLE,
-        fontweight="bold",
-        color=style.INK,
-    )
+    style.heading(figure, title)
     return figure

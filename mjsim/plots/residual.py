@@ -92,16 +92,7 @@ def residual_figure(
         axes.text(1.0, lift, _summary(trace), ha="right", color=style.SOFT, **across)
     figure.axes[-1].set_xlabel("plot angle, deg", fontsize=style.TEXT, color=style.INK)
     if title:
-        figure.text(
-            0.5,
-            1.0 - 0.18 / height,
-            title,
-            ha="center",
-            va="center",
-            fontsize=style.TITLE,
-            fontweight="bold",
-            color=style.INK,
-        )
+        style.heading(figure, title)
     _legend(figure, tests, height)
     return figure
 

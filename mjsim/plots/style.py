@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from mjsim.machine.chain import FIVE_AXIS
+from mjsim.machine.axis import AXES
 
 if TYPE_CHECKING:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -25,7 +25,7 @@ MEASURED = "#222222"
 SIMULATED = "#d9480f"
 
 #: Axis letter (ISO 841) -> colour; always drawn with its letter, so that nothing hangs on the colour alone.
-AXIS_COLOURS = dict(zip(FIVE_AXIS.letters, ("#0072b2", "#007a5a", "#8a6d00", "#b3007d", "#5b3fb5"), strict=True))
+AXIS_COLOURS = dict(zip(AXES, ("#0072b2", "#007a5a", "#8a6d00", "#b3007d", "#a03c00", "#5b3fb5"), strict=True))
 #: Colour of the noise level.
 NOISE = "#0072b2"
 
@@ -41,6 +41,12 @@ def new_figure(width_in: float, height_in: float) -> Figure:
     figure = Figure(figsize=(width_in, height_in), facecolor="white")
     FigureCanvasAgg(figure)
     return figure
+
+
+def heading(figure: Figure, text: str) -> None:
+    """The title of a whole figure, in the middle of its first 0.4 inch."""
+    down = 1.0 - 0.2 / figure.get_figheight()
+    figure.text(0.5, down, text, ha="center", va="center", fontsize=TITLE, fontweight="bold", color=INK)
 
 
 def polar_axes(figure: Figure, place: tuple[float, float, float, float]) -> PolarAxes:
