@@ -25,6 +25,7 @@ from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.estimation.spectrum import spectral_candidates
+from mjsim.estimation.verdicts import is_beyond
 from mjsim.machine.model import build
 
 
@@ -163,6 +164,32 @@ def test_what_is_beyond_its_tolerance_competes_with_the_catalogue(real):
     best = groups.members[max(needed.log_odds, key=lambda g: needed.log_odds[g])]
     assert best.key == "backlash.A"
     assert best.excess
+
+
+def test_a_wave_of_another_order_belongs_to_the_pitch_error(real):
+    """Beside the orders of the worm: it is offered, has the tolerance as prior, and is a finding beyond the limit."""
+    _, problem, machine, joint = real
+    fit = joint.selection.fit
+    groups = CandidateGroups.at(problem, fit, joint.selection.bank, {f.effect.key for f in fit.effects}, False)
+    offered = [
+        m.candidate.effect.values["components"] for m in groups.members if m.candidate and m.key == "pitch_error.A"
+    ]
+    own = next(f for f in fit.effects if f.effect.key == "pitch_error.A")
+    rows = own.effect.values["components"]
+    assert offered and not {round(o) for ((o, *_),) in offered} & {round(row[0]) for row in rows}
+    expected = next(c for c in expected_effects(machine) if c.key == "pitch_error.A")
+    limit = expected.limits["components"]
+    for size, found in ((0.5 * limit, False), (3.0 * limit, True)):
+        wave = EffectVector(own.effect.replaced(components=[[50.0, size, 20.0], *rows]), own.names)
+        whole = expected.at(wave)
+        np.testing.assert_allclose(whole.vector, wave.vector, rtol=0, atol=1e-12)
+        np.testing.assert_array_equal(whole.prior[1], np.full(6, expected.deviation.max()))
+        beside = [whole if f is own else f for f in fit.effects]
+        with_wave = Fitter(problem, machine).fit(beside, start=fit, iterations=0, exact=False, fresh=False)
+        assert (
+            is_beyond(with_wave, next(f for f in with_wave.effects if f.effect.key == own.effect.key), expected)
+            == found
+        )
 
 
 def test_every_kind_and_subject_of_the_table_is_calibrated(real):

@@ -46,9 +46,17 @@ class Calibrated:
         return self.free.effect.key
 
     def at(self, fitted: EffectVector) -> EffectVector:
-        """The effect as it was fitted, with the tolerance as prior again; at its mean where it has other waves."""
-        same = len(fitted.vector) == len(self.free.vector)
-        return fitted.with_prior(self.mean, self.deviation) if same else self.free
+        """The effect as it was fitted, with the tolerance as prior again, which further waves of it have as well."""
+        if fitted.names != ("components",):
+            return fitted.with_prior(self.mean, self.deviation)
+        expected = self.free.effect.values["components"]
+        rows = list(fitted.effect.values["components"])
+        orders = {round(row[0]) for row in rows}
+        rows += [row for row in expected if round(row[0]) not in orders]
+        mean = dict(zip((round(row[0]) for row in expected), self.mean.reshape(-1, 2), strict=True))
+        whole = EffectVector(fitted.effect.replaced(components=rows), fitted.names)
+        centre = np.concatenate([mean.get(round(row[0]), np.zeros(2)) for row in rows])
+        return whole.with_prior(centre, np.full(len(centre), self.deviation.max()))
 
 
 def calibrated_effects(machine: Machine) -> list[Calibrated]:

@@ -100,7 +100,7 @@ class CandidateGroups:
                     blocks.append(fit.design[:, at[entries]])
                     members.append(Member(free=f, wave=wave, entries=entries, excess=True))
                     odds.append(settings.log_odds)
-        others = _candidates(problem, fit, bank, kept)
+        others = _candidates(problem, fit, bank)
         count: dict[str, int] = {}
         for c, _ in others:
             count[c.effect.key] = count.get(c.effect.key, 0) + 1
@@ -149,8 +149,8 @@ def _marginalised(fit: Fit, places: list[np.ndarray], blocks: list[np.ndarray], 
     return linear, groups
 
 
-def _candidates(problem: Problem, fit: Fit, bank: SignatureBank, kept: set[str]) -> list[tuple[Candidate, np.ndarray]]:
-    """Effects that are not in the model, with their whitened columns."""
+def _candidates(problem: Problem, fit: Fit, bank: SignatureBank) -> list[tuple[Candidate, np.ndarray]]:
+    """Effects that are not in the model, and further waves of its pitch errors, with their whitened columns."""
     have = {f.effect.key: f for f in fit.effects}
     if not bank.candidates:
         bank.compute(seeds(fit.base))
@@ -162,7 +162,7 @@ def _candidates(problem: Problem, fit: Fit, bank: SignatureBank, kept: set[str])
             mine = have.get(c.effect.key)
             if mine is None:
                 out.append((c, columns))
-            elif c.effect.kind == "pitch_error" and c.effect.key not in kept:
+            elif c.effect.kind == "pitch_error":
                 orders = {round(row[0]) for row in mine.effect.values["components"]}
                 if round(c.effect.values["components"][0][0]) not in orders:
                     out.append((c, columns))

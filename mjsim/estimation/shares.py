@@ -77,7 +77,8 @@ def calibrations(
         if key not in expected:
             continue
         covariance = fit.covariance_of(f)
-        ratio = np.sqrt(np.diag(covariance)) / expected[key].deviation
+        _, allowed = f.prior or (None, expected[key].deviation)
+        ratio = np.sqrt(np.diag(covariance)) / allowed
         entries.append(
             Calibration(
                 f,

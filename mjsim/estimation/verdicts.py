@@ -75,8 +75,8 @@ def _at_bound(f: EffectVector, expected: Calibrated) -> bool:
 
 
 def _sizes(interval: list, expected: Calibrated, name: str) -> list[tuple[float, float, float]]:
-    """Lower end, upper end and prior mean of one size, or of every wave."""
+    """Lower end, upper end and prior mean of one size, or of every wave; that of a wave of another order is 0."""
     if name != "components":
         return [(interval[0], interval[1], expected.free.effect.values[name])]
-    rows = expected.free.effect.values[name]
-    return [(low[1], high[1], row[1]) for low, high, row in zip(*interval, rows, strict=False)]
+    centre = {round(row[0]): row[1] for row in expected.free.effect.values[name]}
+    return [(low[1], high[1], centre.get(round(low[0]), 0.0)) for low, high in zip(*interval, strict=True)]
