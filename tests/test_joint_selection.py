@@ -192,6 +192,22 @@ def test_a_wave_of_another_order_belongs_to_the_pitch_error(real):
         )
 
 
+def test_an_error_motion_of_another_order_is_the_finding(tmp_path):
+    """A table that wobbles three times per turn, on a machine whose tolerance is calibrated for two."""
+    hidden = ({"id": "tilt_error_motion.C", "amplitude_urad": 30.0, "order": 3.0, "phase_deg": -40.0},)
+    within = tuple(e for e in real_machines.within("M1", np.random.default_rng(6)) if e["id"] != hidden[0]["id"])
+    tests = tuple({**t, "feed_mm_min": 6000.0} for t in layout("table") if t["kind"] == "rotary")
+    case = generator.Case("wobble", "M1", tests, hidden, seed=8, within=within, tolerance_stated=True)
+    generator.write_files(case, tmp_path)
+    campaign = read_campaign(tmp_path)
+    machine = read_machine(campaign.machine_file)
+    joint = JointSelector(Fitter(Problem.of(campaign, build(machine), threads=2), machine)).run()
+    (found,) = (f for f in joint.selection.fit.effects if f.effect.key in {x.key for x in joint.selection.found})
+    assert found.effect.id == "tilt_error_motion.C" and found.effect.values["order"] == 3.0
+    low, high = found.interval(found.vector, joint.selection.fit.covariance_of(found))["amplitude_urad"]
+    assert low < 30.0 < high
+
+
 def test_every_kind_and_subject_of_the_table_is_calibrated(real):
     _, _, machine, _ = real
     keys = {c.key for c in calibrated_effects(machine)}

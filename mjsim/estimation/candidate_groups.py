@@ -100,7 +100,7 @@ class CandidateGroups:
                     blocks.append(fit.design[:, at[entries]])
                     members.append(Member(free=f, wave=wave, entries=entries, excess=True))
                     odds.append(settings.log_odds)
-        others = _candidates(problem, fit, bank)
+        others = _candidates(problem, fit, bank, kept)
         count: dict[str, int] = {}
         for c, _ in others:
             count[c.effect.key] = count.get(c.effect.key, 0) + 1
@@ -149,14 +149,18 @@ def _marginalised(fit: Fit, places: list[np.ndarray], blocks: list[np.ndarray], 
     return linear, groups
 
 
-def _candidates(problem: Problem, fit: Fit, bank: SignatureBank) -> list[tuple[Candidate, np.ndarray]]:
-    """Effects that are not in the model, and further waves of its pitch errors, with their whitened columns."""
+def _candidates(problem: Problem, fit: Fit, bank: SignatureBank, kept: set[str]) -> list[tuple[Candidate, np.ndarray]]:
+    """What is not in the model, with its whitened columns: other effects, further waves of a pitch error, and other
+    orders of an error motion whose tolerance is in it.
+    """
     have = {f.effect.key: f for f in fit.effects}
     if not bank.candidates:
         bank.compute(seeds(fit.base))
-    out = [
-        (c, bank.matrix[:, s]) for c, s in zip(bank.candidates, bank.slices, strict=True) if c.effect.key not in have
-    ]
+    out = []
+    for c, columns in zip(bank.candidates, bank.slices, strict=True):
+        mine, key = have.get(c.effect.key), c.effect.key
+        if mine is None or (key in kept and c.at_another_order(mine.effect)):
+            out.append((c, bank.matrix[:, columns]))
     for axis in fit.base.chain.letters:
         for c, columns in spectral_candidates(problem, fit, bank, axis, _WAVES):
             mine = have.get(c.effect.key)

@@ -14,6 +14,8 @@ from mjsim.estimation.fit import Fit, Fitter
 _STEPS = 2
 #: Prior precision of a curve that the data do not want, over the trace of its information: next to nothing is left.
 _WIDEST = 1e6
+#: A step is not taken where it leaves so many times the mean square that it promised.
+_WORSE = 2.0
 
 
 def fit_beside(fitter: Fitter, fit: Fit, term: CurveTerm, steps: int = _STEPS) -> tuple[Fit, CurveTerm, Together]:
@@ -31,12 +33,14 @@ def fit_beside(fitter: Fitter, fit: Fit, term: CurveTerm, steps: int = _STEPS) -
         The model, the curve, and the linear problem of both.
     """
     columns, misfit = fitter.problem.whiten(term.columns), fit.sum_squares / fitter.problem.count
-    for _ in range(steps):
-        together = Together(fit, columns, max(1.0, misfit))
-        misfit = together.misfit
-        moved = fit.moved(together.step)
-        fit = fitter.fit(moved.effects, start=moved, iterations=0, exact=True, fresh=False)
     together = Together(fit, columns, max(1.0, misfit))
+    for _ in range(steps):
+        moved = fit.moved(together.step)
+        moved = fitter.fit(moved.effects, start=moved, iterations=0, exact=True, fresh=False)
+        beside = Together(moved, columns, max(1.0, together.misfit))
+        if beside.misfit > _WORSE * together.misfit:
+            break  # the step went where the model is not linear any more
+        fit, together = moved, beside
     curve = replace(term, coefficients=together.coefficients, precision=together.information)
     return replace(fit, step=together.step, equations=together.equations), curve, together
 

@@ -202,6 +202,8 @@ class JointSelector:
         """Effects of the next model: what is kept, with its tolerance as prior, and what was chosen, with the width
         that the evidence gave it.
         """
+        best_first = sorted(chosen.precision, key=lambda g: -chosen.log_odds[g])
+        new = [(g, c) for g in best_first if (c := groups.members[g].candidate) is not None]
         out = []
         for f in model.fit.effects:
             key = f.effect.key
@@ -209,14 +211,12 @@ class JointSelector:
             if key in kept:
                 out.append(f if key in model.kept else kept[key].at(f))
             elif key in model.kept:
-                out.append(EffectVector(f.effect, f.names))
+                if not any(c.effect.key == key and c.at_another_order(f.effect) for _, c in new):
+                    out.append(EffectVector(f.effect, f.names))
             elif mine:
                 out.append(kept_waves(f, {wave: chosen.precision[g] for wave, g in mine.items()}))
-        new = [g for g in chosen.precision if groups.members[g].candidate is not None]
-        new.sort(key=lambda g: -chosen.log_odds[g])
-        for g in new:
-            c, x = groups.members[g].candidate, chosen.value(groups.groups[g])
-            assert c is not None
+        for g, c in new:
+            x = chosen.value(groups.groups[g])
             same = next((i for i, f in enumerate(out) if f.effect.key == c.effect.key), None)
             if same is not None and c.effect.kind != "pitch_error":
                 continue  # another place of the same cause: the refit finds the best one

@@ -38,6 +38,10 @@ class Candidate:
     def id(self) -> str:
         return self.effect.id
 
+    def at_another_order(self, present: Effect) -> bool:
+        """Whether it is an error motion of other cycles per turn than ``present``, an effect of the same key."""
+        return "order" not in self.names and self.effect.values.get("order") != present.values.get("order")
+
 
 def seeds(machine: Machine) -> list[Candidate]:
     """Starting points of the whole catalogue (and the user's effects in the machine), scanned families left out."""
@@ -106,7 +110,8 @@ class SignatureBank:
         given, moves = self._moves(c)
         mine = self._machine.effect(c.effect.key)
         # an effect that the fit has put into the model is moved from where it is; one of the machine from its seed
-        free = EffectVector(c.effect if given or mine is None else mine, c.names)
+        present = mine is not None and not given and not c.at_another_order(mine)
+        free = EffectVector(mine if mine is not None and present else c.effect, c.names)
         if mine is not None and free.is_linear and c.effect.search.quasi_static:
             known = self.linearisation.columns(free)
             if known is not None:
