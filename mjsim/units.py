@@ -40,6 +40,12 @@ DEG = math.pi / 180.0
 MM = 1e-3
 
 
+def has_unit(name: str) -> bool:
+    """Whether a parameter name ends in a unit, and that is all of it: ``lag_urad_per_rad_per_s`` has another one."""
+    found = next((u for u in sorted(UNITS, key=len, reverse=True) if name == u or name.endswith("_" + u)), None)
+    return found is not None and not name.removesuffix(found).endswith("_per_")
+
+
 def unit_of(name: str) -> tuple[float, str]:
     """Factor to SI and the shown symbol for a parameter name; dimensionless names give ``(1.0, "")``."""
     for suffix in sorted(UNITS, key=len, reverse=True):

@@ -50,7 +50,7 @@ class Mine(mjsim.Effect):
 
     def position_error(self, motion):
         out = np.zeros_like(motion.position)
-        out[:, "XYZAC".index(self.subject)] = self.si("offset_um")
+        out[:, motion.column(self.subject)] = self.si("offset_um")
         return out
 """
 

@@ -17,6 +17,7 @@ import mjsim
 from mjsim.ballbar.kinds import KINDS
 from mjsim.cli.main import main
 from mjsim.effects.registry import kinds
+from mjsim.errors import InputError
 from mjsim.importing.formats import base as formats
 from mjsim.importing.reading import Options
 from mjsim.machine.chain import FIVE_AXIS
@@ -171,7 +172,7 @@ def test_the_effects_of_the_documentation_work(page):
     (parameter,) = cls.parameters
     effect = cls(cls.subjects[0], **{parameter.name: 2.0})
     q = np.linspace(-0.1, 0.1, 401)[:, None] * np.ones(5)
-    moved = effect.position_error(mjsim.Motion(q[:, 0], q[:, 0], q, q, q, q, q))
+    moved = effect.position_error(mjsim.Motion(q[:, 0], q[:, 0], q, q, q, q, q, FIVE_AXIS.letters))
     assert moved.shape == q.shape and np.abs(moved).max() == pytest.approx(effect.si(parameter.name), rel=1e-3)
 
 
@@ -196,3 +197,9 @@ def test_the_file_format_of_the_documentation_works(monkeypatch, tmp_path):
     file.write_text('{"t_ms": [0, 5, 10], "r_um": [0.1, 0.2, 0.3]}')
     table = formats.read_any(file, Options())
     assert table.names == ("time", "deviation") and table.values.shape == (3, 2)
+    for wrong in ('{"t_ms": [0]}', "[1]", "3", "{", '{"t_ms": [0, 1], "r_um": [0]}', '{"t_ms": ["x"], "r_um": [0]}'):
+        file.write_text(wrong)
+        with pytest.raises(InputError, match=r"run\.json: .*allowed: .*t_ms and r_um|an object with both"):
+            formats.read_any(file, Options())
+    with pytest.raises(InputError, match="--rows is for tables of text"):
+        formats.read_any(file, Options(rows=(1, 2)))

@@ -229,6 +229,11 @@ LOADED = {
         "parameter name 'size_inch' has no unit",
         "_mm",
     ),
+    "a parameter in a unit of its own": (
+        text().replace('"size_um"', '"size_urad_per_rad_per_s"'),
+        "parameter name 'size_urad_per_rad_per_s' has no unit",
+        "_urad",
+    ),
     "bounds the wrong way": (text().replace("0.0, 50.0", "50.0, 0.0"), "parameter size_um has the bounds 50 to 0"),
     "a scale of zero": (text().replace("neutral=0.0", "neutral=0.0, scale=0.0"), "scale of the parameter size_um"),
     "free of what is not there": (

@@ -8,7 +8,6 @@ import numpy as np
 
 import mjsim
 
-AXES = "XYZAC"
 #: The step is spread over this much travel, rad, so that its place can be fitted (assumed).
 BLUR = np.radians(0.05)
 
@@ -28,7 +27,7 @@ class EncoderStep(mjsim.Effect):
     search = mjsim.SearchHints(free=("step_deg", "at_deg"), seeds=[{"step_deg": 0.001, "at_deg": -300.0}])
 
     def position_error(self, motion):
-        i = AXES.index(self.subject)
+        i = motion.column(self.subject)
         out = np.zeros_like(motion.position)
         beyond = (motion.position[:, i] - self.si("at_deg")) / BLUR
         out[:, i] = self.si("step_deg") * 0.5 * (1.0 + np.tanh(beyond))

@@ -18,7 +18,7 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.hints import MOVED, SearchHints
 from mjsim.machine.parameter import Parameter
 from mjsim.machine.remedy import Remedy
-from mjsim.units import DIMENSIONLESS, UNITS, unit_of
+from mjsim.units import DIMENSIONLESS, UNITS, has_unit
 
 _E = TypeVar("_E", bound=Effect)
 _REGISTRY: dict[str, type[Effect]] = {}
@@ -158,7 +158,7 @@ def _wrong_parameter(p: Parameter) -> str:
         return f"choices of the parameter {p.name} = {p.choices!r}; allowed: a tuple of texts"
     if p.kind != "number":
         return ""
-    if not unit_of(p.name)[1] and p.name.rpartition("_")[2] not in DIMENSIONLESS:
+    if not has_unit(p.name) and p.name.rpartition("_")[2] not in DIMENSIONLESS:
         return (
             f"the parameter name {p.name!r} has no unit; allowed endings: {', '.join('_' + u for u in UNITS)}, "
             f"and for plain numbers: {', '.join(DIMENSIONLESS)}"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -111,7 +111,7 @@ class CurveTerms:
         fine = tracker.follow(m.time[::GRID_STEPS], np.ascontiguousarray(m.commands[::GRID_STEPS]))
         at = s.centre - self.problem.shift(k, self.fit.nuisance)
         place = np.clip(np.searchsorted(fine.time, at), 0, len(fine.time) - 1)
-        return Motion(*(getattr(fine, n)[place] for n in Motion.__dataclass_fields__))
+        return replace(fine, **{n: x[place] for n, x in vars(fine).items() if n != "axes"})
 
     def _sensitivity(self, k: int) -> dict[str, np.ndarray]:
         s, shift = self.problem.samples[k], self.problem.shift(k, self.fit.nuisance)

@@ -112,8 +112,8 @@ def _clock(path: Path, time: np.ndarray, program: Program, o: Options, notes: li
             raise InputError(
                 f'{path}: the times run from {time[0]:.2f} to {time[-1]:.2f} s; test "{program.test.name}" is '
                 f"measured for {want:.2f} s, "
-                f"from {lo:.2f} to {hi:.2f} s of its program; check feed, length, revolutions, or say --clock or "
-                f"--start-angle"
+                f"from {lo:.2f} to {hi:.2f} s of its program; check feed, length, revolutions or angles, or say "
+                f"--clock or --start-angle"
             )
     return time if clock == "program" else time - time[0] + lo
 

@@ -18,6 +18,7 @@ class Motion:
         velocity, acceleration: their rates, (n, axes).
         since_reversal: s since each axis last reversed or started to move, (n, axes).
         torque: of each motor, N·m, less what gravity takes, (n, axes): J dω/dt + C ω + friction (paper, Fig. 2).
+        axes: letters of the axes, one a column.
     """
 
     time: np.ndarray
@@ -27,3 +28,8 @@ class Motion:
     acceleration: np.ndarray
     since_reversal: np.ndarray
     torque: np.ndarray
+    axes: tuple[str, ...]
+
+    def column(self, axis: str) -> int:
+        """Column of an axis in the arrays."""
+        return self.axes.index(axis)

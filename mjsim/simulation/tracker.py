@@ -21,7 +21,7 @@ class MotionTracker:
     """
 
     def __init__(self, step: float, started: float, plant: Plant) -> None:
-        self.step, self.started = step, started
+        self.step, self.started, self._axes = step, started, plant.chain.letters
         axes = [plant.axes[a] for a in plant.chain.letters]
         self._gear, self._inertia, self._viscous, self._coulomb, self._presliding = (
             np.array([getattr(a, n) for a in axes]) for n in ("gear", "inertia", "viscous", "coulomb", "presliding")
@@ -56,7 +56,8 @@ class MotionTracker:
         torque = (
             self._inertia * self._gear * acceleration + self._viscous * self._gear * velocity + self._coulomb * friction
         )
-        return Motion(*map(_shut, (time, self.started + time, position, velocity, acceleration, since, torque)))
+        shut = map(_shut, (time, self.started + time, position, velocity, acceleration, since, torque))
+        return Motion(*shut, axes=self._axes)
 
 
 def _shut(x: np.ndarray) -> np.ndarray:

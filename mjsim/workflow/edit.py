@@ -127,10 +127,12 @@ def add(
     fitted = machine.with_effect(fitted_effect)
     after = compare(campaign, fitted, threads, progress, problem)
     if after.rms > before.rms and not force:
+        sizes = ((k, v) for k, v in fitted_effect.values.items() if isinstance(v, (int, float)))
+        found = ", ".join(f"{k} = {v:.4g}" for k, v in sizes) or "what was found"
         raise InputError(
             f"{machine.file}: {fitted_effect.id} makes the model worse: the residual RMS goes from "
-            f"{before.rms / UM:.3f} to "
-            f"{after.rms / UM:.3f} µm; nothing was written (--force adds it all the same)"
+            f"{before.rms / UM:.3f} to {after.rms / UM:.3f} µm with {found}; nothing was written "
+            "(--force adds it all the same)"
         )
     change = Change(fitted_effect.id, fitted_effect, ci95, before, after, fitted)
     if record:

@@ -231,7 +231,7 @@ class Arc(Kind):
 
     def wrong(self, test: BallBarTest) -> str:
         if test.start == test.stop:
-            return f"from_deg and to_deg are both {test.start / DEG:g}; the axis would not turn"
+            return f"from_deg and to_deg are both {test.start / DEG:g}; nothing would move"
         if abs(test.stop - test.start) <= 2 * self.margin:
             return (
                 f"from_deg and to_deg are {abs(test.stop - test.start) / DEG:g}° apart; allowed: more than "

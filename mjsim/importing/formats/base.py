@@ -6,7 +6,8 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import ClassVar, TypeVar
 
-from mjsim.campaign.traces import read_bytes
+from mjsim.campaign.traces import check_rows, read_bytes
+from mjsim.errors import InputError
 from mjsim.importing.reading import Options
 from mjsim.importing.table import Table, read_table
 
@@ -17,9 +18,11 @@ class Format(ABC):
     Class attributes:
         suffixes: endings of its files, in small letters, as ``(".mpr",)``. A ``.gz`` behind them is ignored. Empty for
             a format whose files end as others do: it tells them by their beginning.
+        heeds: those of ``separator``, ``decimal`` and ``rows`` that it asks the options for; the others are refused.
     """
 
     suffixes: ClassVar[tuple[str, ...]] = ()
+    heeds: ClassVar[tuple[str, ...]] = ()
 
     def recognises(self, head: str) -> bool:
         """Whether a file of any other suffix is one of this format, by its beginning.
@@ -34,7 +37,8 @@ class Format(ABC):
         """The numbers of a file.
 
         Columns with the names ``time``, ``angle``, ``deviation`` and with units (``s``, ``deg``, ``um``) need no
-        option.
+        option; the user is asked for a unit that is "". An exception that is no InputError is reported as a file that
+        is not one of this format.
 
         Args:
             path: the file; :func:`mjsim.campaign.traces.read_bytes` reads it, up to a size limit.
@@ -48,6 +52,8 @@ class Format(ABC):
 _FORMATS: dict[str, Format] = {}
 #: Bytes at the beginning of a file that formats are told by.
 _HEAD = 8000
+#: Options that say how a text is to be read.
+_TEXT_ONLY = ("separator", "decimal", "rows")
 _F = TypeVar("_F", bound=Format)
 
 
@@ -68,4 +74,19 @@ def read_any(path: Path, options: Options) -> Table:
     if known is None:
         head = read_bytes(path)[:_HEAD].decode(errors="replace")
         known = next((f for f in _FORMATS.values() if f.recognises(head)), None)
-    return known.read(path, options) if known else read_table(path, options.separator, options.decimal, options.rows)
+    if known is None:
+        return read_table(path, options.separator, options.decimal, options.rows)
+    for name in _TEXT_ONLY:
+        if getattr(options, name) is not None and name not in known.heeds:
+            raise InputError(f"{path}: --{name} is for tables of text; a file of this format is read without it")
+    try:
+        table = known.read(path, options)
+        check_rows(path, len(table.values))
+    except InputError:
+        raise
+    except (ValueError, TypeError, LookupError, EOFError, AttributeError) as error:
+        raise InputError(
+            f"{path}: no {type(known).__name__} file that mjsim can read ({type(error).__name__}: {error}); allowed: "
+            f"{known.__doc__ or 'a file of this format'}"
+        ) from None
+    return table

@@ -25,6 +25,8 @@ _LOOK = 20
 class HalSampler(Format):
     """Columns ``sample``, ``pin 0``, ``pin 1`` and so on."""
 
+    heeds = ("rows",)
+
     def recognises(self, head: str) -> bool:
         lines = [line.split() for line in head.splitlines()[: _LOOK + 1] if line.strip()][:-1]
         rows = [r for r in lines if r != [_LOST]]
