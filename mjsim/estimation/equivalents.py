@@ -80,7 +80,7 @@ class Equivalents:
         for member, x, precision in self._near(key, finding.effect.subject):
             trial = self.refit(self._with(rest, member, x, precision))
             other = next(f for f in trial.effects if f.effect.key == member.key)
-            if member.excess:
+            if member.key in self._held:
                 is_cause = is_beyond(trial, other, self.expected[member.key])
             else:
                 is_cause = is_large_enough(self.fit.base, other, settings)
@@ -95,8 +95,10 @@ class Equivalents:
         c = member.candidate
         assert c is not None
         new = added(self.fit.base, EffectVector(c.effect, c.names), x, precision)
-        same = next((f for f in rest if f.effect.key == c.effect.key), None)  # a pitch error with other waves
-        return [*(f for f in rest if f is not same), same.with_waves(new) if same else new]
+        # a pitch error with further waves, or an error motion that takes the place of one of another order
+        same = next((f for f in rest if f.effect.key == c.effect.key), None)
+        waves = same is not None and c.effect.kind == "pitch_error"
+        return [*(f for f in rest if f is not same), same.with_waves(new) if same and waves else new]
 
     def _near(self, key: str, subject: str) -> list[tuple[Member, np.ndarray, float]]:
         """What reaches nearly the finding's evidence in its place, the best group of each effect, with the linear
