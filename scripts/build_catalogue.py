@@ -181,9 +181,8 @@ def wrapped(text: str) -> list[str]:
 def panels(cls: type[Effect]) -> list[tuple[Effect, str]]:
     """Two effects of a kind at their typical size, each with the name of its test."""
     first = cls.subjects_of(FIVE_AXIS)[0]
-    return [
-        (typical(cls, subject), test) for subject, test in PANELS.get(cls.kind, [(first, "circle"), (first, "cone")])
-    ]
+    usual = ("cone", "wide cone") if first in FIVE_AXIS.rotary else ("circle", "cone")  # no circle turns a rotary axis
+    return [(typical(cls, subject), test) for subject, test in PANELS.get(cls.kind, [(first, t) for t in usual])]
 
 
 def typical(cls: type[Effect], subject: str) -> Effect:

@@ -24,6 +24,7 @@ _POINT = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 _COMMA = re.compile(r"[+-]?(?:\d+(?:,\d+)?|,\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 #: Larger numbers (1e20) are none that a recorder writes; a column's name has so many characters.
 _HUGE, _NAME = 1e20, 60
+_ALLOWED = "allowed: a table as text (.csv, .txt), or a file with the ending of its format"
 _COMMENT = re.compile(r"^\s*(?:#|%|//|;)\s*")
 
 
@@ -104,18 +105,14 @@ def _text(path: Path) -> tuple[str, list[str]]:
                     f"{path}: byte {error.start} is no {name} text, though the file begins with its mark"
                 ) from None
     if b"\0" in data:
-        raise InputError(
-            f"{path}: byte {data.index(0)} is not text; allowed: a table as text (.csv, .txt), or a .b5r file"
-        )
+        raise InputError(f"{path}: byte {data.index(0)} is not text; {_ALLOWED}")
     try:
         return data.decode(), []
     except UnicodeDecodeError:
         try:
             return data.decode("cp1252"), ["not UTF-8, read as Windows-1252"]
         except UnicodeDecodeError as error:
-            raise InputError(
-                f"{path}: byte {error.start} is not text; allowed: a table as text (.csv, .txt), or a .b5r file"
-            ) from None
+            raise InputError(f"{path}: byte {error.start} is not text; {_ALLOWED}") from None
 
 
 def _split(line: str, sep: str | None) -> list[str]:
