@@ -37,6 +37,17 @@ def shaken(campaign, machine, axis, amplitude, frequency):
     return replace(campaign, traces=traces)
 
 
+def test_an_axis_that_no_test_sees_is_not_named(healthy):
+    """Circles in XY say nothing about Z: the noise would look like a large wave of it."""
+    flat = tuple(t for t in healthy.tests if t.plane == "XY" and t.kind == "circular")
+    campaign = replace(healthy, tests=flat, traces={t.name: healthy.traces[t.name] for t in flat})
+    machine = read_machine(campaign.machine_file)
+    problem = trusted_problem(shaken(campaign, machine, "X", 0.05e-6, 43.7), build(machine))
+    (line,) = separate(problem, machine).lines
+    assert "vibration.Z" not in {line.effect.id, *line.alternatives}
+    assert line.effect.values["amplitude_um"] < 0.1
+
+
 @pytest.mark.parametrize(
     ("axis", "amplitude", "frequency"), [("X", 0.3e-6, 43.7), ("Y", 0.6e-6, 6.1), ("Z", 0.8e-6, 71.0)]
 )

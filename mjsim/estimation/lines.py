@@ -29,6 +29,8 @@ SLOW = 1.0
 #: Around a peak the true line is looked for, in units of the spectral resolution: a wave whose sensitivity turns with
 #: the bar has side lines one or two turns off, and whole periods per turn leave no difference between turns.
 _AROUND = 7.0
+#: Least mean square of a reading's sensitivity to an axis in which that axis is looked for.
+_SEEN = 0.02
 
 
 @dataclass(frozen=True)
@@ -134,9 +136,9 @@ def _strongest(records: list[Record]) -> tuple[float, float]:
     for i in range(axes):
         total, tests = np.zeros(len(f)), 0
         for r in records:
-            own = float(r.weight[:, i] @ r.weight[:, i])
-            if own < 0.02 * len(r.x):
+            if not _shows(r, i):
                 continue
+            own = float(r.weight[:, i] @ r.weight[:, i])
             mine = f if r.rate == rate else np.fft.rfftfreq(size, 1.0 / r.rate)
             power = np.abs(np.fft.rfft(r.x * r.weight[:, i], size)) ** 2 / (r.noise_at(mine) * own)
             if mine is not f:  # traces of one campaign may differ in their rate
@@ -151,6 +153,11 @@ def _strongest(records: list[Record]) -> tuple[float, float]:
         if chance < best[1]:
             best = (float(f[at]), chance)
     return best
+
+
+def _shows(r: Record, i: int) -> bool:
+    """Whether a test sees an axis: otherwise the noise looks like a large wave of it."""
+    return float(r.weight[:, i] @ r.weight[:, i]) >= _SEEN * len(r.x)
 
 
 def amplitude_of(r: Record, frequency: float, i: int) -> tuple[complex, float]:
@@ -178,7 +185,8 @@ def _common(records: list[Record], frequency: float, i: int) -> tuple[float, flo
 
 def _line(records: list[Record], frequency: float, chain: Chain, settings: DiagnosisSettings) -> Line | None:
     """The line near ``frequency`` at its best axis; ``None`` where the tests do not agree on one amplitude."""
-    fits = {i: _refined(records, frequency, i) for i in range(len(chain.linear))}
+    seen = [i for i in range(len(chain.linear)) if any(_shows(r, i) for r in records)]
+    fits = {i: _refined(records, frequency, i) for i in seen}
     best = max(fits, key=lambda i: fits[i][1])
     f, gain, amplitude, free = fits[best]
     if gain < settings.vibration_common * free or amplitude == 0.0:

@@ -198,7 +198,7 @@ class DiagnosisSettings:
     log_odds: float = -9.0
     curve_log_odds: float = -12.0
     most_vibrations: int = 4
-    vibration_false_alarm: float = 1e-6
+    vibration_false_alarm: float = 1e-8
     vibration_size: float = 0.3
     vibration_common: float = 0.7
     observable: float = 0.8
