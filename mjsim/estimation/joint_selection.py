@@ -103,7 +103,7 @@ class JointSelector:
         model = _Model(first, dict(expected), expected, SignatureBank(self.problem, first))
         for number in range(_ROUNDS):
             self.progress("selecting causes by evidence", number, _ROUNDS)
-            if not self._select(model) and not self._release(model):
+            if not self._select(model) and not self._release(model) and not self._retime(model):
                 break
         model.fit = self._exact_refit(model.fit.effects, model.fit)
         self._without_invisible(model)
@@ -129,11 +129,11 @@ class JointSelector:
     def _first_fit(self, effects: list[EffectVector]) -> Fit:
         """Everything that a machine may have, fitted to data without what then stands out as having happened once."""
         fit = self._refit(effects, None, _FIRST)
-        better = retimed(self.problem, fit)
-        if better is not None:
+        if (better := retimed(self.problem, fit)) is not None:
             fit = self._refit(list(fit.effects), better, _FIRST)
-        explained = fit.sum_squares <= self.settings.complete_fit * self.problem.count
-        data = self.problem if explained else without_disturbances(self.problem, fit.readings, fit.nuisance)
+        if fit.sum_squares <= self.settings.complete_fit * self.problem.count:
+            return fit
+        data = without_disturbances(self.problem, fit.readings, fit.nuisance)
         if data is self.problem:
             return fit
         self.problem, self.fitter = data, self.fitter.with_problem(data)
@@ -167,7 +167,7 @@ class JointSelector:
     @staticmethod
     def _kept(model: _Model, groups: CandidateGroups, chosen: SparseModel) -> dict[str, Calibrated]:
         """The expected effects that the evidence does not put beyond their tolerance."""
-        needed = {groups.members[g].key for g in chosen.precision}  # further waves of a pitch error among them
+        needed = {groups.members[g].key for g in chosen.precision}
         return {key: c for key, c in model.expected.items() if key not in needed}
 
     def _chosen(self, groups: CandidateGroups, weight: float) -> SparseModel:
@@ -245,11 +245,16 @@ class JointSelector:
         model.fit = self._refit(effects, model.fit, _STEPS)
         return True
 
+    def _retime(self, model: _Model) -> bool:
+        """Fit again with triggers that had followed what the model lacked; whether there were such."""
+        if (better := retimed(self.problem, model.fit)) is not None:
+            model.fit = self._refit(list(model.fit.effects), better, _STEPS)
+        return better is not None
+
     def _return(self, model: _Model) -> None:
         """Put what came to lie within its tolerance again among what is calibrated."""
         free = [f for f in model.fit.effects if f.effect.key in model.expected and f.effect.key not in model.kept]
-        inside = {f.effect.key for f in free if not is_beyond(model.fit, f, model.expected[f.effect.key])}
-        if not inside:
+        if not (inside := {f.effect.key for f in free if not is_beyond(model.fit, f, model.expected[f.effect.key])}):
             return
         model.kept |= {key: model.expected[key] for key in inside}
         effects = [model.expected[f.effect.key].at(f) if f.effect.key in inside else f for f in model.fit.effects]
@@ -266,15 +271,12 @@ class JointSelector:
     def _without_invisible(self, model: _Model) -> None:
         """Drop what was selected, but stands out of no test."""
         new = [f.effect.key for f in model.fit.effects if f.effect.key not in model.expected]
-        hidden = {key for key in new if not clear_tests(self.problem, model.fit, key)}
-        if hidden:
+        if hidden := {key for key in new if not clear_tests(self.problem, model.fit, key)}:
             seen = [f for f in model.fit.effects if f.effect.key not in hidden]
             model.fit = self._exact_refit(seen, model.fit)
 
     def _refit(self, effects: list[EffectVector], start: Fit | None, iterations: int) -> Fit:
-        """Joint fit; exact where the model comes near the data, since a linearised data sheet is driven far off
-        otherwise.
-        """
+        """Joint fit; exact where the model comes near the data: a linearised data sheet is driven far off there."""
         fit = self.fitter.fit(effects, start=start, exact=False, iterations=iterations)
         if fit.sum_squares > self.settings.close_fit * self.problem.count:
             return fit
@@ -293,7 +295,6 @@ class JointSelector:
             if f.effect.key in model.kept or not is_large_enough(self.fitter.machine, f, self.settings):
                 continue
             at = model.fit.parameters[f.block.name]
-            off = f.vector - f.off
-            columns = model.fit.design[:, at] @ off
+            columns = model.fit.design[:, at] @ (f.vector - f.off)
             out.append(Found(f.effect.key, float(columns @ columns)))
         return sorted(out, key=lambda f: -f.gain)
