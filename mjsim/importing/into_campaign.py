@@ -130,8 +130,11 @@ def _complete(file: Path, name: str, keys: dict, source: Path) -> dict:
         kind = keys["kind"] = possible[0]
     common = [options()[k] for k in _COMMON if k not in keys]
     if kind not in KINDS:
+        needs = [
+            f"--kind {k.name} ({', '.join(options()[n] for n in k.needed if n not in keys)})" for k in KINDS.values()
+        ]
         raise InputError(
-            f'{source}: test "{name}" is not in {file}; say how it was run: --kind ({" or ".join(KINDS)})'
+            f'{source}: test "{name}" is not in {file}; say how it was run: {" or ".join(needs)}'
             f"{', and ' + ', '.join(common) if common else ''}; or name a test of the campaign with --test"
         )
     missing = [*(options()[k] for k in KINDS[kind].needed if k not in keys), *common]
