@@ -1,5 +1,6 @@
 """One cause outside the catalogue is not named as several effects that imitate it, and several causes are not one."""
 
+import pytest
 from independent import campaign as generator
 from independent.layouts import layout
 from independent.unlisted import EccentricPlay
@@ -10,7 +11,7 @@ from mjsim.effects import registry
 from mjsim.estimation.calibration import expected_effects
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fitter
-from mjsim.estimation.one_curve import one_curve
+from mjsim.estimation.one_curve import in_place_of_both_directions, one_curve
 from mjsim.estimation.problem import Problem
 from mjsim.machine.model import build
 
@@ -23,13 +24,18 @@ def free(machine, effect_id, **values):
     return EffectVector(cls(subject, **values), tuple(values)[-1:])
 
 
-def instead_of(named_of, hidden, folder):
-    """What one curve explains in place of the named effects, on a turn of the table each way."""
+def fitter_of(hidden, folder):
+    """For a campaign of a turn of the table each way, and its machine."""
     tests = [t for t in layout("rotaries") if t["name"].startswith("rotary-c-tangential")]
     generator.write_files(generator.Case("c", "M1", tuple(tests), hidden, seed=3, tolerance_stated=True), folder)
     campaign = read_campaign(folder)
     machine = read_machine(campaign.machine_file)
-    fitter = Fitter(Problem.of(campaign, build(machine), threads=2), machine)
+    return Fitter(Problem.of(campaign, build(machine), threads=2), machine), machine
+
+
+def instead_of(named_of, hidden, folder):
+    """What one curve explains in place of the named effects."""
+    fitter, machine = fitter_of(hidden, folder)
     kept = [c.free for c in expected_effects(machine) if c.key in KEPT]
     named = named_of(machine)
     findings = [f.effect.key for f in named]
@@ -68,3 +74,32 @@ def test_a_curve_does_not_stand_for_causes_beside_which_it_does_as_much(tmp_path
     waves = {"id": "pitch_error.C", "components": [[240.0, 0.00015, 50.0]]}
     hidden = ({"id": "backlash.C", "width_deg": 0.0006}, waves, EccentricPlay("C", 2.0))
     assert instead_of(named, hidden, tmp_path) is None
+
+
+@pytest.mark.parametrize(
+    ("hidden", "order", "is_one_cause"),
+    [
+        ([EccentricPlay("C", 8.0)], 1.0, True),
+        ([{"id": "backlash.C", "width_deg": 0.002}, EccentricPlay("C", 8.0)], 1.0, True),
+        (
+            [
+                {"id": "pitch_error.C", "components": [[3.0, 0.003, 10.0]], "direction": "CW"},
+                {"id": "pitch_error.C", "components": [[3.0, 0.002, 10.0]], "direction": "CCW"},
+            ],
+            3.0,
+            False,
+        ),
+    ],
+    ids=["eccentric", "eccentric-and-backlash", "two-flanks"],
+)
+def test_opposite_pitch_errors_are_one_cause_and_others_are_two(hidden, order, is_one_cause, tmp_path):
+    fitter, machine = fitter_of(tuple(hidden), tmp_path)
+    flanks = [free(machine, "pitch_error.C", direction=d, components=[[order, 0.001, 10.0]]) for d in ("CW", "CCW")]
+    named = fitter.fit([free(machine, "backlash.C", width_deg=0.001), *flanks])
+    instead = in_place_of_both_directions(fitter, named)
+    assert (instead is not None) == is_one_cause
+    if instead:
+        fit, curve, replaced = instead
+        assert replaced == {"pitch_error.C[CW]", "pitch_error.C[CCW]"}
+        assert [f.effect.key for f in fit.effects] == ["backlash.C"]
+        assert curve.axes == ("C",) and curve.signed

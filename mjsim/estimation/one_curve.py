@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from itertools import combinations
 
 import numpy as np
 
 from mjsim.estimation.candidate_groups import own_groups
+from mjsim.estimation.criteria import penalised_objective
 from mjsim.estimation.curve_fit import Together, fit_beside
-from mjsim.estimation.curve_search import stands_out
+from mjsim.estimation.curve_search import best_curve_term, stands_out
 from mjsim.estimation.curve_terms import CurveTerm, CurveTerms
 from mjsim.estimation.fit import Fit, Fitter
 
@@ -78,3 +80,34 @@ def _objective(named: Fit, calibrated: Fit, findings: Collection[str], log_odds:
             # the other model has the effect as well, and pays for it by its tolerance
             out -= float(np.log1p(other.prior[1] ** 2 / variance).sum())
     return out
+
+
+def in_place_of_both_directions(fitter: Fitter, fit: Fit) -> tuple[Fit, CurveTerm, set[str]] | None:
+    """The model with one curve in place of an effect that it has once per direction of motion; otherwise ``None``.
+
+    Two flanks that differ leave a part that both directions share. Where there is next to none, the two effects are
+    equal and opposite: an axis whose play changes with its position, which is one cause and in no catalogue.
+
+    Args:
+        fitter: Of the machine.
+        fit: The model with its effects.
+
+    Returns:
+        The model without the two effects, the curve fitted beside it, and the keys of the two.
+    """
+    settings = fitter.problem.settings
+    for a, b in combinations([f.effect for f in fit.effects if f.effect.direction_sign], 2):
+        if a.id != b.id:
+            continue
+        without = fitter.fit([f for f in fit.effects if f.effect.key not in (a.key, b.key)], start=fit)
+        curve = best_curve_term(fitter.problem, without)
+        explained = penalised_objective(without, settings) - penalised_objective(fit, settings)
+        if (
+            curve is not None
+            and curve.axes == (a.subject,)
+            and curve.variable == "direction"
+            and curve.gain - curve.chance_gain > (1.0 - settings.notable_share) * explained
+        ):
+            beside, curve, _ = fit_beside(fitter, without, curve)
+            return beside, curve, {a.key, b.key}
+    return None

@@ -21,6 +21,7 @@ from mjsim.estimation.fit import Fitter, with_effects
 from mjsim.estimation.joint_selection import JointSelection, JointSelector
 from mjsim.estimation.lines import Line
 from mjsim.estimation.mistakes.checked_problem import checked_problem
+from mjsim.estimation.one_curve import in_place_of_both_directions
 from mjsim.estimation.planning.next_test import plan_for
 from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.problem import Problem
@@ -208,7 +209,13 @@ def _explain_by_curve(problem: Problem, selection: Selection, progress: Progress
 
 def _explain_with_few(problem: Problem, fitter: Fitter, selection: Selection, progress: Progress) -> Explained:
     """What a few effects explain, and what is left beside them."""
-    unexplained, selection = find_unexplained(problem, selection, progress)
+    varying = in_place_of_both_directions(fitter, selection.fit)
+    if varying is None:
+        unexplained, selection = find_unexplained(problem, selection, progress)
+    else:
+        fit, curve, replaced = varying
+        selection = replace(selection, fit=fit, found=[f for f in selection.found if f.key not in replaced])
+        unexplained = describe(problem, fit, curve, together=True)
     if selection.found:
         data = readmitted(problem, selection.fit.readings, selection.fit.nuisance)
         if data is not problem:
