@@ -11,14 +11,12 @@ from pathlib import Path
 import numpy as np
 import tomlkit
 
-from . import drives, measurement, transmission
+from . import drives, measurement, real_machines, transmission
 from .campaign import Cause
 from .chains import FAMILIES, ChainProgram, Kinematics
 from .heldout import write_truth
 from .kinematics import DEG, MICRO
 from .machines import FRICTION_TOLERANCE, TOLERANCE, by_id, nominal, with_hidden
-from .programs import PLANES
-from .real_machines import TOLERANCE as LIMITS
 from .simulate import State, cubic, grid
 from .unlisted import CoolerCycle, EccentricPlay, LooseGib, ReversalCreep, Unlisted
 
@@ -67,7 +65,7 @@ class ChainCase:
         if directions:
             out["axis"] = {a: {"direction": list(d)} for a, d in directions.items()}
         if self.real:
-            out["tolerance"] = {k: dict(v) for k, v in LIMITS.items()}
+            out["tolerance"] = {k: dict(v) for k, v in real_machines.TOLERANCE.items()}
         frictions = by_id(known["effect"])
         out["drive"] = {a: dict(known["drive"][s]) for a, s in source.items()}
         out["effect"] = [{"id": f"friction.{a}", **frictions[f"friction.{s}"]} for a, s in source.items()]
@@ -84,28 +82,13 @@ class ChainCase:
         for axis in drive:
             for key, sd in FRICTION_TOLERANCE.items():
                 effects[f"friction.{axis}"][key] *= 1.0 + sd * rng.standard_normal()
-        if self.real:
-            effects = with_hidden(effects, self.small(self.rng(1)))
-        return drive, with_hidden(effects, self.catalogue())
+        planted = [*(self.small() if self.real else []), *self.catalogue()]
+        return drive, with_hidden(effects, real_machines.merged(planted))
 
-    def small(self, rng: np.random.Generator) -> list[dict]:
+    def small(self) -> list[dict]:
         """Errors inside the limits, as on any real machine."""
-
-        def draw(limit: float) -> float:
-            return float(np.clip(0.5 * limit * rng.standard_normal(), -0.95 * limit, 0.95 * limit))
-
-        out = []
-        for name in FAMILIES[self.family][3].split():
-            key, unit = ("value_um", "um") if name[1] in "XYZ" else ("value_urad", "urad")
-            out.append({"id": f"axis_location.{name}", key: draw(LIMITS["axis_location"][unit])})
-        out += [{"id": f"squareness.{n}", "angle_urad": draw(LIMITS["squareness"]["urad"])} for n in PLANES]
-        for n in ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ"):
-            out.append({"id": f"straightness.{n}", "quadratic_um": draw(1.6), "cubic_um": draw(1.6)})
-        out += [{"id": f"scale_error.{a}", "ppm": draw(LIMITS["scale_error"]["ppm"])} for a in "XYZ"]
-        for a in self.machine.axes:
-            key, unit = ("width_deg", "deg") if a in "ABC" else ("width_um", "um")
-            out.append({"id": f"backlash.{a}", key: abs(draw(LIMITS["backlash"][unit]))})
-        return [e for e in out if e["id"] not in {h["id"] for h in self.catalogue()}]
+        errors = real_machines.small_errors(self.model(), FAMILIES[self.family][3].split(), self.rng(1))
+        return real_machines.with_causes(errors, self.catalogue())
 
     def tests(self) -> list[dict]:
         """Circles, cones at two places, and each rotary axis that moves a ball."""
@@ -267,7 +250,7 @@ def answer(case: ChainCase) -> dict:
     odd = case.unlisted()
     out: dict = {"verdict": "unknown" if odd else "effect" if case.hidden else "none", "effect": case.catalogue()}
     if case.real:
-        out |= {"tolerance_stated": True, "within": case.small(case.rng(1))}
+        out |= {"tolerance_stated": True, "within": case.small()}
     if odd:
         out["axes"] = list(dict.fromkeys(a for u in odd for a in u.axes))
         out["variable"] = list(dict.fromkeys(v for u in odd for v in u.variable))

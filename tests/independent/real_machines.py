@@ -7,9 +7,10 @@ tolerances). Nothing here uses code of mjsim.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
-from .kinematics import AXES
 from .machines import nominal
 
 #: Limits per kind of effect, as a machine file states them.
@@ -31,7 +32,12 @@ _INSIDE = 0.95
 
 
 def within(machine: str, rng: np.random.Generator) -> list[dict]:
-    """The small errors of one machine, as ``[[effect]]`` tables."""
+    """The small errors of one of the paper's machines, as ``[[effect]]`` tables."""
+    return small_errors(nominal(machine), (*_SHIFTS, *_TILTS), rng)
+
+
+def small_errors(model: dict, locations: Iterable[str], rng: np.random.Generator) -> list[dict]:
+    """The small errors of a machine with these drives and independent axis locations, as ``[[effect]]`` tables."""
 
     def draw(limit: float) -> float:
         return float(np.clip(0.5 * limit * rng.standard_normal(), -_INSIDE * limit, _INSIDE * limit))
@@ -43,18 +49,19 @@ def within(machine: str, rng: np.random.Generator) -> list[dict]:
             rows.append([float(order), float(np.hypot(a, b)), float(np.degrees(np.arctan2(b, a)))])
         return rows
 
-    model = nominal(machine)
     t = TOLERANCE
-    out = [{"id": f"axis_location.{n}", "value_um": draw(t["axis_location"]["um"])} for n in _SHIFTS]
-    out += [{"id": f"axis_location.{n}", "value_urad": draw(t["axis_location"]["urad"])} for n in _TILTS]
+    out = []
+    for n in locations:
+        key, unit = ("value_um", "um") if n[1] in "XYZ" else ("value_urad", "urad")
+        out.append({"id": f"axis_location.{n}", key: draw(t["axis_location"][unit])})
     out += [{"id": f"squareness.{n}", "angle_urad": draw(t["squareness"]["urad"])} for n in ("XY", "YZ", "ZX")]
     for n in ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ"):
         limit = t["straightness"]["um"]
         out.append({"id": f"straightness.{n}", "quadratic_um": draw(limit), "cubic_um": draw(limit)})
     out += [{"id": f"scale_error.{a}", "ppm": draw(t["scale_error"]["ppm"])} for a in "XYZ"]
     known = {e["id"]: e for e in model["effect"]}
-    for a in AXES:
-        rotary = a in "AC"
+    for a in model["drive"]:
+        rotary = a in "ABC"
         taken = {round(c[0]) for c in known.get(f"pitch_error.{a}", {}).get("components", [])}
         teeth = model["drive"][a].get("worm_teeth", 1.0)
         orders = tuple(n for n in ((teeth, 2.0 * teeth) if rotary else (1.0, 2.0)) if round(n) not in taken)
