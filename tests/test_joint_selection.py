@@ -192,20 +192,37 @@ def test_a_wave_of_another_order_belongs_to_the_pitch_error(real):
         )
 
 
-def test_an_error_motion_of_another_order_is_the_finding(tmp_path):
-    """A table that wobbles three times per turn, on a machine whose tolerance is calibrated for two."""
-    hidden = ({"id": "tilt_error_motion.C", "amplitude_urad": 30.0, "order": 3.0, "phase_deg": -40.0},)
-    within = tuple(e for e in real_machines.within("M1", np.random.default_rng(6)) if e["id"] != hidden[0]["id"])
-    tests = tuple({**t, "feed_mm_min": 6000.0} for t in layout("table") if t["kind"] == "rotary")
-    case = generator.Case("wobble", "M1", tests, hidden, seed=8, within=within, tolerance_stated=True)
-    generator.write_files(case, tmp_path)
-    campaign = read_campaign(tmp_path)
+def finding_of(hidden, rows, folder):
+    """The only finding on a real machine whose tolerance is stated, with its intervals."""
+    within = tuple(e for e in real_machines.within("M1", np.random.default_rng(6)) if e["id"] != hidden["id"])
+    tests = tuple({**t, "feed_mm_min": 6000.0} for t in rows if t["kind"] == "rotary")
+    generator.write_files(
+        generator.Case("real", "M1", tests, (hidden,), seed=8, within=within, tolerance_stated=True), folder
+    )
+    campaign = read_campaign(folder)
     machine = read_machine(campaign.machine_file)
     joint = JointSelector(Fitter(Problem.of(campaign, build(machine), threads=2), machine)).run()
     (found,) = (f for f in joint.selection.fit.effects if f.effect.key in {x.key for x in joint.selection.found})
+    return found, found.interval(found.vector, joint.selection.fit.covariance_of(found))
+
+
+def test_an_error_motion_of_another_order_is_the_finding(tmp_path):
+    """A table that wobbles three times per turn, on a machine whose tolerance is calibrated for two."""
+    hidden = {"id": "tilt_error_motion.C", "amplitude_urad": 30.0, "order": 3.0, "phase_deg": -40.0}
+    found, intervals = finding_of(hidden, layout("table"), tmp_path)
     assert found.effect.id == "tilt_error_motion.C" and found.effect.values["order"] == 3.0
-    low, high = found.interval(found.vector, joint.selection.fit.covariance_of(found))["amplitude_urad"]
+    low, high = intervals["amplitude_urad"]
     assert low < 30.0 < high
+
+
+def test_a_worm_wheel_that_is_worn_on_one_flank_is_the_finding(tmp_path):
+    """Neither pitch errors of one direction nor something unknown."""
+    hidden = {"id": "worm_wear.A", "depth_deg": 0.004, "centre_deg": 33.0, "width_deg": 3.5, "direction": "CW"}
+    found, intervals = finding_of(hidden, layout("cradle"), tmp_path)
+    assert found.effect.key == "worm_wear.A[CW]"
+    for name in ("depth_deg", "centre_deg", "width_deg"):
+        low, high = intervals[name]
+        assert low < hidden[name] < high
 
 
 def test_every_kind_and_subject_of_the_table_is_calibrated(real):

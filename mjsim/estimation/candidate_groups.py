@@ -13,9 +13,10 @@ from mjsim.estimation.curve_terms import CurveTerm, CurveTerms
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.evidence import Group, LinearProblem, best_precision
 from mjsim.estimation.fit import Fit
+from mjsim.estimation.one_direction import one_direction_rows
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.settings import DiagnosisSettings
-from mjsim.estimation.signatures import Candidate, SignatureBank, seeds
+from mjsim.estimation.signatures import Candidate, Projector, SignatureBank, seeds
 from mjsim.estimation.spectrum import spectral_candidates
 
 #: Generic curves that compete with the named effects: the best ones by themselves.
@@ -103,11 +104,11 @@ class CandidateGroups:
         others = _candidates(problem, fit, bank, kept)
         count: dict[str, int] = {}
         for c, _ in others:
-            count[c.effect.key] = count.get(c.effect.key, 0) + 1
+            count[c.id] = count.get(c.id, 0) + 1
         for c, columns in others:
             blocks.append(columns)
             members.append(Member(candidate=c))
-            tried = _ORDERS if c.effect.kind == "pitch_error" else count[c.effect.key]
+            tried = _ORDERS if c.effect.kind == "pitch_error" else count[c.id]
             odds.append(settings.log_odds - math.log(tried))
         for term, columns, tried in _best_curves(problem, fit) if curves else ():
             blocks.append(columns)
@@ -161,6 +162,9 @@ def _candidates(problem: Problem, fit: Fit, bank: SignatureBank, kept: set[str])
         mine, key = have.get(c.effect.key), c.effect.key
         if mine is None or (key in kept and c.at_another_order(mine.effect)):
             out.append((c, bank.matrix[:, columns]))
+    for _, _, c in one_direction_rows(fit, bank, Projector(fit).screen(bank)):
+        if c.effect.key not in have:
+            out.append((c, problem.whiten(bank.columns(c))))
     for axis in fit.base.chain.letters:
         for c, columns in spectral_candidates(problem, fit, bank, axis, _WAVES):
             mine = have.get(c.effect.key)
