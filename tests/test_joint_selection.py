@@ -24,7 +24,7 @@ from mjsim.estimation.joint_selection import JointSelector
 from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.signatures import SignatureBank, seeds
-from mjsim.estimation.spectrum import spectral_candidates
+from mjsim.estimation.spectrum import spectral_candidates, wave
 from mjsim.estimation.verdicts import is_beyond
 from mjsim.machine.model import build
 
@@ -204,6 +204,17 @@ def finding_of(hidden, rows, folder):
     joint = JointSelector(Fitter(Problem.of(campaign, build(machine), threads=2), machine)).run()
     (found,) = (f for f in joint.selection.fit.effects if f.effect.key in {x.key for x in joint.selection.found})
     return found, found.interval(found.vector, joint.selection.fit.covariance_of(found))
+
+
+def test_a_wave_is_added_to_those_of_its_pitch_error(real):
+    """Its columns hold nothing of the waves that the model has."""
+    _, problem, machine, joint = real
+    fit = joint.selection.fit
+    pitch = fit.machine.effect("pitch_error.A")
+    assert all(size > 0.0 for _, size, _ in pitch.values["components"])
+    beside = wave(problem, joint.selection.bank, pitch, 50.0)[1]
+    alone = wave(problem, SignatureBank(problem, Fitter(problem, machine).fit([])), pitch, 50.0)[1]
+    assert np.linalg.norm(beside - alone) < 0.05 * np.linalg.norm(alone)
 
 
 def test_an_error_motion_of_another_order_is_the_finding(tmp_path):

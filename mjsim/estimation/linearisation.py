@@ -93,7 +93,7 @@ class Linearisation:
         if free.effect.in_python:
             return None
         if free.is_linear and free.effect.search.quasi_static and not self._plays_back(self._alone(free.effect)):
-            parts = [self._added(free.only(j, _PART), keep=True) for j in range(len(free.vector))]
+            parts = [self.added(free.only(j, _PART), keep=True) for j in range(len(free.vector))]
             return [np.column_stack(of_test) / _PART for of_test in zip(*parts, strict=True)]
         pairs = [free.nudged(j, _STEP) for j in range(len(free.vector))]
         effects = [free.effect, *(effect for effect, _ in pairs)]
@@ -116,7 +116,7 @@ class Linearisation:
         """
         before = self.machine.effect(effect.key)
         if before is None:
-            return self._added(effect)
+            return self.added(effect)
         plants = [self._alone(e) for e in (effect, before)]
         part_of = self._part_of(effect, plants)
 
@@ -126,7 +126,7 @@ class Linearisation:
 
         return self.problem.map(one)
 
-    def _added(self, effect: Effect, keep: bool = False) -> list[np.ndarray]:
+    def added(self, effect: Effect, keep: bool = False) -> list[np.ndarray]:
         """What an effect of positions by itself adds to the block means, (m,) per test, m."""
         changes = self.problem.changes
         known = [changes.of(k, effect) for k in range(len(self.problem.motions))]

@@ -166,7 +166,7 @@ def _unwhitened(bank: SignatureBank, c: Candidate) -> list[np.ndarray]:
     for order, _, _ in c.effect.values["components"]:
         for phase in (0.0, 90.0):
             wave = c.effect.replaced(components=[[order, 0.05 * p.scale, phase]])
-            sides.append([d / 0.05 for d in bank.position_changes(wave)])
+            sides.append([d / 0.05 for d in bank.linearisation.added(wave)])
     return [np.column_stack(parts) for parts in zip(*sides, strict=True)]
 
 

@@ -127,6 +127,6 @@ def wave(problem: Problem, bank: SignatureBank, pitch_error: Effect, order: floa
     sides = []
     for phase in (0.0, 90.0):
         part = pitch_error.replaced(components=[[order, 0.05 * scale, phase]])
-        sides.append([d / 0.05 for d in bank.position_changes(part)])
+        sides.append([d / 0.05 for d in bank.linearisation.added(part)])
     columns = problem.whiten([np.column_stack(pair) for pair in zip(*sides, strict=True)])
     return Candidate(pitch_error.replaced(components=[[order, scale, 0.0]]), ("components",)), columns
