@@ -29,8 +29,8 @@ def in_each_direction(effect: Effect) -> list[Effect]:
 
 def one_direction_rows(fit: Fit, bank: SignatureBank, rows: list[Row]) -> list[Row]:
     """Gain, coefficients and candidate in each direction of motion, for the fitted effects and the best of ``rows``
-    (best first) of every
-    effect that knows directions. A direction in which the model has the effect already is left out."""
+    (best first) of every effect that knows directions. A direction in which the model has the effect is left out.
+    """
     have = {e.key for e in fit.machine.effects}
     whole = [Candidate(f.effect, f.names) for f in fit.effects if not f.effect.search.scanned]
     tried: dict[str, int] = {}
