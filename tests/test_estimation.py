@@ -298,14 +298,29 @@ def test_a_wave_of_order_1_stands_in_the_place_of_a_windup():
     beside = EffectVector(pitch, ("components",))
     without = selection.fitter.fit([beside], exact=False, iterations=1)
     bank = SignatureBank(selection.problem, without)
-    ((gain, x, candidate),) = selection._first_order(without, mine, bank)
+    ((gain, x, candidate),) = selection.first_order(without, "A", bank)
     assert candidate.id == "pitch_error.A" and candidate.effect.values["components"][0][0] == 1.0
     other = Candidate(windup, mine.names)
     ((same, y),) = Projector(without).gains([selection.problem.whiten(bank.columns(other))])
     assert gain == pytest.approx(same - selection.penalty(other), rel=1e-3)
     assert np.hypot(*x) == pytest.approx(np.hypot(*y), rel=1e-3)
     alone = selection.fitter.fit([], exact=False, iterations=1)
-    assert selection._first_order(alone, mine, bank) == []
+    assert selection.first_order(alone, "A", bank) == []
+
+
+@pytest.mark.parametrize(
+    ("hidden", "others"),
+    [
+        (registry.make("velocity_feedforward.X", ratio=0.02), {"servo_delay.X", "velocity_feedforward.X"}),
+        (registry.make("servo_delay.X", delay_ms=0.4), {"servo_delay.X"}),
+    ],
+)
+def test_a_small_feedforward_and_an_early_command_are_named_together(hidden, others):
+    """No test tells them apart. A late command would be a feedforward below zero, which nobody sets."""
+    problem, machine = healthy("circle-xy-ccw", "circle-xy-cw", "circle-yz-ccw", "cone15-parallel-ccw")
+    hide(problem, machine, hidden)
+    (found,) = ModelSelection(Fitter(problem, machine)).run(1).found
+    assert others == {found.key, *found.alternatives} - {"servo_gain.X"}
 
 
 def test_a_stiffness_is_fitted_as_its_compliance():

@@ -6,13 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from mjsim.estimation.criteria import penalised_objective, start_share
+from mjsim.estimation.criteria import looks_like, penalised_objective, start_share
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import CONVERGED, Fit, Fitter
 from mjsim.estimation.nuisance import TRIGGERS
 from mjsim.estimation.one_direction import one_direction_rows
 from mjsim.estimation.signatures import Candidate, Projector, SignatureBank
-from mjsim.estimation.spectrum import spectral_candidates
+from mjsim.estimation.spectrum import spectral_candidates, wave
+from mjsim.machine.chain import is_rotary
+from mjsim.machine.effect import Effect
 from mjsim.progress import Progress, silent
 
 #: Gauss-Newton steps of the final model at most.
@@ -71,6 +73,27 @@ class CandidateModels:
             for (g, x, c), t in zip(rows, shares, strict=True)
             if t > 0.0
         ]
+
+    def look_alikes(self, fit: Fit, effect: Effect, bank: SignatureBank) -> list[tuple[float, np.ndarray, Candidate]]:
+        """What makes sense in the place of ``effect`` at any size, as rows of :meth:`ranked_candidates`."""
+        mine = [
+            (c, bank.matrix[:, columns])
+            for c, columns in zip(bank.candidates, bank.slices, strict=True)
+            if looks_like(c.effect, effect)
+        ]
+        gains = Projector(fit).gains([columns for _, columns in mine])
+        return [(gain - self.penalty(c), x, c) for (gain, x), (c, _) in zip(gains, mine, strict=True)]
+
+    def first_order(self, fit: Fit, axis: str, bank: SignatureBank) -> list[tuple[float, np.ndarray, Candidate]]:
+        """A wave of one period per turn beside the other waves of a pitch error of ``axis``, as rows of
+        :meth:`ranked_candidates`: the spectrum does not see it, and it acts as the wind-up by an unbalance does.
+        """
+        present = [f.effect for f in fit.effects if f.effect.search.scanned and f.effect.subject == axis]
+        if not present or not is_rotary(axis):
+            return []
+        waves = [wave(self.problem, bank, effect, 1.0) for effect in present]
+        gains = Projector(fit).gains([columns for _, columns in waves])
+        return [(gain - self.penalty(c), x, c) for (gain, x), (c, _) in zip(gains, waves, strict=True)]
 
     def refit(self, effects: list[EffectVector], start: Fit, c: Candidate) -> Fit:
         """Joint fit with a candidate: exact where a drive changes, since drives bend the data sheet's linear

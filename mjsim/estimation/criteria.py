@@ -78,6 +78,16 @@ def is_large_enough(machine: Machine, free: EffectVector, settings: DiagnosisSet
     )
 
 
+def looks_like(effect: Effect, other: Effect) -> bool:
+    """Whether an effect makes sense in the place of another one however small it is."""
+    return effect.subject == other.subject and other.kind in effect.search.looks_like
+
+
+def stands_for(f: EffectVector, other: Effect) -> bool:
+    """Whether a fitted effect makes sense in the place of another one: it may be small, but not below neutral."""
+    return looks_like(f.effect, other) and all(f.effect.values[n] > (f.specs[n].neutral or 0.0) for n in f.names)
+
+
 def _departs(effect: Effect, p: Parameter, value: float, present: float | None, sheet_limit: float) -> bool:
     origin = present if present is not None else p.neutral if p.neutral is not None else p.default
     if p.inverse:

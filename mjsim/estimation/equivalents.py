@@ -12,7 +12,7 @@ import numpy as np
 
 from mjsim.estimation.calibration import Calibrated
 from mjsim.estimation.candidate_groups import CandidateGroups, Member
-from mjsim.estimation.criteria import is_feasible, is_large_enough
+from mjsim.estimation.criteria import is_feasible, is_large_enough, looks_like, stands_for
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.evidence import best_precision, log_bayes_factor
 from mjsim.estimation.evidence_priors import WIDE, added
@@ -20,6 +20,7 @@ from mjsim.estimation.fit import Fit
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.signatures import SignatureBank
 from mjsim.estimation.verdicts import is_beyond
+from mjsim.machine.effect import Effect
 
 #: Fits a model with the given effects.
 Refit = Callable[[list[EffectVector]], Fit]
@@ -77,13 +78,13 @@ class Equivalents:
             rest.append(mine.free)
         settings = self.problem.settings
         out: dict[str, Fit] = {}
-        for member, x, precision in self._near(key, finding.effect.subject):
+        for member, x, precision in self._near(finding.effect):
             trial = self.refit(self._with(rest, member, x, precision))
             other = next(f for f in trial.effects if f.effect.key == member.key)
             if member.key in self._held:
                 is_cause = is_beyond(trial, other, self.expected[member.key])
             else:
-                is_cause = is_large_enough(self.fit.base, other, settings)
+                is_cause = is_large_enough(self.fit.base, other, settings) or stands_for(other, finding.effect)
             if is_cause and trial.objective < self.fit.objective + settings.indistinguishable:
                 out[other.effect.id] = trial
         return out
@@ -100,11 +101,11 @@ class Equivalents:
         waves = same is not None and c.effect.kind == "pitch_error"
         return [*(f for f in rest if f is not same), same.with_waves(new) if same and waves else new]
 
-    def _near(self, key: str, subject: str) -> list[tuple[Member, np.ndarray, float]]:
+    def _near(self, finding: Effect) -> list[tuple[Member, np.ndarray, float]]:
         """What reaches nearly the finding's evidence in its place, the best group of each effect, with the linear
         estimate and the prior precision.
         """
-        groups, members = self._groups, self._groups.members
+        groups, members, key = self._groups, self._groups.members, finding.key
         mine = [g for g, m in enumerate(members) if m.key == key and m.free is not None]
         own = [g for g, m in enumerate(members) if m.free is not None and not m.excess and m.key != key]
         columns = np.concatenate([groups.groups[g].columns for g in own]) if own else np.zeros(0, int)
@@ -122,10 +123,11 @@ class Equivalents:
             if not np.isfinite(precision):
                 continue
             gain += groups.groups[g].log_odds - groups.settings.log_odds  # one of many waves: by chance more likely
-            if gain < self._share(member, subject) * here:
+            if gain < self._share(member, finding.subject) * here:
                 continue
             x = np.linalg.solve(information + precision * np.eye(len(score)), score)
-            if member.candidate is None or is_feasible(self.fit.base, x, member.candidate):
+            c = member.candidate
+            if c is None or is_feasible(self.fit.base, x, c) or looks_like(c.effect, finding):
                 rows.append((gain, member, x, precision))
         best: dict[str, tuple[Member, np.ndarray, float]] = {}
         for _, member, x, precision in sorted(rows, key=lambda r: -r[0]):

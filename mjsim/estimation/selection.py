@@ -13,6 +13,7 @@ from mjsim.estimation.candidate_models import CandidateModels
 from mjsim.estimation.criteria import (
     is_large_enough,
     parameter_count,
+    stands_for,
     wald_statistic,
 )
 from mjsim.estimation.curve_search import best_curve_term, is_overfit
@@ -20,10 +21,8 @@ from mjsim.estimation.curve_terms import CurveTerm
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.evidence import select
 from mjsim.estimation.fit import Fit, Fitter
-from mjsim.estimation.signatures import Projector, SignatureBank, seeds
-from mjsim.estimation.spectrum import wave
+from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.estimation.visibility import clear_tests
-from mjsim.machine.chain import is_rotary
 from mjsim.progress import Progress, silent
 
 #: Fall of the penalised objective that makes a competing model the better one; how often one may take an effect's
@@ -255,7 +254,9 @@ class ModelSelection(CandidateModels):
         ranked = self.ranked_candidates(without, bank)
         own = max((r[0] for r in ranked if r[2].effect.key == mine.effect.key), default=gain)
         have = {f.effect.key for f in fit.effects}
-        rows = [*(r for r in ranked if r[2].effect.key not in have), *self._first_order(without, mine, bank)]
+        small = {f.effect.key for f in self._too_small(fit)}
+        others = [r for r in [*ranked, *self.look_alikes(without, mine.effect, bank)] if r[2].effect.key not in have]
+        rows = [*others, *self.first_order(without, mine.effect.subject, bank)]
         rows.sort(key=lambda r: -r[0])
         # far from its seed a linear gain is a rough guide: refit everything that comes near
         close = [r for r in rows if r[0] > 0.8 * min(own, gain) - 3 * self.settings.likelihood_ratio][:_MOST_COMPETING]
@@ -266,7 +267,7 @@ class ModelSelection(CandidateModels):
             near = max(10 * self.settings.indistinguishable, 0.05 * gain)
             if c.effect.search.quasi_static and self.objective(trial) < self.objective(fit) + near:
                 trial = self.exact_refit(trial)
-            if any(not is_large_enough(self.fitter.machine, f, self.settings) for f in trial.effects):
+            if any(f.effect.key not in small and not stands_for(f, mine.effect) for f in self._too_small(trial)):
                 continue
             loss, other = self.objective(trial) - self.objective(fit), c.id != mine.effect.id
             if loss >= self.settings.indistinguishable:
@@ -282,14 +283,6 @@ class ModelSelection(CandidateModels):
             found.rejected[nearest[2].id] = gain - nearest[0]
         return found, better
 
-    def _first_order(self, without: Fit, mine: EffectVector, bank: SignatureBank) -> list[tuple]:
-        """A wave of one period per turn beside the other waves of a pitch error of the same axis, as a row of
-        :meth:`ranked_candidates`: the spectrum does not see it, and it acts as the wind-up by an unbalance does.
-        """
-        axis = mine.effect.subject
-        present = [f.effect for f in without.effects if f.effect.search.scanned and f.effect.subject == axis]
-        if not present or not is_rotary(axis):
-            return []
-        waves = [wave(self.problem, bank, effect, 1.0) for effect in present]
-        gains = Projector(without).gains([columns for _, columns in waves])
-        return [(gain - self.penalty(c), x, c) for (gain, x), (c, _) in zip(gains, waves, strict=True)]
+    def _too_small(self, fit: Fit) -> list[EffectVector]:
+        """Effects of a model that are too small to be causes of their own."""
+        return [f for f in fit.effects if not is_large_enough(self.fitter.machine, f, self.settings)]

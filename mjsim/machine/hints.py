@@ -16,7 +16,7 @@ Starts = Sequence[tuple[Any, tuple[str, ...]]]
 
 
 #: What stood in the class of an effect before there were hints.
-MOVED = ("free", "seeds", "quasi_static", "scanned", "least", "tolerances", "variants", "shapes")
+MOVED = ("free", "seeds", "quasi_static", "scanned", "least", "looks_like", "tolerances", "variants", "shapes")
 
 
 def _none(*_: Any) -> Starts:
@@ -36,6 +36,7 @@ class SearchHints:
         scanned: whether its orders or frequencies are read off a spectrum instead of being fitted from seeds.
         least: smallest departure of the leading parameter from neutral that makes sense as a cause of its own
             (assumed).
+        looks_like: kinds of effects on the same axis in whose place it makes sense below ``least`` as well.
         tolerances: relative standard deviation that the data sheet allows a parameter; within four of them there is no
             effect.
         variants: function of the effect that the user's machine has already: other ways in which it may be wrong.
@@ -48,6 +49,7 @@ class SearchHints:
     quasi_static: bool = True
     scanned: bool = False
     least: float = 0.0
+    looks_like: tuple[str, ...] = ()
     tolerances: Mapping[str, float] = field(default_factory=dict)
     variants: Callable[[Any], Starts] = _none
     shapes: Callable[[Any, Any], Starts] = _none
