@@ -68,7 +68,8 @@ class Equivalents:
         """Models with another effect in the place of one finding that explain the data as well, by that effect's id.
 
         A finding that a machine of its class may have goes back to its tolerance, another one leaves the model. Within
-        its tolerance nothing stands in its place: the others would have to be there besides.
+        its tolerance nothing stands in its place: the others would have to be there besides. A cause of an unlikely
+        size is named only where no likely one is.
         """
         finding, mine = next(f for f in self.fit.effects if f.effect.key == key), self.expected.get(key)
         if key in self._held or (mine is not None and not is_beyond(self.fit, finding, mine)):
@@ -77,17 +78,21 @@ class Equivalents:
         if mine is not None:
             rest.append(mine.free)
         settings = self.problem.settings
-        out: dict[str, Fit] = {}
+        likely: dict[str, Fit] = {}
+        unlikely: dict[str, Fit] = {}
         for member, x, precision in self._near(finding.effect):
             trial = self.refit(self._with(rest, member, x, precision))
             other = next(f for f in trial.effects if f.effect.key == member.key)
             if member.key in self._held:
-                is_cause = is_beyond(trial, other, self.expected[member.key])
+                is_likely = is_beyond(trial, other, self.expected[member.key])
             else:
-                is_cause = is_large_enough(self.fit.base, other, settings) or stands_for(other, finding.effect)
-            if is_cause and trial.objective < self.fit.objective + settings.indistinguishable:
-                out[other.effect.id] = trial
-        return out
+                is_likely = is_large_enough(self.fit.base, other, settings)
+            if trial.objective < self.fit.objective + settings.indistinguishable:
+                if is_likely:
+                    likely[other.effect.id] = trial
+                elif stands_for(other, finding.effect):
+                    unlikely[other.effect.id] = trial
+        return likely or unlikely
 
     def _with(self, rest: list[EffectVector], member: Member, x: np.ndarray, precision: float) -> list[EffectVector]:
         """The effects of the model with one more, or with one of them released from its tolerance."""

@@ -260,7 +260,7 @@ class ModelSelection(CandidateModels):
         rows.sort(key=lambda r: -r[0])
         # far from its seed a linear gain is a rough guide: refit everything that comes near
         close = [r for r in rows if r[0] > 0.8 * min(own, gain) - 3 * self.settings.likelihood_ratio][:_MOST_COMPETING]
-        found, better = Found(mine.effect.key, gain), None
+        found, as_good = Found(mine.effect.key, gain), []
         for i, (_, x, c) in enumerate(close):
             self.progress(f"{mine.effect.id} against {c.id}", i, len(close))
             trial = self.refit(self.extended(without, c, x), without, c)
@@ -274,10 +274,16 @@ class ModelSelection(CandidateModels):
                 if other:
                     found.rejected[c.id] = min(loss, found.rejected.get(c.id, np.inf))
                 continue
-            if other:
-                found.competing.setdefault(c.id, trial)
-            if loss < -_BETTER and (better is None or self.objective(trial) < self.objective(better)):
-                better = trial
+            as_good.append((loss, c.id, trial))
+        # a cause of an unlikely size is one only where no likely one competes
+        likely = [row for row in as_good if all(f.effect.key in small for f in self._too_small(row[2]))]
+        if any(effect_id != mine.effect.id for _, effect_id, _ in likely):
+            as_good = likely
+        for _, effect_id, trial in as_good:
+            if effect_id != mine.effect.id:
+                found.competing.setdefault(effect_id, trial)
+        best = min(as_good, key=lambda row: row[0], default=None)
+        better = best[2] if best is not None and best[0] < -_BETTER else None
         nearest = next((r for r in rows if r[2].id != mine.effect.id), None)
         if not (found.competing or found.rejected) and nearest is not None:
             found.rejected[nearest[2].id] = gain - nearest[0]
