@@ -13,7 +13,7 @@ from mjsim.estimation.curve_terms import CurveTerm, CurveTerms
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.evidence import Group, LinearProblem, best_precision
 from mjsim.estimation.fit import Fit
-from mjsim.estimation.one_direction import one_direction_rows
+from mjsim.estimation.one_direction import one_direction_candidates
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.settings import DiagnosisSettings
 from mjsim.estimation.signatures import Candidate, Projector, SignatureBank, seeds
@@ -162,9 +162,7 @@ def _candidates(problem: Problem, fit: Fit, bank: SignatureBank, kept: set[str])
         mine, key = have.get(c.effect.key), c.effect.key
         if mine is None or (key in kept and c.at_another_order(mine.effect)):
             out.append((c, bank.matrix[:, columns]))
-    for _, _, c in one_direction_rows(fit, bank, Projector(fit).screen(bank)):
-        if c.effect.key not in have:
-            out.append((c, problem.whiten(bank.columns(c))))
+    out += one_direction_candidates(fit, bank, Projector(fit).screen(bank))
     for axis in fit.base.chain.letters:
         for c, columns in spectral_candidates(problem, fit, bank, axis, _WAVES):
             mine = have.get(c.effect.key)

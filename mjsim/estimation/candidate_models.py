@@ -10,8 +10,8 @@ from mjsim.estimation.criteria import looks_like, penalised_objective, start_sha
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import CONVERGED, Fit, Fitter
 from mjsim.estimation.nuisance import TRIGGERS
-from mjsim.estimation.one_direction import one_direction_rows
-from mjsim.estimation.signatures import Candidate, Projector, SignatureBank
+from mjsim.estimation.one_direction import one_direction_candidates
+from mjsim.estimation.signatures import Candidate, Projector, Row, SignatureBank
 from mjsim.estimation.spectrum import spectral_candidates, wave
 from mjsim.machine.chain import is_rotary
 from mjsim.machine.effect import Effect
@@ -47,17 +47,15 @@ class CandidateModels:
             "direction" in c.effect.values
         )
 
-    def ranked_candidates(self, fit: Fit, bank: SignatureBank) -> list[tuple[float, np.ndarray, Candidate]]:
+    def ranked_candidates(self, fit: Fit, bank: SignatureBank) -> list[Row]:
         """Best possible starting point of every effect at the residual of ``fit``, best first; gains are net of the
         parameters' penalty.
         """
         projector = Projector(fit)
         rows = projector.screen(bank)
-        rows += one_direction_rows(fit, bank, rows)
+        rows += projector.rows(one_direction_candidates(fit, bank, rows))
         for axis in self.fitter.machine.chain.letters:
-            waves = spectral_candidates(self.problem, fit, bank, axis)
-            gains = projector.gains([columns for _, columns in waves])
-            rows += [(*gain, candidate) for gain, (candidate, _) in zip(gains, waves, strict=True)]
+            rows += projector.rows(spectral_candidates(self.problem, fit, bank, axis))
         rows = self.net(rows)
         rows.sort(key=lambda r: -r[0])
         best: dict[str, tuple] = {}
@@ -65,7 +63,7 @@ class CandidateModels:
             best.setdefault(row[2].effect.key, row)
         return list(best.values())
 
-    def net(self, rows: list[tuple[float, np.ndarray, Candidate]]) -> list[tuple[float, np.ndarray, Candidate]]:
+    def net(self, rows: list[Row]) -> list[Row]:
         """Gains of candidates, net of the parameters' penalty, and where a fit of each starts."""
         shares = [start_share(self.fitter.machine, x, c) for _, x, c in rows]
         return [
@@ -74,17 +72,16 @@ class CandidateModels:
             if t > 0.0
         ]
 
-    def look_alikes(self, fit: Fit, effect: Effect, bank: SignatureBank) -> list[tuple[float, np.ndarray, Candidate]]:
+    def look_alikes(self, fit: Fit, effect: Effect, bank: SignatureBank) -> list[Row]:
         """What makes sense in the place of ``effect`` at any size, as rows of :meth:`ranked_candidates`."""
         mine = [
             (c, bank.matrix[:, columns])
             for c, columns in zip(bank.candidates, bank.slices, strict=True)
             if looks_like(c.effect, effect)
         ]
-        gains = Projector(fit).gains([columns for _, columns in mine])
-        return [(gain - self.penalty(c), x, c) for (gain, x), (c, _) in zip(gains, mine, strict=True)]
+        return [(gain - self.penalty(c), x, c) for gain, x, c in Projector(fit).rows(mine)]
 
-    def first_order(self, fit: Fit, axis: str, bank: SignatureBank) -> list[tuple[float, np.ndarray, Candidate]]:
+    def first_order(self, fit: Fit, axis: str, bank: SignatureBank) -> list[Row]:
         """A wave of one period per turn beside the other waves of a pitch error of ``axis``, as rows of
         :meth:`ranked_candidates`: the spectrum does not see it, and it acts as the wind-up by an unbalance does.
         """
@@ -92,8 +89,7 @@ class CandidateModels:
         if not present or not is_rotary(axis):
             return []
         waves = [wave(self.problem, bank, effect, 1.0) for effect in present]
-        gains = Projector(fit).gains([columns for _, columns in waves])
-        return [(gain - self.penalty(c), x, c) for (gain, x), (c, _) in zip(gains, waves, strict=True)]
+        return [(gain - self.penalty(c), x, c) for gain, x, c in Projector(fit).rows(waves)]
 
     def refit(self, effects: list[EffectVector], start: Fit, c: Candidate) -> Fit:
         """Joint fit with a candidate: exact where a drive changes, since drives bend the data sheet's linear

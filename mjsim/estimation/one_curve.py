@@ -24,6 +24,8 @@ from mjsim.estimation.fit import Fit, Fitter
 FEWEST = 2
 #: Curves that are fitted, and Gauss-Newton steps with each: the model without the effects may be far off.
 _TRIED, _STEPS = 4, 4
+#: Share of what an effect of both directions explains that one curve must explain to take its place (assumed).
+_AS_MUCH = 0.98
 
 
 def one_curve(fitter: Fitter, calibrated: Fit, named: Fit, findings: Collection[str]) -> tuple[Fit, CurveTerm] | None:
@@ -106,7 +108,7 @@ def in_place_of_both_directions(fitter: Fitter, fit: Fit) -> tuple[Fit, CurveTer
             curve is not None
             and curve.axes == (a.subject,)
             and curve.variable == "direction"
-            and curve.gain - curve.chance_gain > (1.0 - settings.notable_share) * explained
+            and curve.gain - curve.chance_gain > _AS_MUCH * explained
         ):
             beside, curve, _ = fit_beside(fitter, without, curve)
             return beside, curve, {a.key, b.key}

@@ -7,13 +7,9 @@ the difference of the two directions, at its own place.
 
 from __future__ import annotations
 
-import numpy as np
-
 from mjsim.estimation.fit import Fit
-from mjsim.estimation.signatures import Candidate, Projector, SignatureBank
+from mjsim.estimation.signatures import Candidate, Offer, Row, SignatureBank
 from mjsim.machine.effect import Effect
-
-Row = tuple[float, np.ndarray, Candidate]
 
 #: Seeds of one effect that are tried in each direction, the best first.
 _SEEDS = 3
@@ -27,9 +23,10 @@ def in_each_direction(effect: Effect) -> list[Effect]:
     return [] if "direction" in effect.values else [effect.replaced(direction=d) for d in directions]
 
 
-def one_direction_rows(fit: Fit, bank: SignatureBank, rows: list[Row]) -> list[Row]:
-    """Gain, coefficients and candidate in each direction of motion, for the fitted effects and the best of ``rows``
-    (best first) of every effect that knows directions. A direction in which the model has the effect is left out.
+def one_direction_candidates(fit: Fit, bank: SignatureBank, rows: list[Row]) -> list[Offer]:
+    """Candidates in each direction of motion, with their whitened columns: of the fitted effects and the best of
+    ``rows`` (best first) of every effect that knows directions. A direction in which the model has the effect is left
+    out.
     """
     have = {e.key for e in fit.machine.effects}
     whole = [Candidate(f.effect, f.names) for f in fit.effects if not f.effect.search.scanned]
@@ -43,5 +40,4 @@ def one_direction_rows(fit: Fit, bank: SignatureBank, rows: list[Row]) -> list[R
     directed = [
         Candidate(effect, c.names) for c in whole for effect in in_each_direction(c.effect) if effect.key not in have
     ]
-    gains = Projector(fit).gains([bank.problem.whiten(bank.columns(c)) for c in directed])
-    return [(*gain, c) for gain, c in zip(gains, directed, strict=True)]
+    return [(c, bank.problem.whiten(bank.columns(c))) for c in directed]

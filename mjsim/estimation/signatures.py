@@ -43,6 +43,11 @@ class Candidate:
         return "order" not in self.names and self.effect.values.get("order") != present.values.get("order")
 
 
+#: A candidate with its whitened columns (count, k), and one with the gain and the coefficients (k,) of these.
+Offer = tuple[Candidate, np.ndarray]
+Row = tuple[float, np.ndarray, Candidate]
+
+
 def seeds(machine: Machine) -> list[Candidate]:
     """Starting points of the whole catalogue (and the user's effects in the machine), scanned families left out."""
     out = []
@@ -211,7 +216,12 @@ class Projector:
             for c, (a, b) in zip(columns, pairwise(ends), strict=True)
         ]
 
-    def screen(self, bank: SignatureBank) -> list[tuple[float, np.ndarray, Candidate]]:
+    def rows(self, offers: list[Offer]) -> list[Row]:
+        """:meth:`gains` of candidates, with the candidate of each."""
+        gains = self.gains([columns for _, columns in offers])
+        return [(*gain, c) for gain, (c, _) in zip(gains, offers, strict=True)]
+
+    def screen(self, bank: SignatureBank) -> list[Row]:
         """Gain and coefficients of every candidate of the bank, best first."""
         cross = self.design.T @ bank.matrix
         reduced = self.equations.solve(cross)

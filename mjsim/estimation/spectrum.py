@@ -18,6 +18,8 @@ _BINS = 8192
 _SLOW_WAVES = (2, 3)
 #: A motor's torque ripples at least about once per turn.
 _SLOWEST_RIPPLE = 0.95
+#: Of a typical size: how far a wave is moved for its columns.
+_PART = 0.05
 
 
 def orders(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: int = 6) -> dict[str, list[int]]:
@@ -124,9 +126,12 @@ def wave(problem: Problem, bank: SignatureBank, pitch_error: Effect, order: floa
     columns (count, 2) as in :func:`spectral_candidates`.
     """
     scale = pitch_error.parameters_of(pitch_error.subject)[0].scale
-    sides = []
-    for phase in (0.0, 90.0):
-        part = pitch_error.replaced(components=[[order, 0.05 * scale, phase]])
-        sides.append([d / 0.05 for d in bank.linearisation.added(part)])
-    columns = problem.whiten([np.column_stack(pair) for pair in zip(*sides, strict=True)])
+    columns = problem.whiten([np.column_stack(pair) for pair in zip(*sides(bank, pitch_error, order), strict=True)])
     return Candidate(pitch_error.replaced(components=[[order, scale, 0.0]]), ("components",)), columns
+
+
+def sides(bank: SignatureBank, pitch_error: Effect, order: float) -> list[list[np.ndarray]]:
+    """Sine and cosine of one order: what each adds to the block means, (m,) per test, m per typical size."""
+    scale = pitch_error.parameters_of(pitch_error.subject)[0].scale
+    parts = [pitch_error.replaced(components=[[order, _PART * scale, phase]]) for phase in (0.0, 90.0)]
+    return [[d / _PART for d in bank.linearisation.added(part)] for part in parts]

@@ -16,7 +16,7 @@ Starts = Sequence[tuple[Any, tuple[str, ...]]]
 
 
 #: What stood in the class of an effect before there were hints.
-MOVED = ("free", "seeds", "quasi_static", "scanned", "least", "looks_like", "tolerances", "variants", "shapes")
+MOVED = ("free", "seeds", "quasi_static", "scanned", "least", "tolerances", "variants", "shapes")
 
 
 def _none(*_: Any) -> Starts:

@@ -15,7 +15,7 @@ from mjsim.estimation.criteria import penalised_objective
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.mistakes.checked_problem import checked_problem, trusted_problem
-from mjsim.estimation.one_direction import one_direction_rows
+from mjsim.estimation.one_direction import one_direction_candidates
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.selection import ModelSelection
 from mjsim.estimation.signatures import Candidate, Projector, SignatureBank
@@ -263,10 +263,10 @@ def fit_effect(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str
     bank.compute(seeds)
     if not bank.matrix.any():
         raise InputError(silent_here)
-    rows = Projector(start).screen(bank)
-    best = {
-        c.effect.key: (x, c) for _, x, c in sorted([*rows, *one_direction_rows(start, bank, rows)], key=lambda r: r[0])
-    }
+    projector = Projector(start)
+    rows = projector.screen(bank)
+    rows += projector.rows(one_direction_candidates(start, bank, rows))
+    best = {c.effect.key: (x, c) for _, x, c in sorted(rows, key=lambda r: r[0])}
     trials = [fitter.fit(selection.extended(start, c, x), start=start, exact=False) for x, c in best.values()]
     trial = min(trials, key=lambda t: penalised_objective(t, problem.settings))
     return fitter.fit(trial.effects, start=trial)
