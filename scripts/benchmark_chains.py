@@ -44,11 +44,13 @@ def cases(count: int, families: list[str]):
 def answer_of(case) -> dict:
     """One campaign, written as files and answered as a user's."""
     from benchmark_diagnosis import answered
-    from diagnosis_report import mark
+    from diagnosis_figures import mark
     from independent import chain_campaigns as generator
+    from independent import measurement
 
     further = case.real and not case.unlisted()
-    row = {"name": case.name, **answered(case, generator.write, generator.write_heldout if further else None)}
+    row = {"name": case.name, "noise_um": measurement.NOISE}
+    row |= answered(case, generator.write, generator.write_heldout if further else None)
     return row | {"mark": mark(row)}
 
 
@@ -60,11 +62,10 @@ def named(row: dict) -> list[bool]:
 
 def figures(rows: list[dict]) -> None:
     """Prints rates in the words of docs/diagnosis-benchmark-real.md, ideal and real machines apart."""
-    from diagnosis_report import rate
-    from diagnosis_report_real import counts, intervals, predicted, recognised, right_axis
+    from diagnosis_figures import counts, intervals, is_sound, predicted, rate, recognised, right_axis
 
     def wrong(nothing_hides: bool):
-        return lambda r: [r["mark"] == "wrong"] if (r["answer"]["verdict"] == "none") == nothing_hides else []
+        return lambda r: [r["mark"] == "wrong"] if is_sound(r) == nothing_hides else []
 
     table = (
         ("false alarms on sound machines", wrong(True)),

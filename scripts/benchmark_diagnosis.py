@@ -19,11 +19,13 @@ import json
 import multiprocessing
 import os
 import random
+import subprocess
 import sys
 import tempfile
 import time
 import traceback
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import cache
 from itertools import groupby
 from pathlib import Path
 
@@ -57,9 +59,16 @@ def run_case(case, method: str = "diagnose") -> dict:
         "machine": case.machine,
         "tests": len(case.tests),
         "noise_um": case.noise_um,
+        "commit": commit(),
     }
-    further = case.category.startswith("real") and not case.unlisted()
+    further = (case.within or case.catalogue()) and not case.unlisted()
     return row | answered(case, generator.write, heldout.write_heldout if further else None, method)
+
+
+@cache
+def commit() -> str:
+    """Short name of the version that answers."""
+    return subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout[:-1]
 
 
 def answered(case, write, write_heldout=None, method: str = "diagnose") -> dict:
@@ -87,15 +96,15 @@ def answered(case, write, write_heldout=None, method: str = "diagnose") -> dict:
             row["seconds"] = round(time.process_time() - began, 1)
             if diagnosis and write_heldout:
                 write_heldout(case, folder)
-                row["heldout_removed"] = removed(Path(folder) / "heldout", diagnosis.machine)
+                row["heldout_um"], row["heldout_removed"] = removed(Path(folder) / "heldout", diagnosis.machine)
         except Exception:  # a crash is a failure to report, not the end of the bank
             row["error"] = traceback.format_exc(limit=-3)
     return row
 
 
-def removed(folder: Path, machine) -> float:
-    """Share of the squared error of tests outside a campaign that a fitted machine predicts, the ball's place left out
-    (first harmonic), as it is set up anew for each.
+def removed(folder: Path, machine) -> tuple[float, float]:
+    """RMS error of tests outside a campaign, in µm, and the share of its square that a fitted machine predicts. The
+    ball's place is left out (first harmonic), as it is set up anew for each.
     """
     import numpy as np
 
@@ -105,7 +114,8 @@ def removed(folder: Path, machine) -> float:
 
     left = error = 0.0
     plant = build(machine)
-    for test in read_campaign(folder / "campaign.toml").tests:
+    tests = read_campaign(folder / "campaign.toml").tests
+    for test in tests:
         phi, true, nominal = np.loadtxt(folder / f"{test.name}.truth.csv", delimiter=",", skiprows=1).T
         motion = AxesMotion(test)
         place = np.degrees(motion.program.phi(motion.time))
@@ -120,7 +130,7 @@ def removed(folder: Path, machine) -> float:
 
         left += float(np.mean(shape(true - predicted) ** 2))
         error += float(np.mean(shape(true - nominal) ** 2))
-    return round(1.0 - left / error, 4)
+    return round(np.sqrt(error / len(tests)), 4), round(1.0 - left / error, 4)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -156,7 +166,7 @@ def run(options: argparse.Namespace) -> None:
 
 def summary(row: dict) -> str:
     """One line about a campaign: mark, name, what was said."""
-    from diagnosis_report import mark
+    from diagnosis_figures import mark
 
     if "error" in row:
         return f"CRASH {row['name']}: {row['error'].strip().splitlines()[-1]}"
@@ -184,7 +194,7 @@ def main() -> None:
     if options.action == "run":
         run(options)
         return
-    from diagnosis_report import page
+    from diagnosis_report import page_of_ideal_machines
     from diagnosis_report_real import page_of_real_machines
 
     rows = rows_of(options.out, options.half)
@@ -192,7 +202,7 @@ def main() -> None:
     answers = {name: rows_of(file, options.half) for name, file in others.items() if file}
     real = [r for r in rows if r["category"].startswith("real")]
     ideal = [r for r in rows if not r["category"].startswith("real")]
-    pages = {"diagnosis-benchmark.md": ideal and page(ideal, options.remark)}
+    pages = {"diagnosis-benchmark.md": ideal and page_of_ideal_machines(ideal, answers, options.remark)}
     pages["diagnosis-benchmark-real.md"] = real and page_of_real_machines(real, answers, options.remark)
     for name, lines in pages.items():
         if lines:

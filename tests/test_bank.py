@@ -30,7 +30,7 @@ def cases():
 
 @pytest.mark.parametrize("name", CHOSEN)
 def test_a_hidden_cause_is_named(name, tmp_path, monkeypatch):
-    from diagnosis_report import mark
+    from diagnosis_figures import mark
 
     # the next test is planned after the cause is named, and takes longer; tests/test_planning.py looks at it
     monkeypatch.setattr("mjsim.workflow.diagnose.plan_for", lambda *args, **options: None)
@@ -56,7 +56,7 @@ def test_the_bank_is_large_enough_and_halved():
 
 def test_marks():
     """How an answer is judged: names, sets of equivalents, wrong confident names."""
-    from diagnosis_report import mark
+    from diagnosis_figures import mark
 
     def row(said, truth, verdict="effect", unknown=None):
         effects = [{"id": s[0], "alternatives": list(s[1:])} for s in said]
