@@ -236,6 +236,19 @@ def test_a_worm_wheel_that_is_worn_on_one_flank_is_the_finding(tmp_path):
         assert low < hidden[name] < high
 
 
+@pytest.mark.parametrize(
+    "hidden",
+    [{"id": "servo_gain.A", "ratio": 0.95}, {"id": "velocity_feedforward.A", "ratio": 0.4}],
+    ids=lambda h: h["id"],
+)
+def test_a_large_servo_fault_is_the_finding(hidden, tmp_path):
+    """The lag moves every mark, and triggers follow it into false minima; nothing linear shows the cause from there."""
+    found, intervals = finding_of(hidden, layout("cradle"), tmp_path)
+    assert found.effect.id == hidden["id"]
+    low, high = intervals["ratio"]
+    assert low < hidden["ratio"] < high
+
+
 def test_every_kind_and_subject_of_the_table_is_calibrated(real):
     _, _, machine, _ = real
     keys = {c.key for c in calibrated_effects(machine)}

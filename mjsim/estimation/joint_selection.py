@@ -18,7 +18,7 @@ import numpy as np
 
 from mjsim.estimation.calibration import Calibrated, expected_effects
 from mjsim.estimation.candidate_groups import CandidateGroups
-from mjsim.estimation.criteria import is_feasible, is_large_enough
+from mjsim.estimation.criteria import causes, is_feasible
 from mjsim.estimation.curve_terms import CurveTerm
 from mjsim.estimation.disturbances import without_disturbances
 from mjsim.estimation.effect_vector import EffectVector
@@ -30,6 +30,7 @@ from mjsim.estimation.one_curve import FEWEST, one_curve
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.retiming import retimed
 from mjsim.estimation.selection import Found, Selection
+from mjsim.estimation.servo_fault import with_servo_fault
 from mjsim.estimation.signatures import SignatureBank
 from mjsim.estimation.verdicts import beyond, is_beyond, proven
 from mjsim.estimation.visibility import clear_tests
@@ -119,18 +120,16 @@ class JointSelector:
         refit = partial(self.fitter.fit, start=model.fit, exact=True, iterations=_TRIAL_STEPS, fresh=False)
         others = Equivalents(self.problem, model.fit, model.bank, model.expected, refit)
         found = []
-        for f in self._found(model):
-            self.progress(f"what could stand in place of {f.key}", 0, 1)
-            found.append(replace(f, competing=others.of(f.key)))
+        for key, gain in causes(model.fit, self.fitter.machine, self.settings, set(model.kept)).items():
+            self.progress(f"what could stand in place of {key}", 0, 1)
+            found.append(Found(key, gain, others.of(key)))
         return JointSelection(
             self.problem, Selection(start, model.fit, found, model.bank), tuple(model.kept.values()), model.curve
         )
 
     def _first_fit(self, effects: list[EffectVector]) -> Fit:
         """Everything that a machine may have, fitted to data without what then stands out as having happened once."""
-        fit = self._refit(effects, None, _FIRST)
-        if (better := retimed(self.problem, fit)) is not None:
-            fit = self._refit(list(fit.effects), better, _FIRST)
+        fit = with_servo_fault(self._fresh_fit, self._fresh_fit(effects), self.settings.indistinguishable)
         if fit.sum_squares <= self.settings.complete_fit * self.problem.count:
             return fit
         data = without_disturbances(self.problem, fit.readings, fit.nuisance)
@@ -138,6 +137,12 @@ class JointSelector:
             return fit
         self.problem, self.fitter = data, self.fitter.with_problem(data)
         return self._refit(list(fit.effects), None, _FIRST)
+
+    def _fresh_fit(self, effects: list[EffectVector]) -> Fit:
+        """Effects fitted from the machine as given."""
+        fit = self._refit(effects, None, _FIRST)
+        better = retimed(self.problem, fit)
+        return fit if better is None else self._refit(list(fit.effects), better, _FIRST)
 
     def _select(self, model: _Model) -> bool:
         """Replace the free effects of the model by those that the data need; whether that changed it."""
@@ -266,6 +271,8 @@ class JointSelector:
         if model.curve is not None or len(named) < FEWEST:
             return None
         self.progress("one cause outside the catalogue against all that was named", 0, 1)
+        if len(first.effects) > len(model.expected):  # it has a servo fault
+            first = self._fresh_fit([c.free for c in model.expected.values()])
         return one_curve(self.fitter, first, model.fit, named)
 
     def _without_invisible(self, model: _Model) -> None:
@@ -287,14 +294,3 @@ class JointSelector:
     def _exact_refit(self, effects: list[EffectVector] | tuple[EffectVector, ...], start: Fit) -> Fit:
         """Joint fit from where ``start`` ended, exact at once: from there a linearised data sheet is driven far off."""
         return self.fitter.fit(effects, start=start, exact=True, iterations=_STEPS, fresh=False)
-
-    def _found(self, model: _Model) -> list[Found]:
-        """The free effects of the final model that are large enough to be causes, the largest contribution first."""
-        out = []
-        for f in model.fit.effects:
-            if f.effect.key in model.kept or not is_large_enough(self.fitter.machine, f, self.settings):
-                continue
-            at = model.fit.parameters[f.block.name]
-            columns = model.fit.design[:, at] @ (f.vector - f.off)
-            out.append(Found(f.effect.key, float(columns @ columns)))
-        return sorted(out, key=lambda f: -f.gain)
