@@ -92,14 +92,18 @@ def test_a_curve_does_not_stand_for_causes_beside_which_it_does_as_much(tmp_path
     ],
     ids=["eccentric", "eccentric-and-backlash", "two-flanks"],
 )
-def test_opposite_pitch_errors_are_one_cause_and_others_are_two(hidden, order, is_one_cause, tmp_path):
+@pytest.mark.parametrize("first", [{"direction": "CW"}, {}], ids=["each-direction", "both-and-one"])
+def test_opposite_pitch_errors_are_one_cause_and_others_are_two(first, hidden, order, is_one_cause, tmp_path):
     fitter, machine = fitter_of(tuple(hidden), tmp_path)
-    flanks = [free(machine, "pitch_error.C", direction=d, components=[[order, 0.001, 10.0]]) for d in ("CW", "CCW")]
+    flanks = [
+        free(machine, "pitch_error.C", **which, components=[[order, 0.001, 10.0]])
+        for which in (first, {"direction": "CCW"})
+    ]
     named = fitter.fit([free(machine, "backlash.C", width_deg=0.001), *flanks])
     instead = in_place_of_both_directions(fitter, named)
     assert (instead is not None) == is_one_cause
     if instead:
         fit, curve, replaced = instead
-        assert replaced == {"pitch_error.C[CW]", "pitch_error.C[CCW]"}
+        assert replaced == {f.effect.key for f in flanks}
         assert [f.effect.key for f in fit.effects] == ["backlash.C"]
         assert curve.axes == ("C",) and curve.signed

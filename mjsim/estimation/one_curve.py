@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
 from mjsim.estimation.candidate_groups import own_groups
-from mjsim.estimation.criteria import penalised_objective
 from mjsim.estimation.curve_fit import Together, fit_beside
-from mjsim.estimation.curve_search import best_curve_term, stands_out
+from mjsim.estimation.curve_search import stands_out
 from mjsim.estimation.curve_terms import CurveTerm, CurveTerms
 from mjsim.estimation.fit import Fit, Fitter
 
@@ -85,10 +85,11 @@ def _objective(named: Fit, calibrated: Fit, findings: Collection[str], log_odds:
 
 
 def in_place_of_both_directions(fitter: Fitter, fit: Fit) -> tuple[Fit, CurveTerm, set[str]] | None:
-    """The model with one curve in place of an effect that it has once per direction of motion; otherwise ``None``.
+    """The model with one curve in place of an effect that it has once per direction of motion, or once for both and
+    once for one of them; otherwise ``None``.
 
-    Two flanks that differ leave a part that both directions share. Where there is next to none, the two effects are
-    equal and opposite: an axis whose play changes with its position, which is one cause and in no catalogue.
+    Two flanks that differ leave a part that both directions share. Where there is next to none, what they do is equal
+    and opposite: an axis whose play changes with its position, which is one cause and in no catalogue.
 
     Args:
         fitter: Of the machine.
@@ -97,19 +98,17 @@ def in_place_of_both_directions(fitter: Fitter, fit: Fit) -> tuple[Fit, CurveTer
     Returns:
         The model without the two effects, the curve fitted beside it, and the keys of the two.
     """
-    settings = fitter.problem.settings
-    for a, b in combinations([f.effect for f in fit.effects if f.effect.direction_sign], 2):
-        if a.id != b.id:
+    problem = fitter.problem
+    for a, b in combinations([f.effect for f in fit.effects], 2):
+        if a.id != b.id or not (a.direction_sign or b.direction_sign):
             continue
         without = fitter.fit([f for f in fit.effects if f.effect.key not in (a.key, b.key)], start=fit)
-        curve = best_curve_term(fitter.problem, without)
-        explained = penalised_objective(without, settings) - penalised_objective(fit, settings)
-        if (
-            curve is not None
-            and curve.axes == (a.subject,)
-            and curve.variable == "direction"
-            and curve.gain - curve.chance_gain > _AS_MUCH * explained
-        ):
-            beside, curve, _ = fit_beside(fitter, without, curve)
-            return beside, curve, {a.key, b.key}
+        explained = without.sum_squares - fit.sum_squares
+        for term in CurveTerms(problem, without).own():
+            if term.axes != (a.subject,) or term.variable != "direction":
+                continue
+            beside, curve, together = fit_beside(fitter, without, term, _STEPS)
+            gain = without.sum_squares - together.misfit * problem.count
+            if gain > _AS_MUCH * explained and stands_out(problem, beside, curve):
+                return beside, replace(curve, gain=gain), {a.key, b.key}
     return None
