@@ -210,6 +210,29 @@ def test_a_ball_that_moves_while_the_signal_is_lost_is_found(revolution):
     assert largest_jump(lost, lost.value, 0.1e-6) is None
 
 
+@pytest.mark.parametrize(
+    ("signal", "moves", "is_seen"),
+    [
+        (0.0, lambda place: 1.5e-6 * (place >= 0.0), True),
+        (0.0, lambda place: 1.5e-6 * np.clip(place + 0.5, 0.0, 1.0), False),
+        (3e-6, lambda place: 1.5e-6 * np.clip(place + 0.5, 0.0, 1.0), False),
+    ],
+    ids=["jump", "drift", "drift-and-a-step-of-the-machine"],
+)
+def test_a_ball_that_moves_where_only_one_revolution_has_a_signal(signal, moves, is_seen):
+    """``moves``: shift over the place along the test, in revolutions from the end of the first."""
+    from mjsim.estimation.outliers import largest_jump
+
+    s = samples(np.random.default_rng(11), signal=signal)
+    turn = round(revolution_time(CIRCLE) / 0.005)
+    at = turn - 300
+    s.valid[at + turn - 300 :] = False
+    s.refresh()
+    s.value = s.value + moves((np.arange(len(s.time)) - at) / turn)
+    found = largest_jump(s, s.value, 0.1e-6)
+    assert found == pytest.approx(at, abs=20) if is_seen else found is None
+
+
 def test_an_estimate_beyond_the_bounds_goes_back_towards_them():
     """A velocity gain between 0.1 and 5, in twentieths; a gap cannot be below zero."""
     machine = read_machine(examples() / "healthy" / "machine.toml")

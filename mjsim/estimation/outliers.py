@@ -12,6 +12,10 @@ from mjsim.ballbar.program import Program
 from mjsim.estimation.samples import Samples, revolution_time
 from mjsim.estimation.settings import OUTLIERS, OutlierSettings
 
+#: Height of a jump between two revolutions, over how far they lie apart: less is a drift, more the machine's own step
+#: (assumed).
+_AS_FAR = (0.5, 2.0)
+
 
 def mark_outliers(s: Samples, residual: np.ndarray, noise: float, settings: OutlierSettings = OUTLIERS) -> int:
     """Mark outlying samples of one test as invalid.
@@ -127,11 +131,11 @@ def largest_jump(s: Samples, residual: np.ndarray, noise: float, settings: Outli
     """
     dt = float(np.median(np.diff(s.time)))
     n = max(3, round(settings.side / dt))
+    short = _jumps(residual, s.valid, max(3, n // 4))
+    unusual = settings.jump_alone * float(np.quantile(np.abs(short), 0.9))
     if not kind_of(s.test).repeats(s.test):
-        short = _jumps(residual, s.valid, max(3, n // 4))
         at = int(np.argmax(np.abs(short)))
-        usual = float(np.quantile(np.abs(short), 0.9))
-        return at if abs(short[at]) > max(settings.jump_alone * usual, 2.0 * settings.least_jump) else None
+        return at if abs(short[at]) > max(unusual, 2.0 * settings.least_jump) else None
     lag = round(revolution_time(s.test) / dt)
     # what is left out counts as no time: the ball may have moved while the signal was lost
     at = np.flatnonzero(s.valid[lag:] & s.valid[:-lag])
@@ -143,11 +147,30 @@ def largest_jump(s: Samples, residual: np.ndarray, noise: float, settings: Outli
     deviation = noise * np.sqrt(
         2.0 * 2.0 * settings.correlation / settings.side
     )  # of the difference of two means, of two revolutions
-    if abs(after[most] - before[most]) < max(settings.jump * deviation, settings.least_jump):
-        return None
+    least = max(settings.jump * deviation, settings.least_jump)
+    if abs(after[most] - before[most]) < least:
+        height = float(np.median(apart))
+        rise = short * np.sign(height)
+        here = _jump_between(s, rise, at, lag)
+        as_far = _AS_FAR[0] * abs(height) < rise[here] < _AS_FAR[1] * abs(height)
+        return here if abs(height) > least and rise[here] > unusual and as_far else None
     near = slice(max(0, most - n), most + n)
     here = int(at[near.start + int(np.argmax(np.abs(_jumps(apart[near], there[near], max(3, n // 10)))))])
     return here if abs(before[most]) > abs(after[most]) else here + lag
+
+
+def _jump_between(s: Samples, rise: np.ndarray, at: np.ndarray, lag: int) -> int:
+    """Where the reading rises most between the stretches that both revolutions have. The signal was lost at that angle
+    in one of them, so that only how far the revolutions lie apart tells of it.
+
+    Args:
+        s: The samples.
+        rise: Of the residual at every sample, (n,) m.
+        at: Samples whose partner a revolution (``lag`` samples) later is there as well.
+        lag: Samples of a revolution.
+    """
+    place = np.arange(len(rise))
+    return int(np.argmax(np.where(s.valid & (place > at[-1]) & (place < at[0] + lag), rise, -np.inf)))
 
 
 def leave_out_shorter_side(s: Samples, here: int, residual: np.ndarray, settings: OutlierSettings = OUTLIERS) -> bool:
