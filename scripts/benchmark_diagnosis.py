@@ -7,14 +7,15 @@ known.
     scripts/benchmark_diagnosis report [--out FILE] [--half publish] [--pursuit FILE] [--features FILE] [--pages docs]
 
 `run` writes one line per campaign into FILE (default benchmark-diagnosis.jsonl) and goes on where it stopped; a
-campaign that is in the file already is not run again. The whole bank takes some seven hours on two cores. One half of
-the bank is for tuning, the other is published. With --method a simple method answers instead of the diagnosis (see
-scripts/diagnosis_baselines.py).
+campaign that is in the file already is not run again. One half of the bank is for tuning, the other is published. A
+half takes some two hours on two cores: ideal machines a quarter of it, real ones the rest. With --method a simple method
+answers instead of the diagnosis (see scripts/diagnosis_baselines.py). `report` also keeps the answers, in PAGES/data.
 """
 
 from __future__ import annotations
 
 import argparse
+import gzip
 import json
 import multiprocessing
 import os
@@ -202,12 +203,18 @@ def main() -> None:
     answers = {name: rows_of(file, options.half) for name, file in others.items() if file}
     real = [r for r in rows if r["category"].startswith("real")]
     ideal = [r for r in rows if not r["category"].startswith("real")]
-    pages = {"diagnosis-benchmark.md": ideal and page_of_ideal_machines(ideal, answers, options.remark)}
-    pages["diagnosis-benchmark-real.md"] = real and page_of_real_machines(real, answers, options.remark)
-    for name, lines in pages.items():
-        if lines:
-            (options.pages / name).write_text("\n".join(lines).rstrip() + "\n")
-            print(f"page written to {options.pages / name}")
+    pages = (
+        ("diagnosis-benchmark", ideal, page_of_ideal_machines),
+        ("diagnosis-benchmark-real", real, page_of_real_machines),
+    )
+    for name, mine, page in pages:
+        if mine:
+            lines = page(mine, answers, options.remark)
+            (options.pages / f"{name}.md").write_text("\n".join(lines).rstrip() + "\n")
+            kept = options.pages / "data" / f"{name}.jsonl.gz"
+            kept.parent.mkdir(exist_ok=True)
+            kept.write_bytes(gzip.compress("".join(json.dumps(r) + "\n" for r in mine).encode(), mtime=0))
+            print(f"page written to {options.pages / name}.md, its rows to {kept}")
 
 
 def rows_of(file: Path, half: str | None) -> list[dict]:

@@ -222,8 +222,10 @@ def paragraphs(text: str) -> list[str]:
     return [line for part in text.split("\n\n") for line in (*wrapped(part), "")] if text else []
 
 
-def coverage(rows: list[dict]) -> list[str]:
-    """A paragraph on which campaigns a page covers, how long they took, and which version of the program answered."""
+def coverage(rows: list[dict], name: str) -> list[str]:
+    """Paragraphs on which campaigns a page covers, how long they took, which version of the program answered, and where
+    the answers are (``name`` of the page).
+    """
     ok = [r for r in rows if "error" not in r]
     seconds = [r["seconds"] for r in ok]
     kinds = Counter(r["category"].removeprefix("real-") for r in rows)
@@ -234,5 +236,5 @@ def coverage(rows: list[dict]) -> list[str]:
         + f". {len(rows) - len(ok)} crashed. A diagnosis took {np.median(seconds):.0f} s (median) and at most "
         f"{max(seconds):.0f} s of one core. Version of the program (campaigns): "
         + ", ".join(f"{commit} ({n})" for commit, n in sorted(versions.items()))
-        + "."
+        + f".\n\nEvery answer is a line of JSON in [{name}.jsonl.gz](data/{name}.jsonl.gz)."
     )

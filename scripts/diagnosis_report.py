@@ -50,7 +50,7 @@ def page_of_ideal_machines(rows: list[dict], others: dict[str, list[dict]], rema
         "",
         *INTRODUCTION,
         "",
-        *coverage(rows),
+        *coverage(rows, "diagnosis-benchmark"),
         *paragraphs(remark),
         "| | measured | target |",
         "|---|---|---|",

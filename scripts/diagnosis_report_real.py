@@ -29,7 +29,7 @@ def page_of_real_machines(rows: list[dict], others: dict[str, list[dict]], remar
         "",
         *INTRODUCTION,
         "",
-        *coverage(rows),
+        *coverage(rows, "diagnosis-benchmark-real"),
         *paragraphs(remark),
         "| | tolerance stated | not stated | all | target |",
         "|---|---|---|---|---|",
