@@ -96,6 +96,10 @@ class SignatureBank:
         self.candidates = list(candidates)
         self.own = [self.matrix[:, s].T @ self.matrix[:, s] for s in self.slices]
 
+    def forget(self) -> None:
+        """Give back the memory of the signatures, some 100 MB for 13 tests: nobody asks for them any more."""
+        self.candidates, self.slices, self.matrix = [], [], np.zeros((self.problem.count, 0))
+
     def _matrix(self, candidates: list[Candidate], done: Callable[[], None] | None) -> np.ndarray:
         matrix = np.empty((self.problem.count, self.slices[-1].stop if self.slices else 0))
         for c, s in zip(candidates, self.slices, strict=True):

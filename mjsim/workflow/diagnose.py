@@ -93,6 +93,7 @@ def _diagnose(
     explained = select_model(separated, max_effects, progress)
     data, selection, unexplained = explained.data, explained.selection, explained.unexplained
     hidden = not_testable(data, Projector(selection.start), selection.bank)
+    selection.bank.forget()  # the simulations need the room
     found = sorted(
         [*_found(data, selection), *(_vibration(data, line) for line in separated.lines if is_news(line, machine))],
         key=lambda f: -f[0],
