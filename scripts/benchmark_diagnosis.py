@@ -8,8 +8,9 @@ known.
 
 `run` writes one line per campaign into FILE (default benchmark-diagnosis.jsonl) and goes on where it stopped; a
 campaign that is in the file already is not run again. One half of the bank is for tuning, the other is published. A
-half takes some two hours on two cores: ideal machines a quarter of it, real ones the rest. With --method a simple method
-answers instead of the diagnosis (see scripts/diagnosis_baselines.py). `report` also keeps the answers, in PAGES/data.
+half takes some two hours on two cores: ideal machines a quarter of it, real ones the rest. With --method a simple
+method answers instead of the diagnosis (see scripts/diagnosis_baselines.py). `report` also keeps the answers, in
+PAGES/data.
 """
 
 from __future__ import annotations
