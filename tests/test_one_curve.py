@@ -100,7 +100,7 @@ def test_opposite_pitch_errors_are_one_cause_and_others_are_two(first, hidden, o
         for which in (first, {"direction": "CCW"})
     ]
     named = fitter.fit([free(machine, "backlash.C", width_deg=0.001), *flanks])
-    instead = in_place_of_both_directions(fitter, named)
+    instead = in_place_of_both_directions(fitter, named, [f.effect.key for f in flanks])
     assert (instead is not None) == is_one_cause
     if instead:
         fit, curve, replaced = instead

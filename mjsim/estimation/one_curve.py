@@ -84,7 +84,9 @@ def _objective(named: Fit, calibrated: Fit, findings: Collection[str], log_odds:
     return out
 
 
-def in_place_of_both_directions(fitter: Fitter, fit: Fit) -> tuple[Fit, CurveTerm, set[str]] | None:
+def in_place_of_both_directions(
+    fitter: Fitter, fit: Fit, findings: Collection[str]
+) -> tuple[Fit, CurveTerm, set[str]] | None:
     """The model with one curve in place of an effect that it has once per direction of motion, or once for both and
     once for one of them; otherwise ``None``.
 
@@ -94,12 +96,13 @@ def in_place_of_both_directions(fitter: Fitter, fit: Fit) -> tuple[Fit, CurveTer
     Args:
         fitter: Of the machine.
         fit: The model with its effects.
+        findings: Keys of those that are looked at.
 
     Returns:
         The model without the two effects, the curve fitted beside it, and the keys of the two.
     """
     problem = fitter.problem
-    for a, b in combinations([f.effect for f in fit.effects], 2):
+    for a, b in combinations([f.effect for f in fit.effects if f.effect.key in findings], 2):
         if a.id != b.id or not (a.direction_sign or b.direction_sign):
             continue
         without = fitter.fit([f for f in fit.effects if f.effect.key not in (a.key, b.key)], start=fit)

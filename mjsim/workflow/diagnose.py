@@ -210,7 +210,7 @@ def _explain_by_curve(problem: Problem, selection: Selection, progress: Progress
 
 def _explain_with_few(problem: Problem, fitter: Fitter, selection: Selection, progress: Progress) -> Explained:
     """What a few effects explain, and what is left beside them."""
-    varying = in_place_of_both_directions(fitter, selection.fit)
+    varying = in_place_of_both_directions(fitter, selection.fit, [f.key for f in selection.found])
     if varying is None:
         unexplained, selection = find_unexplained(problem, selection, progress)
     else:
@@ -233,6 +233,12 @@ def _explain_jointly(problem: Problem, fitter: Fitter, progress: Progress) -> Ex
     problem, fit = joint.problem, joint.selection.fit
     fitter = fitter.with_problem(problem)
     rest = joint.curve if joint.alone else None
+    varying = in_place_of_both_directions(fitter, fit, [f.key for f in joint.selection.found])
+    if varying is not None:
+        beside, rest, replaced = varying
+        fit = fitter.fit(beside.effects, start=beside, iterations=0, fresh=False)
+        found = [f for f in joint.selection.found if f.key not in replaced]
+        joint = replace(joint, selection=replace(joint.selection, fit=fit, found=found))
     if rest is None and (joint.curve is not None or fit.sum_squares > problem.settings.joint_fit * problem.count):
         rest = best_curve_term(problem, fit)
     if rest is not None:
