@@ -14,9 +14,12 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.new import new_campaign
 from mjsim.campaign.tolerance import TYPICAL_TOLERANCE
+from mjsim.effects.friction import Friction
+from mjsim.effects.torque_ripple import TorqueRipple
 from mjsim.estimation.calibration import calibrated_effects, expected_effects
 from mjsim.estimation.candidate_groups import CandidateGroups
 from mjsim.estimation.combinations import combinations
+from mjsim.estimation.data_sheet import DATA_SHEET, calibrated, data_sheet
 from mjsim.estimation.disturbances import without_disturbances
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.evidence import select
@@ -116,6 +119,27 @@ def test_derivatives_without_simulation_are_those_of_the_readings(real):
             # what is left out is of second order in the other effects
             rest = np.sqrt(np.mean((cheap[:, 0] - full / change) ** 2))
             assert rest < 0.01 * np.sqrt(np.mean((full / change) ** 2)) + 2e-9, f.effect.id
+
+
+@pytest.mark.parametrize(
+    ("effect", "size"),
+    [
+        (TorqueRipple("X", amplitude_Nm=0.4, order=2.0), "amplitude_Nm"),
+        (Friction("X", coulomb_Nm=4.0, presliding_rad=0.003), "coulomb_Nm"),
+    ],
+)
+def test_the_data_sheet_acts_on_the_drives_as_they_are(effect, size, real):
+    """What the velocity gain does is simulated with the ripple and the friction that the model has."""
+    _, problem, machine, joint = real
+    before = joint.selection.fit
+    effects = [*(f for f in before.effects if f.effect.key != effect.key), EffectVector(effect, (size,))]
+    fit = Fitter(problem, machine).fit(effects, start=before, iterations=0, exact=True, fresh=False)
+    column = next(i for i, p in enumerate(data_sheet(machine.chain)) if p.label == "velocity_gain.X")
+    moved = calibrated(fit.machine, 0.1 * np.eye(len(data_sheet(machine.chain)))[column])
+    change = problem.difference(fit.readings, problem.readings(build(moved)), fit.nuisance)
+    exact = problem.whiten(change) / 0.1
+    found = fit.design[:, np.arange(fit.design.shape[1])[fit.parameters[DATA_SHEET]][column]]
+    assert np.linalg.norm(found - exact) < 0.05 * np.linalg.norm(exact)
 
 
 def test_a_signature_is_that_of_a_small_change_whatever_the_model_has(real):

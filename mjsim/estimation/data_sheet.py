@@ -9,7 +9,12 @@ import numpy as np
 
 from mjsim.estimation.parameters import Block
 from mjsim.machine.chain import Chain
+from mjsim.machine.effect import Effect
 from mjsim.machine.model import FRICTION_PARAMETERS, TOLERANCE, Machine
+
+#: Share of a number of an effect by which it has to move for the drive to be another one: more than the friction of a
+#: sound machine is off its data sheet (assumed).
+_MOVED = 0.25
 
 
 @dataclass(frozen=True)
@@ -59,3 +64,14 @@ def calibrated(machine: Machine, sheet_deviation: np.ndarray) -> Machine:
         else:
             machine = machine.with_drive(p.axis, **{p.name: getattr(machine.drives[p.axis], p.name) * factor})
     return machine
+
+
+def is_another_drive(machine: Machine, effect: Effect) -> bool:
+    """Whether an effect of a drive makes it another one than that of ``machine``, so that the numbers of its data sheet
+    do something else there: the machine lacks the effect, or has it in another size.
+    """
+    given = machine.effect(effect.key)
+    if given is None:
+        return True
+    sizes = [p.name for p in effect.parameters_of(effect.subject) if p.leading and p.kind == "number"]
+    return any(abs(effect.values[n] - given.values[n]) > _MOVED * abs(given.values[n]) for n in sizes)

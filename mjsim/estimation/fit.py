@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mjsim.estimation.data_sheet import DATA_SHEET, calibrated, data_sheet, sheet_block
+from mjsim.estimation.data_sheet import DATA_SHEET, calibrated, data_sheet, is_another_drive, sheet_block
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.least_squares import LeastSquares
 from mjsim.estimation.linearisation import Linearisation
@@ -127,9 +127,7 @@ def with_effects(machine: Machine, effects: list[Effect]) -> Machine:
 
 
 class Fitter:
-    """Fits models of one machine to one problem. The data sheet's derivative columns are computed once, at the
-    start.
-    """
+    """Fits models of one machine to one problem."""
 
     def __init__(self, problem: Problem, machine: Machine) -> None:
         self.problem, self.machine = problem, machine
@@ -229,11 +227,12 @@ class Fitter:
 
     def _sheet_columns(self, fit: Fit) -> tuple[list[np.ndarray], np.ndarray]:
         """Data-sheet columns per test and whitened, at the fit's triggers; simulated anew for axes whose drives the
-        effects change.
+        effects change (of many effects, only where they change a drive much).
         """
-        grids = self._grids
-        axes = {f.effect.subject for f in fit.effects if not f.effect.search.quasi_static}
-        if axes and len(fit.effects) < self.problem.settings.many_effects:
+        grids, few = self._grids, len(fit.effects) < self.problem.settings.many_effects
+        of_drives = [f.effect for f in fit.effects if not f.effect.search.quasi_static]
+        axes = {effect.subject for effect in of_drives if few or is_another_drive(self.machine, effect)}
+        if axes:
             mine = np.array([p.axis in axes for p in data_sheet(self.machine.chain)])[:, None]
             fresh = self.problem.sheet_grids(fit.machine, axes)
             grids = [np.where(mine, a, b) for a, b in zip(fresh, grids, strict=True)]
