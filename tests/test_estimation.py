@@ -14,9 +14,10 @@ from mjsim.estimation.criteria import feasible_share
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.mistakes.checked_problem import trusted_problem
+from mjsim.estimation.noise import estimate_noise
 from mjsim.estimation.nuisance import TRIGGERS
 from mjsim.estimation.outliers import mark_outliers, readmit_outliers
-from mjsim.estimation.samples import GRID, Samples, estimate_noise, revolution_time
+from mjsim.estimation.samples import GRID, Samples, revolution_time
 from mjsim.estimation.selection import ModelSelection
 from mjsim.estimation.signatures import Candidate, Projector, SignatureBank
 from mjsim.io.resources import examples
@@ -51,7 +52,8 @@ def test_a_jump_in_one_of_two_tests_does_not_make_the_noise_larger():
     """A ball that a knock has put 2 µm higher; with a greater noise nobody would look for it."""
     rng = np.random.default_rng(10)
     sound, knocked = samples(rng), samples(rng)
-    knocked.value = knocked.value + 2e-6 * (knocked.time > knocked.time[6000])
+    jump = 2e-6 * (knocked.time > knocked.time[6000])
+    knocked = Samples(CIRCLE, knocked.time, knocked.value + jump, knocked.valid, knocked.block)
     assert estimate_noise([sound, knocked], 0.1e-6).rms == pytest.approx(0.1e-6, rel=0.08)
 
 
@@ -63,6 +65,18 @@ def test_whitened_noise_is_white_with_unit_variance():
     assert np.std(white) == pytest.approx(1.0, abs=0.03)
     for lag in (1, 2, 5):
         assert abs(np.mean(white[lag:] * white[:-lag])) < 0.03
+
+
+def test_the_noise_is_as_strong_at_low_frequencies_as_it_was_made():
+    """There it decides how well a number is known, and drift between the revolutions is taken out there."""
+    rng = np.random.default_rng(3)
+    power = []
+    for _ in range(20):
+        short = [samples(rng, signal=0.0) for _ in range(5)]
+        noise = estimate_noise(short, 0.1e-6)
+        spectra = [np.abs(np.fft.rfft(noise.whiten(s, s.mean))) ** 2 / len(s.mean) for s in short]
+        power.append(np.mean([spectrum[1 : len(spectrum) // 20] for spectrum in spectra]))
+    assert np.mean(power) == pytest.approx(1.0, abs=0.05)
 
 
 def test_what_is_left_out_does_not_make_the_noise_smaller():

@@ -11,10 +11,10 @@ from mjsim.campaign.files import read_campaign, test_table
 from mjsim.cli.main import main
 from mjsim.effects.registry import make
 from mjsim.estimation.effect_vector import EffectVector
+from mjsim.estimation.noise import usual_noise
 from mjsim.estimation.planning.candidates import first_round, neighbours, reachable
 from mjsim.estimation.planning.choose import worth
 from mjsim.estimation.planning.separation import Explanation, Separation, Separator
-from mjsim.estimation.samples import usual_noise
 from mjsim.estimation.settings import PLAN
 from mjsim.io.resources import examples
 

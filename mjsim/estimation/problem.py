@@ -15,8 +15,9 @@ from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.estimation.data_sheet import calibrated, data_sheet
 from mjsim.estimation.kept_changes import KeptChanges
+from mjsim.estimation.noise import Noise, estimate_noise
 from mjsim.estimation.nuisance import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, Nuisances
-from mjsim.estimation.samples import GRID, GRID_STEPS, Noise, Samples, estimate_noise, make_samples
+from mjsim.estimation.samples import GRID, GRID_STEPS, Samples, make_samples
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect

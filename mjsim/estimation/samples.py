@@ -1,11 +1,7 @@
-"""Measured traces brought onto a common footing: averaged in blocks, with gaps and outliers marked, and whitened.
-
-The noise is coloured, so neighbouring samples are no independent evidence. All fits and tests work on whitened blocks.
-"""
+"""Measured traces brought onto a common footing: averaged in blocks, with gaps and outliers marked."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field
 
@@ -22,8 +18,6 @@ GRID = GRID_STEPS * STEP
 #: Length of an averaging block, s: at feeds up to SLOW, and above it.
 BLOCKS = (0.020, 0.010)
 SLOW = 1.5 / 60.0
-#: A test whose revolutions have fewer samples or blocks in common says nothing about the noise.
-_FEWEST = 50
 
 
 @dataclass
@@ -122,17 +116,6 @@ class Samples:
 
 
 @njit(cache=True, nogil=True)
-def _filter_rows(x, taps, kept, out):
-    for i in range(len(kept)):
-        row = kept[i]
-        for c in range(x.shape[1]):
-            out[i, c] = taps[0] * x[row, c]
-        for j in range(1, len(taps)):
-            for c in range(x.shape[1]):
-                out[i, c] += taps[j] * x[row - j, c]
-
-
-@njit(cache=True, nogil=True)
 def _interpolate_blocks(y, u, edges, out):
     """Block means of the four-point interpolation of ``y`` at indices ``u``."""
     n = len(y)
@@ -156,129 +139,6 @@ def make_samples(tests: tuple[BallBarTest, ...], traces: dict[str, Trace], block
     ]
 
 
-@dataclass(frozen=True)
-class Noise:
-    """Noise of the campaign from the repeated revolutions, never from the residual that is being explained.
-
-    Attributes:
-        rms: of one sample, m. block_rms: of one block mean, m.
-        ar: (p,) coefficients of an autoregressive model of the block means, so that
-            ``x[k] = Σ ar[j] x[k-1-j] + innovation`` with standard deviation ``innovation``.
-        source: where the estimate comes from, for the user.
-    """
-
-    rms: float
-    block_rms: float
-    ar: np.ndarray
-    innovation: float
-    source: str
-
-    @property
-    def taps(self) -> np.ndarray:
-        """(p + 1,) filter from block means to innovations in units of their standard deviation."""
-        return np.concatenate([[1.0], -self.ar]) / self.innovation
-
-    def whiten(self, s: Samples, columns: np.ndarray, kept: np.ndarray | None = None) -> np.ndarray:
-        """Innovations of block columns (m,) or (m, k) in units of their standard deviation; rows that touch a bad block
-        are dropped.
-
-        ``kept``: the indices of :meth:`rows`, for who has them already.
-        """
-        kept = np.flatnonzero(self.rows(s)) if kept is None else kept
-        out = np.empty((len(kept), 1 if columns.ndim == 1 else columns.shape[1]))
-        _filter_rows(np.ascontiguousarray(columns.reshape(len(columns), -1)), self.taps, kept, out)
-        return out[:, 0] if columns.ndim == 1 else out
-
-    def rows(self, s: Samples) -> np.ndarray:
-        """Which blocks have a whole filter's length of good blocks behind them, (m,) bool."""
-        p = len(self.ar)
-        broken = ~s.good
-        broken = broken | np.concatenate([[False], np.diff(s.segment) > 0])
-        since = np.arange(len(broken)) - np.maximum.accumulate(np.where(broken, np.arange(len(broken)), -1))
-        keep = since > p
-        keep[:p] = False
-        return keep
-
-
 def revolution_time(test: BallBarTest) -> float:
     """Duration of one revolution at the constant feed, s."""
     return 2 * np.pi * kind_of(test).radius(test) / test.feed
-
-
-def _delayed(x: np.ndarray, delay: float, taps: int = 32) -> np.ndarray:
-    """``x`` a (fractional) number of samples later, by a windowed sinc.
-
-    It keeps the white part of the noise, as linear interpolation would not.
-    """
-    whole = int(np.floor(delay))
-    before = taps // 2 - 1
-    k = np.arange(taps) - before
-    kernel = np.sinc(k - (delay - whole)) * np.kaiser(taps + 1, 6.0)[1:]
-    return np.correlate(x, kernel / kernel.sum(), mode="valid")[whole - before :]
-
-
-def half_differences(s: Samples) -> tuple[np.ma.MaskedArray, np.ma.MaskedArray]:
-    """Half the difference of successive revolutions: per sample and per block, m; masked where one of them was left
-    out.
-
-    It has the noise's RMS over √2 and no repeatable signal. Slow drift between revolutions (eccentricity and its
-    growth) is taken out.
-    """
-    turn = revolution_time(s.test)
-    out = []
-    for time, value, valid in ((s.time, s.value - s.left_out, s.valid), (s.centre, s.mean, s.good)):
-        later = _delayed(np.where(valid, value, np.median(value[valid])), turn / float(np.median(np.diff(time))))
-        bad = np.convolve(~valid, np.ones(33), mode="same") > 0
-        n = min(len(later), int(np.searchsorted(time, time[-1] - turn)) - 16)
-        h = 0.5 * (later[:n] - value[:n])
-        lag = int(turn / float(np.median(np.diff(time))))
-        ok = valid[:n] & ~bad[lag : lag + n]
-        phi = 2 * np.pi * (time[:n] - time[0]) / turn
-        basis = np.column_stack([np.ones(n), np.cos(phi), np.sin(phi), phi, phi * np.cos(phi), phi * np.sin(phi)])
-        if ok.sum() > _FEWEST:
-            h = h - basis @ np.linalg.lstsq(basis[ok], h[ok], rcond=None)[0]
-        out.append(np.ma.array(h, mask=~ok))
-    return out[0], out[1]
-
-
-def usual_noise(block: float = BLOCKS[0], resolution: float = 0.1e-6) -> Noise:
-    """The noise of an ordinary ball bar, where none can be measured (assumed: 0.12 µm, correlated over 0.05 s)."""
-    ar = np.array([np.exp(-block / 0.05)])
-    rms = max(0.12e-6, resolution)
-    return Noise(
-        rms, 0.93 * rms, ar, 0.93 * rms * float(np.sqrt(1 - ar[0] ** 2)), "assumed: no test repeats its revolution"
-    )
-
-
-def estimate_noise(samples: Sequence[Samples], resolution: float, order: int = 5) -> Noise:
-    """Noise model of a campaign.
-
-    Tests with two revolutions or more give half-differences; their median spectrum over the tests counts, so that one
-    test with something that does not repeat does not raise the floor. Without any, 0.1 µm with the usual colour is
-    assumed.
-    """
-    repeated = [half_differences(s) for s in samples if kind_of(s.test).repeats(s.test)]
-    repeated = [(fine, coarse) for fine, coarse in repeated if coarse.count() > _FEWEST]
-    if not repeated:
-        return usual_noise(samples[0].block, resolution)
-    lags = np.arange(order + 1)
-    covariances, levels = [], []
-    for fine, coarse in repeated:
-        n, values = len(coarse), coarse.filled(0.0)
-        covariances.append([2.0 * np.dot(values[: n - k], values[k:]) / coarse.count() for k in lags])
-        levels.append(np.sqrt(2.0 * np.mean(fine.compressed() ** 2)))
-    covariances = np.array(covariances)
-    quietest = covariances[:, 0] <= np.median(covariances[:, 0]) * (1 + 1e-12)
-    r = covariances[quietest].mean(axis=0)
-    r[0] += (0.05 * resolution) ** 2
-    R = r[np.abs(lags[:-1, None] - lags[None, :-1])]
-    ar = np.linalg.solve(R, r[1:])
-    innovation = float(np.sqrt(max(r[0] - ar @ r[1:], 1e-3 * r[0])))
-    rms = float(np.percentile(levels, 50, method="lower"))  # of two tests the quieter: the other may have a knock
-    return Noise(
-        rms,
-        float(np.sqrt(r[0])),
-        ar,
-        innovation,
-        f"from the difference between the two revolutions, in {len(repeated)} test{'s' if len(repeated) > 1 else ''}",
-    )

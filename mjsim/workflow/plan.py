@@ -7,9 +7,10 @@ from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.mistakes.checked_problem import checked_problem
+from mjsim.estimation.noise import usual_noise
 from mjsim.estimation.planning.next_test import NOTHING, Plan, best_of, plan_for, typical
 from mjsim.estimation.planning.separation import Explanation
-from mjsim.estimation.samples import BLOCKS, usual_noise
+from mjsim.estimation.samples import BLOCKS
 from mjsim.estimation.vibration import separate
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from mjsim.estimation.noise import Noise, autoregression
 from mjsim.estimation.pitch.model import PitchModel, State
-from mjsim.estimation.samples import Noise
 
 #: Length of a segment, blocks, and autoregressive order of the model.
 _SEGMENT, _ORDER = 256, 5
@@ -39,9 +39,7 @@ def residual_noise(model: PitchModel, state: State) -> Noise:
     density = np.median(power, axis=0) / _MEDIAN
     density = np.array([np.median(density[max(0, i - 3) : i + 4]) for i in range(len(density))])
     r = np.fft.irfft(density)[: _ORDER + 1]
-    lags = np.arange(_ORDER)
-    ar = np.linalg.solve(r[np.abs(lags[:, None] - lags)], r[1:])
-    innovation = float(np.sqrt(max(r[0] - ar @ r[1:], 1e-3 * r[0])))
+    ar, innovation = autoregression(r)
     within = float(np.mean(np.concatenate(fine) ** 2))
     source = "floor of the rotary tests' own spectrum: no test repeats"
     return Noise(float(np.sqrt(r[0] + within)), float(np.sqrt(r[0])), ar, innovation, source)

@@ -20,11 +20,12 @@ from mjsim.estimation.fit import Fit, with_effects
 from mjsim.estimation.kept_changes import KeptChanges
 from mjsim.estimation.least_squares import ridge_solution
 from mjsim.estimation.linearisation import Linearisation
+from mjsim.estimation.noise import Noise
 from mjsim.estimation.nuisance import BAR_LENGTH, LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER
 from mjsim.estimation.parameters import Block, Parameters
 from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.problem import sheet_grid, sheet_plants
-from mjsim.estimation.samples import BLOCKS, GRID_STEPS, Noise
+from mjsim.estimation.samples import BLOCKS, GRID_STEPS
 from mjsim.machine.model import Machine, build
 from mjsim.machine.sensitivity import BarSensitivity
 from mjsim.simulation.axes import AxesMotion
