@@ -224,6 +224,17 @@ def test_a_ball_that_moves_while_the_signal_is_lost_is_found(revolution):
     assert largest_jump(lost, lost.value, 0.1e-6) is None
 
 
+@pytest.mark.parametrize("after_the_seam", [-60, -5, 0, 5, 60])
+def test_a_ball_that_moves_between_the_revolutions_is_found(after_the_seam):
+    """Nearly all of the second revolution lies as far from the first one."""
+    from mjsim.estimation.outliers import largest_jump
+
+    s = samples(np.random.default_rng(12), signal=0.0)
+    at = round(revolution_time(CIRCLE) / 0.005) + after_the_seam
+    s.value = s.value + 1.5e-6 * (np.arange(len(s.time)) >= at)
+    assert largest_jump(s, s.value, 0.1e-6) == pytest.approx(at, abs=20)
+
+
 @pytest.mark.parametrize(
     ("signal", "moves", "is_seen"),
     [

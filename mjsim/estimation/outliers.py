@@ -151,7 +151,7 @@ def largest_jump(s: Samples, residual: np.ndarray, noise: float, settings: Outli
     if abs(after[most] - before[most]) < least:
         height = float(np.median(apart))
         rise = short * np.sign(height)
-        here = _jump_between(s, rise, at, lag)
+        here = _jump_between(s, rise, (at[-1] - n, at[0] + lag + n))
         as_far = _AS_FAR[0] * abs(height) < rise[here] < _AS_FAR[1] * abs(height)
         return here if abs(height) > least and rise[here] > unusual and as_far else None
     near = slice(max(0, most - n), most + n)
@@ -159,18 +159,18 @@ def largest_jump(s: Samples, residual: np.ndarray, noise: float, settings: Outli
     return here if abs(before[most]) > abs(after[most]) else here + lag
 
 
-def _jump_between(s: Samples, rise: np.ndarray, at: np.ndarray, lag: int) -> int:
-    """Where the reading rises most between the stretches that both revolutions have. The signal was lost at that angle
-    in one of them, so that only how far the revolutions lie apart tells of it.
+def _jump_between(s: Samples, rise: np.ndarray, between: tuple[int, int]) -> int:
+    """Where the reading rises most in front of or behind the stretches in which both revolutions have a mean: at the
+    seam of the revolutions, or at an angle at which one of them has lost the signal. Only how far the revolutions lie
+    apart tells of a jump there.
 
     Args:
         s: The samples.
         rise: Of the residual at every sample, (n,) m.
-        at: Samples whose partner a revolution (``lag`` samples) later is there as well.
-        lag: Samples of a revolution.
+        between: The samples around.
     """
     place = np.arange(len(rise))
-    return int(np.argmax(np.where(s.valid & (place > at[-1]) & (place < at[0] + lag), rise, -np.inf)))
+    return int(np.argmax(np.where(s.valid & (place > between[0]) & (place < between[1]), rise, -np.inf)))
 
 
 def leave_out_shorter_side(s: Samples, here: int, residual: np.ndarray, settings: OutlierSettings = OUTLIERS) -> bool:
