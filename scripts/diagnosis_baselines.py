@@ -18,8 +18,8 @@ from mjsim.estimation.least_squares import LeastSquares
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.signatures import Candidate, SignatureBank, seeds
 from mjsim.estimation.spectrum import spectral_candidates
+from mjsim.estimation.vibration import separate
 from mjsim.machine.model import build
-from mjsim.workflow.diagnose import separate
 
 #: Matching pursuit ends where the next signature takes less than this off the sum of squares, in variances of the
 #: noise (assumed: as much as the diagnosis asks of one cause with its competitors).

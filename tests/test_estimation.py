@@ -258,6 +258,21 @@ def test_a_ball_that_moves_where_only_one_revolution_has_a_signal(signal, moves,
     assert found == pytest.approx(at, abs=20) if is_seen else found is None
 
 
+@pytest.mark.parametrize(("height", "is_seen"), [(3e-6, True), (0.0, False)])
+@pytest.mark.parametrize("seconds", [0.5, 2.0])
+def test_a_ball_that_moves_while_the_only_revolution_has_no_signal_is_found(seconds, height, is_seen):
+    """What the reading does in the same time elsewhere, here a slow drift of 0.2 µm/s, is no jump."""
+    from mjsim.estimation.outliers import largest_jump
+
+    s = samples(np.random.default_rng(13), signal=0.0, seconds=10.0)
+    once = dataclasses.replace(CIRCLE, revolutions=1)
+    value = s.value + 0.2e-6 * s.time - height * (np.arange(len(s.time)) >= 1200)
+    lost = (np.arange(len(s.time)) >= 1200 - int(seconds / 0.005)) & (np.arange(len(s.time)) < 1200)
+    single = Samples(once, s.time, value, ~lost, s.block)
+    found = largest_jump(single, value, 0.1e-6)
+    assert found == 1200 if is_seen else found is None
+
+
 def test_an_estimate_beyond_the_bounds_goes_back_towards_them():
     """A velocity gain between 0.1 and 5, in twentieths; a gap cannot be below zero."""
     machine = read_machine(examples() / "healthy" / "machine.toml")

@@ -26,13 +26,13 @@ from mjsim.estimation.evidence import select
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.joint_selection import JointSelector
 from mjsim.estimation.linearisation import Linearisation
+from mjsim.estimation.model_choice import select_model
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.estimation.spectrum import spectral_candidates, wave
 from mjsim.estimation.verdicts import is_beyond
 from mjsim.estimation.vibration import separate
 from mjsim.machine.model import build
-from mjsim.workflow.diagnose import select_model
 
 
 @pytest.fixture(scope="module")

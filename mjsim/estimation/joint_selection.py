@@ -27,9 +27,9 @@ from mjsim.estimation.evidence import SparseModel, log_evidence, select
 from mjsim.estimation.evidence_priors import added, kept_waves
 from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.one_curve import FEWEST, one_curve
+from mjsim.estimation.outcome import Found, Selection
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.retiming import retimed
-from mjsim.estimation.selection import Found, Selection
 from mjsim.estimation.servo_fault import with_servo_fault
 from mjsim.estimation.signatures import SignatureBank
 from mjsim.estimation.verdicts import beyond, is_beyond, proven

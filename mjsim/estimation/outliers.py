@@ -135,7 +135,9 @@ def largest_jump(s: Samples, residual: np.ndarray, noise: float, settings: Outli
     unusual = settings.jump_alone * float(np.quantile(np.abs(short), 0.9))
     if not kind_of(s.test).repeats(s.test):
         at = int(np.argmax(np.abs(short)))
-        return at if abs(short[at]) > max(unusual, 2.0 * settings.least_jump) else None
+        if abs(short[at]) > max(unusual, 2.0 * settings.least_jump):
+            return at
+        return _jump_over_gap(residual, s.valid, max(3, n // 4), settings)
     lag = round(revolution_time(s.test) / dt)
     # what is left out counts as no time: the ball may have moved while the signal was lost
     at = np.flatnonzero(s.valid[lag:] & s.valid[:-lag])
@@ -157,6 +159,33 @@ def largest_jump(s: Samples, residual: np.ndarray, noise: float, settings: Outli
     near = slice(max(0, most - n), most + n)
     here = int(at[near.start + int(np.argmax(np.abs(_jumps(apart[near], there[near], max(3, n // 10)))))])
     return here if abs(before[most]) > abs(after[most]) else here + lag
+
+
+def _jump_over_gap(x: np.ndarray, valid: np.ndarray, n: int, settings: OutlierSettings) -> int | None:
+    """First sample behind a gap over which a reading jumps far above what it does elsewhere in the same time, or
+    ``None``: what has moved the ball often takes the signal as well.
+
+    Args:
+        x: The residual, (n,) m.
+        valid: Which samples count.
+        n: Samples of a mean on either side.
+        settings: What decides.
+    """
+    number, total = (np.concatenate([[0.0], np.cumsum(v)]) for v in (valid, np.where(valid, x, 0.0)))
+    count = number[n:] - number[:-n]
+    means = np.where(count > 0.6 * n, (total[n:] - total[:-n]) / np.maximum(count, 1.0), np.nan)
+    gaps, last = _groups(~valid)
+    for g in range(1, last + 1):
+        first, length = int(np.argmax(gaps == g)), int((gaps == g).sum())
+        change = np.abs(means[n + length :] - means[: -n - length])
+        place, here = np.arange(len(change)), first - n
+        usual = change[(place > first + length) | (place + 2 * n + length < first)]
+        usual = usual[np.isfinite(usual)]
+        if not 0 <= here < len(change) or len(usual) < n:
+            continue  # too little on one side, or to compare with
+        if change[here] > max(settings.jump_alone * float(np.quantile(usual, 0.9)), 2.0 * settings.least_jump):
+            return first + length
+    return None
 
 
 def _jump_between(s: Samples, rise: np.ndarray, between: tuple[int, int]) -> int:

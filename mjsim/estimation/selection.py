@@ -4,8 +4,6 @@ competing models.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 
 from mjsim.estimation.candidate_groups import CandidateGroups
@@ -18,9 +16,11 @@ from mjsim.estimation.criteria import (
 )
 from mjsim.estimation.curve_search import best_curve_term, is_overfit
 from mjsim.estimation.curve_terms import CurveTerm
+from mjsim.estimation.disturbances import without_disturbances
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.evidence import select
 from mjsim.estimation.fit import Fit, Fitter
+from mjsim.estimation.outcome import Found, Selection
 from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.estimation.visibility import clear_tests
 from mjsim.progress import Progress, silent
@@ -30,54 +30,6 @@ from mjsim.progress import Progress, silent
 _BETTER, _SWAPS = 2.0, 3
 #: Most competing models that are fitted in one effect's place.
 _MOST_COMPETING = 6
-
-
-@dataclass(frozen=True)
-class Found:
-    """One missing effect of the final model.
-
-    Attributes:
-        key: Of the effect.
-        gain: How far the objective falls with it.
-        competing: Models with another effect in its place that the data cannot tell from it, by that effect's id.
-        rejected: How much worse the others do that were fitted in its place, by id. Where none came near enough to be
-            fitted, the best of them by its linear gain.
-    """
-
-    key: str
-    gain: float
-    competing: dict[str, Fit] = field(default_factory=dict)
-    rejected: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def alternatives(self) -> tuple[str, ...]:
-        """Ids of the effects that do as well."""
-        return tuple(self.competing)
-
-
-@dataclass(frozen=True)
-class Selection:
-    """Outcome of a model selection.
-
-    Attributes:
-        start: The model without missing effects.
-        fit: The final model.
-        found: Its effects in the order of their contribution.
-        bank: Signatures of all candidates.
-        trail: The models that were tried.
-        first_gain: What the first effect alone explained.
-        best_curve: The generic curve that explains most at ``start``, where it was looked for.
-        complete: Whether the search ended by itself, and not because few effects do not explain the data.
-    """
-
-    start: Fit
-    fit: Fit
-    found: list[Found]
-    bank: SignatureBank
-    trail: list[dict] = field(default_factory=list)
-    first_gain: float = 0.0
-    best_curve: CurveTerm | None = None
-    complete: bool = True
 
 
 class ModelSelection(CandidateModels):
@@ -96,9 +48,18 @@ class ModelSelection(CandidateModels):
     def run(self, max_effects: int | None = None) -> Selection:
         """Search for a few effects that explain the data.
 
+        Where an effect had hidden a disturbance, the search begins anew without it. ``problem`` and ``fitter`` are
+        then others.
+
         Args:
             max_effects: At most so many. Without it, the search is given up where few effects are not enough.
         """
+        while (selection := self._search(max_effects)) is None:
+            self._tried, self._best_curve, self._first_gain = set(), None, 0.0
+        return selection
+
+    def _search(self, max_effects: int | None) -> Selection | None:
+        """One search, or ``None`` where a disturbance came to light."""
         most = max_effects if max_effects is not None else self.settings.few_effects + 1
         start = self.start()
         bank = SignatureBank(self.problem, start)
@@ -122,6 +83,8 @@ class ModelSelection(CandidateModels):
             else:
                 self._first_gain = self._first_gain or self.objective(fit) - self.objective(better)
                 fit = better
+                if self._cleaned(fit):
+                    return None
                 if max_effects is None and self._needs_many(fit, bank):
                     return Selection(start, fit, [], bank, trail, self._first_gain, complete=False)
         fit = self.settled(self._prune(fit))
@@ -130,6 +93,15 @@ class ModelSelection(CandidateModels):
             fit, found = self._against_competing(fit, bank)
             fit = self.settled(fit)
         return Selection(start, fit, found, bank, trail, self._first_gain, self._best_curve)
+
+    def _cleaned(self, fit: Fit) -> bool:
+        """Leave out what happened once and what the effects of a model had hidden; whether there was such."""
+        if fit.sum_squares < self.settings.complete_fit * self.problem.count:
+            return False
+        data = without_disturbances(self.problem, fit.readings, fit.nuisance)
+        found = data is not self.problem
+        self.problem, self.fitter = data, self.fitter.with_problem(data)
+        return found
 
     # -- growing -------------------------------------------------------------------------------------------------------
 

@@ -11,8 +11,8 @@ from mjsim.estimation.curve_search import best_curve_term, is_overfit, visible
 from mjsim.estimation.curve_terms import TABLE, CurveTerm
 from mjsim.estimation.effect_file import effect_source
 from mjsim.estimation.fit import Fit
+from mjsim.estimation.outcome import Selection
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.selection import Selection
 from mjsim.machine.chain import is_rotary
 from mjsim.progress import Progress
 from mjsim.units import DEG, UM

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,29 +10,19 @@ from mjsim.axislog.measurement import Logs
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
-from mjsim.estimation.calibration import expected_effects
-from mjsim.estimation.combinations import Combination, combinations
 from mjsim.estimation.competing import CompetingModel
-from mjsim.estimation.curve_fit import fit_beside
-from mjsim.estimation.curve_search import best_curve_term
-from mjsim.estimation.curve_terms import CurveTerm
-from mjsim.estimation.disturbances import readmitted
-from mjsim.estimation.fit import Fitter, with_effects
-from mjsim.estimation.joint_selection import JointSelection, JointSelector
+from mjsim.estimation.fit import with_effects
 from mjsim.estimation.lines import Line
 from mjsim.estimation.mistakes.checked_problem import checked_problem
-from mjsim.estimation.one_curve import in_place_of_both_directions
+from mjsim.estimation.model_choice import select_model
+from mjsim.estimation.outcome import Selection
 from mjsim.estimation.planning.next_test import plan_for
 from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.selection import ModelSelection, Selection
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
-from mjsim.estimation.shares import Calibration, calibrations
 from mjsim.estimation.signatures import Projector
 from mjsim.estimation.testability import not_testable
-from mjsim.estimation.unexplained import Unexplained, describe, find_unexplained
-from mjsim.estimation.verdicts import stands
-from mjsim.estimation.vibration import Separated, is_news, phased_at, separate
+from mjsim.estimation.vibration import is_news, phased_at, separate
 from mjsim.estimation.visibility import clear_tests
 from mjsim.io.cache import remembered
 from mjsim.machine.model import Machine, build
@@ -152,124 +142,6 @@ def _diagnose(
         combinations=explained.combinations,
         posterior=Posterior.of(selection.fit),
     )
-
-
-@dataclass(frozen=True)
-class Explained:
-    """Outcome of the model selection: the data that it ends on, the model, what is left, and what was calibrated."""
-
-    data: Problem
-    selection: Selection
-    unexplained: Unexplained | None
-    calibration: tuple[Calibration, ...] = ()
-    shares: dict[str, float] = field(default_factory=dict)
-    combinations: tuple[Combination, ...] = ()
-
-
-def select_model(separated: Separated, max_effects: int | None = None, progress: Progress = silent) -> Explained:
-    """The model selection on data without vibrations.
-
-    Where the machine file states a tolerance, all effects are judged together. Where it states none, a few effects are
-    tried first: what they explain down to the noise needs no others.
-    """
-    problem = separated.problem
-    fitter = Fitter(problem, separated.machine)
-    if separated.machine.tolerance:
-        return _explain_jointly(problem, fitter, progress)
-    selection = ModelSelection(fitter, progress).run(max_effects)
-    if selection.complete:
-        return _explain_with_few(problem, fitter, selection, progress)
-    alone = _explain_by_curve(problem, selection, progress)
-    if alone is not None and _left(alone) ** 2 < problem.settings.joint_fit:
-        return alone
-    joint = _explain_jointly(problem, fitter, progress)
-    if _left(joint) ** 2 < problem.settings.joint_fit:
-        return joint
-    # neither a few causes nor a machine that is a little wrong everywhere: most likely the cause is in no catalogue
-    selection = ModelSelection(fitter, progress).run(problem.settings.most_effects)
-    few = _explain_with_few(problem, fitter, selection, progress)
-    return joint if _left(joint) < problem.settings.clearly_less * _left(few) else few
-
-
-def _left(explained: Explained) -> float:
-    """RMS that an explanation leaves, with the curve beside it where there is one, in units of the noise."""
-    if explained.unexplained is not None:
-        return explained.unexplained.left / explained.data.noise.rms
-    return float(np.sqrt(explained.selection.fit.sum_squares / explained.data.count))
-
-
-def _explain_by_curve(problem: Problem, selection: Selection, progress: Progress) -> Explained | None:
-    """The machine as given with one generic curve, where there is one: a single cause that is in no catalogue."""
-    progress("looking for one cause outside the catalogue", 0, 1)
-    curve = best_curve_term(problem, selection.start)
-    if curve is None:
-        return None
-    selection = replace(selection, fit=selection.start, found=[])
-    return Explained(problem, selection, describe(problem, selection.start, curve))
-
-
-def _explain_with_few(problem: Problem, fitter: Fitter, selection: Selection, progress: Progress) -> Explained:
-    """What a few effects explain, and what is left beside them."""
-    varying = in_place_of_both_directions(fitter, selection.fit, [f.key for f in selection.found])
-    if varying is None:
-        unexplained, selection = find_unexplained(problem, selection, progress)
-    else:
-        fit, curve, replaced = varying
-        selection = replace(selection, fit=fit, found=[f for f in selection.found if f.key not in replaced])
-        unexplained = describe(problem, fit, curve, together=True)
-    if selection.found:
-        data = readmitted(problem, selection.fit.readings, selection.fit.nuisance)
-        if data is not problem:
-            refitted = fitter.with_problem(data).fit(selection.fit.effects, start=selection.fit)
-            return Explained(data, replace(selection, fit=refitted), unexplained)
-    return Explained(problem, selection, unexplained)
-
-
-def _explain_jointly(problem: Problem, fitter: Fitter, progress: Progress) -> Explained:
-    """The same with everything that a machine may have calibrated at once: findings lie beyond its tolerance, or are
-    proven where none is stated.
-    """
-    joint = JointSelector(fitter, progress).run()
-    problem, fit = joint.problem, joint.selection.fit
-    fitter = fitter.with_problem(problem)
-    rest = joint.curve if joint.alone else None
-    varying = in_place_of_both_directions(fitter, fit, [f.key for f in joint.selection.found])
-    if varying is not None:
-        beside, rest, replaced = varying
-        fit = fitter.fit(beside.effects, start=beside, iterations=0, fresh=False)
-        found = [f for f in joint.selection.found if f.key not in replaced]
-        joint = replace(joint, selection=replace(joint.selection, fit=fit, found=found))
-    if rest is None and (joint.curve is not None or fit.sum_squares > problem.settings.joint_fit * problem.count):
-        rest = best_curve_term(problem, fit)
-    if rest is not None:
-        progress("fitting beside what is not in the catalogue", 0, 1)
-        joint, rest = _beside_unknown(problem, fitter, joint, rest)
-        fit = joint.selection.fit
-    progress("shares of the error", 0, 1)
-    entries, shares = calibrations(problem, fit, joint.calibrated)
-    explained = joint.selection.start.sum_squares - fit.sum_squares
-    found = [replace(f, gain=shares.get(f.key, 0.0) * explained) for f in joint.selection.found]
-    selection = replace(joint.selection, found=sorted(found, key=lambda f: -f.gain))
-    unexplained = describe(problem, fit, rest, together=True) if rest else None
-    return Explained(problem, selection, unexplained, entries, shares, combinations(fit, problem.settings))
-
-
-def _beside_unknown(
-    problem: Problem, fitter: Fitter, joint: JointSelection, rest: CurveTerm
-) -> tuple[JointSelection, CurveTerm]:
-    """The outcome fitted together with a curve, and without the findings that do not stand beside it."""
-    fit, curve, _ = fit_beside(fitter, joint.selection.fit, rest)
-    expected = {c.key: c for c in expected_effects(fitter.machine)}
-    misfit = (describe(problem, fit, curve, together=True).left / problem.noise.rms) ** 2
-    found = [f for f in joint.selection.found if stands(fit, f.key, expected, misfit, problem.settings.joint_fit)]
-    if len(found) < len(joint.selection.found):
-        keys = {f.key for f in found}
-        calibrated = tuple(c for key, c in expected.items() if key not in keys)
-        effects = [f for f in fit.effects if f.effect.key in keys]
-        start = fitter.fit([*effects, *(c.free for c in calibrated)], start=joint.selection.fit, fresh=False)
-        fit, curve, _ = fit_beside(fitter, start, best_curve_term(problem, start) or rest)
-        joint = replace(joint, calibrated=calibrated)
-    return replace(joint, selection=replace(joint.selection, fit=fit, found=found)), curve
 
 
 def _found(problem: Problem, selection: Selection) -> list[tuple[float, DiagnosedEffect]]:

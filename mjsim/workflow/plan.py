@@ -7,6 +7,7 @@ from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.mistakes.checked_problem import checked_problem
+from mjsim.estimation.model_choice import select_model
 from mjsim.estimation.noise import usual_noise
 from mjsim.estimation.planning.next_test import NOTHING, Plan, best_of, plan_for, typical
 from mjsim.estimation.planning.separation import Explanation
@@ -16,7 +17,6 @@ from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 from mjsim.workflow.calibrate import fit_within_tolerance
-from mjsim.workflow.diagnose import select_model
 from mjsim.workflow.edit import fit_effect
 
 

@@ -10,11 +10,11 @@ from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.noise import Noise
+from mjsim.estimation.outcome import Selection
 from mjsim.estimation.planning.candidates import axis_speeds, minutes
 from mjsim.estimation.planning.choose import choose
 from mjsim.estimation.planning.separation import Explanation, Separation, Separator
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.selection import Selection
 from mjsim.estimation.settings import PLAN, PlanSettings
 from mjsim.estimation.signatures import Projector
 from mjsim.estimation.testability import not_testable
