@@ -3,7 +3,7 @@
 import pytest
 from independent import campaign as generator
 from independent.layouts import layout
-from independent.unlisted import EccentricPlay
+from independent.unlisted import EccentricPlay, TableLift
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
@@ -11,9 +11,13 @@ from mjsim.effects import registry
 from mjsim.estimation.calibration import expected_effects
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fitter
+from mjsim.estimation.model_choice import explain_with_few
 from mjsim.estimation.one_curve import in_place_of_both_directions, one_curve
+from mjsim.estimation.outcome import Found, Selection
 from mjsim.estimation.problem import Problem
+from mjsim.estimation.signatures import SignatureBank
 from mjsim.machine.model import build
+from mjsim.progress import silent
 
 KEPT = ("axis_location.EX0C", "axis_location.EY0C", "axis_location.EA0C", "axis_location.EB0C", "squareness.XY")
 
@@ -107,3 +111,27 @@ def test_opposite_pitch_errors_are_one_cause_and_others_are_two(first, hidden, o
         assert replaced == {f.effect.key for f in flanks}
         assert [f.effect.key for f in fit.effects] == ["backlash.C"]
         assert curve.axes == ("C",) and curve.signed
+
+
+def test_a_table_that_lifts_with_its_speed_is_no_pile_of_effects(tmp_path):
+    """Four effects of the catalogue explain it nearly down to the noise."""
+    lift = TableLift("C", amplitude=-1.0, moves="Z")
+    case = generator.Case("lift", "M2", tuple(layout("table")), (lift,), (0.8,), seed=2)
+    generator.write_files(case, tmp_path)
+    campaign = read_campaign(tmp_path)
+    machine = read_machine(campaign.machine_file)
+    fitter = Fitter(Problem.of(campaign, build(machine), threads=2), machine)
+    pile = [
+        free(machine, "squareness.YZ", angle_urad=1.0),
+        EffectVector(registry.make("straightness.EYZ", quadratic_um=1.0), ("quadratic_um", "cubic_um")),
+        free(machine, "axis_location.EY0A", value_um=1.0),
+        EffectVector(
+            registry.make("radial_error_motion.C", amplitude_um=0.3, order=2.0), ("amplitude_um", "phase_deg")
+        ),
+    ]
+    start, named = fitter.fit([]), fitter.fit(pile)
+    found = [Found(f.effect.key, 100.0) for f in named.effects]
+    explained = explain_with_few(fitter, Selection(start, named, found, SignatureBank(fitter.problem, start)), silent)
+    assert explained.selection.found == []
+    assert explained.unexplained is not None
+    assert explained.unexplained.axes == ("C", "Z") and explained.unexplained.variable == "velocity"

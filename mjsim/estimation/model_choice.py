@@ -14,7 +14,7 @@ from mjsim.estimation.curve_terms import CurveTerm
 from mjsim.estimation.disturbances import readmitted
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.joint_selection import JointSelection, JointSelector
-from mjsim.estimation.one_curve import in_place_of_both_directions
+from mjsim.estimation.one_curve import FEWEST, in_place_of_both_directions, one_curve
 from mjsim.estimation.outcome import Selection
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.selection import ModelSelection
@@ -50,7 +50,7 @@ def select_model(separated: Separated, max_effects: int | None = None, progress:
     selection = few.run(max_effects)
     problem, fitter = few.problem, few.fitter
     if selection.complete:
-        return _explain_with_few(fitter, selection, progress)
+        return explain_with_few(fitter, selection, progress)
     alone = _explain_by_curve(problem, selection, progress)
     if alone is not None and _left(alone) ** 2 < problem.settings.joint_fit:
         return alone
@@ -59,7 +59,7 @@ def select_model(separated: Separated, max_effects: int | None = None, progress:
         return joint
     # neither a few causes nor a machine that is a little wrong everywhere: most likely the cause is in no catalogue
     few = ModelSelection(fitter, progress)
-    named = _explain_with_few(few.fitter, few.run(problem.settings.most_effects), progress)
+    named = explain_with_few(few.fitter, few.run(problem.settings.most_effects), progress)
     return joint if _left(joint) < problem.settings.clearly_less * _left(named) else named
 
 
@@ -80,10 +80,15 @@ def _explain_by_curve(problem: Problem, selection: Selection, progress: Progress
     return Explained(problem, selection, describe(problem, selection.start, curve))
 
 
-def _explain_with_few(fitter: Fitter, selection: Selection, progress: Progress) -> Explained:
+def explain_with_few(fitter: Fitter, selection: Selection, progress: Progress) -> Explained:
     """What a few effects explain, and what is left beside them."""
     problem = fitter.problem
-    varying = in_place_of_both_directions(fitter, selection.fit, [f.key for f in selection.found])
+    keys = [f.key for f in selection.found]
+    varying = in_place_of_both_directions(fitter, selection.fit, keys)
+    if varying is None and len(keys) >= FEWEST:
+        progress("one cause outside the catalogue against all that was named", 0, 1)
+        if (instead := one_curve(fitter, selection.start, selection.fit, keys)) is not None:
+            varying = *instead, set(keys)
     if varying is None:
         unexplained, selection = find_unexplained(problem, selection, progress)
     else:
