@@ -84,15 +84,15 @@ def explain_with_few(fitter: Fitter, selection: Selection, progress: Progress) -
     """What a few effects explain, and what is left beside them."""
     problem = fitter.problem
     keys = [f.key for f in selection.found]
-    varying = in_place_of_both_directions(fitter, selection.fit, keys)
-    if varying is None and len(keys) >= FEWEST:
+    unknown = in_place_of_both_directions(fitter, selection.fit, keys)
+    if unknown is None and len(keys) >= FEWEST:
         progress("one cause outside the catalogue against all that was named", 0, 1)
         if (instead := one_curve(fitter, selection.start, selection.fit, keys)) is not None:
-            varying = *instead, set(keys)
-    if varying is None:
+            unknown = *instead, set(keys)
+    if unknown is None:
         unexplained, selection = find_unexplained(problem, selection, progress)
     else:
-        fit, curve, replaced = varying
+        fit, curve, replaced = unknown
         selection = replace(selection, fit=fit, found=[f for f in selection.found if f.key not in replaced])
         unexplained = describe(problem, fit, curve, together=True)
     if selection.found:
@@ -121,7 +121,7 @@ def _explain_jointly(fitter: Fitter, progress: Progress) -> Explained:
         rest = best_curve_term(problem, fit)
     if rest is not None:
         progress("fitting beside what is not in the catalogue", 0, 1)
-        joint, rest = _beside_unknown(problem, fitter, joint, rest)
+        joint, rest = _beside_unknown(fitter, joint, rest)
         fit = joint.selection.fit
     progress("shares of the error", 0, 1)
     entries, shares = calibrations(problem, fit, joint.calibrated)
@@ -132,10 +132,9 @@ def _explain_jointly(fitter: Fitter, progress: Progress) -> Explained:
     return Explained(problem, selection, unexplained, entries, shares, combinations(fit, problem.settings))
 
 
-def _beside_unknown(
-    problem: Problem, fitter: Fitter, joint: JointSelection, rest: CurveTerm
-) -> tuple[JointSelection, CurveTerm]:
+def _beside_unknown(fitter: Fitter, joint: JointSelection, rest: CurveTerm) -> tuple[JointSelection, CurveTerm]:
     """The outcome fitted together with a curve, and without the findings that do not stand beside it."""
+    problem = fitter.problem
     fit, curve, _ = fit_beside(fitter, joint.selection.fit, rest)
     expected = {c.key: c for c in expected_effects(fitter.machine)}
     misfit = (describe(problem, fit, curve, together=True).left / problem.noise.rms) ** 2

@@ -19,7 +19,7 @@ from mjsim.estimation.samples import BLOCKS, Samples, revolution_time
 _FEWEST = 50
 #: A test that is so many times as loud as the median of all holds more than noise (assumed).
 _LOUD = 1.3
-#: Curves that count as drift between two revolutions: eccentricity and its growth.
+#: Curves that count as drift between two revolutions, those of ``basis``: eccentricity and its growth.
 _DRIFT = 6
 #: Most of the variance that may have been taken out with them (assumed), and rounds in which that is found.
 _MOST_LOST, _ROUNDS = 0.2, 4
