@@ -269,8 +269,8 @@ def test_a_diagnosis_finds_the_backlash_of_another_axis(configuration):
     problem = measured(chain, machine, machine.with_effect(registry.make("backlash.B", chain, width_deg=0.0015)))
     separated = separate(problem, machine)
     assert not separated.lines
-    selection = ModelSelection(Fitter(separated.problem, separated.machine)).run(2)
-    unexplained, selection = find_unexplained(separated.problem, selection, silent)
+    fitter, selection = ModelSelection(Fitter(separated.problem, separated.machine)).run(2)
+    unexplained, selection = find_unexplained(fitter.problem, selection, silent)
     assert (
         unexplained is None
         and [f.key for f in selection.found] == ["backlash.B"]

@@ -382,7 +382,8 @@ def test_a_small_feedforward_stands_for_an_early_command_and_not_for_a_late_one(
     """A late command would be a feedforward below zero, which nobody sets."""
     problem, machine = healthy("circle-xy-ccw", "circle-xy-cw", "circle-yz-ccw", "cone15-parallel-ccw")
     hide(problem, machine, hidden)
-    (found,) = ModelSelection(Fitter(problem, machine)).run(1).found
+    _, selection = ModelSelection(Fitter(problem, machine)).run(1)
+    (found,) = selection.found
     said = {found.key, *found.alternatives}
     assert hidden.id in said and wrong not in said
 

@@ -46,9 +46,8 @@ def select_model(separated: Separated, max_effects: int | None = None, progress:
     fitter = Fitter(separated.problem, separated.machine)
     if separated.machine.tolerance:
         return _explain_jointly(fitter, progress)
-    few = ModelSelection(fitter, progress)
-    selection = few.run(max_effects)
-    problem, fitter = few.problem, few.fitter
+    fitter, selection = ModelSelection(fitter, progress).run(max_effects)
+    problem = fitter.problem
     if selection.complete:
         return explain_with_few(fitter, selection, progress)
     alone = _explain_by_curve(problem, selection, progress)
@@ -58,8 +57,7 @@ def select_model(separated: Separated, max_effects: int | None = None, progress:
     if _left(joint) ** 2 < problem.settings.joint_fit:
         return joint
     # neither a few causes nor a machine that is a little wrong everywhere: most likely the cause is in no catalogue
-    few = ModelSelection(fitter, progress)
-    named = explain_with_few(few.fitter, few.run(problem.settings.most_effects), progress)
+    named = explain_with_few(*ModelSelection(fitter, progress).run(problem.settings.most_effects), progress)
     return joint if _left(joint) < problem.settings.clearly_less * _left(named) else named
 
 

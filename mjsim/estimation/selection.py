@@ -45,18 +45,20 @@ class ModelSelection(CandidateModels):
         self._first_gain = 0.0
         self._tried: set[tuple] = set()
 
-    def run(self, max_effects: int | None = None) -> Selection:
+    def run(self, max_effects: int | None = None) -> tuple[Fitter, Selection]:
         """Search for a few effects that explain the data.
 
-        Where an effect had hidden a disturbance, the search begins anew without it. ``problem`` and ``fitter`` are
-        then others.
+        Where an effect had hidden a disturbance, the search begins anew without it.
 
         Args:
             max_effects: At most so many. Without it, the search is given up where few effects are not enough.
+
+        Returns:
+            The fitter of the data that the search ends on, and what it found there.
         """
         while (selection := self._search(max_effects)) is None:
             self._tried, self._best_curve, self._first_gain = set(), None, 0.0
-        return selection
+        return self.fitter, selection
 
     def _search(self, max_effects: int | None) -> Selection | None:
         """One search, or ``None`` where a disturbance came to light."""
