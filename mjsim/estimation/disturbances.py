@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from mjsim.estimation.jumps import largest_jump, leave_out_shorter_side
 from mjsim.estimation.nuisance import AFTER_KNOCK
 from mjsim.estimation.nuisance_fit import fit_nuisance
-from mjsim.estimation.outliers import largest_jump, leave_out_shorter_side, mark_outliers, readmit_outliers
+from mjsim.estimation.outliers import mark_outliers, readmit_outliers
 from mjsim.estimation.problem import Problem
 
 
