@@ -117,7 +117,8 @@ class Baselines:
 
     def _beside_setup(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Information and score of all signatures in some rows, after set-up, trigger and data sheet are fitted."""
-        design, residual, columns = self.fit.design[rows], self.fit.residual[rows], self.columns[rows]
+        every = np.eye(self.fit.parameters.size)
+        design, residual, columns = (self.fit.design @ every)[rows], self.fit.residual[rows], self.columns[rows]
         equations = LeastSquares.of_design(self.fit.parameters, design)
         cross = design.T @ columns
         return equations.left_over(columns.T @ columns, cross), columns.T @ residual - cross.T @ equations.solve(

@@ -8,6 +8,7 @@ from importlib import import_module
 import click
 
 from mjsim.simulation.cache import forget_stale_code
+from mjsim.threads import share_one_heap
 
 # numba's coloured error messages leave an escape sequence on the terminal at exit, whatever NO_COLOR says
 os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
@@ -65,4 +66,5 @@ def main() -> None:
 
     Start with `mjsim demo`, then `mjsim compare FOLDER` and `mjsim diagnose FOLDER` on your own campaign.
     """
+    share_one_heap()
     forget_stale_code()

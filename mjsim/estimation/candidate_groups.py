@@ -98,7 +98,7 @@ class CandidateGroups:
             if f.effect.key in kept:
                 at = np.arange(parameters.size)[parameters[f.block.name]]
                 for wave, entries in own_groups(f):
-                    blocks.append(fit.design[:, at[entries]])
+                    blocks.append(fit.design.columns(at[entries]))
                     members.append(Member(free=f, wave=wave, entries=entries, excess=True))
                     odds.append(settings.log_odds)
         others = _candidates(problem, fit, bank, kept)
@@ -139,8 +139,8 @@ def _marginalised(fit: Fit, places: list[np.ndarray], blocks: list[np.ndarray], 
     # the residual with everything at its prior mean: what is always in at the mean, the groups at off
     reference = np.where(np.isin(np.arange(p.size), inside), neutral, np.where(p.informative, p.mean, vector))
     residual = fit.residual + fit.design @ (vector - reference)
-    columns = np.hstack([fit.design[:, inside], *blocks])
-    linear = LinearProblem.marginalised(columns, residual, fit.design[:, always], p.precision(1.0)[always])
+    columns = np.hstack([fit.design.columns(inside), *blocks])
+    linear = LinearProblem.marginalised(columns, residual, fit.design.without(inside), p.precision(1.0)[always])
     widths = [*(len(x) for x in places), *(b.shape[1] for b in blocks)]
     ends = np.cumsum([0, *widths])
     groups = tuple(

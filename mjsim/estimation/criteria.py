@@ -87,7 +87,7 @@ def causes(fit: Fit, machine: Machine, settings: DiagnosisSettings, kept: Collec
     out = {}
     for f in fit.effects:
         if f.effect.key not in kept and is_large_enough(machine, f, settings):
-            columns = fit.design[:, fit.parameters[f.block.name]] @ (f.vector - f.off)
+            columns = fit.design.columns(fit.parameters[f.block.name]) @ (f.vector - f.off)
             out[f.effect.key] = float(columns @ columns)
     return dict(sorted(out.items(), key=lambda item: -item[1]))
 

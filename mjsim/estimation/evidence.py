@@ -18,6 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from mjsim.estimation.design import Design
+
 #: Prior precisions that are tried for a group of several parameters, relative to the largest eigenvalue of its
 #: information.
 _PRECISIONS = np.geomspace(1e-9, 1e3, 49)
@@ -58,7 +60,7 @@ class LinearProblem:
 
     @classmethod
     def marginalised(
-        cls, columns: np.ndarray, residual: np.ndarray, design: np.ndarray, precision: np.ndarray
+        cls, columns: np.ndarray, residual: np.ndarray, design: np.ndarray | Design, precision: np.ndarray
     ) -> LinearProblem:
         """The problem of ``columns`` beside a ``design`` whose parameters have Gaussian priors around zero.
 

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from mjsim.estimation.data_sheet import DATA_SHEET, calibrated, data_sheet, is_another_drive, sheet_block
+from mjsim.estimation.design import Design
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.least_squares import LeastSquares
 from mjsim.estimation.linearisation import Linearisation
@@ -16,7 +17,6 @@ from mjsim.estimation.nuisance import Nuisances
 from mjsim.estimation.nuisance_fit import fit_nuisance
 from mjsim.estimation.parameters import Parameters
 from mjsim.estimation.problem import Problem
-from mjsim.machine.effect import Effect
 from mjsim.machine.model import FRICTION_PARAMETERS, Machine, build
 
 _STEP = 0.02  # of a parameter's typical size, for numerical derivatives
@@ -49,7 +49,7 @@ class Fit:
         readings: Simulated readings on the GRID, one per test, m, with the fitted effects. The rest of
             ``sheet_deviation`` counts linearly where the fit is not exact.
         residual: Whitened, (count,).
-        design: Whitened derivatives with respect to :attr:`vector`, (count, p).
+        design: Whitened derivatives with respect to :attr:`vector`.
         equations: Normal equations of the design, once it is made.
         step: Gauss-Newton step from here, (p,); near zero after convergence.
     """
@@ -65,19 +65,19 @@ class Fit:
     simulated_deviation: np.ndarray = field(default_factory=lambda: np.zeros(0))
     readings: tuple[np.ndarray, ...] = ()
     residual: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    design: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    design: Design = field(default_factory=lambda: Design([], 0))
     equations: LeastSquares | None = None
     step: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @cached_property
     def machine(self) -> Machine:
         """The machine with the fitted effects and the calibrated data sheet."""
-        return calibrated(with_effects(self.base, [f.effect for f in self.effects]), self.sheet_deviation)
+        return calibrated(self.base.with_effects(f.effect for f in self.effects), self.sheet_deviation)
 
     @cached_property
     def simulated_machine(self) -> Machine:
         """The machine that :attr:`readings` were simulated with."""
-        return calibrated(with_effects(self.base, [f.effect for f in self.effects]), self.simulated_deviation)
+        return calibrated(self.base.with_effects(f.effect for f in self.effects), self.simulated_deviation)
 
     @cached_property
     def parameters(self) -> Parameters:
@@ -117,13 +117,6 @@ class Fit:
         return replace(
             self, effects=effects, nuisance=p.part(vector, self.nuisances), sheet_deviation=values[DATA_SHEET]
         )
-
-
-def with_effects(machine: Machine, effects: list[Effect]) -> Machine:
-    """``machine`` with effects appended or replaced."""
-    for e in effects:
-        machine = machine.with_effect(e)
-    return machine
 
 
 class Fitter:
@@ -210,11 +203,12 @@ class Fitter:
             model = Fit(self.machine, effects, p.nuisances, p.nuisances.mean, printed, frozen)
             nuisance = fit_nuisance(p, p.readings(build(model.machine)))
             made.append(replace(model, nuisance=nuisance))
-        evaluated = []
-        for model in made:
-            sheet, white = self._sheet_columns(model)
-            evaluated.append((self._evaluated(model, model.sheet_deviation, exact, sheet), sheet, white))
-        return min(evaluated, key=lambda e: e[0].objective)
+        return min((self._evaluated_with_sheet(model, exact) for model in made), key=lambda start: start[0].objective)
+
+    def _evaluated_with_sheet(self, fit: Fit, exact: bool) -> tuple[Fit, list[np.ndarray], np.ndarray]:
+        """The model evaluated, with its data-sheet columns per test and whitened."""
+        sheet, white = self._sheet_columns(fit)
+        return self._evaluated(fit, fit.sheet_deviation, exact, sheet), sheet, white
 
     def _frozen_sheet(self, effects: tuple[EffectVector, ...]) -> np.ndarray:
         """Data-sheet entries that an effect fits freely, so that they leave the calibration, (sheet,) bool."""
@@ -229,15 +223,17 @@ class Fitter:
         """Data-sheet columns per test and whitened, at the fit's triggers; simulated anew for axes whose drives the
         effects change (of many effects, only where they change a drive much).
         """
-        grids, few = self._grids, len(fit.effects) < self.problem.settings.many_effects
+        p, few = self.problem, len(fit.effects) < self.problem.settings.many_effects
         of_drives = [f.effect for f in fit.effects if not f.effect.search.quasi_static]
         axes = {effect.subject for effect in of_drives if few or is_another_drive(self.machine, effect)}
+        sheet = p.sample_grids(self._grids, fit.nuisance)
         if axes:
-            mine = np.array([p.axis in axes for p in data_sheet(self.machine.chain)])[:, None]
-            fresh = self.problem.sheet_grids(fit.machine, axes)
-            grids = [np.where(mine, a, b) for a, b in zip(fresh, grids, strict=True)]
-        sheet = self.problem.sample_grids(grids, fit.nuisance)
-        return sheet, self.problem.whiten(sheet)
+            mine = [number.axis in axes for number in data_sheet(self.machine.chain)]
+            for now, as_given in zip(
+                p.sample_grids(p.sheet_grids(fit.machine, axes), fit.nuisance), sheet, strict=True
+            ):
+                as_given[:, mine] = now[:, mine]
+        return sheet, p.whiten(sheet)
 
     @np.errstate(over="ignore", invalid="ignore")
     def _evaluated(self, fit: Fit, anchor: np.ndarray, exact: bool, sheet: list[np.ndarray]) -> Fit:
@@ -283,12 +279,12 @@ class Fitter:
         """The model with its design and Gauss-Newton step; priors count ``weight`` times."""
         p = self.problem
         nuisance = p.whiten_nuisance(p.nuisance_columns(fit.readings, fit.nuisance))
-        effects = p.whiten(self._effect_columns(fit)) if fit.effects else np.zeros((len(nuisance), 0))
-        design = np.hstack([nuisance, sheet_white, effects])
-        design[:, fit.parameters.frozen] = 0.0
-        return self._with_equations(fit, design, weight)
+        effects = p.whiten(self._effect_columns(fit)) if fit.effects else np.zeros((len(sheet_white), 0))
+        rest = np.hstack([sheet_white, effects])
+        rest[:, fit.parameters.frozen[p.nuisances.size :]] = 0.0
+        return self._with_equations(fit, Design(nuisance, p.nuisances.size, rest), weight)
 
-    def _with_equations(self, fit: Fit, design: np.ndarray, weight: float = 1.0) -> Fit:
+    def _with_equations(self, fit: Fit, design: Design, weight: float = 1.0) -> Fit:
         """The model with a design and its Gauss-Newton step."""
         equations = LeastSquares.of_design(fit.parameters, design, weight)
         return self._with_step(replace(fit, design=design, equations=equations), weight)

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 
+from mjsim.estimation.design import Design
 from mjsim.estimation.parameters import Parameters
 
 
@@ -28,7 +29,7 @@ class LeastSquares:
     weight: float = 1.0
 
     @classmethod
-    def of_design(cls, parameters: Parameters, design: np.ndarray, weight: float = 1.0) -> LeastSquares:
+    def of_design(cls, parameters: Parameters, design: np.ndarray | Design, weight: float = 1.0) -> LeastSquares:
         """From a whitened design (rows, p)."""
         return cls(parameters, design.T @ design, weight)
 

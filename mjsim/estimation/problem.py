@@ -223,14 +223,10 @@ class Problem:
         out[:, 7] = -s.sample(np.gradient(reading + self.offsets(k, nuisance), GRID), shift) * TRIGGER
         return out
 
-    def whiten_nuisance(self, columns: Sequence[np.ndarray]) -> np.ndarray:
-        """Whitened rows (count, nuisances.size) of :meth:`nuisance_columns`."""
+    def whiten_nuisance(self, columns: Sequence[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Per test, the places (8,) of its nuisances and the whitened rows of its :meth:`nuisance_columns`."""
         parts = self.map(lambda k: self.noise.whiten(self.samples[k], columns[k]))
-        out, row = np.zeros((sum(map(len, parts)), self.nuisances.size)), 0
-        for t, part in zip(self.tests, parts, strict=True):
-            out[row : row + len(part), self.nuisances.of_test(t)] = part
-            row += len(part)
-        return out
+        return [(self.nuisances.of_test(t), part) for t, part in zip(self.tests, parts, strict=True)]
 
     def difference(
         self, base: Sequence[np.ndarray], other: Sequence[np.ndarray], nuisance: np.ndarray

@@ -148,9 +148,8 @@ class _Setup:
     """What ball offsets, bar length and triggers leave of whitened columns."""
 
     def __init__(self, fit: Fit) -> None:
-        n = fit.nuisances
-        self.design = fit.design[:, fit.parameters.places(*(b.name for b in n.blocks))]
-        self.equations = LeastSquares.of_design(n, self.design)
+        self.design = fit.design.of_nuisances
+        self.equations = LeastSquares.of_design(fit.nuisances, self.design)
 
     def left(self, columns: np.ndarray) -> np.ndarray:
         """Columns (count,) or (count, k) without what the set-up can take up."""
@@ -217,7 +216,7 @@ def _alike(rest: Fit, bank: SignatureBank, setup: _Setup, vector: np.ndarray, ef
     """Largest cosine of each other effect's signature with ``vector``, both without what the set-up takes up."""
     out: dict[str, float] = {}
     rows = [(c.id, bank.matrix[:, s]) for c, s in zip(bank.candidates, bank.slices, strict=True)]
-    rows += [(f.effect.id, rest.design[:, rest.parameters[f.block.name]]) for f in rest.effects]
+    rows += [(f.effect.id, rest.design.columns(rest.parameters[f.block.name])) for f in rest.effects]
     size = float(vector @ vector)
     for name, columns in rows:
         power = np.square(columns).sum(axis=0)

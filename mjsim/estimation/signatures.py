@@ -12,7 +12,7 @@ import numpy as np
 from mjsim.effects import registry
 from mjsim.estimation.data_sheet import calibrated
 from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.fit import Fit, with_effects
+from mjsim.estimation.fit import Fit
 from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import GRID_STEPS
@@ -175,7 +175,7 @@ class SignatureBank:
 
     def _with(self, effect: Effect) -> Machine:
         return calibrated(
-            with_effects(self.fit.base, [*(f.effect for f in self.fit.effects), effect]), self.fit.sheet_deviation
+            self.fit.base.with_effects([*(f.effect for f in self.fit.effects), effect]), self.fit.sheet_deviation
         )
 
     def position_changes(self, effect: Effect) -> list[np.ndarray]:

@@ -48,7 +48,7 @@ def unabsorbed(problem: Problem, fit: Fit, parts: list[np.ndarray], limit: float
         limit: Largest value of a nuisance, prior standard deviations.
     """
     n = fit.nuisances
-    design = fit.design[:, fit.parameters.places(*(b.name for b in n.blocks))]
+    design = fit.design.of_nuisances
     taken = np.clip(LeastSquares.of_design(n, design).solve(design.T @ problem.whiten(parts)), -limit, limit)
     columns = problem.nuisance_columns(fit.readings, fit.nuisance)
     return [d - c @ taken[n.of_test(t)] for d, c, t in zip(parts, columns, problem.tests, strict=True)]

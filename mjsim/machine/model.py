@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
@@ -128,6 +129,13 @@ class Machine:
         if any(e.key == effect.key for e in self.effects):
             return replace(self, effects=tuple(effect if e.key == effect.key else e for e in self.effects))
         return replace(self, effects=(*self.effects, effect))
+
+    def with_effects(self, effects: Iterable[Effect]) -> Machine:
+        """:meth:`with_effect` of one after another."""
+        machine = self
+        for effect in effects:
+            machine = machine.with_effect(effect)
+        return machine
 
     def without(self, key: str) -> Machine:
         """A machine without the effects that have this key or id."""

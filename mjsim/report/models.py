@@ -11,7 +11,6 @@ import numpy as np
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
 from mjsim.estimation.disturbances import readmitted, without_disturbances
-from mjsim.estimation.fit import with_effects
 from mjsim.estimation.mistakes.checked_problem import trusted_problem
 from mjsim.estimation.nuisance_fit import fit_nuisance
 from mjsim.estimation.problem import Problem
@@ -125,7 +124,7 @@ def ladder(
         if not last:
             out.append(Model(f"+ {effect.key}", text, SIMULATION, result.rungs[i + 1]))
         elif apart:
-            whole, begin = phased_at(problem, with_effects(result.before.machine, [*within, *found]))
+            whole, begin = phased_at(problem, result.before.machine.with_effects([*within, *found]))
             simulations = run(problem, whole, "simulating the data sheet as given", threads, progress)
             out.append(Model(f"+ {effect.key}", text, SIMULATION, overlay(problem, whole, simulations, begin)))
     if own < len(found):

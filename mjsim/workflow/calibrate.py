@@ -8,7 +8,7 @@ from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.calibration import calibrated_effects
 from mjsim.estimation.combinations import Combination, combinations
-from mjsim.estimation.fit import Fit, Fitter, with_effects
+from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.retiming import retimed
 from mjsim.estimation.shares import Calibration, calibrations
@@ -69,7 +69,7 @@ def calibrate(campaign: Campaign, machine: Machine, threads: int = 2, progress: 
     fit = fit_within_tolerance(fitter)
     fit = fitter.fit(fit.effects, start=fit, exact=True, iterations=_EXACT, fresh=False)
     entries, shares = calibrations(separated.problem, fit, calibrated_effects(separated.machine))
-    final = with_effects(fit.machine, [line.effect for line in separated.lines])
+    final = fit.machine.with_effects(line.effect for line in separated.lines)
     after = compare(campaign, final, threads, progress, problem)
     return CalibratedMachine(final, entries, shares, before, after, combinations(fit))
 

@@ -11,7 +11,6 @@ from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.competing import CompetingModel
-from mjsim.estimation.fit import with_effects
 from mjsim.estimation.lines import Line
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.model_choice import select_model
@@ -101,16 +100,16 @@ def _diagnose(
 
     given, begin = phased_at(problem, machine)
     before = simulated(given, "simulating the machine as given", begin)
-    expected = with_effects(machine, [c.effect.effect for c in explained.calibration])
+    expected = machine.with_effects(c.effect.effect for c in explained.calibration)
     ladder = [before]
     if explained.calibration and found:
         calibrated, begin = phased_at(problem, expected)
         ladder = [simulated(calibrated, "simulating the calibrated machine", begin)]
     for i in range(1, min(len(found), _RUNGS)):
-        part, begin = phased_at(problem, with_effects(expected, [e.effect for _, e in found[:i]]))
+        part, begin = phased_at(problem, expected.with_effects(e.effect for _, e in found[:i]))
         ladder.append(simulated(part, f"simulating with {i} effect{'s' if i > 1 else ''}", begin))
     # the triggers have moved since the vibrations were found, and their phases with them
-    final = with_effects(selection.fit.machine, [line.effect for line in separated.lines])
+    final = selection.fit.machine.with_effects(line.effect for line in separated.lines)
     final, begin = phased_at(problem, final, list(selection.fit.readings), selection.fit.nuisance)
     after = simulated(final, "simulating the fitted machine", begin)
     last = len(ladder) - 1

@@ -16,7 +16,7 @@ from mjsim.ballbar.measurement import BallBarTest
 from mjsim.estimation.competing import CompetingModel
 from mjsim.estimation.data_sheet import DATA_SHEET, calibrated, data_sheet, sheet_block
 from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.fit import Fit, with_effects
+from mjsim.estimation.fit import Fit
 from mjsim.estimation.kept_changes import KeptChanges
 from mjsim.estimation.least_squares import ridge_solution
 from mjsim.estimation.linearisation import Linearisation
@@ -76,7 +76,7 @@ class Explanation:
     @property
     def machine(self) -> Machine:
         """The whole machine at the best estimate."""
-        return calibrated(with_effects(self.base, [f.effect for f in self.effects]), self.sheet_deviation)
+        return calibrated(self.base.with_effects(f.effect for f in self.effects), self.sheet_deviation)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,41 @@
+"""The design of a model against the full matrix that it stands for."""
+
+import numpy as np
+import pytest
+
+from mjsim.estimation.design import Design
+
+
+@pytest.fixture
+def both():
+    """A design of three tests, two of which share a nuisance, and the same as a matrix (90, 5 + 4)."""
+    rng = np.random.default_rng(2)
+    places = np.array([0, 1]), np.array([0, 2]), np.array([3, 4])
+    blocks = [(at, rng.standard_normal((n, 2))) for at, n in zip(places, (20, 30, 40), strict=True)]
+    rest = rng.standard_normal((90, 4))
+    full = np.hstack([np.zeros((90, 5)), rest])
+    for (at, columns), first in zip(blocks, (0, 20, 50), strict=True):
+        full[first : first + len(columns), at] = columns
+    return Design(blocks, 5, rest), full
+
+
+def test_a_design_multiplies_like_its_matrix(both):
+    design, full = both
+    rng = np.random.default_rng(3)
+    assert design.shape == full.shape
+    for shape in ((9,), (9, 3)):
+        x = rng.standard_normal(shape)
+        np.testing.assert_allclose(design @ x, full @ x, atol=1e-12)
+    for shape in ((90,), (90, 3)):
+        x = rng.standard_normal(shape)
+        np.testing.assert_allclose(design.T @ x, full.T @ x, atol=1e-12)
+    np.testing.assert_allclose(design.T @ design, full.T @ full, atol=1e-12)
+
+
+def test_a_part_of_a_design_is_that_part_of_its_matrix(both):
+    design, full = both
+    places = np.array([6, 8])
+    np.testing.assert_array_equal(design.columns(places), full[:, places])
+    np.testing.assert_array_equal(design.columns(slice(5, 7)), full[:, 5:7])
+    np.testing.assert_array_equal(design.without(places) @ np.eye(7), np.delete(full, places, axis=1))
+    np.testing.assert_array_equal(design.of_nuisances @ np.eye(5), full[:, :5])
