@@ -8,7 +8,6 @@ import pytest
 from independent import campaign as generator
 from independent import real_machines
 from independent.layouts import layout
-from independent.unlisted import EccentricPlay
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
@@ -26,12 +25,10 @@ from mjsim.estimation.evidence import select
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.joint_selection import JointSelector
 from mjsim.estimation.linearisation import Linearisation
-from mjsim.estimation.model_choice import select_model
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.estimation.spectrum import spectral_candidates, wave
 from mjsim.estimation.verdicts import is_beyond
-from mjsim.estimation.vibration import separate
 from mjsim.machine.model import build
 
 
@@ -274,21 +271,6 @@ def test_a_large_servo_fault_is_the_finding(hidden, tmp_path):
     assert found.effect.id == hidden["id"]
     low, high = intervals["ratio"]
     assert low < hidden["ratio"] < high
-
-
-@pytest.mark.parametrize("stated", [True, False], ids=["tolerance-stated", "not-stated"])
-def test_play_that_varies_over_a_turn_is_in_no_catalogue(stated, tmp_path):
-    """Neither of two opposite pitch errors is named."""
-    within = tuple(e for e in real_machines.within("M1", np.random.default_rng(6)) if e["id"] != "backlash.C")
-    tests = tuple({**t, "feed_mm_min": 6000.0} for t in layout("feeds") if t["kind"] == "rotary")
-    case = generator.Case("real", "M1", tests, (EccentricPlay("C", 8.0),), seed=8, within=within)
-    generator.write_files(replace(case, tolerance_stated=stated), tmp_path)
-    campaign = read_campaign(tmp_path)
-    machine = read_machine(campaign.machine_file)
-    explained = select_model(separate(Problem.of(campaign, build(machine), threads=2), machine))
-    assert explained.unexplained is not None
-    assert explained.unexplained.axes == ("C",) and explained.unexplained.variable == "direction"
-    assert not any(f.key.startswith("pitch_error.C") for f in explained.selection.found)
 
 
 def test_every_kind_and_subject_of_the_table_is_calibrated(real):

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mjsim.estimation.fit import Fit
+from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import GRID, GRID_STEPS
 from mjsim.machine.chain import is_rotary
@@ -185,10 +186,12 @@ class CurveTerms:
 
     def fine(self, axis: str) -> Iterator[CurveTerm]:
         """The position of a rotary axis in steps of half a degree: waves of single teeth, on a part of the wheel if
-        need be.
+        need be. At such a wave the axis lags behind its command by much of a period.
         """
         i = self.chain.index(axis)
-        x = [m.position[:, i] for m in self.motions]
+        loads = Linearisation(self.problem, self.fit.machine, self.fit.nuisance).loads
+        shifts = (self.problem.shift(k, self.fit.nuisance) for k in range(len(loads)))
+        x = [s.sample(q[:, i], at) for s, q, at in zip(self.problem.samples, loads, shifts, strict=True)]
         if max(np.ptp(v) for v in x) > 1.9 * np.pi:
             yield from self._term(axis, axis, "position", np.arange(_FINE) * (2 * np.pi / _FINE), 2 * np.pi, x)
         else:

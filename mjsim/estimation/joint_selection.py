@@ -27,8 +27,7 @@ from mjsim.estimation.evidence import SparseModel, log_evidence, select
 from mjsim.estimation.evidence_priors import added, kept_waves
 from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.one_curve import FEWEST, one_curve
-from mjsim.estimation.outcome import Found, Selection
-from mjsim.estimation.problem import Problem
+from mjsim.estimation.outcome import Found, JointSelection, Selection
 from mjsim.estimation.retiming import retimed
 from mjsim.estimation.servo_fault import with_servo_fault
 from mjsim.estimation.signatures import SignatureBank
@@ -45,25 +44,6 @@ _TRIAL_STEPS = 6
 _WORSE = 1.1
 #: Signatures are computed again where the misfit has fallen to this share.
 _NEARER = 0.5
-
-
-@dataclass(frozen=True)
-class JointSelection:
-    """Outcome of a joint selection.
-
-    Attributes:
-        problem: The measured tests that it ended on, with fewer samples where disturbances came to light.
-        selection: Start, final model and findings, as of :class:`ModelSelection`.
-        calibrated: Effects that a machine of its class may have and that are no findings.
-        curve: The generic curve that explains what no effect of the catalogue does, if there is one.
-        alone: Whether it stands in the place of all findings.
-    """
-
-    problem: Problem
-    selection: Selection
-    calibrated: tuple[Calibrated, ...]
-    curve: CurveTerm | None = None
-    alone: bool = False
 
 
 @dataclass
@@ -130,8 +110,6 @@ class JointSelector:
     def _first_fit(self, effects: list[EffectVector]) -> Fit:
         """Everything that a machine may have, fitted to data without what then stands out as having happened once."""
         fit = with_servo_fault(self._fresh_fit, self._fresh_fit(effects), self.settings.indistinguishable)
-        if fit.sum_squares <= self.settings.complete_fit * self.problem.count:
-            return fit
         data = without_disturbances(self.problem, fit.readings, fit.nuisance)
         if data is self.problem:
             return fit

@@ -13,9 +13,10 @@ from mjsim.estimation.curve_search import best_curve_term
 from mjsim.estimation.curve_terms import CurveTerm
 from mjsim.estimation.disturbances import readmitted
 from mjsim.estimation.fit import Fitter
-from mjsim.estimation.joint_selection import JointSelection, JointSelector
+from mjsim.estimation.joint_selection import JointSelector
+from mjsim.estimation.local_waves import in_place_of_many_waves
 from mjsim.estimation.one_curve import FEWEST, in_place_of_both_directions, one_curve
-from mjsim.estimation.outcome import Selection
+from mjsim.estimation.outcome import JointSelection, Selection
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.selection import ModelSelection
 from mjsim.estimation.shares import Calibration, calibrations
@@ -109,17 +110,22 @@ def _explain_jointly(fitter: Fitter, progress: Progress) -> Explained:
     problem, fit = joint.problem, joint.selection.fit
     fitter = fitter.with_problem(problem)
     rest = joint.curve if joint.alone else None
-    varying = in_place_of_both_directions(fitter, fit, [f.key for f in joint.selection.found])
+    usual = expected_effects(fitter.machine)
+    varying = in_place_of_both_directions(fitter, fit, [f.key for f in joint.selection.found], usual)
     if varying is not None:
         beside, rest, replaced = varying
         fit = fitter.fit(beside.effects, start=beside, iterations=0, fresh=False)
-        found = [f for f in joint.selection.found if f.key not in replaced]
-        joint = replace(joint, selection=replace(joint.selection, fit=fit, found=found))
+        joint = joint.without(replaced, fit, usual)
+    local = in_place_of_many_waves(fitter, joint) if rest is None else None
+    if local is not None:
+        joint, rest = local
+        problem, fit = joint.problem, joint.selection.fit
+        fitter = fitter.with_problem(problem)
     if rest is None and (joint.curve is not None or fit.sum_squares > problem.settings.joint_fit * problem.count):
         rest = best_curve_term(problem, fit)
     if rest is not None:
         progress("fitting beside what is not in the catalogue", 0, 1)
-        joint, rest = _beside_unknown(fitter, joint, rest)
+        joint, rest = _beside_unknown(fitter, joint, rest, sure=local is not None)
         fit = joint.selection.fit
     progress("shares of the error", 0, 1)
     entries, shares = calibrations(problem, fit, joint.calibrated)
@@ -130,8 +136,12 @@ def _explain_jointly(fitter: Fitter, progress: Progress) -> Explained:
     return Explained(problem, selection, unexplained, entries, shares, combinations(fit, problem.settings))
 
 
-def _beside_unknown(fitter: Fitter, joint: JointSelection, rest: CurveTerm) -> tuple[JointSelection, CurveTerm]:
-    """The outcome fitted together with a curve, and without the findings that do not stand beside it."""
+def _beside_unknown(
+    fitter: Fitter, joint: JointSelection, rest: CurveTerm, sure: bool
+) -> tuple[JointSelection, CurveTerm]:
+    """The outcome fitted together with a curve, and without the findings that do not stand beside it. Without them
+    another curve may explain more, unless it is ``sure`` what it depends on.
+    """
     problem = fitter.problem
     fit, curve, _ = fit_beside(fitter, joint.selection.fit, rest)
     expected = {c.key: c for c in expected_effects(fitter.machine)}
@@ -142,6 +152,6 @@ def _beside_unknown(fitter: Fitter, joint: JointSelection, rest: CurveTerm) -> t
         calibrated = tuple(c for key, c in expected.items() if key not in keys)
         effects = [f for f in fit.effects if f.effect.key in keys]
         start = fitter.fit([*effects, *(c.free for c in calibrated)], start=joint.selection.fit, fresh=False)
-        fit, curve, _ = fit_beside(fitter, start, best_curve_term(problem, start) or rest)
+        fit, curve, _ = fit_beside(fitter, start, (None if sure else best_curve_term(problem, start)) or rest)
         joint = replace(joint, calibrated=calibrated)
     return replace(joint, selection=replace(joint.selection, fit=fit, found=found)), curve

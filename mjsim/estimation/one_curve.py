@@ -14,6 +14,7 @@ from itertools import combinations
 
 import numpy as np
 
+from mjsim.estimation.calibration import Calibrated
 from mjsim.estimation.candidate_groups import own_groups
 from mjsim.estimation.curve_fit import Together, fit_beside
 from mjsim.estimation.curve_search import stands_out
@@ -85,7 +86,7 @@ def _objective(named: Fit, calibrated: Fit, findings: Collection[str], log_odds:
 
 
 def in_place_of_both_directions(
-    fitter: Fitter, fit: Fit, findings: Collection[str]
+    fitter: Fitter, fit: Fit, findings: Collection[str], usual: Collection[Calibrated] = ()
 ) -> tuple[Fit, CurveTerm, set[str]] | None:
     """The model with one curve in place of an effect that it has once per direction of motion, or once for both and
     once for one of them; otherwise ``None``.
@@ -96,16 +97,19 @@ def in_place_of_both_directions(
     Args:
         fitter: Of the machine.
         fit: The model with its effects.
-        findings: Keys of those that are looked at.
+        findings: Keys of the findings. The second effect may be within its tolerance.
+        usual: Effects that a machine of its class has: they go back to the waves that are usual.
 
     Returns:
         The model without the two effects, the curve fitted beside it, and the keys of the two.
     """
     problem = fitter.problem
-    for a, b in combinations([f.effect for f in fit.effects if f.effect.key in findings], 2):
-        if a.id != b.id or not (a.direction_sign or b.direction_sign):
+    for a, b in combinations([f.effect for f in fit.effects], 2):
+        pair = {a.key, b.key}
+        if a.id != b.id or not (a.direction_sign or b.direction_sign) or pair.isdisjoint(findings):
             continue
-        without = fitter.fit([f for f in fit.effects if f.effect.key not in (a.key, b.key)], start=fit)
+        others = [f for f in fit.effects if f.effect.key not in pair]
+        without = fitter.fit([*others, *(c.free for c in usual if c.key in pair)], start=fit)
         explained = without.sum_squares - fit.sum_squares
         for term in CurveTerms(problem, without).own():
             if term.axes != (a.subject,) or term.variable != "direction":
@@ -113,5 +117,5 @@ def in_place_of_both_directions(
             beside, curve, together = fit_beside(fitter, without, term, _STEPS)
             gain = without.sum_squares - together.misfit * problem.count
             if gain > _AS_MUCH * explained and stands_out(problem, beside, curve):
-                return beside, replace(curve, gain=gain), {a.key, b.key}
+                return beside, replace(curve, gain=gain), pair
     return None

@@ -14,6 +14,8 @@ from mjsim.machine.effect import Effect
 #: Highest order that is looked for: per turn of a rotary axis, per turn of a linear axis' screw.
 HIGHEST_ROTARY, HIGHEST_LINEAR = 800, 24
 _BINS = 8192
+#: Information about an order, over that about the best known one, below which it is not looked for.
+_SEEN = 1e-6
 #: Orders of the waves of a wheel that the spectrum may not see; order 1, its eccentricity, acts as other effects do.
 _SLOW_WAVES = (2, 3)
 #: A motor's torque ripples at least about once per turn.
@@ -52,8 +54,9 @@ def orders(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: in
         per_direction |= {"CCW": (gathered[0], variance[0]), "CW": (gathered[1], variance[1])}
     out = {}
     for name, (g, v) in per_direction.items():
-        gains = np.abs(np.fft.rfft(g)[1 : highest + 1]) ** 2 / np.maximum(v, 1e-30 + 1e-6 * v.max())
-        out[name] = [int(n) + 1 for n in np.argsort(-gains, kind="stable")[:count]]
+        seen = v > _SEEN * v.max()  # the others pass faster than the blocks can follow
+        gains = np.where(seen, np.abs(np.fft.rfft(g)[1 : highest + 1]) ** 2 / np.where(seen, v, 1.0), -np.inf)
+        out[name] = [int(n) + 1 for n in np.argsort(-gains, kind="stable")[:count] if seen[n]]
     return out
 
 

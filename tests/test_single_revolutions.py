@@ -1,0 +1,61 @@
+"""Tests of one revolution of a rotary axis: nothing repeats, so the model has to tell the machine from an accident."""
+
+import numpy as np
+import pytest
+from independent import campaign as generator
+from independent import real_machines
+from independent.layouts import layout
+from independent.unlisted import EccentricPlay, ToothPatch
+
+from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import read_machine
+from mjsim.estimation.disturbances import without_disturbances
+from mjsim.estimation.model_choice import select_model
+from mjsim.estimation.problem import Problem
+from mjsim.estimation.vibration import separate
+from mjsim.machine.model import build
+
+
+def measured(folder, *causes, stated=True, without=()):
+    """The problem and the machine of a real machine with some causes."""
+    within = tuple(e for e in real_machines.within("M1", np.random.default_rng(6)) if e["id"] not in without)
+    tests = tuple(t for t in layout("feeds") if t["kind"] == "rotary")
+    case = generator.Case("real", "M1", tests, causes, seed=8, within=within, tolerance_stated=stated)
+    generator.write_files(case, folder)
+    campaign = read_campaign(folder)
+    machine = read_machine(campaign.machine_file)
+    return Problem.of(campaign, build(machine), threads=2), machine
+
+
+@pytest.mark.parametrize("stated", [True, False], ids=["tolerance-stated", "not-stated"])
+def test_play_that_varies_over_a_turn_is_in_no_catalogue(stated, tmp_path):
+    """Neither of two opposite pitch errors is named."""
+    problem, machine = measured(tmp_path, EccentricPlay("C", 8.0), stated=stated, without=["backlash.C"])
+    explained = select_model(separate(problem, machine))
+    assert explained.unexplained is not None
+    assert explained.unexplained.axes == ("C",) and explained.unexplained.variable == "direction"
+    assert not any(f.key.startswith("pitch_error.C") for f in explained.selection.found)
+
+
+def test_waves_on_a_part_of_the_worm_wheel_are_in_no_catalogue(tmp_path):
+    """Waves of many neighbouring orders imitate them, each within the tolerance of the pitch error."""
+    explained = select_model(separate(*measured(tmp_path, ToothPatch("C", 8.0))))
+    assert not explained.selection.found
+    assert explained.unexplained is not None
+    assert explained.unexplained.axes == ("C",) and explained.unexplained.variable == "position"
+    assert explained.unexplained.left < 0.2 * explained.unexplained.rms
+
+
+def test_a_ball_in_another_seat_shows_once_the_waves_are_fitted(tmp_path):
+    """A lasting jump that is lower than the waves of the worm gear: nothing of the machine is named instead."""
+    problem, machine = measured(tmp_path)
+    samples = [s.copy() for s in problem.samples]
+    struck = samples[1]
+    since = struck.time - np.quantile(struck.time, 0.4)
+    struck.value = struck.value + 2e-6 * np.clip(since / 0.02, 0.0, 1.0)
+    struck.mean = struck.average(struck.value)
+    knocked = problem.with_samples(samples, problem.tests, problem.outliers)
+    assert not any(without_disturbances(knocked, problem.readings(build(machine))).outliers.values())
+    explained = select_model(separate(knocked, machine))
+    assert explained.data.outliers == {t.name: int(k == 1) for k, t in enumerate(problem.tests)}
+    assert not explained.selection.found and explained.unexplained is None
