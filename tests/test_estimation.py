@@ -34,6 +34,25 @@ def test_a_gap_becomes_invalid_samples_on_an_even_clock():
     assert np.allclose(np.diff(cut.time), 0.005)
 
 
+@pytest.mark.parametrize("rate", [200.0, 171.0, 1000.0])
+@pytest.mark.parametrize("frequency", [8.0, 36.0])
+def test_a_simulated_wave_keeps_its_size_between_the_points_of_the_grid(frequency, rate):
+    def wave(time):
+        return np.sin(2 * np.pi * frequency * time)
+
+    time = 1.0 + np.arange(int(4 * rate)) / rate
+    recorded = Samples(CIRCLE, time, np.zeros_like(time), np.ones(len(time), bool), 0.01)
+    for shift in (0.0, 0.0012, 0.0025):
+        modelled = recorded.sample_all(wave(GRID * np.arange(1200)), shift)
+        assert np.abs(modelled - wave(time - shift)).max() < 0.003
+
+
+def test_a_simulated_reading_is_followed_to_the_ends_of_the_grid():
+    time = GRID * np.arange(0.0, 19.0, 0.3)
+    recorded = Samples(CIRCLE, time, np.zeros_like(time), np.ones(len(time), bool), GRID)
+    assert recorded.sample_all((GRID * np.arange(20)) ** 2, 0.0) == pytest.approx(time**2, abs=1e-12)
+
+
 def test_free_vector_round_trip():
     effect = registry.make("pitch_error.C", components=[[72, 0.0025, 30.0], [180, 0.0005, -120.0]])
     free = EffectVector(effect, ("components",))

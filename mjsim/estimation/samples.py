@@ -12,7 +12,7 @@ from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import BallBarTest, Trace
 from mjsim.simulation.drive import STEP
 
-#: Simulated readings are kept at this spacing, s (every fifth step; linear band far above the bar's).
+#: Simulated readings are kept at this spacing, s (every fifth step). Waves up to 40 Hz keep their size to 0.2 %.
 GRID_STEPS = 5
 GRID = GRID_STEPS * STEP
 #: Length of an averaging block, s: at feeds up to SLOW, and above it.
@@ -117,16 +117,46 @@ class Samples:
 
 @njit(cache=True, nogil=True)
 def _interpolate_blocks(y, u, edges, out):
-    """Block means of the four-point interpolation of ``y`` at indices ``u``."""
+    """Block means of the eight-point Lagrange interpolation of ``y`` at indices ``u``; of four points at the ends.
+
+    Four points everywhere would lose 2 % of a wave of 36 Hz, which a worm gear makes at the speeds of a cone. Eight
+    lose 0.13 %.
+    """
     n = len(y)
+    weight = np.zeros(8)
+    known = -1.0
     for b in range(len(edges) - 1):
         total = 0.0
         for k in range(edges[b], edges[b + 1]):
             i = min(max(int(np.floor(u[k])), 1), n - 3)
             f = u[k] - i
-            p, q, r, s = y[i - 1], y[i], y[i + 1], y[i + 2]
-            total += q + 0.5 * f * (r - p + f * (2 * p - 5 * q + 4 * r - s + f * (3 * (q - r) + s - p)))
+            if 3 <= i <= n - 5:
+                if abs(f - known) > 1e-9:  # samples at an even pace have one fraction
+                    _lagrange(f, weight)
+                    known = f
+                for j in range(8):
+                    total += weight[j] * y[i - 3 + j]
+            else:
+                p, q, r, s = y[i - 1], y[i], y[i + 1], y[i + 2]
+                total += q + 0.5 * f * (r - p + f * (2 * p - 5 * q + 4 * r - s + f * (3 * (q - r) + s - p)))
         out[b] = total / (edges[b + 1] - edges[b])
+
+
+#: Products of the distances of each of eight points to the other seven, in steps.
+_DISTANCES = np.array([np.prod([float(j - m) for m in range(8) if m != j]) for j in range(8)])
+
+
+@njit(cache=True, nogil=True)
+def _lagrange(f, weight):
+    """Weights of the points -3 to 4 in the polynomial through them at ``f``."""
+    before = 1.0
+    for j in range(8):
+        weight[j] = before / _DISTANCES[j]
+        before *= f + 3 - j
+    after = 1.0
+    for j in range(7, -1, -1):
+        weight[j] *= after
+        after *= f + 3 - j
 
 
 def make_samples(tests: tuple[BallBarTest, ...], traces: dict[str, Trace], block: float | None = None) -> list[Samples]:
