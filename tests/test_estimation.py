@@ -196,6 +196,7 @@ def test_a_wave_of_order_1_stands_in_the_place_of_a_windup():
     ("hidden", "wrong"),
     [
         (registry.make("velocity_feedforward.X", ratio=0.08), "servo_gain.X"),
+        (registry.make("velocity_feedforward.X", ratio=0.012), None),  # a servo gain fits as well
         (registry.make("servo_delay.X", delay_ms=1.8), "velocity_feedforward.X"),
     ],
 )

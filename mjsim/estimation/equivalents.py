@@ -69,7 +69,7 @@ class Equivalents:
 
         A finding that a machine of its class may have goes back to its tolerance, another one leaves the model. Within
         its tolerance nothing stands in its place: the others would have to be there besides. A cause of an unlikely
-        size is named only where no likely one is.
+        size is named only beside a likely one that it looks like, where no likely one explains more.
         """
         finding, mine = next(f for f in self.fit.effects if f.effect.key == key), self.expected.get(key)
         if key in self._held or (mine is not None and not is_beyond(self.fit, finding, mine)):
@@ -79,7 +79,8 @@ class Equivalents:
             rest.append(mine.free)
         settings = self.problem.settings
         likely: dict[str, Fit] = {}
-        unlikely: dict[str, Fit] = {}
+        unlikely: list[tuple[EffectVector, Fit]] = []
+        effects = [finding.effect]
         for member, x, precision in self._near(finding.effect):
             trial = self.refit(self._with(rest, member, x, precision))
             other = next(f for f in trial.effects if f.effect.key == member.key)
@@ -90,9 +91,12 @@ class Equivalents:
             if trial.objective < self.fit.objective + settings.indistinguishable:
                 if is_likely:
                     likely[other.effect.id] = trial
-                elif stands_for(other, finding.effect):
-                    unlikely[other.effect.id] = trial
-        return likely or unlikely
+                    effects.append(other.effect)
+                else:
+                    unlikely.append((other, trial))
+        limit = min(fit.objective for fit in (self.fit, *likely.values())) + settings.better
+        close = [(other, trial) for other, trial in unlikely if trial.objective < limit]
+        return likely | {f.effect.id: trial for f, trial in close if any(stands_for(f, e) for e in effects)}
 
     def _with(self, rest: list[EffectVector], member: Member, x: np.ndarray, precision: float) -> list[EffectVector]:
         """The effects of the model with one more, or with one of them released from its tolerance."""

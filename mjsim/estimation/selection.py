@@ -23,11 +23,13 @@ from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.outcome import Found, Selection
 from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.estimation.visibility import clear_tests
+from mjsim.machine.effect import Effect
 from mjsim.progress import Progress, silent
 
-#: Fall of the penalised objective that makes a competing model the better one; how often one may take an effect's
-#: place.
-_BETTER, _SWAPS = 2.0, 3
+#: How often a competing model may take an effect's place.
+_SWAPS = 3
+#: Loss, effect and model of a competitor, and what in the model is too small to be a cause.
+_Row = tuple[float, Effect, Fit, list[EffectVector]]
 #: Most competing models that are fitted in one effect's place.
 _MOST_COMPETING = 6
 
@@ -241,27 +243,35 @@ class ModelSelection(CandidateModels):
             near = max(10 * self.settings.indistinguishable, 0.05 * gain)
             if c.effect.search.quasi_static and self.objective(trial) < self.objective(fit) + near:
                 trial = self.exact_refit(trial)
-            if any(f.effect.key not in small and not stands_for(f, mine.effect) for f in self._too_small(trial)):
-                continue
+            too_small = [f for f in self._too_small(trial) if f.effect.key not in small]
             loss, other = self.objective(trial) - self.objective(fit), c.id != mine.effect.id
             if loss >= self.settings.indistinguishable:
-                if other:
+                if other and not too_small:
                     found.rejected[c.id] = min(loss, found.rejected.get(c.id, np.inf))
                 continue
-            as_good.append((loss, c.id, trial))
-        # a cause of an unlikely size is one only where no likely one competes
-        likely = [row for row in as_good if all(f.effect.key in small for f in self._too_small(row[2]))]
-        if any(effect_id != mine.effect.id for _, effect_id, _ in likely):
-            as_good = likely
-        for _, effect_id, trial in as_good:
-            if effect_id != mine.effect.id:
-                found.competing.setdefault(effect_id, trial)
-        best = min(as_good, key=lambda row: row[0], default=None)
-        better = best[2] if best is not None and best[0] < -_BETTER else None
+            as_good.append((loss, c.effect, trial, too_small))
+        better, least = None, -self.settings.better
+        for loss, effect, trial in self._credible(as_good, mine.effect):
+            if effect.id != mine.effect.id:
+                found.competing.setdefault(effect.id, trial)
+            if loss < least:
+                better, least = trial, loss
         nearest = next((r for r in rows if r[2].id != mine.effect.id), None)
         if not (found.competing or found.rejected) and nearest is not None:
             found.rejected[nearest[2].id] = gain - nearest[0]
         return found, better
+
+    def _credible(self, rows: list[_Row], finding: Effect) -> list[tuple[float, Effect, Fit]]:
+        """Loss, effect and model of what explains the data as well as a finding. A cause of an unlikely size stays only
+        beside a likely one that it looks like, where no likely one explains more.
+        """
+        likely = [(0.0, finding), *((loss, effect) for loss, effect, _, too_small in rows if not too_small)]
+        limit = min(loss for loss, _ in likely) + self.settings.better
+        return [
+            (loss, effect, fit)
+            for loss, effect, fit, too_small in rows
+            if not too_small or (loss < limit and all(any(stands_for(f, e) for _, e in likely) for f in too_small))
+        ]
 
     def _too_small(self, fit: Fit) -> list[EffectVector]:
         """Effects of a model that are too small to be causes of their own."""

@@ -96,6 +96,7 @@ class DiagnosisSettings:
         direction_penalty: Further penalty of an effect that acts in one direction of motion only (bank).
         indistinguishable: Likelihood-ratio statistic within which a competing model cannot be told from the best one,
             and within which another axis of a vibration cannot: a likelihood ratio of e^6 (bank).
+        better: Fall of the objective that makes a competing model the better one, in an effect's place (bank).
         visible_share: Least size of an effect: standard deviation of its part of the reading in its clearest test, as a
             share of one sample's noise (bank).
         setup_limit: Largest set-up error that can hide an effect, prior standard deviations: a normal distribution has
@@ -169,6 +170,7 @@ class DiagnosisSettings:
     parameter_penalty: float = 8.0
     direction_penalty: float = 4.0
     indistinguishable: float = 12.0
+    better: float = 2.0
     visible_share: float = 0.25
     setup_limit: float = 5.0
     sheet_limit: float = 4.0
