@@ -3,14 +3,14 @@
 known.
 
     scripts/benchmark_diagnosis run [--half tune|publish] [--category C ...] [--only TEXT] [--jobs N] [--out FILE]
-    scripts/benchmark_diagnosis run --method pursuit|features --out OTHER-FILE ...
-    scripts/benchmark_diagnosis report [--out FILE] [--half publish] [--pursuit FILE] [--features FILE] [--pages docs]
+    scripts/benchmark_diagnosis run --simple OTHER-FILE ...
+    scripts/benchmark_diagnosis report [--out FILE] [--half publish] [--simple OTHER-FILE] [--pages docs]
 
 `run` writes one line per campaign into FILE (default benchmark-diagnosis.jsonl) and goes on where it stopped; a
 campaign that is in the file already is not run again. One half of the bank is for tuning, the other is published. A
-half takes some two hours on two cores: ideal machines a quarter of it, real ones the rest. With --method a simple
-method answers instead of the diagnosis (see scripts/diagnosis_baselines.py). `report` also keeps the answers, in
-PAGES/data.
+half takes some two hours on two cores: ideal machines a quarter of it, real ones the rest. With --simple two
+simple methods answer instead of the diagnosis, into that file (see scripts/diagnosis_baselines.py); `report --simple`
+prints their figures beside. `report` also keeps the answers, in PAGES/data.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ import sys
 import tempfile
 import time
 import traceback
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import cache
 from itertools import groupby
@@ -37,19 +38,19 @@ sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "scripts")]
 _GROUP = 6
 
 
-def run_group(cases: list, out: Path, method: str) -> int:
+def run_group(cases: list, out: Path, answer: Callable) -> int:
     """Generate and diagnose cases that share tests and machine (their signatures are computed once); each goes into
     the file at once.
     """
     for case in cases:
-        row = run_case(case, method)
+        row = run_case(case, answer)
         with out.open("a") as file:  # one short write each: lines of several processes do not mix
             file.write(json.dumps(row) + "\n")
         print(summary(row), flush=True)
     return len(cases)
 
 
-def run_case(case, method: str = "diagnose") -> dict:
+def run_case(case, answer: Callable) -> dict:
     """One campaign: written as files, read and answered as a user's, on one thread."""
     from independent import campaign as generator
     from independent import heldout
@@ -64,7 +65,7 @@ def run_case(case, method: str = "diagnose") -> dict:
         "commit": commit(),
     }
     further = (case.within or case.catalogue()) and not case.unlisted()
-    return row | answered(case, generator.write, heldout.write_heldout if further else None, method)
+    return row | answer(case, generator.write, heldout.write_heldout if further else None)
 
 
 @cache
@@ -73,12 +74,10 @@ def commit() -> str:
     return subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout[:-1]
 
 
-def answered(case, write, write_heldout=None, method: str = "diagnose") -> dict:
+def answered(case, write, write_heldout=None) -> dict:
     """The true answer of a case, what mjsim says (``write`` makes the files), and the seconds of the processor; with
     ``write_heldout`` also how much of the error of other tests it predicts.
     """
-    import diagnosis_baselines
-
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import read_machine
     from mjsim.cli.common import finite
@@ -91,14 +90,34 @@ def answered(case, write, write_heldout=None, method: str = "diagnose") -> dict:
             began = time.process_time()
             campaign = read_campaign(folder)
             machine = read_machine(campaign.machine_file)
-            diagnosis = diagnose(campaign, machine, threads=1) if method == "diagnose" else None
-            row["result"] = (
-                finite(diagnosis.to_json()) if diagnosis else diagnosis_baselines.answer(campaign, machine, method)
-            )
+            diagnosis = diagnose(campaign, machine, threads=1)
+            row["result"] = finite(diagnosis.to_json())
             row["seconds"] = round(time.process_time() - began, 1)
-            if diagnosis and write_heldout:
+            if write_heldout:
                 write_heldout(case, folder)
                 row["heldout_um"], row["heldout_removed"] = removed(Path(folder) / "heldout", diagnosis.machine)
+        except Exception:  # a crash is a failure to report, not the end of the bank
+            row["error"] = traceback.format_exc(limit=-3)
+    return row
+
+
+def answered_simply(case, write, write_heldout=None) -> dict:
+    """The true answer of a case, and what two simple methods say. Neither has a model that could predict other tests,
+    so ``write_heldout`` is not called.
+    """
+    from diagnosis_baselines import Baselines
+
+    from mjsim.campaign.files import read_campaign
+    from mjsim.campaign.machine_file import read_machine
+
+    row: dict = {}
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            row["answer"] = write(case, Path(folder))
+            began = time.process_time()
+            campaign = read_campaign(folder)
+            row["results"] = Baselines(campaign, read_machine(campaign.machine_file)).answers()
+            row["seconds"] = round(time.process_time() - began, 1)
         except Exception:  # a crash is a failure to report, not the end of the bank
             row["error"] = traceback.format_exc(limit=-3)
     return row
@@ -138,9 +157,8 @@ def removed(folder: Path, machine) -> tuple[float, float]:
 def run(options: argparse.Namespace) -> None:
     from independent import bank
 
-    done = (
-        {json.loads(line)["name"] for line in options.out.read_text().splitlines()} if options.out.exists() else set()
-    )
+    out, answer = (options.simple, answered_simply) if options.simple else (options.out, answered)
+    done = {json.loads(line)["name"] for line in out.read_text().splitlines()} if out.exists() else set()
     todo = [c for c in bank.cases() if c.name not in done and (not options.half or c.half == options.half)]
     if options.category:
         todo = [c for c in todo if c.category in options.category]
@@ -160,7 +178,7 @@ def run(options: argparse.Namespace) -> None:
     began, count = time.time(), 0
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(options.jobs, mp_context=context) as pool:
-        for future in as_completed([pool.submit(run_group, g, options.out, options.method) for g in groups]):
+        for future in as_completed([pool.submit(run_group, g, out, answer) for g in groups]):
             count += future.result()
             left = (time.time() - began) / count * (len(todo) - count) / 60.0
             print(f"{count} of {len(todo)} done, about {left:.0f} min left", flush=True)
@@ -172,6 +190,8 @@ def summary(row: dict) -> str:
 
     if "error" in row:
         return f"CRASH {row['name']}: {row['error'].strip().splitlines()[-1]}"
+    if "results" in row:
+        return f"{row['name']}: " + "; ".join(f"{k} {len(r['effects'])} effects" for k, r in row["results"].items())
     r = row["result"]
     said = [e["id"] + (f" ({', '.join(e['alternatives'])})" if e["alternatives"] else "") for e in r["effects"]]
     rest = f" + unknown {r['unexplained']['axes'][0]} {r['unexplained']['variable']}" if r["unexplained"] else ""
@@ -183,13 +203,11 @@ def main() -> None:
     parser.add_argument("action", choices=("run", "report"))
     parser.add_argument("--half", choices=("tune", "publish"))
     parser.add_argument("--category", nargs="*")
-    parser.add_argument("--method", choices=("diagnose", "pursuit", "features"), default="diagnose")
-    parser.add_argument("--pursuit", type=Path, help="rows of matching pursuit, for the page")
-    parser.add_argument("--features", type=Path, help="rows of the list of features, for the page")
     parser.add_argument("--only", help="campaigns whose name contains this")
     parser.add_argument("--most", type=int, help="at most so many campaigns")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--out", type=Path, default=ROOT / "benchmark-diagnosis.jsonl")
+    parser.add_argument("--simple", type=Path, help="file of the answers of two simple methods")
     parser.add_argument("--pages", type=Path, default=ROOT / "docs", help="folder of the pages")
     parser.add_argument("--remark", default="", help="paragraphs for the page")
     options = parser.parse_args()
@@ -200,8 +218,7 @@ def main() -> None:
     from diagnosis_report_real import page_of_real_machines
 
     rows = rows_of(options.out, options.half)
-    others = {"matching pursuit": options.pursuit, "list of features": options.features}
-    answers = {name: rows_of(file, options.half) for name, file in others.items() if file}
+    simple = rows_of(options.simple, options.half) if options.simple else []
     real = [r for r in rows if r["category"].startswith("real")]
     ideal = [r for r in rows if not r["category"].startswith("real")]
     pages = (
@@ -210,12 +227,19 @@ def main() -> None:
     )
     for name, mine, page in pages:
         if mine:
-            lines = page(mine, answers, options.remark)
+            lines = page(mine, simple, options.remark)
             (options.pages / f"{name}.md").write_text("\n".join(lines).rstrip() + "\n")
-            kept = options.pages / "data" / f"{name}.jsonl.gz"
-            kept.parent.mkdir(exist_ok=True)
-            kept.write_bytes(gzip.compress("".join(json.dumps(r) + "\n" for r in mine).encode(), mtime=0))
-            print(f"page written to {options.pages / name}.md, its rows to {kept}")
+            print(f"page written to {options.pages / name}.md, its rows to {keep(mine, options.pages, name)}")
+    if simple:
+        keep(simple, options.pages, "simple-methods")
+
+
+def keep(rows: list[dict], pages: Path, name: str) -> Path:
+    """Write rows beside the pages, compressed; the file."""
+    file = pages / "data" / f"{name}.jsonl.gz"
+    file.parent.mkdir(exist_ok=True)
+    file.write_bytes(gzip.compress("".join(json.dumps(r) + "\n" for r in rows).encode(), mtime=0))
+    return file
 
 
 def rows_of(file: Path, half: str | None) -> list[dict]:

@@ -63,6 +63,19 @@ class Baselines:
         self.columns = np.hstack(blocks)
         self.limits = {c.key: c.limits for c in expected_effects(self.machine)} if self.machine.tolerance else {}
 
+    def answers(self) -> dict[str, dict]:
+        """What both methods say, in the form of ``mjsim diagnose --json``, as far as the marks of the bank need it."""
+        named = {"matching pursuit": self.pursuit(), "list of features": self.features()}
+        return {
+            method: {
+                "verdict": "identified" if names else "nothing_found",
+                "effects": [{"id": name, "alternatives": [], "ci95": {}} for name in names],
+                "unexplained": None,
+                "calibration": [],
+            }
+            for method, names in named.items()
+        }
+
     def pursuit(self) -> list[str]:
         """Ids by orthogonal matching pursuit with a fixed threshold: the signature that explains most is added, all are
         fitted again, until none explains enough.
@@ -145,15 +158,3 @@ def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
         return np.zeros(right.shape)
     ridge = 1e-9 * np.trace(matrix) / len(matrix) + 1e-6
     return np.linalg.solve(matrix + ridge * np.eye(len(matrix)), right)
-
-
-def answer(campaign, machine, method: str) -> dict:
-    """The answer in the form of ``mjsim diagnose --json``, as far as the marks of the bank need it."""
-    baselines = Baselines(campaign, machine)
-    named = baselines.pursuit() if method == "pursuit" else baselines.features()
-    return {
-        "verdict": "identified" if named else "nothing_found",
-        "effects": [{"id": name, "alternatives": [], "ci95": {}} for name in named],
-        "unexplained": None,
-        "calibration": [],
-    }

@@ -179,15 +179,15 @@ def said(row: dict) -> str:
     return "; ".join(names) or "nothing found"
 
 
-def beside_simple_methods(rows: list[dict], others: dict[str, list[dict]]) -> list[str]:
-    """The same campaigns answered by simple methods, side by side."""
-    common = {r["name"] for r in rows if "error" not in r}
-    for theirs in others.values():
-        common &= {r["name"] for r in theirs if "error" not in r}
-    if not others or not common:
+def beside_simple_methods(rows: list[dict], simple: list[dict]) -> list[str]:
+    """The same campaigns answered by simple methods (``results`` of the rows ``simple``), side by side."""
+    theirs = {r["name"]: r for r in simple if "error" not in r}
+    common = [r for r in rows if "error" not in r and r["name"] in theirs]
+    if not common:
         return []
-    answers = {"diagnosis": rows, **others}
-    shared = {name: [r for r in theirs if r["name"] in common] for name, theirs in answers.items()}
+    shared = {"diagnosis": common}
+    for method in theirs[common[0]["name"]]["results"]:
+        shared[method] = [r | {"result": theirs[r["name"]]["results"][method]} for r in common]
     out = [
         "",
         "## Beside simple methods",
@@ -206,9 +206,7 @@ def beside_simple_methods(rows: list[dict], others: dict[str, list[dict]]) -> li
     for name, figure, _ in FIGURES[:4]:
         out.append(f"| {name} | " + " | ".join(rate(*counts(figure, theirs)) for theirs in shared.values()) + " |")
     right = [rate(sum(mark(r) == "right" for r in theirs), len(theirs)) for theirs in shared.values()]
-    seconds = [f"{np.median([r['seconds'] for r in theirs]):.0f}" for theirs in shared.values()]
     out.append(f"| answered in full | {' | '.join(right)} |")
-    out.append(f"| seconds of one core, median | {' | '.join(seconds)} |")
     return out
 
 

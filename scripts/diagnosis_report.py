@@ -35,12 +35,12 @@ tuning and does not count here.
 - Intervals are 95 % (Clopper-Pearson).""".splitlines()
 
 
-def page_of_ideal_machines(rows: list[dict], others: dict[str, list[dict]], remark: str = "") -> list[str]:
+def page_of_ideal_machines(rows: list[dict], simple: list[dict], remark: str = "") -> list[str]:
     """Lines of the page.
 
     Args:
         rows: Answers of the diagnosis.
-        others: Answers of other methods, by the method's name.
+        simple: Answers of two simple methods.
         remark: Paragraphs for its head.
     """
     ok = [r for r in rows if "error" not in r]
@@ -59,7 +59,7 @@ def page_of_ideal_machines(rows: list[dict], others: dict[str, list[dict]], rema
         *_sizes(singles),
         *_confusion(singles),
         *unanswered(rows),
-        *beside_simple_methods(rows, others),
+        *beside_simple_methods(rows, simple),
     ]
 
 

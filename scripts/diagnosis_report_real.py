@@ -13,12 +13,12 @@ may be named as well. The words are those of
 [the page on ideal machines](diagnosis-benchmark.md).""".splitlines()
 
 
-def page_of_real_machines(rows: list[dict], others: dict[str, list[dict]], remark: str = "") -> list[str]:
+def page_of_real_machines(rows: list[dict], simple: list[dict], remark: str = "") -> list[str]:
     """Lines of the page.
 
     Args:
         rows: Answers of the diagnosis.
-        others: Answers of other methods, by the method's name.
+        simple: Answers of two simple methods.
         remark: Paragraphs for its head.
     """
     ok = [r for r in rows if "error" not in r]
@@ -37,4 +37,4 @@ def page_of_real_machines(rows: list[dict], others: dict[str, list[dict]], remar
     for name, figure, target in FIGURES:
         cells = [rate(*counts(figure, part)) for part in (stated, unstated, ok)]
         out.append(f"| {name} | {' | '.join(cells)} | {target} |")
-    return [*out, *unanswered(rows), *beside_simple_methods(rows, others)]
+    return [*out, *unanswered(rows), *beside_simple_methods(rows, simple)]
