@@ -347,3 +347,22 @@ def test_a_ball_in_another_seat_has_a_length_of_its_own():
     x[n.of_test(knocked)[6]] = 1.0
     assert n.length(x, knocked.setup) == pytest.approx(3e-6)
     assert n.length(x, CIRCLE.setup) == n.length(x) == 0.0
+
+
+def test_few_effects_that_explain_all_stand_for_many_small_errors():
+    """A machine that is a little wrong everywhere has more than a few findings."""
+    from mjsim.estimation.model_choice import Explained, by_few_alone
+    from mjsim.estimation.outcome import Found, Selection
+
+    problem, machine = healthy("circle-xy-ccw", "circle-xy-cw")
+    hide(problem, machine, registry.make("squareness.XY", angle_urad=9.0))
+    fitter = Fitter(problem, machine)
+    start = ModelSelection(fitter).start()
+
+    def joint(names):
+        found = [Found(name, 100.0) for name in names]
+        return Explained(problem, Selection(start, start, found, SignatureBank(problem, start), []), None)
+
+    few = by_few_alone(fitter, joint([]))
+    assert few is not None and [f.key for f in few.selection.found] == ["squareness.XY"]
+    assert by_few_alone(fitter, joint(["backlash.X", "backlash.Y", "scale_error.X", "scale_error.Y"])) is None

@@ -56,10 +56,22 @@ def select_model(separated: Separated, max_effects: int | None = None, progress:
         return alone
     joint = _explain_jointly(fitter, progress)
     if _left(joint) ** 2 < problem.settings.joint_fit:
-        return joint
+        return by_few_alone(fitter, joint, progress) or joint
     # neither a few causes nor a machine that is a little wrong everywhere: most likely the cause is in no catalogue
     named = explain_with_few(*ModelSelection(fitter, progress).run(problem.settings.most_effects), progress)
     return joint if _left(joint) < problem.settings.clearly_less * _left(named) else named
+
+
+def by_few_alone(fitter: Fitter, joint: Explained, progress: Progress = silent) -> Explained | None:
+    """The few effects that explain all the data on a machine that is otherwise as given, where many small errors name
+    no more than a few.
+    """
+    few = fitter.problem.settings.few_effects
+    if joint.unexplained is not None or len(joint.selection.found) > few:
+        return None
+    named = explain_with_few(*ModelSelection(fitter, progress).run(few), progress)
+    complete = _left(named) ** 2 < fitter.problem.settings.complete_fit
+    return named if complete and named.unexplained is None else None
 
 
 def _left(explained: Explained) -> float:

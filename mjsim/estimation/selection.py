@@ -254,6 +254,8 @@ class ModelSelection(CandidateModels):
         for loss, effect, trial in self._credible(as_good, mine.effect):
             if effect.id != mine.effect.id:
                 found.competing.setdefault(effect.id, trial)
+            if len(trial.effects) < len(fit.effects):  # one cause less, of which a further wave explains as much
+                loss -= 2.0 * self.settings.better
             if loss < least:
                 better, least = trial, loss
         nearest = next((r for r in rows if r[2].id != mine.effect.id), None)
