@@ -197,7 +197,8 @@ def beside_simple_methods(rows: list[dict], simple: list[dict]) -> list[str]:
             "the same limits. The diagnosis selects by evidence (automatic relevance determination) and fits again. "
             "Matching pursuit adds the signature that explains most until none takes 30 variances of the noise off. "
             "The list of features is what ball-bar software measures on circles, with fixed limits "
-            "(`scripts/diagnosis_baselines.py`)."
+            "(`scripts/diagnosis_baselines.py`). Their answers are in "
+            "[simple-methods.jsonl.gz](data/simple-methods.jsonl.gz)."
         ),
         "",
         "| | " + " | ".join(shared) + " |",
