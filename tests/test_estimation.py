@@ -74,7 +74,7 @@ def test_nuisances_are_recovered_by_a_problem_of_known_offsets():
 
     campaign = read_campaign(examples() / "healthy", traces=False)
     machine = read_machine(campaign.machine_file)
-    test = next(t for t in campaign.tests if t.name == "cone15-x50-ccw")
+    test = next(t for t in campaign.tests if t.name == "cone15-y50-ccw")
     motion = AxesMotion(test)
     q = motion.load(build(machine))
     offset = np.array([12e-6, -7e-6, 4e-6])
@@ -307,27 +307,33 @@ def test_a_generic_curve_finds_the_axis_and_the_variable():
     assert 0.1 * planted < told.rms < planted  # the set-up takes its share
 
 
-@pytest.mark.parametrize("moves", ["X", "C", "table y"])
+@pytest.mark.parametrize("moves", ["X", "C", "table y", "table radial"])
 def test_the_written_effect_does_what_its_term_did(moves, tmp_path):
     """The effect file of a term, simulated, changes the reading by what the term says."""
     from mjsim.effects.registry import load_file
     from mjsim.estimation.curve_terms import CurveTerms
+    from mjsim.estimation.curve_waves import free_curve, waves
     from mjsim.estimation.effect_file import effect_source
     from mjsim.estimation.fit import Fitter
     from mjsim.estimation.selection import ModelSelection
 
     campaign = read_campaign(examples() / "healthy")
     machine = read_machine(campaign.machine_file)
-    tests = tuple(t for t in campaign.tests if t.name == "cone15-x50-ccw")
+    tests = tuple(t for t in campaign.tests if t.name == "cone15-y50-ccw")
     problem = trusted_problem(
         dataclasses.replace(campaign, tests=tests, traces={t.name: campaign.traces[t.name] for t in tests}),
         build(machine),
     )
     fit = ModelSelection(Fitter(problem, machine)).start()
-    term = next(t for t in CurveTerms(problem, fit).of("C", moves) if t.variable == "position" and t.period)
+    terms = CurveTerms(problem, fit)
+    if moves == "table radial":
+        term = free_curve(terms, next(w for w in waves(terms) if w.moves == moves))
+    else:
+        term = next(t for t in terms.of("C", moves) if t.variable == "position" and t.period)
     values = 3.0 * np.cos(term.knots) * term.unit
     path = tmp_path / "own.py"
-    path.write_text(effect_source(problem.chain, term, values, "A test.", "own.py"))
+    ball = np.asarray(tests[0].table_ball)
+    path.write_text(effect_source(problem.chain, term, values, "A test.", "own.py", ball))
     own = load_file(path)("C", gain=1.0)
     got = problem.difference(
         problem.readings(build(machine)), problem.readings(build(machine.with_effect(own))), fit.nuisance

@@ -1,14 +1,16 @@
 """One cause outside the catalogue is not named as several effects that imitate it, and several causes are not one."""
 
+import numpy as np
 import pytest
 from independent import campaign as generator
 from independent.layouts import layout
-from independent.unlisted import EccentricPlay, TableLift
+from independent.unlisted import EccentricPlay, TableEgg, TableLift
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.effects import registry
 from mjsim.estimation.calibration import expected_effects
+from mjsim.estimation.curve_terms import RADIAL
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.model_choice import explain_with_few
@@ -28,18 +30,18 @@ def free(machine, effect_id, **values):
     return EffectVector(cls(subject, **values), tuple(values)[-1:])
 
 
-def fitter_of(hidden, folder):
+def fitter_of(hidden, folder, kind="rotary-c-tangential"):
     """For a campaign of a turn of the table each way, and its machine."""
-    tests = [t for t in layout("rotaries") if t["name"].startswith("rotary-c-tangential")]
+    tests = [t for t in layout("rotaries") if t["name"].startswith(kind)]
     generator.write_files(generator.Case("c", "M1", tuple(tests), hidden, seed=3, tolerance_stated=True), folder)
     campaign = read_campaign(folder)
     machine = read_machine(campaign.machine_file)
     return Fitter(Problem.of(campaign, build(machine), threads=2), machine), machine
 
 
-def instead_of(named_of, hidden, folder):
+def instead_of(named_of, hidden, folder, kind="rotary-c-tangential"):
     """What one curve explains in place of the named effects."""
-    fitter, machine = fitter_of(hidden, folder)
+    fitter, machine = fitter_of(hidden, folder, kind)
     kept = [c.free for c in expected_effects(machine) if c.key in KEPT]
     named = named_of(machine)
     findings = [f.effect.key for f in named]
@@ -57,6 +59,31 @@ def test_play_that_changes_with_the_position_is_one_cause(tmp_path):
     fit, curve = instead
     assert curve.axis == "C" and curve.signed
     assert {f.effect.key for f in fit.effects} == set(KEPT)
+
+
+def wobble(name, **values):
+    """An error motion of the table whose size and phase are fitted."""
+    return EffectVector(registry.make(name, **values), (next(iter(values)), "phase_deg"))
+
+
+def wobbles(machine):
+    """What a table that bulges twice per turn is to the catalogue."""
+    return [wobble("radial_error_motion.C", amplitude_um=1.0, order=3.0)]
+
+
+def test_a_table_that_is_not_round_is_one_cause(tmp_path):
+    instead = instead_of(wobbles, (TableEgg("C", 3.0, phase_deg=20.0),), tmp_path, "rotary-c")
+    assert instead is not None
+    curve = instead[1]
+    assert (curve.axis, curve.moves, curve.variable) == ("C", RADIAL, "position")
+    shape = curve.coefficients - curve.coefficients.mean()
+    wanted = 3.0 * np.cos(2.0 * curve.knots + np.radians(20.0))
+    assert shape == pytest.approx(wanted, abs=0.4)
+
+
+def test_a_radial_error_motion_stays_one(tmp_path):
+    hidden = ({"id": "radial_error_motion.C", "amplitude_um": 3.0, "order": 3.0, "phase_deg": 40.0},)
+    assert instead_of(wobbles, hidden, tmp_path, "rotary-c") is None
 
 
 def test_two_causes_are_not_one(tmp_path):

@@ -22,7 +22,7 @@ from mjsim.estimation.spectrum import spectral_candidates
 #: Generic curves that compete with the named effects: the best ones by themselves.
 _CURVES = 4
 #: Waves per axis that are looked at, and how many orders they are chosen from.
-_WAVES, _ORDERS = 6, 800
+_WAVES, ORDERS = 6, 800
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class CandidateGroups:
         for c, columns in others:
             blocks.append(columns)
             members.append(Member(candidate=c))
-            tried = _ORDERS if c.effect.kind == "pitch_error" else count[c.id]
+            tried = ORDERS if c.effect.kind == "pitch_error" else count[c.id]
             odds.append(settings.log_odds - math.log(tried))
         for term, columns, tried in _best_curves(problem, fit) if curves else ():
             blocks.append(columns)

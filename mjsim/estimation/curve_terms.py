@@ -7,7 +7,7 @@ acceleration yaws its neighbour, a float of the table lifts the work.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -48,6 +48,8 @@ VALUE = {
 }
 #: Directions of the table ball in the work frame.
 TABLE = ("table x", "table y", "table z")
+#: From the table's axis to the ball.
+RADIAL = "table radial"
 #: What a coefficient of 1 is: 10 µrad or 1 µm.
 ROTARY_UNIT, LINEAR_UNIT = 1e-5, UM
 
@@ -57,11 +59,12 @@ class CurveTerm:
     """One generic term.
 
     Attributes:
-        axis: whose motion it depends on (empty for the clock). moves: the axis that it displaces, or one of
-            :data:`TABLE`.
+        axis: whose motion it depends on (empty for the clock). moves: the axis that it displaces, one of
+            :data:`TABLE`, or :data:`RADIAL`.
         variable: as in the JSON of diagnose. knots: (k,) of the variable, SI. period: of the variable, SI, or ``None``.
         columns: per test (m, k) block means, m per unit of :attr:`unit`. signed: times the direction of motion.
-        gain, coefficients (k,), their inverse covariance ``precision`` (k, k): of the fit, once it is made.
+        gain, coefficients (k,), their inverse covariance ``precision`` (k, k): of the fit, once it is made. order: of
+            a single wave per period, whose coefficients are those of cosine and sine; 0 for a free curve.
     """
 
     axis: str
@@ -73,6 +76,7 @@ class CurveTerm:
     gain: float = 0.0
     coefficients: np.ndarray = field(default_factory=lambda: np.zeros(0))
     precision: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    order: int = 0
 
     @property
     def signed(self) -> bool:
@@ -87,7 +91,7 @@ class CurveTerm:
     def axes(self) -> tuple[str, ...]:
         """The axes concerned: where it comes from, and what it moves if that is another axis."""
         own = (self.axis,) if self.axis else ()
-        return own if self.moves in (self.axis, *TABLE) else (*own, self.moves)
+        return own if self.moves in (self.axis, *TABLE, RADIAL) else (*own, self.moves)
 
     @property
     def chance_gain(self) -> float:
@@ -126,11 +130,11 @@ class CurveTerms:
             a for i, a in enumerate(self.chain.letters) if any(np.ptp(m.position[:, i]) > 0.0 for m in self.motions)
         ]
 
-    def whitened(self) -> Iterator[tuple[CurveTerm, np.ndarray]]:
-        """Every term but the waves of the clock, with those of its whitened columns (count, k) that reach a reading;
-        without the terms that have none.
+    def whitened(self, more: Iterable[CurveTerm] = (), free: bool = True) -> Iterator[tuple[CurveTerm, np.ndarray]]:
+        """Every term but the waves of the clock where they are ``free`` curves, and ``more`` terms, with those of its
+        whitened columns (count, k) that reach a reading; without the terms that have none.
         """
-        for term in itertools.chain(self.own(), self.clock(False), self.across()):
+        for term in itertools.chain(*((self.own(), self.clock(False), self.across()) if free else ()), more):
             columns = self.problem.whiten(term.columns)
             columns = columns[:, np.square(columns).sum(axis=0) > 1e-6]
             if columns.shape[1]:
@@ -188,10 +192,7 @@ class CurveTerms:
         """The position of a rotary axis in steps of half a degree: waves of single teeth, on a part of the wheel if
         need be. At such a wave the axis lags behind its command by much of a period.
         """
-        i = self.chain.index(axis)
-        loads = Linearisation(self.problem, self.fit.machine, self.fit.nuisance).loads
-        shifts = (self.problem.shift(k, self.fit.nuisance) for k in range(len(loads)))
-        x = [s.sample(q[:, i], at) for s, q, at in zip(self.problem.samples, loads, shifts, strict=True)]
+        x = self.loads(axis)
         if max(np.ptp(v) for v in x) > 1.9 * np.pi:
             yield from self._term(axis, axis, "position", np.arange(_FINE) * (2 * np.pi / _FINE), 2 * np.pi, x)
         else:
@@ -199,6 +200,13 @@ class CurveTerms:
             yield from self._term(
                 axis, axis, "position", np.linspace(lo, hi, int(_FINE * (hi - lo) / (2 * np.pi)) + 2), None, x
             )
+
+    def loads(self, axis: str) -> list[np.ndarray]:
+        """Where the load side of an axis is, block means (m,) per test."""
+        i = self.chain.index(axis)
+        loads = Linearisation(self.problem, self.fit.machine, self.fit.nuisance).loads
+        shifts = (self.problem.shift(k, self.fit.nuisance) for k in range(len(loads)))
+        return [s.sample(q[:, i], at) for s, q, at in zip(self.problem.samples, loads, shifts, strict=True)]
 
     def finer(self, term: CurveTerm, factor: int) -> Iterator[CurveTerm]:
         """The same term with ``factor`` times as many knots."""

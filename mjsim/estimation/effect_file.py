@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mjsim.estimation.curve_terms import TABLE, CurveTerm
+from mjsim.estimation.curve_terms import RADIAL, TABLE, CurveTerm
+from mjsim.estimation.curve_waves import radius_of
 from mjsim.machine.chain import Chain, is_linear, is_rotary
 
 _ARGUMENT = {
@@ -61,7 +62,7 @@ class {class_name}(mjsim.Effect):
 
 _ON_AXIS = "out[:, MOVED] = size"
 #: The work moves one way in the table's frame: seen from the machine, the spindle moves the other way.
-_ON_TABLE = """moved = work_to_machine(CHAIN, motion.position, np.eye(3)[MOVED])
+_ON_TABLE = """moved = work_to_machine(CHAIN, motion.position, DIRECTION)
         out[:, CHAIN.linear_columns] = -size[:, None] * moved"""
 _IMPORTS_ON_TABLE = """from mjsim.machine.chain import chain_of
 from mjsim.machine.kinematics import work_to_machine
@@ -70,7 +71,7 @@ from mjsim.machine.kinematics import work_to_machine
 
 #: The same where centrelines do not pass through the origin: the place of a point less that of the origin.
 _ON_PLACED_TABLE = """origin = work_to_machine(CHAIN, motion.position, np.zeros(3))
-        moved = work_to_machine(CHAIN, motion.position, np.eye(3)[MOVED]) - origin
+        moved = work_to_machine(CHAIN, motion.position, DIRECTION) - origin
         out[:, CHAIN.linear_columns] = -size[:, None] * moved"""
 _IMPORTS_PLACED = _IMPORTS_ON_TABLE.replace("import chain_of", "import Placement, chain_of")
 
@@ -81,7 +82,9 @@ def _chain_text(chain: Chain) -> str:
     return f"chain_of({chain.configuration!r}{more})"
 
 
-def effect_source(chain: Chain, term: CurveTerm, values: np.ndarray, summary: str, file_name: str) -> str:
+def effect_source(
+    chain: Chain, term: CurveTerm, values: np.ndarray, summary: str, file_name: str, ball: np.ndarray
+) -> str:
     """Python text of an effect that adds an empirical curve.
 
     Args:
@@ -90,25 +93,31 @@ def effect_source(chain: Chain, term: CurveTerm, values: np.ndarray, summary: st
         values: at the term's knots, (n,) m or rad.
         summary: first sentence of the file.
         file_name: for its own doc string.
+        ball: centre of the table ball, (3,) m; what acts along the ball's radius is written for this place.
     """
-    on_table = term.moves in TABLE
     kind = f"unexplained_{term.variable}" + (
         "" if term.axis == term.moves else f"_moves_{term.moves.replace(' ', '_').lower()}"
     )
     unit = _UNIT.get(term.variable, ("m", "rad"))[0 if is_linear(term.axis) else 1]
-    target = "the work on the table, along " + term.moves[-1] if on_table else f"the {term.moves} axis"
+    target, knots, direction = f"the {term.moves} axis", term.knots, None
+    if term.moves == RADIAL:
+        angle, direction = radius_of(chain.axis(term.axis), ball)
+        target, knots = "the work on the table, along the ball's radius", knots - angle
+    elif term.moves in TABLE:
+        target, direction = f"the work on the table, along {term.moves[-1]}", np.eye(3)[TABLE.index(term.moves)]
     columns = (
         f"AXIS = {chain.index(term.axis)}  # column of the {term.axis} axis in {', '.join(chain.letters)}\n"
         if term.axis
         else ""
     )
-    moved = TABLE.index(term.moves) if on_table else chain.index(term.moves)
     columns += (
-        f"MOVED = {moved}  # "
-        f"{'direction x, y, z of the work frame' if on_table else f'column of the {term.moves} axis'}"
+        f"MOVED = {chain.index(term.moves)}  # column of the {term.moves} axis"
+        if direction is None
+        else f"DIRECTION = np.array([{_numbers(direction)}])  # in the work frame"
     )
-    knots, period = term.knots, ""
+    period = ""
     placements = chain.placements
+    on_table = direction is not None
     if on_table:
         columns = f"CHAIN = {_chain_text(chain)}\n{columns}"
     if term.period:

@@ -26,7 +26,7 @@ from mjsim.estimation.equivalents import Equivalents
 from mjsim.estimation.evidence import SparseModel, log_evidence, select
 from mjsim.estimation.evidence_priors import added, kept_waves
 from mjsim.estimation.fit import Fit, Fitter
-from mjsim.estimation.one_curve import FEWEST, one_curve
+from mjsim.estimation.one_curve import one_curve
 from mjsim.estimation.outcome import Found, JointSelection, Selection
 from mjsim.estimation.retiming import retimed
 from mjsim.estimation.servo_fault import with_servo_fault
@@ -246,7 +246,7 @@ class JointSelector:
     def _one_curve(self, model: _Model, first: Fit) -> tuple[Fit, CurveTerm] | None:
         """One generic curve in place of all findings, where the evidence is for it."""
         named = [f.effect.key for f in model.fit.effects if f.effect.key not in model.kept]
-        if model.curve is not None or len(named) < FEWEST:
+        if model.curve is not None or not named:
             return None
         self.progress("one cause outside the catalogue against all that was named", 0, 1)
         if len(first.effects) > len(model.expected):  # it has a servo fault

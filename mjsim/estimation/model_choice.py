@@ -15,7 +15,7 @@ from mjsim.estimation.disturbances import readmitted
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.joint_selection import JointSelector
 from mjsim.estimation.local_waves import in_place_of_many_waves
-from mjsim.estimation.one_curve import FEWEST, in_place_of_both_directions, one_curve
+from mjsim.estimation.one_curve import in_place_of_both_directions, one_curve
 from mjsim.estimation.outcome import JointSelection, Selection
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.selection import ModelSelection
@@ -96,7 +96,7 @@ def explain_with_few(fitter: Fitter, selection: Selection, progress: Progress) -
     problem = fitter.problem
     keys = [f.key for f in selection.found]
     unknown = in_place_of_both_directions(fitter, selection.fit, keys)
-    if unknown is None and len(keys) >= FEWEST:
+    if unknown is None and keys:
         progress("one cause outside the catalogue against all that was named", 0, 1)
         if (instead := one_curve(fitter, selection.start, selection.fit, keys)) is not None:
             unknown = *instead, set(keys)

@@ -8,7 +8,7 @@ import numpy as np
 
 from mjsim.estimation.criteria import parameter_count, penalised_objective
 from mjsim.estimation.curve_search import best_curve_term, is_overfit, visible
-from mjsim.estimation.curve_terms import TABLE, CurveTerm
+from mjsim.estimation.curve_terms import RADIAL, TABLE, CurveTerm
 from mjsim.estimation.effect_file import effect_source
 from mjsim.estimation.fit import Fit
 from mjsim.estimation.outcome import Selection
@@ -99,6 +99,7 @@ _WORDS = {
     "torque": "motor's torque",
     "time_since_reversal": "time since its last reversal",
 }
+_MOVED = {**dict.fromkeys(TABLE, "the table"), RADIAL: "the table along the ball's radius"}
 
 
 def describe(problem: Problem, fit: Fit, term: CurveTerm, together: bool = False) -> Unexplained:
@@ -143,7 +144,7 @@ def describe(problem: Problem, fit: Fit, term: CurveTerm, together: bool = False
     source_of = (
         f"depends on the {term.axis} axis' {_WORDS[term.variable]}" if term.axis else "follows the campaign's clock"
     )
-    what = "the table" if term.moves in TABLE else f"the {term.moves} axis"
+    what = _MOVED.get(term.moves, f"the {term.moves} axis")
     acts = (
         f"acts on {what} and {source_of}"
         if term.axis != term.moves
@@ -156,7 +157,8 @@ def describe(problem: Problem, fit: Fit, term: CurveTerm, together: bool = False
         f"{left / UM:.2f} µm stay after an empirical curve of that form."
     )
     axes = term.axes or (term.moves,)
-    source = effect_source(problem.chain, term, size, summary, f"{_stem(axes)}.py")
+    ball = np.asarray(problem.tests[order[0] if order else 0].table_ball)
+    source = effect_source(problem.chain, term, size, summary, f"{_stem(axes)}.py", ball)
     labels = (x_label, f"displacement of {what} [{y_unit}]")
     return Unexplained(axes, term.variable, period, rms, shows, where, summary, curve, labels, left, source)
 
@@ -194,6 +196,8 @@ def _file_units(term: CurveTerm, fit: Fit, harmonic: float) -> tuple[np.ndarray,
         "clock_time": (1.0, "s"),
     }.get(term.variable, (1 / DEG, "°") if rotary else (1e3, "mm"))
     label = f"{term.axis} axis: {_WORDS[term.variable]} [{unit}]" if term.axis else f"campaign clock [{unit}]"
+    if term.moves == RADIAL:
+        label = f"ball's angle about the {term.axis} axis [{unit}]"
     period = None if term.period is None else term.period * scale
     if period and term.variable in ("position", "direction"):
         power = np.abs(np.fft.rfft(term.coefficients)[1 : len(term.knots) // 3]) ** 2
