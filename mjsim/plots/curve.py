@@ -28,7 +28,7 @@ def curve_figure(
 
     Args:
         x: (n,) knots of the variable. y: (n,) value there. spread: (n,) its standard deviation; same unit as ``y``.
-        labels: of the two axes, with units. title: one or two lines. period: of the variable; marked where it fits in
+        labels: of the two axes, with units. title: up to four lines. period: of the variable; marked where it fits in
             more than once.
 
     Raises:
@@ -41,7 +41,8 @@ def curve_figure(
             f"{spread.shape}"
         )
     figure = style.new_figure(7.2, 3.6)
-    axes = figure.add_axes((0.1, 0.15, 0.87, 0.68))
+    lines = textwrap.wrap(title or "", 100)
+    axes = figure.add_axes((0.12, 0.15, 0.85, 0.74 - 0.04 * len(lines)))
     known = spread < 10.0 * max(float(np.median(spread)), 1e-12)  # knots that the tests hardly visit have no value
     low, high = np.where(known, y - 1.96 * spread, np.nan), np.where(known, y + 1.96 * spread, np.nan)
     axes.fill_between(x, low, high, color=style.BAND, edgecolor=style.BAND_EDGE, linewidth=0.6, label="95 % band")
@@ -59,11 +60,11 @@ def curve_figure(
         for place in np.arange(np.ceil(x[0] / period) * period, x[-1], period):
             axes.axvline(place, color=style.GRID, linewidth=0.8, zorder=0)
     axes.set_xlabel(labels[0], fontsize=style.TEXT, color=style.INK)
-    axes.set_ylabel(labels[1], fontsize=style.TEXT, color=style.INK)
+    axes.set_ylabel(textwrap.fill(labels[1], 36), fontsize=style.TEXT, color=style.INK)
     axes.tick_params(labelsize=style.SMALL, colors=style.SOFT)
     axes.spines[["top", "right"]].set_visible(False)
     axes.margins(x=0.01)
-    axes.legend(fontsize=style.SMALL, frameon=False, loc="upper right", bbox_to_anchor=(1.0, 1.12), ncols=2)
-    if title:
-        figure.text(0.02, 0.97, textwrap.fill(title, 100), fontsize=style.TEXT, color=style.INK, va="top")
+    axes.legend(fontsize=style.SMALL, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+    if lines:
+        figure.text(0.02, 0.97, "\n".join(lines), fontsize=style.TEXT, color=style.INK, va="top")
     return figure
