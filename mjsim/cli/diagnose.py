@@ -114,11 +114,11 @@ def command(campaign, machine, write, max_effects, only, force, threads, as_is, 
 
 
 def _identifiable(campaign, data: dict) -> list[str]:
-    """Rotary axes of an unexplained rest that depends on position, where the campaign has a tangential test."""
+    """Rotary axes of an unexplained rest that depends on position, where it shows in a tangential test."""
     rest = data["unexplained"]
     if not rest or rest["variable"] != "position":
         return []
-    tests = {kind_of(t).turns(t) for t in campaign.measured if t.sensitive == "tangential"}
+    tests = {kind_of(t).turns(t) for t in campaign.measured if t.sensitive == "tangential" and t.name in rest["tests"]}
     return [axis for axis in rest["axes"] if axis in tests]
 
 
