@@ -113,7 +113,7 @@ def effect_source(
     columns += (
         f"MOVED = {chain.index(term.moves)}  # column of the {term.moves} axis"
         if direction is None
-        else f"DIRECTION = np.array([{_numbers(direction)}])  # in the work frame"
+        else f"DIRECTION = np.array([{', '.join(f'{v:.6g}' for v in direction)}])  # in the work frame"
     )
     period = ""
     placements = chain.placements
