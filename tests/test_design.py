@@ -32,6 +32,13 @@ def test_a_design_multiplies_like_its_matrix(both):
     np.testing.assert_allclose(design.T @ design, full.T @ full, atol=1e-12)
 
 
+def test_a_design_multiplies_with_another_of_the_same_tests(both):
+    design, full = both
+    part, columns = design.of_nuisances, full[:, :5]
+    np.testing.assert_allclose(design.T @ part, full.T @ columns, atol=1e-12)
+    np.testing.assert_allclose(part.T @ design, columns.T @ full, atol=1e-12)
+
+
 def test_a_part_of_a_design_is_that_part_of_its_matrix(both):
     design, full = both
     places = np.array([6, 8])

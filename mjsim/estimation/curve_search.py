@@ -51,7 +51,7 @@ def best_curve_term(problem: Problem, fit: Fit, teeth: Iterable[str] = ()) -> Cu
 def _best(problem: Problem, projector: Projector, terms: Iterable[CurveTerm]) -> CurveTerm | None:
     best: CurveTerm | None = None
     for term in terms:
-        matrix, score = projector.normal(problem.whiten(term.columns))
+        matrix, score = projector.normal(problem.whiten_curve(term.columns))
         term.precision = matrix + np.eye(len(matrix)) * (1e-6 * np.trace(matrix) / len(matrix) + 1e-9)
         term.coefficients = ridge_solution(term.precision, score, 0.0)
         term.gain = float(score @ term.coefficients)

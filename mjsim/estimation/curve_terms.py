@@ -9,11 +9,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from mjsim.estimation.fit import Fit
-from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import GRID, GRID_STEPS
 from mjsim.machine.chain import is_rotary
@@ -106,11 +106,14 @@ class CurveTerms:
     def __init__(self, problem: Problem, fit: Fit) -> None:
         self.problem, self.fit, self.chain = problem, fit, problem.chain
         self.plant = build(fit.machine)
-        self.motions: list[Motion] = problem.map(self._motion)
         self.sensitivities = problem.map(self._sensitivity)
 
+    @cached_property
+    def motions(self) -> list[Motion]:
+        """Commanded motion of every test at its blocks' centres."""
+        return self.problem.map(self._motion)
+
     def _motion(self, k: int) -> Motion:
-        """Commanded motion of test ``k`` at its blocks' centres."""
         m, s = self.problem.motions[k], self.problem.samples[k]
         tracker = MotionTracker(GRID, m.test.started, self.plant)
         fine = tracker.follow(m.time[::GRID_STEPS], np.ascontiguousarray(m.commands[::GRID_STEPS]))
@@ -204,9 +207,12 @@ class CurveTerms:
     def loads(self, axis: str) -> list[np.ndarray]:
         """Where the load side of an axis is, block means (m,) per test."""
         i = self.chain.index(axis)
-        loads = Linearisation(self.problem, self.fit.machine, self.fit.nuisance).loads
-        shifts = (self.problem.shift(k, self.fit.nuisance) for k in range(len(loads)))
-        return [s.sample(q[:, i], at) for s, q, at in zip(self.problem.samples, loads, shifts, strict=True)]
+
+        def load(k: int) -> np.ndarray:
+            q = self.problem.motions[k].load(self.plant, GRID_STEPS)[:, i]
+            return self.problem.samples[k].sample(q, self.problem.shift(k, self.fit.nuisance))
+
+        return self.problem.map(load)
 
     def finer(self, term: CurveTerm, factor: int) -> Iterator[CurveTerm]:
         """The same term with ``factor`` times as many knots."""

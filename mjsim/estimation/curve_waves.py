@@ -83,7 +83,7 @@ def free_curve(terms: CurveTerms, wave: CurveTerm) -> CurveTerm:
 def _displaced(terms: CurveTerms) -> Iterator[_Displaced]:
     """What the axes that go round may displace: linear axes, and the work along the ball's radius."""
     chain = terms.chain
-    for axis in (a for a in terms.moving() if chain.is_rotary(a)):
+    for axis in chain.rotary:
         turn = terms.loads(axis)
         if max(np.ptp(x) for x in turn) < _ROUND:
             continue

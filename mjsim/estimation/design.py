@@ -15,7 +15,8 @@ import numpy as np
 class Design:
     """A whitened design ``J`` (count, p): of the nuisances, block by block, then of everything else.
 
-    It is used like a matrix, as far as least squares need one: ``J @ vector``, ``J.T @ columns`` and ``J.T @ J``.
+    It is used like a matrix, as far as least squares need one: ``J @ vector``, ``J.T @ columns``, ``J.T @ J`` and
+    ``J.T @ K`` of another design.
 
     Attributes:
         blocks: Per test, the places (b,) of its nuisances in the vector and their columns (rows of the test, b).
@@ -76,6 +77,17 @@ class Design:
         out[n:, :n] = out[:n, n:].T
         return out
 
+    def crossed(self, other: Design) -> np.ndarray:
+        """``JᵀK`` with another design of the same tests."""
+        n, m = self.nuisances, other.nuisances
+        out = np.zeros((self.shape[1], other.shape[1]))
+        out[n:, m:] = self.rest.T @ other.rest
+        for rows, (places, own), (others, columns) in zip(self._rows, self.blocks, other.blocks, strict=True):
+            out[np.ix_(places, others)] += own.T @ columns
+            out[places, m:] += own.T @ other.rest[rows]
+            out[n:, others] += self.rest[rows].T @ columns
+        return out
+
 
 class Transposed:
     """``Jᵀ`` of a design."""
@@ -84,4 +96,6 @@ class Transposed:
         self.design = design
 
     def __matmul__(self, other: np.ndarray | Design) -> np.ndarray:
-        return self.design.normal() if isinstance(other, Design) else self.design.projected(other)
+        if other is self.design:
+            return self.design.normal()
+        return self.design.crossed(other) if isinstance(other, Design) else self.design.projected(other)

@@ -14,6 +14,7 @@ from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.estimation.data_sheet import calibrated, data_sheet
+from mjsim.estimation.design import Design
 from mjsim.estimation.kept_changes import KeptChanges
 from mjsim.estimation.noise import Noise, estimate_noise
 from mjsim.estimation.nuisance import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, Nuisances
@@ -256,6 +257,17 @@ class Problem:
             return np.column_stack([s.sample(g, shift) if g.any() else np.zeros(len(s.centre)) for g in grids[k]])
 
         return self.map(columns)
+
+    def whiten_curve(self, columns: Sequence[np.ndarray]) -> Design:
+        """Block means (m, k) per test of a curve, whitened. Each test keeps the columns that it reaches: those of a
+        fine curve would fill hundreds of MB.
+        """
+
+        def one(k: int) -> tuple[np.ndarray, np.ndarray]:
+            places = np.flatnonzero(columns[k].any(axis=0))
+            return places, self.noise.whiten(self.samples[k], columns[k][:, places])
+
+        return Design(self.map(one), columns[0].shape[1])
 
     def whiten(self, per_test: Sequence[np.ndarray]) -> np.ndarray:
         """Stack per-test block arrays (m,) or (m, k) into whitened rows (count,) or (count, k)."""

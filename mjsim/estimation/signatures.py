@@ -11,6 +11,7 @@ import numpy as np
 
 from mjsim.effects import registry
 from mjsim.estimation.data_sheet import calibrated
+from mjsim.estimation.design import Design
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit
 from mjsim.estimation.linearisation import Linearisation
@@ -198,8 +199,8 @@ class Projector:
         self.design, self.equations, self.residual = fit.design, fit.linear, fit.residual
         self.step = fit.step  # what a further fit of the present model would still move
 
-    def normal(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Normal matrix (k, k) of the columns after projection, and their score (k,) on the residual."""
+    def normal(self, columns: np.ndarray | Design) -> tuple[np.ndarray, np.ndarray]:
+        """Normal matrix (k, k) of the columns (count, k) after projection, and their score (k,) on the residual."""
         cross = self.design.T @ columns
         return self.equations.left_over(columns.T @ columns, cross), columns.T @ self.residual - cross.T @ self.step
 
