@@ -7,7 +7,7 @@ acceleration yaws its neighbour, a float of the table lifts the work.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -72,7 +72,7 @@ class CurveTerm:
     variable: str
     knots: np.ndarray
     period: float | None
-    columns: list[np.ndarray]
+    columns: Sequence[np.ndarray]
     gain: float = 0.0
     coefficients: np.ndarray = field(default_factory=lambda: np.zeros(0))
     precision: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
@@ -231,15 +231,34 @@ class CurveTerms:
         if not any(np.abs(s[moves]).max() > 1e-6 for s in self.sensitivities):
             return
         term = CurveTerm(axis, moves, variable, knots, period, [])
-
-        def columns(k: int) -> np.ndarray:
-            weight = self.sensitivities[k][moves] * term.unit
-            if term.signed:
-                weight = weight * np.sign(self.motions[k].velocity[:, self.chain.index(axis)])
-            return hats(values[k], knots, period) * weight[:, None]
-
-        term.columns = self.problem.map(columns)
+        weights = [s[moves] * term.unit for s in self.sensitivities]
+        if term.signed:
+            i = self.chain.index(axis)
+            weights = [w * np.sign(m.velocity[:, i]) for w, m in zip(weights, self.motions, strict=True)]
+        term.columns = HatColumns(values, weights, knots, period)
         yield term
+
+
+@dataclass(frozen=True)
+class HatColumns(Sequence[np.ndarray]):
+    """Columns of a free curve, each test's made when it is asked for: all of a fine curve would fill hundreds of MB.
+
+    Attributes:
+        values: of the variable, (m,) per test.
+        weights: change of the reading by a coefficient of 1, (m,) per test, m.
+        knots, period: as of the term.
+    """
+
+    values: Sequence[np.ndarray]
+    weights: Sequence[np.ndarray]
+    knots: np.ndarray
+    period: float | None
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def __getitem__(self, k: int) -> np.ndarray:  # pyright: ignore[reportIncompatibleMethodOverride]  # no slices
+        return hats(self.values[k], self.knots, self.period) * self.weights[k][:, None]
 
 
 def hats(x: np.ndarray, knots: np.ndarray, period: float | None) -> np.ndarray:

@@ -264,8 +264,9 @@ class Problem:
         """
 
         def one(k: int) -> tuple[np.ndarray, np.ndarray]:
-            places = np.flatnonzero(columns[k].any(axis=0))
-            return places, self.noise.whiten(self.samples[k], columns[k][:, places])
+            mine = columns[k]
+            places = np.flatnonzero(mine.any(axis=0))
+            return places, self.noise.whiten(self.samples[k], mine[:, places])
 
         return Design(self.map(one), columns[0].shape[1])
 
