@@ -74,7 +74,7 @@ def test_nuisances_are_recovered_by_a_problem_of_known_offsets():
 
     campaign = read_campaign(examples() / "healthy", traces=False)
     machine = read_machine(campaign.machine_file)
-    test = next(t for t in campaign.tests if t.name == "cone15-y50-ccw")
+    test = next(t for t in campaign.tests if t.name == "cone15-x50-ccw")
     motion = AxesMotion(test)
     q = motion.load(build(machine))
     offset = np.array([12e-6, -7e-6, 4e-6])

@@ -61,18 +61,14 @@ def test_play_that_changes_with_the_position_is_one_cause(tmp_path):
     assert {f.effect.key for f in fit.effects} == set(KEPT)
 
 
-def wobble(name, **values):
-    """An error motion of the table whose size and phase are fitted."""
-    return EffectVector(registry.make(name, **values), (next(iter(values)), "phase_deg"))
-
-
-def wobbles(machine):
+def wobble(machine):
     """What a table that bulges twice per turn is to the catalogue."""
-    return [wobble("radial_error_motion.C", amplitude_um=1.0, order=3.0)]
+    motion = registry.make("radial_error_motion.C", amplitude_um=1.0, order=3.0)
+    return [EffectVector(motion, ("amplitude_um", "phase_deg"))]
 
 
 def test_a_table_that_is_not_round_is_one_cause(tmp_path):
-    instead = instead_of(wobbles, (TableEgg("C", 3.0, phase_deg=20.0),), tmp_path, "rotary-c")
+    instead = instead_of(wobble, (TableEgg("C", 3.0, phase_deg=20.0),), tmp_path, "rotary-c")
     assert instead is not None
     curve = instead[1]
     assert (curve.axis, curve.moves, curve.variable) == ("C", RADIAL, "position")
@@ -83,7 +79,7 @@ def test_a_table_that_is_not_round_is_one_cause(tmp_path):
 
 def test_a_radial_error_motion_stays_one(tmp_path):
     hidden = ({"id": "radial_error_motion.C", "amplitude_um": 3.0, "order": 3.0, "phase_deg": 40.0},)
-    assert instead_of(wobbles, hidden, tmp_path, "rotary-c") is None
+    assert instead_of(wobble, hidden, tmp_path, "rotary-c") is None
 
 
 def test_two_causes_are_not_one(tmp_path):

@@ -43,8 +43,7 @@ def best_curve_term(problem: Problem, fit: Fit, teeth: Iterable[str] = ()) -> Cu
     if best is None or best.gain - best.chance_gain < settings.likelihood_ratio:
         return None
     if len(best.knots) <= _LONG:
-        finer = (t for n in _FINER for t in generic.finer(best, n))  # one at a time: their columns fill hundreds of MB
-        best = _best(problem, projector, itertools.chain([best], finer)) or best
+        best = _best(problem, projector, [best, *(t for n in _FINER for t in generic.finer(best, n))]) or best
     return best if stands_out(problem, fit, best) else None
 
 

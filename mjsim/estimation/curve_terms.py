@@ -35,6 +35,8 @@ KNOTS = {
 _PER_TURN = 24  # of a rotary axis' position counted over all turns
 _FINE = 720  # of one turn, where single teeth are to be seen
 _IN_LEAD = 12  # of a linear axis' position within one turn of its screw
+#: A rotary axis that covers as much goes round, rad.
+ROUND = 1.9 * np.pi
 #: Periods of the clock that are tried, s.
 _CLOCK_PERIODS = np.geomspace(15.0, 900.0, 60)
 #: The variable along a motion; ``i`` is the axis' column.
@@ -177,7 +179,7 @@ class CurveTerms:
                 continue
             count = KNOTS[variable] if moves == axis else min(KNOTS[variable], 18)
             in_turns = variable in ("position", "direction")
-            if in_turns and is_rotary(axis) and hi - lo > 1.9 * np.pi:
+            if in_turns and is_rotary(axis) and hi - lo > ROUND:
                 yield from self._term(axis, moves, variable, np.arange(count) * (2 * np.pi / count), 2 * np.pi, x)
                 turns = (hi - lo) / (2 * np.pi)
                 if (
@@ -196,7 +198,7 @@ class CurveTerms:
         need be. At such a wave the axis lags behind its command by much of a period.
         """
         x = self.loads(axis)
-        if max(np.ptp(v) for v in x) > 1.9 * np.pi:
+        if max(np.ptp(v) for v in x) > ROUND:
             yield from self._term(axis, axis, "position", np.arange(_FINE) * (2 * np.pi / _FINE), 2 * np.pi, x)
         else:
             lo, hi = min(v.min() for v in x), max(v.max() for v in x)

@@ -14,14 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.estimation.curve_terms import RADIAL, TABLE, CurveTerm, CurveTerms, hats
+from mjsim.estimation.curve_terms import RADIAL, ROUND, TABLE, CurveTerm, CurveTerms, hats
 from mjsim.machine.chain import Axis
 from mjsim.machine.redundant import MOST_ORDERS
 
 #: Knots of the free curve that shows a wave.
 _KNOTS = 72
-#: Rotary axes go round in a test that covers as much, rad.
-_ROUND = 1.9 * np.pi
 
 
 def radius_of(axis: Axis, ball: np.ndarray) -> tuple[float, np.ndarray]:
@@ -85,7 +83,7 @@ def _displaced(terms: CurveTerms) -> Iterator[_Displaced]:
     chain = terms.chain
     for axis in chain.rotary:
         turn = terms.loads(axis)
-        if max(np.ptp(x) for x in turn) < _ROUND:
+        if max(np.ptp(x) for x in turn) < ROUND:
             continue
         for moves in chain.linear:
             yield _Displaced(axis, moves, turn, [s[moves] for s in terms.sensitivities])
