@@ -159,6 +159,7 @@ class Fitter:
             if fresh and exact and iteration:
                 sheet, white = self._sheet_columns(now)
             now = self._linearised(now, white, weight) if fresh else self._with_step(now, weight)
+            white = now.design.rest[:, : white.shape[1]]  # one copy of these large columns is enough
             promised = now.linear.gain(now.step)
             if promised < CONVERGED:
                 if fresh:

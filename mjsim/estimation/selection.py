@@ -239,6 +239,7 @@ class ModelSelection(CandidateModels):
         found, as_good = Found(mine.effect.key, gain), []
         for i, (_, x, c) in enumerate(close):
             self.progress(f"{mine.effect.id} against {c.id}", i, len(close))
+            trial = None  # a fit is large: the one before goes first
             trial = self.refit(self.extended(without, c, x), without, c)
             near = max(10 * self.settings.indistinguishable, 0.05 * gain)
             if c.effect.search.quasi_static and self.objective(trial) < self.objective(fit) + near:

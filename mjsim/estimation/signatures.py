@@ -94,6 +94,7 @@ class SignatureBank:
         self.matrix = remembered(
             "signatures", lambda: self._depends_on(candidates), lambda: self._matrix(candidates, done)
         )
+        self._by_drive.clear()  # few of these drives are asked for again
         self.candidates = list(candidates)
         self.own = [self.matrix[:, s].T @ self.matrix[:, s] for s in self.slices]
 
