@@ -1,7 +1,7 @@
 """How fast mjsim is: one table with what was measured, the target, and the ratio to a bare MuJoCo rollout of the same
 number of steps.
 
-    scripts/benchmark                    everything, some ten minutes on two cores
+    scripts/benchmark                    everything, some five minutes on two cores
     scripts/benchmark --only simulate    one part: simulate, commands, memory or growth (may be repeated)
     scripts/benchmark --write            also docs/speed.md and its picture
 
