@@ -91,7 +91,8 @@ def write_page(docs: Path, head: str, rows: list[Row], curves: list[Curve]) -> l
     page, picture = docs / "speed.md", docs / "images" / "speed.png"
     lines = [f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|"]
     lines += [f"| {' | '.join(c.replace('  ', '· ') for c in r.cells())} |" for r in rows]
-    page.write_text(TEXT.format(head=head, table="\n".join(lines)), encoding="utf-8")
+    head = f"Written by `scripts/benchmark --write`. Do not edit this page. Measured on: {head}."
+    page.write_text(TEXT.format(head=textwrap.fill(head, 100), table="\n".join(lines)), encoding="utf-8")
     save(figure(curves), picture)
     return [page, picture]
 
@@ -127,7 +128,7 @@ def figure(curves: list[Curve]):
 TEXT = textwrap.dedent("""\
     # Speed
 
-    Written by `scripts/benchmark --write`. Do not edit this page. Measured on: {head}.
+    {head}
 
     The *ratio* is the time over the time of a bare `mujoco.rollout` of the shipped machine's model,
     with the same number of 1 ms steps on one core, timed in the same run. The bare rollout has no
