@@ -88,6 +88,12 @@ def shared_results(tmp_path_factory):
     os.environ["MJSIM_CACHE"] = before
 
 
+@pytest.fixture
+def fast_plans(monkeypatch):
+    """What may be planned is first tried at 4000 mm/min: slow tests take long to simulate."""
+    monkeypatch.setattr("mjsim.estimation.planning.candidates.FIRST_FEEDS", (4000 / 60e3,))
+
+
 @pytest.fixture(scope="session")
 def m1():
     """The machine of most examples: leads of 10 mm, worms of 60 and 72 teeth, Kpp 45/s, friction on every axis."""

@@ -139,7 +139,7 @@ def test_two_candidates_are_both_named(diagnosed):
     assert {effect["id"], *effect["alternatives"]} == {"servo_gain.C", "servo_delay.C"}
 
 
-def test_an_unknown_cause_is_described_and_an_own_effect_explains_it(tmp_path):
+def test_an_unknown_cause_is_described_and_an_own_effect_explains_it(fast_plans, tmp_path):
     """docs/unknown-cause.md: unknown, described, own effect, noise floor."""
     folder = cut(tmp_path / "campaign", PARTS["unlisted"], example="unlisted")
     data = run("diagnose", folder)

@@ -115,7 +115,7 @@ def test_what_the_ball_bar_knows_are_priors(m2):
 
 
 @pytest.mark.slow
-def test_two_candidates_are_resolved_by_one_log(mixed, tmp_path):
+def test_two_candidates_are_resolved_by_one_log(mixed, fast_plans, tmp_path):
     cones = ("cone15-centre-ccw", "cone15-x50-ccw", "cone45-x50-ccw")  # which leave two candidates, as all tests do
     ball_bar = read_campaign(cut(tmp_path / "cones", cones, example="two-candidates"))
     campaign = replace(ball_bar, logs=read_campaign(mixed).logs)

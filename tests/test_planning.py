@@ -125,12 +125,11 @@ def test_nothing_may_be_named_first(monkeypatch, circle):
     assert plan.between == ("squareness.XY", "nothing") and "makes squareness.XY show" in plan.reason
 
 
-def test_the_planned_test_decides(tmp_path, monkeypatch):
+def test_the_planned_test_decides(fast_plans, tmp_path, monkeypatch):
     """C's backlash is a lag's twin where the table turns one way per test. The planned test, measured by the
     generator, names it. Slow feeds are left out of what may be planned: such tests take long to simulate.
     """
     monkeypatch.setattr("mjsim.estimation.planning.candidates.FEEDS", (4000 / 60e3, 6000 / 60e3))
-    monkeypatch.setattr("mjsim.estimation.planning.candidates.FIRST_FEEDS", (4000 / 60e3,))
     import sys
     from pathlib import Path
 
