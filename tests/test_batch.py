@@ -154,6 +154,40 @@ def test_tolerances_have_the_data_sheets_spread(folder):
 # -- results -----------------------------------------------------------------------------------------------------------
 
 
+def with_b_axis(folder):
+    """The machine of the folder, with a B axis in the place of A."""
+    file = folder / "machine.toml"
+    text = file.read_text()
+    for old, new in (("w-C'A'Y'bXZ-t", "w-C'B'Y'bXZ-t"), ("[drive.A]", "[drive.B]"), ("friction.A", "friction.B")):
+        assert old in text
+        text = text.replace(old, new)
+    file.write_text(text)
+
+
+def test_another_machine_runs_its_own_tests(folder):
+    """Tests of a sweep's own are those of the axes of its machine, also where a value of theirs is varied."""
+    with_b_axis(folder)
+    file = sweep_file(folder, BALL + BACKLASH.replace(".A", ".B"), tests=TESTS.replace('axis = "A"', 'axis = "B"'))
+    result = mjsim.batch(file, folder / "out", threads=2)
+    table, sweep = result.to_dataframe(), read_sweep(file)
+    assert len(table) == 12 and not result.failed
+    for number in (0, 3):
+        want = simulate(sweep.recipe.machine(sweep.design.values[number]), [sweep.test_of(number, 0)], 1)[0]
+        lo, hi = Program(want.test).measured_span
+        keep = (want.time >= lo) & (want.time <= hi)
+        mine = table[(table["run"] == number) & (table["test"] == "turn")].iloc[0]
+        assert mine["max_um"] == pytest.approx(1e6 * want.deviation[keep].max(), rel=1e-9)
+        assert abs(mine["max_um"]) < 100.0
+
+
+def test_a_machine_with_other_axes_than_the_campaign_is_refused(folder):
+    with_b_axis(folder)
+    shutil.copytree(examples() / "hidden-backlash", folder / "campaign")
+    file = sweep_file(folder, GAIN, 'campaign = "campaign"', tests="")
+    with pytest.raises(InputError, match=r"""sweep.toml: test .* "w-C'A'Y'bXZ-t"; allowed: "w-C'B'Y'bXZ-t","""):
+        read_sweep(file)
+
+
 def test_results_are_those_of_single_simulations(folder):
     """Every reading bit for bit, through effects that change the model's structure and an effect in plain Python."""
     own(folder)

@@ -15,13 +15,16 @@ from mjsim.batch.recipe import Recipe, Target, sheet_columns, value_of
 from mjsim.batch.schema import SweepTable
 from mjsim.batch.targets import check_drive_value, target_of, varied_test
 from mjsim.batch.workshop import Job
+from mjsim.campaign.chain_file import chain_in
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.schema import with_tests
 from mjsim.errors import InputError
 from mjsim.io.inputs import shown
 from mjsim.io.toml import check, parse, read_text
+from mjsim.machine.chain import FIVE_AXIS, Chain
 from mjsim.machine.model import Machine
+from mjsim.simulation.multibody import check_axes
 
 #: Every so many ms a trace is kept where the file does not say it: the rate of a ball bar.
 EVERY_MS = 5
@@ -92,7 +95,7 @@ class Sweep:
             for t, v in zip(self.recipe.targets, self.design.values[run], strict=True)
             if t.kind == "test"
         }
-        return varied_test(*self._place(test), changes) if changes else self.tests[test]
+        return varied_test(*self._place(test), changes, self.tests[test].chain) if changes else self.tests[test]
 
     def _place(self, test: int) -> tuple[Path, str, dict]:
         file, table = self._tables[test]
@@ -112,15 +115,21 @@ def read_sweep(path: str | Path) -> Sweep:
     """
     path = Path(path)
     text, data = read_text(path), parse(path)
-    table = check(path, with_tests(SweepTable), data)
+    named = data.get("machine")
+    chain = chain_in(path.parent / named) if isinstance(named, str) else FIVE_AXIS
+    table = check(path, with_tests(SweepTable, chain), data)
     if (table.campaign is None) == (not table.test):
         found = "both campaign and [[test]]" if table.test else "neither campaign nor [[test]]"
         raise InputError(f"{path}: has {found}; allowed: one of the two, to say which tests are run")
-    tests, tables, machine_file = _tests(path, table, data)
+    tests, tables, machine_file = _tests(path, table, data, chain)
     check_design(str(path), table, len(tests))
     if table.every_ms is not None and not table.traces:
         raise InputError(f"{path}: every_ms = {table.every_ms} needs traces = true")
     machine = read_machine(machine_file)
+    try:
+        check_axes(machine.chain, tests)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
     targets = tuple(target_of(f'{path}: [[vary]] "{v.parameter}"', v.parameter, machine) for v in table.vary)
     every = (table.every_ms or EVERY_MS) if table.traces else 0
     inputs = _inputs(machine, machine_file, tables)
@@ -148,7 +157,7 @@ def _near(path: Path, key: str, name: str) -> Path:
 
 
 def _tests(
-    path: Path, table: SweepTable, data: dict
+    path: Path, table: SweepTable, data: dict, chain: Chain
 ) -> tuple[tuple[BallBarTest, ...], tuple[tuple[Path, dict], ...], Path]:
     """Tests, where each stands (file and table), and the machine file."""
     named = None if table.machine is None else _near(path, "machine", table.machine)
@@ -156,7 +165,7 @@ def _tests(
         if named is None:
             raise InputError(f"{path}: the key 'machine' is missing; tests of its own need a machine file")
         file, raw, machine_file = path, data["test"], named
-        tests = tuple(varied_test(file, str(path), t, {}) for t in raw)
+        tests = tuple(varied_test(file, str(path), t, {}, chain) for t in raw)
     else:
         campaign = read_campaign(_near(path, "campaign", table.campaign), traces=False)
         file = campaign.folder / "campaign.toml"

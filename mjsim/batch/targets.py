@@ -15,6 +15,7 @@ from mjsim.campaign.schema import DriveTable, ball_bar_table
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.io.toml import check
+from mjsim.machine.chain import Chain
 from mjsim.machine.model import Machine
 
 #: What of a test can be varied -> unit and meaning.
@@ -103,11 +104,11 @@ def _annotated(field: Any) -> Any:
     return Annotated[(field.annotation, *field.metadata)] if field.metadata else field.annotation
 
 
-def varied_test(file: Path, place: str, table: dict, changes: dict[str, float]) -> BallBarTest:
+def varied_test(file: Path, place: str, table: dict, changes: dict[str, float], chain: Chain) -> BallBarTest:
     """The test of a ``[[test]]`` table of ``file`` with some of :data:`TEST_VALUES` changed.
 
     Args:
-        place: of the sweep, for messages. changes: name -> value.
+        place: of the sweep, for messages. changes: name -> value. chain: axes of the machine.
 
     Raises:
         InputError: the test does not have such a value, or would not be possible with it.
@@ -125,7 +126,7 @@ def varied_test(file: Path, place: str, table: dict, changes: dict[str, float]) 
         else:
             table[key] = value
     try:
-        return test_of(file, check(file, ball_bar_table(), table))
+        return test_of(file, check(file, ball_bar_table(chain), table), chain)
     except InputError as error:
         if not changes:
             raise

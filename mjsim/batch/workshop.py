@@ -23,7 +23,6 @@ from mjsim.ballbar.program import Program
 from mjsim.batch.figures import FIGURES, Circle, distance
 from mjsim.batch.recipe import Recipe
 from mjsim.errors import EffectTimeout, InputError, SimulationError
-from mjsim.machine.bodies import own_inertia
 from mjsim.machine.model import build
 from mjsim.machine.own import is_own
 from mjsim.machine.plant import Plant
@@ -115,7 +114,7 @@ class Workshop:
 
     def __init__(self, recipe: Recipe, every: int = 0) -> None:
         self._recipe, self._every = recipe, every
-        self._plans, self._structures = _Kept(4), _Kept(16)
+        self._plans = _Kept(4)
         self._mine = threading.local()
         #: Whether a run calls code of the user's own effects.
         self.own_code = any(is_own(type(e)) for e in recipe.base.effects)
@@ -147,10 +146,10 @@ class Workshop:
             SimulationError: as :func:`mjsim.simulation.multibody.simulate`.
         """
         check_stable(plant)
-        key = mjmodel.structure(plant)
-        base, own = self._structures.get(key, lambda: _compiled(plant))
+        structure = mjmodel.structure_of(plant)
+        base, own = mjmodel.compiled(structure)
         model = mjmodel.with_numbers(base, plant, own)
-        data = self._data(key, base)
+        data = self._data(structure, base)
         mujoco.mj_resetData(model, data)
         ops = plant.op_table(plan.test.name, plan.test.started)
         sent, control = self._controls(plan, plant)
@@ -185,12 +184,12 @@ class Workshop:
             sent = np.hstack([sent, own_effects(plant, plan.test, plan.time)])
         return sent, shifted(sent)
 
-    def _data(self, key: tuple, model: mujoco.MjModel) -> mujoco.MjData:
+    def _data(self, structure: mjmodel.Structure, model: mujoco.MjModel) -> mujoco.MjData:
         """MuJoCo's data of the calling thread for models of one structure."""
         if not hasattr(self._mine, "data"):
             self._mine.data, self._mine.buffers = _Kept(4), {}
             self._mine.rollout = rollout.Rollout(nthread=0)
-        return self._mine.data.get(key, lambda: mujoco.MjData(model))
+        return self._mine.data.get(structure, lambda: mujoco.MjData(model))
 
     def _buffer(self, name: str, size: int) -> np.ndarray:
         """The first ``size`` numbers of a buffer of the calling thread that grows when it must."""
@@ -198,8 +197,3 @@ class Workshop:
         if name not in buffers or len(buffers[name]) < size:
             buffers[name] = np.empty(size)
         return buffers[name][:size]
-
-
-def _compiled(plant: Plant) -> tuple[mujoco.MjModel, np.ndarray]:
-    model = mjmodel.compile_structure(plant)
-    return model, own_inertia(model)

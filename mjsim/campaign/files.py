@@ -162,7 +162,7 @@ def spans_fit(test: BallBarTest, begin: float, end: float) -> bool:
     return inside and (abs(have - want) <= slack or (have > 0.6 * want and 0 < want - have < LARGEST_GAP))
 
 
-def test_of(file: Path, t: BallBarTable, chain: Chain = FIVE_AXIS) -> BallBarTest:
+def test_of(file: Path, t: BallBarTable, chain: Chain) -> BallBarTest:
     """The test that a ``[[test]]`` table describes.
 
     Args:

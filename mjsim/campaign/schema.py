@@ -123,7 +123,7 @@ class CampaignTable(Table):
 _T = TypeVar("_T", bound=Table)
 
 
-def with_tests(schema: type[_T], chain: Chain = FIVE_AXIS) -> type[_T]:
+def with_tests(schema: type[_T], chain: Chain) -> type[_T]:
     """A schema with ``[[test]]`` tables, whose keys are those of the kinds known by now, on a machine with these
     axes.
     """

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import mujoco
 
 
-def own_inertia(model: mujoco.MjModel, chain: Chain = FIVE_AXIS) -> np.ndarray:
+def own_inertia(model: mujoco.MjModel, chain: Chain) -> np.ndarray:
     """Inertia of the bodies that each axis of ``model`` moves, (axes,) kg and kg·m²; armatures are set to zero."""
     import mujoco  # not above: reading a campaign needs no MuJoCo, whose import fails where its renderer is missing
 

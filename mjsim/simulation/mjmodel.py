@@ -5,6 +5,8 @@ parameters.
 from __future__ import annotations
 
 import copy
+from functools import lru_cache
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -31,47 +33,52 @@ def build_model(plant: Plant, step: float = STEP, substeps: int = SUBSTEPS) -> m
     Returns:
         A model whose numeric ``mjsim`` holds everything the callback needs except the test (:func:`for_test`).
     """
-    model = compile_structure(plant, step)
-    return with_numbers(model, plant, own_inertia(model, plant.chain), step, substeps)
+    model, own = compiled(structure_of(plant), step)
+    return with_numbers(model, plant, own, step, substeps)
 
 
-def structure(plant: Plant) -> tuple:
-    """What :func:`compile_structure` makes of a plant, as a key: plants of one key differ in nothing but
-    :func:`with_numbers`.
-    """
-    return len(plant.ops), plant.width, bool(plant.python_effects)
+class Structure(NamedTuple):
+    """What the bodies, joints and sizes of a model follow from. Models of one structure differ in numbers alone."""
+
+    chain: Chain
+    operations: int
+    width: int
+    own_effects: bool
 
 
-def compile_structure(plant: Plant, step: float = STEP) -> mujoco.MjModel:
-    """The compiled bodies, joints and sizes of a plant, without its numbers.
+def structure_of(plant: Plant) -> Structure:
+    """The structure of the model of a plant."""
+    return Structure(plant.chain, len(plant.ops), plant.width, bool(plant.python_effects))
+
+
+@lru_cache(maxsize=16)
+def compiled(structure: Structure, step: float = STEP) -> tuple[mujoco.MjModel, np.ndarray]:
+    """A model without its numbers, and its :func:`mjsim.machine.bodies.own_inertia`, (axes,). Both are kept.
 
     Raises:
         InputError: the machine has other axes than the model that ships.
     """
-    count = plant.chain.count
-    spec = model_spec(plant.chain)
+    chain, operations, width, own_effects = structure
+    spec = model_spec(chain)
     spec.option.timestep = step
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT) | int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
-    spec.nuserdata = callback.userdata_size(count, len(plant.ops))
+    spec.nuserdata = callback.userdata_size(chain.count, operations)
     spec.add_numeric(
-        name=callback.NUMERIC, data=np.zeros(callback.HEADER + count * AXIS_SIZE + len(plant.ops) * OP_SIZE)
+        name=callback.NUMERIC, data=np.zeros(callback.HEADER + chain.count * AXIS_SIZE + operations * OP_SIZE)
     )
     _strip(spec)
-    if plant.width > count:
-        _add_error_joints(spec, plant.chain, plant.width - count)
-    _set_controls(spec, plant.chain, ("", " own effects") if plant.python_effects else ("",))
+    if width > chain.count:
+        _add_error_joints(spec, chain, width - chain.count)
+    _set_controls(spec, chain, ("", " own effects") if own_effects else ("",))
     model = spec.compile()
     model.actuator_gainprm[:] = 0.0
-    return model
+    return model, own_inertia(model, chain)
 
 
 def with_numbers(
     model: mujoco.MjModel, plant: Plant, own: np.ndarray, step: float = STEP, substeps: int = SUBSTEPS
 ) -> mujoco.MjModel:
-    """A copy of ``model``, compiled of a plant of the same :func:`structure`, with the numbers of ``plant``.
-
-    ``own`` (axes,) is :func:`mjsim.machine.bodies.own_inertia` of ``model``.
-    """
+    """A copy of ``model`` with the numbers of ``plant``; ``model`` and ``own`` as :func:`compiled` gives them."""
     model = copy.copy(model)
     if plant.geometry.location or plant.geometry.squareness:
         _displace_axes(model, plant.chain, plant.geometry)

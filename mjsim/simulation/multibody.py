@@ -15,6 +15,7 @@ from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
 from mjsim.errors import InputError, SimulationError
 from mjsim.io.extras import need
+from mjsim.machine.chain import Chain
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant
 from mjsim.simulation import callback, mjmodel
@@ -109,7 +110,7 @@ def simulate_each(
     with callback.silent():
         model = mjmodel.build_model(plant, step, substeps)
     tests = list(tests)
-    check_axes(plant, tests)
+    check_axes(plant.chain, tests)
 
     # in the calling thread, where calls of a user's own code have a time limit
     own = [own_effects(plant, t, _grid(Program(t), step)) if plant.python_effects else None for t in tests]
@@ -124,22 +125,22 @@ def simulate_each(
         return list(pool.map(one, tests, own))
 
 
-def check_axes(plant: Plant, tests: Iterable[BallBarTest]) -> None:
-    """Refuse tests of a machine with other axes.
+def check_axes(chain: Chain, tests: Iterable[BallBarTest]) -> None:
+    """Refuse tests of a machine with other axes than those of ``chain``.
 
     Raises:
         InputError: names the test and both configurations.
     """
     for test in tests:
-        if test.chain != plant.chain and test.chain.configuration == plant.chain.configuration:
+        if test.chain != chain and test.chain.configuration == chain.configuration:
             raise InputError(
                 f"test {test.name}: is of a machine whose axes have other directions, offsets or tool length; allowed: "
                 "those of the machine which shall run it"
             )
-        if test.chain != plant.chain:
+        if test.chain != chain:
             raise InputError(
                 f"test {test.name}: is of a machine with the configuration {test.chain.configuration!r}; "
-                f"allowed: {plant.chain.configuration!r}, that of the machine which shall run it"
+                f"allowed: {chain.configuration!r}, that of the machine which shall run it"
             )
 
 
