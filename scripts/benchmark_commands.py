@@ -88,13 +88,13 @@ def campaign_of(count: int) -> Iterator[Path]:
     tests = tomllib.loads((examples() / _EXAMPLE / "campaign.toml").read_text(encoding="utf-8"))["test"]
     some = []
     for k in range(count):
-        again, test = k // len(tests) + 1, tests[k % len(tests)]
-        name = f"{test['name']}-{again}"
-        later = test["started_s"] + 5000.0 * (again - 1)
-        some.append(
-            test
-            | {"name": name, "trace": f"traces/{name}.csv", "setup": f"{test['setup']}-{again}", "started_s": later}
-        )
+        again, place = divmod(k, len(tests))
+        test = dict(tests[place])
+        test["name"] += f"-{again + 1}"
+        test["setup"] += f"-{again + 1}"
+        test["started_s"] += 5000.0 * again
+        test["trace"] = f"traces/{test['name']}.csv"
+        some.append(test)
     with tempfile.TemporaryDirectory() as scratch:
         hidden = {"id": "backlash.A", "width_deg": 0.002}
         write_files(Case("growth", "M1", tuple(some), (hidden,), seed=count), scratch)
@@ -160,8 +160,9 @@ def growth(bare: float) -> tuple[list[Row], list[Curve]]:
                 ratios.append(runs[-1].seconds / (steps(folder) * bare))
         curves.append(Curve(f"mjsim {name}", "tests", "s", counts, tuple(r.seconds for r in runs)))
         rows += _rows(curves[-1], ratios)
-    curves.append(Curve("peak memory of diagnose", "tests", "MB", counts, tuple(r.peak for r in runs)))
-    rows += _rows(curves[-1], [None] * len(counts))
+        if name == "diagnose":
+            curves.append(Curve("peak memory of diagnose", "tests", "MB", counts, tuple(r.peak for r in runs)))
+            rows += _rows(curves[-1], [None] * len(counts))
     counts, seconds, n = candidates()
     curves.append(Curve("signatures and ranking", "candidates", "s", counts, seconds))
     rows += _rows(curves[-1], [t / (n * bare) for t in seconds])

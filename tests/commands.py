@@ -55,6 +55,14 @@ class Mine(mjsim.Effect):
 """
 
 
+def with_b_axis(text, configuration="w-C'B'Y'bXZ-t"):
+    """A machine file of an example, with a B axis in the place of A."""
+    for old, new in (("w-C'A'Y'bXZ-t", configuration), ("[drive.A]", "[drive.B]"), ("friction.A", "friction.B")):
+        assert old in text
+        text = text.replace(old, new)
+    return text
+
+
 #: Tests of the hidden-backlash example that show the backlash, and are quick.
 TESTS = ("cone15-centre-ccw", "circle-xy-ccw", "rotary-a-tangential-ccw")
 

@@ -103,6 +103,13 @@ REPLACED = {
         "other.toml",
         "no such file",
     ),
+    "machine with a control character": (
+        'name = "short"',
+        'name = "short"\nmachine = "a\\u0000b"',
+        FILE,
+        "machine = 'a\\x00b'",
+        "is no file name",
+    ),
     "wrong feed for the trace": (
         "feed_mm_min = 2000.0\n[[",
         "feed_mm_min = 1000.0\n[[",

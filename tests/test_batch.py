@@ -17,7 +17,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
-from commands import run
+from commands import run, with_b_axis
 
 import mjsim
 from mjsim.ballbar.iso230 import circular_figures
@@ -154,21 +154,18 @@ def test_tolerances_have_the_data_sheets_spread(folder):
 # -- results -----------------------------------------------------------------------------------------------------------
 
 
-def with_b_axis(folder):
-    """The machine of the folder, with a B axis in the place of A."""
+@pytest.fixture
+def b_folder(folder):
+    """The folder, with a B axis in the place of A in its machine."""
     file = folder / "machine.toml"
-    text = file.read_text()
-    for old, new in (("w-C'A'Y'bXZ-t", "w-C'B'Y'bXZ-t"), ("[drive.A]", "[drive.B]"), ("friction.A", "friction.B")):
-        assert old in text
-        text = text.replace(old, new)
-    file.write_text(text)
+    file.write_text(with_b_axis(file.read_text()))
+    return folder
 
 
-def test_another_machine_runs_its_own_tests(folder):
+def test_another_machine_runs_its_own_tests(b_folder):
     """Tests of a sweep's own are those of the axes of its machine, also where a value of theirs is varied."""
-    with_b_axis(folder)
-    file = sweep_file(folder, BALL + BACKLASH.replace(".A", ".B"), tests=TESTS.replace('axis = "A"', 'axis = "B"'))
-    result = mjsim.batch(file, folder / "out", threads=2)
+    file = sweep_file(b_folder, BALL + BACKLASH.replace(".A", ".B"), tests=TESTS.replace('axis = "A"', 'axis = "B"'))
+    result = mjsim.batch(file, b_folder / "out", threads=2)
     table, sweep = result.to_dataframe(), read_sweep(file)
     assert len(table) == 12 and not result.failed
     for number in (0, 3):
@@ -180,10 +177,9 @@ def test_another_machine_runs_its_own_tests(folder):
         assert abs(mine["max_um"]) < 100.0
 
 
-def test_a_machine_with_other_axes_than_the_campaign_is_refused(folder):
-    with_b_axis(folder)
-    shutil.copytree(examples() / "hidden-backlash", folder / "campaign")
-    file = sweep_file(folder, GAIN, 'campaign = "campaign"', tests="")
+def test_a_machine_with_other_axes_than_the_campaign_is_refused(b_folder):
+    shutil.copytree(examples() / "hidden-backlash", b_folder / "campaign")
+    file = sweep_file(b_folder, GAIN, 'campaign = "campaign"', tests="")
     with pytest.raises(InputError, match=r"""sweep.toml: test .* "w-C'A'Y'bXZ-t"; allowed: "w-C'B'Y'bXZ-t","""):
         read_sweep(file)
 
@@ -569,6 +565,8 @@ def test_wrong_files_are_refused(folder):
     for machine, words in (("/etc/machine.toml", "relative to the sweep file"), ("none.toml", "no such file")):
         (folder / "sweep.toml").write_text(f'name = "s"\nmachine = "{machine}"\n{TESTS}{GAIN}')
         refused(folder, folder / "sweep.toml", machine, words)
+    (folder / "sweep.toml").write_text(f'name = "s"\nmachine = "a\\u0000b"\n{TESTS}{GAIN}')
+    refused(folder, folder / "sweep.toml", "machine = 'a\\x00b'", "control characters")
     (folder / "sweep.toml").write_text(f'name = "s"\ncampaign = "none"\n{GAIN}')
     refused(folder, folder / "sweep.toml", "none", "no such campaign")
     (folder / "sweep.toml").write_text(f'name = "s"\n{TESTS}{GAIN}')

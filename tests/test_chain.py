@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from commands import with_b_axis
 
 from mjsim.ballbar.kinds import KINDS, able_kinds
 from mjsim.ballbar.measurement import BallBarTest, Trace
@@ -300,8 +301,7 @@ def test_the_drives_alone_give_what_the_bodies_give():
 def test_a_campaign_takes_the_axes_of_its_machine(tmp_path):
     """machine.toml says which axes there are; campaign.toml is read with them."""
     source = examples() / "healthy"
-    text = (source / "machine.toml").read_text().replace("w-C'A'Y'bXZ-t", B.configuration)
-    (tmp_path / "machine.toml").write_text(text.replace("[drive.A]", "[drive.B]").replace("friction.A", "friction.B"))
+    (tmp_path / "machine.toml").write_text(with_b_axis((source / "machine.toml").read_text(), B.configuration))
     (tmp_path / "campaign.toml").write_text(
         'name = "b"\n[[test]]\nname = "t"\nkind = "rotary"\ntable_ball_mm = [20, 10, 155]\nbar_length_mm = '
         "100\nfeed_mm_min = 1000\n"

@@ -11,7 +11,7 @@ from commands import cut
 from mjsim.cli.main import main
 from mjsim.io.resources import examples
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("shared_results")]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("shared_results", "fast_plans")]
 KEYS = {
     "verdict", "noise_um", "rms_before_um", "rms_after_um", "effects", "unexplained", "not_testable", "left_out",
     "next_test", "samples", "calibration", "combinations", "shares",
@@ -50,9 +50,7 @@ def diagnosed(tmp_path_factory, shared_results):
         if name not in done:
             fitted = folder / f"{name}.toml"
             campaign = cut(folder / name, PARTS[name], example=name)
-            with pytest.MonkeyPatch.context() as patch:  # slow tests take long to simulate
-                patch.setattr("mjsim.estimation.planning.candidates.FIRST_FEEDS", (4000 / 60e3,))
-                done[name] = run("diagnose", campaign, "--write", fitted), fitted
+            done[name] = run("diagnose", campaign, "--write", fitted), fitted
         return done[name]
 
     return diagnose
@@ -139,7 +137,7 @@ def test_two_candidates_are_both_named(diagnosed):
     assert {effect["id"], *effect["alternatives"]} == {"servo_gain.C", "servo_delay.C"}
 
 
-def test_an_unknown_cause_is_described_and_an_own_effect_explains_it(fast_plans, tmp_path):
+def test_an_unknown_cause_is_described_and_an_own_effect_explains_it(tmp_path):
     """docs/unknown-cause.md: unknown, described, own effect, noise floor."""
     folder = cut(tmp_path / "campaign", PARTS["unlisted"], example="unlisted")
     data = run("diagnose", folder)

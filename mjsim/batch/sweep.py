@@ -22,7 +22,7 @@ from mjsim.campaign.schema import with_tests
 from mjsim.errors import InputError
 from mjsim.io.inputs import shown
 from mjsim.io.toml import check, parse, read_text
-from mjsim.machine.chain import FIVE_AXIS, Chain
+from mjsim.machine.chain import Chain
 from mjsim.machine.model import Machine
 from mjsim.simulation.multibody import check_axes
 
@@ -115,8 +115,7 @@ def read_sweep(path: str | Path) -> Sweep:
     """
     path = Path(path)
     text, data = read_text(path), parse(path)
-    named = data.get("machine")
-    chain = chain_in(path.parent / named) if isinstance(named, str) else FIVE_AXIS
+    chain = chain_in(path.parent, data.get("machine"))
     table = check(path, with_tests(SweepTable, chain), data)
     if (table.campaign is None) == (not table.test):
         found = "both campaign and [[test]]" if table.test else "neither campaign nor [[test]]"

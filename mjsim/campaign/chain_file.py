@@ -61,8 +61,13 @@ def _placement(table: AxisTable) -> Placement:
     return Placement((a, b, c), (x, y, z))
 
 
-def chain_in(path: Path) -> Chain:
-    """The chain of a machine file; the shipped machine's where the file cannot be read: who reads it whole says why."""
+def chain_in(folder: Path, machine: object) -> Chain:
+    """The chain of the machine file that a table in ``folder`` names; the shipped machine's where it names none or the
+    file cannot be read: who reads it whole says why.
+    """
+    if not isinstance(machine, str) or not machine.isprintable():
+        return FIVE_AXIS
+    path = folder / machine
     try:
         return chain_of_file(path, parse(path))
     except InputError:

@@ -23,7 +23,7 @@ from mjsim.campaign.traces import read_trace
 from mjsim.errors import InputError
 from mjsim.io.inputs import inside, shown
 from mjsim.io.toml import check, parse
-from mjsim.machine.chain import FIVE_AXIS, Chain
+from mjsim.machine.chain import Chain
 from mjsim.units import DEG, MM, UM
 
 _ATTRIBUTES = {f.name for f in fields(BallBarTest)}
@@ -67,8 +67,7 @@ def campaign_from(
         InputError: as :func:`read_campaign`.
     """
     folder = file.parent
-    named = data.get("machine", CampaignTable.model_fields["machine"].default)
-    chain = chain_in(folder / named) if isinstance(named, str) else FIVE_AXIS
+    chain = chain_in(folder, data.get("machine", CampaignTable.model_fields["machine"].default))
     bars, logged = split_tests(data)
     data, recorder = split_instruments(file, data, bars["test"], logged)
     bars, logged = split_tests(data)
