@@ -117,7 +117,7 @@ def forecast(
 
 
 def _reading(plant: Plant, test: BallBarTest, time: np.ndarray, commands: np.ndarray) -> np.ndarray:
-    q = np.ascontiguousarray(load_of(plant, time, commands, test.started, test.name))
+    q = np.ascontiguousarray(load_of(plant, time, commands, test.started, test.name, test.table_ball))
     return reading(plant.chain, q, np.asarray(test.table_ball), test.length, plant.geometry)
 
 

@@ -66,7 +66,8 @@ class CurveTerm:
         variable: as in the JSON of diagnose. knots: (k,) of the variable, SI. period: of the variable, SI, or ``None``.
         columns: per test (m, k) block means, m per unit of :attr:`unit`. signed: times the direction of motion.
         gain, coefficients (k,), their inverse covariance ``precision`` (k, k): of the fit, once it is made. order: of
-            a single wave per period, whose coefficients are those of cosine and sine; 0 for a free curve.
+            a single wave per period, whose coefficients are those of cosine and sine; 0 for a free curve. shape: what
+            the coefficients follow, as in :mod:`mjsim.estimation.curve_shape`.
     """
 
     axis: str
@@ -79,6 +80,7 @@ class CurveTerm:
     coefficients: np.ndarray = field(default_factory=lambda: np.zeros(0))
     precision: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     order: int = 0
+    shape: str = "free"
 
     @property
     def signed(self) -> bool:
@@ -117,11 +119,11 @@ class CurveTerms:
 
     def _motion(self, k: int) -> Motion:
         m, s = self.problem.motions[k], self.problem.samples[k]
-        tracker = MotionTracker(GRID, m.test.started, self.plant)
+        tracker = MotionTracker(GRID, m.test.started, self.plant, m.test.table_ball)
         fine = tracker.follow(m.time[::GRID_STEPS], np.ascontiguousarray(m.commands[::GRID_STEPS]))
         at = s.centre - self.problem.shift(k, self.fit.nuisance)
         place = np.clip(np.searchsorted(fine.time, at), 0, len(fine.time) - 1)
-        return replace(fine, **{n: x[place] for n, x in vars(fine).items() if n != "axes"})
+        return replace(fine, **{n: x[place] for n, x in vars(fine).items() if n not in ("axes", "ball")})
 
     def _sensitivity(self, k: int) -> dict[str, np.ndarray]:
         s, shift = self.problem.samples[k], self.problem.shift(k, self.fit.nuisance)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from mjsim.estimation.curve_terms import RADIAL, TABLE, CurveTerm
-from mjsim.estimation.curve_waves import radius_of
 from mjsim.machine.chain import Chain, is_linear, is_rotary
 
 _ARGUMENT = {
@@ -53,7 +52,7 @@ class {class_name}(mjsim.Effect):
     signature = "{signature}"
 
     def position_error(self, motion):
-        x = {argument}
+        {before}x = {argument}
         size = self.values["gain"] * {sign}np.interp(x, KNOTS, VALUES{period})
         out = np.zeros_like(motion.position)
         {act}
@@ -62,18 +61,15 @@ class {class_name}(mjsim.Effect):
 
 _ON_AXIS = "out[:, MOVED] = size"
 #: The work moves one way in the table's frame: seen from the machine, the spindle moves the other way.
-_ON_TABLE = """moved = work_to_machine(CHAIN, motion.position, DIRECTION)
+_ON_TABLE = """moved = work_to_machine(CHAIN, motion.position, {direction})
         out[:, CHAIN.linear_columns] = -size[:, None] * moved"""
-_IMPORTS_ON_TABLE = """from mjsim.machine.chain import chain_of
-from mjsim.machine.kinematics import work_to_machine
-"""
-
-
+#: Where the ball stands about the axis, and which way is outwards.
+_ALONG_RADIUS = """angle, outwards = radius_of(CHAIN.axis("{axis}"), motion.ball)
+        """
 #: The same where centrelines do not pass through the origin: the place of a point less that of the origin.
 _ON_PLACED_TABLE = """origin = work_to_machine(CHAIN, motion.position, np.zeros(3))
-        moved = work_to_machine(CHAIN, motion.position, DIRECTION) - origin
+        moved = work_to_machine(CHAIN, motion.position, {direction}) - origin
         out[:, CHAIN.linear_columns] = -size[:, None] * moved"""
-_IMPORTS_PLACED = _IMPORTS_ON_TABLE.replace("import chain_of", "import Placement, chain_of")
 
 
 def _chain_text(chain: Chain) -> str:
@@ -82,9 +78,7 @@ def _chain_text(chain: Chain) -> str:
     return f"chain_of({chain.configuration!r}{more})"
 
 
-def effect_source(
-    chain: Chain, term: CurveTerm, values: np.ndarray, summary: str, file_name: str, ball: np.ndarray
-) -> str:
+def effect_source(chain: Chain, term: CurveTerm, values: np.ndarray, summary: str, file_name: str) -> str:
     """Python text of an effect that adds an empirical curve.
 
     Args:
@@ -93,55 +87,53 @@ def effect_source(
         values: at the term's knots, (n,) m or rad.
         summary: first sentence of the file.
         file_name: for its own doc string.
-        ball: centre of the table ball, (3,) m; what acts along the ball's radius is written for this place.
     """
     kind = f"unexplained_{term.variable}" + (
         "" if term.axis == term.moves else f"_moves_{term.moves.replace(' ', '_').lower()}"
     )
     unit = _UNIT.get(term.variable, ("m", "rad"))[0 if is_linear(term.axis) else 1]
-    target, knots, direction = f"the {term.moves} axis", term.knots, None
+    target, before, argument, direction = f"the {term.moves} axis", "", _ARGUMENT[term.variable], "DIRECTION"
+    columns = imports = ""
+    act = _ON_AXIS
+    if term.axis:
+        columns = f"AXIS = {chain.index(term.axis)}  # column of the {term.axis} axis in {', '.join(chain.letters)}\n"
     if term.moves == RADIAL:
-        angle, direction = radius_of(chain.axis(term.axis), ball)
-        target, knots = "the work on the table, along the ball's radius", knots - angle
+        target, before = "the work on the table, along the ball's radius", _ALONG_RADIUS.format(axis=term.axis)
+        argument, direction = f"{argument} + angle", "outwards"
     elif term.moves in TABLE:
-        target, direction = f"the work on the table, along {term.moves[-1]}", np.eye(3)[TABLE.index(term.moves)]
-    columns = (
-        f"AXIS = {chain.index(term.axis)}  # column of the {term.axis} axis in {', '.join(chain.letters)}\n"
-        if term.axis
-        else ""
-    )
-    columns += (
-        f"MOVED = {chain.index(term.moves)}  # column of the {term.moves} axis"
-        if direction is None
-        else f"DIRECTION = np.array([{', '.join(f'{v:.6g}' for v in direction)}])  # in the work frame"
-    )
-    period = ""
-    placements = chain.placements
-    on_table = direction is not None
-    if on_table:
+        target = f"the work on the table, along {term.moves[-1]}"
+        columns += f"DIRECTION = np.array({np.eye(3)[TABLE.index(term.moves)].tolist()})  # in the work frame"
+    else:
+        columns += f"MOVED = {chain.index(term.moves)}  # column of the {term.moves} axis"
+    if term.moves in (RADIAL, *TABLE):
         columns = f"CHAIN = {_chain_text(chain)}\n{columns}"
-    if term.period:
-        period = f", period={term.period:.12g}"
+        act = (_ON_PLACED_TABLE if chain.placements else _ON_TABLE).format(direction=direction)
+        imports = (
+            f"from mjsim.machine.chain import {'Placement, ' if chain.placements else ''}chain_of\n"
+            "from mjsim.machine.kinematics import work_to_machine\n"
+            f"{'from mjsim.machine.radius import radius_of' if term.moves == RADIAL else ''}\n"
+        )
     return _TEMPLATE.format(
         summary=summary,
         file_name=file_name,
-        imports=("" if not on_table else _IMPORTS_PLACED if placements else _IMPORTS_ON_TABLE),
-        columns=columns,
+        imports=imports,
+        columns=columns.rstrip(),
+        before=before,
         variable=term.variable.replace("_", " ") + (f" of {term.axis}" if term.axis else ""),
         unit=unit,
         target=target,
         size="rad" if is_rotary(term.moves) else "m",
-        knots=_numbers(knots),
+        knots=_numbers(term.knots),
         values=_numbers(values),
         class_name="".join(w.capitalize() for w in kind.split("_")),
         kind=kind,
         subject=term.axis or term.moves,
         title=f"Unexplained error of {target}",
         signature=summary.replace('"', "'"),
-        argument=_ARGUMENT[term.variable],
+        argument=argument,
         sign="np.sign(motion.velocity[:, AXIS]) * " if term.signed else "",
-        period=period,
-        act=_ON_AXIS if not on_table else _ON_PLACED_TABLE if placements else _ON_TABLE,
+        period=f", period={term.period:.12g}" if term.period else "",
+        act=act,
     )
 
 

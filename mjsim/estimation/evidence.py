@@ -162,17 +162,20 @@ class SparseModel:
         return self.mean[[place[int(c)] for c in group.columns]]
 
 
-def select(problem: LinearProblem, groups: Sequence[Group], excluded: Sequence[int] = ()) -> SparseModel:
+def select(
+    problem: LinearProblem, groups: Sequence[Group], excluded: Sequence[int] = (), steps: int = _MOST_STEPS
+) -> SparseModel:
     """The groups of largest evidence: greedily added, re-estimated and deleted, always the step that gains most.
 
     Args:
         problem: all groups' columns together.
         groups: what may be in the model.
         excluded: places of groups that may not.
+        steps: most steps that are taken.
     """
     model = {g: group.precision for g, group in enumerate(groups) if group.precision is not None}
     free = [g for g in range(len(groups)) if g not in model and g not in set(excluded)]
-    for _ in range(_MOST_STEPS):
+    for _ in range(steps):
         step = _best_step(problem, groups, model, free)
         if step is None:
             break

@@ -155,7 +155,7 @@ def _beside_unknown(
     another curve may explain more, unless it is ``sure`` what it depends on.
     """
     problem = fitter.problem
-    fit, curve, _ = fit_beside(fitter, joint.selection.fit, rest)
+    fit, curve, _ = fit_beside(fitter, joint.selection.fit, rest, simple=True)
     expected = {c.key: c for c in expected_effects(fitter.machine)}
     misfit = (describe(problem, fit, curve, together=True).left / problem.noise.rms) ** 2
     found = [f for f in joint.selection.found if stands(fit, f.key, expected, misfit, problem.settings.joint_fit)]
@@ -164,6 +164,8 @@ def _beside_unknown(
         calibrated = tuple(c for key, c in expected.items() if key not in keys)
         effects = [f for f in fit.effects if f.effect.key in keys]
         start = fitter.fit([*effects, *(c.free for c in calibrated)], start=joint.selection.fit, fresh=False)
-        fit, curve, _ = fit_beside(fitter, start, (None if sure else best_curve_term(problem, start)) or rest)
+        fit, curve, _ = fit_beside(
+            fitter, start, (None if sure else best_curve_term(problem, start)) or rest, simple=True
+        )
         joint = replace(joint, calibrated=calibrated)
     return replace(joint, selection=replace(joint.selection, fit=fit, found=found)), curve

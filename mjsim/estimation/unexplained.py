@@ -8,6 +8,7 @@ import numpy as np
 
 from mjsim.estimation.criteria import parameter_count, penalised_objective
 from mjsim.estimation.curve_search import best_curve_term, is_overfit, visible
+from mjsim.estimation.curve_shape import changes, orders
 from mjsim.estimation.curve_terms import RADIAL, TABLE, CurveTerm
 from mjsim.estimation.effect_file import effect_source
 from mjsim.estimation.fit import Fit
@@ -99,6 +100,8 @@ _WORDS = {
     "torque": "motor's torque",
     "time_since_reversal": "time since its last reversal",
 }
+#: Most steps, bends or waves of a curve that are told (assumed).
+_TOLD = 3
 _MOVED = {**dict.fromkeys(TABLE, "the table"), RADIAL: "the table along the ball's radius"}
 
 
@@ -154,13 +157,40 @@ def describe(problem: Problem, fit: Fit, term: CurveTerm, together: bool = False
     most = f" most in {shows[0]} near φ = {where[0]:.0f}°" if shows else ""
     summary = (
         f"Something that is not in the catalogue {acts}{repeats}: {rms / UM:.2f} µm RMS in the readings,{most}; "
-        f"{left / UM:.2f} µm stay after an empirical curve of that form."
+        f"{left / UM:.2f} µm stay after an empirical curve of that form.{_shape(term, x, factor, x_label, y_unit)}"
     )
     axes = term.axes or (term.moves,)
-    ball = np.asarray(problem.tests[order[0] if order else 0].table_ball)
-    source = effect_source(problem.chain, term, size, summary, f"{_stem(axes)}.py", ball)
+    source = effect_source(problem.chain, term, size, summary, f"{_stem(axes)}.py")
     labels = (x_label, f"displacement of {what} [{y_unit}]")
     return Unexplained(axes, term.variable, period, rms, shows, where, summary, curve, labels, left, source)
+
+
+def _shape(term: CurveTerm, knots: np.ndarray, factor: float, label: str, unit: str) -> str:
+    """A sentence about a curve that is simple enough for one.
+
+    Args:
+        term: With its coefficients.
+        knots: Its knots in the units that users read.
+        factor: From m or rad to ``unit``.
+        label: Of the knots' axis, with the unit in brackets.
+        unit: Of the curve.
+    """
+    curve, x_unit = term.coefficients * term.unit * factor, label.rsplit("[", 1)[-1].rstrip("]")
+    step, closed = knots[1] - knots[0], term.period is not None
+
+    def at(place: float) -> str:
+        return f"{knots[0] + place * step:.4g}{'' if x_unit == '°' else ' '}{x_unit}"
+
+    if term.shape == "waves" and 0 < len(found := orders(curve)) <= _TOLD:
+        waves = "1 wave" if found == [1] else f"{' and '.join(map(str, found))} waves"
+        return f" The curve has {waves} per {'turn' if is_rotary(term.axis) else 'period'}."
+    if term.shape == "steps" and 0 < len(jumps := changes(curve, closed)) <= _TOLD:
+        told = " and ".join(f"{size:+.2g}{'' if unit == '°' else ' '}{unit} at {at(place)}" for place, size in jumps)
+        return f" The curve is flat but for {'a step' if len(jumps) == 1 else 'steps'} of {told}."
+    if term.shape == "bends" and not closed and len(bends := changes(np.diff(curve))) <= _TOLD:
+        told = " and ".join(at(place + 0.5) for place, _ in bends)
+        return f" The curve is straight{f', with a bend at {told}' if told else ''}."
+    return ""
 
 
 def _stem(axes: tuple[str, ...]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,6 +19,7 @@ class Motion:
         since_reversal: s since each axis last reversed or started to move, (n, axes).
         torque: of each motor, N·m, less what gravity takes, (n, axes): J dω/dt + C ω + friction (paper, Fig. 2).
         axes: letters of the axes, one a column.
+        ball: centre of the table ball in the work frame, (3,) m.
     """
 
     time: np.ndarray
@@ -29,6 +30,7 @@ class Motion:
     since_reversal: np.ndarray
     torque: np.ndarray
     axes: tuple[str, ...]
+    ball: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def column(self, axis: str) -> int:
         """Column of an axis in the arrays."""

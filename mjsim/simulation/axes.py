@@ -81,11 +81,18 @@ def own_effects(plant: Plant, test: BallBarTest, time: np.ndarray) -> np.ndarray
     ops = plant.op_table(test.name, test.started)
     if len(ops):
         q = transmit(ops, q, test.started + time)
-    return _added(plant, test.started, time, q[:, : plant.chain.count], step)
+    return _added(plant, test.started, time, q[:, : plant.chain.count], step, test.table_ball)
 
 
-def _added(plant: Plant, started: float, time: np.ndarray, q: np.ndarray, step: float) -> np.ndarray:
-    motion = MotionTracker(step, started, plant).follow(time, q.copy())
+def _added(
+    plant: Plant,
+    started: float,
+    time: np.ndarray,
+    q: np.ndarray,
+    step: float,
+    ball: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> np.ndarray:
+    motion = MotionTracker(step, started, plant, ball).follow(time, q.copy())
     total = np.zeros_like(q)
     for effect in plant.python_effects:
         total += own.position_error(effect, motion)
@@ -171,7 +178,7 @@ class AxesMotion:
             q = transmit(ops, q, clock)
         if plant.python_effects:
             axes = q[:, : plant.chain.count]
-            axes += _added(plant, self.test.started, time, axes, STEP)
+            axes += _added(plant, self.test.started, time, axes, STEP, self.test.table_ball)
         if self.light:
             for name in ("time", "commands"):
                 vars(self).pop(name, None)
@@ -194,7 +201,14 @@ class AxesMotion:
         )
 
 
-def load_of(plant: Plant, time: np.ndarray, commands: np.ndarray, started: float = 0.0, name: str = "") -> np.ndarray:
+def load_of(
+    plant: Plant,
+    time: np.ndarray,
+    commands: np.ndarray,
+    started: float = 0.0,
+    name: str = "",
+    ball: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> np.ndarray:
     """Load-side axis positions for commands that belong to no test, or that a control has corrected.
 
     Args:
@@ -203,6 +217,7 @@ def load_of(plant: Plant, time: np.ndarray, commands: np.ndarray, started: float
         commands: before the drives' delays, (n, axes) m and rad.
         started: start of the program on the campaign clock, s.
         name: of the test whose vibrations these are, if any.
+        ball: centre of the table ball in the work frame, m; a part has none.
 
     Returns:
         (n, axes), or with error motions behind where the plant has some, m and rad.
@@ -215,7 +230,7 @@ def load_of(plant: Plant, time: np.ndarray, commands: np.ndarray, started: float
         q = transmit(ops, q, started + time)
     if plant.python_effects:
         axes = q[:, : plant.chain.count]
-        axes += _added(plant, started, time, axes, float(time[1] - time[0]))
+        axes += _added(plant, started, time, axes, float(time[1] - time[0]), ball)
     return q
 
 

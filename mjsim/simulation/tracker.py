@@ -20,8 +20,10 @@ class MotionTracker:
     Rates are backward differences, so that pieces of one instant and whole motions give the same numbers.
     """
 
-    def __init__(self, step: float, started: float, plant: Plant) -> None:
-        self.step, self.started, self._axes = step, started, plant.chain.letters
+    def __init__(
+        self, step: float, started: float, plant: Plant, ball: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ) -> None:
+        self.step, self.started, self._axes, self._ball = step, started, plant.chain.letters, np.array(ball)
         axes = [plant.axes[a] for a in plant.chain.letters]
         self._gear, self._inertia, self._viscous, self._coulomb, self._presliding = (
             np.array([getattr(a, n) for a in axes]) for n in ("gear", "inertia", "viscous", "coulomb", "presliding")
@@ -57,7 +59,7 @@ class MotionTracker:
             self._inertia * self._gear * acceleration + self._viscous * self._gear * velocity + self._coulomb * friction
         )
         shut = map(_shut, (time, self.started + time, position, velocity, acceleration, since, torque))
-        return Motion(*shut, axes=self._axes)
+        return Motion(*shut, axes=self._axes, ball=_shut(self._ball))
 
 
 def _shut(x: np.ndarray) -> np.ndarray:

@@ -1,0 +1,107 @@
+"""The simplest shape that the data allow a generic curve: few steps, few bends, few waves, or free at every knot.
+
+A free curve has hundreds of numbers. Fitted beside the many small errors of a machine it takes up some of what they do,
+and other tests are then predicted wrong. A cause with a simple shape needs few numbers. The evidence says which shape
+is enough: each step, bend or wave that a curve has must be needed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjsim.estimation.evidence import Group, LinearProblem, best_precision, log_evidence, select
+
+#: Prior precision of what a curve does not have, over the trace of its information: next to nothing of it is left.
+_NONE = 1e6
+#: Steps of the selection after which a shape is not simple (assumed): each adds a change, or gives one another width.
+_FEW = 60
+#: Share of the largest change of a curve below which it does not change there.
+_CHANGE = 1e-3
+
+
+@dataclass(frozen=True)
+class CurveShape:
+    """Prior knowledge about the coefficients of a curve.
+
+    Attributes:
+        name: "free", "steps", "bends" or "waves".
+        precision: Of the coefficients (k,), around zero, (k, k).
+        log_evidence: Over that of no curve.
+    """
+
+    name: str
+    precision: np.ndarray
+    log_evidence: float
+
+
+def free_shape(information: np.ndarray, score: np.ndarray) -> CurveShape:
+    """All coefficients equally likely to be large, with the width of largest evidence.
+
+    Args:
+        information: That the data hold about the coefficients beside the model, (k, k).
+        score: Product of the columns with the residual beside the model, (k,).
+    """
+    precision, gain = best_precision(information, score)
+    return CurveShape("free", min(precision, _NONE * np.trace(information)) * np.eye(len(score)), gain)
+
+
+def simplest_shape(information: np.ndarray, score: np.ndarray, closed: bool) -> CurveShape:
+    """The shape of largest evidence.
+
+    Args:
+        information: As of :func:`free_shape`.
+        score: Likewise.
+        closed: Whether the curve repeats, so that it can be a sum of waves.
+    """
+    shapes = [free_shape(information, score), *(_few(*form, information, score) for form in _forms(len(score), closed))]
+    return max(shapes, key=lambda s: s.log_evidence)
+
+
+def _forms(k: int, closed: bool) -> list[tuple[str, np.ndarray, list[np.ndarray]]]:
+    """What a curve of ``k`` knots may be a sum of: name, columns (k, k), and which of them belong together."""
+    i = np.arange(k)
+    one_each = [np.array([j]) for j in i]
+    steps = np.tril(np.ones((k, k)))
+    bends = np.column_stack([np.ones(k), *np.maximum(i - i[:-1, None], 0)])  # a level, and a slope from each knot on
+    forms = [("steps", steps, one_each), ("bends", bends, one_each)]
+    if closed:
+        angle = 2.0 * np.pi * i / k
+        orders = [(np.cos(n * angle), np.sin(n * angle)) for n in range(1, (k + 1) // 2)]
+        last = [np.cos(np.pi * i)] if k % 2 == 0 else []
+        waves = np.column_stack([np.ones(k), *(w for pair in orders for w in pair), *last])
+        groups = [np.array([0]), *(np.array([2 * n + 1, 2 * n + 2]) for n in range(len(orders)))]
+        forms.append(("waves", waves, [*groups, *([np.array([k - 1])] if last else [])]))
+    return forms
+
+
+def _few(name: str, columns: np.ndarray, together: list[np.ndarray], information: np.ndarray, score: np.ndarray):
+    """The shape of the few ``columns`` that the data need."""
+    problem = LinearProblem(columns.T @ information @ columns, columns.T @ score)
+    odds = -np.log(len(together))  # any of them may be the one
+    groups = [Group(f"{name} {j}", at, odds) for j, at in enumerate(together)]
+    needed = select(problem, groups, steps=_FEW)
+    precision = np.full(len(score), _NONE * np.trace(problem.gram))
+    for j, a in needed.precision.items():
+        precision[together[j]] = a
+    inverse = np.linalg.inv(columns)
+    return CurveShape(name, inverse.T @ (precision[:, None] * inverse), log_evidence(problem, groups, needed))
+
+
+def changes(curve: np.ndarray, closed: bool = False) -> list[tuple[float, float]]:
+    """Where a curve of the shape "steps" changes, in knots, and by how much; steps in neighbouring knots are one.
+
+    Take the first differences of a curve of the shape "bends" instead: the changes of its slope.
+    """
+    difference = np.diff(curve, append=curve[:1] if closed else [])
+    places = np.flatnonzero(np.abs(difference) > _CHANGE * np.abs(difference).max(initial=0.0))
+    runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1) if len(places) else []
+    return [(float(np.average(r, weights=np.abs(difference[r]))) + 0.5, float(difference[r].sum())) for r in runs]
+
+
+def orders(curve: np.ndarray) -> list[int]:
+    """Periods of the waves of which a closed curve is the sum, largest wave first."""
+    size = np.abs(np.fft.rfft(curve))[1:]
+    found = np.flatnonzero(size > _CHANGE * size.max(initial=0.0))
+    return [int(n) + 1 for n in found[np.argsort(-size[found])]]

@@ -1,0 +1,98 @@
+"""The simplest shape of a generic curve: planted shapes are recovered, noise has none, and the errors beside it are
+found better.
+"""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from mjsim.estimation.curve_fit import Together
+from mjsim.estimation.curve_shape import changes, free_shape, orders, simplest_shape
+from mjsim.estimation.curve_terms import hats
+from mjsim.estimation.least_squares import LeastSquares
+from mjsim.estimation.parameters import Block, Parameters
+
+K, ROWS = 48, 2400
+KNOT = np.arange(K)
+SHAPES = {
+    "steps": np.where(KNOT > 20, 4.0, 0.0),
+    "bends": np.where(KNOT > 20, 0.4 * (KNOT - 20), 0.0),
+    "waves": 4.0 * np.cos(2.0 * np.pi * 3 * KNOT / K + 0.4),
+}
+
+
+def readings(curve, seed=1, noise=1.0):
+    """Columns of a curve that is passed twice, and a measurement of it."""
+    columns = hats(np.linspace(0.0, 2.0 * K, ROWS) % K, KNOT.astype(float), float(K))
+    return columns, columns @ curve + noise * np.random.default_rng(seed).standard_normal(ROWS)
+
+
+def shape_of(curve, **how):
+    columns, y = readings(curve, **how)
+    return simplest_shape(columns.T @ columns, columns.T @ y, closed=True), columns, y
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_planted_shape_is_recovered(name):
+    """With it the curve is nearer to the truth than the curve that is free at every knot."""
+    shape, columns, y = shape_of(SHAPES[name])
+    assert shape.name == name
+
+    def error(precision):
+        return np.std(np.linalg.solve(columns.T @ columns + precision, columns.T @ y) - SHAPES[name])
+
+    assert error(shape.precision) < 0.5 * error(free_shape(columns.T @ columns, columns.T @ y).precision)
+
+
+def test_a_curve_without_a_simple_shape_stays_free():
+    assert shape_of(4.0 * np.random.default_rng(2).standard_normal(K))[0].name == "free"
+
+
+def test_noise_has_no_curve():
+    """The evidence of every shape is below that of none, and next to nothing of the noise is taken up."""
+    shape, columns, y = shape_of(np.zeros(K))
+    curve = np.linalg.solve(columns.T @ columns + shape.precision, columns.T @ y)
+    assert shape.log_evidence < 1.0 and np.abs(columns @ curve).max() < 0.2
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_evidence_of_a_shape_is_its_marginal_likelihood(seed):
+    """A step's evidence against the covariance of the data, written out."""
+    columns, y = readings(SHAPES["steps"], seed)
+    columns, y = columns[::20], y[::20]
+    shape = simplest_shape(columns.T @ columns, columns.T @ y, closed=False)
+    cov = np.eye(len(y)) + columns @ np.linalg.solve(shape.precision, columns.T)
+    none, some = y @ y, np.linalg.slogdet(cov)[1] + y @ np.linalg.solve(cov, y)
+    count = len(changes(SHAPES["steps"]))
+    prior = -count * np.log(K)  # of where the step is
+    assert shape.name == "steps" and shape.log_evidence == pytest.approx(0.5 * (none - some) + prior, abs=0.1)
+
+
+def test_beside_a_simple_curve_other_errors_are_found_better():
+    """A free curve takes up a wave that belongs to the machine; a step does not."""
+    columns, y = readings(SHAPES["steps"], seed=3)
+    wave = columns @ np.cos(2.0 * np.pi * KNOT / K)
+    other = np.linspace(0.0, 2.0 * K, ROWS) > K  # it is a little less in the second turn, so it can be told
+    design = (wave * (1.0 - 0.02 * other))[:, None]
+    parameters = Parameters((Block.normal("effect", ("a",), mean=0.0, deviation=10.0, informative=True),))
+    fit = SimpleNamespace(
+        design=design, residual=y + design[:, 0], vector=np.zeros(1), linear=LeastSquares.of_design(parameters, design)
+    )
+    free = Together(fit, columns)
+    simple = Together(fit, columns, shape=lambda a, b: simplest_shape(a, b, closed=False))
+    assert simple.shape.name == "steps" and abs(simple.step[0] - 1.0) < 0.1
+    assert simple.equations.covariance[0, 0] < 0.1 * free.equations.covariance[0, 0]
+    assert abs(simple.step[0] - 1.0) < 4.0 * np.sqrt(simple.equations.covariance[0, 0])
+
+
+def test_changes_and_orders_are_told():
+    ((place, size),) = changes(SHAPES["steps"])
+    assert (place, size) == (20.5, 4.0)
+    halfway = np.where(KNOT > 21, 4.0, np.where(KNOT > 20, 1.0, 0.0))  # a step between two knots
+    ((place, size),) = changes(halfway)
+    assert (place, size) == (21.25, 4.0)
+    assert [place for place, _ in changes(SHAPES["steps"], closed=True)] == [20.5, 47.5]
+    assert [place for place, _ in changes(np.diff(SHAPES["bends"]))] == [19.5]  # knots 19.5 + 0.5
+    assert orders(SHAPES["waves"] + np.cos(2.0 * np.pi * 5 * KNOT / K)) == [3, 5]
+    assert changes(np.ones(5)) == []
