@@ -12,18 +12,20 @@ from mjsim.estimation.curve_shape import CurveShape, free_shape, simplest_shape
 from mjsim.estimation.curve_terms import CurveTerm
 from mjsim.estimation.fit import Fit, Fitter
 
-#: Most Gauss-Newton steps beside the curve. Where the set-up can do much of what the curve does, it needs some.
-_STEPS = 8
+#: Gauss-Newton steps beside a free curve: its columns hardly change with the model.
+_STEPS = 2
+#: The same at most beside a curve of a simple shape: many where the set-up can do much of what the curve does.
+_MOST_STEPS = 8
 #: RMS of a step's readings, in units of the noise, below which the model has arrived.
 _ARRIVED = 0.05
+#: Variance of what a shape does not have, over the sum of all.
+_KNOWN = 1e-9
 #: A step is not taken where it leaves so many times the mean square that it promised.
 _WORSE = 2.0
 
 
-def fit_beside(
-    fitter: Fitter, fit: Fit, term: CurveTerm, steps: int = _STEPS, simple: bool = False
-) -> tuple[Fit, CurveTerm, Together]:
-    """The model and the curve where both lie when they are fitted together.
+def fit_beside(fitter: Fitter, fit: Fit, term: CurveTerm, steps: int = _STEPS) -> tuple[Fit, CurveTerm, Together]:
+    """The model and the free curve where both lie when they are fitted together.
 
     The curve is no part of the model, so the model's residuals show it in full. The covariance allows for it.
 
@@ -31,26 +33,48 @@ def fit_beside(
         fitter: Of the machine.
         fit: The model fitted without the curve.
         term: The curve, with its columns.
-        steps: Gauss-Newton steps at most.
-        simple: Whether the curve has the simplest shape that the data allow. Otherwise it is free at every knot.
+        steps: Gauss-Newton steps.
 
     Returns:
         The model, the curve, and the linear problem of both.
     """
     columns, misfit = fitter.problem.whiten(term.columns), fit.sum_squares / fitter.problem.count
-    shape = partial(simplest_shape, closed=term.period is not None) if simple else free_shape
-    together = Together(fit, columns, max(1.0, misfit), shape)
+    together = Together(fit, columns, max(1.0, misfit))
     for _ in range(steps):
-        if np.sqrt(np.mean(np.square(fit.design @ together.step))) < _ARRIVED:
-            break
-        moved = fit.moved(together.step)
-        moved = fitter.fit(moved.effects, start=moved, iterations=0, exact=True, fresh=False)
-        beside = Together(moved, columns, max(1.0, together.misfit), shape)
+        moved = _moved(fitter, fit, together.step)
+        beside = Together(moved, columns, max(1.0, together.misfit))
         if beside.misfit > _WORSE * together.misfit:
             break  # the step went where the model is not linear any more
         fit, together = moved, beside
-    curve = replace(term, coefficients=together.coefficients, precision=together.information, shape=together.shape.name)
+    curve = replace(term, coefficients=together.coefficients, precision=together.precision)
     return replace(fit, step=together.step, equations=together.equations), curve, together
+
+
+def fit_beside_simple(fitter: Fitter, fit: Fit, term: CurveTerm) -> tuple[Fit, CurveTerm]:
+    """The model and the curve as of :func:`fit_beside`, where the curve has the simplest shape that the data allow.
+
+    What the set-up and the curve can both do may move between them without end. So the curve is the one beside the
+    model as it stands, and of all models the one is taken that leaves least with it.
+    """
+    columns, misfit = fitter.problem.whiten(term.columns), fit.sum_squares / fitter.problem.count
+    shape = partial(simplest_shape, closed=term.period is not None)
+    together = Together(fit, columns, max(1.0, misfit), shape)
+    best = fit, together
+    for _ in range(_MOST_STEPS):
+        if np.sqrt(np.mean(np.square(fit.design @ together.step))) < _ARRIVED:
+            break
+        fit = _moved(fitter, fit, together.step)
+        together = Together(fit, columns, max(1.0, together.misfit), shape)
+        best = min(best, (fit, together), key=lambda b: b[1].left)
+    fit, together = best
+    curve = replace(term, coefficients=together.standing, precision=together.precision, shape=together.shape.name)
+    return replace(fit, step=together.step, equations=together.equations), curve
+
+
+def _moved(fitter: Fitter, fit: Fit, step: np.ndarray) -> Fit:
+    """The model moved by a step, evaluated and linearised."""
+    moved = fit.moved(step)
+    return fitter.fit(moved.effects, start=moved, iterations=0, exact=True, fresh=False)
 
 
 class Together:
@@ -60,9 +84,11 @@ class Together:
         shape: Of the curve.
         step: Gauss-Newton step of the model's parameters, (p,).
         equations: Of the parameters once the curve is marginalised.
-        coefficients: Of the curve, (k,).
-        information: That the data hold about them beside the model, (k, k).
-        misfit: Mean square of what is left, in units of the noise.
+        coefficients: Of the curve once the step is taken, (k,).
+        standing: Of the curve beside the model as it stands, (k,).
+        information: About the sizes of what the curve is a sum of, beside the model, (j, j).
+        misfit: Mean square of what is left once the step is taken, in units of the noise.
+        left: The same beside the model as it stands.
         objective: -2 log evidence of the curve beside the model, but for what all models share.
     """
 
@@ -82,16 +108,25 @@ class Together:
         beside = linear.left_over(own, cross)
         alone = linear.step(gradient, fit.vector)
         self.shape = shape(beside / weight, (score - cross.T @ alone) / weight)
-        precision = self.shape.precision * weight
-        self.information = beside + precision
-        taken = np.linalg.solve(own + precision, np.column_stack([cross.T, score]))
+        part, precision = self.shape.columns, self.shape.precision * weight
+        own, cross, score, beside = part.T @ own @ part, cross @ part, part.T @ score, part.T @ beside @ part
+        self.information = beside + np.diag(precision)
+        taken = np.linalg.solve(own + np.diag(precision), np.column_stack([cross.T, score]))
         self.equations = replace(linear, normal=linear.normal - cross @ taken[:, :-1])
         self.step = self.equations.step(gradient - cross @ taken[:, -1], fit.vector)
-        self.coefficients = taken[:, -1] - taken[:, :-1] @ self.step
-        left = fit.residual - fit.design @ self.step - columns @ self.coefficients
-        self.misfit = float(np.mean(left**2))
-        flexibility = np.linalg.slogdet(self.information)[1] - np.linalg.slogdet(precision)[1]
-        prior = linear.parameters.penalty(fit.vector + self.step) + float(
-            self.coefficients @ precision @ self.coefficients
-        )
-        self.objective = float(left @ left) + prior + flexibility
+        sizes = taken[:, -1] - taken[:, :-1] @ self.step
+        self.coefficients, self.standing = part @ sizes, part @ taken[:, -1]
+        self.misfit = float(np.mean((fit.residual - fit.design @ self.step - columns @ self.coefficients) ** 2))
+        self.left = float(np.mean((fit.residual - columns @ self.standing) ** 2))
+        flexibility = np.linalg.slogdet(self.information)[1] - np.log(precision).sum()
+        prior = linear.parameters.penalty(fit.vector + self.step) + float(precision @ sizes**2)
+        self.objective = self.misfit * len(fit.residual) + prior + flexibility
+
+    @property
+    def precision(self) -> np.ndarray:
+        """Inverse covariance of the curve's coefficients, (k, k). What a shape does not have is known to be nothing."""
+        if self.shape.name == "free":
+            return self.information
+        part = self.shape.columns
+        covariance = part @ np.linalg.solve(self.information, part.T)
+        return np.linalg.inv(covariance + _KNOWN * np.trace(covariance) * np.eye(len(part)))

@@ -13,25 +13,27 @@ import numpy as np
 
 from mjsim.estimation.evidence import Group, LinearProblem, best_precision, log_evidence, select
 
-#: Prior precision of what a curve does not have, over the trace of its information: next to nothing of it is left.
+#: Largest prior precision of a curve, over the trace of its information: next to nothing of the curve is left.
 _NONE = 1e6
 #: Steps of the selection after which a shape is not simple (assumed): each adds a change, or gives one another width.
 _FEW = 60
-#: Share of the largest change of a curve below which it does not change there.
-_CHANGE = 1e-3
+#: Share of the largest change or wave of a curve below which another is not told (assumed).
+_TOLD = 0.05
 
 
 @dataclass(frozen=True)
 class CurveShape:
-    """Prior knowledge about the coefficients of a curve.
+    """What a curve is a sum of.
 
     Attributes:
         name: "free", "steps", "bends" or "waves".
-        precision: Of the coefficients (k,), around zero, (k, k).
+        columns: The steps, bends or waves that it has, (k, j): its value at each knot.
+        precision: Prior precisions of their sizes, around zero, (j,).
         log_evidence: Over that of no curve.
     """
 
     name: str
+    columns: np.ndarray
     precision: np.ndarray
     log_evidence: float
 
@@ -44,7 +46,8 @@ def free_shape(information: np.ndarray, score: np.ndarray) -> CurveShape:
         score: Product of the columns with the residual beside the model, (k,).
     """
     precision, gain = best_precision(information, score)
-    return CurveShape("free", min(precision, _NONE * np.trace(information)) * np.eye(len(score)), gain)
+    precision = min(precision, _NONE * np.trace(information))
+    return CurveShape("free", np.eye(len(score)), np.full(len(score), precision), gain)
 
 
 def simplest_shape(information: np.ndarray, score: np.ndarray, closed: bool) -> CurveShape:
@@ -55,8 +58,9 @@ def simplest_shape(information: np.ndarray, score: np.ndarray, closed: bool) -> 
         score: Likewise.
         closed: Whether the curve repeats, so that it can be a sum of waves.
     """
-    shapes = [free_shape(information, score), *(_few(*form, information, score) for form in _forms(len(score), closed))]
-    return max(shapes, key=lambda s: s.log_evidence)
+    few = [_few(*form, information, score) for form in _forms(len(score), closed)]
+    free = free_shape(information, score)
+    return max((free, *(s for s in few if len(s.precision))), key=lambda s: s.log_evidence)
 
 
 def _forms(k: int, closed: bool) -> list[tuple[str, np.ndarray, list[np.ndarray]]]:
@@ -82,11 +86,9 @@ def _few(name: str, columns: np.ndarray, together: list[np.ndarray], information
     odds = -np.log(len(together))  # any of them may be the one
     groups = [Group(f"{name} {j}", at, odds) for j, at in enumerate(together)]
     needed = select(problem, groups, steps=_FEW)
-    precision = np.full(len(score), _NONE * np.trace(problem.gram))
-    for j, a in needed.precision.items():
-        precision[together[j]] = a
-    inverse = np.linalg.inv(columns)
-    return CurveShape(name, inverse.T @ (precision[:, None] * inverse), log_evidence(problem, groups, needed))
+    widths = [np.full(len(together[j]), a) for j, a in needed.precision.items()]
+    precision = np.concatenate(widths) if widths else np.zeros(0)
+    return CurveShape(name, columns[:, needed.columns], precision, log_evidence(problem, groups, needed))
 
 
 def changes(curve: np.ndarray, closed: bool = False) -> list[tuple[float, float]]:
@@ -95,7 +97,7 @@ def changes(curve: np.ndarray, closed: bool = False) -> list[tuple[float, float]
     Take the first differences of a curve of the shape "bends" instead: the changes of its slope.
     """
     difference = np.diff(curve, append=curve[:1] if closed else [])
-    places = np.flatnonzero(np.abs(difference) > _CHANGE * np.abs(difference).max(initial=0.0))
+    places = np.flatnonzero(np.abs(difference) > _TOLD * np.abs(difference).max(initial=0.0))
     runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1) if len(places) else []
     return [(float(np.average(r, weights=np.abs(difference[r]))) + 0.5, float(difference[r].sum())) for r in runs]
 
@@ -103,5 +105,5 @@ def changes(curve: np.ndarray, closed: bool = False) -> list[tuple[float, float]
 def orders(curve: np.ndarray) -> list[int]:
     """Periods of the waves of which a closed curve is the sum, largest wave first."""
     size = np.abs(np.fft.rfft(curve))[1:]
-    found = np.flatnonzero(size > _CHANGE * size.max(initial=0.0))
+    found = np.flatnonzero(size > _TOLD * size.max(initial=0.0))
     return [int(n) + 1 for n in found[np.argsort(-size[found])]]

@@ -8,7 +8,7 @@ import numpy as np
 
 from mjsim.estimation.calibration import expected_effects
 from mjsim.estimation.combinations import Combination, combinations
-from mjsim.estimation.curve_fit import fit_beside
+from mjsim.estimation.curve_fit import fit_beside, fit_beside_simple
 from mjsim.estimation.curve_search import best_curve_term
 from mjsim.estimation.curve_terms import CurveTerm
 from mjsim.estimation.disturbances import readmitted
@@ -154,8 +154,8 @@ def _beside_unknown(
     """The outcome fitted together with a curve, and without the findings that do not stand beside it. Without them
     another curve may explain more, unless it is ``sure`` what it depends on.
     """
-    problem = fitter.problem
-    fit, curve, _ = fit_beside(fitter, joint.selection.fit, rest, simple=True)
+    problem, start = fitter.problem, joint.selection.fit
+    fit, curve, _ = fit_beside(fitter, start, rest)
     expected = {c.key: c for c in expected_effects(fitter.machine)}
     misfit = (describe(problem, fit, curve, together=True).left / problem.noise.rms) ** 2
     found = [f for f in joint.selection.found if stands(fit, f.key, expected, misfit, problem.settings.joint_fit)]
@@ -164,8 +164,8 @@ def _beside_unknown(
         calibrated = tuple(c for key, c in expected.items() if key not in keys)
         effects = [f for f in fit.effects if f.effect.key in keys]
         start = fitter.fit([*effects, *(c.free for c in calibrated)], start=joint.selection.fit, fresh=False)
-        fit, curve, _ = fit_beside(
-            fitter, start, (None if sure else best_curve_term(problem, start)) or rest, simple=True
-        )
+        rest = (None if sure else best_curve_term(problem, start)) or rest
         joint = replace(joint, calibrated=calibrated)
+    # findings are judged beside a curve that may do anything; what all are worth, beside one with what is needed
+    fit, curve = fit_beside_simple(fitter, start, rest)
     return replace(joint, selection=replace(joint.selection, fit=fit, found=found)), curve
