@@ -109,7 +109,8 @@ class Together:
         alone = linear.step(gradient, fit.vector)
         self.shape = shape(beside / weight, (score - cross.T @ alone) / weight)
         part, precision = self.shape.columns, self.shape.precision * weight
-        own, cross, score, beside = part.T @ own @ part, cross @ part, part.T @ score, part.T @ beside @ part
+        if self.shape.name != "free":  # a free curve is the sum of its knots, of which there are hundreds
+            own, cross, score, beside = part.T @ own @ part, cross @ part, part.T @ score, part.T @ beside @ part
         self.information = beside + np.diag(precision)
         taken = np.linalg.solve(own + np.diag(precision), np.column_stack([cross.T, score]))
         self.equations = replace(linear, normal=linear.normal - cross @ taken[:, :-1])
