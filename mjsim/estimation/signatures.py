@@ -103,7 +103,7 @@ class SignatureBank:
         self.candidates, self.slices, self.matrix = [], [], np.zeros((self.problem.count, 0))
 
     def _matrix(self, candidates: list[Candidate], done: Callable[[], None] | None) -> np.ndarray:
-        matrix = np.empty((self.problem.count, self.slices[-1].stop if self.slices else 0))
+        matrix = np.empty((self.problem.count, self.slices[-1].stop if self.slices else 0), order="F")
         for c, s in zip(candidates, self.slices, strict=True):
             matrix[:, s] = self.problem.whiten(self.columns(c))
             if done:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -20,22 +19,12 @@ from mjsim.machine.kinematics import Geometry
 _TURN, _TILTED, _SLIDE = range(3)
 #: Most error motions of one axis.
 _MOTIONS = 4
-
-
-class _Side(NamedTuple):
-    """What turns on one side, from its far end to the bed, as arrays with one row an axis: how it acts, its column,
-    the coordinate of its letter, its unit vector and centre, and the columns of its error motions (−1: none) with their
-    coordinates and whether they are tilts.
-    """
-
-    how: np.ndarray
-    column: np.ndarray
-    along: np.ndarray
-    unit: np.ndarray
-    centre: np.ndarray
-    motion: np.ndarray
-    motion_along: np.ndarray
-    tilts: np.ndarray
+# A row of numbers for each axis: how it acts, its column, the coordinate of its letter, its unit vector and centre; the
+# shift and the rotation matrix of its frame; the direction of a slide; then of its error motions the sign of what is
+# moved, their columns (-1: none), their coordinates, and whether they are tilts.
+_HOW, _COLUMN, _ALONG, _UNIT, _CENTRE, _SHIFT, _MATRIX, _LINE = 0, 1, 2, 3, 6, 9, 12, 21
+_SIGN, _MOTION, _MOTION_ALONG, _TILT = 24, 25, 25 + _MOTIONS, 25 + 2 * _MOTIONS
+_SIZE = 25 + 3 * _MOTIONS
 
 
 def reading(chain: Chain, q: np.ndarray, point: np.ndarray, length: float, geometry: Geometry) -> np.ndarray:
@@ -44,52 +33,48 @@ def reading(chain: Chain, q: np.ndarray, point: np.ndarray, length: float, geome
     for error in chain.squareness:
         square[error.along, chain.index(error.axis)] = error.sign * geometry.squareness.get(error.name, 0.0)
     on_ground = np.array([0.0 if a in chain.carried else 1.0 for a in chain.linear])
-    work, tool = _side(chain, False, q.shape[1]), _side(chain, True, q.shape[1])
-    out = np.empty(len(q))
+    width, out = q.shape[1], np.empty(len(q))
+    work, tool = (_side(chain, side, width).copy() for side in (False, True))
+    _displace(work, chain, False, geometry)
+    _displace(tool, chain, True, geometry)
     _reading(
-        np.ascontiguousarray(q), np.asarray(point, float), length, square, on_ground, _crosswise(chain, q.shape[1]),
-        *work, *_errors(chain, False, geometry), *tool, *_errors(chain, True, geometry), out,
+        np.ascontiguousarray(q), np.asarray(point, float), length, square, on_ground, _crosswise(chain, width),
+        len(work), np.vstack([work, tool]), out,
     )  # fmt: skip
     return out
 
 
 def _axes(chain: Chain, tool: bool) -> list[Axis]:
+    """What turns on one side, from its far end to the bed."""
     side = reversed(chain.tool) if tool else chain.work
     return [a for a in side if a.rotary or a.letter in chain.carried]
 
 
 @cache
-def _side(chain: Chain, tool: bool, width: int) -> _Side:
-    """One side of a chain, for motions of ``width`` columns."""
+def _side(chain: Chain, tool: bool, width: int) -> np.ndarray:
+    """Rows of the axes of one side, (axes, _SIZE), without errors, for motions of ``width`` columns."""
     axes = _axes(chain, tool)
-    n = len(axes)
-    motion, along, tilts = (np.full((n, _MOTIONS), -1) for _ in range(3))
-    for i, a in enumerate(axes):
+    out = np.zeros((len(axes), _SIZE))
+    out[:, _MOTION : _MOTION + _MOTIONS] = -1.0
+    for row, a in zip(out, axes, strict=True):
+        row[_HOW] = _SLIDE if not a.rotary else _TILTED if a.tilted or any(a.point) else _TURN
+        row[[_COLUMN, _ALONG]] = chain.index(a.letter), a.along
+        row[_UNIT : _UNIT + 3], row[_CENTRE : _CENTRE + 3] = a.unit, a.point
+        row[_SIGN] = 1.0 if a.rotary or tool else -1.0  # a slide moves the table, the error the spindle ball
         mine = [m for m in chain.motions[: width - chain.count] if m.axis == a.letter]
         for k, m in enumerate(mine):
-            motion[i, k], along[i, k], tilts[i, k] = chain.columns.index(m.name), m.along, m.rotation
-    return _Side(
-        np.array([_SLIDE if not a.rotary else _TILTED if a.tilted or any(a.point) else _TURN for a in axes], int),
-        np.array([chain.index(a.letter) for a in axes], int),
-        np.array([a.along for a in axes], int),
-        np.array([a.unit for a in axes]).reshape(n, 3),
-        np.array([a.point for a in axes]).reshape(n, 3),
-        motion,
-        along,
-        tilts,
-    )
+            row[[_MOTION + k, _MOTION_ALONG + k, _TILT + k]] = chain.columns.index(m.name), m.along, m.rotation
+    return out
 
 
-def _errors(chain: Chain, tool: bool, geometry: Geometry) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Shifts (axes, 3), rotations (axes, 3, 3) and directions of slides (axes, 3) of one side."""
-    axes = _axes(chain, tool)
-    shifts, turns, slides = np.zeros((len(axes), 3)), np.zeros((len(axes), 3, 3)), np.zeros((len(axes), 3))
-    for i, a in enumerate(axes):
+def _displace(rows: np.ndarray, chain: Chain, tool: bool, geometry: Geometry) -> None:
+    """Give the ``rows`` of one side their location errors and directions."""
+    for row, a in zip(rows, _axes(chain, tool), strict=True):
         if a.rotary:
-            shifts[i], turns[i] = geometry.displacement(chain, a.letter)
+            shift, turn = geometry.displacement(chain, a.letter)
+            row[_SHIFT : _SHIFT + 3], row[_MATRIX : _MATRIX + 9] = shift, turn.ravel()
         else:
-            slides[i] = geometry.slide(chain, a.letter)
-    return shifts, turns, slides
+            row[_LINE : _LINE + 3] = row[_SIGN] * geometry.slide(chain, a.letter)
 
 
 @cache
@@ -115,84 +100,69 @@ def _turned(along, angle, x, y, z):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _about(u, angle, x, y, z):
-    """A point turned about the unit vector ``u`` (Rodrigues)."""
+def _about(u, v, w, angle, x, y, z):
+    """A point turned about the unit vector (u, v, w) (Rodrigues)."""
     c, s = math.cos(angle), math.sin(angle)
-    along = (u[0] * x + u[1] * y + u[2] * z) * (1.0 - c)
+    along = (u * x + v * y + w * z) * (1.0 - c)
     return (
-        c * x + s * (u[1] * z - u[2] * y) + u[0] * along,
-        c * y + s * (u[2] * x - u[0] * z) + u[1] * along,
-        c * z + s * (u[0] * y - u[1] * x) + u[2] * along,
+        c * x + s * (v * z - w * y) + u * along,
+        c * y + s * (w * x - u * z) + v * along,
+        c * z + s * (u * y - v * x) + w * along,
     )
 
 
+# One loop, and helpers that take numbers alone: arrays that are handed on cost more than the arithmetic.
 @njit(cache=True, nogil=True, error_model="numpy")
-def _moved(row, p, motion, along, tilts, sign):
-    """``p`` (3,) after an axis' error motions, in place: displacements, then tilts, the first one outermost."""
-    for k in range(_MOTIONS):
-        if motion[k] >= 0 and tilts[k] == 0:
-            p[along[k]] += sign * row[motion[k]]
-    for k in range(_MOTIONS - 1, -1, -1):
-        if motion[k] >= 0 and tilts[k] == 1:
-            p[0], p[1], p[2] = _turned(along[k], row[motion[k]], p[0], p[1], p[2])
+def _reading(q, point, length, square, on_ground, crosswise, on_work, axes, out):
+    """The loop of :func:`reading`; of the ``axes`` (k, _SIZE) the first ``on_work`` carry the table."""
+    for n in range(len(q)):
+        x, y, z = point[0], point[1], point[2]
+        px, py, pz = x, y, z
+        for k in range(len(axes)):
+            if k == on_work:
+                px, py, pz = x, y, z
+                x, y, z = 0.0, 0.0, 0.0
+            how, at, sign = axes[k, _HOW], q[n, int(axes[k, _COLUMN])], axes[k, _SIGN]
+            cx, cy, cz = axes[k, _CENTRE], axes[k, _CENTRE + 1], axes[k, _CENTRE + 2]
+            if how == _SLIDE:  # a linear axis that stands on a rotary one
+                x, y, z = x + at * axes[k, _LINE], y + at * axes[k, _LINE + 1], z + at * axes[k, _LINE + 2]
+            elif how == _TURN:
+                x, y, z = _turned(axes[k, _ALONG], at, x, y, z)
+            else:
+                u, v, w = axes[k, _UNIT], axes[k, _UNIT + 1], axes[k, _UNIT + 2]
+                x, y, z = _about(u, v, w, at, x - cx, y - cy, z - cz)
+            if axes[k, _MOTION] >= 0.0:  # error motions: displacements, then tilts, the first one outermost
+                for i in range(_MOTIONS):
+                    if axes[k, _MOTION + i] >= 0.0 and axes[k, _TILT + i] == 0.0:
+                        moved, along = sign * q[n, int(axes[k, _MOTION + i])], axes[k, _MOTION_ALONG + i]
+                        x, y, z = _moved(along, moved, x, y, z)
+                for i in range(_MOTIONS - 1, -1, -1):
+                    if axes[k, _MOTION + i] >= 0.0 and axes[k, _TILT + i] == 1.0:
+                        x, y, z = _turned(axes[k, _MOTION_ALONG + i], q[n, int(axes[k, _MOTION + i])], x, y, z)
+            if how != _SLIDE:
+                m = _MATRIX
+                x, y, z = (
+                    axes[k, m] * x + axes[k, m + 1] * y + axes[k, m + 2] * z + axes[k, _SHIFT] + cx,
+                    axes[k, m + 3] * x + axes[k, m + 4] * y + axes[k, m + 5] * z + axes[k, _SHIFT + 1] + cy,
+                    axes[k, m + 6] * x + axes[k, m + 7] * y + axes[k, m + 8] * z + axes[k, _SHIFT + 2] + cz,
+                )
+        if len(axes) == on_work:
+            px, py, pz = x, y, z
+            x, y, z = 0.0, 0.0, 0.0
+        a, b, c = q[n, 0] * on_ground[0], q[n, 1] * on_ground[1], q[n, 2] * on_ground[2]
+        x += a + square[0, 1] * b + square[0, 2] * c - px
+        y += b + square[1, 2] * c + square[1, 0] * a - py
+        z += c + square[2, 0] * a + square[2, 1] * b - pz
+        for k in range(len(crosswise)):
+            x, y, z = _moved(crosswise[k, 1], q[n, crosswise[k, 0]], x, y, z)
+        out[n] = math.sqrt(x * x + y * y + z * z) - length
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _through(row, p, how, column, along, unit, centre, motion, motion_along, tilts, shifts, turns, slides, sign):
-    """``p`` (3,) from the far end of a side to the bed, in place."""
-    for k in range(len(how)):
-        at = row[column[k]]
-        x, y, z = p[0], p[1], p[2]
-        if how[k] == _SLIDE:  # a linear axis that stands on a rotary one
-            p[0], p[1], p[2] = x + sign * at * slides[k, 0], y + sign * at * slides[k, 1], z + sign * at * slides[k, 2]
-            if motion[k, 0] >= 0:
-                _moved(row, p, motion[k], motion_along[k], tilts[k], sign)
-            continue
-        if how[k] == _TURN:
-            x, y, z = _turned(along[k], at, x, y, z)
-        else:
-            x, y, z = _about(unit[k], at, x - centre[k, 0], y - centre[k, 1], z - centre[k, 2])
-        if motion[k, 0] >= 0:
-            p[0], p[1], p[2] = x, y, z
-            _moved(row, p, motion[k], motion_along[k], tilts[k], 1.0)
-            x, y, z = p[0], p[1], p[2]
-        m, d = turns[k], shifts[k]
-        p[0], p[1], p[2] = (
-            m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + d[0] + centre[k, 0],
-            m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + d[1] + centre[k, 1],
-            m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + d[2] + centre[k, 2],
-        )
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _reading(
-    q, point, length, square, on_ground, crosswise,
-    w_how, w_column, w_along, w_unit, w_centre, w_motion, w_motion_along, w_tilts, w_shifts, w_turns, w_slides,
-    t_how, t_column, t_along, t_unit, t_centre, t_motion, t_motion_along, t_tilts, t_shifts, t_turns, t_slides,
-    out,
-):  # fmt: skip
-    """Arguments of the two sides as in :class:`_Side` and :func:`_errors`."""
-    p, s = np.empty(3), np.zeros(3)
-    for n in range(q.shape[0]):
-        row = q[n]
-        p[0], p[1], p[2] = point[0], point[1], point[2]
-        _through(row, p, w_how, w_column, w_along, w_unit, w_centre, w_motion, w_motion_along, w_tilts, w_shifts,
-                 w_turns, w_slides, -1.0)  # fmt: skip
-        a, b, c = q[n, 0] * on_ground[0], q[n, 1] * on_ground[1], q[n, 2] * on_ground[2]
-        dx = a + square[0, 1] * b + square[0, 2] * c - p[0]
-        dy = b + square[1, 2] * c + square[1, 0] * a - p[1]
-        dz = c + square[2, 0] * a + square[2, 1] * b - p[2]
-        if len(t_how) > 0:
-            s[0], s[1], s[2] = 0.0, 0.0, 0.0
-            _through(row, s, t_how, t_column, t_along, t_unit, t_centre, t_motion, t_motion_along, t_tilts, t_shifts,
-                     t_turns, t_slides, 1.0)  # fmt: skip
-            dx, dy, dz = dx + s[0], dy + s[1], dz + s[2]
-        for k in range(len(crosswise)):
-            value = q[n, crosswise[k, 0]]
-            if crosswise[k, 1] == 0:
-                dx += value
-            elif crosswise[k, 1] == 1:
-                dy += value
-            else:
-                dz += value
-        out[n] = math.sqrt(dx * dx + dy * dy + dz * dz) - length
+def _moved(along, by, x, y, z):
+    """A point moved along a coordinate."""
+    if along == 0:
+        return x + by, y, z
+    if along == 1:
+        return x, y + by, z
+    return x, y, z + by
