@@ -53,6 +53,16 @@ def test_a_simulated_reading_is_followed_to_the_ends_of_the_grid():
     assert recorded.sample_all((GRID * np.arange(20)) ** 2, 0.0) == pytest.approx(time**2, abs=1e-12)
 
 
+@pytest.mark.parametrize("rate", [20.0, 171.0, 200.0, 1000.0])
+def test_block_means_of_a_simulated_reading_are_those_of_its_samples(rate):
+    time = np.arange(int(4 * rate)) / rate
+    recorded = Samples(CIRCLE, time, np.zeros_like(time), np.ones(len(time), bool), 0.02)
+    for grid in np.random.default_rng(5).standard_normal((2, 802)).cumsum(axis=1):
+        for shift in (0.0, 0.0012, 0.0, -0.004):
+            means = recorded.average(recorded.sample_all(grid, shift))
+            assert recorded.sample(grid, shift) == pytest.approx(means, abs=1e-12)
+
+
 def test_free_vector_round_trip():
     effect = registry.make("pitch_error.C", components=[[72, 0.0025, 30.0], [180, 0.0005, -120.0]])
     free = EffectVector(effect, ("components",))
