@@ -9,11 +9,13 @@ import pytest
 
 from mjsim.estimation.curve_fit import Together
 from mjsim.estimation.curve_shape import changes, free_shape, orders, simplest_shape
-from mjsim.estimation.curve_terms import hats
+from mjsim.estimation.curve_terms import CurveTerm, hats
 from mjsim.estimation.least_squares import LeastSquares
 from mjsim.estimation.parameters import Block, Parameters
+from mjsim.estimation.unexplained import shape_in_words
+from mjsim.units import DEG
 
-K, ROWS = 48, 2400
+K, ROWS, TURN = 48, 2400, 2.0 * np.pi
 KNOT = np.arange(K)
 SHAPES = {
     "steps": np.where(KNOT > 20, 4.0, 0.0),
@@ -103,3 +105,25 @@ def test_changes_and_orders_are_told():
     assert [place for place, _ in changes(np.diff(SHAPES["bends"]))] == [19.5]  # knots 19.5 + 0.5
     assert orders(SHAPES["waves"] + np.cos(2.0 * np.pi * 5 * KNOT / K)) == [3, 5]
     assert changes(np.ones(5)) == []
+
+
+@pytest.mark.parametrize(
+    ("shape", "curve", "period", "told"),
+    [
+        (
+            "steps",
+            SHAPES["steps"],
+            TURN,
+            " The curve is flat but for steps of +0.0023° at 153.8° and -0.0023° at 356.2°.",
+        ),
+        ("steps", SHAPES["steps"], None, " The curve is flat but for a step of +0.0023° at 153.8°."),
+        ("bends", SHAPES["bends"], None, " The curve is straight, with a bend at 150°."),
+        ("waves", SHAPES["waves"], TURN, " The curve has 3 waves per turn."),
+        ("waves", np.cos(TURN * KNOT / K), TURN, " The curve has 1 wave per turn."),
+        ("free", SHAPES["waves"], TURN, ""),
+    ],
+)
+def test_the_shape_is_told_in_a_sentence(shape, curve, period, told):
+    knots = KNOT * 360.0 / K
+    term = CurveTerm("C", "C", "position", knots * DEG, period, [], coefficients=curve, shape=shape)
+    assert shape_in_words(term, knots, 1.0 / DEG, "C axis: position [°]", "°") == told

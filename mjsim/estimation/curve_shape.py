@@ -18,7 +18,7 @@ _NONE = 1e6
 #: Steps of the selection after which a shape is not simple (assumed): each adds a change, or gives one another width.
 _FEW = 60
 #: Share of the largest change or wave of a curve below which another is not told (assumed).
-_TOLD = 0.05
+_NOTABLE = 0.05
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def changes(curve: np.ndarray, closed: bool = False) -> list[tuple[float, float]
     Take the first differences of a curve of the shape "bends" instead: the changes of its slope.
     """
     difference = np.diff(curve, append=curve[:1] if closed else [])
-    places = np.flatnonzero(np.abs(difference) > _TOLD * np.abs(difference).max(initial=0.0))
+    places = np.flatnonzero(np.abs(difference) > _NOTABLE * np.abs(difference).max(initial=0.0))
     runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1) if len(places) else []
     return [(float(np.average(r, weights=np.abs(difference[r]))) + 0.5, float(difference[r].sum())) for r in runs]
 
@@ -105,5 +105,5 @@ def changes(curve: np.ndarray, closed: bool = False) -> list[tuple[float, float]
 def orders(curve: np.ndarray) -> list[int]:
     """Periods of the waves of which a closed curve is the sum, largest wave first."""
     size = np.abs(np.fft.rfft(curve))[1:]
-    found = np.flatnonzero(size > _TOLD * size.max(initial=0.0))
+    found = np.flatnonzero(size > _NOTABLE * size.max(initial=0.0))
     return [int(n) + 1 for n in found[np.argsort(-size[found])]]

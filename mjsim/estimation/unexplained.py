@@ -101,7 +101,7 @@ _WORDS = {
     "time_since_reversal": "time since its last reversal",
 }
 #: Most steps, bends or waves of a curve that are told (assumed).
-_TOLD = 3
+_MOST_TOLD = 3
 _MOVED = {**dict.fromkeys(TABLE, "the table"), RADIAL: "the table along the ball's radius"}
 
 
@@ -157,7 +157,8 @@ def describe(problem: Problem, fit: Fit, term: CurveTerm, together: bool = False
     most = f" most in {shows[0]} near φ = {where[0]:.0f}°" if shows else ""
     summary = (
         f"Something that is not in the catalogue {acts}{repeats}: {rms / UM:.2f} µm RMS in the readings,{most}; "
-        f"{left / UM:.2f} µm stay after an empirical curve of that form.{_shape(term, x, factor, x_label, y_unit)}"
+        f"{left / UM:.2f} µm stay after an empirical curve of that form."
+        + shape_in_words(term, x, factor, x_label, y_unit)
     )
     axes = term.axes or (term.moves,)
     source = effect_source(problem.chain, term, size, summary, f"{_stem(axes)}.py")
@@ -165,7 +166,7 @@ def describe(problem: Problem, fit: Fit, term: CurveTerm, together: bool = False
     return Unexplained(axes, term.variable, period, rms, shows, where, summary, curve, labels, left, source)
 
 
-def _shape(term: CurveTerm, knots: np.ndarray, factor: float, label: str, unit: str) -> str:
+def shape_in_words(term: CurveTerm, knots: np.ndarray, factor: float, label: str, unit: str) -> str:
     """A sentence about a curve that is simple enough for one.
 
     Args:
@@ -181,13 +182,13 @@ def _shape(term: CurveTerm, knots: np.ndarray, factor: float, label: str, unit: 
     def at(place: float) -> str:
         return f"{knots[0] + place * step:.4g}{'' if x_unit == '°' else ' '}{x_unit}"
 
-    if term.shape == "waves" and 0 < len(found := orders(curve)) <= _TOLD:
+    if term.shape == "waves" and 0 < len(found := orders(curve)) <= _MOST_TOLD:
         waves = "1 wave" if found == [1] else f"{' and '.join(map(str, found))} waves"
         return f" The curve has {waves} per {'turn' if is_rotary(term.axis) else 'period'}."
-    if term.shape == "steps" and 0 < len(jumps := changes(curve, closed)) <= _TOLD:
+    if term.shape == "steps" and 0 < len(jumps := changes(curve, closed)) <= _MOST_TOLD:
         told = " and ".join(f"{size:+.2g}{'' if unit == '°' else ' '}{unit} at {at(place)}" for place, size in jumps)
         return f" The curve is flat but for {'a step' if len(jumps) == 1 else 'steps'} of {told}."
-    if term.shape == "bends" and not closed and len(bends := changes(np.diff(curve))) <= _TOLD:
+    if term.shape == "bends" and not closed and len(bends := changes(np.diff(curve))) <= _MOST_TOLD:
         told = " and ".join(at(place + 0.5) for place, _ in bends)
         return f" The curve is straight{f', with a bend at {told}' if told else ''}."
     return ""

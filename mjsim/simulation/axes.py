@@ -90,7 +90,7 @@ def _added(
     time: np.ndarray,
     q: np.ndarray,
     step: float,
-    ball: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ball: tuple[float, float, float],
 ) -> np.ndarray:
     motion = MotionTracker(step, started, plant, ball).follow(time, q.copy())
     total = np.zeros_like(q)

@@ -20,9 +20,7 @@ class MotionTracker:
     Rates are backward differences, so that pieces of one instant and whole motions give the same numbers.
     """
 
-    def __init__(
-        self, step: float, started: float, plant: Plant, ball: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    ) -> None:
+    def __init__(self, step: float, started: float, plant: Plant, ball: tuple[float, float, float]) -> None:
         self.step, self.started, self._axes, self._ball = step, started, plant.chain.letters, np.array(ball)
         axes = [plant.axes[a] for a in plant.chain.letters]
         self._gear, self._inertia, self._viscous, self._coulomb, self._presliding = (
