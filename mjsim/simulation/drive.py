@@ -190,7 +190,7 @@ def advance(p, s, r_next, load_torque, substep, substeps):
                 end = math.copysign(g * of_s0, mid)
                 a = abs(mid) * substep * s0 * of_g
                 if abs(z - end) <= _ROUNDING * abs(end):  # it slides on, as for most of a test
-                    zn = mean = end
+                    zn = mean = z
                 elif a > 1e-9:
                     zn, mean = bristle(z, end, a)
                 else:
