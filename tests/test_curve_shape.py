@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mjsim.estimation.curve_fit import Together
-from mjsim.estimation.curve_shape import changes, free_shape, orders, simplest_shape
+from mjsim.estimation.curve_shape import bends, changes, free_shape, orders, simplest_shape
 from mjsim.estimation.curve_terms import CurveTerm, hats
 from mjsim.estimation.least_squares import LeastSquares
 from mjsim.estimation.parameters import Block, Parameters
@@ -102,7 +102,7 @@ def test_changes_and_orders_are_told():
     ((place, size),) = changes(halfway)
     assert (place, size) == (21.25, 4.0)
     assert [place for place, _ in changes(SHAPES["steps"], closed=True)] == [20.5, 47.5]
-    assert [place for place, _ in changes(np.diff(SHAPES["bends"]))] == [19.5]  # knots 19.5 + 0.5
+    assert bends(SHAPES["bends"]) == [20.0] and bends(0.4 * KNOT + 1e-3 * SHAPES["bends"]) == []
     assert orders(SHAPES["waves"] + np.cos(2.0 * np.pi * 5 * KNOT / K)) == [3, 5]
     assert changes(np.ones(5)) == []
 
@@ -118,6 +118,13 @@ def test_changes_and_orders_are_told():
         ),
         ("steps", SHAPES["steps"], None, " The curve is flat but for a step of +0.0023° at 153.8°."),
         ("bends", SHAPES["bends"], None, " The curve is straight, with a bend at 150°."),
+        (
+            "bends",
+            np.abs(KNOT - 20.0) + np.abs(KNOT - 30.0),
+            None,
+            " The curve is straight, with bends at 150° and 225°.",
+        ),
+        ("bends", 0.4 * KNOT + 1e-3 * SHAPES["bends"], None, " The curve is straight."),
         ("waves", SHAPES["waves"], TURN, " The curve has 3 waves per turn."),
         ("waves", np.cos(TURN * KNOT / K), TURN, " The curve has 1 wave per turn."),
         ("free", SHAPES["waves"], TURN, ""),

@@ -92,14 +92,18 @@ def _few(name: str, columns: np.ndarray, together: list[np.ndarray], information
 
 
 def changes(curve: np.ndarray, closed: bool = False) -> list[tuple[float, float]]:
-    """Where a curve of the shape "steps" changes, in knots, and by how much; steps in neighbouring knots are one.
-
-    Take the first differences of a curve of the shape "bends" instead: the changes of its slope.
-    """
+    """Where a curve of the shape "steps" changes, in knots, and by how much; steps in neighbouring knots are one."""
     difference = np.diff(curve, append=curve[:1] if closed else [])
     places = np.flatnonzero(np.abs(difference) > _NOTABLE * np.abs(difference).max(initial=0.0))
     runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1) if len(places) else []
     return [(float(np.average(r, weights=np.abs(difference[r]))) + 0.5, float(difference[r].sum())) for r in runs]
+
+
+def bends(curve: np.ndarray) -> list[float]:
+    """Where the slope of a curve of the shape "bends" changes, in knots, by what is notable beside its largest."""
+    slope = np.diff(curve)
+    least = _NOTABLE * np.abs(slope).max(initial=0.0)
+    return [place + 0.5 for place, change in changes(slope) if abs(change) > least]
 
 
 def orders(curve: np.ndarray) -> list[int]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from mjsim.estimation.criteria import parameter_count, penalised_objective
 from mjsim.estimation.curve_search import best_curve_term, is_overfit, visible
-from mjsim.estimation.curve_shape import changes, orders
+from mjsim.estimation.curve_shape import bends, changes, orders
 from mjsim.estimation.curve_terms import RADIAL, TABLE, CurveTerm
 from mjsim.estimation.effect_file import effect_source
 from mjsim.estimation.fit import Fit
@@ -188,9 +188,9 @@ def shape_in_words(term: CurveTerm, knots: np.ndarray, factor: float, label: str
     if term.shape == "steps" and 0 < len(jumps := changes(curve, closed)) <= _MOST_TOLD:
         told = " and ".join(f"{size:+.2g}{'' if unit == '°' else ' '}{unit} at {at(place)}" for place, size in jumps)
         return f" The curve is flat but for {'a step' if len(jumps) == 1 else 'steps'} of {told}."
-    if term.shape == "bends" and not closed and len(bends := changes(np.diff(curve))) <= _MOST_TOLD:
-        told = " and ".join(at(place + 0.5) for place, _ in bends)
-        return f" The curve is straight{f', with a bend at {told}' if told else ''}."
+    if term.shape == "bends" and not closed and len(found := bends(curve)) <= _MOST_TOLD:
+        told = f", with {'a bend' if len(found) == 1 else 'bends'} at {' and '.join(map(at, found))}" if found else ""
+        return f" The curve is straight{told}."
     return ""
 
 
