@@ -315,6 +315,10 @@ def test_a_generic_curve_finds_the_axis_and_the_variable():
     assert told.axes == ("Y", "X") and told.variable == "velocity" and "X axis" in told.summary
     planted = np.sqrt(np.mean(np.concatenate([s.left_out for s in problem.samples]) ** 2))
     assert 0.1 * planted < told.rms < planted  # the set-up takes its share
+    # the file of a curve that was fitted with the model has its level: the model's own numbers go with that
+    written = describe(problem, fit, term, together=True).source.partition("VALUES = np.array([")[2]
+    values = np.array([float(v) for v in written.partition("])")[0].replace("\n", "").split(",") if v.strip()])
+    assert values == pytest.approx(term.coefficients * term.unit, rel=1e-4)
 
 
 @pytest.mark.parametrize("moves", ["X", "C", "table y", "table radial"])

@@ -161,7 +161,9 @@ def describe(problem: Problem, fit: Fit, term: CurveTerm, together: bool = False
         + shape_in_words(term, x, factor, x_label, y_unit)
     )
     axes = term.axes or (term.moves,)
-    source = effect_source(problem.chain, term, size, summary, f"{_stem(axes)}.py")
+    # numbers of the model, such as a location error, go with the level of a curve that was fitted with them
+    fitted = term.coefficients * term.unit if together else size
+    source = effect_source(problem.chain, term, fitted, summary, f"{_stem(axes)}.py")
     labels = (x_label, f"displacement of {what} [{y_unit}]")
     return Unexplained(axes, term.variable, period, rms, shows, where, summary, curve, labels, left, source)
 
