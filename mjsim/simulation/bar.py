@@ -111,6 +111,16 @@ def _about(u, v, w, angle, x, y, z):
     )
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _moved(along, by, x, y, z):
+    """A point moved along a coordinate."""
+    if along == 0:
+        return x + by, y, z
+    if along == 1:
+        return x, y + by, z
+    return x, y, z + by
+
+
 # One loop, and helpers that take numbers alone: arrays that are handed on cost more than the arithmetic.
 @njit(cache=True, nogil=True, error_model="numpy")
 def _reading(q, point, length, square, on_ground, crosswise, on_work, axes, out):
@@ -156,13 +166,3 @@ def _reading(q, point, length, square, on_ground, crosswise, on_work, axes, out)
         for k in range(len(crosswise)):
             x, y, z = _moved(crosswise[k, 1], q[n, crosswise[k, 0]], x, y, z)
         out[n] = math.sqrt(x * x + y * y + z * z) - length
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _moved(along, by, x, y, z):
-    """A point moved along a coordinate."""
-    if along == 0:
-        return x + by, y, z
-    if along == 1:
-        return x, y + by, z
-    return x, y, z + by
