@@ -64,7 +64,7 @@ def run_case(case, answer: Callable) -> dict:
         "noise_um": case.noise_um,
         "commit": commit(),
     }
-    further = (case.within or case.catalogue()) and not case.unlisted()
+    further = case.within or case.catalogue() or case.unlisted()
     return row | answer(case, generator.write, heldout.write_heldout if further else None)
 
 
@@ -82,6 +82,8 @@ def answered(case, write, write_heldout=None) -> dict:
     from mjsim.campaign.machine_file import read_machine
     from mjsim.cli.common import finite
     from mjsim.workflow.diagnose import diagnose
+    from mjsim.workflow.diagnosis import write_effect_file
+    from mjsim.workflow.edit import with_effect_file
 
     row: dict = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -95,7 +97,10 @@ def answered(case, write, write_heldout=None) -> dict:
             row["seconds"] = round(time.process_time() - began, 1)
             if write_heldout:
                 write_heldout(case, folder)
-                row["heldout_um"], row["heldout_removed"] = removed(Path(folder) / "heldout", diagnosis.machine)
+                fitted, unknown = diagnosis.machine, write_effect_file(diagnosis, Path(folder)).unexplained
+                if unknown:
+                    fitted = with_effect_file(fitted, unknown.effect_file)
+                row["heldout_um"], row["heldout_removed"] = removed(Path(folder) / "heldout", fitted)
         except Exception:  # a crash is a failure to report, not the end of the bank
             row["error"] = traceback.format_exc(limit=-3)
     return row

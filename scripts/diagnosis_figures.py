@@ -107,6 +107,15 @@ def right_axis(r: dict) -> list[bool]:
     return [bool(set(seen["axes"]) & set(r["answer"]["axes"]))] if recognised(r) == [True] else []
 
 
+def _right_variable(r: dict) -> list[bool]:
+    seen = r["result"]["unexplained"]
+    return [seen["variable"] in r["answer"]["variable"]] if recognised(r) == [True] else []
+
+
+def _no_name_beside(r: dict) -> list[bool]:
+    return [mark(r) == "right"] if is_unlisted(r) else []
+
+
 def intervals(r: dict) -> list[bool]:
     """For every planted number that has an interval: whether it lies inside."""
     answers = {e["id"]: e for e in [*r["answer"].get("within", []), *r["answer"].get("effect", [])]}
@@ -134,6 +143,14 @@ def _waves(waves: list, pair) -> list[bool]:
 
 def predicted(r: dict) -> list[bool]:
     """Whether the fitted machine predicts the error of other tests, where that exceeds the noise of the mean."""
+    return [] if is_unlisted(r) else _predicted(r)
+
+
+def _predicted_unlisted(r: dict) -> list[bool]:
+    return _predicted(r) if is_unlisted(r) else []
+
+
+def _predicted(r: dict) -> list[bool]:
     if r.get("heldout_um", 0.0) < r["noise_um"] / np.sqrt(2.0):
         return []
     return [r["heldout_removed"] >= _REMOVED]
@@ -144,9 +161,12 @@ FIGURES = (
     ("separable causes of 3 times the noise of the mean, named", _clear_causes, "97 %"),
     ("campaigns with a wrong confident name, of the others", _wrong_name, "at most 1 %"),
     ("causes outside the catalogue recognised", recognised, "95 %"),
-    ("... on the right axis", right_axis, ""),
+    ("... on the right axis (of those recognised)", right_axis, ""),
+    ("... with the right variable (of those recognised)", _right_variable, ""),
+    ("... with no effect of the catalogue named that is not there", _no_name_beside, ""),
     ("95 % intervals that hold the truth", intervals, "93 to 97 %"),
     ("0.95 or more of the error of other tests predicted", predicted, "95 %"),
+    ("... on machines with a cause outside the catalogue", _predicted_unlisted, ""),
 )
 
 
@@ -159,7 +179,7 @@ def unanswered(rows: list[dict]) -> list[str]:
         "| campaign | hidden | size / noise of mean | said |",
         "|---|---|---|---|",
     ]
-    for r in rows:
+    for r in sorted(rows, key=lambda r: r["name"]):
         if mark(r) != "right":
             answer = r.get("answer", {})
             hidden = truth(r) if answer else []

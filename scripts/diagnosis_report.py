@@ -71,16 +71,9 @@ def _of(category: str):
     return lambda r: [_exact(r)] if r["category"] == category else []
 
 
-def _right_variable(r: dict) -> list[bool]:
-    seen = r["result"]["unexplained"]
-    return [seen["variable"] in r["answer"]["variable"]] if r["category"] == "unlisted" and seen else []
-
-
 _FURTHER = (
     ("all single effects, any size: named, or the set of equivalents named", _of("single"), ""),
     ("pairs, both named", _of("pair"), "80 %"),
-    ("unlisted causes with no catalogue effect named beside", _of("unlisted"), ""),
-    ("... with the right variable (of those recognised)", _right_variable, ""),
 )
 
 
