@@ -20,6 +20,7 @@ from mjsim.estimation.samples import GRID, Samples
 from mjsim.estimation.selection import ModelSelection
 from mjsim.estimation.signatures import Candidate, Projector, SignatureBank
 from mjsim.io.resources import examples
+from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.model import build
 
 
@@ -355,6 +356,22 @@ def test_the_written_effect_does_what_its_term_did(moves, tmp_path):
         want = columns @ (values / term.unit)
         assert np.std(want) > 0.2e-6
         assert np.abs(got - want).max() < 0.03 * np.abs(want).max() + 0.01e-6
+
+
+def test_one_machine_may_have_several_unknown_causes(tmp_path):
+    """Effect files of different axes, motions and variables are effects of different kinds."""
+    from mjsim.effects.registry import load_file
+    from mjsim.estimation.curve_terms import CurveTerm
+    from mjsim.estimation.effect_file import effect_source
+
+    kinds = set()
+    terms = (("C", "C", "position"), ("X", "X", "position"), ("C", "Z", "position"), ("C", "C", "velocity"))
+    for number, (axis, moves, variable) in enumerate(terms):
+        term = CurveTerm(axis, moves, variable, np.array([-1.0, 1.0]), None, [])
+        path = tmp_path / f"unknown{number}.py"
+        path.write_text(effect_source(FIVE_AXIS, term, np.zeros(2), "A test.", path.name))
+        kinds.add(load_file(path).kind)
+    assert len(kinds) == len(terms)
 
 
 def test_a_ball_in_another_seat_has_a_length_of_its_own():

@@ -417,3 +417,28 @@ def test_a_file_may_be_named_by_a_path(campaign):
     for name in (file, str(file)):
         cls, subjects, source = resolve_effect(name, FIVE_AXIS)
         assert (cls.kind, subjects, source) == ("mine", ["A"], file.resolve())
+
+
+def test_an_effect_of_one_machine_is_none_of_another(campaign, good, tmp_path):
+    """Several machines in one process, as in a fleet: each has the effects of its own files."""
+    from mjsim.campaign.machine_file import read_machine
+    from mjsim.estimation.signatures import seeds
+
+    other = shutil.copytree(good, tmp_path / "other")
+    for folder, name in ((campaign, "mine.py"), (other, "same_kind.py")):
+        (folder / name).write_text(text())
+        with (folder / "machine.toml").open("a") as file:
+            file.write(f'\n[[effect]]\nid = "mine.A"\nfile = "{name}"\nsize_um = 1.0\n')
+    machines = [read_machine(folder / "machine.toml") for folder in (campaign, other, good)]
+    tried = [[c.effect for c in seeds(m) if c.id == "mine.A"] for m in machines]
+    assert [len(effects) for effects in tried] == [1, 1, 0]
+    assert type(tried[0][0]) is not type(tried[1][0])
+    assert "mine.A" not in registry.all_ids()
+
+
+def test_two_files_of_one_machine_with_one_kind(campaign):
+    for name, subject in (("mine.py", "A"), ("yours.py", "C")):
+        (campaign / name).write_text(text().replace('("A",)', f'("{subject}",)'))
+        with (campaign / "machine.toml").open("a") as file:
+            file.write(f'\n[[effect]]\nid = "mine.{subject}"\nfile = "{name}"\nsize_um = 1.0\n')
+    refused(campaign.parent, simulated(campaign), "yours.py and mine.py both define the kind 'mine'")

@@ -53,7 +53,7 @@ def target_of(place: str, name: str, machine: Machine) -> Target:
             f"{key.split('_per_')[0]} of the {axis} drive, see the campaign format",
         )
     if "." not in owner:
-        kinds = [*registry.kinds(), *{e.kind for e in machine.effects}]
+        kinds = list(registry.kinds_of(machine.effects))
         near = difflib.get_close_matches(name, [*TEST_VALUES, *(f"{k}." for k in kinds)], n=1)
         hint = f" (did you mean {near[0]!r}?)" if near and near[0] in TEST_VALUES else ""
         raise InputError(

@@ -106,8 +106,11 @@ def _effect(path: Path, number: int, entry: dict[str, Any], files: dict[str, str
     try:
         if source is not None:
             cls = registry.load_file(path.parent / str(source))
-            files[effect_id] = str(source)
             kind, _, subject = effect_id.partition(".")
+            others = {f for i, f in files.items() if i.partition(".")[0] == kind and f != source}
+            if others:
+                raise InputError(f"{source} and {others.pop()} both define the kind {kind!r}; give one another kind")
+            files[effect_id] = str(source)
             if kind != cls.kind:
                 raise InputError(f"id {effect_id!r} does not belong to {source}, which defines {cls.kind!r}")
             if subject not in (allowed := cls.subjects_of(chain)):

@@ -40,7 +40,7 @@ def check_tolerance(path: Path, table: dict[str, dict[str, float]], effects: tup
     Raises:
         InputError: Names the kind or the unit, and what is allowed.
     """
-    classes = registry.kinds() | {e.kind: type(e) for e in effects}
+    classes = registry.kinds_of(effects)
     for kind, limits in table.items():
         if kind not in classes:
             raise InputError(f"{path}: [tolerance] {kind} is no kind of effect; allowed: {', '.join(sorted(classes))}")

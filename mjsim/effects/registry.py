@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import math
 import pkgutil
+from collections.abc import Iterable
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -36,7 +37,7 @@ def register(cls: type[_E]) -> type[_E]:
     if why := _wrong(cls):
         raise InputError(f"effect class {cls.__name__}: {why}")
     other = _REGISTRY.get(cls.kind)
-    if other is not None and other.__module__ != cls.__module__:
+    if other is not None and other.__module__ != cls.__module__ and not (_is_from_file(other) and _is_from_file(cls)):
         raise InputError(
             f"effect kind {cls.kind!r} of {cls.__module__} is already taken by {other.__module__}; choose another kind"
         )
@@ -67,14 +68,29 @@ def kinds() -> dict[str, type[Effect]]:
     return dict(sorted(_REGISTRY.items()))
 
 
+def kinds_of(effects: Iterable[Effect]) -> dict[str, type[Effect]]:
+    """Effect classes by kind that concern one machine: a user's file belongs to the machines that name it.
+
+    Args:
+        effects: of the machine.
+    """
+    shared = {kind: cls for kind, cls in kinds().items() if not _is_from_file(cls)}
+    return dict(sorted((shared | {e.kind: type(e) for e in effects}).items()))
+
+
+def _is_from_file(cls: type[Effect]) -> bool:
+    """Whether a class comes from a user's file."""
+    return cls.__module__.startswith(own.USER_MODULE)
+
+
 def all_ids(chain: Chain = FIVE_AXIS, for_logs: bool = False) -> list[str]:
-    """Every ``kind.SUBJECT`` of the catalogue for a machine with these axes.
+    """Every ``kind.SUBJECT`` of the catalogue for a machine with these axes, without those of users' files.
 
     Args:
         chain: axes of the machine.
         for_logs: those that are looked for in axis logs only, instead of all others.
     """
-    return [f"{k}.{s}" for k, cls in kinds().items() if cls.for_logs == for_logs for s in cls.subjects_of(chain)]
+    return [f"{k}.{s}" for k, cls in kinds_of(()).items() if cls.for_logs == for_logs for s in cls.subjects_of(chain)]
 
 
 def load_file(path: Path) -> type[Effect]:

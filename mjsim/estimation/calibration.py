@@ -76,7 +76,7 @@ def expected_effects(machine: Machine) -> list[Calibrated]:
 
 
 def _of_table(machine: Machine, table: Mapping[str, Mapping[str, float]]) -> list[Calibrated]:
-    classes = registry.kinds() | {e.kind: type(e) for e in machine.effects}
+    classes = registry.kinds_of(machine.effects)
     return [c for kind, limits in table.items() for c in _of_kind(machine, classes[kind], limits)]
 
 

@@ -88,9 +88,9 @@ def effect_source(chain: Chain, term: CurveTerm, values: np.ndarray, summary: st
         summary: first sentence of the file.
         file_name: for its own doc string.
     """
-    kind = f"unexplained_{term.variable}" + (
-        "" if term.axis == term.moves else f"_moves_{term.moves.replace(' ', '_').lower()}"
-    )
+    # a machine may have several unknown causes, each with a kind of its own
+    moved = f"moves_{term.moves}" if term.moves != term.axis else ""
+    kind = "_".join(filter(None, ("unexplained", term.variable, term.axis, moved))).replace(" ", "_").lower()
     unit = _UNIT.get(term.variable, ("m", "rad"))[0 if is_linear(term.axis) else 1]
     target, before, argument, direction = f"the {term.moves} axis", "", _ARGUMENT[term.variable], "DIRECTION"
     columns = imports = ""

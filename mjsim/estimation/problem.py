@@ -107,7 +107,7 @@ class Problem:
         """
         check_stable(plant)
         # a user's plain-Python effect holds Python's lock, so that threads gain nothing, and has a time limit in the
-        # calling thread only
+        # calling thread only; one that is to be fitted is in no plant yet
         known = {*registry.kinds().values(), *map(type, plant.python_effects)}
         workers = Workers(1 if any(c.position_error is not Effect.position_error for c in known) else threads)
         tests = campaign.measured

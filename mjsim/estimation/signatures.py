@@ -52,7 +52,7 @@ Row = tuple[float, np.ndarray, Candidate]
 def seeds(machine: Machine) -> list[Candidate]:
     """Starting points of the whole catalogue (and the user's effects in the machine), scanned families left out."""
     out = []
-    for kind, cls in registry.kinds().items():
+    for kind, cls in registry.kinds_of(machine.effects).items():
         hints = cls.search
         if hints.scanned or cls.for_logs:
             continue

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from mjsim.effects import registry
 from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect
+from mjsim.machine.model import Machine
 from mjsim.machine.parameter import Parameter
 from mjsim.machine.subjects import axis_of_subject
 
@@ -60,15 +61,15 @@ class Slider:
 _BOTH = ("friction", "viscous_friction", "velocity_gain", "servo_gain", "velocity_feedforward", "torque_ripple")
 
 
-def entries(chain: Chain, logs: bool = False) -> list[Entry]:
-    """The catalogue for a machine with these axes, in the order of its ids.
+def entries(machine: Machine, logs: bool = False) -> list[Entry]:
+    """The catalogue for a machine, with the effects of its own files, in the order of its ids.
 
     Args:
-        chain: Axes of the machine.
+        machine: Its axes and effects count.
         logs: What axis logs can show, in place of what a ball bar can.
     """
-    out = []
-    for kind, cls in registry.kinds().items():
+    out, chain = [], machine.chain
+    for kind, cls in registry.kinds_of(machine.effects).items():
         if cls.for_logs != logs and not (logs and kind in _BOTH):
             continue
         for subject in cls.subjects_of(chain):
@@ -77,10 +78,10 @@ def entries(chain: Chain, logs: bool = False) -> list[Entry]:
     return out
 
 
-def by_axis(chain: Chain, logs: bool = False) -> dict[str, list[Entry]]:
+def by_axis(machine: Machine, logs: bool = False) -> dict[str, list[Entry]]:
     """The catalogue by the letters of the axes, in their order; what belongs to no axis comes last."""
-    out: dict[str, list[Entry]] = {a: [] for a in chain.letters}
-    for entry in entries(chain, logs):
+    out: dict[str, list[Entry]] = {a: [] for a in machine.chain.letters}
+    for entry in entries(machine, logs):
         out.setdefault(entry.axis, []).append(entry)
     return {axis: rows for axis, rows in out.items() if rows}
 

@@ -89,7 +89,7 @@ class LogBench(ChangedModel):
     @property
     def catalogue(self) -> dict[str, list[catalogue.Entry]]:
         """The effects that can be put in, by recorded axis."""
-        groups = catalogue.by_axis(self.machine.chain, logs=True)
+        groups = catalogue.by_axis(self.machine, logs=True)
         return {a: rows for a, rows in groups.items() if a in self.campaign.logs.axes}
 
     @property

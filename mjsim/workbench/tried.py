@@ -60,7 +60,7 @@ class ChangedModel:
     @property
     def catalogue(self) -> dict[str, list[catalogue.Entry]]:
         """The effects that can be put in, by axis."""
-        return catalogue.by_axis(self.machine.chain)
+        return catalogue.by_axis(self.machine)
 
     @property
     def can_fit(self) -> bool:
