@@ -5,6 +5,7 @@ import pytest
 from independent import campaign as generator
 from independent.layouts import layout
 from independent.unlisted import EccentricPlay, TableEgg, TableLift
+from rotary_fits import fitter_of, free
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
@@ -22,21 +23,6 @@ from mjsim.machine.model import build
 from mjsim.progress import silent
 
 KEPT = ("axis_location.EX0C", "axis_location.EY0C", "axis_location.EA0C", "axis_location.EB0C", "squareness.XY")
-
-
-def free(machine, effect_id, **values):
-    """An effect whose last value is fitted."""
-    cls, subject = registry.effect_class(effect_id, machine.chain)
-    return EffectVector(cls(subject, **values), tuple(values)[-1:])
-
-
-def fitter_of(hidden, folder, kind="rotary-c-tangential"):
-    """For a campaign of a turn of the table each way, and its machine."""
-    tests = [t for t in layout("rotaries") if t["name"].startswith(kind)]
-    generator.write_files(generator.Case("c", "M1", tuple(tests), hidden, seed=3, tolerance_stated=True), folder)
-    campaign = read_campaign(folder)
-    machine = read_machine(campaign.machine_file)
-    return Fitter(Problem.of(campaign, build(machine), threads=2), machine), machine
 
 
 def instead_of(named_of, hidden, folder, kind="rotary-c-tangential"):

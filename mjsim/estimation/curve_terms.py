@@ -220,7 +220,7 @@ class CurveTerms:
 
     def finer(self, term: CurveTerm, factor: int) -> Iterator[CurveTerm]:
         """The same term with ``factor`` times as many knots."""
-        if not term.axis:
+        if not term.axis or term.moves == RADIAL:
             return
         i = self.chain.index(term.axis)
         n, first, last = factor * len(term.knots), term.knots[0], term.knots[-1]

@@ -18,8 +18,8 @@ from mjsim.estimation.curve_terms import RADIAL, ROUND, TABLE, CurveTerm, CurveT
 from mjsim.machine.radius import radius_of
 from mjsim.machine.redundant import MOST_ORDERS
 
-#: Knots of the free curve that shows a wave.
-_KNOTS = 72
+#: Knots of the free curve that shows a wave, rad.
+_KNOTS = np.arange(72) * (2.0 * np.pi / 72)
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,13 @@ class _Displaced:
     angles: list[np.ndarray]
     weights: list[np.ndarray]
 
+    def free(self) -> CurveTerm:
+        """The term with a free curve."""
+        return self.term(lambda x: hats(x, _KNOTS, 2.0 * np.pi))
+
     def term(self, basis: Callable[[np.ndarray], np.ndarray], order: int = 0) -> CurveTerm:
         """The term whose displacement is a sum of functions of the angle: ``basis`` gives (m, k) of them."""
-        knots = np.arange(_KNOTS) * (2.0 * np.pi / _KNOTS)
-        term = CurveTerm(self.axis, self.moves, "position", knots, 2.0 * np.pi, [], order=order)
+        term = CurveTerm(self.axis, self.moves, "position", _KNOTS, 2.0 * np.pi, [], order=order)
         term.columns = [basis(x) * (w * term.unit)[:, None] for x, w in zip(self.angles, self.weights, strict=True)]
         return term
 
@@ -52,10 +55,17 @@ def waves(terms: CurveTerms) -> Iterator[CurveTerm]:
             yield displaced.term(lambda x, k=k: np.column_stack([np.cos(k * x), np.sin(k * x)]), k)
 
 
+def radial_curves(terms: CurveTerms) -> Iterator[CurveTerm]:
+    """Free curves of the work along the ball's radius, for the axes that go round."""
+    for displaced in _displaced(terms):
+        if displaced.moves == RADIAL:
+            yield displaced.free()
+
+
 def free_curve(terms: CurveTerms, wave: CurveTerm) -> CurveTerm:
     """The free curve of what a wave displaces."""
     displaced = next(d for d in _displaced(terms) if (d.axis, d.moves) == (wave.axis, wave.moves))
-    return displaced.term(lambda x: hats(x, wave.knots, wave.period))
+    return displaced.free()
 
 
 def _displaced(terms: CurveTerms) -> Iterator[_Displaced]:

@@ -47,7 +47,7 @@ def one_curve(fitter: Fitter, calibrated: Fit, named: Fit, findings: Collection[
     """
     problem, terms = fitter.problem, CurveTerms(fitter.problem, named)
     # where what a machine may have explains everything, no curve is needed either
-    named_objective = _objective(named, calibrated, findings, problem.settings.log_odds)
+    named_objective = objective_with_findings(named, calibrated, findings, problem.settings.log_odds)
     ranked: list[tuple[float, CurveTerm]] = []
     tried = 0
     # one effect is not doubted for a free curve, which can bend as it likes
@@ -78,7 +78,7 @@ def one_curve(fitter: Fitter, calibrated: Fit, named: Fit, findings: Collection[
     return fit, curve
 
 
-def _objective(named: Fit, calibrated: Fit, findings: Collection[str], log_odds: float) -> float:
+def objective_with_findings(named: Fit, calibrated: Fit, findings: Collection[str], log_odds: float) -> float:
     """-2 log evidence of a model with its findings, but for what it shares with the model without them."""
     out = named.objective
     held = {f.effect.key: f for f in calibrated.effects}

@@ -1,0 +1,53 @@
+"""The curve of an unknown cause is the one that explains most beside everything that a machine may have."""
+
+import numpy as np
+import pytest
+from independent.unlisted import EccentricPlay, ToothPatch
+from rotary_fits import fitter_of, free
+
+from mjsim.estimation.calibration import expected_effects
+from mjsim.estimation.curve_choice import best_curve_beside, curve_instead
+
+
+def calibrated(fitter, machine, *findings):
+    """A model of all that a machine may have, and of findings."""
+    keys = {f.effect.key for f in findings}
+    return fitter.fit([*findings, *(c.free for c in expected_effects(machine) if c.key not in keys)])
+
+
+def test_a_patch_of_worn_teeth_is_found_on_its_axis(tmp_path):
+    """It is narrow: with few knots a curve of another axis explains more."""
+    patch = ToothPatch("A", amplitude=4.0, order=72.0, centre_deg=16.0, width_deg=3.0)
+    fitter, machine = fitter_of((patch,), tmp_path, "r")
+    curve = best_curve_beside(fitter, calibrated(fitter, machine))
+    assert curve is not None
+    assert (curve.axes, curve.moves, curve.variable) == (("A",), "A", "position")
+    place = np.degrees(curve.knots[np.argmax(np.abs(curve.coefficients - np.median(curve.coefficients)))])
+    assert place == pytest.approx(16.0, abs=3.0)
+
+
+def test_where_nothing_is_left_there_is_no_curve(tmp_path):
+    fitter, machine = fitter_of((), tmp_path)
+    assert best_curve_beside(fitter, calibrated(fitter, machine)) is None
+
+
+def beside_play(hidden, finding, folder):
+    """What stands in place of a finding beside a play that changes with the position."""
+    fitter, machine = fitter_of((EccentricPlay("C", 8.0), *hidden), folder)
+    curve = best_curve_beside(fitter, calibrated(fitter, machine))
+    assert curve is not None and curve.axes == ("C",) and curve.signed
+    named = finding(machine)
+    return curve_instead(fitter, calibrated(fitter, machine, named), curve, [named.effect.key])
+
+
+def test_a_finding_that_is_part_of_the_unknown_goes(tmp_path):
+    instead = beside_play((), lambda m: free(m, "axis_location.EX0C", value_um=1.0), tmp_path)
+    assert instead is not None
+    fit, curve = instead
+    assert curve.axes == ("C",) and curve.signed
+    assert next(f for f in fit.effects if f.effect.key == "axis_location.EX0C").prior is not None
+
+
+def test_a_finding_that_is_a_cause_of_its_own_stays(tmp_path):
+    waves = {"id": "pitch_error.C", "components": [[240.0, 0.003, 50.0]]}
+    assert beside_play((waves,), lambda m: free(m, "pitch_error.C", components=waves["components"]), tmp_path) is None
