@@ -442,3 +442,17 @@ def test_two_files_of_one_machine_with_one_kind(campaign):
         with (campaign / "machine.toml").open("a") as file:
             file.write(f'\n[[effect]]\nid = "mine.{subject}"\nfile = "{name}"\nsize_um = 1.0\n')
     refused(campaign.parent, simulated(campaign), "yours.py and mine.py both define the kind 'mine'")
+
+
+def test_an_effect_file_that_the_machine_uses_is_not_written_over(campaign):
+    """A second unknown cause on an axis gets a file of its own."""
+    from dataclasses import replace
+
+    from mjsim.campaign.machine_file import read_machine
+    from mjsim.workflow.diagnosis import unused_file
+
+    machine = read_machine(campaign / "machine.toml")
+    folder = campaign / ".mjsim"
+    assert unused_file(folder, "unexplained_C", machine) == folder / "unexplained_C.py"
+    using = replace(machine, effect_files={"a.C": ".mjsim/unexplained_C.py", "b.C": ".mjsim/unexplained_C_2.py"})
+    assert unused_file(folder, "unexplained_C", using) == folder / "unexplained_C_3.py"

@@ -8,19 +8,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-
-import numpy as np
+from functools import partial
 
 from mjsim.estimation.calibration import expected_effects
 from mjsim.estimation.curve_fit import Together, fit_beside
 from mjsim.estimation.curve_search import stands_out
+from mjsim.estimation.curve_shape import free_shape, simplest_shape
 from mjsim.estimation.curve_terms import CurveTerm, CurveTerms
 from mjsim.estimation.curve_waves import radial_curves
 from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.one_curve import objective_with_findings
 from mjsim.estimation.problem import Problem
 
-#: Best curves that are tried with more knots, the factors, and most knots (assumed).
+#: Best curves that are looked at again, factors of their number of knots, and most knots (assumed).
 _NEAR, _FINER, _LONG = 6, (2, 4), 320
 
 
@@ -31,24 +31,57 @@ def best_curve_beside(fitter: Fitter, fit: Fit) -> CurveTerm | None:
         fitter: Of the machine.
         fit: The model without a curve.
     """
-    problem = fitter.problem
-    terms, weight = CurveTerms(problem, fit), max(1.0, fit.sum_squares / problem.count)
-
-    def objective(term: CurveTerm, columns: np.ndarray) -> float:
-        return Together(fit, columns, weight).objective + weight * _across(term, problem)
-
-    rough = [(objective(term, columns), term) for term, columns in terms.whitened(radial_curves(terms))]
-    rough.sort(key=lambda r: r[0])
-    # what a few teeth do to the position of an axis shows with many knots only
-    near = [t for i, (_, t) in enumerate(rough) if i < _NEAR or (t.variable == "position" and t.axis == t.moves)]
-    finer = [t for term in near for n in _FINER if n * len(term.knots) <= _LONG for t in terms.finer(term, n)]
-    rows = [*rough, *((objective(t, problem.whiten(t.columns)), t) for t in finer)]
-    least, best = min(rows, key=lambda r: r[0], default=(math.inf, None))
-    charge = 2.0 * math.log(max(len(rows), 1)) - 2.0 * problem.settings.curve_log_odds
-    if best is None or least > fit.objective - charge:
+    problem, settings = fitter.problem, fitter.problem.settings
+    beside = _Beside(problem, fit)
+    ranked = beside.ranked()
+    own = next((i for i, term in enumerate(ranked) if term.axis == term.moves), 0)
+    last = [term for i, term in enumerate(ranked) if i < _NEAR or i == own]
+    rows = [(beside.together(term, simple=True), term) for term in last]
+    explained = fit.objective - min((both.objective for both, _ in rows), default=fit.objective)
+    if explained < 2.0 * math.log(max(len(ranked), 1)) - 2.0 * settings.curve_log_odds:
         return None
-    best.coefficients = Together(fit, problem.whiten(best.columns), weight).coefficients
+
+    def charged(both: Together, term: CurveTerm) -> float:
+        if term.axis == term.moves:
+            return both.objective
+        # a curve is an approximation: near the noise, a small share of what it explains decides nothing
+        share = settings.notable_share if both.misfit < settings.joint_fit else 0.0
+        return both.objective + max(beside.weight * settings.cross_axis_penalty, share * explained)
+
+    best = min(rows, key=lambda row: charged(*row))[1]
+    best.coefficients = beside.together(best).coefficients
     return best if stands_out(problem, fit, best) else None
+
+
+class _Beside:
+    """Curves beside one model.
+
+    Attributes:
+        weight: How often priors count: what the model does not explain counts as noise.
+    """
+
+    def __init__(self, problem: Problem, fit: Fit) -> None:
+        self.problem, self.fit = problem, fit
+        self.weight = max(1.0, fit.sum_squares / problem.count)
+
+    def together(self, term: CurveTerm, simple: bool = False) -> Together:
+        """Model and curve, where the curve is free, or has the simplest shape that the data allow."""
+        shape = partial(simplest_shape, closed=term.period is not None) if simple else free_shape
+        return Together(self.fit, self.problem.whiten(term.columns), self.weight, shape)
+
+    def objective(self, term: CurveTerm, simple: bool = False) -> float:
+        """-2 log evidence of model and curve, but for what all have in common."""
+        return self.together(term, simple).objective
+
+    def ranked(self) -> list[CurveTerm]:
+        """All curves that reach a reading, the best free one first, and those worth a look with more knots as well."""
+        terms = CurveTerms(self.problem, self.fit)
+        all_terms = [term for term, _ in terms.whitened(radial_curves(terms))]
+        rows = sorted(((self.objective(t), t) for t in all_terms), key=lambda r: r[0])
+        # what a few teeth do to the position of an axis shows with many knots only
+        near = [t for i, (_, t) in enumerate(rows) if i < _NEAR or (t.variable == "position" and t.axis == t.moves)]
+        finer = [t for term in near for n in _FINER if n * len(term.knots) <= _LONG for t in terms.finer(term, n)]
+        return [t for _, t in sorted([*rows, *((self.objective(t), t) for t in finer)], key=lambda r: r[0])]
 
 
 def curve_instead(
@@ -74,10 +107,14 @@ def curve_instead(
     cost = objective_with_findings(with_findings, calibrated, findings, problem.settings.log_odds)
     cost -= with_findings.objective
     # what neither explains counts as noise
-    loss = (single.objective - both.objective) / max(1.0, min(single.misfit, both.misfit))
-    loss += _across(curve, problem) - _across(beside, problem)
+    noise = max(1.0, min(single.misfit, both.misfit))
+    loss = (single.objective - both.objective) / noise + _across(curve, problem) - _across(beside, problem)
     # one cause stands where several do not do clearly better
-    return (calibrated, curve) if loss < cost + problem.settings.likelihood_ratio else None
+    clear = problem.settings.likelihood_ratio
+    if noise > problem.settings.joint_fit:  # neither is right: a small share of what they explain decides nothing
+        explained = (calibrated.objective - single.objective) / noise
+        clear = max(clear, problem.settings.notable_share * explained)
+    return (calibrated, curve) if loss < cost + clear else None
 
 
 def _across(term: CurveTerm, problem: Problem) -> float:

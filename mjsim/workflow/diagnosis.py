@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -180,9 +181,17 @@ def write_effect_file(result: Diagnosis, folder: Path) -> Diagnosis:
     u = result.unexplained
     if u is None:
         return result
-    path = folder / f"{u.stem}.py"
+    path = unused_file(folder, u.stem, result.machine)
     files.write_whole(path, u.source, force=True)
     return replace(result, unexplained=replace(u, effect_file=str(path)))
+
+
+def unused_file(folder: Path, stem: str, machine: Machine) -> Path:
+    """A file of which no effect of the machine is made: what an earlier diagnosis found there stays as it is."""
+    here = machine.path.parent if machine.path else Path()
+    used = {(here / name).resolve() for name in machine.effect_files.values()}
+    names = itertools.chain([f"{stem}.py"], (f"{stem}_{n}.py" for n in itertools.count(2)))
+    return next(folder / name for name in names if (folder / name).resolve() not in used)
 
 
 def calibration_json(
