@@ -6,6 +6,7 @@ fitted together with it.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Collection
 from functools import partial
@@ -76,7 +77,8 @@ class _Beside:
     def ranked(self) -> list[CurveTerm]:
         """All curves that reach a reading, the best free one first, and those worth a look with more knots as well."""
         terms = CurveTerms(self.problem, self.fit)
-        all_terms = [term for term, _ in terms.whitened(radial_curves(terms))]
+        periodic = (term for term in terms.clock(waves=True) if term.period)
+        all_terms = [term for term, _ in terms.whitened(itertools.chain(radial_curves(terms), periodic))]
         rows = sorted(((self.objective(t), t) for t in all_terms), key=lambda r: r[0])
         # what a few teeth do to the position of an axis shows with many knots only
         near = [t for i, (_, t) in enumerate(rows) if i < _NEAR or (t.variable == "position" and t.axis == t.moves)]

@@ -20,6 +20,8 @@ _MOST_STEPS = 8
 _ARRIVED = 0.05
 #: Variance of what a shape does not have, over the sum of all.
 _KNOWN = 1e-9
+#: Least precision of a curve's prior, of the largest information: what the model takes up whole has none.
+_LEAST = 1e-12
 #: A step is not taken where it leaves so many times the mean square that it promised.
 _WORSE = 2.0
 
@@ -108,7 +110,8 @@ class Together:
         beside = linear.left_over(own, cross)
         alone = linear.step(gradient, fit.vector)
         self.shape = shape(beside / weight, (score - cross.T @ alone) / weight)
-        part, precision = self.shape.columns, self.shape.precision * weight
+        part = self.shape.columns
+        precision = np.maximum(self.shape.precision * weight, _LEAST * own.max())
         if self.shape.name != "free":  # a free curve is the sum of its knots, of which there are hundreds
             own, cross, score, beside = part.T @ own @ part, cross @ part, part.T @ score, part.T @ beside @ part
         self.information = beside + np.diag(precision)
