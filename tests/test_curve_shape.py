@@ -95,6 +95,21 @@ def test_beside_a_simple_curve_other_errors_are_found_better():
     assert abs(simple.step[0] - 1.0) < 4.0 * np.sqrt(simple.equations.covariance[0, 0])
 
 
+def test_a_curve_that_the_model_takes_up_whole_adds_nothing():
+    """Of some of its knots there are no data either."""
+    columns, y = readings(SHAPES["steps"])
+    columns = np.column_stack([columns[:, :K] * (KNOT < 30), np.zeros(ROWS)])
+    parameters = Parameters((Block.normal("effect", tuple(map(str, KNOT)), mean=0.0, deviation=1e9),))
+    design = columns[:, :K]
+    fit = SimpleNamespace(
+        design=design, residual=y, vector=np.zeros(K), linear=LeastSquares.of_design(parameters, design)
+    )
+    alone = y - design @ fit.linear.step(design.T @ y, fit.vector)
+    beside = Together(fit, columns)
+    assert np.isfinite(beside.objective)
+    assert beside.misfit == pytest.approx(np.mean(alone**2), rel=1e-6)
+
+
 def test_changes_and_orders_are_told():
     ((place, size),) = changes(SHAPES["steps"])
     assert (place, size) == (20.5, 4.0)
