@@ -35,6 +35,14 @@ class Workers:
         """``work(item)`` for every item, in order; ``work`` must not call this itself."""
         return list(map(work, items) if self._pool is None else self._pool.map(work, items))
 
+    def start(self, work: Callable[[], R]) -> Callable[[], R]:
+        """Let one thread do ``work()`` while the calling thread goes on.
+
+        Returns:
+            What waits for the result, and gives it. With one thread, the work is done when it is asked for.
+        """
+        return work if self._pool is None else self._pool.submit(work).result
+
 
 def share_one_heap() -> None:
     """Let all threads of this process take their memory from one heap, so that one can use what another gave back.

@@ -171,7 +171,7 @@ def test_signatures_from_the_cache_are_the_computed_ones(good, kept, monkeypatch
     candidates = seeds(machine)[:6]
     one, other = SignatureBank(problem, fit), SignatureBank(problem, fit)
     one.compute(candidates)
-    monkeypatch.setattr(SignatureBank, "columns", lambda *_: pytest.fail("computed again"))
+    monkeypatch.setattr(SignatureBank, "columns_of", lambda *_: pytest.fail("computed again"))
     other.compute(candidates)
     assert one.matrix.any() and np.array_equal(one.matrix, other.matrix) and one.slices == other.slices
     with pytest.raises(BaseException, match="computed again"):

@@ -17,6 +17,7 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.effects.registry import make
 from mjsim.simulation.multibody import simulate
+from mjsim.threads import Workers
 
 _BATCH = """\
 name = "s"
@@ -116,3 +117,18 @@ def test_random_numbers_come_from_the_seed_that_is_recorded():
     assert {k: v for k, v in found.items() if v} == {file: ["np.random", "default_rng"] for file in seeds}
     for file, drawn in seeds.items():
         assert drawn in (package / file).read_text()
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_work_that_was_started_ends_beside_other_work(threads):
+    workers = Workers(threads)
+    started = workers.start(lambda: sum(range(10)))
+    assert workers.map(lambda x: 2 * x, range(4)) == [0, 2, 4, 6]
+    assert started() == 45
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_what_goes_wrong_in_started_work_is_told_to_who_asks(threads):
+    started = Workers(threads).start(lambda: [][0])
+    with pytest.raises(IndexError):
+        started()

@@ -27,7 +27,7 @@ from mjsim.estimation.joint_selection import JointSelector
 from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.signatures import SignatureBank, seeds
-from mjsim.estimation.spectrum import spectral_candidates, wave
+from mjsim.estimation.spectrum import sides_of, spectral_candidates, wave
 from mjsim.estimation.verdicts import is_beyond
 from mjsim.machine.model import build
 
@@ -236,8 +236,11 @@ def test_a_wave_is_added_to_those_of_its_pitch_error(real):
     fit = joint.selection.fit
     pitch = fit.machine.effect("pitch_error.A")
     assert all(size > 0.0 for _, size, _ in pitch.values["components"])
-    beside = wave(problem, joint.selection.bank, pitch, 50.0)[1]
-    alone = wave(problem, SignatureBank(problem, Fitter(problem, machine).fit([])), pitch, 50.0)[1]
+
+    def columns(bank):
+        return bank.whitened([wave(pitch, 50.0)], [sides_of(bank, pitch, 50.0)])[0][1]
+
+    beside, alone = columns(joint.selection.bank), columns(SignatureBank(problem, Fitter(problem, machine).fit([])))
     assert np.linalg.norm(beside - alone) < 0.05 * np.linalg.norm(alone)
 
 

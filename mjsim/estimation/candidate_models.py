@@ -12,7 +12,7 @@ from mjsim.estimation.fit import CONVERGED, Fit, Fitter
 from mjsim.estimation.nuisance import TRIGGERS
 from mjsim.estimation.one_direction import one_direction_candidates
 from mjsim.estimation.signatures import Candidate, Projector, Row, SignatureBank
-from mjsim.estimation.spectrum import spectral_candidates, wave
+from mjsim.estimation.spectrum import sides_of, spectral_candidates, wave
 from mjsim.machine.chain import is_rotary
 from mjsim.machine.effect import Effect
 from mjsim.progress import Progress, silent
@@ -88,7 +88,7 @@ class CandidateModels:
         present = [f.effect for f in fit.effects if f.effect.search.scanned and f.effect.subject == axis]
         if not present or not is_rotary(axis):
             return []
-        waves = [wave(self.problem, bank, effect, 1.0) for effect in present]
+        waves = bank.whitened([wave(e, 1.0) for e in present], [sides_of(bank, e, 1.0) for e in present])
         return [(gain - self.penalty(c), x, c) for gain, x, c in Projector(fit).rows(waves)]
 
     def refit(self, effects: list[EffectVector], start: Fit, c: Candidate) -> Fit:

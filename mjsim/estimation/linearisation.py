@@ -31,6 +31,8 @@ from mjsim.simulation.transmission import reading_change, transmit
 _STEP, _PART = 0.02, 0.05
 #: Size of the numerical step of an error motion, m or rad.
 _MOTION = 1e-6
+#: What computes block means of a test, (m,) or (m, k), from its number.
+OfTest = Callable[[int], np.ndarray]
 
 
 class Sampled(Protocol):
@@ -90,11 +92,16 @@ class Linearisation:
 
         ``None`` where the effect needs a new simulation: it is in Python, or changes a drive by more than its numbers.
         """
+        one = self.columns_of(free)
+        return None if one is None else self.problem.map(one)
+
+    def columns_of(self, free: EffectVector) -> OfTest | None:
+        """What computes the :meth:`columns` of one test."""
         if free.effect.in_python:
             return None
         if free.is_linear and free.effect.search.quasi_static and not self._plays_back(self._alone(free.effect)):
-            parts = [self.added(free.only(j, _PART), keep=True) for j in range(len(free.vector))]
-            return [np.column_stack(of_test) / _PART for of_test in zip(*parts, strict=True)]
+            parts = [self.added_of(free.only(j, _PART), keep=True) for j in range(len(free.vector))]
+            return lambda k: np.column_stack([part(k) for part in parts]) / _PART
         pairs = [free.nudged(j, _STEP) for j in range(len(free.vector))]
         effects = [free.effect, *(effect for effect, _ in pairs)]
         plants = [self._alone(e) if e.search.quasi_static else self._with(e, free.names) for e in effects]
@@ -108,15 +115,15 @@ class Linearisation:
                 [s.sample((m - here) / change, shift) for m, (_, change) in zip(moved, pairs, strict=True)]
             )
 
-        return self.problem.map(one)
+        return one
 
-    def change(self, effect: Effect) -> list[np.ndarray]:
-        """What an effect of positions changes in the block means, (m,) per test, m: added to the model, or in the place
-        of the one that the model has.
+    def change_of(self, effect: Effect) -> OfTest:
+        """What computes the change that an effect of positions makes in the block means of one test, (m,) m: added to
+        the model, or in the place of the one that the model has.
         """
         before = self.machine.effect(effect.key)
         if before is None:
-            return self.added(effect)
+            return self.added_of(effect)
         plants = [self._alone(e) for e in (effect, before)]
         part_of = self._part_of(effect, plants)
 
@@ -124,10 +131,14 @@ class Linearisation:
             now, then = (part_of(k, plant, effect.subject) for plant in plants)
             return self.problem.samples[k].sample(now - then, self.problem.shift(k, self.nuisance))
 
-        return self.problem.map(one)
+        return one
 
-    def added(self, effect: Effect, keep: bool = False) -> list[np.ndarray]:
+    def added(self, effect: Effect) -> list[np.ndarray]:
         """What an effect of positions by itself adds to the block means, (m,) per test, m."""
+        return self.problem.map(self.added_of(effect))
+
+    def added_of(self, effect: Effect, keep: bool = False) -> OfTest:
+        """What computes the same for one test, and keeps it."""
         changes = self.problem.changes
         known = [changes.of(k, effect) for k in range(len(self.problem.motions))]
         compute = self._change_by(effect) if any(grid is None for grid in known) else None
@@ -141,7 +152,7 @@ class Linearisation:
                     changes.keep(k, effect, grid)
             return self.problem.samples[k].sample(grid, self.problem.shift(k, self.nuisance))
 
-        return self.problem.map(one)
+        return one
 
     def _change_by(self, effect: Effect) -> Callable[[int], np.ndarray]:
         """What computes the change of a test's reading by this effect alone, on the grid, m."""

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -40,10 +42,10 @@ def sheet_plants(machine: Machine, axes: Iterable[str]) -> dict[int, Plant]:
 
 def sheet_grid(motion: AxesMotion, sens: BarSensitivity, base: Plant, moved: dict[int, Plant]) -> np.ndarray:
     """Changes of one test's reading from ``base`` to each of ``moved``, (sheet, n) m on the GRID; zero for the
-    others.
+    others. Single precision is enough for them, and a diagnosis keeps them all.
     """
     sheet = data_sheet(base.chain)
-    out = np.zeros((len(sheet), len(motion.time[::GRID_STEPS])))
+    out = np.zeros((len(sheet), len(motion.time[::GRID_STEPS])), np.float32)
     for j, plant in moved.items():
         axis = sheet[j].axis
         i = base.chain.index(axis)
@@ -172,7 +174,12 @@ class Problem:
     @property
     def count(self) -> int:
         """Number of whitened residuals."""
-        return int(sum(self.noise.rows(s).sum() for s in self.samples))
+        return sum(map(len, self._kept))
+
+    @cached_property
+    def _kept(self) -> list[np.ndarray]:
+        """Per test, the blocks that have a whitened residual."""
+        return [np.flatnonzero(self.noise.rows(s)) for s in self.samples]
 
     def readings(self, plant: Plant) -> list[np.ndarray]:
         """Simulated readings of all tests on the GRID, m."""
@@ -226,7 +233,7 @@ class Problem:
 
     def whiten_nuisance(self, columns: Sequence[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:
         """Per test, the places (8,) of its nuisances and the whitened rows of its :meth:`nuisance_columns`."""
-        parts = self.map(lambda k: self.noise.whiten(self.samples[k], columns[k]))
+        parts = self.map(lambda k: self._whitened(k, columns[k]))
         return [(self.nuisances.of_test(t), part) for t, part in zip(self.tests, parts, strict=True)]
 
     def difference(
@@ -266,18 +273,28 @@ class Problem:
         def one(k: int) -> tuple[np.ndarray, np.ndarray]:
             mine = columns[k]
             places = np.flatnonzero(mine.any(axis=0))
-            return places, self.noise.whiten(self.samples[k], mine[:, places])
+            return places, self._whitened(k, mine[:, places])
 
         return Design(self.map(one), columns[0].shape[1])
 
     def whiten(self, per_test: Sequence[np.ndarray]) -> np.ndarray:
         """Stack per-test block arrays (m,) or (m, k) into whitened rows (count,) or (count, k)."""
-        kept = [np.flatnonzero(self.noise.rows(s)) for s in self.samples]
-        ends = np.cumsum([0, *map(len, kept)])
-        out = np.empty((ends[-1], *per_test[0].shape[1:]))
+        return self.whiten_each(per_test.__getitem__, np.empty((self.count, *per_test[0].shape[1:])))
 
-        def one(k: int) -> None:  # each test straight into its rows: wide columns fill hundreds of MB
-            out[ends[k] : ends[k + 1]] = self.noise.whiten(self.samples[k], per_test[k], kept[k])
+    def whiten_each(self, work: Callable[[int], np.ndarray], out: np.ndarray) -> np.ndarray:
+        """As :meth:`whiten`, of block arrays that ``work(k)`` makes test by test, into ``out``.
+
+        Each test goes straight into its rows: wide columns fill hundreds of MB.
+        """
+        ends = np.cumsum([0, *map(len, self._kept)])
+        rows = [slice(int(a), int(b)) for a, b in pairwise(ends)]
+
+        def one(k: int) -> None:
+            out[rows[k]] = self._whitened(k, work(k))
 
         self.map(one)
         return out
+
+    def _whitened(self, k: int, columns: np.ndarray) -> np.ndarray:
+        """Whitened rows of block columns (m,) or (m, k) of one test."""
+        return self.noise.whiten(self.samples[k], columns, self._kept[k])

@@ -11,7 +11,7 @@ from mjsim.estimation.fit import Fit
 from mjsim.estimation.least_squares import LeastSquares, ridge_solution
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.signatures import Candidate, Projector, SignatureBank, seeds
-from mjsim.estimation.spectrum import sides, spectral_candidates
+from mjsim.estimation.spectrum import sides_of, spectral_candidates
 from mjsim.estimation.visibility import unabsorbed
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
@@ -160,8 +160,8 @@ def _unwhitened(bank: SignatureBank, c: Candidate) -> list[np.ndarray]:
     """Block-mean signatures of a candidate, (m, k) per test in m per typical size; waves as sine and cosine."""
     if c.effect.kind != "pitch_error":
         return bank.columns(c)
-    waves = [side for order, _, _ in c.effect.values["components"] for side in sides(bank, c.effect, order)]
-    return [np.column_stack(parts) for parts in zip(*waves, strict=True)]
+    waves = [sides_of(bank, c.effect, order) for order, _, _ in c.effect.values["components"]]
+    return bank.problem.map(lambda k: np.hstack([wave(k) for wave in waves]))
 
 
 def _own(problem: Problem, rest: Fit, bank: SignatureBank, effect_id: str) -> list[tuple[Candidate, np.ndarray]]:

@@ -14,7 +14,7 @@ from mjsim.estimation.data_sheet import calibrated
 from mjsim.estimation.design import Design
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit
-from mjsim.estimation.linearisation import Linearisation
+from mjsim.estimation.linearisation import Linearisation, OfTest
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import GRID_STEPS
 from mjsim.io.cache import remembered
@@ -22,6 +22,8 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
 
 _SMALL = 0.05  # of a typical size
+#: Candidates that one thread computes in a row: the more, the less the threads wait for one another.
+_TOGETHER = 8
 
 
 @dataclass
@@ -81,14 +83,14 @@ class SignatureBank:
         self._machine = fit.machine
         self.linearisation = Linearisation(problem, self._machine, fit.nuisance)
         self.plant, self.loads = self.linearisation.plant, self.linearisation.loads
-        self._by_drive: dict[tuple, list[np.ndarray]] = {}
+        self._by_drive: dict[tuple, dict[int, np.ndarray]] = {}
         self.candidates: list[Candidate] = []
         self.matrix = np.zeros((problem.count, 0))
         self.slices: list[slice] = []
 
     def compute(self, candidates: list[Candidate], done: Callable[[], None] | None = None) -> None:
         """Compute and keep the whitened columns of all candidates."""
-        widths = [self._moves(c)[1].shape[0] for c in candidates]
+        widths = [self.width(c) for c in candidates]
         ends = np.cumsum([0, *widths])
         self.slices = [slice(int(a), int(b)) for a, b in pairwise(ends)]
         self.matrix = remembered(
@@ -104,11 +106,30 @@ class SignatureBank:
 
     def _matrix(self, candidates: list[Candidate], done: Callable[[], None] | None) -> np.ndarray:
         matrix = np.empty((self.problem.count, self.slices[-1].stop if self.slices else 0), order="F")
-        for c, s in zip(candidates, self.slices, strict=True):
-            matrix[:, s] = self.problem.whiten(self.columns(c))
+        for first in range(0, len(candidates), _TOGETHER):
+            some, places = candidates[first : first + _TOGETHER], self.slices[first : first + _TOGETHER]
+            works = [self.columns_of(c) for c in some]
+            self._fill(matrix[:, places[0].start : places[-1].stop], works)
             if done:
-                done()
+                for _ in some:
+                    done()
         return matrix
+
+    def whitened(self, candidates: list[Candidate], works: list[OfTest]) -> list[Offer]:
+        """Candidates with their whitened columns, which ``works`` compute test by test, before they are whitened."""
+        ends = np.cumsum([0, *(self.width(c) for c in candidates)])
+        columns = np.empty((self.problem.count, ends[-1]))
+        if works:
+            self._fill(columns, works)
+        return [(c, columns[:, a:b]) for c, (a, b) in zip(candidates, pairwise(ends), strict=True)]
+
+    def _fill(self, out: np.ndarray, works: list[OfTest]) -> None:
+        """Whiten what ``works`` compute into ``out``, side by side."""
+        self.problem.whiten_each(lambda k: np.hstack([work(k) for work in works]), out)
+
+    def width(self, c: Candidate) -> int:
+        """Number of a candidate's columns."""
+        return 2 if c.effect.search.scanned else len(self._moves(c)[1])
 
     def _depends_on(self, candidates: list[Candidate]) -> tuple:
         """Everything that the matrix follows from, for the cache."""
@@ -118,24 +139,26 @@ class SignatureBank:
 
     def columns(self, c: Candidate) -> list[np.ndarray]:
         """Block-mean signatures per test, (m, k), m per typical size."""
+        return self.problem.map(self.columns_of(c))
+
+    def columns_of(self, c: Candidate) -> OfTest:
+        """What computes the :meth:`columns` of one test."""
         given, moves = self._moves(c)
         mine = self._machine.effect(c.effect.key)
         # an effect that the fit has put into the model is moved from where it is; one of the machine from its seed
         present = mine is not None and not given and not c.at_another_order(mine)
         free = EffectVector(mine if mine is not None and present else c.effect, c.names)
         if mine is not None and free.is_linear and c.effect.search.quasi_static:
-            known = self.linearisation.columns(free)
+            known = self.linearisation.columns_of(free)
             if known is not None:
                 return known
         v = free.vector
-        changes_of = self.position_changes if c.effect.search.quasi_static else self._motor_changes
-        out: list[list[np.ndarray]] = [[] for _ in self.problem.tests]
-        for move in moves:
-            effect = free.at(v + move if mine is not None else self._from_neutral(free, v, move))
-            size = float(np.abs(move).max())
-            for k, d in enumerate(changes_of(effect)):
-                out[k].append(d / size)
-        return [np.column_stack(x) for x in out]
+        change_of = self.position_change_of if c.effect.search.quasi_static else self._motor_change_of
+        works = [
+            change_of(free.at(v + move if mine is not None else self._from_neutral(free, v, move))) for move in moves
+        ]
+        sizes = np.abs(moves).max(axis=1)
+        return lambda k: np.column_stack([work(k) for work in works]) / sizes
 
     def _moves(self, c: Candidate) -> tuple[bool, np.ndarray]:
         """Whether the machine as given has the effect, and the small moves of its vector, one a row, that give its
@@ -156,36 +179,38 @@ class SignatureBank:
         out[free.linear] = free.neutral + move[free.linear]
         return out
 
-    def _motor_changes(self, effect: Effect) -> list[np.ndarray]:
-        """Changes of drives: only the effect's own axis is simulated again."""
+    def _motor_change_of(self, effect: Effect) -> OfTest:
+        """Change of a drive in one test: only the effect's own axis is simulated again."""
         p, axis = self.problem, effect.subject
         i = p.chain.index(axis)
         drive = build(self._with(effect)).axes[axis]
-        key = axis, *drive.key()
-        if key in self._by_drive:
-            return self._by_drive[key]
+        kept = self._by_drive.setdefault((axis, *drive.key()), {})
 
-        def one(k: int) -> np.ndarray:
+        def change(k: int) -> np.ndarray:
             s, motion = p.samples[k], p.motions[k]
             if not motion.moves[i]:
                 return np.zeros(len(s.centre))
-            change = motion.motor_change(axis, self.plant.axes[axis], drive, GRID_STEPS)
-            return s.sample(p.sensitivity[k].axes[:, i] * change, p.shift(k, self.fit.nuisance))
+            moved = motion.motor_change(axis, self.plant.axes[axis], drive, GRID_STEPS)
+            return s.sample(p.sensitivity[k].axes[:, i] * moved, p.shift(k, self.fit.nuisance))
 
-        self._by_drive[key] = p.map(one)
-        return self._by_drive[key]
+        def one(k: int) -> np.ndarray:
+            if k not in kept:
+                kept[k] = change(k)
+            return kept[k]
+
+        return one
 
     def _with(self, effect: Effect) -> Machine:
         return calibrated(
             self.fit.base.with_effects([*(f.effect for f in self.fit.effects), effect]), self.fit.sheet_deviation
         )
 
-    def position_changes(self, effect: Effect) -> list[np.ndarray]:
-        """Block means of what an effect of positions changes, (m,) per test, m."""
+    def position_change_of(self, effect: Effect) -> OfTest:
+        """What computes the change that an effect of positions makes in the block means of one test, (m,) m."""
         if not effect.in_python:
-            return self.linearisation.change(effect)
+            return self.linearisation.change_of(effect)
         readings = self.problem.readings(build(self._with(effect)))
-        return self.problem.difference(self.base_readings, readings, self.fit.nuisance)
+        return self.problem.difference(self.base_readings, readings, self.fit.nuisance).__getitem__
 
     @cached_property
     def base_readings(self) -> list[np.ndarray]:

@@ -6,8 +6,9 @@ import numpy as np
 
 from mjsim.effects import registry
 from mjsim.estimation.fit import Fit
+from mjsim.estimation.linearisation import OfTest
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.signatures import Candidate, SignatureBank
+from mjsim.estimation.signatures import Candidate, Offer, SignatureBank
 from mjsim.machine.chain import is_rotary
 from mjsim.machine.effect import Effect
 
@@ -36,19 +37,23 @@ def orders(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: in
     turn = 2 * np.pi if rotary else 2 * np.pi / fit.base.drives[axis].gear
     highest = HIGHEST_ROTARY if rotary else HIGHEST_LINEAR
     rest = problem.residual(fit.readings, fit.nuisance)
-    gathered, variance = np.zeros((2, _BINS)), np.zeros((2, highest))
-    for k, s in enumerate(problem.samples):
-        q = bank.loads[k][:, i]
+
+    def one(k: int) -> tuple[np.ndarray, np.ndarray]:
+        gathered, variance = np.zeros((2, _BINS)), np.zeros((2, highest))
+        s, q = problem.samples[k], bank.loads[k][:, i]
         if np.ptp(q) < turn / highest:
-            continue
+            return gathered, variance
         shift = problem.shift(k, fit.nuisance)
         x, weight = s.sample(q, shift), s.sample(problem.sensitivity[k].axes[:, i], shift)
         speed = np.gradient(x) / turn
         score = _backward(problem, np.where(s.good, rest[k], 0.0))
         place = (np.floor(x / turn * _BINS) % _BINS).astype(int)
         for sense, there in enumerate((speed > 0.0, speed <= 0.0)):
-            gathered[sense] += np.bincount(place[there], (weight * score)[there], _BINS)
-            variance[sense] += _variance(problem, highest, np.abs(speed[there]), weight[there])
+            gathered[sense] = np.bincount(place[there], (weight * score)[there], _BINS)
+            variance[sense] = _variance(problem, highest, np.abs(speed[there]), weight[there])
+        return gathered, variance
+
+    gathered, variance = (np.sum(parts, axis=0) for parts in zip(*problem.map(one), strict=True))
     per_direction = {"": (gathered.sum(axis=0), variance.sum(axis=0))}
     if rotary and all(v.any() for v in variance):
         per_direction |= {"CCW": (gathered[0], variance[0]), "CW": (gathered[1], variance[1])}
@@ -85,9 +90,7 @@ def _variance(problem: Problem, highest: int, speed: np.ndarray, weight: np.ndar
     return 0.5 * gain @ power[used]
 
 
-def spectral_candidates(
-    problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: int = 4
-) -> list[tuple[Candidate, np.ndarray]]:
+def spectral_candidates(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: int = 4) -> list[Offer]:
     """Candidates whose order is read off the spectrum of one axis, with whitened columns (count, 2): sine and cosine,
     per typical size.
 
@@ -102,7 +105,7 @@ def spectral_candidates(
     slow = _SLOW_WAVES if is_rotary(axis) else ()
     most = max((len(e.values["components"]) for e in present.values()), default=0)
     found = orders(problem, fit, bank, axis, count + most)
-    out = []
+    candidates, works = [], []
     for direction, numbers in found.items():
         values = {"direction": direction} if direction else {}
         empty = cls(subject, components=[], **values)
@@ -110,31 +113,31 @@ def spectral_candidates(
         have = {round(c[0]) for c in own.values["components"]} if own else set()
         best = [n for n in numbers if n not in have][: count // 2 if direction else count]
         best += [n for n in slow if own and n not in (*have, *best)]
-        out += [wave(problem, bank, empty, float(order)) for order in best]
+        candidates += [wave(empty, float(order)) for order in best]
+        works += [sides_of(bank, empty, float(order)) for order in best]
     ripple, _ = registry.effect_class(f"torque_ripple.{axis}", fit.machine.chain)
     if fit.machine.effect(f"torque_ripple.{axis}"):
-        return out
+        return bank.whitened(candidates, works)
     gear = fit.base.drives[axis].gear if is_rotary(axis) else 1.0
     modelled = {round(c[0]) for e in present.values() for c in e.values["components"]}
     fast = [n / gear for n in found[""] if n / gear > _SLOWEST_RIPPLE][:1]
     fast += [n / gear for n in sorted(modelled) if n / gear > _SLOWEST_RIPPLE]
-    for order in dict.fromkeys(fast):
-        seed = Candidate(ripple(subject, amplitude_Nm=ripple.parameters[0].scale, order=order), ripple.search.free)
-        out.append((seed, problem.whiten(bank.columns(seed))))
-    return out
+    seed = {"amplitude_Nm": ripple.parameters[0].scale}
+    ripples = [Candidate(ripple(subject, order=n, **seed), ripple.search.free) for n in dict.fromkeys(fast)]
+    return bank.whitened([*candidates, *ripples], [*works, *map(bank.columns_of, ripples)])
 
 
-def wave(problem: Problem, bank: SignatureBank, pitch_error: Effect, order: float) -> tuple[Candidate, np.ndarray]:
-    """A pitch error of one order alone as a candidate, of the axis and direction of ``pitch_error``, with its whitened
-    columns (count, 2) as in :func:`spectral_candidates`.
+def wave(pitch_error: Effect, order: float) -> Candidate:
+    """A pitch error of one order alone as a candidate, of the axis and direction of ``pitch_error``."""
+    scale = pitch_error.parameters_of(pitch_error.subject)[0].scale
+    return Candidate(pitch_error.replaced(components=[[order, scale, 0.0]]), ("components",))
+
+
+def sides_of(bank: SignatureBank, pitch_error: Effect, order: float) -> OfTest:
+    """What computes sine and cosine of one order in one test: what each adds to the block means, (m, 2) m per typical
+    size.
     """
     scale = pitch_error.parameters_of(pitch_error.subject)[0].scale
-    columns = problem.whiten([np.column_stack(pair) for pair in zip(*sides(bank, pitch_error, order), strict=True)])
-    return Candidate(pitch_error.replaced(components=[[order, scale, 0.0]]), ("components",)), columns
-
-
-def sides(bank: SignatureBank, pitch_error: Effect, order: float) -> list[list[np.ndarray]]:
-    """Sine and cosine of one order: what each adds to the block means, (m,) per test, m per typical size."""
-    scale = pitch_error.parameters_of(pitch_error.subject)[0].scale
     parts = [pitch_error.replaced(components=[[order, _PART * scale, phase]]) for phase in (0.0, 90.0)]
-    return [[d / _PART for d in bank.linearisation.added(part)] for part in parts]
+    sides = [bank.linearisation.added_of(part) for part in parts]
+    return lambda k: np.column_stack([side(k) for side in sides]) / _PART

@@ -79,6 +79,8 @@ def _diagnose(
     """The diagnosis itself, whatever the cache has."""
     progress("preparing", 0, 1)
     separated = separate(checked_problem(campaign, build(machine), threads, settings=settings), machine)
+    # much of the search keeps one core busy: another simulates meanwhile
+    readings_as_given = separated.problem.workers.start(lambda: readings_of(machine, separated.problem.tests, 1))
     explained = select_model(separated, max_effects, progress)
     data, selection, unexplained = explained.data, explained.selection, explained.unexplained
     hidden = not_testable(data, Projector(selection.start), selection.bank)
@@ -99,7 +101,9 @@ def _diagnose(
         return overlay(problem, m, readings_of(m, problem.tests, threads, done), begin)
 
     given, begin = phased_at(problem, machine)
-    before = simulated(given, "simulating the machine as given", begin)
+    stage = "simulating the machine as given"
+    progress(stage, 0, 1)
+    before = overlay(problem, given, readings_as_given()) if given is machine else simulated(given, stage, begin)
     expected = machine.with_effects(c.effect.effect for c in explained.calibration)
     ladder = [before]
     if explained.calibration and found:
