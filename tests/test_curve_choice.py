@@ -19,7 +19,7 @@ def test_a_patch_of_worn_teeth_is_found_on_its_axis(tmp_path):
     """It is narrow: with few knots a curve of another axis explains more."""
     patch = ToothPatch("C", amplitude=6.0, order=30.0, centre_deg=120.0, width_deg=10.0)
     fitter, machine = fitter_of((patch,), tmp_path, "r")
-    curve = best_curve_beside(fitter, calibrated(fitter, machine))
+    _, curve = best_curve_beside(fitter, calibrated(fitter, machine))
     assert curve is not None
     assert (curve.axes, curve.moves, curve.variable, len(curve.knots)) == (("C",), "C", "position", 144)
     place = np.degrees(curve.knots[np.argmax(np.abs(curve.coefficients - np.median(curve.coefficients)))])
@@ -34,7 +34,7 @@ def test_where_nothing_is_left_there_is_no_curve(tmp_path):
 def beside_play(hidden, finding, folder):
     """What stands in place of a finding beside a play that changes with the position."""
     fitter, machine = fitter_of((EccentricPlay("C", 8.0), *hidden), folder)
-    curve = best_curve_beside(fitter, calibrated(fitter, machine))
+    _, curve = best_curve_beside(fitter, calibrated(fitter, machine))
     assert curve is not None and curve.axes == ("C",) and curve.signed
     named = finding(machine)
     return curve_instead(fitter, calibrated(fitter, machine, named), curve, [named.effect.key])

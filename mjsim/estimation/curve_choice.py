@@ -9,7 +9,10 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Collection
+from dataclasses import replace
 from functools import partial
+
+import numpy as np
 
 from mjsim.estimation.calibration import expected_effects
 from mjsim.estimation.curve_fit import Together, fit_beside
@@ -18,27 +21,36 @@ from mjsim.estimation.curve_shape import free_shape, simplest_shape
 from mjsim.estimation.curve_terms import CurveTerm, CurveTerms
 from mjsim.estimation.curve_waves import radial_curves
 from mjsim.estimation.fit import Fit, Fitter
+from mjsim.estimation.nuisance import TRIGGERS
 from mjsim.estimation.one_curve import objective_with_findings
 from mjsim.estimation.problem import Problem
 
 #: Best curves that are looked at again, factors of their number of knots, and most knots (assumed).
 _NEAR, _FINER, _LONG = 6, (2, 4), 320
+#: A trigger that stands further off follows what the model lacks, and one that a curve moves further reads another
+#: part of the motion; prior standard deviations (assumed).
+_BELIEVED, _MOVED = 3.0, 0.25
 
 
-def best_curve_beside(fitter: Fitter, fit: Fit) -> CurveTerm | None:
+def best_curve_beside(fitter: Fitter, fit: Fit) -> tuple[Fit, CurveTerm] | None:
     """The curve of largest evidence beside a model, where it is worth its number of knots and stands out of a test.
 
     Args:
         fitter: Of the machine.
         fit: The model without a curve.
+
+    Returns:
+        The model that the curve stands beside, at believable triggers, and the curve.
     """
     problem, settings = fitter.problem, fitter.problem.settings
+    least = fit.objective
+    fit = _with_believed_triggers(fitter, fit)
     beside = _Beside(problem, fit)
     ranked = beside.ranked()
     own = next((i for i, term in enumerate(ranked) if term.axis == term.moves), 0)
     last = [term for i, term in enumerate(ranked) if i < _NEAR or i == own]
     rows = [(beside.together(term, simple=True), term) for term in last]
-    explained = fit.objective - min((both.objective for both, _ in rows), default=fit.objective)
+    explained = least - min((both.objective for both, _ in rows), default=least)
     if explained < 2.0 * math.log(max(len(ranked), 1)) - 2.0 * settings.curve_log_odds:
         return None
 
@@ -51,7 +63,28 @@ def best_curve_beside(fitter: Fitter, fit: Fit) -> CurveTerm | None:
 
     best = min(rows, key=lambda row: charged(*row))[1]
     best.coefficients = beside.together(best).coefficients
-    return best if stands_out(problem, fit, best) else None
+    return (fit, best) if stands_out(problem, fit, best) else None
+
+
+def _with_believed_triggers(fitter: Fitter, fit: Fit) -> Fit:
+    """The model with those triggers at zero that stand too far off."""
+    at = fitter.problem.nuisances[TRIGGERS]
+    triggers = fit.nuisance[at]
+    if np.abs(triggers).max() < _BELIEVED:
+        return fit
+    nuisance = fit.nuisance.copy()
+    nuisance[at] = np.where(np.abs(triggers) < _BELIEVED, triggers, 0.0)
+    return fitter.fit(fit.effects, start=replace(fit, nuisance=nuisance), iterations=0, fresh=False)
+
+
+def best_curve_again(fitter: Fitter, fit: Fit, before: Fit) -> tuple[Fit, CurveTerm] | None:
+    """:func:`best_curve_beside` of a model that was fitted beside a curve, where its triggers have moved so far that
+    the curve read other parts of the motion ``before``; otherwise ``None``.
+    """
+    at = fitter.problem.nuisances[TRIGGERS]
+    if np.abs(fit.nuisance[at] - before.nuisance[at]).max() < _MOVED:
+        return None
+    return best_curve_beside(fitter, fitter.fit(fit.effects, start=fit, iterations=0, fresh=False))
 
 
 class _Beside:
@@ -101,9 +134,10 @@ def curve_instead(
     """
     problem = fitter.problem
     calibrated = fitter.fit([c.free for c in expected_effects(fitter.machine)], start=named, fresh=False)
-    curve = best_curve_beside(fitter, calibrated)
-    if curve is None:
+    better = best_curve_beside(fitter, calibrated)
+    if better is None:
         return None
+    calibrated, curve = better
     with_findings, _, both = fit_beside(fitter, named, beside)
     _, _, single = fit_beside(fitter, calibrated, curve)
     cost = objective_with_findings(with_findings, calibrated, findings, problem.settings.log_odds)

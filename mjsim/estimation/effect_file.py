@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mjsim.estimation.curve_shape import bends
 from mjsim.estimation.curve_terms import RADIAL, TABLE, CurveTerm
 from mjsim.machine.chain import Chain, is_linear, is_rotary
 
@@ -23,6 +24,9 @@ _UNIT = {
     "time_since_reversal": ("log10 of s", "log10 of s"),
     "clock_time": ("s", "s"),
 }
+
+#: Variables over which a straight curve goes on beyond what was measured, so many times its length.
+_GOES_ON, _FAR = ("position", "direction", "velocity", "acceleration", "torque"), 10.0
 
 _TEMPLATE = '''"""{summary}
 
@@ -88,6 +92,7 @@ def effect_source(chain: Chain, term: CurveTerm, values: np.ndarray, summary: st
         summary: first sentence of the file.
         file_name: for its own doc string.
     """
+    knots, values = _continued(term, values)
     # a machine may have several unknown causes, each with a kind of its own
     moved = f"moves_{term.moves}" if term.moves != term.axis else ""
     kind = "_".join(filter(None, ("unexplained", term.variable, term.axis, moved))).replace(" ", "_").lower()
@@ -123,7 +128,7 @@ def effect_source(chain: Chain, term: CurveTerm, values: np.ndarray, summary: st
         unit=unit,
         target=target,
         size="rad" if is_rotary(term.moves) else "m",
-        knots=_numbers(term.knots),
+        knots=_numbers(knots),
         values=_numbers(values),
         class_name="".join(w.capitalize() for w in kind.split("_")),
         kind=kind,
@@ -135,6 +140,17 @@ def effect_source(chain: Chain, term: CurveTerm, values: np.ndarray, summary: st
         period=f", period={term.period:.12g}" if term.period else "",
         act=act,
     )
+
+
+def _continued(term: CurveTerm, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Knots and values of a curve, a straight one with ends far beyond what was measured; others stay at their last
+    value there.
+    """
+    knots, open_ended = term.knots, term.period is None and term.variable in _GOES_ON
+    if not open_ended or term.shape != "bends" or bends(term.coefficients):
+        return knots, values
+    ends = knots[[0, -1]] + _FAR * np.ptp(knots) * np.array([-1.0, 1.0])
+    return ends, np.polyval(np.polyfit(knots, values, 1), ends)
 
 
 def _numbers(x: np.ndarray) -> str:

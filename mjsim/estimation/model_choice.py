@@ -8,7 +8,7 @@ import numpy as np
 
 from mjsim.estimation.calibration import expected_effects
 from mjsim.estimation.combinations import Combination, combinations
-from mjsim.estimation.curve_choice import best_curve_beside, curve_instead
+from mjsim.estimation.curve_choice import best_curve_again, best_curve_beside, curve_instead
 from mjsim.estimation.curve_fit import fit_beside, fit_beside_simple
 from mjsim.estimation.curve_search import best_curve_term
 from mjsim.estimation.curve_terms import CurveTerm
@@ -135,7 +135,10 @@ def _explain_jointly(fitter: Fitter, progress: Progress) -> Explained:
         problem, fit = joint.problem, joint.selection.fit
         fitter = fitter.with_problem(problem)
     if rest is None and (joint.curve is not None or fit.sum_squares > problem.settings.joint_fit * problem.count):
-        rest = best_curve_beside(fitter, fit)
+        beside = best_curve_beside(fitter, fit)
+        if beside is not None:
+            fit, rest = beside
+            joint = replace(joint, selection=replace(joint.selection, fit=fit))
     if rest is not None:
         progress("fitting beside what is not in the catalogue", 0, 1)
         joint, rest = _beside_unknown(fitter, joint, rest, sure=local is not None)
@@ -165,7 +168,7 @@ def _beside_unknown(
         calibrated = tuple(c for key, c in expected.items() if key not in keys)
         effects = [f for f in fit.effects if f.effect.key in keys]
         start = fitter.fit([*effects, *(c.free for c in calibrated)], start=joint.selection.fit, fresh=False)
-        rest = (None if sure else best_curve_beside(fitter, start)) or rest
+        start, rest = (None if sure else best_curve_beside(fitter, start)) or (start, rest)
         joint = replace(joint, calibrated=calibrated)
     alone = curve_instead(fitter, start, rest, [f.key for f in found]) if found else None
     if alone is not None:
@@ -173,4 +176,7 @@ def _beside_unknown(
         found, joint = [], replace(joint, calibrated=tuple(expected.values()))
     # findings are judged beside a curve that may do anything; what all are worth, beside one with what is needed
     fit, curve = fit_beside_simple(fitter, start, rest)
+    again = None if sure else best_curve_again(fitter, fit, start)
+    if again is not None:
+        fit, curve = fit_beside_simple(fitter, *again)
     return replace(joint, selection=replace(joint.selection, fit=fit, found=found)), curve
