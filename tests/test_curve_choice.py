@@ -1,12 +1,15 @@
 """The curve of an unknown cause is the one that explains most beside everything that a machine may have."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from independent.unlisted import EccentricPlay, ToothPatch
 from rotary_fits import fitter_of, free
 
 from mjsim.estimation.calibration import expected_effects
-from mjsim.estimation.curve_choice import best_curve_beside, curve_instead
+from mjsim.estimation.curve_choice import best_curve_again, best_curve_beside, curve_instead
+from mjsim.estimation.nuisance import TRIGGERS
 
 
 def calibrated(fitter, machine, *findings):
@@ -20,10 +23,31 @@ def test_a_patch_of_worn_teeth_is_found_on_its_axis(tmp_path):
     patch = ToothPatch("C", amplitude=6.0, order=30.0, centre_deg=120.0, width_deg=10.0)
     fitter, machine = fitter_of((patch,), tmp_path, "r")
     _, curve = best_curve_beside(fitter, calibrated(fitter, machine))
-    assert curve is not None
     assert (curve.axes, curve.moves, curve.variable, len(curve.knots)) == (("C",), "C", "position", 144)
     place = np.degrees(curve.knots[np.argmax(np.abs(curve.coefficients - np.median(curve.coefficients)))])
     assert place == pytest.approx(120.0, abs=10.0)
+
+
+def test_a_trigger_that_follows_the_unknown_does_not_decide_on_it(tmp_path):
+    """Ranked where it had pushed a trigger to, what an axis does looks like something else."""
+    fitter, machine = fitter_of((EccentricPlay("C", 8.0),), tmp_path)
+    fit, at = calibrated(fitter, machine), fitter.problem.nuisances[TRIGGERS]
+    nuisance = fit.nuisance.copy()
+    nuisance[at.start] = 3.9
+    pushed = fitter.fit(fit.effects, start=replace(fit, nuisance=nuisance), iterations=0, fresh=False)
+    model, curve = best_curve_beside(fitter, pushed)
+    assert model.nuisance[at.start] == 0.0 and np.array_equal(model.nuisance[at][1:], pushed.nuisance[at][1:])
+    assert curve.axes == ("C",) and curve.signed
+
+
+def test_the_curve_is_chosen_again_only_where_triggers_have_moved(tmp_path):
+    fitter, machine = fitter_of((EccentricPlay("C", 8.0),), tmp_path)
+    before = calibrated(fitter, machine)
+    assert best_curve_again(fitter, before, before) is None
+    moved = before.nuisance.copy()
+    moved[fitter.problem.nuisances[TRIGGERS]] += 0.5
+    model, curve = best_curve_again(fitter, before, replace(before, nuisance=moved))
+    assert np.array_equal(model.nuisance, before.nuisance) and curve.axes == ("C",)
 
 
 def test_where_nothing_is_left_there_is_no_curve(tmp_path):
@@ -35,7 +59,7 @@ def beside_play(hidden, finding, folder):
     """What stands in place of a finding beside a play that changes with the position."""
     fitter, machine = fitter_of((EccentricPlay("C", 8.0), *hidden), folder)
     _, curve = best_curve_beside(fitter, calibrated(fitter, machine))
-    assert curve is not None and curve.axes == ("C",) and curve.signed
+    assert curve.axes == ("C",) and curve.signed
     named = finding(machine)
     return curve_instead(fitter, calibrated(fitter, machine, named), curve, [named.effect.key])
 

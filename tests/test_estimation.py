@@ -374,6 +374,32 @@ def test_one_machine_may_have_several_unknown_causes(tmp_path):
     assert len(kinds) == len(terms)
 
 
+@pytest.mark.parametrize(
+    ("shape", "variable", "slopes", "beyond"),
+    [
+        ("bends", "acceleration", (2.0, 2.0), 2.0),  # straight: it goes on
+        ("bends", "acceleration", (2.0, 1.0), 0.0),  # nobody knows where the next bend is
+        ("free", "acceleration", (2.0, 2.0), 0.0),
+        ("bends", "time_since_reversal", (2.0, 2.0), 0.0),  # it has settled
+    ],
+)
+def test_a_straight_curve_goes_on_beyond_what_was_measured(shape, variable, slopes, beyond, tmp_path):
+    from mjsim.estimation.curve_terms import CurveTerm
+    from mjsim.estimation.effect_file import effect_source
+
+    knots, curve = np.array([-1.0, 0.0, 1.0]), np.array([-slopes[0], 0.0, slopes[1]])
+    term = CurveTerm("X", "Y", variable, knots, None, [], coefficients=curve, shape=shape)
+    file = {}
+    source = effect_source(FIVE_AXIS, term, curve * term.unit, "A test.", "own.py")
+    exec(source.partition("@mjsim.register")[0], file)
+
+    def at(x):
+        return np.interp(x, file["KNOTS"], file["VALUES"]) / term.unit
+
+    assert [at(x) for x in (-1.0, 1.0)] == pytest.approx([-slopes[0], slopes[1]])
+    assert at(3.0) - at(1.0) == pytest.approx(2.0 * beyond)
+
+
 def test_a_ball_in_another_seat_has_a_length_of_its_own():
     """A knock moves the ball along the bar as well, by an amount that the jump alone does not tell exactly."""
     from mjsim.estimation.nuisance import AFTER_KNOCK, Nuisances
