@@ -42,12 +42,12 @@ def test_a_trigger_that_follows_the_unknown_does_not_decide_on_it(tmp_path):
 
 def test_the_curve_is_chosen_again_only_where_triggers_have_moved(tmp_path):
     fitter, machine = fitter_of((EccentricPlay("C", 8.0),), tmp_path)
-    before = calibrated(fitter, machine)
-    assert best_curve_again(fitter, before, before) is None
-    moved = before.nuisance.copy()
-    moved[fitter.problem.nuisances[TRIGGERS]] += 0.5
-    model, curve = best_curve_again(fitter, before, replace(before, nuisance=moved))
-    assert np.array_equal(model.nuisance, before.nuisance) and curve.axes == ("C",)
+    fit, at = calibrated(fitter, machine), fitter.problem.nuisances[TRIGGERS]
+    assert best_curve_again(fitter, fit, fit) is None
+    nuisance = fit.nuisance.copy()
+    nuisance[at] += 0.5
+    model, curve = best_curve_again(fitter, fit, replace(fit, nuisance=nuisance))
+    assert np.array_equal(model.nuisance, nuisance) and curve.axes == ("C",)
 
 
 def test_where_nothing_is_left_there_is_no_curve(tmp_path):

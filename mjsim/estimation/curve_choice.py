@@ -68,23 +68,31 @@ def best_curve_beside(fitter: Fitter, fit: Fit) -> tuple[Fit, CurveTerm] | None:
 
 def _with_believed_triggers(fitter: Fitter, fit: Fit) -> Fit:
     """The model with those triggers at zero that stand too far off."""
-    at = fitter.problem.nuisances[TRIGGERS]
-    triggers = fit.nuisance[at]
-    if np.abs(triggers).max() < _BELIEVED:
-        return fit
+    triggers = fit.nuisance[fitter.problem.nuisances[TRIGGERS]]
+    believed = np.abs(triggers) < _BELIEVED
+    return fit if believed.all() else _with_triggers(fitter, fit, np.where(believed, triggers, 0.0))
+
+
+def _with_triggers(fitter: Fitter, fit: Fit, triggers: np.ndarray) -> Fit:
+    """The model at other ``triggers`` (tests,), in prior standard deviations."""
     nuisance = fit.nuisance.copy()
-    nuisance[at] = np.where(np.abs(triggers) < _BELIEVED, triggers, 0.0)
+    nuisance[fitter.problem.nuisances[TRIGGERS]] = triggers
     return fitter.fit(fit.effects, start=replace(fit, nuisance=nuisance), iterations=0, fresh=False)
 
 
-def best_curve_again(fitter: Fitter, fit: Fit, before: Fit) -> tuple[Fit, CurveTerm] | None:
-    """:func:`best_curve_beside` of a model that was fitted beside a curve, where its triggers have moved so far that
-    the curve read other parts of the motion ``before``; otherwise ``None``.
+def best_curve_again(fitter: Fitter, fit: Fit, beside: Fit) -> tuple[Fit, CurveTerm] | None:
+    """:func:`best_curve_beside` at the triggers of a model that was fitted beside a curve, where they have moved so far
+    that this curve read other parts of the motion; otherwise ``None``.
+
+    Args:
+        fitter: Of the machine.
+        fit: The model without a curve.
+        beside: The same, fitted beside one.
     """
     at = fitter.problem.nuisances[TRIGGERS]
-    if np.abs(fit.nuisance[at] - before.nuisance[at]).max() < _MOVED:
+    if np.abs(beside.nuisance[at] - fit.nuisance[at]).max() < _MOVED:
         return None
-    return best_curve_beside(fitter, fitter.fit(fit.effects, start=fit, iterations=0, fresh=False))
+    return best_curve_beside(fitter, _with_triggers(fitter, fit, beside.nuisance[at]))
 
 
 class _Beside:

@@ -11,6 +11,7 @@ import numpy as np
 from mjsim.estimation.curve_shape import CurveShape, free_shape, simplest_shape
 from mjsim.estimation.curve_terms import CurveTerm
 from mjsim.estimation.fit import Fit, Fitter
+from mjsim.estimation.problem import Problem
 
 #: Gauss-Newton steps beside a free curve: its columns hardly change with the model.
 _STEPS = 2
@@ -71,6 +72,11 @@ def fit_beside_simple(fitter: Fitter, fit: Fit, term: CurveTerm) -> tuple[Fit, C
     fit, together = best
     curve = replace(term, coefficients=together.standing, precision=together.precision, shape=together.shape.name)
     return replace(fit, step=together.step, equations=together.equations), curve
+
+
+def left_beside(problem: Problem, fit: Fit, curve: CurveTerm) -> float:
+    """Mean square of what a model and a curve leave, in units of the noise."""
+    return float(np.mean((fit.residual - problem.whiten(curve.columns) @ curve.coefficients) ** 2))
 
 
 def _moved(fitter: Fitter, fit: Fit, step: np.ndarray) -> Fit:
