@@ -400,6 +400,20 @@ def test_a_straight_curve_goes_on_beyond_what_was_measured(shape, variable, slop
     assert at(3.0) - at(1.0) == pytest.approx(2.0 * beyond)
 
 
+def test_a_free_curve_is_bridged_where_no_test_goes():
+    from mjsim.estimation.curve_terms import CurveTerm
+    from mjsim.estimation.unexplained import bridged
+
+    knots, values = np.arange(5.0), np.array([0.0, 4.0, 0.0, 8.0, 0.0])
+    reached = np.array([False, True, False, True, False])
+    term = CurveTerm("X", "X", "velocity", knots, None, [])
+    assert bridged(term, values, reached).tolist() == [4.0, 4.0, 6.0, 8.0, 8.0]
+    term.period = 5.0  # from the last place it goes round to the first
+    assert bridged(term, values, reached) == pytest.approx([16.0 / 3, 4.0, 6.0, 8.0, 20.0 / 3])
+    term.shape = "bends"
+    assert np.array_equal(bridged(term, values, reached), values)
+
+
 def test_a_ball_in_another_seat_has_a_length_of_its_own():
     """A knock moves the ball along the bar as well, by an amount that the jump alone does not tell exactly."""
     from mjsim.estimation.nuisance import AFTER_KNOCK, Nuisances

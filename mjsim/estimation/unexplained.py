@@ -139,11 +139,8 @@ def describe(problem: Problem, fit: Fit, term: CurveTerm, together: bool = False
     shown, spread_of = _seen(term, problem.settings.hidden_shape)
     size = shown * term.unit
     power = np.sum([(c**2).sum(axis=0) for c in term.columns], axis=0)
-    curve = (
-        x,
-        np.where(power > 1e-4 * power.max(), size * factor, np.nan),
-        spread_of * term.unit * factor,
-    )  # nan: no test goes there
+    reached = power > 1e-4 * power.max()
+    curve = x, np.where(reached, size * factor, np.nan), spread_of * term.unit * factor  # nan: no test goes there
     source_of = (
         f"depends on the {term.axis} axis' {_WORDS[term.variable]}" if term.axis else "follows the campaign's clock"
     )
@@ -163,9 +160,23 @@ def describe(problem: Problem, fit: Fit, term: CurveTerm, together: bool = False
     axes = term.axes or (term.moves,)
     # numbers of the model, such as a location error, go with the level of a curve that was fitted with them
     fitted = term.coefficients * term.unit if together else size
-    source = effect_source(problem.chain, term, fitted, summary, f"{_stem(axes)}.py")
+    source = effect_source(problem.chain, term, bridged(term, fitted, reached), summary, f"{_stem(axes)}.py")
     labels = (x_label, f"displacement of {what} [{y_unit}]")
     return Unexplained(axes, term.variable, period, rms, shows, where, summary, curve, labels, left, source)
+
+
+def bridged(term: CurveTerm, values: np.ndarray, reached: np.ndarray) -> np.ndarray:
+    """Values of a curve at all knots, where those of a free one that no test reaches mean nothing: there it goes straight
+    from one place that a test reaches to the next.
+
+    Args:
+        term: Whose curve it is.
+        values: At its knots, (k,).
+        reached: At which knots the data say something, (k,) bool.
+    """
+    if term.shape != "free":
+        return values
+    return np.interp(term.knots, term.knots[reached], values[reached], period=term.period)
 
 
 def shape_in_words(term: CurveTerm, knots: np.ndarray, factor: float, label: str, unit: str) -> str:
