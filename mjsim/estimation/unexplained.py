@@ -166,8 +166,8 @@ def describe(problem: Problem, fit: Fit, term: CurveTerm, together: bool = False
 
 
 def bridged(term: CurveTerm, values: np.ndarray, reached: np.ndarray) -> np.ndarray:
-    """Values of a curve at all knots. Those of a free one that no test reaches mean nothing: there it goes straight from
-    one place that a test reaches to the next.
+    """Values of a curve at all knots. Those of a free one that no test reaches mean nothing: it is straight from one
+    place that a test reaches to the next.
 
     Args:
         term: Whose curve it is.
