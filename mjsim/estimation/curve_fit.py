@@ -11,7 +11,6 @@ import numpy as np
 from mjsim.estimation.curve_shape import CurveShape, free_shape, simplest_shape
 from mjsim.estimation.curve_terms import CurveTerm
 from mjsim.estimation.fit import Fit, Fitter
-from mjsim.estimation.problem import Problem
 
 #: Gauss-Newton steps beside a free curve: its columns hardly change with the model.
 _STEPS = 2
@@ -53,8 +52,8 @@ def fit_beside(fitter: Fitter, fit: Fit, term: CurveTerm, steps: int = _STEPS) -
     return replace(fit, step=together.step, equations=together.equations), curve, together
 
 
-def fit_beside_simple(fitter: Fitter, fit: Fit, term: CurveTerm) -> tuple[Fit, CurveTerm]:
-    """The model and the curve as of :func:`fit_beside`, where the curve has the simplest shape that the data allow.
+def fit_beside_simple(fitter: Fitter, fit: Fit, term: CurveTerm) -> tuple[Fit, CurveTerm, Together]:
+    """What :func:`fit_beside` returns, where the curve has the simplest shape that the data allow.
 
     What the set-up and the curve can both do may move between them without end. So the curve is the one beside the
     model as it stands, and of all models the one is taken that leaves least with it.
@@ -71,12 +70,7 @@ def fit_beside_simple(fitter: Fitter, fit: Fit, term: CurveTerm) -> tuple[Fit, C
         best = min(best, (fit, together), key=lambda b: b[1].left)
     fit, together = best
     curve = replace(term, coefficients=together.standing, precision=together.precision, shape=together.shape.name)
-    return replace(fit, step=together.step, equations=together.equations), curve
-
-
-def left_beside(problem: Problem, fit: Fit, curve: CurveTerm) -> float:
-    """Mean square of what a model and a curve leave, in units of the noise."""
-    return float(np.mean((fit.residual - problem.whiten(curve.columns) @ curve.coefficients) ** 2))
+    return replace(fit, step=together.step, equations=together.equations), curve, together
 
 
 def _moved(fitter: Fitter, fit: Fit, step: np.ndarray) -> Fit:

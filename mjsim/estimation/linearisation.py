@@ -133,12 +133,11 @@ class Linearisation:
 
         return one
 
-    def added(self, effect: Effect) -> list[np.ndarray]:
-        """What an effect of positions by itself adds to the block means, (m,) per test, m."""
-        return self.problem.map(self.added_of(effect))
-
     def added_of(self, effect: Effect, keep: bool = False) -> OfTest:
-        """What computes the same for one test, and keeps it."""
+        """What computes the part that an effect of positions by itself adds to the block means of one test, (m,) m.
+
+        It is kept if ``keep`` says so.
+        """
         changes = self.problem.changes
         known = [changes.of(k, effect) for k in range(len(self.problem.motions))]
         compute = self._change_by(effect) if any(grid is None for grid in known) else None

@@ -9,7 +9,7 @@ import numpy as np
 from mjsim.estimation.calibration import expected_effects
 from mjsim.estimation.combinations import Combination, combinations
 from mjsim.estimation.curve_choice import best_curve_again, best_curve_beside, curve_instead
-from mjsim.estimation.curve_fit import fit_beside, fit_beside_simple, left_beside
+from mjsim.estimation.curve_fit import fit_beside, fit_beside_simple
 from mjsim.estimation.curve_search import best_curve_term
 from mjsim.estimation.curve_terms import CurveTerm
 from mjsim.estimation.disturbances import readmitted
@@ -175,8 +175,9 @@ def _beside_unknown(
         start, rest = alone
         found, joint = [], replace(joint, calibrated=tuple(expected.values()))
     # findings are judged beside a curve that may do anything; what all are worth, beside one with what is needed
-    fit, curve = fit_beside_simple(fitter, start, rest)
-    again = None if sure else best_curve_again(fitter, start, fit)
+    best = fit_beside_simple(fitter, start, rest)
+    again = None if sure else best_curve_again(fitter, start, best[0])
     if again is not None:
-        fit, curve = min((fit, curve), fit_beside_simple(fitter, *again), key=lambda both: left_beside(problem, *both))
+        best = min(best, fit_beside_simple(fitter, *again), key=lambda row: row[2].left)
+    fit, curve, _ = best
     return replace(joint, selection=replace(joint.selection, fit=fit, found=found)), curve

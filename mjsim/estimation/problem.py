@@ -233,7 +233,7 @@ class Problem:
 
     def whiten_nuisance(self, columns: Sequence[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:
         """Per test, the places (8,) of its nuisances and the whitened rows of its :meth:`nuisance_columns`."""
-        parts = self.map(lambda k: self._whitened(k, columns[k]))
+        parts = self.map(lambda k: self.whiten_test(k, columns[k]))
         return [(self.nuisances.of_test(t), part) for t, part in zip(self.tests, parts, strict=True)]
 
     def difference(
@@ -273,7 +273,7 @@ class Problem:
         def one(k: int) -> tuple[np.ndarray, np.ndarray]:
             mine = columns[k]
             places = np.flatnonzero(mine.any(axis=0))
-            return places, self._whitened(k, mine[:, places])
+            return places, self.whiten_test(k, mine[:, places])
 
         return Design(self.map(one), columns[0].shape[1])
 
@@ -290,11 +290,11 @@ class Problem:
         rows = [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
         def one(k: int) -> None:
-            out[rows[k]] = self._whitened(k, work(k))
+            out[rows[k]] = self.whiten_test(k, work(k))
 
         self.map(one)
         return out
 
-    def _whitened(self, k: int, columns: np.ndarray) -> np.ndarray:
+    def whiten_test(self, k: int, columns: np.ndarray) -> np.ndarray:
         """Whitened rows of block columns (m,) or (m, k) of one test."""
         return self.noise.whiten(self.samples[k], columns, self._kept[k])

@@ -214,7 +214,7 @@ class PitchModel:
 
     def whitened(self, k: int, columns: np.ndarray) -> np.ndarray:
         """Block columns of one test in standard deviations of the noise, weighted."""
-        out = self.problem.noise.whiten(self.problem.samples[k], columns)
+        out = self.problem.whiten_test(k, columns)
         return out if self.weight[k] == 1.0 else np.sqrt(self.weight[k]) * out
 
     def cost(self, state: State) -> float:
@@ -258,9 +258,5 @@ class PitchModel:
 
     def misfit(self, state: State) -> np.ndarray:
         """Mean square of each test's whitened residuals, unweighted, (tests,): 1 where only noise is left."""
-        return np.array(
-            [
-                float(np.mean(self.problem.noise.whiten(s, self.residual(k, state)) ** 2))
-                for k, s in enumerate(self.problem.samples)
-            ]
-        )
+        rests = [self.problem.whiten_test(k, self.residual(k, state)) for k in range(len(self.problem.samples))]
+        return np.array([float(np.mean(rest**2)) for rest in rests])
