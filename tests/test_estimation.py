@@ -317,7 +317,7 @@ def test_a_generic_curve_finds_the_axis_and_the_variable():
     planted = np.sqrt(np.mean(np.concatenate([s.left_out for s in problem.samples]) ** 2))
     assert 0.1 * planted < told.rms < planted  # the set-up takes its share
     # the file of a curve that was fitted with the model has its level: the model's own numbers go with that
-    written = describe(problem, fit, term, together=True).source.partition("VALUES = np.array([")[2]
+    written = told.source.partition("VALUES = np.array([")[2]
     values = np.array([float(v) for v in written.partition("])")[0].replace("\n", "").split(",") if v.strip()])
     assert values == pytest.approx(term.coefficients * term.unit, rel=1e-4)
 

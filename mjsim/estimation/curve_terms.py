@@ -220,14 +220,13 @@ class CurveTerms:
 
     def finer(self, term: CurveTerm, factor: int) -> Iterator[CurveTerm]:
         """The same term with ``factor`` times as many knots."""
-        if not term.axis or term.moves == RADIAL:
+        if term.moves == RADIAL or (term.period and not term.axis):
             return
-        i = self.chain.index(term.axis)
         n, first, last = factor * len(term.knots), term.knots[0], term.knots[-1]
         knots = first + np.arange(n) * (term.period / n) if term.period else np.linspace(first, last, n)
-        yield from self._term(
-            term.axis, term.moves, term.variable, knots, term.period, [VALUE[term.variable](m, i) for m in self.motions]
-        )
+        i = self.chain.index(term.axis) if term.axis else 0
+        values = [VALUE[term.variable](m, i) if term.axis else m.clock for m in self.motions]
+        yield from self._term(term.axis, term.moves, term.variable, knots, term.period, values)
 
     def _term(
         self, axis: str, moves: str, variable: str, knots: np.ndarray, period: float | None, values: list[np.ndarray]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mjsim.estimation.calibration import expected_effects
+from mjsim.estimation.calibration import Calibrated, expected_effects
 from mjsim.estimation.combinations import Combination, combinations
 from mjsim.estimation.curve_choice import best_curve_again, best_curve_beside, curve_instead
 from mjsim.estimation.curve_fit import fit_beside, fit_beside_simple
@@ -17,7 +18,7 @@ from mjsim.estimation.fit import Fitter
 from mjsim.estimation.joint_selection import JointSelector
 from mjsim.estimation.local_waves import in_place_of_many_waves
 from mjsim.estimation.one_curve import in_place_of_both_directions, one_curve
-from mjsim.estimation.outcome import JointSelection, Selection
+from mjsim.estimation.outcome import Selection
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.selection import ModelSelection
 from mjsim.estimation.shares import Calibration, calibrations
@@ -52,7 +53,7 @@ def select_model(separated: Separated, max_effects: int | None = None, progress:
     problem = fitter.problem
     if selection.complete:
         return explain_with_few(fitter, selection, progress)
-    alone = _explain_by_curve(problem, selection, progress)
+    alone = _explain_by_curve(fitter, selection, progress)
     if alone is not None and _left(alone) ** 2 < problem.settings.joint_fit:
         return alone
     joint = _explain_jointly(fitter, progress)
@@ -82,14 +83,14 @@ def _left(explained: Explained) -> float:
     return float(np.sqrt(explained.selection.fit.sum_squares / explained.data.count))
 
 
-def _explain_by_curve(problem: Problem, selection: Selection, progress: Progress) -> Explained | None:
+def _explain_by_curve(fitter: Fitter, selection: Selection, progress: Progress) -> Explained | None:
     """The machine as given with one generic curve, where there is one: a single cause that is in no catalogue."""
     progress("looking for one cause outside the catalogue", 0, 1)
-    curve = best_curve_term(problem, selection.start)
+    curve = best_curve_term(fitter.problem, selection.start)
     if curve is None:
         return None
-    selection = replace(selection, fit=selection.start, found=[])
-    return Explained(problem, selection, describe(problem, selection.start, curve))
+    selection, curve = _beside_best_curve(fitter, replace(selection, fit=selection.start, found=[]), curve)
+    return Explained(fitter.problem, selection, describe(fitter.problem, selection.fit, curve))
 
 
 def explain_with_few(fitter: Fitter, selection: Selection, progress: Progress) -> Explained:
@@ -101,18 +102,22 @@ def explain_with_few(fitter: Fitter, selection: Selection, progress: Progress) -
         progress("one cause outside the catalogue against all that was named", 0, 1)
         if (instead := one_curve(fitter, selection.start, selection.fit, keys)) is not None:
             unknown = *instead, set(keys)
-    if unknown is None:
-        unexplained, selection = find_unexplained(problem, selection, progress)
-    else:
+    if unknown is not None:
         fit, curve, replaced = unknown
         selection = replace(selection, fit=fit, found=[f for f in selection.found if f.key not in replaced])
-        unexplained = describe(problem, fit, curve, together=True)
+        selection, curve = _beside_unknown(fitter, selection, curve)
+    else:
+        curve, selection = find_unexplained(problem, selection, progress)
+        if curve is not None:
+            selection, curve = _beside_best_curve(fitter, selection, curve)
+    if curve is not None:
+        return Explained(problem, selection, describe(problem, selection.fit, curve))
     if selection.found:
         data = readmitted(problem, selection.fit.readings, selection.fit.nuisance)
         if data is not problem:
             refitted = fitter.with_problem(data).fit(selection.fit.effects, start=selection.fit)
-            return Explained(data, replace(selection, fit=refitted), unexplained)
-    return Explained(problem, selection, unexplained)
+            return Explained(data, replace(selection, fit=refitted), None)
+    return Explained(problem, selection, None)
 
 
 def _explain_jointly(fitter: Fitter, progress: Progress) -> Explained:
@@ -126,8 +131,7 @@ def _explain_jointly(fitter: Fitter, progress: Progress) -> Explained:
     usual = expected_effects(fitter.machine)
     varying = in_place_of_both_directions(fitter, fit, [f.key for f in joint.selection.found], usual)
     if varying is not None:
-        beside, rest, replaced = varying
-        fit = fitter.fit(beside.effects, start=beside, iterations=0, fresh=False)
+        fit, rest, replaced = varying
         joint = joint.without(replaced, fit, usual)
     local = in_place_of_many_waves(fitter, joint) if rest is None else None
     if local is not None:
@@ -141,43 +145,60 @@ def _explain_jointly(fitter: Fitter, progress: Progress) -> Explained:
             joint = replace(joint, selection=replace(joint.selection, fit=fit))
     if rest is not None:
         progress("fitting beside what is not in the catalogue", 0, 1)
-        joint, rest = _beside_unknown(fitter, joint, rest, sure=local is not None)
-        fit = joint.selection.fit
+        selection, rest = _beside_unknown(fitter, joint.selection, rest, usual, sure=local is not None)
+        if len(selection.found) < len(joint.selection.found):
+            keys = {f.key for f in selection.found}
+            joint = replace(joint, calibrated=tuple(c for c in usual if c.key not in keys))
+        joint, fit = replace(joint, selection=selection), selection.fit
     progress("shares of the error", 0, 1)
     entries, shares = calibrations(problem, fit, joint.calibrated)
     explained = joint.selection.start.sum_squares - fit.sum_squares
     found = [replace(f, gain=shares.get(f.key, 0.0) * explained) for f in joint.selection.found]
     selection = replace(joint.selection, found=sorted(found, key=lambda f: -f.gain))
-    unexplained = describe(problem, fit, rest, together=True) if rest else None
+    unexplained = describe(problem, fit, rest) if rest else None
     return Explained(problem, selection, unexplained, entries, shares, combinations(fit, problem.settings))
 
 
+def _beside_best_curve(fitter: Fitter, selection: Selection, curve: CurveTerm) -> tuple[Selection, CurveTerm]:
+    """The outcome beside the curve of largest evidence, where ``curve`` has shown that there is one."""
+    fit, curve = best_curve_beside(fitter, selection.fit) or (selection.fit, curve)
+    return _beside_unknown(fitter, replace(selection, fit=fit), curve)
+
+
 def _beside_unknown(
-    fitter: Fitter, joint: JointSelection, rest: CurveTerm, sure: bool
-) -> tuple[JointSelection, CurveTerm]:
-    """The outcome fitted together with a curve, and without the findings that do not stand beside it. Without them
-    another curve may explain more, unless it is ``sure`` what it depends on.
+    fitter: Fitter, selection: Selection, rest: CurveTerm, usual: Collection[Calibrated] = (), sure: bool = False
+) -> tuple[Selection, CurveTerm]:
+    """The outcome fitted together with a curve, and without the findings that do not stand beside it.
+
+    Args:
+        fitter: Of the machine.
+        selection: Its model was fitted without the curve.
+        rest: The curve.
+        usual: Effects that a machine of its class has.
+        sure: Whether it is known what the curve depends on. Otherwise another one may explain more without the findings
+            that go.
     """
-    problem, start = fitter.problem, joint.selection.fit
-    fit, curve, _ = fit_beside(fitter, start, rest)
-    expected = {c.key: c for c in expected_effects(fitter.machine)}
-    misfit = (describe(problem, fit, curve, together=True).left / problem.noise.rms) ** 2
-    found = [f for f in joint.selection.found if stands(fit, f.key, expected, misfit, problem.settings.joint_fit)]
-    if len(found) < len(joint.selection.found):
-        keys = {f.key for f in found}
-        calibrated = tuple(c for key, c in expected.items() if key not in keys)
-        effects = [f for f in fit.effects if f.effect.key in keys]
-        start = fitter.fit([*effects, *(c.free for c in calibrated)], start=joint.selection.fit, fresh=False)
-        start, rest = (None if sure else best_curve_beside(fitter, start)) or (start, rest)
-        joint = replace(joint, calibrated=calibrated)
-    alone = curve_instead(fitter, start, rest, [f.key for f in found]) if found else None
+    problem, start = fitter.problem, selection.fit
+    found = selection.found
+    if found:
+        fit, curve, _ = fit_beside(fitter, start, rest)
+        expected = {c.key: c for c in usual}
+        misfit = (describe(problem, fit, curve).left / problem.noise.rms) ** 2
+        found = [f for f in found if stands(fit, f.key, expected, misfit, problem.settings.joint_fit)]
+        if len(found) < len(selection.found):
+            keys = {f.key for f in found}
+            effects = [f for f in fit.effects if f.effect.key in keys]
+            calibrated = [c.free for c in usual if c.key not in keys]
+            start = fitter.fit([*effects, *calibrated], start=start, fresh=False)
+            start, rest = (None if sure else best_curve_beside(fitter, start)) or (start, rest)
+    alone = curve_instead(fitter, start, rest, [f.key for f in found], usual) if found else None
     if alone is not None:
         start, rest = alone
-        found, joint = [], replace(joint, calibrated=tuple(expected.values()))
+        found = []
     # findings are judged beside a curve that may do anything; what all are worth, beside one with what is needed
     best = fit_beside_simple(fitter, start, rest)
     again = None if sure else best_curve_again(fitter, start, best[0])
     if again is not None:
         best = min(best, fit_beside_simple(fitter, *again), key=lambda row: row[2].left)
     fit, curve, _ = best
-    return replace(joint, selection=replace(joint.selection, fit=fit, found=found)), curve
+    return replace(selection, fit=fit, found=found), curve

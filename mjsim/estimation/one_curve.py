@@ -141,5 +141,6 @@ def in_place_of_both_directions(
             beside, curve, together = fit_beside(fitter, without, term, _STEPS)
             gain = without.sum_squares - together.misfit * problem.count
             if gain > _AS_MUCH * explained and stands_out(problem, beside, curve):
+                beside = fitter.fit(beside.effects, start=beside, iterations=0, fresh=False)
                 return beside, replace(curve, gain=gain), pair
     return None

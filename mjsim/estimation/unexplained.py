@@ -68,10 +68,8 @@ class Unexplained:
         }
 
 
-def find_unexplained(
-    problem: Problem, selection: Selection, progress: Progress
-) -> tuple[Unexplained | None, Selection]:
-    """What is left after the search, described by the generic term that explains most of it.
+def find_unexplained(problem: Problem, selection: Selection, progress: Progress) -> tuple[CurveTerm | None, Selection]:
+    """The generic term that explains most of what is left after the search, where one is worth it.
 
     Where a single generic term does much better than all the named effects together, they only overfitted: they are
     withdrawn.
@@ -79,7 +77,7 @@ def find_unexplained(
     progress("looking at the rest", 0, 1)
     rest = best_curve_term(problem, selection.fit)
     if not selection.found:
-        return (describe(problem, selection.fit, rest) if rest else None), selection
+        return rest, selection
     settings, start = problem.settings, selection.start
     many = parameter_count(selection.fit) >= settings.overfit_many
     named = penalised_objective(start, settings) - penalised_objective(selection.fit, settings)
@@ -89,7 +87,7 @@ def find_unexplained(
         curve = selection.best_curve if selection.best_curve and not worms else best_curve_term(problem, start, worms)
         if is_overfit(problem, start, selection.fit, curve, selection.first_gain):
             selection, rest = replace(selection, fit=start, found=[]), curve
-    return (describe(problem, selection.fit, rest) if rest else None), selection
+    return rest, selection
 
 
 _WORDS = {
@@ -105,17 +103,16 @@ _MOST_TOLD = 3
 _MOVED = {**dict.fromkeys(TABLE, "the table"), RADIAL: "the table along the ball's radius"}
 
 
-def describe(problem: Problem, fit: Fit, term: CurveTerm, together: bool = False) -> Unexplained:
+def describe(problem: Problem, fit: Fit, term: CurveTerm) -> Unexplained:
     """A fitted term in words, with its curve and its effect file.
 
     Args:
         problem: The measured tests.
-        fit: The model without the term.
+        fit: The model that was fitted together with the term.
         term: With its coefficients.
-        together: Whether model and term were fitted together. Otherwise the set-up takes up what it can of the term.
     """
     parts = visible(problem, fit, term)
-    explained = [c @ term.coefficients for c in term.columns] if together else parts
+    explained = [c @ term.coefficients for c in term.columns]
     rms = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
     rest = problem.residual(fit.readings, fit.nuisance)
     left = float(
@@ -151,16 +148,16 @@ def describe(problem: Problem, fit: Fit, term: CurveTerm, together: bool = False
         else f"acts on the {term.axis} axis and depends on its {_WORDS[term.variable]}"
     )
     repeats = f", repeating every {period:.4g} {x_label.rsplit('[', 1)[-1].rstrip(']')}" if period else ""
-    most = f" most in {shows[0]} near φ = {where[0]:.0f}°" if shows else ""
+    most = f", most in {shows[0]} near φ = {where[0]:.0f}°" if shows else ""
     summary = (
-        f"Something that is not in the catalogue {acts}{repeats}: {rms / UM:.2f} µm RMS in the readings,{most}; "
+        f"Something that is not in the catalogue {acts}{repeats}: {rms / UM:.2f} µm RMS in the readings{most}; "
         f"{left / UM:.2f} µm stay after an empirical curve of that form."
         + shape_in_words(term, x, factor, x_label, y_unit)
     )
     axes = term.axes or (term.moves,)
     # numbers of the model, such as a location error, go with the level of a curve that was fitted with them
-    fitted = term.coefficients * term.unit if together else size
-    source = effect_source(problem.chain, term, bridged(term, fitted, reached), summary, f"{_stem(axes)}.py")
+    fitted = bridged(term, term.coefficients * term.unit, reached)
+    source = effect_source(problem.chain, term, fitted, summary, f"{_stem(axes)}.py")
     labels = (x_label, f"displacement of {what} [{y_unit}]")
     return Unexplained(axes, term.variable, period, rms, shows, where, summary, curve, labels, left, source)
 
