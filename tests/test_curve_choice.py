@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from independent.unlisted import EccentricPlay, ToothPatch
+from independent.unlisted import EccentricPlay, SuddenShift, ToothPatch
 from rotary_fits import fitter_of, free
 
 from mjsim.estimation import curve_choice
 from mjsim.estimation.calibration import expected_effects
 from mjsim.estimation.curve_choice import best_curve_again, best_curve_beside, curve_instead
+from mjsim.estimation.curve_fit import fit_beside_simple
+from mjsim.estimation.curve_shape import changes
 from mjsim.estimation.nuisance import TRIGGERS
 
 
@@ -54,6 +56,17 @@ def test_the_curve_is_chosen_again_only_where_triggers_have_moved(play, monkeypa
     nuisance = fit.nuisance.copy()
     nuisance[fitter.problem.nuisances[TRIGGERS]] += 0.5
     assert np.array_equal(best_curve_again(fitter, fit, replace(fit, nuisance=nuisance)), nuisance)
+
+
+def test_a_fixture_that_slips_is_found_by_its_time(tmp_path):
+    """It slips in the first of three tests."""
+    fitter, _ = fitter_of((SuddenShift("X", 5.0, at_s=577.0),), tmp_path, "rotary-c")
+    fit, curve = best_curve_beside(fitter, fitter.fit([]))
+    assert (curve.axis, curve.moves, curve.variable) == ("", "X", "clock_time")
+    _, simple, _ = fit_beside_simple(fitter, fit, curve)
+    ((place, size),) = changes(simple.coefficients)
+    assert np.interp(place, np.arange(len(curve.knots)), curve.knots) == pytest.approx(577.0, abs=1.0)
+    assert simple.shape == "steps" and size == pytest.approx(5.0, rel=0.02)
 
 
 def test_where_nothing_is_left_there_is_no_curve(tmp_path):

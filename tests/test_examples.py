@@ -145,6 +145,7 @@ def test_an_unknown_cause_is_described_and_an_own_effect_explains_it(tmp_path):
     assert (data["verdict"], data["effects"]) == ("unknown", [])
     assert (unknown["axes"], unknown["variable"]) == (["C"], "position")
     assert unknown["left_um"] < 1.2 * data["noise_um"] < unknown["rms_um"]
+    assert "The curve is flat but for a step of +0.0045° at -3" in unknown["summary"]
     for written in (unknown["effect_file"], unknown["plot"]):
         assert (folder / ".mjsim").joinpath(written.rpartition("/")[2]).stat().st_size > 1000
     sized = cut(tmp_path / "sized", SIZED, example="unlisted")  # the step's size needs more tests than its place

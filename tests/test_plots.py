@@ -11,6 +11,7 @@ import pytest
 
 from mjsim.errors import InputError
 from mjsim.plots import series, style
+from mjsim.plots.curve import curve_figure
 from mjsim.plots.ladder import LadderStep, ladder_figure
 from mjsim.plots.overview import overview_figure
 from mjsim.plots.polar import PolarTrace, division_um, polar_figure, scale_text
@@ -213,6 +214,14 @@ def test_panels_share_one_scale_and_name_their_units():
     assert len({axes.get_ylim() for axes in figure.axes}) == 1
     assert all("µm" in axes.get_ylabel() for axes in figure.axes)
     assert "deg" in figure.axes[-1].get_xlabel()
+
+
+def test_all_of_a_step_is_drawn_but_no_knot_that_tests_hardly_visit():
+    """Knots before a step are known to be zero, those beyond have the spread of its size."""
+    y, spread = np.repeat([0.0, 5.0], 10), np.repeat([1e-9, 0.02], [11, 9])
+    spread[-1] = 3.0
+    (line,) = (x for x in curve_figure(np.arange(20.0), y, spread, ("x", "y")).axes[0].lines if len(x.get_xdata()) > 2)
+    assert np.array_equal(np.isfinite(line.get_ydata()), np.arange(20) < 19)
 
 
 def test_ladder_draws_values_floor_and_scale():
