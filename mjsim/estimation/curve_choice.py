@@ -70,8 +70,8 @@ def best_curve_beside(fitter: Fitter, fit: Fit) -> tuple[Fit, CurveTerm] | None:
         rivals = [row for row in rivals if charged(row) < doubt]
     if len(rivals) > 1:
         rivals = [_arrived(fitter, fit, term, beside.weight) for _, _, term in rivals]
-    _, fit, best = min(rivals, key=charged)
-    best.coefficients = _Beside(problem, fit).together([best])[0].coefficients
+    both, fit, best = min(rivals, key=charged)
+    best.coefficients = both.coefficients
     return (fit, best) if stands_out(problem, fit, best) else None
 
 
