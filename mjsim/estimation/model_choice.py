@@ -27,6 +27,9 @@ from mjsim.estimation.verdicts import stands
 from mjsim.estimation.vibration import Separated
 from mjsim.progress import Progress, silent
 
+#: One curve that leaves so many times what explains everything is not fitted: its machine has many causes (assumed).
+_HOPELESS = 20.0
+
 
 @dataclass(frozen=True)
 class Explained:
@@ -86,11 +89,12 @@ def _left(explained: Explained) -> float:
 def _explain_by_curve(fitter: Fitter, selection: Selection, progress: Progress) -> Explained | None:
     """The machine as given with one generic curve, where there is one: a single cause that is in no catalogue."""
     progress("looking for one cause outside the catalogue", 0, 1)
-    curve = best_curve_term(fitter.problem, selection.start)
-    if curve is None:
+    start, problem = selection.start, fitter.problem
+    curve = best_curve_term(problem, start)
+    if curve is None or start.sum_squares - curve.gain > _HOPELESS * problem.settings.joint_fit * problem.count:
         return None
-    selection, curve = _beside_best_curve(fitter, replace(selection, fit=selection.start, found=[]), curve)
-    return Explained(fitter.problem, selection, describe(fitter.problem, selection.fit, curve))
+    selection, curve = _beside_best_curve(fitter, replace(selection, fit=start, found=[]), curve)
+    return Explained(problem, selection, describe(problem, selection.fit, curve))
 
 
 def explain_with_few(fitter: Fitter, selection: Selection, progress: Progress) -> Explained:
