@@ -55,7 +55,7 @@ def best_curve_beside(fitter: Fitter, fit: Fit) -> tuple[Fit, CurveTerm] | None:
     ranked = beside.ranked()
     own = [term for term in ranked if not _moves_another(term)]
     last = list({id(term): term for term in [*ranked[:_NEAR], *own[:1], *_jumps(ranked)]}.values())
-    rows = [(both, fit, term) for both, term in zip(beside.together(last, simple=True), last, strict=True)]
+    rows = [(both, fit, term) for both, term in zip(beside.in_simplest_shape(last), last, strict=True)]
     explained = least - min((both.objective for both, _, _ in rows), default=least)
     if explained < 2.0 * math.log(max(len(ranked), 1)) - 2.0 * settings.curve_log_odds:
         return None
@@ -77,8 +77,11 @@ def best_curve_beside(fitter: Fitter, fit: Fit) -> tuple[Fit, CurveTerm] | None:
 
 def _one_of_each(rows: list[tuple[Together, Fit, CurveTerm]]) -> list[tuple[Together, Fit, CurveTerm]]:
     """The first curve of each variable of an axis that moves the same."""
-    first = {(term.axis, term.moves, term.variable): i for i, (_, _, term) in reversed(list(enumerate(rows)))}
-    return [rows[i] for i in sorted(first.values())]
+    first: dict[tuple[str, str, str], tuple[Together, Fit, CurveTerm]] = {}
+    for row in rows:
+        term = row[2]
+        first.setdefault((term.axis, term.moves, term.variable), row)
+    return list(first.values())
 
 
 def _arrived(fitter: Fitter, fit: Fit, term: CurveTerm, weight: float) -> tuple[Together, Fit, CurveTerm]:
@@ -86,7 +89,7 @@ def _arrived(fitter: Fitter, fit: Fit, term: CurveTerm, weight: float) -> tuple[
     fit, _, _ = fit_beside_simple(fitter, fit, term)
     fit = fitter.fit(fit.effects, start=fit, iterations=0, fresh=False)
     term = next(CurveTerms(fitter.problem, fit).finer(term, 1), term)
-    return _Beside(fitter.problem, fit, weight).together([term], simple=True)[0], fit, term
+    return _Beside(fitter.problem, fit, weight).in_simplest_shape([term])[0], fit, term
 
 
 def _with_believed_triggers(fitter: Fitter, fit: Fit) -> Fit:
@@ -129,10 +132,10 @@ class _Beside:
         self.problem, self.fit = problem, fit
         self.weight = weight or max(1.0, fit.sum_squares / problem.count)
 
-    def together(self, terms: Sequence[CurveTerm], simple: bool = False) -> list[Together]:
-        """Model and curve, where the curve is free, or has the simplest shape that the data allow."""
+    def in_simplest_shape(self, terms: Sequence[CurveTerm]) -> list[Together]:
+        """Model and curve, for each curve in the simplest shape that the data allow."""
         whitened = ((term, self.problem.whiten(term.columns)) for term in terms)
-        return [both for both, _ in self._linear(whitened, simple)]
+        return [both for both, _ in self._linear(whitened, simple=True)]
 
     def _linear(
         self, whitened: Iterable[tuple[CurveTerm, np.ndarray]], simple: bool = False
@@ -166,6 +169,7 @@ class _Beside:
 
 
 def _finer(terms: CurveTerms, near: Iterable[CurveTerm], factors: Iterable[int]) -> Iterator[CurveTerm]:
+    """The curves with more knots, as far as these are not too many."""
     for term, n in itertools.product(near, factors):
         if n * len(term.knots) <= _LONG:
             yield from terms.finer(term, n)
