@@ -12,6 +12,7 @@ from mjsim.estimation.calibration import expected_effects
 from mjsim.estimation.curve_choice import best_curve_again, best_curve_beside, curve_instead
 from mjsim.estimation.curve_fit import fit_beside_simple
 from mjsim.estimation.curve_shape import changes
+from mjsim.estimation.curve_terms import CurveTerms
 from mjsim.estimation.nuisance import TRIGGERS
 
 
@@ -35,12 +36,19 @@ def test_a_patch_of_worn_teeth_is_found_on_its_axis(tmp_path):
 def play(tmp_path_factory):
     """A fitter and the calibrated model of a machine whose play changes with the position of C."""
     fitter, machine = fitter_of((EccentricPlay("C", 8.0),), tmp_path_factory.mktemp("play"))
-    return fitter, calibrated(fitter, machine)
+    return fitter, machine, calibrated(fitter, machine)
+
+
+@pytest.fixture(scope="module")
+def curve_of_play(play):
+    """The curve that is chosen beside it."""
+    fitter, _, fit = play
+    return best_curve_beside(fitter, fit)[1]
 
 
 def test_a_trigger_that_follows_the_unknown_does_not_decide_on_it(play):
     """Ranked where it had pushed a trigger to, what an axis does looks like something else."""
-    fitter, fit = play
+    fitter, _, fit = play
     at, nuisance = fitter.problem.nuisances[TRIGGERS], fit.nuisance.copy()
     nuisance[at.start] = 3.9
     pushed = fitter.fit(fit.effects, start=replace(fit, nuisance=nuisance), iterations=0, fresh=False)
@@ -53,7 +61,7 @@ def test_a_trigger_that_follows_the_unknown_does_not_decide_on_it(play):
 
 
 def test_the_curve_is_chosen_again_only_where_triggers_have_moved(play, monkeypatch):
-    fitter, fit = play
+    fitter, _, fit = play
     monkeypatch.setattr(curve_choice, "best_curve_beside", lambda _, model: model.nuisance)
     assert best_curve_again(fitter, fit, fit) is None
     nuisance = fit.nuisance.copy()
@@ -77,25 +85,24 @@ def test_where_nothing_is_left_there_is_no_curve(tmp_path):
     assert best_curve_beside(fitter, calibrated(fitter, machine)) is None
 
 
-def beside_play(hidden, finding, folder):
-    """What stands in place of a finding beside a play that changes with the position."""
-    fitter, machine = fitter_of((EccentricPlay("C", 8.0), *hidden), folder)
-    _, curve = best_curve_beside(fitter, calibrated(fitter, machine))
+def instead_of_finding(fitter, machine, named, curve):
+    """What stands in place of a finding beside a curve."""
+    fit = calibrated(fitter, machine, named)
+    curve = next(CurveTerms(fitter.problem, fit).finer(curve, 1))
     assert curve.axes == ("C",) and curve.signed
-    named = finding(machine)
-    return curve_instead(
-        fitter, calibrated(fitter, machine, named), curve, [named.effect.key], expected_effects(machine)
-    )
+    return curve_instead(fitter, fit, curve, [named.effect.key], expected_effects(machine))
 
 
-def test_a_finding_that_is_part_of_the_unknown_goes(tmp_path):
-    instead = beside_play((), lambda m: free(m, "axis_location.EX0C", value_um=1.0), tmp_path)
-    assert instead is not None
-    fit, curve = instead
+def test_a_finding_that_is_part_of_the_unknown_goes(play, curve_of_play):
+    fitter, machine, _ = play
+    named = free(machine, "axis_location.EX0C", value_um=1.0)
+    fit, curve = instead_of_finding(fitter, machine, named, curve_of_play)
     assert curve.axes == ("C",) and curve.signed
     assert next(f for f in fit.effects if f.effect.key == "axis_location.EX0C").prior is not None
 
 
-def test_a_finding_that_is_a_cause_of_its_own_stays(tmp_path):
+def test_a_finding_that_is_a_cause_of_its_own_stays(curve_of_play, tmp_path):
     waves = {"id": "pitch_error.C", "components": [[240.0, 0.003, 50.0]]}
-    assert beside_play((waves,), lambda m: free(m, "pitch_error.C", components=waves["components"]), tmp_path) is None
+    fitter, machine = fitter_of((EccentricPlay("C", 8.0), waves), tmp_path)
+    named = free(machine, "pitch_error.C", components=waves["components"])
+    assert instead_of_finding(fitter, machine, named, curve_of_play) is None

@@ -378,12 +378,13 @@ def test_one_machine_may_have_several_unknown_causes(tmp_path):
     ("shape", "variable", "slopes", "beyond"),
     [
         ("bends", "acceleration", (2.0, 2.0), 2.0),  # straight: it goes on
-        ("bends", "acceleration", (2.0, 1.0), 0.0),  # nobody knows where the next bend is
+        ("bends", "acceleration", (2.0, 1.0), 1.0),  # each end goes on as it is
+        ("bends", "acceleration", (1.0, 0.0), 0.0),
         ("free", "acceleration", (2.0, 2.0), 0.0),
         ("bends", "time_since_reversal", (2.0, 2.0), 0.0),  # it has settled
     ],
 )
-def test_a_straight_curve_goes_on_beyond_what_was_measured(shape, variable, slopes, beyond, tmp_path):
+def test_a_straight_end_of_a_curve_goes_on_beyond_what_was_measured(shape, variable, slopes, beyond, tmp_path):
     from mjsim.estimation.curve_terms import CurveTerm
     from mjsim.estimation.effect_file import effect_source
 
@@ -398,6 +399,19 @@ def test_a_straight_curve_goes_on_beyond_what_was_measured(shape, variable, slop
 
     assert [at(x) for x in (-1.0, 1.0)] == pytest.approx([-slopes[0], slopes[1]])
     assert at(3.0) - at(1.0) == pytest.approx(2.0 * beyond)
+    assert at(-1.0) - at(-3.0) == pytest.approx(2.0 * slopes[0] * (shape == "bends" and variable == "acceleration"))
+
+
+def test_a_short_bend_at_the_end_of_a_curve_does_not_go_on():
+    from mjsim.estimation.curve_terms import CurveTerm
+    from mjsim.estimation.effect_file import _continued
+
+    knots, curve = np.linspace(-1.0, 1.0, 21), np.zeros(21)
+    curve[-2:] = 1.0, 2.0
+    term = CurveTerm("X", "Y", "velocity", knots, None, [], coefficients=curve, shape="bends")
+    x, values = _continued(term, curve)
+    assert x[-1] == 1.0 and values[-1] == 2.0
+    assert x[0] < -5.0 and values[0] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_a_free_curve_is_bridged_where_no_test_goes():

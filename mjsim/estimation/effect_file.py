@@ -25,8 +25,9 @@ _UNIT = {
     "clock_time": ("s", "s"),
 }
 
-#: Variables over which a straight curve goes on beyond what was measured, so many times its length.
-_GOES_ON, _FAR = ("position", "direction", "velocity", "acceleration", "torque"), 10.0
+#: Variables over which a curve with a straight end goes on beyond what was measured, so many times the length of that
+#: end, where it is at least such a share of the curve (assumed).
+_GOES_ON, _FAR, _LONG_END = ("position", "direction", "velocity", "acceleration", "torque"), 10.0, 0.2
 
 _TEMPLATE = '''"""{summary}
 
@@ -143,14 +144,26 @@ def effect_source(chain: Chain, term: CurveTerm, values: np.ndarray, summary: st
 
 
 def _continued(term: CurveTerm, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Knots and values of a curve, a straight one with ends far beyond what was measured; others stay at their last
-    value there.
+    """Knots and values of a curve that goes on beyond what was measured where its end is straight for long enough. It
+    stays at its last value elsewhere.
     """
-    knots, open_ended = term.knots, term.period is None and term.variable in _GOES_ON
-    if not open_ended or term.shape != "bends" or bends(term.coefficients):
+    knots, last = term.knots, len(term.knots) - 1
+    if term.shape != "bends" or term.period is not None or term.variable not in _GOES_ON:
         return knots, values
-    ends = knots[[0, -1]] + _FAR * np.ptp(knots) * np.array([-1.0, 1.0])
-    return ends, np.polyval(np.polyfit(knots, values, 1), ends)
+    places = bends(term.coefficients)
+    first, final = min(places, default=last), max(places, default=0)
+    if final <= (1.0 - _LONG_END) * last:
+        knots, values = _extended(knots, values, int(np.ceil(final)))
+    if first >= _LONG_END * last:
+        knots, values = _extended(knots[::-1], values[::-1], len(knots) - 1 - int(first))
+    return (knots, values) if knots[0] < knots[-1] else (knots[::-1], values[::-1])
+
+
+def _extended(knots: np.ndarray, values: np.ndarray, first: int) -> tuple[np.ndarray, np.ndarray]:
+    """Knots and values with one more far beyond the last, on the straight line from the one at ``first`` on."""
+    line = np.polyfit(knots[first:], values[first:], 1)
+    end = knots[-1] + _FAR * (knots[-1] - knots[first])
+    return np.append(knots, end), np.append(values, np.polyval(line, end))
 
 
 def _numbers(x: np.ndarray) -> str:
