@@ -63,28 +63,38 @@ def simplest_shape(information: np.ndarray, score: np.ndarray, closed: bool) -> 
     return max((free, *(s for s in few if len(s.precision))), key=lambda s: s.log_evidence)
 
 
-def _forms(k: int, closed: bool) -> list[tuple[str, np.ndarray, list[np.ndarray]]]:
-    """What a curve of ``k`` knots may be a sum of: name, columns (k, k), and which of them belong together."""
+def _forms(k: int, closed: bool) -> list[tuple[str, np.ndarray, list[np.ndarray], int]]:
+    """What a curve of ``k`` knots may be a sum of: name, columns (k, k), which of them belong together, and how many of
+    the first of these are everywhere: a level, or a straight line. Others are at one place of many, or one of many
+    orders.
+    """
     i = np.arange(k)
     one_each = [np.array([j]) for j in i]
     steps = np.tril(np.ones((k, k)))
     bends = np.column_stack([np.ones(k), *np.maximum(i - i[:-1, None], 0)])  # a level, and a slope from each knot on
-    forms = [("steps", steps, one_each), ("bends", bends, one_each)]
+    forms = [("steps", steps, one_each, 1), ("bends", bends, one_each, 2)]
     if closed:
         angle = 2.0 * np.pi * i / k
         orders = [(np.cos(n * angle), np.sin(n * angle)) for n in range(1, (k + 1) // 2)]
         last = [np.cos(np.pi * i)] if k % 2 == 0 else []
         waves = np.column_stack([np.ones(k), *(w for pair in orders for w in pair), *last])
         groups = [np.array([0]), *(np.array([2 * n + 1, 2 * n + 2]) for n in range(len(orders)))]
-        forms.append(("waves", waves, [*groups, *([np.array([k - 1])] if last else [])]))
+        forms.append(("waves", waves, [*groups, *([np.array([k - 1])] if last else [])], 1))
     return forms
 
 
-def _few(name: str, columns: np.ndarray, together: list[np.ndarray], information: np.ndarray, score: np.ndarray):
+def _few(
+    name: str,
+    columns: np.ndarray,
+    together: list[np.ndarray],
+    everywhere: int,
+    information: np.ndarray,
+    score: np.ndarray,
+) -> CurveShape:
     """The shape of the few ``columns`` that the data need."""
     problem = LinearProblem(columns.T @ information @ columns, columns.T @ score)
-    odds = -np.log(len(together))  # any of them may be the one
-    groups = [Group(f"{name} {j}", at, odds) for j, at in enumerate(together)]
+    odds = -np.log(max(len(together) - everywhere, 1))  # any of the others may be the one
+    groups = [Group(f"{name} {j}", at, 0.0 if j < everywhere else odds) for j, at in enumerate(together)]
     needed = select(problem, groups, steps=_FEW)
     widths = [np.full(len(together[j]), a) for j, a in needed.precision.items()]
     precision = np.concatenate(widths) if widths else np.zeros(0)
