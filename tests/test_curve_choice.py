@@ -41,7 +41,7 @@ def play(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def curve_of_play(play):
-    """The curve that is chosen beside it."""
+    """The curve that is chosen beside that model."""
     fitter, _, fit = play
     return best_curve_beside(fitter, fit)[1]
 

@@ -25,9 +25,10 @@ _UNIT = {
     "clock_time": ("s", "s"),
 }
 
-#: Variables over which a curve with a straight end goes on beyond what was measured, so many times the length of that
-#: end, where it is at least such a share of the curve (assumed).
-_GOES_ON, _FAR, _LONG_END = ("position", "direction", "velocity", "acceleration", "torque"), 10.0, 0.2
+#: Variables over which a curve with a straight end goes on beyond what was measured.
+_GOES_ON = ("position", "direction", "velocity", "acceleration", "torque")
+#: How far it goes on, in lengths of that end, and the least length of such an end, of the whole curve (assumed).
+_FAR, _LONG_END = 10.0, 0.2
 
 _TEMPLATE = '''"""{summary}
 
@@ -150,20 +151,18 @@ def _continued(term: CurveTerm, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     knots, last = term.knots, len(term.knots) - 1
     if term.shape != "bends" or term.period is not None or term.variable not in _GOES_ON:
         return knots, values
-    places = bends(term.coefficients)
+    places, least = bends(term.coefficients), _LONG_END * last
     first, final = min(places, default=last), max(places, default=0)
-    if final <= (1.0 - _LONG_END) * last:
-        knots, values = _extended(knots, values, int(np.ceil(final)))
-    if first >= _LONG_END * last:
-        knots, values = _extended(knots[::-1], values[::-1], len(knots) - 1 - int(first))
-    return (knots, values) if knots[0] < knots[-1] else (knots[::-1], values[::-1])
+    to_first, from_final = slice(int(first), None, -1), slice(int(np.ceil(final)), None)
+    before = _beyond(knots[to_first], values[to_first]) if first >= least else ([], [])
+    after = _beyond(knots[from_final], values[from_final]) if last - final >= least else ([], [])
+    return np.concatenate([before[0], knots, after[0]]), np.concatenate([before[1], values, after[1]])
 
 
-def _extended(knots: np.ndarray, values: np.ndarray, first: int) -> tuple[np.ndarray, np.ndarray]:
-    """Knots and values with one more far beyond the last, on the straight line from the one at ``first`` on."""
-    line = np.polyfit(knots[first:], values[first:], 1)
-    end = knots[-1] + _FAR * (knots[-1] - knots[first])
-    return np.append(knots, end), np.append(values, np.polyval(line, end))
+def _beyond(knots: np.ndarray, values: np.ndarray) -> tuple[list[float], list[float]]:
+    """A knot far beyond the last of a straight end, and the value there."""
+    far = knots[-1] + _FAR * (knots[-1] - knots[0])
+    return [far], [np.polyval(np.polyfit(knots, values, 1), far)]
 
 
 def _numbers(x: np.ndarray) -> str:
