@@ -2,7 +2,6 @@
 
 from mjsim.animation.ladder import animate_ladder as animate_ladder
 from mjsim.animation.movie import animate as animate
-from mjsim.ballbar.program import driven_by as driven_by
 from mjsim.batch.run import batch as batch
 from mjsim.campaign.files import read_campaign as read_campaign
 from mjsim.campaign.machine_file import read_machine as read_machine
@@ -22,6 +21,7 @@ from mjsim.importing.features import import_features as import_features
 from mjsim.importing.features import imported_features as imported_features
 from mjsim.importing.importer import import_trace as import_trace
 from mjsim.importing.logs import import_log as import_log
+from mjsim.instruments.ball_bar.program import driven_by as driven_by
 from mjsim.linuxcnc.configuration import Settings as LinuxCNCSettings
 from mjsim.linuxcnc.run import run_test as run_on_linuxcnc
 from mjsim.machine.effect import Effect as Effect
@@ -52,8 +52,6 @@ from mjsim.workflow.explain import explain as explain
 from mjsim.workflow.export import export as export
 from mjsim.workflow.geometry import geometry as geometry
 from mjsim.workflow.history import read_history as history
-from mjsim.workflow.log_compare import compare_logs as compare_logs
-from mjsim.workflow.log_diagnose import diagnose_logs as diagnose_logs
 from mjsim.workflow.plan import plan as plan
 
 __version__: str
@@ -77,10 +75,8 @@ __all__ = [
     "calibrate",
     "check",
     "compare",
-    "compare_logs",
     "compensate",
     "diagnose",
-    "diagnose_logs",
     "driven_by",
     "effects",
     "explain",

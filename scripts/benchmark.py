@@ -27,9 +27,9 @@ from benchmark_commands import commands, growth, memory
 from benchmark_page import Row, header, table, write_page
 from mujoco import rollout
 
-from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.machine_file import read_machine
 from mjsim.effects import registry
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.io.resources import examples
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant

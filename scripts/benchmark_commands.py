@@ -20,13 +20,13 @@ from pathlib import Path
 import numpy as np
 from benchmark_page import Curve, Row
 
-from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import machine_of
 from mjsim.estimation import signatures
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.mistakes.checked_problem import trusted_problem
 from mjsim.estimation.selection import ModelSelection
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.resources import examples
 from mjsim.machine.model import build
 from mjsim.simulation.axes import time_grid

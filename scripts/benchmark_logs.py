@@ -16,8 +16,8 @@ import numpy as np
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
-from mjsim.workflow.log_diagnose import diagnose_logs
-from mjsim.workflow.log_diagnosis import LogDiagnosis
+from mjsim.workflow.axis_log.diagnose import diagnose_logs
+from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
 from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
 
 #: Kinds that stand for each other in a log: while an axis slides, a constant force is a friction by direction.

@@ -35,7 +35,7 @@ def spoil(campaign, planted: str, rng):
     """The campaign with a mistake in it, and the tests that have it; ``None`` where it cannot have that one."""
     import numpy as np
 
-    from mjsim.ballbar.measurement import Trace
+    from mjsim.instruments.ball_bar.measurement import Trace
 
     who, what = planted.split(": ")
     names = [t.name for t in campaign.measured]

@@ -15,13 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.ballbar.iso230 import least_squares_circle
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.new import new_campaign
 from mjsim.effects.registry import kinds
+from mjsim.instruments.ball_bar.iso230 import least_squares_circle
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.effect import Effect, Parameter
 from mjsim.machine.model import Machine

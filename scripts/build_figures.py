@@ -17,9 +17,9 @@ import mujoco
 import numpy as np
 from PIL import Image
 
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.resources import examples, scene_file
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.plots import polar, style
@@ -27,7 +27,7 @@ from mjsim.plots.output import explanation_plot, ladder_plot, polar_traces, resi
 from mjsim.plots.residual import residual_figure
 from mjsim.plots.save import save
 from mjsim.workflow import history as ladder
-from mjsim.workflow.compare import Comparison
+from mjsim.workflow.ball_bar.compare import BarComparison
 from mjsim.workflow.edit import Change, add
 from mjsim.workflow.explain import explain
 
@@ -123,7 +123,7 @@ def hero(change: Change, machine: np.ndarray, closeup: np.ndarray) -> None:
     save(figure, IMAGES / "hidden-backlash.png")
 
 
-def one(comparison: Comparison):
+def one(comparison: BarComparison):
     """The test that is shown."""
     return next(t for t in comparison.tests if t.test.name == TEST)
 

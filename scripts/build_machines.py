@@ -14,11 +14,11 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from mjsim.ballbar.kinds import KINDS
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
 from mjsim.campaign.new_machine import new_machine
 from mjsim.cli.main import main as command
+from mjsim.instruments.ball_bar.kinds import KINDS
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import Placement, chain_of
 from mjsim.machine.modelling.scene import whole_scene
 from mjsim.units import DEG

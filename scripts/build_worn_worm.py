@@ -11,18 +11,18 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine, write_machine
 from mjsim.campaign.model import Campaign
 from mjsim.effects.registry import make
 from mjsim.estimation.pitch.identify import identify_pitch_errors
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.resources import examples
 from mjsim.plots import polar, style
 from mjsim.plots.output import polar_traces
 from mjsim.plots.save import save
 from mjsim.units import DEG, UM
-from mjsim.workflow.compare import ComparedTest, Comparison, compare
+from mjsim.workflow.ball_bar.compare import BarComparison, ComparedBarTest, compare_bars
 from mjsim.workflow.edit import add
 
 IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
@@ -44,11 +44,11 @@ def main() -> None:
             for effect in found.effects:
                 machine = machine.with_effect(effect)
         write_machine(machine, campaign.machine_file, campaign.machine_file, force=True)
-        before = compare(campaign, machine)
+        before = compare_bars(campaign, machine)
         worn = add(campaign, EFFECT, record=False).effect
-        after = compare(campaign, machine.with_effect(worn))
+        after = compare_bars(campaign, machine.with_effect(worn))
         shape = {k: v for k, v in worn.values.items() if k != "direction"}
-        mirrored = compare(campaign, machine.with_effect(make(EFFECT, **shape)))
+        mirrored = compare_bars(campaign, machine.with_effect(make(EFFECT, **shape)))
         IMAGES.mkdir(parents=True, exist_ok=True)
         picture(campaign, before, "before", IMAGES / "worn-worm-before.png")
         picture(campaign, after, f"with {EFFECT}", IMAGES / "worn-worm-after.png")
@@ -60,12 +60,12 @@ def main() -> None:
                 print(f"  {t.test.name}: RMS {t.rms / UM:.3f}, {described(t)}, left out {int((~t.valid).sum())}")
 
 
-def one(comparison: Comparison, name: str) -> ComparedTest:
+def one(comparison: BarComparison, name: str) -> ComparedBarTest:
     """One test of a comparison."""
     return next(t for t in comparison.tests if t.test.name == name)
 
 
-def described(t: ComparedTest) -> str:
+def described(t: ComparedBarTest) -> str:
     """Extremes of the residual, as means over 5° of the angle, µm and degrees of the plot."""
     angle = (t.phi / DEG + (0.0 if t.test.kind == "rotary" else 180.0)) % 360.0
     bins = np.floor(angle / 5.0).astype(int)
@@ -76,7 +76,7 @@ def described(t: ComparedTest) -> str:
     )
 
 
-def picture(campaign: Campaign, comparison: Comparison, when: str, path: Path) -> None:
+def picture(campaign: Campaign, comparison: BarComparison, when: str, path: Path) -> None:
     """Left: measured and simulated trace of one test. Right: what is left of the three cones over the angle of A."""
     width, height, side, bottom, left = 10.8, 4.75, 3.45, 0.62, 0.55
     figure = style.new_figure(width, height)
@@ -122,7 +122,7 @@ def legend(figure, plot, centre: float, width: float, height: float) -> None:
     )
 
 
-def over_a(axes, campaign: Campaign, comparison: Comparison) -> None:
+def over_a(axes, campaign: Campaign, comparison: BarComparison) -> None:
     """Residuals of the 15° cones over the commanded angle of A, apart by the direction in which it moves."""
     gathered = {way: [] for way in WAYS}
     for t in comparison.tests:
@@ -155,7 +155,7 @@ def over_a(axes, campaign: Campaign, comparison: Comparison) -> None:
     axes.legend(loc="lower right", frameon=False, fontsize=style.TEXT)
 
 
-def flanks(before: Comparison, after: Comparison, mirrored: Comparison) -> None:
+def flanks(before: BarComparison, after: BarComparison, mirrored: BarComparison) -> None:
     """One test against three machines: no wear, one worn flank, both worn."""
     width, height, side, bottom = 10.8, 4.3, 2.9, 0.62
     figure = style.new_figure(width, height)

@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.axislog.measurement import AxisRecord
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.estimation.axis_logs.candidates import Catalogue
@@ -27,6 +26,7 @@ from mjsim.estimation.axis_logs.fit import LogFitter
 from mjsim.estimation.axis_logs.gains import read_gains
 from mjsim.estimation.axis_logs.separability import intervals
 from mjsim.estimation.axis_logs.start import start_model
+from mjsim.instruments.axis_log.measurement import AxisRecord
 from mjsim.machine.model import Machine
 from mjsim.threads import one_blas_thread
 from mjsim.units import UM
@@ -103,7 +103,7 @@ def by_sysid(record: AxisRecord, step: float, start: dict[str, float], free: tup
 @one_blas_thread
 def by_mjsim(campaign, machine: Machine, axis: str, free: tuple[str, ...]):
     """The same by mjsim."""
-    data = axis_data(campaign.logs, axis, machine)
+    data = axis_data(campaign, axis, machine)
     # a recorded output also says over how many samples the control takes the velocity
     fitter, model = LogFitter(machine, data), start_model(machine, data, read_gains(machine, data))
     found = Catalogue(machine, data).missing(model)
@@ -145,9 +145,9 @@ def main() -> None:
     given = parser.parse_args()
     campaign = read_campaign(given.campaign)
     machine = read_machine(campaign.machine_file)
-    test = next(t for t in campaign.logs.tests if t.name == given.test)
-    campaign = replace(campaign, logs=replace(campaign.logs, tests=(test,)))
-    recording = campaign.logs.recordings[test.name]
+    test = next(t for t in campaign.of("axis_log").tests if t.name == given.test)
+    campaign = campaign.only([given.test])
+    recording = campaign.traces[test.name]
     start = starts(machine, given.axis, test.controller or "")
     free = NAMES[:4] if given.known_gains else NAMES
     record = recording.axes[given.axis]

@@ -11,8 +11,8 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from mjsim.ballbar.kinds import kind_of
 from mjsim.campaign.files import read_campaign
+from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.io.resources import examples
 from mjsim.linuxcnc.configuration import ACCELERATION, Settings
 from mjsim.linuxcnc.held import held_against

@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.ballbar.measurement import Trace
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.model import Campaign
@@ -30,6 +29,7 @@ from mjsim.estimation.nuisance import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER
 from mjsim.estimation.selection import ModelSelection
 from mjsim.estimation.settings import DIAGNOSIS
 from mjsim.estimation.signatures import SignatureBank, seeds
+from mjsim.instruments.ball_bar.measurement import Trace
 from mjsim.io.resources import examples
 from mjsim.machine.kinematics import reading
 from mjsim.machine.model import Machine, build

@@ -27,9 +27,9 @@ from independent.campaign import Case, _true, write_files  # noqa: E402
 from independent.kinematics import table_ball  # noqa: E402
 from independent.layouts import layout, turned  # noqa: E402
 
-from mjsim.ballbar.commanded import Commanded  # noqa: E402
 from mjsim.campaign.files import read_campaign  # noqa: E402
 from mjsim.campaign.machine_file import read_machine  # noqa: E402
+from mjsim.instruments.ball_bar.commanded import Commanded  # noqa: E402
 from mjsim.machine.chain import FIVE_AXIS  # noqa: E402
 from mjsim.prediction.pace import paced  # noqa: E402
 from mjsim.prediction.parts import part  # noqa: E402

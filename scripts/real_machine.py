@@ -16,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.axislog.measurement import Logs, Recording
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.model import Campaign
@@ -26,11 +25,12 @@ from mjsim.estimation.axis_logs.fit import LogFitter
 from mjsim.estimation.axis_logs.gains import read_gains
 from mjsim.estimation.axis_logs.separability import intervals
 from mjsim.estimation.axis_logs.start import start_model
+from mjsim.instruments.axis_log.measurement import Recording
 from mjsim.machine.model import Machine
 from mjsim.units import UM
-from mjsim.workflow.log_compare import compare_logs
-from mjsim.workflow.log_diagnose import diagnose_logs
-from mjsim.workflow.log_diagnosis import LogDiagnosis
+from mjsim.workflow.axis_log.compare import compare_logs
+from mjsim.workflow.axis_log.diagnose import diagnose_logs
+from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
 
 #: Published parameters of EMPS (Janot, Gautier, Brunot 2019): kg, N·s/m, N, N; and a period of its motion, s.
 PUBLISHED = {"inertia": 95.1089, "viscous": 203.5034, "coulomb": 20.3935, "offset": -3.1648}
@@ -70,7 +70,7 @@ def causes(result: LogDiagnosis) -> None:
 
 def predictions(campaign: Campaign, machine: Machine) -> None:
     """Every log predicted by the machine that was fitted to each single one."""
-    names = [t.name for t in campaign.logs.recorded]
+    names = [t.name for t in campaign.of("axis_log").measured]
     for fitted_to in names:
         fitted = diagnose_logs(with_logs(campaign, fitted_to), machine).machine
         for name in names:
@@ -82,19 +82,16 @@ def predictions(campaign: Campaign, machine: Machine) -> None:
 
 def with_logs(campaign: Campaign, *names: str) -> Campaign:
     """A campaign with some of its logs."""
-    kept = tuple(t for t in campaign.logs.tests if t.name in names)
-    return replace(campaign, logs=replace(campaign.logs, tests=kept))
+    return campaign.only(names)
 
 
 def parts(campaign: Campaign, cut: float) -> Campaign:
     """A campaign whose only log is cut in two, ``before`` and ``after``."""
-    test, (recording,) = campaign.logs.tests[0], campaign.logs.recordings.values()
+    test, (recording,) = campaign.of("axis_log").tests[0], campaign.traces.values()
     early = recording.time < cut
     logs = {"before": early, "after": ~early}
     tests = tuple(replace(test, name=name) for name in logs)
-    return replace(
-        campaign, logs=Logs(tests, {n: _cut(recording, k) for n, k in logs.items()}, campaign.logs.instrument)
-    )
+    return replace(campaign, tests=tests, traces={n: _cut(recording, k) for n, k in logs.items()})
 
 
 def _cut(recording: Recording, kept: np.ndarray) -> Recording:
@@ -108,7 +105,7 @@ def _cut(recording: Recording, kept: np.ndarray) -> Recording:
 
 def published_form(campaign: Campaign, machine: Machine) -> None:
     """EMPS in the form of the publication: inertia, viscous and Coulomb friction and a constant force, nothing else."""
-    data = axis_data(campaign.logs, "X", machine)
+    data = axis_data(campaign, "X", machine)
     fitter, gains = LogFitter(machine, data), read_gains(machine, data)
     model = start_model(machine, data, gains)
     found = Catalogue(machine, data).missing(model)

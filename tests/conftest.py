@@ -11,11 +11,11 @@ import pytest
 from commands import CAMPAIGN
 from paper_traces import ANGLE, UM
 
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.effects import registry
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.simulation.cache import forget_stale_code

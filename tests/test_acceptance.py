@@ -6,7 +6,7 @@ import tomlkit
 from commands import as_json, ok, run
 from test_cli import cut
 
-from mjsim.ballbar.acceptance import Acceptance, Limit, Measured, decide, judge
+from mjsim.instruments.ball_bar.acceptance import Acceptance, Limit, Measured, decide, judge
 from mjsim.units import UM
 
 

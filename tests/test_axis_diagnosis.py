@@ -9,8 +9,8 @@ from mjsim.estimation.axis_logs.data import noise_of, period_of
 from mjsim.estimation.axis_logs.entries import AxisModel, Entry
 from mjsim.estimation.axis_logs.fit import AxisFit
 from mjsim.estimation.axis_logs.together import known_together
-from mjsim.workflow.log_compare import compare_logs
-from mjsim.workflow.log_diagnose import diagnose_logs
+from mjsim.workflow.axis_log.compare import compare_logs
+from mjsim.workflow.axis_log.diagnose import diagnose_logs
 from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
 
 FRICTION = Axis(coulomb=0.12)
@@ -97,7 +97,7 @@ def test_without_a_torque_inertia_and_gain_are_not_separable(campaign):
 
 
 def test_noise_from_repeats_rest_and_declared():
-    from mjsim.axislog.measurement import AxisRecord
+    from mjsim.instruments.axis_log.measurement import AxisRecord
 
     time = 1e-3 * np.arange(4000)
     command = 0.01 * np.sin(2 * np.pi * time)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from mjsim.axislog.mistakes import log_mistakes
 from mjsim.campaign.files import read_campaign
 from mjsim.cli.main import main
 from mjsim.errors import InputError
 from mjsim.importing.logs import import_log
 from mjsim.importing.reading import Options
+from mjsim.instruments.axis_log.mistakes import log_mistakes
 from mjsim.io.resources import examples
 from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
 
@@ -58,8 +58,8 @@ def test_from_a_german_table_with_exchanged_columns_to_a_named_cause(folder, mot
     status, said = run("import", source, "--campaign", folder, "--log", "--controller", "c", *signals)
     assert status == 0 and "exchanged" not in said
     campaign = read_campaign(folder)
-    assert [t.name for t in campaign.logs.recorded] == ["messung"]
-    imported = campaign.logs.recordings["messung"]
+    assert [t.name for t in campaign.of("axis_log").measured] == ["messung"]
+    imported = campaign.traces["messung"]
     assert imported.step == pytest.approx(1e-3)
     assert imported.axes["X"].actual == pytest.approx(motion[1], abs=1e-9)
     status, said = run("diagnose", folder, "--json")
@@ -75,7 +75,7 @@ def test_the_first_log_of_a_campaign(folder, motion):
     (folder / "m.csv").write_text(german(motion[0], motion[1], swapped=False))
     assert import_log(folder, folder / "m.csv", controller="c").new_test
     assert (folder / "campaign.toml").read_text().startswith(head + "\n[[test]]\n")
-    assert [t.name for t in read_campaign(folder).logs.recorded] == ["m"]
+    assert [t.name for t in read_campaign(folder).of("axis_log").measured] == ["m"]
 
 
 def test_a_campaign_of_ball_bar_tests_gets_a_recorder(folder, motion):
@@ -93,8 +93,10 @@ table_ball_mm = [0.0, 0.0, 100.0]\nfeed_mm_min = 1000.0\n"""
     assert (folder / "campaign.toml").read_text() == before and not (folder / "traces").exists()
     assert import_log(folder, folder / "m.csv").questions == ()
     campaign = read_campaign(folder)
-    assert [t.name for t in campaign.logs.recorded] == ["m"] and [t.name for t in campaign.tests] == ["c"]
-    assert campaign.logs.instrument.rate == pytest.approx(1000.0) and campaign.instrument.resolution == 0.2e-6
+    assert [t.name for t in campaign.of("axis_log").measured] == ["m"]
+    assert [t.name for t in campaign.tests] == ["c", "m"]
+    assert campaign.instruments["axis_log"].rate == pytest.approx(1000.0)
+    assert campaign.instruments["ball_bar"].resolution == 0.2e-6
 
 
 def test_commands_refuse_exchanged_columns(folder, motion):
@@ -113,7 +115,7 @@ def test_a_matlab_file(folder, motion):
     signals = ("X_command=Y.x_ref:mm", "X_actual=Y.x_enc:mm")
     found = import_log(folder, source, signals=signals, controller="c")
     assert found.test == "run" and found.questions == ()
-    assert read_campaign(folder).logs.recordings["run"].axes["X"].command == pytest.approx(motion[0], abs=1e-9)
+    assert read_campaign(folder).traces["run"].axes["X"].command == pytest.approx(motion[0], abs=1e-9)
     (folder / "bad.mat").write_bytes(b"MATLAB 5.0 MAT-file" + bytes(200))
     with pytest.raises(InputError, match="no readable MATLAB file"):
         import_log(folder, folder / "bad.mat", signals=signals)
@@ -141,13 +143,15 @@ def test_wrong_signals(folder, motion, signal, said):
 
 
 def test_units_and_times_that_cannot_be(folder):
-    logs = read_campaign(folder).logs
-    recording = logs.recordings["strokes"]
+    logs = read_campaign(folder)
+    recording = logs.traces["strokes"]
     record = recording.axes["X"]
-    assert log_mistakes(logs) == []
+
+    def found(recording):
+        return log_mistakes(logs.measured, {"strokes": recording}, logs.instrument.rate)
+
+    assert found(recording) == []
     inch = replace(recording, axes={"X": replace(record, actual=record.actual / 25.4)})
-    assert "mm against inch" in log_mistakes(replace(logs, recordings={"strokes": inch}))[0].sentence or "inch" in (
-        log_mistakes(replace(logs, recordings={"strokes": inch}))[0].sentence
-    )
+    assert "inch" in found(inch)[0].sentence
     counted = replace(recording, time=recording.time * 100.0)
-    assert log_mistakes(replace(logs, recordings={"strokes": counted}))[0].kind == "time"
+    assert found(counted)[0].kind == "time"

@@ -5,10 +5,11 @@ import gzip
 import numpy as np
 import pytest
 
-from mjsim.axislog.circle import circle_part, radial_deviation
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import machine_document, read_machine
 from mjsim.errors import InputError, SimulationError
+from mjsim.instruments.axis_log.circle import circle_part, radial_deviation
+from mjsim.instruments.axis_log.measurement import recorded_axes
 from mjsim.machine.model import build
 from mjsim.simulation.stability import check_stable
 
@@ -88,13 +89,12 @@ def edit(folder, name, old, new):
 
 def test_a_log_is_read(folder):
     campaign = read_campaign(folder)
-    assert campaign.tests == () and campaign.measured == ()
-    (test,) = campaign.logs.recorded
-    recording = campaign.logs.recordings["round"]
-    assert test.axes == campaign.logs.axes == ("X", "Y") and test.setup == "round"
+    (test,) = campaign.measured
+    recording = campaign.traces["round"]
+    assert test.axes == recorded_axes(campaign.measured) == ("X", "Y") and test.setup == "round"
     assert recording.step == pytest.approx(1e-3) and len(recording.time) == 2000
     assert recording.axes["X"].command[0] == pytest.approx(0.01)
-    assert campaign.logs.instrument.resolution == pytest.approx(1e-7)
+    assert campaign.instruments["axis_log"].resolution == pytest.approx(1e-7)
 
 
 def test_controllers_are_read_and_written_back(folder):
@@ -112,7 +112,7 @@ def test_controllers_are_read_and_written_back(folder):
 
 def test_the_circle_of_a_log(folder):
     campaign = read_campaign(folder)
-    test, recording = campaign.logs.tests[0], campaign.logs.recordings["round"]
+    test, recording = campaign.of("axis_log").tests[0], campaign.traces["round"]
     part = circle_part(test, recording)
     assert part.phi[-1] - part.phi[0] == pytest.approx(2.2 * np.pi, abs=0.05)
     x, y = (recording.axes[a].actual[part.samples] for a in "XY")
@@ -177,10 +177,10 @@ def test_a_circle_that_is_not_there(folder):
     edit(folder, "campaign.toml", "radius_mm = 10.0", "radius_mm = 11.0")
     campaign = read_campaign(folder)
     with pytest.raises(InputError, match="check centre_mm and radius_mm"):
-        circle_part(campaign.logs.tests[0], campaign.logs.recordings["round"])
+        circle_part(campaign.of("axis_log").tests[0], campaign.traces["round"])
     edit(folder, "campaign.toml", 'radius_mm = 11.0, direction = "CCW"', 'radius_mm = 10.0, direction = "CW"')
     with pytest.raises(InputError, match="runs round its circle CCW"):
-        circle_part(read_campaign(folder).logs.tests[0], campaign.logs.recordings["round"])
+        circle_part(read_campaign(folder).of("axis_log").tests[0], campaign.traces["round"])
 
 
 def test_ball_bar_simulations_refuse_what_they_cannot_compute(folder):

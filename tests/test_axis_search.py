@@ -14,8 +14,8 @@ from mjsim.estimation.axis_logs.descent import Descended, Priors, bounded_step, 
 from mjsim.estimation.axis_logs.likelihood import independent_count, likelihood_gain
 from mjsim.machine.model import build
 from mjsim.simulation.servo import ServoStart, block_means, follow, sampled
-from mjsim.workflow.log_compare import compare_logs
-from mjsim.workflow.log_diagnose import diagnose_logs
+from mjsim.workflow.axis_log.compare import compare_logs
+from mjsim.workflow.axis_log.diagnose import diagnose_logs
 from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
 
 CONTROL = Control()
@@ -82,7 +82,7 @@ def test_part_of_a_recording(folder):
     text = (place / "campaign.toml").read_text()
     (place / "campaign.toml").write_text(text + "span_s = [0.5, 1.25]\n")
     campaign = read_campaign(place)
-    recording = campaign.logs.recordings["strokes"]
+    recording = campaign.traces["strokes"]
     assert recording.time[0] == 0.0 and recording.time[-1] == pytest.approx(0.75)
     assert compare_logs(campaign, read_machine(place / "machine.toml")).rms < 1e-6
     for span, said in (("[1.0, 0.5]", "growing"), ("[90.0, 99.0]", "leaves 0 samples")):
@@ -105,7 +105,7 @@ def test_one_log_of_several_is_chosen(folder):
 def test_block_means_are_those_of_the_samples(folder):
     place = folder(FRICTION)
     campaign, machine = read_campaign(place), read_machine(place / "machine.toml")
-    recording = campaign.logs.recordings["strokes"]
+    recording = campaign.traces["strokes"]
     axis = build(machine.under("c")).axes["X"]
     command = sampled(axis, recording.time, recording.axes["X"].command)
     motion = follow(axis, recording.time, recording.axes["X"].command, ServoStart(0.0))

@@ -20,8 +20,6 @@ from click.testing import CliRunner
 from commands import run, with_b_axis
 
 import mjsim
-from mjsim.ballbar.iso230 import circular_figures
-from mjsim.ballbar.program import Program
 from mjsim.batch import cluster, dataset
 from mjsim.batch.dataset import Folder
 from mjsim.batch.figures import FIGURES
@@ -29,6 +27,8 @@ from mjsim.batch.sweep import read_sweep
 from mjsim.cli.main import main
 from mjsim.errors import InputError
 from mjsim.estimation.data_sheet import data_sheet
+from mjsim.instruments.ball_bar.iso230 import circular_figures
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.model import TOLERANCE

@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 from commands import with_b_axis
 
-from mjsim.ballbar.kinds import KINDS, able_kinds
-from mjsim.ballbar.measurement import BallBarTest, Trace
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.effects import registry
@@ -22,6 +20,8 @@ from mjsim.estimation.signatures import Projector
 from mjsim.estimation.testability import not_testable
 from mjsim.estimation.unexplained import find_unexplained
 from mjsim.estimation.vibration import separate
+from mjsim.instruments.ball_bar.kinds import KINDS, able_kinds
+from mjsim.instruments.ball_bar.measurement import BallBarTest, Trace
 from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS, Chain, chain_of
 from mjsim.machine.inverse import aim

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from independent import chain_campaigns, chains
 
-from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.kinematics import Geometry, reading
 from mjsim.workflow.diagnose import diagnose
 

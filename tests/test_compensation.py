@@ -124,7 +124,7 @@ def test_what_is_told_and_what_is_left_is_everything(told):
 
 def test_both_arithmetics_agree(told, tests):
     """The control's arithmetic of mjsim against the independent one, on a cone."""
-    from mjsim.ballbar.program import Program
+    from mjsim.instruments.ball_bar.program import Program
 
     who, c, got, _ = told
     program = Program(tests["cone15-x50-ccw"])

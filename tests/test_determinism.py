@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from commands import run
 
-from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.effects.registry import make
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.simulation.multibody import simulate
 from mjsim.threads import Workers
 

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 import mjsim
-from mjsim.ballbar.kinds import KINDS
 from mjsim.cli.main import main
 from mjsim.effects.registry import kinds
 from mjsim.errors import InputError
 from mjsim.importing.formats import base as formats
 from mjsim.importing.reading import Options
+from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.kinematics import reading
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from noisy_traces import CIRCLE, coloured, samples
 
-from mjsim.ballbar.measurement import Trace
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.effects import registry
@@ -19,6 +18,7 @@ from mjsim.estimation.nuisance import TRIGGERS
 from mjsim.estimation.samples import GRID, Samples
 from mjsim.estimation.selection import ModelSelection
 from mjsim.estimation.signatures import Candidate, Projector, SignatureBank
+from mjsim.instruments.ball_bar.measurement import Trace
 from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.model import build

@@ -225,7 +225,8 @@ def test_a_stretch_may_be_missing_at_the_end_of_a_trace(tmp_path):
     import gzip
     import shutil
 
-    from mjsim.campaign.files import LARGEST_GAP, read_campaign
+    from mjsim.campaign.files import read_campaign
+    from mjsim.instruments.ball_bar.files import LARGEST_GAP
 
     folder = shutil.copytree(examples() / "hidden-backlash", tmp_path / "campaign")
     path = folder / "traces" / "circle-xy-ccw.csv.gz"

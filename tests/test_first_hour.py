@@ -10,8 +10,6 @@ from click.testing import CliRunner
 from commands import as_json, ok, run
 
 import mjsim
-from mjsim.ballbar.program import Program
-from mjsim.ballbar.speed import range_warning, speed_warnings
 from mjsim.campaign.files import read_campaign
 from mjsim.cli.compare import left_out_sentence
 from mjsim.cli.main import main
@@ -19,8 +17,10 @@ from mjsim.cli.plan import show
 from mjsim.estimation.planning.next_test import Plan
 from mjsim.estimation.planning.separation import Separation
 from mjsim.importing.header import test_keys as keys_of_header
+from mjsim.instruments.ball_bar.program import Program
+from mjsim.instruments.ball_bar.speed import range_warning, speed_warnings
 from mjsim.workflow import edit
-from mjsim.workflow.check import evidence_of
+from mjsim.workflow.ball_bar.check import evidence_of
 
 NAME = "circle-xy-ccw"
 

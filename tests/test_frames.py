@@ -10,7 +10,8 @@ from mjsim.effects.registry import make
 from mjsim.io.resources import examples
 from mjsim.paper.figures import PaperFigures
 from mjsim.paper.numbers import Number
-from mjsim.workflow.diagnosis import DiagnosedEffect, Diagnosis
+from mjsim.workflow.diagnosis import Diagnosis
+from mjsim.workflow.finding import DiagnosedEffect
 
 
 def test_simulation(m1, cone):

@@ -14,10 +14,10 @@ import pytest
 from commands import refused, run, snapshot
 
 import mjsim
-from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
 from mjsim.errors import InputError
 from mjsim.importing.timing import times_of
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.resources import examples
 
 UM, DEG = 1e-6, np.pi / 180

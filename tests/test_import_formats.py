@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import mjsim
-from mjsim.campaign.traces import read_bytes
 from mjsim.errors import InputError
 from mjsim.importing.formats import Format, base, register
 from mjsim.importing.table import Table
+from mjsim.instruments.ball_bar.traces import read_bytes
 from mjsim.io.resources import examples
 
 

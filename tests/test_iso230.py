@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from mjsim.ballbar.iso230 import bidirectional_figures, circular_figures, least_squares_circle
 from mjsim.errors import InputError
+from mjsim.instruments.ball_bar.iso230 import bidirectional_figures, circular_figures, least_squares_circle
 
 UM = 1e-6
 PHI = np.linspace(0.0, 2.0 * np.pi, 3600, endpoint=False)

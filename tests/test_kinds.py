@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import mjsim
-from mjsim.ballbar.kinds import KINDS
-from mjsim.ballbar.program import Program
-from mjsim.campaign import files
+from mjsim.campaign.files import campaign_from
 from mjsim.importing.names import options
+from mjsim.instruments.ball_bar import files
+from mjsim.instruments.ball_bar.kinds import KINDS
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.kinematics import machine_to_work, reading
 from mjsim.plots.output import conditions
@@ -130,7 +131,7 @@ def test_a_test_written_and_read_is_the_same(tests, kind):
     file, by_kind, _ = tests
     test = replace(by_kind[kind], spindle=np.pi)
     table = files.test_table(test) | {"started_s": test.started}
-    again = files.campaign_from(file, {"name": "again", "test": [table]}, traces=False).tests[0]
+    again = campaign_from(file, {"name": "again", "test": [table]}, traces=False).tests[0]
     assert again == test
 
 

@@ -258,7 +258,7 @@ def test_sensitivity_against_central_differences():
 
 
 def test_perpendicular_method_does_not_see_z(cone):
-    from mjsim.ballbar.program import Program
+    from mjsim.instruments.ball_bar.program import Program
 
     for theta, beta in ((15, 10), (45, 30)):
         test = cone(theta, beta, (50, -40, 155))

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from mjsim.axislog.measurement import LogTest
-from mjsim.ballbar.commanded import Commanded
-from mjsim.ballbar.kinds import KINDS
-from mjsim.ballbar.program import Program
 from mjsim.campaign.driven import with_record
 from mjsim.campaign.files import read_campaign
-from mjsim.campaign.logs import read_recording
 from mjsim.cli.main import main
 from mjsim.errors import InputError
+from mjsim.instruments.axis_log.files import read_recording
+from mjsim.instruments.axis_log.measurement import LogTest
+from mjsim.instruments.ball_bar.commanded import Commanded
+from mjsim.instruments.ball_bar.kinds import KINDS
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.resources import examples
 from mjsim.linuxcnc import installed
 from mjsim.linuxcnc.configuration import Settings, check_settings, kinematics, write_configuration

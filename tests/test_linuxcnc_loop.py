@@ -9,7 +9,6 @@ import pytest
 from independent import drives, transmission
 from independent.kinematics import bar_reading
 
-from mjsim.ballbar.follow import unwrapped
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.compensation.arithmetic import corrected
@@ -17,6 +16,7 @@ from mjsim.compensation.compensate import compensate, write_compensation
 from mjsim.compensation.controls import Settings
 from mjsim.effects import registry
 from mjsim.estimation.posterior import Posterior
+from mjsim.instruments.ball_bar.follow import unwrapped
 from mjsim.io.resources import examples
 from mjsim.linuxcnc.configuration import JOINT_ACCELERATION
 from mjsim.linuxcnc.configuration import Settings as LinuxCNC

@@ -8,7 +8,6 @@ import pytest
 from click.testing import CliRunner
 from test_joint import candidates, with_log
 
-from mjsim.axislog.motions import Circle, Motion, proposals
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.cli.main import main
@@ -17,6 +16,7 @@ from mjsim.estimation.axis_logs.fit import LogFitter
 from mjsim.estimation.axis_logs.gains import read_gains
 from mjsim.estimation.axis_logs.planning import LogPlanner, unmeasured
 from mjsim.estimation.axis_logs.start import start_model
+from mjsim.instruments.axis_log.motions import Circle, Motion, proposals
 from mjsim.machine.reach import usual_speed
 from mjsim.workflow import log_plan
 from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
@@ -58,7 +58,7 @@ def test_a_trapezoid_keeps_its_acceleration():
 def test_only_a_torque_makes_inertia_and_gain_known(tmp_path):
     """Positions fix ratios of torques: no motion changes that, a recorded torque does."""
     campaign, machine = logged(tmp_path, Control(), identify=True)
-    data = axis_data(campaign.logs, "X", machine)
+    data = axis_data(campaign, "X", machine)
     fitter = LogFitter(machine, data, 1)
     fit = fitter.polished(fitter.fit(start_model(machine, data)))
     rows = LogPlanner(machine, "X", [fit], data[0]).known(("drive.inertia", "controller.c.velocity_gain"))
@@ -109,7 +109,7 @@ def test_plan_command_for_logs(tmp_path):
 def test_gains_are_read_from_an_output_that_comes_late(tmp_path):
     control = Control(delay_samples=3)
     campaign, machine = logged(tmp_path, control, torque=True)
-    (read,) = read_gains(machine, axis_data(campaign.logs, "X", machine))
+    (read,) = read_gains(machine, axis_data(campaign, "X", machine))
     assert read.explained > 0.9999
     assert read.values["position_gain"] == pytest.approx(control.position_gain, rel=1e-4)
     assert read.values["velocity_gain"] == pytest.approx(control.velocity_gain, rel=1e-4)
@@ -119,7 +119,7 @@ def test_of_two_zeros_that_change_places_the_data_sheet_says_which_is_which(tmp_
     """With full feedforward, the position gain and one over the integral time are two zeros of one law."""
     control = Control(integral_time=0.0229, position_gain=60.0, feedforward=1.0)
     campaign, machine = logged(tmp_path, control, torque=True, integral_time=0.00916)
-    (read,) = read_gains(machine, axis_data(campaign.logs, "X", machine))
+    (read,) = read_gains(machine, axis_data(campaign, "X", machine))
     assert read.values["position_gain"] == pytest.approx(60.0, rel=1e-3)
     assert read.values["integral_time"] == pytest.approx(0.0229, rel=1e-3)
 
@@ -128,7 +128,7 @@ def test_a_reading_that_contradicts_the_sheet_is_no_prior(tmp_path):
     """The cause is looked for instead: a prior outside its bounds would pull at every other number."""
     control = Control(integral_time=0.0229, position_gain=60.0, feedforward=1.0)
     campaign, machine = logged(tmp_path, control, torque=True, integral_time=0.00916)
-    data = axis_data(campaign.logs, "X", machine)
+    data = axis_data(campaign, "X", machine)
     entries = {e.name: e for e in start_model(machine, data, read_gains(machine, data)).entries}
     assert entries["integral_time"].mean == pytest.approx(np.log(0.00916))
     for e in entries.values():

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from test_any_machine import BALL, CHAINS, LENGTH, MACHINES, named, oracle
 
-from mjsim.ballbar.kinds import KINDS
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
+from mjsim.instruments.ball_bar.kinds import KINDS
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import chain_of
 from mjsim.machine.modelling.mjcf import machine_xml
 from mjsim.machine.reach import usual_travel

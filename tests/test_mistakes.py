@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from commands import as_json, cut, ok, refused
 
-from mjsim.ballbar.kinds import kind_of
-from mjsim.ballbar.measurement import Trace
-from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
-from mjsim.campaign.span import explain
 from mjsim.estimation.mistakes.mistakes import UNITS, corrected, unit_of
 from mjsim.estimation.mistakes.recognise import recognise
+from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.instruments.ball_bar.measurement import Trace
+from mjsim.instruments.ball_bar.program import Program
+from mjsim.instruments.ball_bar.span import explain
 from mjsim.io.resources import examples
 from mjsim.workflow.check import check
 

@@ -5,9 +5,9 @@ condition.
 import numpy as np
 import pytest
 
-from mjsim.ballbar.feed import ACCELERATION, trapezoid
-from mjsim.ballbar.kinds import KINDS, kind_of
-from mjsim.ballbar.program import Program
+from mjsim.instruments.ball_bar.feed import ACCELERATION, trapezoid
+from mjsim.instruments.ball_bar.kinds import KINDS, kind_of
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.inverse import aim
 from mjsim.machine.kinematics import bar_vector

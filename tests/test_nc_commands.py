@@ -9,9 +9,9 @@ import pytest
 from click.testing import CliRunner
 
 import mjsim
-from mjsim.ballbar.program import Program
 from mjsim.campaign.files import read_campaign
 from mjsim.cli.main import main
+from mjsim.instruments.ball_bar.program import Program
 
 CAMPAIGN = """\
 name = "short"

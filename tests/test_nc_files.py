@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjsim.ballbar.commanded import Commanded
-from mjsim.ballbar.follow import deviation
-from mjsim.ballbar.program import Program, driven_by
 from mjsim.errors import InputError
+from mjsim.instruments.ball_bar.commanded import Commanded
+from mjsim.instruments.ball_bar.follow import deviation
+from mjsim.instruments.ball_bar.program import Program, driven_by
 from mjsim.io.resources import model_file
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.kinematics import machine_to_work, reading, work_to_machine

@@ -9,10 +9,10 @@ import pytest
 from click.testing import CliRunner
 
 from mjsim.animation.scene import Stage
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
 from mjsim.campaign.machine_file import read_machine
 from mjsim.cli.main import main
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import Placement, chain_of
 from mjsim.units import DEG
 

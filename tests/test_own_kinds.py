@@ -11,13 +11,13 @@ from click.testing import CliRunner
 from pydantic import Field
 
 import mjsim
-from mjsim.ballbar.kinds import base
-from mjsim.ballbar.kinds.base import DIRECTION, FROM, REVOLUTIONS, TO, Arc, Key, Kind
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
-from mjsim.campaign import files
 from mjsim.cli.main import main
 from mjsim.estimation.planning.candidates import first_round, neighbours
+from mjsim.instruments.ball_bar import files
+from mjsim.instruments.ball_bar.kinds import base
+from mjsim.instruments.ball_bar.kinds.base import DIRECTION, FROM, REVOLUTIONS, TO, Arc, Key, Kind
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import Chain
 from mjsim.machine.kinematics import work_to_machine
 from mjsim.units import DEG

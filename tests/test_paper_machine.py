@@ -11,9 +11,9 @@ from independent import kato2013
 from paper_traces import ANGLE, CENTRE, X200, X_200, Y200, Y_200, at, centred, glitches, nearest, step, within
 from scipy.signal import find_peaks
 
-from mjsim.ballbar.program import Program
 from mjsim.campaign.machine_file import read_machine
 from mjsim.effects.registry import make
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.resources import examples
 
 X50, X_50, Y50, Y_50 = ((50, 0, 155), (-50, 0, 155), (0, 50, 155), (0, -50, 155))

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 import mjsim
-from mjsim.campaign.files import read_campaign, test_table
+from mjsim.campaign.files import read_campaign
 from mjsim.cli.main import main
 from mjsim.effects.registry import make
 from mjsim.estimation.effect_vector import EffectVector
@@ -16,6 +16,7 @@ from mjsim.estimation.planning.candidates import first_round, neighbours, reacha
 from mjsim.estimation.planning.choose import worth
 from mjsim.estimation.planning.separation import Explanation, Separation, Separator
 from mjsim.estimation.settings import PLAN
+from mjsim.instruments.ball_bar.files import test_table
 from mjsim.io.resources import examples
 
 test_table.__test__ = False

@@ -10,13 +10,13 @@ from independent import drives as generator_drives
 from independent import kinematics as generator_kinematics
 from independent import transmission as generator_transmission
 
-from mjsim.ballbar.commanded import Commanded
 from mjsim.campaign.machine_file import read_machine
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.estimation.data_sheet import data_sheet
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.posterior import Posterior
+from mjsim.instruments.ball_bar.commanded import Commanded
 from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS, chain_of
 from mjsim.prediction.contour import contour

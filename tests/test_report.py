@@ -10,12 +10,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mjsim.ballbar.iso230 import BidirectionalFigures, circular_figures
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.effects.registry import make
 from mjsim.errors import InputError
+from mjsim.instruments.ball_bar.iso230 import BidirectionalFigures, circular_figures
 from mjsim.io.resources import examples
 from mjsim.machine.remedy import UNKNOWN
 from mjsim.plots.polar import PolarTrace

@@ -19,12 +19,12 @@ import tomlkit
 from commands import refused, run
 
 import mjsim
-from mjsim.ballbar.kinds import KINDS, all_keys
 from mjsim.campaign import schema
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.new import _TEMPLATE
 from mjsim.cli import common
 from mjsim.effects import registry
+from mjsim.instruments.ball_bar.kinds import KINDS, all_keys
 from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS
 

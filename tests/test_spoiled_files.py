@@ -17,14 +17,11 @@ import numpy as np
 import pytest
 from commands import CAMPAIGN, OWN
 
-from mjsim.ballbar.measurement import Instrument
-from mjsim.ballbar.program import Program
 from mjsim.batch.dataset import Folder
 from mjsim.batch.describe import describe
 from mjsim.batch.sweep import read_sweep
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import machine_document, read_machine
-from mjsim.campaign.traces import read_trace
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.importing.b5r import read_b5r
@@ -32,6 +29,9 @@ from mjsim.importing.b5r_runs import read_recorded
 from mjsim.importing.features import beside, imported_features
 from mjsim.importing.importer import import_traces
 from mjsim.importing.reading import Options
+from mjsim.instruments.ball_bar.measurement import BallBarData
+from mjsim.instruments.ball_bar.program import Program
+from mjsim.instruments.ball_bar.traces import read_trace
 from mjsim.io.resources import examples
 from mjsim.nc.read import read_nc
 from mjsim.nc.write import nc_program
@@ -193,8 +193,8 @@ class Kind:
 KINDS = {
     "campaign": Kind("short/campaign.toml", CAMPAIGN.encode(), lambda p: read_campaign(p.parent), check_campaign),
     "machine": Kind("machine.toml", MACHINE, read_machine, check_machine),
-    "trace": Kind("trace.csv", TRACE, lambda p: read_trace(p, Instrument()), check_trace),
-    "compressed trace": Kind("trace.csv.gz", gzip.compress(TRACE), lambda p: read_trace(p, Instrument()), check_trace),
+    "trace": Kind("trace.csv", TRACE, lambda p: read_trace(p, BallBarData()), check_trace),
+    "compressed trace": Kind("trace.csv.gz", gzip.compress(TRACE), lambda p: read_trace(p, BallBarData()), check_trace),
     "sweep": Kind("sweep.toml", SWEEP, read_sweep, check_sweep, "campaign.toml"),
     "NC program": Kind("p.nc", None, read_nc, check_program),
     "table": Kind("turn.txt", TABLE.encode(), import_table, lambda got: check_trace(got[0].trace)),

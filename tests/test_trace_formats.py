@@ -102,7 +102,7 @@ def test_a_file_of_the_maker_into_a_campaign(folder, motion, name):
     done = import_log(folder, folder / name, signals=options, controller="c")
     assert done.rate == pytest.approx(rate) and done.samples == N
     assert {(c.axis, c.signal) for c in done.columns} == {("", "time"), ("X", "command"), ("X", "actual")}
-    record = read_campaign(folder).logs.recordings[done.test].axes["X"]
+    record = read_campaign(folder).traces[done.test].axes["X"]
     np.testing.assert_allclose(record.command, motion[0] * 1e-3, atol=1e-9)
     np.testing.assert_allclose(record.actual, motion[1] * 1e-3, atol=1e-9)
 
@@ -203,7 +203,7 @@ def test_a_following_error_stands_for_the_other_position(folder, motion):
         (folder / f"{name}.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
         done = import_log(folder, folder / f"{name}.csv", controller="c")
         assert "following error" in done.notes[-1]
-        record = read_campaign(folder).logs.recordings[name].axes["X"]
+        record = read_campaign(folder).traces[name].axes["X"]
         np.testing.assert_allclose(record.command, motion[0] * 1e-3, atol=1e-9)
         np.testing.assert_allclose(record.actual, motion[1] * 1e-3, atol=1e-9)
     names = ("t [s]", "X soll [mm]", "X ist [mm]", "X lag [mm]")

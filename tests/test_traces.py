@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from commands import CAMPAIGN, as_json, ok, refused
 
-from mjsim.ballbar.measurement import Instrument
 from mjsim.campaign.files import campaign_from, read_campaign
-from mjsim.campaign.files import test_table as table_of
 from mjsim.campaign.machine_file import read_machine
-from mjsim.campaign.traces import read_trace, saturated
+from mjsim.instruments.ball_bar.files import test_table as table_of
+from mjsim.instruments.ball_bar.measurement import BallBarData
+from mjsim.instruments.ball_bar.traces import read_trace, saturated
 from mjsim.io.resources import examples
 from mjsim.units import UM
 
@@ -95,7 +95,7 @@ def test_what_was_left_out_is_said(campaign):
     top = np.clip(3.0 * np.sin(np.arange(len(time)) / 20) + noise, -9, 2.0)
     rows = [f"{t},{x:.2f}" for t, x in zip(time, top, strict=True)]
     trace.write_text("\n".join(["time_s,deviation_um", *rows, ""]))
-    held = int(read_trace(trace, Instrument()).saturated)
+    held = int(read_trace(trace, BallBarData()).saturated)
     assert held >= 30
     row = as_json("compare", campaign, "--no-plots", "--as-is")["tests"][0]
     assert row["samples_saturated"] == held <= row["samples_left_out"]

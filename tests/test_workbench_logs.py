@@ -5,7 +5,7 @@ import pytest
 
 import mjsim
 from mjsim.errors import InputError
-from mjsim.workflow.log_compare import compare_logs
+from mjsim.workflow.axis_log.compare import compare_logs
 from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
 
 CONTROL = Control()

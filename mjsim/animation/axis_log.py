@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +11,12 @@ from mjsim.animation import encode
 from mjsim.animation.movie import Format
 from mjsim.animation.story import nice_factor
 from mjsim.campaign.model import Campaign
-from mjsim.errors import InputError
 from mjsim.io import files
 from mjsim.machine.model import Machine
 from mjsim.plots import style
 from mjsim.progress import Progress, silent
 from mjsim.units import DEG, MM, UM
-from mjsim.workflow.log_compare import ComparedAxis, ComparedLog, compare_logs
+from mjsim.workflow.axis_log.compare import ComparedAxis, ComparedLog, compare_logs
 
 #: Share of the travel that the magnified error fills, and pixels per inch of the picture.
 _FILLS, _DPI = 0.12, 100
@@ -86,13 +85,9 @@ def animate_log(
     """
     file = Path(file)
     form = Format.of(file, size, fps)
-    names = [t.name for t in campaign.logs.recorded]
-    if test not in names:
-        known = ", ".join(names) or "none"
-        raise InputError(f"{campaign.folder / 'campaign.toml'}: no log {test!r} with a trace; it has: {known}")
+    only = campaign.only([test])
     files.check_writable(file, force)
-    only = tuple(t for t in campaign.logs.tests if t.name == test)
-    (log,) = compare_logs(replace(campaign, logs=replace(campaign.logs, tests=only)), machine, threads, progress).tests
+    (log,) = compare_logs(only, machine, threads, progress).tests
     length = min(float(next(iter(log.axes.values())).time[-1]), form.longest) if seconds is None else seconds
     count = form.frames(length)
     picture = _Picture(log, form.size, magnify)

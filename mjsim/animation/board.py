@@ -11,11 +11,11 @@ import numpy as np
 
 from mjsim.animation.encode import ERROR
 from mjsim.animation.layout import BASE, DPI
-from mjsim.ballbar.kinds import kind_of
+from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.plots import style
 from mjsim.plots.polar import PolarTrace, division_um, draw_polar, scale_text
 from mjsim.units import DEG, UM
-from mjsim.workflow.compare import ComparedTest, Comparison
+from mjsim.workflow.ball_bar.compare import BarComparison, ComparedBarTest
 
 #: Points of one residual at most, and rows of the list of models.
 POINTS, ROWS = 1500, 9
@@ -27,7 +27,7 @@ class Board:
     """Frames of a ladder of ``labels`` (n) with their comparisons ``rungs`` (n)."""
 
     def __init__(
-        self, campaign: str, labels: list[str], rungs: list[Comparison], tests: list[str], size: tuple[int, int]
+        self, campaign: str, labels: list[str], rungs: list[BarComparison], tests: list[str], size: tuple[int, int]
     ):
         """``tests``: names of those to show, up to nine. ``size``: width and height of the frames, pixels."""
         self._labels, self._rungs, self._size = labels, rungs, size
@@ -164,7 +164,7 @@ class Board:
         self._moving += [self._dot, self._now, self._name, *self._rows]
 
 
-def _curves(ladder: list[ComparedTest]) -> tuple[np.ndarray, np.ndarray]:
+def _curves(ladder: list[ComparedBarTest]) -> tuple[np.ndarray, np.ndarray]:
     """Plot angles (rad) and residuals (µm) of one test under every model, (models, points); the same samples in
     each.
     """

@@ -15,7 +15,7 @@ from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.io import files
 from mjsim.progress import Progress, silent
-from mjsim.workflow.compare import Comparison, compare
+from mjsim.workflow.ball_bar.compare import BarComparison, compare_bars
 from mjsim.workflow.history import machine_of_step, read_history
 
 #: Polar plots in one picture at most, and how long a model stands and gives way to the next, s.
@@ -87,7 +87,7 @@ def animate_ladder(
     rungs = []
     for i, machine in enumerate(machines):
         part = lambda stage, done, total, i=i: progress(f"model {i + 1} of {len(machines)}", done, total)  # noqa: E731
-        rungs.append(compare(campaign, machine, threads, part))
+        rungs.append(compare_bars(campaign, machine, threads, part))
     shown = _chosen(rungs[0], tests)
     board = Board(campaign.name, [s.label for s in steps], rungs, shown, form.size)
     with files.whole(file, force) as neighbour, encode.writer(form.kind, neighbour, form.size, form.fps) as out:
@@ -114,7 +114,7 @@ def places(models: int, frames: int) -> np.ndarray:
     return np.minimum(index + x * x * (3.0 - 2.0 * x), models - 1)
 
 
-def _chosen(first: Comparison, tests: Sequence[str]) -> list[str]:
+def _chosen(first: BarComparison, tests: Sequence[str]) -> list[str]:
     """Tests to show, in the campaign's order: those asked for, or the ones that the first model explains worst."""
     worst = sorted(first.tests, key=lambda t: -t.rms)[:MOST_TESTS]
     wanted = set(tests) or {t.test.name for t in worst}

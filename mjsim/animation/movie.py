@@ -128,7 +128,7 @@ def animate(
         raise InputError(f"{campaign.folder / 'campaign.toml'}: no test {test!r}; it has: {names}")
     gl.chosen()
     from mjsim.animation.scene import Stage, cameras
-    from mjsim.ballbar.program import Program
+    from mjsim.instruments.ball_bar.program import Program
 
     if camera not in cameras():
         raise InputError(f"no camera {camera!r}; allowed: {', '.join(cameras())}")

@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw
 from mjsim.animation.encode import ERROR
 from mjsim.animation.layout import DPI, PANEL, Layout, fitted, font
 from mjsim.animation.story import Story
-from mjsim.ballbar.kinds import kind_of
+from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.machine.chain import is_linear
 from mjsim.plots import style
 from mjsim.plots.output import conditions

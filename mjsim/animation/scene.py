@@ -12,9 +12,9 @@ import mujoco
 import numpy as np
 
 from mjsim.animation.gl import advice, chosen, make_context
-from mjsim.ballbar.kinds import kind_of
-from mjsim.ballbar.measurement import BallBarTest
 from mjsim.errors import InputError
+from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.io.resources import scene_file
 from mjsim.machine.chain import FIVE_AXIS, Chain
 from mjsim.machine.modelling.scene import whole_scene

@@ -9,21 +9,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mjsim.ballbar.iso230 import least_squares_circle
-from mjsim.ballbar.kinds import kind_of
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.vibration import phased_at
+from mjsim.instruments.ball_bar.iso230 import least_squares_circle
+from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
 from mjsim.simulation.drive import STEP
 from mjsim.simulation.multibody import Simulation, simulate
 from mjsim.threads import one_blas_thread
 from mjsim.units import UM
-from mjsim.workflow.compare import overlay
+from mjsim.workflow.ball_bar.compare import overlay
 
 #: Largest magnified error over the bar's length, when the factor is chosen.
 FILL = 0.2

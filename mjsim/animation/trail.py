@@ -6,7 +6,7 @@ import numpy as np
 
 from mjsim.animation.scene import BLUE, RED, Line, Stage
 from mjsim.animation.story import Story
-from mjsim.ballbar.kinds import kind_of
+from mjsim.instruments.ball_bar.kinds import kind_of
 
 #: Points of the trail per second of a usual turn (36 s) and the most that are shown at once: one turn of a circle.
 POINTS = 180

@@ -12,7 +12,7 @@ import numpy as np
 import mjsim
 from mjsim.batch.arrow import pa
 from mjsim.batch.sweep import Sweep
-from mjsim.campaign.files import test_table
+from mjsim.instruments.ball_bar.files import test_table
 from mjsim.io.resources import model_file
 
 #: Columns of the results beside the run's parameters -> type, unit, meaning.

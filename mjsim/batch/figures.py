@@ -1,8 +1,8 @@
 """The figures of one reading, compiled: what thousands of runs need without numpy's temporaries.
 
-The same numbers as :func:`mjsim.ballbar.iso230.circular_figures` gives (``tests/test_batch.py`` holds the difference);
-the angles of a test are the same in every run, so their sines and the normal equations of the least-squares circle are
-made once per test.
+The same numbers as :func:`mjsim.instruments.ball_bar.iso230.circular_figures` gives (``tests/test_batch.py`` holds the
+difference); the angles of a test are the same in every run, so their sines and the normal equations of the
+least-squares circle are made once per test.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import math
 import numpy as np
 from numba import njit
 
-from mjsim.ballbar.iso230 import least_squares_circle
 from mjsim.errors import InputError
+from mjsim.instruments.ball_bar.iso230 import least_squares_circle
 from mjsim.units import UM
 
 #: Names of the figures, in the order in which :meth:`Circle.figures` returns them.

@@ -10,12 +10,12 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mjsim.ballbar.program import Program
 from mjsim.batch.arrow import pq
 from mjsim.batch.dataset import Folder
 from mjsim.batch.local import run_local
 from mjsim.batch.sweep import Sweep, read_sweep
 from mjsim.batch.workshop import Job, Outcome, Workshop
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.simulation import callback
 from mjsim.simulation.axes import TAIL
 from mjsim.simulation.drive import STEP

@@ -6,7 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from mjsim.campaign.schema import BallBarTable, Table, Text
+from mjsim.instruments.ball_bar.tables import BallBarTable
+from mjsim.instruments.schema import Table, Text
 
 #: A value that is varied: whatever its bounds are, differences and ratios of two such numbers are finite.
 Value = Annotated[float, Field(ge=-1e15, le=1e15, allow_inf_nan=False)]

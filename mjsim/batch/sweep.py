@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.ballbar.measurement import BallBarTest
 from mjsim.batch.design import Design, check_design, make_design
 from mjsim.batch.recipe import Recipe, Target, sheet_columns, value_of
 from mjsim.batch.schema import SweepTable
@@ -20,6 +19,8 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.schema import with_tests
 from mjsim.errors import InputError
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.tables import ball_bar_table
 from mjsim.io.inputs import shown
 from mjsim.io.toml import check, parse, read_text
 from mjsim.machine.chain import Chain
@@ -116,7 +117,7 @@ def read_sweep(path: str | Path) -> Sweep:
     path = Path(path)
     text, data = read_text(path), parse(path)
     chain = chain_in(path.parent, data.get("machine"))
-    table = check(path, with_tests(SweepTable, chain), data)
+    table = check(path, with_tests(SweepTable, ball_bar_table(chain)), data)
     if (table.campaign is None) == (not table.test):
         found = "both campaign and [[test]]" if table.test else "neither campaign nor [[test]]"
         raise InputError(f"{path}: has {found}; allowed: one of the two, to say which tests are run")

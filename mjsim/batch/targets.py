@@ -8,12 +8,14 @@ from typing import Annotated, Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from mjsim.ballbar.measurement import BallBarTest
 from mjsim.batch.recipe import DRIVE_UNITS, Target
-from mjsim.campaign.files import test_of
-from mjsim.campaign.schema import DriveTable, ball_bar_table
+from mjsim.campaign.driven import driven
+from mjsim.campaign.schema import DriveTable
 from mjsim.effects import registry
 from mjsim.errors import InputError
+from mjsim.instruments.ball_bar.files import test_of
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.tables import ball_bar_table
 from mjsim.io.toml import check
 from mjsim.machine.chain import Chain
 from mjsim.machine.model import Machine
@@ -126,7 +128,8 @@ def varied_test(file: Path, place: str, table: dict, changes: dict[str, float], 
         else:
             table[key] = value
     try:
-        return test_of(file, check(file, ball_bar_table(chain), table), chain)
+        checked = check(file, ball_bar_table(chain), table)
+        return driven(file, test_of(file, checked, chain), checked)
     except InputError as error:
         if not changes:
             raise

@@ -17,12 +17,12 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from mjsim.ballbar.kinds import kind_of
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
 from mjsim.batch.figures import FIGURES, Circle, distance
 from mjsim.batch.recipe import Recipe
 from mjsim.errors import EffectTimeout, InputError, SimulationError
+from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.model import build
 from mjsim.machine.own import is_own
 from mjsim.machine.plant import Plant

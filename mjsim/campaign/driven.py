@@ -6,14 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.axislog.measurement import LogTest
-from mjsim.ballbar.commanded import Commanded
-from mjsim.ballbar.follow import RANGE
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import driven_by
-from mjsim.campaign.logs import read_recording
-from mjsim.campaign.schema import BallBarTable
 from mjsim.errors import InputError
+from mjsim.instruments.axis_log.files import read_recording
+from mjsim.instruments.axis_log.measurement import LogTest
+from mjsim.instruments.ball_bar.commanded import Commanded
+from mjsim.instruments.ball_bar.follow import RANGE
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import driven_by
+from mjsim.instruments.ball_bar.tables import BallBarTable
+from mjsim.io.inputs import named_file
 from mjsim.machine.chain import Chain
 from mjsim.machine.kinematics import reading
 from mjsim.nc.limits import check_travel, model_limits
@@ -21,6 +22,26 @@ from mjsim.nc.read import read_nc
 
 #: Samples at rest that stay at both ends, and a rest that separates the path from what comes before and after it, s.
 _REST, _STOP = 2, 0.1
+
+
+def driven(file: Path, test: BallBarTest, t: BallBarTable) -> BallBarTest:
+    """The test with the motion of its NC file or of a record, where it has one.
+
+    Args:
+        file: The campaign's file.
+        test: As its table describes it.
+        t: The table.
+
+    Raises:
+        InputError: Keys do not go together, or the program does not fit the test.
+    """
+    place = f'{file}: [[test]] "{t.name}"'
+    check_keys(place, t)
+    if t.program is not None:
+        return with_program(place, named_file(file, t.program, f"{place} program"), test, t)
+    if t.driven_by is not None:
+        return with_record(named_file(file, t.driven_by, f"{place} driven_by"), test)
+    return test
 
 
 def check_keys(place: str, t: BallBarTable) -> None:

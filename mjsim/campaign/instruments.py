@@ -5,48 +5,63 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from mjsim.campaign.schema import InstrumentTable, Table
+from mjsim.campaign.schema import InstrumentTable
 from mjsim.errors import InputError
+from mjsim.instruments.base import INSTRUMENTS, instrument_of
+from mjsim.instruments.schema import Table
 from mjsim.io.toml import check
-
-#: Kind of instrument -> what a test that it measures is called.
-_KINDS = {"ball_bar": "ball-bar test", "axis_log": "axis log"}
 
 
 class NamedInstruments(Table):
     instrument: dict[str, InstrumentTable]
 
 
-def split_instruments(file: Path, data: dict, bars: list, logs: list) -> tuple[dict, InstrumentTable | None]:
-    """The tables of a campaign with one instrument for its ball-bar tests, and the recorder of its logs.
+#: Tables of tests by name of their instrument, each with its place in the file.
+Groups = dict[str, list[tuple[int, Any]]]
+
+
+def grouped_tests(data: dict) -> Groups:
+    """The ``[[test]]`` tables of a campaign by instrument; the ball bar says what is wrong with other kinds."""
+    tables = data.get("test")
+    out: Groups = {}
+    for place, table in enumerate(tables if isinstance(tables, list) else ()):
+        found = instrument_of(table.get("kind")) if isinstance(table, dict) else None
+        out.setdefault(found.name if found else next(iter(INSTRUMENTS)), []).append((place, table))
+    return {name: out[name] for name in INSTRUMENTS if name in out}
+
+
+def instrument_tables(file: Path, data: dict, groups: Groups) -> tuple[dict[str, Any], Groups]:
+    """The table of each instrument, and the tests without the names of instruments.
 
     Args:
-        file: Its campaign.toml.
+        file: The campaign's file.
         data: All its tables.
-        bars: Tables of its ball-bar tests.
-        logs: Tables of its axis logs.
+        groups: Its tests.
 
     Returns:
-        The tables with the ball bar's ``[instrument]``, or the recorder's where there is no ball-bar test; the
-        recorder, where it is another instrument.
+        Raw tables by name of the instrument; the tests.
 
     Raises:
-        InputError: Instruments or their names are wrong, or a single one stands for both kinds.
+        InputError: Instruments or their names are wrong, or a single one stands for several.
     """
     table: Any = data.get("instrument")
     if not isinstance(table, dict) or not table or not all(isinstance(t, dict) for t in table.values()):
-        if bars and logs:
+        if len(groups) > 1:
+            nouns = " and ".join(f"{INSTRUMENTS[n].test_noun}s" for n in groups)
+            each = " and ".join(f'[instrument.{n}] with kind = "{n}"' for n in groups)
             raise InputError(
-                f"{file}: the campaign has ball-bar tests and axis logs and one [instrument]; allowed: one table for "
-                f'each, such as [instrument.bar] with kind = "ball_bar" and [instrument.control] with kind = "axis_log"'
+                f"{file}: the campaign has {nouns} and one [instrument]; allowed: one table for each, such as {each}"
             )
-        for t in (*bars, *logs):
+        for _, t in (row for rows in groups.values() for row in rows):
             if isinstance(t, dict) and "instrument" in t:
                 raise InputError(
                     f'{file}: [[test]] "{t.get("name")}": instrument = {t["instrument"]!r}; the campaign names no '
                     f"instruments; allowed: tables [instrument.NAME]"
                 )
-        return data, None
+        single = {} if table is None else table
+        kind = single.get("kind") if isinstance(single, dict) else None
+        names = list(groups) or [kind if kind in INSTRUMENTS else next(iter(INSTRUMENTS))]
+        return dict.fromkeys(names, single), groups
     named = check(file, NamedInstruments, {"instrument": table}).instrument
     by_kind: dict[str, str] = {}
     for name, instrument in named.items():
@@ -56,14 +71,10 @@ def split_instruments(file: Path, data: dict, bars: list, logs: list) -> tuple[d
                 f"{instrument.kind}; allowed: one of each kind"
             )
         by_kind[instrument.kind] = name
-    for kind, tests in (("ball_bar", bars), ("axis_log", logs)):
-        _check_tests(file, tests, by_kind.get(kind), kind)
-    bar, recorder = by_kind.get("ball_bar"), by_kind.get("axis_log")
-    first = bar if bars or recorder is None else recorder
-    data = data | {"instrument": table[first]}
-    if isinstance(data.get("test"), list):
-        data["test"] = [_without_name(t) for t in data["test"]]
-    return data, named[recorder] if recorder is not None else None
+    for kind, rows in groups.items():
+        _check_tests(file, [t for _, t in rows], by_kind.get(kind), kind)
+    tables = {kind: table[by_kind[kind]] for kind in INSTRUMENTS if kind in by_kind}
+    return tables, {kind: [(place, _without_name(t)) for place, t in rows] for kind, rows in groups.items()}
 
 
 def _check_tests(file: Path, tests: list, name: str | None, kind: str) -> None:
@@ -73,7 +84,8 @@ def _check_tests(file: Path, tests: list, name: str | None, kind: str) -> None:
         if name is None:
             raise InputError(f"{place} is of the kind {kind}; allowed: a table [instrument.NAME] with kind = {kind!r}")
         if isinstance(t, dict) and t.get("instrument", name) != name:
-            raise InputError(f"{place}: instrument = {t['instrument']!r}; allowed for {_KINDS[kind]}s: {name!r}")
+            noun = INSTRUMENTS[kind].test_noun
+            raise InputError(f"{place}: instrument = {t['instrument']!r}; allowed for {noun}s: {name!r}")
 
 
 def _without_name(test: Any) -> Any:

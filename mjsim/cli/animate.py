@@ -88,9 +88,10 @@ def command(
     elif len(tests) != 1:
         raise click.UsageError("one --test is needed (or --ladder); `mjsim simulate` and campaign.toml have the names")
     from mjsim.campaign.files import read_campaign
+    from mjsim.instruments.axis_log.measurement import LogTest
 
     c = read_campaign(campaign, as_is=as_is)
-    logged = not ladder and tests[0] in [t.name for t in c.logs.tests]
+    logged = not ladder and any(t.name == tests[0] and t.instrument == LogTest.instrument for t in c.tests)
     if logged and (camera is not None or speed is not None or shadows):
         raise click.UsageError("--camera, --speed and --shadows have no meaning for an axis log")
     with common.progress_bar(quiet, left=True) as progress:

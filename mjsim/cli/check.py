@@ -7,6 +7,9 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
+from mjsim.cli.logs import show_check
+from mjsim.instruments.axis_log.measurement import LogTest
+from mjsim.instruments.base import INSTRUMENTS
 
 
 @click.command("check")
@@ -31,28 +34,43 @@ def command(campaign, machine, fix, threads, as_json, quiet) -> None:
     Example: mjsim check my-machine
              mjsim check my-machine --fix my-machine-corrected
     """
-    from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import read_machine
-    from mjsim.cli.joint import has_both, show_checked
-    from mjsim.cli.logs import check as check_logs
-    from mjsim.cli.logs import is_log_campaign
     from mjsim.workflow.check import check, write_corrected
-    from mjsim.workflow.log_check import check_logs as log_findings
 
-    logged = read_campaign(campaign, spans=False)
-    if is_log_campaign(logged):
-        check_logs(logged, as_json, quiet)
-        return
     result = check(campaign, read_machine(machine) if machine else None, common.cores(threads))
-    files = write_corrected(result, fix) if fix and result.mistakes else []
+    files = write_corrected(result, fix) if fix and result.bars is not None and result.bars.mistakes else []
     data = result.to_json()
-    if has_both(logged):
-        data["axis_logs"] = log_findings(logged)
     if as_json:
         common.print_json({**data, "files": [str(f) for f in files]})
         return
     if quiet:
         return
+    for i, part in enumerate(result.parts):
+        instrument = INSTRUMENTS[part.instrument]
+        mine = data if i == 0 else data[instrument.beside]
+        if i:
+            click.echo(f"\n{instrument.test_noun}s:")
+        if part is result.bars:
+            _show_bars(mine, part, fix, files)
+        elif part.instrument == LogTest.instrument:
+            show_check(mine)
+        else:
+            _show_plain(mine)
+
+
+def _show_plain(data: dict) -> None:
+    """The check of an instrument without a table of its own."""
+    rows = [[t["name"], str(t["samples"]), f"{t['duration_s']:g}", ", ".join(t["finding"])] for t in data["tests"]]
+    common.table(["test", "samples", "duration s", "finding"], rows, text=(0, 3))
+    click.echo()
+    for m in data["mistakes"]:
+        common.paragraph(m["sentence"])
+    if not data["mistakes"]:
+        common.paragraph("No mistake found.")
+
+
+def _show_bars(data: dict, part, fix: Path | None, files: list[Path]) -> None:
+    """The check of ball-bar tests."""
     rows = []
     for t in data["tests"]:
         seen = t["agreement"] is not None
@@ -79,12 +97,11 @@ def command(campaign, machine, fix, threads, as_json, quiet) -> None:
     for m in data["mistakes"]:
         common.paragraph(m["sentence"])
     if files:
-        common.say(f"corrected copy in {fix}", quiet)
-    elif result.mistakes and all(m.certain for m in result.mistakes):
-        common.say("--fix FOLDER writes a corrected copy", quiet)
-    elif not result.mistakes:
+        common.say(f"corrected copy in {fix}", False)
+    elif part.mistakes and all(m.certain for m in part.mistakes):
+        common.say("--fix FOLDER writes a corrected copy", False)
+    elif not part.mistakes:
         shown = sum(row[3] == "ok" for row in rows)
         common.paragraph(f"No mistake found. The data show that {shown} of {len(rows)} tests are right.")
         if fix:
-            common.say(f"nothing was written to {fix}", quiet)
-    show_checked(data)
+            common.say(f"nothing was written to {fix}", False)

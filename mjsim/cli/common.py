@@ -155,6 +155,13 @@ campaign_argument = click.argument("campaign", type=click.Path(path_type=Path))
 machine_option = click.option(
     "--machine", type=click.Path(path_type=Path), help="Machine file to use instead of the campaign's."
 )
+test_option = click.option(
+    "--test",
+    "only",
+    multiple=True,
+    shell_complete=test_names,
+    help="Use this measured test only (may be given more than once).",
+)
 as_is_option = click.option(
     "--as-is", is_flag=True, help="Do not look for a wrong unit, sign or direction first (see mjsim check)."
 )

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import click
 
-from mjsim.ballbar.kinds import KINDS
 from mjsim.cli import common
 from mjsim.cli.import_show import show_features
-from mjsim.cli.joint import compare_logs as compare_beside
-from mjsim.cli.joint import has_both, show_compared
-from mjsim.cli.logs import chosen, is_log_campaign, test_option
-from mjsim.cli.logs import compare as compare_logs
+from mjsim.cli.logs import show_comparison, show_sheet
+from mjsim.instruments.axis_log.measurement import LogTest
+from mjsim.instruments.ball_bar.kinds import KINDS
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.base import INSTRUMENTS
 from mjsim.units import UM, unit_of
 
 
@@ -30,7 +30,7 @@ from mjsim.units import UM, unit_of
     is_flag=True,
     help="Fit what the machine file has a tolerance for first, and compare that machine.",
 )
-@test_option
+@common.test_option
 @click.option("--no-plots", is_flag=True, help="Numbers only.")
 @click.option("--force", is_flag=True, help="Replace plots in the folder named by --out.")
 @common.as_is_option
@@ -50,37 +50,24 @@ def command(campaign, machine, out, calibrated, only, no_plots, force, threads, 
     from mjsim.campaign.machine_file import machine_of
     from mjsim.importing.features import circles_of, imported_features
     from mjsim.io.files import check_writable
-    from mjsim.plots.logs import log_plot_files
-    from mjsim.plots.output import comparison_plots, plot_files
+    from mjsim.plots.comparison import comparison_plots, plot_files
     from mjsim.workflow.calibrate import calibrate
     from mjsim.workflow.compare import compare
-    from mjsim.workflow.diagnosis import calibration_json
 
-    c = chosen(read_campaign(campaign, as_is=as_is), only)
+    c = read_campaign(campaign, as_is=as_is).only(only)
     m = machine_of(c, machine)
-    if is_log_campaign(c):
-        folder = out or c.state_folder / "compare"
-        compare_logs(c, m, folder, not no_plots, force or out is None, common.cores(threads), as_json, quiet)
-        return
     imported = imported_features(c)
-    if not no_plots:
-        folder = out or c.state_folder / "compare"
-        for file in (*plot_files(c.measured, folder), *(log_plot_files(c, folder) if has_both(c) else ())):
-            check_writable(file, force or out is None)
+    folder = out or c.state_folder / "compare"
+    for file in [] if no_plots else plot_files(c, folder):
+        check_writable(file, force or out is None)
     with common.progress_bar(quiet) as progress:
         fitted = calibrate(c, m, common.cores(threads), progress) if calibrated else None
         result = fitted.after if fitted else compare(c, m, common.cores(threads), progress)
-        folder = out or c.state_folder / "compare"
         plots = [] if no_plots else comparison_plots(result, folder, progress)
-        logs = compare_beside(c, m, folder, not no_plots, common.cores(threads), progress) if has_both(c) else None
     data, found = result.to_json(), {}
-    if logs:
-        data, plots = data | {"axis_logs": logs[0]}, [*plots, *logs[1]]
     if fitted:
-        data |= {"rms_as_given_um": round(fitted.before.rms / UM, 4)} | calibration_json(
-            fitted.calibration, fitted.shares, fitted.combinations
-        )
-    if imported:
+        _add_calibration(data, fitted)
+    if imported and result.of(BallBarTest.instrument):
         found = {e.id: e.values for e in m.effects}
         data["imported"] = show_features(imported, found, circles_of(c, data), silent=True)
     if as_json:
@@ -88,24 +75,69 @@ def command(campaign, machine, out, calibrated, only, no_plots, force, threads, 
         return
     if quiet:
         return
-    if fitted:
-        common.paragraph(
-            f"residual RMS {data['rms_as_given_um']:.3f} µm as given, {data['rms_um']:.3f} µm calibrated within "
-            "tolerance"
-        )
-        common.paragraph(calibration_sentence(data))
-        show_combinations(data)
-        show_beyond(m, fitted.calibration)
-        click.echo()
-    show(data)
-    show_compared(data)
-    for warning in data["warnings"]:
+    for i, part in enumerate(result.parts):
+        instrument = INSTRUMENTS[part.instrument]
+        mine = data if i == 0 else data[instrument.beside]
+        if i:
+            click.echo(f"\n{instrument.test_noun}s:")
+        if fitted:
+            _show_calibration(mine, m, fitted)
+        _SHOW.get(part.instrument, show_channels)(mine)
+    for warning in result.warnings:
         common.say(f"warning: {warning}", quiet)
-    if imported:
+    if "imported" in data:
         click.echo("\nwhat the other system found:")
         show_features(imported, found, circles_of(c, data))
     if plots:
         common.say(f"plots in {plots[0].parent}", quiet)
+
+
+def _add_calibration(data: dict, fitted) -> None:
+    """What was calibrated, in the JSON of the instrument whose tests it was fitted to."""
+    from mjsim.workflow.diagnosis import calibration_json
+
+    for i, part in enumerate(fitted.before.parts):
+        mine = data if i == 0 else data[INSTRUMENTS[part.instrument].beside]
+        mine["rms_as_given_um"] = round(part.rms / UM, 4)
+        if part.instrument == BallBarTest.instrument:
+            mine |= calibration_json(fitted.calibration, fitted.shares, fitted.combinations)
+        elif part.instrument == LogTest.instrument:
+            mine |= {"data_sheet": [n.to_json() for n in fitted.sheet], "not_separable": []}
+
+
+def _show_calibration(data: dict, machine, fitted) -> None:
+    """The error before and after a calibration, and what was calibrated."""
+    if "rms_um" in data:
+        common.paragraph(
+            f"residual RMS {data['rms_as_given_um']:.3f} µm as given, {data['rms_um']:.3f} µm calibrated within "
+            "tolerance"
+        )
+    if "calibration" in data:
+        common.paragraph(calibration_sentence(data))
+        show_combinations(data)
+        show_beyond(machine, fitted.calibration)
+    if "data_sheet" in data:
+        show_sheet(data)
+    click.echo()
+
+
+def show_channels(data: dict) -> None:
+    """Table of a comparison's JSON, of an instrument without a table of its own."""
+    rows = []
+    for t in data["tests"]:
+        for c in t["channels"]:
+            suffix = next(k for k in c if k.startswith("rms_")).removeprefix("rms_")
+            rows.append([t["name"], c["name"], suffix, *(f"{c[f'{n}_{suffix}']:.4g}" for n in ("rms", "max", "noise"))])
+    common.table(["test", "channel", "unit", "RMS", "max", "noise"], rows, text=(0, 1, 2))
+    click.echo()
+    common.paragraph("RMS and max: measured less simulated.")
+    for t in data["tests"]:
+        fitted = ", ".join(f"{k} {v:+.4g}" for k, v in t["set_up"].items())
+        common.paragraph(f"{t['name']}: fitted of the set-up: {fitted}")
+        for who, figures in t["figures"].items():
+            common.paragraph(f"{t['name']}: {who}: " + ", ".join(f"{k} {v:.4g}" for k, v in figures.items()))
+    if data["not_measured"]:
+        common.paragraph(f"Not compared, because they have no trace: {', '.join(data['not_measured'])}.")
 
 
 def left_out_sentence(rows: list[dict], total: int) -> str:
@@ -258,3 +290,7 @@ def show(data: dict) -> None:
         common.table(["test", "figure", "value µm", "limit µm", "guard µm", "decision"], rows, (0, 1, 5))
         for source in dict.fromkeys(a["source"] for a in data["acceptance"]):
             common.paragraph(f"limits: {source}")
+
+
+#: What is printed of an instrument, where it is more than the errors of its channels.
+_SHOW = {BallBarTest.instrument: show, LogTest.instrument: show_comparison}

@@ -8,16 +8,16 @@ from pathlib import Path
 
 import click
 
-from mjsim.ballbar.kinds import kind_of
 from mjsim.cli import common
 from mjsim.cli.compare import calibration_sentence, left_out_sentence, percent, show_combinations
 from mjsim.cli.import_show import show_features
-from mjsim.cli.joint import diagnose as diagnose_jointly
-from mjsim.cli.joint import has_both
-from mjsim.cli.logs import change_of, chosen, is_log_campaign, test_option
-from mjsim.cli.logs import diagnose as diagnose_logs
+from mjsim.cli.logs import change_of, show_beside, show_diagnosis
 from mjsim.cli.parameter_lines import finding_lines
 from mjsim.effects.registry import kinds
+from mjsim.instruments.axis_log.measurement import LogTest
+from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.remedy import UNKNOWN
 
 #: Findings that are shown in full; the smaller ones follow one a line.
@@ -39,7 +39,7 @@ _LONG_S = 5.0
     type=click.IntRange(1, 20),
     help="Look for at most so many effects; otherwise for all that the data prove.",
 )
-@test_option
+@common.test_option
 @click.option("--force", is_flag=True, help="Replace the file named by --write.")
 @common.as_is_option
 @common.threads_option
@@ -64,15 +64,9 @@ def command(campaign, machine, write, max_effects, only, force, threads, as_is, 
     from mjsim.workflow.edit import with_effect_file
     from mjsim.workflow.saved import keep
 
-    c = chosen(read_campaign(campaign, as_is=as_is), only)
+    c = read_campaign(campaign, as_is=as_is).only(only)
     m = machine_of(c, machine)
     imported = imported_features(c)
-    if is_log_campaign(c):
-        diagnose_logs(c, m, write, max_effects or 8, force, common.cores(threads), as_json, quiet)
-        return
-    if has_both(c):
-        diagnose_jointly(c, m, write, max_effects, force, common.cores(threads), as_json, quiet, show)
-        return
     if write is not None:
         check_writable(write, force)
     done = say_how_long(c, quiet or as_json)
@@ -82,7 +76,8 @@ def command(campaign, machine, write, max_effects, only, force, threads, as_is, 
     say_cached(quiet or as_json)
     try:
         result = unexplained_plot(write_effect_file(result, c.state_folder), c.state_folder)
-        keep(result, m)
+        if result.posterior is not None:
+            keep(result, m)
     except InputError as error:
         common.say(f"the diagnosis was not kept beside the campaign: {error}", quiet)
     rest = result.unexplained.effect_file if result.unexplained else None
@@ -90,7 +85,7 @@ def command(campaign, machine, write, max_effects, only, force, threads, as_is, 
         fitted = with_effect_file(result.machine, rest) if rest else result.machine
         write_machine(fitted, m.file, write, force=force)
     data, found, circles = result.to_json(), {}, []
-    if imported:
+    if imported and result.has_bars:
         found = {e.id: e.values for e in m.effects} | {e["id"]: e["parameters"] for e in data["effects"]}
         circles = circles_of(c, result.before.to_json())
         data["imported"] = show_features(imported, found, circles, silent=True)
@@ -99,13 +94,18 @@ def command(campaign, machine, write, max_effects, only, force, threads, as_is, 
         return
     if quiet:
         return
-    show(data, str(campaign))
+    if not result.has_bars:
+        show_diagnosis(data)
+    else:
+        show(data, str(campaign))
+        if result.logs is not None:
+            show_beside(data[INSTRUMENTS[LogTest.instrument].beside])
     for axis in _identifiable(c, data):
         common.paragraph(
             f"Pitch errors of many orders can look like this. Look for them in the tangential tests of {axis} first: "
             f"mjsim identify pitch-error {campaign} --axis {axis}"
         )
-    if imported:
+    if "imported" in data:
         click.echo("\nwhat the other system found, beside the effects of the model and the ones found:")
         show_features(imported, found, circles)
     if write is not None:
@@ -115,10 +115,10 @@ def command(campaign, machine, write, max_effects, only, force, threads, as_is, 
 
 def _identifiable(campaign, data: dict) -> list[str]:
     """Rotary axes of an unexplained rest that depends on position, where it shows in a tangential test."""
-    rest = data["unexplained"]
+    rest, bars = data["unexplained"], campaign.of(BallBarTest.instrument)
     if not rest or rest["variable"] != "position":
         return []
-    tests = {kind_of(t).turns(t) for t in campaign.measured if t.sensitive == "tangential" and t.name in rest["tests"]}
+    tests = {kind_of(t).turns(t) for t in bars.measured if t.sensitive == "tangential" and t.name in rest["tests"]}
     return [axis for axis in rest["axes"] if axis in tests]
 
 
@@ -140,6 +140,7 @@ def say_how_long(campaign, quiet: bool) -> Callable[[], None]:
     from mjsim.io.cache import store
 
     kept, begun = store(), time.monotonic()
+    campaign = campaign.of(BallBarTest.instrument)
     measured = sum(float(t.time[-1] - t.time[0]) for t in campaign.traces.values())
     pace = kept.seconds("diagnose") if kept else None
     if pace and pace * measured > _LONG_S:

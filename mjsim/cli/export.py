@@ -39,24 +39,12 @@ def command(campaign, machine, names, out, decimal_comma, force, threads, as_is,
     """
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import machine_of
-    from mjsim.cli.joint import has_both
-    from mjsim.cli.logs import is_log_campaign
     from mjsim.workflow.export import export
-    from mjsim.workflow.log_export import export_logs
 
     c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)
     with common.progress_bar(quiet) as progress:
-        more = (decimal_comma, force, common.cores(threads), progress)
-        logged = {t.name for t in c.logs.recorded}
-        mine, theirs = [n for n in names if n not in logged], [n for n in names if n in logged]
-        files = []
-        if not is_log_campaign(c) and (mine or not names):
-            files += export(c, m, out, mine, *more)
-        if is_log_campaign(c):
-            files += export_logs(c, m, out, names, *more)
-        elif has_both(c) and (theirs or not names):
-            files += export_logs(c, m, out, theirs, *more, "figures-logs.csv")
+        files = export(c, m, out, names, decimal_comma, force, common.cores(threads), progress)
     if as_json:
         common.print_json({"campaign": c.name, "machine": m.name, "files": [str(f) for f in files]})
         return

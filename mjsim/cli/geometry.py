@@ -26,7 +26,7 @@ def command(campaign, machine, threads, as_is, as_json, quiet) -> None:
     from mjsim.campaign.machine_file import machine_of
     from mjsim.workflow.geometry import geometry
 
-    c = read_campaign(campaign, as_is=as_is)
+    c = read_campaign(campaign, as_is=as_is).of("ball_bar")
     m = machine_of(c, machine)
     with common.progress_bar(quiet) as progress:
         result = geometry(c, m, common.cores(threads), progress)

@@ -7,7 +7,9 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
-from mjsim.cli.logs import chosen, diagnose, test_option
+from mjsim.cli.logs import show_drive
+from mjsim.instruments.axis_log.measurement import LogTest
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.axis import TURNING
 
 
@@ -48,7 +50,7 @@ def pitch_error(
     from mjsim.io.files import check_writable
     from mjsim.plots.output import pitch_plot_files, pitch_plots
 
-    c = read_campaign(campaign, as_is=as_is)
+    c = read_campaign(campaign, as_is=as_is).of(BallBarTest.instrument)
     m = machine_of(c, machine)
     axes = (axis,) if axis else testable_axes(c)
     folder = out or c.state_folder / "identify"
@@ -92,7 +94,7 @@ def pitch_error(
 @click.option(
     "--max-effects", type=click.IntRange(0, 20), default=8, show_default=True, help="At most so many causes per axis."
 )
-@test_option
+@common.test_option
 @click.option("--force", is_flag=True, help="Replace the file named by --write.")
 @common.threads_option
 @common.options
@@ -106,13 +108,28 @@ def drive(campaign, machine, write, max_effects, only, force, threads, as_json, 
     Example: mjsim identify drive my-table --write identified.toml
     """
     from mjsim.campaign.files import read_campaign
-    from mjsim.campaign.machine_file import machine_of
+    from mjsim.campaign.machine_file import machine_of, write_machine
     from mjsim.errors import InputError
+    from mjsim.io.files import check_writable
+    from mjsim.workflow.axis_log.diagnose import diagnose_logs
 
-    c = chosen(read_campaign(campaign), only)
-    if not c.logs.recorded:
+    c = read_campaign(campaign).only(only).of(LogTest.instrument)
+    if not c.measured:
         raise InputError(f"{c.folder / 'campaign.toml'}: no test of the kind log has a trace; drives need axis logs")
-    diagnose(c, machine_of(c, machine), write, max_effects, force, common.cores(threads), as_json, quiet, drive=True)
+    m = machine_of(c, machine)
+    if write is not None:
+        check_writable(write, force)
+    with common.progress_bar(quiet) as progress:
+        result = diagnose_logs(c, m, max_effects, common.cores(threads), progress)
+    if write is not None:
+        write_machine(result.machine, m.file, write, force=force)
+    data = result.to_json()
+    if as_json:
+        common.print_json(data)
+    elif not quiet:
+        show_drive(data)
+        if write is not None:
+            common.say(f"machine with the numbers found written to {write}", quiet)
 
 
 def show(axis: str, data: dict) -> None:

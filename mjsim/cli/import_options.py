@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import click
 
-from mjsim.ballbar.kinds import KINDS, all_keys
 from mjsim.cli import common
 from mjsim.cli.nc_options import kept
 from mjsim.importing.names import options
+from mjsim.instruments.ball_bar.kinds import KINDS, all_keys
 from mjsim.machine.chain import CHAINS
 
 

@@ -1,4 +1,4 @@
-"""Axis logs on the terminal: what ``compare``, ``diagnose`` and ``identify drive`` print of them."""
+"""Axis logs on the terminal: what commands print of them, and ``mjsim import --log``."""
 
 from __future__ import annotations
 
@@ -8,63 +8,6 @@ import click
 
 from mjsim.cli import common
 from mjsim.cli.parameter_lines import finding_lines
-
-
-def is_log_campaign(campaign) -> bool:
-    """Whether a campaign has axis logs and no ball-bar test."""
-    return bool(campaign.logs.tests) and not campaign.tests
-
-
-#: ``--test`` of the commands that fit axis logs.
-test_option = click.option(
-    "--test",
-    "only",
-    multiple=True,
-    shell_complete=common.test_names,
-    help="Use this axis log only (may be given more than once).",
-)
-
-
-def chosen(campaign, only: tuple[str, ...]):
-    """A campaign with some of its axis logs; all of them where none is named.
-
-    Raises:
-        InputError: A name is none of the campaign's logs.
-    """
-    from dataclasses import replace
-
-    from mjsim.errors import InputError
-
-    if not only:
-        return campaign
-    names = [t.name for t in campaign.logs.tests]
-    for name in only:
-        if name not in names:
-            file, allowed = campaign.folder / "campaign.toml", ", ".join(names) or "none, it has no axis log"
-            raise InputError(f"{file}: no axis log is called {name!r}; allowed: {allowed}")
-    kept = tuple(t for t in campaign.logs.tests if t.name in only)
-    return replace(campaign, logs=replace(campaign.logs, tests=kept))
-
-
-def compare(campaign, machine, folder: Path, plots: bool, force: bool, threads: int, as_json: bool, quiet: bool):
-    """``mjsim compare`` on axis logs."""
-    from mjsim.io.files import check_writable
-    from mjsim.plots.logs import log_plot_files, log_plots
-    from mjsim.workflow.log_compare import compare_logs
-
-    if plots:
-        for file in log_plot_files(campaign, folder):
-            check_writable(file, force)
-    with common.progress_bar(quiet) as progress:
-        result = compare_logs(campaign, machine, threads, progress)
-        files = log_plots(result, folder) if plots else []
-    data = result.to_json()
-    if as_json:
-        common.print_json({**data, "plots": [str(f) for f in files]})
-    elif not quiet:
-        show_comparison(data)
-        if files:
-            common.say(f"plots in {folder}", quiet)
 
 
 def import_logs(campaign: Path, pairs, signals, controller, options, force, preview, as_json, quiet) -> None:
@@ -92,18 +35,6 @@ def import_logs(campaign: Path, pairs, signals, controller, options, force, prev
         common.say("preview: nothing was written", quiet)
 
 
-def check(campaign, as_json: bool, quiet: bool) -> None:
-    """``mjsim check`` on axis logs."""
-    from mjsim.workflow.log_check import check_logs
-
-    data = check_logs(campaign)
-    if as_json:
-        common.print_json({**data, "files": []})
-        return
-    if not quiet:
-        show_check(data)
-
-
 def show_check(data: dict) -> None:
     """A check's JSON as text."""
     rows = [
@@ -116,29 +47,6 @@ def show_check(data: dict) -> None:
         common.paragraph(m["sentence"])
     if not data["mistakes"]:
         common.paragraph("No mistake found: command and actual position, axes, units and time fit each other.")
-
-
-def diagnose(
-    campaign, machine, write: Path | None, max_effects: int, force: bool, threads: int, as_json, quiet, drive=False
-):
-    """``mjsim diagnose`` on axis logs; with ``drive`` ``mjsim identify drive``: the numbers come first."""
-    from mjsim.campaign.machine_file import write_machine
-    from mjsim.io.files import check_writable
-    from mjsim.workflow.log_diagnose import diagnose_logs
-
-    if write is not None:
-        check_writable(write, force)
-    with common.progress_bar(quiet) as progress:
-        result = diagnose_logs(campaign, machine, max_effects, threads, progress)
-    if write is not None:
-        write_machine(result.machine, machine.file, write, force=force)
-    data = result.to_json()
-    if as_json:
-        common.print_json(data)
-    elif not quiet:
-        (show_drive if drive else show_diagnosis)(data)
-        if write is not None:
-            common.say(f"{'machine with the numbers found' if drive else 'fitted machine'} written to {write}", quiet)
 
 
 def show_comparison(data: dict) -> None:
@@ -259,3 +167,13 @@ def show_sheet(data: dict) -> None:
             common.paragraph(f"{i['axis']}: the logs say little about {i['numbers'][0]}; {i['remedy']}")
         else:
             common.paragraph(f"{i['axis']}: only a combination of {', '.join(i['numbers'])} is known; {i['remedy']}")
+
+
+def show_beside(data: dict) -> None:
+    """What the logs add to a diagnosis of ball-bar tests."""
+    click.echo()
+    show_axes(data["tests"], "axis log")
+    click.echo()
+    show_sheet(data)
+    if data["unexplained"]:
+        common.paragraph(data["unexplained"]["summary"])

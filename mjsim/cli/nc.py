@@ -59,8 +59,8 @@ def command() -> None:
 @common.options
 def write(campaign, name, out, limit, max_speed, force, machine, as_json, quiet, **how) -> None:
     """Write a test of CAMPAIGN as an NC program."""
-    from mjsim.ballbar.speed import speed_warnings as ordinary_speed_warnings
     from mjsim.campaign.machine_file import machine_of
+    from mjsim.instruments.ball_bar.speed import speed_warnings as ordinary_speed_warnings
     from mjsim.io.files import check_writable
     from mjsim.nc.dialects import FEEDS
     from mjsim.nc.write import write_nc
@@ -116,8 +116,8 @@ def read(file, dialect, turned, rollover, limit, max_speed, campaign, name, out,
     Example: mjsim nc read cone.nc --campaign examples/healthy \\
                  --test cone15-x50-ccw
     """
-    from mjsim.ballbar.follow import deviation
-    from mjsim.ballbar.program import Program, driven_by
+    from mjsim.instruments.ball_bar.follow import deviation
+    from mjsim.instruments.ball_bar.program import Program, driven_by
     from mjsim.io.files import check_writable, write_whole
     from mjsim.nc.limits import check_travel, speed_warnings
     from mjsim.nc.read import motion_csv, read_nc

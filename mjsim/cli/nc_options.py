@@ -108,7 +108,7 @@ def find_test(campaign: Path, name: str):
     from mjsim.campaign.files import read_campaign
     from mjsim.errors import InputError
 
-    c = read_campaign(campaign, traces=False)
+    c = read_campaign(campaign, traces=False).of("ball_bar")
     for t in c.tests:
         if t.name == name:
             return c, t

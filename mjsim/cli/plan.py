@@ -5,7 +5,10 @@ from __future__ import annotations
 import click
 
 from mjsim.cli import common
-from mjsim.cli.log_plan import NOTHING_OPEN, plan_measurement, show_recordings
+
+#: JSON of a plan where nothing is to be separated.
+_NOTHING_OPEN = {"between": None, "test": None, "difference_um": None}
+_INSTRUMENTS = {"axis_log": "axis log", "ball_bar": "ball bar"}
 
 
 @click.command("plan")
@@ -38,37 +41,37 @@ def command(campaign, machine, between, threads, as_is, as_json, quiet) -> None:
     """
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import machine_of
-    from mjsim.workflow.log_plan import recordings_beside
+    from mjsim.instruments.axis_log.measurement import LogTest
     from mjsim.workflow.plan import plan
 
     c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)
-    if c.logs.recorded:
-        plan_measurement(c, m, between, common.cores(threads), as_json, quiet)
-        return
     with common.progress_bar(quiet) as progress:
         result = plan(c, m, between, common.cores(threads), progress)
-        recordings = recordings_beside(result, m) if result else []
+    recorded = LogTest.instrument in c.measured_parts
     if as_json:
-        common.print_json({**(result.to_json() if result else NOTHING_OPEN), "recordings": recordings})
+        common.print_json(result.to_json() if result else _NOTHING_OPEN | ({} if recorded else {"recordings": []}))
+    elif quiet:
         return
-    if quiet:
-        return
-    if result is None:
-        common.paragraph(
-            "Nothing to separate: no effect is ambiguous, and every effect of the catalogue is testable with this "
-            "campaign."
+    elif result is None:
+        known = (
+            "the logs know every number of the drives"
+            if recorded
+            else "every effect of the catalogue is testable with this campaign"
         )
-        return
-    show(result, campaign)
-    show_recordings(recordings)
+        common.paragraph(f"Nothing to separate: no effect is ambiguous, and {known}.")
+    elif result.beside:
+        show(result.bars, campaign)
+        show_recordings(result.to_json()["recordings"])
+    else:
+        show_recording(result.to_json(), str(c.folder))
 
 
 def show(result, campaign) -> None:
     """A plan as text: the verdict, the test as a table for campaign.toml, the runners-up, what to do next."""
     import tomlkit
 
-    from mjsim.campaign.files import test_table
+    from mjsim.instruments.ball_bar.files import test_table
 
     data, name = result.to_json(), result.best.test.name
     a, b = data["between"]
@@ -108,3 +111,63 @@ def show(result, campaign) -> None:
         start=1,
     ):
         click.echo(f"  {number}. {step}")
+
+
+def show_recording(data: dict, folder: str) -> None:
+    """A plan's JSON as text."""
+    import tomlkit
+
+    verdict = "decides" if data["decides"] else "does not decide, but comes nearest"
+    between = data["between"]
+    known = data.get("left") is not None
+    aim = f"what only a combination is known of: {', '.join(between)}" if known else f"between {' and '.join(between)}"
+    log = data["instrument"] == "axis_log"
+    common.paragraph(
+        f"This {'recording' if log else 'ball-bar test'} {verdict} {aim}: {data['test']['name']}. It takes "
+        f"{data['minutes']:.1f} min with handling. {_effect(data)}."
+    )
+    common.paragraph(data["reason"])
+    if log:
+        common.paragraph(data["motion"])
+        click.echo("\nNC program, from where the axis stands:\n")
+        for line in data["program"]:
+            click.echo(f"  {line}")
+    click.echo()
+    rows = [
+        [_INSTRUMENTS[r["instrument"]], r["test"]["name"], _effect(r), f"{r['minutes']:.1f}"]
+        for r in [data, *data["runners_up"]]
+    ]
+    common.table(["instrument", "test", "expected", "time min"], rows, text=(0, 1, 2))
+    name = data["test"]["name"]
+    click.echo("\nNext:")
+    if log:
+        more = ", and its torque or current" if "torque" in name else ""
+        click.echo(f"  1. Run the program. Record command and position of the axis{more}.")
+        click.echo(f"  2. mjsim import FILE --campaign {folder} --log --test {name}")
+    else:
+        click.echo("  1. Measure the ball-bar test; its table for campaign.toml:\n")
+        click.echo("[[test]]\n" + tomlkit.dumps(data["test"]).rstrip() + "\n")
+        click.echo(f"  2. mjsim import FILE --campaign {folder} --test {name}")
+    click.echo(f"  3. mjsim diagnose {folder}")
+
+
+def show_recordings(rows: list[dict]) -> None:
+    """Recordings that separate what a ball-bar test is to separate, below the test."""
+    if not rows:
+        return
+    (axis,) = rows[0]["test"]["axes"]
+    click.echo()
+    common.paragraph(f"Or without the ball bar: record command and position of {axis} in the control.")
+    common.table(
+        ["motion to record", "expected", "time min"],
+        [[r["motion"], _effect(r), f"{r['minutes']:.1f}"] for r in rows],
+        text=(0, 1),
+    )
+
+
+def _effect(row: dict) -> str:
+    """What a measurement is expected to bring."""
+    if row.get("left") is not None:
+        return f"{100.0 * row['left']:.2g} % of the uncertainty left"
+    size = f"{row['difference_um']:.2f} µm" if "difference_um" in row else f"{row['difference_deg']:.2g} °"
+    return f"{size} RMS, {row['separation']:.0f} σ"

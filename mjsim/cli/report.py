@@ -51,31 +51,19 @@ def command(
     """
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import machine_of
-    from mjsim.cli.joint import has_both
-    from mjsim.cli.logs import is_log_campaign
     from mjsim.errors import InputError
+    from mjsim.instruments.ball_bar.measurement import BallBarTest
     from mjsim.io.files import check_writable, write_whole
-    from mjsim.report.logs import joint_report, log_report
-    from mjsim.report.write import check_same_machine, need_report, report
+    from mjsim.report.write import check_same_machine, report
 
     runs = part_runs(parts, tolerance, tool, zero, feed, dialect)
     read = [read_campaign(c, as_is=as_is) for c in campaigns]
     machines = [machine_of(c, machine) for c in read]
-    if runs and (len(read) > 1 or is_log_campaign(read[0])):
+    if runs and (len(read) > 1 or BallBarTest.instrument not in read[0].measured_parts):
         raise InputError("--part: allowed for one ball-bar campaign")
     check_writable(out, force)
-    if len(read) == 1 and (is_log_campaign(read[0]) or has_both(read[0])):
-        need_report()
-        work = log_report if is_log_campaign(read[0]) else joint_report
-        with common.progress_bar(quiet) as progress:
-            html, data = work(read[0], machines[0], max_effects, not no_diagnose, common.cores(threads), progress)
-        write_whole(out, html, force=force)
-        if as_json:
-            common.print_json(data)
-        else:
-            common.say(f"{data['title']}: {out} ({len(html.encode()) / 1e6:.1f} MB)", quiet)
-        return
-    check_same_machine(list(zip(read, machines, strict=True)))
+    if len(read) > 1:
+        check_same_machine(list(zip(read, machines, strict=True)))
     with common.progress_bar(quiet) as progress:
         result = report(read, machines, max_effects, not no_diagnose, common.cores(threads), progress, runs)
     write_whole(out, result.html, force=force)

@@ -34,16 +34,16 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
     \b
     Example: mjsim simulate examples/hidden-backlash --out simulated
     """
-    from mjsim.ballbar.speed import range_warning, speed_warnings
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import machine_of
     from mjsim.errors import InputError
+    from mjsim.instruments.ball_bar.speed import range_warning, speed_warnings
     from mjsim.io.files import check_writable, together
     from mjsim.plots.output import polar_of_simulation, simulation_csv, simulation_summary
     from mjsim.plots.save import encode
     from mjsim.simulation.multibody import simulate
 
-    c = read_campaign(campaign, traces=False)
+    c = read_campaign(campaign, traces=False).of("ball_bar")
     m = machine_of(c, machine)
     known = [t.name for t in c.tests]
     for name in names:

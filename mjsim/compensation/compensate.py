@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.model import Campaign
 from mjsim.compensation.controls import Control, Settings, control
 from mjsim.compensation.forecast import Forecast, forecast
@@ -17,6 +16,7 @@ from mjsim.compensation.tables import Corrections, ranges_of
 from mjsim.compensation.terms import wanted_of
 from mjsim.compensation.worth import Left, worth_typing
 from mjsim.errors import InputError
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.io.files import write_all
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
 from mjsim.compensation.arithmetic import Arithmetic, corrected
 from mjsim.compensation.tables import Corrections
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant
 from mjsim.machine.sensitivity import sensitivity

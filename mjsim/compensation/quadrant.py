@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import AxisPlant
 from mjsim.simulation.axes import motor_of, time_grid

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
 from mjsim.compensation.quadrant import Pulse
 from mjsim.compensation.terms import Term
 from mjsim.compensation.worth import Left
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import Chain
 from mjsim.units import DEG, MM
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from mjsim.ballbar.kinds import kind_of
 from mjsim.estimation.outliers import stretches
 from mjsim.estimation.samples import Samples, revolution_time
 from mjsim.estimation.settings import OUTLIERS, OutlierSettings
+from mjsim.instruments.ball_bar.kinds import kind_of
 
 #: Height of a jump between two revolutions, over how far they lie apart: less is a drift, more the machine's own step
 #: (assumed).

@@ -13,11 +13,11 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.special import gammaincc
 
-from mjsim.ballbar.kinds import kind_of
 from mjsim.effects.vibration import Vibration
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import revolution_time
 from mjsim.estimation.settings import DiagnosisSettings
+from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect
 from mjsim.units import UM

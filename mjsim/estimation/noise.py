@@ -12,8 +12,8 @@ import numpy as np
 from numba import njit
 from scipy.linalg import solve_toeplitz
 
-from mjsim.ballbar.kinds import kind_of
 from mjsim.estimation.samples import BLOCKS, Samples, revolution_time
+from mjsim.instruments.ball_bar.kinds import kind_of
 
 #: A test whose revolutions have fewer samples or blocks in common says nothing about the noise.
 _FEWEST = 50

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mjsim.ballbar.measurement import BallBarTest
 from mjsim.estimation.parameters import Block, Parameters
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 
 #: Priors' standard deviations: offsets of the balls per coordinate, error of the bar's length (m), trigger shift (s).
 TABLE_BALL, SPINDLE_BALL, LENGTH, TRIGGER = 10e-6, 2e-6, 3e-6, 20e-3

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import binary_dilation, median_filter
 
-from mjsim.ballbar.kinds import kind_of
-from mjsim.ballbar.program import Program
 from mjsim.estimation.samples import Samples, revolution_time
 from mjsim.estimation.settings import OUTLIERS, OutlierSettings
+from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.instruments.ball_bar.program import Program
 
 
 def mark_outliers(s: Samples, residual: np.ndarray, noise: float, settings: OutlierSettings = OUTLIERS) -> int:

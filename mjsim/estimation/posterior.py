@@ -9,6 +9,7 @@ import numpy as np
 from mjsim.estimation.data_sheet import DATA_SHEET
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit
+from mjsim.machine.model import Machine
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,20 @@ class Posterior:
         """The posterior of a finished fit; set-up and instrument are marginalised."""
         places = fit.parameters.places(*(f.block.name for f in fit.effects), DATA_SHEET)
         return cls(tuple(fit.effects), fit.covariance[np.ix_(places, places)])
+
+    def within(self, machine: Machine) -> Posterior:
+        """What it says of the effects that a machine has."""
+        kept: list[int] = []
+        effects: list[EffectVector] = []
+        at = 0
+        for f in self.effects:
+            places = range(at, at + len(f.vector))
+            at = places.stop
+            if (present := machine.effect(f.effect.key)) is not None:
+                kept += places
+                effects.append(EffectVector(present, f.names))
+        kept += range(at, len(self.covariance))
+        return Posterior(tuple(effects), self.covariance[np.ix_(kept, kept)])
 
     @property
     def size(self) -> int:

@@ -12,7 +12,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.estimation.data_sheet import calibrated, data_sheet
@@ -22,6 +21,7 @@ from mjsim.estimation.noise import Noise, estimate_noise
 from mjsim.estimation.nuisance import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, Nuisances
 from mjsim.estimation.samples import GRID, GRID_STEPS, Samples, make_samples
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
@@ -112,6 +112,7 @@ class Problem:
         # calling thread only; one that is to be fitted is in no plant yet
         known = {*registry.kinds().values(), *map(type, plant.python_effects)}
         workers = Workers(1 if any(c.position_error is not Effect.position_error for c in known) else threads)
+        campaign = campaign.of(BallBarTest.instrument)
         tests = campaign.measured
         samples = make_samples(tests, campaign.traces, block)
         noise = estimate_noise(samples, campaign.instrument.resolution)

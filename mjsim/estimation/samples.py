@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numba import njit
 
-from mjsim.ballbar.kinds import kind_of
-from mjsim.ballbar.measurement import BallBarTest, Trace
+from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.instruments.ball_bar.measurement import BallBarTest, Trace
 from mjsim.simulation.drive import STEP
 
 #: Simulated readings are kept at this spacing, s (every fifth step). Waves up to 40 Hz keep their size to 0.2 %.

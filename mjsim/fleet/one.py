@@ -21,7 +21,8 @@ from mjsim.report.causes import CalibrationRow, calibration_rows
 from mjsim.report.content import plain
 from mjsim.units import unit_of
 from mjsim.workflow.diagnose import diagnose
-from mjsim.workflow.diagnosis import DiagnosedEffect, Diagnosis
+from mjsim.workflow.diagnosis import Diagnosis
+from mjsim.workflow.finding import DiagnosedEffect
 
 
 def diagnosed(folder: Path, options: Options, threads: int = 1) -> dict:

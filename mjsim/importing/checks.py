@@ -9,10 +9,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mjsim.ballbar.measurement import BallBarTest, Trace
-from mjsim.ballbar.program import Program
 from mjsim.errors import InputError, SimulationError
 from mjsim.importing.units import LENGTH
+from mjsim.instruments.ball_bar.measurement import BallBarTest, Trace
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.model import Machine
 from mjsim.simulation.multibody import simulate
 from mjsim.units import UM

@@ -12,11 +12,11 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from mjsim.ballbar.kinds import kind_of
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.importing.b5r import Feature, Imported, read_b5r
 from mjsim.importing.into_campaign import campaign_file, test_name
+from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.io.files import check_writable, write_all
 from mjsim.io.inputs import file_bytes
 from mjsim.machine.chain import FIVE_AXIS

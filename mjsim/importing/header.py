@@ -6,9 +6,9 @@ from __future__ import annotations
 
 import re
 
-from mjsim.ballbar.kinds import all_keys
-from mjsim.campaign.schema import ball_bar_table
 from mjsim.importing.units import unit_named
+from mjsim.instruments.ball_bar.kinds import all_keys
+from mjsim.instruments.ball_bar.tables import ball_bar_table
 from mjsim.machine.chain import FIVE_AXIS
 
 _NAME = "A-Za-zÄÖÜäöüß"

@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from mjsim.ballbar.measurement import BallBarTest, Instrument, Trace
-from mjsim.ballbar.program import Program
 from mjsim.campaign.machine_file import read_machine
 from mjsim.errors import InputError
 from mjsim.importing import into_campaign as into
@@ -19,6 +17,8 @@ from mjsim.importing.checks import questions
 from mjsim.importing.reading import Options, read_columns
 from mjsim.importing.sources import sources
 from mjsim.importing.timing import place
+from mjsim.instruments.ball_bar.measurement import BallBarData, BallBarTest, Trace
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.files import check_writable
 from mjsim.units import DEG, UM
 
@@ -113,7 +113,7 @@ def import_traces(
             f"--test {test} names one test, {len(files)} files were given; allowed: FILE=TEST for each of them"
         )
     names = [test] * len(files) if test is None or isinstance(test, str) else test
-    instrument = known.instrument if known else Instrument()
+    instrument = known.instruments.get(BallBarTest.instrument, BallBarData()) if known else BallBarData()
     out, contents = [], {}
     for item in sources([Path(f) for f in files], names, dict(keys or {}), o, known):
         source, table, name = item.path, item.table, item.name

@@ -15,13 +15,14 @@ import numpy as np
 import tomlkit
 from tomlkit.items import AoT
 
-from mjsim.ballbar.kinds import KINDS, all_keys
-from mjsim.ballbar.measurement import BallBarTest, Instrument, Trace
-from mjsim.campaign.files import campaign_from, check_span
+from mjsim.campaign.files import campaign_from
 from mjsim.campaign.model import Campaign
-from mjsim.campaign.traces import saturated
 from mjsim.errors import InputError
 from mjsim.importing.names import options
+from mjsim.instruments.ball_bar.files import check_span
+from mjsim.instruments.ball_bar.kinds import KINDS, all_keys
+from mjsim.instruments.ball_bar.measurement import BallBarData, BallBarTest, Trace
+from mjsim.instruments.ball_bar.traces import saturated
 from mjsim.io.files import check_writable, write_all
 from mjsim.io.inputs import inside, shown
 from mjsim.io.toml import parse, read_text
@@ -157,7 +158,7 @@ def _append(document: tomlkit.TOMLDocument, new: dict) -> None:
 
 
 def checked_trace(
-    source: Path, test: BallBarTest, time: np.ndarray, deviation: np.ndarray, instrument: Instrument
+    source: Path, test: BallBarTest, time: np.ndarray, deviation: np.ndarray, instrument: BallBarData
 ) -> Trace:
     """The trace as reading it back will give it.
 

@@ -11,10 +11,7 @@ from pathlib import Path
 import numpy as np
 import tomlkit
 
-from mjsim.axislog.measurement import LogInstrument, Logs, LogTest
-from mjsim.axislog.mistakes import LogMistake, log_mistakes
 from mjsim.campaign.files import campaign_from
-from mjsim.campaign.logs import LOG
 from mjsim.errors import InputError
 from mjsim.importing.formats import read_any
 from mjsim.importing.into_campaign import campaign_file, test_name
@@ -23,6 +20,9 @@ from mjsim.importing.reading import Options
 from mjsim.importing.recorder import with_recorder
 from mjsim.importing.table import Table
 from mjsim.importing.units import factor
+from mjsim.instruments.axis_log.files import LOG
+from mjsim.instruments.axis_log.measurement import AxisRecord, LogTest, Recorder, Recording
+from mjsim.instruments.axis_log.mistakes import LogMistake, log_mistakes
 from mjsim.io.files import check_writable, write_all
 from mjsim.io.toml import parse, read_text
 from mjsim.machine.chain import Chain
@@ -103,21 +103,22 @@ def import_log(
     options = options or Options()
     file = campaign_file(campaign)
     c = campaign_from(file, parse(file), traces=False, empty=True)
-    chain = c.logs.tests[0].chain if c.logs.tests else _chain(c)
+    logs = c.of(LogTest.instrument)
+    chain = logs.tests[0].chain if logs.tests else _chain(c)
     table = read_any(source, options)
     columns = columns_of(table, chain, signals, options)
     time, values, notes = _converted(source, table, columns, options)
     axes = tuple(dict.fromkeys(col.axis for col in columns if col.axis))
     name = test or test_name(source)
-    known = next((t for t in c.logs.tests if t.name == name), None)
+    known = next((t for t in logs.tests if t.name == name), None)
     target = file.parent / (known.trace if known and known.trace else f"traces/{name}.csv.gz")
     if not preview:
         check_writable(target, force)
     data = _csv(time, values)
     log = known or LogTest(name, axes, controller, name, str(target.relative_to(file.parent)), None, chain)
     rate = 1.0 / float(np.median(np.diff(time)))
-    logs = c.logs if c.logs.tests or not c.tests else replace(c.logs, instrument=LogInstrument(rate))
-    questions = _questions(log, axes, values, time, logs, columns)
+    stated = logs.instruments.get(LogTest.instrument, Recorder(rate)).rate
+    questions = _questions(log, axes, values, time, stated, columns)
     if not preview:
         text = read_text(file)
         if known is None or known.trace is None:
@@ -225,12 +226,10 @@ def _questions(
     axes: tuple[str, ...],
     values: Mapping[str, np.ndarray],
     time: np.ndarray,
-    logs: Logs,
+    rate: float,
     columns: tuple[Column, ...],
 ) -> tuple[str, ...]:
     """What the recording shows to be wrong, and the options that put exchanged columns right."""
-    from mjsim.axislog.measurement import AxisRecord, Recording
-
     records = {}
     for axis in axes:
         unit = "deg" if test.chain.is_rotary(axis) else "mm"
@@ -238,9 +237,8 @@ def _questions(
         command, actual = (values[f"{axis}_{s}_{unit}"] * size for s in ("command", "actual"))
         records[axis] = AxisRecord(command, actual)
     recording = Recording(time, records)
-    mine = replace(test, axes=axes)
-    rated = replace(logs, tests=(mine,), recordings={test.name: recording})
-    return tuple(m.sentence + _remedy(m, columns) for m in log_mistakes(rated))
+    found = log_mistakes((replace(test, axes=axes),), {test.name: recording}, rate)
+    return tuple(m.sentence + _remedy(m, columns) for m in found)
 
 
 def _remedy(mistake: LogMistake, columns: tuple[Column, ...]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mjsim.ballbar.kinds import all_keys
+from mjsim.instruments.ball_bar.kinds import all_keys
 
 
 def options() -> dict[str, str]:

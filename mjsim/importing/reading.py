@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
 from mjsim.importing.table import Table
 from mjsim.importing.units import QUANTITIES, bare, factor, unit_of_column
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.units import DEG, MM, UM
 
 #: What headers call a column, without its unit, lower case.

@@ -6,7 +6,7 @@ from typing import Any
 
 import tomlkit
 
-from mjsim.campaign.logs import LOG
+from mjsim.instruments.axis_log.files import LOG
 
 #: What the two instruments are called.
 BAR, CONTROL = "bar", "control"

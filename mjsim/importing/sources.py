@@ -10,9 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.ballbar.kinds.base import kind_of
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.importing.b5r import looks_like_xml
@@ -22,6 +19,9 @@ from mjsim.importing.header import test_keys
 from mjsim.importing.into_campaign import test_name
 from mjsim.importing.reading import Options
 from mjsim.importing.table import Table
+from mjsim.instruments.ball_bar.kinds.base import kind_of
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import FIVE_AXIS
 
 #: The last reading of a closed circle is near the first: a gap of more than this part of the range has to be asked

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.campaign.traces import check_rows, read_bytes
 from mjsim.errors import InputError
 from mjsim.importing.units import is_unit
+from mjsim.io.inputs import check_rows, read_bytes
 
 #: Separators by the name that the user gives.
 SEPARATORS = {"semicolon": ";", "tab": "\t", "comma": ",", "space": None}

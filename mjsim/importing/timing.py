@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.ballbar.kinds import kind_of
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
 from mjsim.importing.even import evenly, quantum
 from mjsim.importing.reading import Options, Recording
+from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.units import DEG
 
 #: A trace may reach so far beyond the measured part without being cut: the trigger is not exact. In s, and as an angle.

@@ -33,7 +33,7 @@ T = TypeVar("T")
 FOLDER, LIMIT = "MJSIM_CACHE", "MJSIM_CACHE_MB"
 _MB, _LIMIT_MB = 1_000_000, 1000
 #: Folders of mjsim whose code decides on results.
-_ROOMS = ("machine", "effects", "ballbar", "nc", "campaign", "simulation", "estimation", "workflow")
+_ROOMS = ("machine", "effects", "instruments", "nc", "campaign", "simulation", "estimation", "workflow")
 
 
 class Store:

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import gzip
 import os
+import zlib
 from pathlib import Path
 
 from mjsim.errors import InputError, shortened
+
+_LARGEST = 200_000_000
+#: Most samples of one trace: half an hour at 1 kHz. A recorder that makes more tells nothing more about a machine.
+MOST = 2_000_000
 
 
 def file_bytes(path: Path, largest: int, hint: str, what: str = "no such file") -> bytes:
@@ -30,6 +36,53 @@ def file_bytes(path: Path, largest: int, hint: str, what: str = "no such file") 
         raise InputError(f"{path}: {what}") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def read_bytes(path: Path, missing: str = "no such file") -> bytes:
+    """The file's content; ``.gz`` is unpacked.
+
+    Raises:
+        InputError: it is missing, too large, or no gzip file.
+    """
+    data = file_bytes(path, _LARGEST, f"allowed: up to {_LARGEST / 1e6:.0f} MB, thin the trace", missing)
+    if path.suffix != ".gz":
+        return data
+    try:
+        return gzip.decompress(data)
+    except (OSError, EOFError, zlib.error):
+        raise InputError(f"{path}: not a readable gzip file; allowed: a CSV file, plain or as .csv.gz") from None
+
+
+def check_rows(path: Path, rows: int) -> None:
+    """Refuse a table with more rows than a recording needs.
+
+    Raises:
+        InputError: it has more than :data:`MOST` rows.
+    """
+    if rows > MOST:
+        raise InputError(
+            f"{path}: {rows} rows; allowed: up to {MOST}, keep one row in {-(-rows // MOST)}, or the mean of as many"
+        )
+
+
+def named_file(file: Path, name: str, key: str, outside: bool = False) -> Path:
+    """The file that a key of a campaign names.
+
+    Args:
+        file: The campaign's own file.
+        name: As the key has it, relative to that file's folder.
+        key: For messages.
+        outside: Whether it may lie outside that folder.
+
+    Raises:
+        InputError: It is no file name, or leaves the folder.
+    """
+    if not name.strip() or not name.isprintable():
+        raise InputError(f"{file}: {key} = {shown(name)} is no file name; allowed: a path inside the campaign's folder")
+    target = file.parent / name
+    if Path(name).is_absolute() or (not outside and not inside(file.parent, target)):
+        raise InputError(f"{file}: {key} = {shown(name)} leaves the campaign's folder; allowed: a path inside it")
+    return target
 
 
 def inside(folder: Path, path: Path) -> bool:

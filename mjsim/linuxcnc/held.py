@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from mjsim.ballbar.commanded import Commanded
-from mjsim.ballbar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.commanded import Commanded
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.io.inputs import file_bytes
 from mjsim.linuxcnc.configuration import Settings
 from mjsim.linuxcnc.record import Record

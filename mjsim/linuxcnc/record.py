@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from mjsim.ballbar.commanded import Commanded
 from mjsim.errors import InputError
+from mjsim.instruments.ball_bar.commanded import Commanded
 from mjsim.linuxcnc.configuration import CYCLE
 from mjsim.machine.chain import Chain
 from mjsim.nc.limits import scale

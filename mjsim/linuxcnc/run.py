@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.ballbar.measurement import BallBarTest
 from mjsim.errors import InputError
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.linuxcnc import inside
 from mjsim.linuxcnc.configuration import Settings, check_settings, write_configuration
 from mjsim.linuxcnc.installed import PYTHON, environment, needed, unshare

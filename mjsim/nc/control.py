@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjsim.ballbar.commanded import Commanded
-from mjsim.ballbar.follow import check_path, unwrapped
-from mjsim.ballbar.kinds import kind_of
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
+from mjsim.instruments.ball_bar.commanded import Commanded
+from mjsim.instruments.ball_bar.follow import check_path, unwrapped
+from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import Chain
 from mjsim.machine.kinematics import reading
 from mjsim.nc.limits import scale

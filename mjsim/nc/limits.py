@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjsim.ballbar.commanded import Commanded
 from mjsim.errors import InputError
+from mjsim.instruments.ball_bar.commanded import Commanded
 from mjsim.io.resources import model_file
 from mjsim.machine.chain import FIVE_AXIS, Chain, is_rotary
 from mjsim.units import DEG, MM

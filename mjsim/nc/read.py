@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.ballbar.commanded import Commanded
 from mjsim.errors import InputError
+from mjsim.instruments.ball_bar.commanded import Commanded
 from mjsim.io.inputs import file_bytes
 from mjsim.machine.chain import FIVE_AXIS, Chain, is_rotary
 from mjsim.nc.dialects import dialect as find_dialect

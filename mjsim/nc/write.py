@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.ballbar.commanded import Commanded
-from mjsim.ballbar.kinds import kind_of
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
+from mjsim.instruments.ball_bar.commanded import Commanded
+from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.files import write_whole
 from mjsim.machine.chain import Chain
 from mjsim.machine.kinematics import spindle_in_work
@@ -19,7 +19,7 @@ from mjsim.nc.dialects import FEEDS, Dialect, dialect
 from mjsim.nc.limits import Limits, check_travel, model_limits, scale, speed_warnings
 from mjsim.units import DEG, MM
 
-#: Signs of :meth:`mjsim.ballbar.kinds.base.Kind.words` that controls do not know.
+#: Signs of :meth:`mjsim.instruments.ball_bar.kinds.base.Kind.words` that controls do not know.
 _PLAIN = {ord("°"): " deg", ord("θ"): "half apex", ord("β"): "inclination"}
 #: Angle from block to block, degrees (the paper's programs have "minute line segments"; assumed).
 STEP_DEG = 0.1

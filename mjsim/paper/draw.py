@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjsim.ballbar.iso230 import least_squares_circle
-from mjsim.ballbar.program import Program
 from mjsim.campaign.model import Campaign
+from mjsim.instruments.ball_bar.iso230 import least_squares_circle
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.paper import caption
 from mjsim.paper.contents import OFFSET_LOOK, VELOCITY_OFFSETS, VELOCITY_PANELS, Line, PolarFigure, offset_label
 from mjsim.paper.runs import ANGLE, Run, Traces

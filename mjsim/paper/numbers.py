@@ -9,7 +9,7 @@ from importlib.resources import files
 import numpy as np
 from scipy.signal import find_peaks
 
-from mjsim.ballbar.program import Program
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.kinematics import machine_to_work
 from mjsim.paper.machine import PaperMachine

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.ballbar.iso230 import least_squares_circle
-from mjsim.ballbar.kinds.cone_frustum import ConeFrustum
-from mjsim.ballbar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.iso230 import least_squares_circle
+from mjsim.instruments.ball_bar.kinds.cone_frustum import ConeFrustum
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.paper.machine import PaperMachine
 from mjsim.progress import Progress, silent

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mjsim.ballbar.iso230 import circular_figures, least_squares_circle
-from mjsim.ballbar.kinds import kind_of
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
+from mjsim.instruments.ball_bar.iso230 import circular_figures, least_squares_circle
+from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.files import write_all
 from mjsim.plots.curve import curve_figure
 from mjsim.plots.ladder import LadderStep, ladder_figure
@@ -27,7 +27,7 @@ from mjsim.plots.signature import SignatureTrace, signature_figure
 from mjsim.progress import Progress, silent
 from mjsim.simulation.multibody import Simulation
 from mjsim.units import DEG, MM, UM
-from mjsim.workflow.compare import ComparedTest, Comparison
+from mjsim.workflow.ball_bar.compare import BarComparison, ComparedBarTest
 from mjsim.workflow.history import Step
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ def polar_of_simulation(s: Simulation) -> Figure:
     return polar_figure([trace], s.test.name, conditions(s.test))
 
 
-def polar_traces(t: ComparedTest) -> list[PolarTrace]:
+def polar_traces(t: ComparedBarTest) -> list[PolarTrace]:
     """Measured and simulated trace of a compared test, each about its own least-squares centre (ISO 230-4)."""
     shift = kind_of(t.test).plot_offset_deg
     return [
@@ -123,21 +123,21 @@ def polar_traces(t: ComparedTest) -> list[PolarTrace]:
     ]
 
 
-def residual_trace(t: ComparedTest, noise: float) -> ResidualTrace:
+def residual_trace(t: ComparedBarTest, noise: float) -> ResidualTrace:
     """Residual of a compared test on angle, with axis reversals."""
     events = {a: list(p / DEG) for a, p in t.reversals.items()}
     shift = kind_of(t.test).plot_offset_deg
     return ResidualTrace(t.test.name, t.phi / DEG, t.residual / UM, events, noise / UM, ~t.valid, shift)
 
 
-def plot_files(tests: Iterable[BallBarTest], folder: Path) -> list[Path]:
-    """Files that :func:`comparison_plots` writes for these tests."""
+def bar_plot_files(tests: Iterable[BallBarTest], folder: Path) -> list[Path]:
+    """Files that :func:`bar_plots` writes for these tests."""
     return [folder / f"{name}.png" for name in ("overview", "residual", *(t.name for t in tests))]
 
 
-def comparison_plots(result: Comparison, folder: Path, progress: Progress = silent) -> list[Path]:
+def bar_plots(result: BarComparison, folder: Path, progress: Progress = silent) -> list[Path]:
     """Polar plot per test, an overview, and the residuals; returns the files."""
-    overview, residual, *files = plot_files((t.test for t in result.tests), folder)
+    overview, residual, *files = bar_plot_files((t.test for t in result.tests), folder)
     total = len(result.tests) + 2
     pages = {}
     for i, (t, path) in enumerate(zip(result.tests, files, strict=True)):
@@ -154,12 +154,12 @@ def comparison_plots(result: Comparison, folder: Path, progress: Progress = sile
     return [overview, residual, *files]
 
 
-def overview_plot(result: Comparison, path: Path) -> None:
+def overview_plot(result: BarComparison, path: Path) -> None:
     """All tests of a comparison in one picture."""
     save(_overview(result), path)
 
 
-def _overview(result: Comparison) -> Figure:
+def _overview(result: BarComparison) -> Figure:
     title = f"{result.campaign.name}: measured and simulated"
     return overview_figure([(t.test.name, polar_traces(t)) for t in result.tests], title=title)
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from mjsim.machine.axis import AXES
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
@@ -97,3 +100,24 @@ def micrometres(value: float) -> str:
     """An error in µm for a label: two decimals below 10, one below 100, none above."""
     decimals = 2 if abs(value) < 9.995 else 1 if abs(value) < 99.95 else 0
     return f"{value:.{decimals}f} µm".replace("-", "−")
+
+
+#: Most points of one curve.
+_POINTS = 4000
+
+
+def thinned(*columns: np.ndarray) -> list[np.ndarray]:
+    """Columns (n,) with every so many-th value, so that a curve has no more points than can be seen."""
+    every = max(1, len(columns[0]) // _POINTS)
+    return [c[::every] for c in columns]
+
+
+def label(axes: Axes, x: str, y: str) -> None:
+    """Name the axes of a plain diagram, and give it a grid."""
+    axes.set_xlabel(x, fontsize=TEXT)
+    axes.set_ylabel(y, fontsize=TEXT)
+    axes.tick_params(labelsize=SMALL)
+    axes.grid(color=GRID, lw=0.6)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from mjsim.ballbar.commanded import Commanded
+from mjsim.instruments.ball_bar.commanded import Commanded
 
 #: Acceleration of a linear and of a rotary axis, m/s² and rad/s² (assumed: an ordinary machine of this size).
 LINEAR, ROTARY = 2.0, 20.0

@@ -10,8 +10,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from mjsim.ballbar.commanded import Commanded
 from mjsim.errors import InputError
+from mjsim.instruments.ball_bar.commanded import Commanded
 from mjsim.machine.chain import Chain
 from mjsim.machine.inverse import aim
 from mjsim.machine.kinematics import rotation

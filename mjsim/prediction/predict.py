@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from mjsim.ballbar.commanded import Commanded
 from mjsim.errors import InputError
 from mjsim.estimation.calibration import calibrated_effects
 from mjsim.estimation.data_sheet import data_sheet
 from mjsim.estimation.posterior import Posterior
+from mjsim.instruments.ball_bar.commanded import Commanded
 from mjsim.machine.model import Machine
 from mjsim.prediction.causes import Parts, across
 from mjsim.prediction.contour import Contour, contour

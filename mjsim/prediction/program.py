@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.ballbar.commanded import Commanded
+from mjsim.instruments.ball_bar.commanded import Commanded
 from mjsim.machine.chain import Chain
 from mjsim.nc.read import read_nc
 from mjsim.prediction.parts import PARTS, part

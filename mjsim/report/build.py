@@ -9,11 +9,11 @@ from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
 
-from mjsim.ballbar.iso230 import BidirectionalFigures, CircularFigures
-from mjsim.ballbar.kinds import kind_of
 from mjsim.campaign.machine_file import machine_document
 from mjsim.compensation.compensate import compensate
 from mjsim.estimation.problem import Problem
+from mjsim.instruments.ball_bar.iso230 import BidirectionalFigures, CircularFigures
+from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.machine.model import Machine
 from mjsim.plots.output import conditions, polar_traces, residual_trace
 from mjsim.prediction.part_run import PartRun
@@ -28,8 +28,8 @@ from mjsim.report.parts import part_sections
 from mjsim.report.traces import test_traces
 from mjsim.report.whatif import what_if
 from mjsim.units import DEG, UM
-from mjsim.workflow.acceptance import acceptance_rows
-from mjsim.workflow.compare import ComparedTest, Comparison
+from mjsim.workflow.ball_bar.acceptance import acceptance_rows
+from mjsim.workflow.ball_bar.compare import BarComparison, ComparedBarTest
 from mjsim.workflow.diagnosis import Diagnosis
 from mjsim.workflow.saved import saved_of
 
@@ -112,7 +112,7 @@ def _rest(percent: float | None) -> str:
 
 def compared(
     problem: Problem,
-    given: Comparison,
+    given: BarComparison,
     threads: int = 2,
     progress: Progress = silent,
     date: str = "",
@@ -206,7 +206,7 @@ def _tuples(figures: dict) -> dict[str, Any]:
     return {k: tuple(v) if isinstance(v, list) else v for k, v in figures.items()}
 
 
-def _section(before: ComparedTest, after: ComparedTest, noise: float, changed: bool) -> TestSection:
+def _section(before: ComparedBarTest, after: ComparedBarTest, noise: float, changed: bool) -> TestSection:
     angle = after.worst_phi / DEG + kind_of(after.test).plot_offset_deg
     return TestSection(
         name=before.test.name,

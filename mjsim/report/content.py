@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from mjsim.ballbar.iso230 import BidirectionalFigures, CircularFigures
+from mjsim.instruments.ball_bar.iso230 import BidirectionalFigures, CircularFigures
 from mjsim.plots.polar import PolarTrace
 from mjsim.plots.residual import ResidualTrace
 from mjsim.report.causes import CalibrationRow, CauseShare

@@ -18,7 +18,7 @@ from mjsim.progress import Progress, silent
 from mjsim.report.build import build_report
 from mjsim.report.write import need_report
 from mjsim.workflow import history as ladder
-from mjsim.workflow.compare import Comparison, compare
+from mjsim.workflow.ball_bar.compare import BarComparison, compare_bars
 from mjsim.workflow.diagnose import diagnose
 from mjsim.workflow.diagnosis import Diagnosis
 
@@ -72,10 +72,10 @@ def prepare(out: Path) -> Path:
     return out
 
 
-def first_look(folder: Path, threads: int = 2, progress: Progress = silent) -> tuple[Comparison, Path]:
+def first_look(folder: Path, threads: int = 2, progress: Progress = silent) -> tuple[BarComparison, Path]:
     """Compare the campaign in a folder that :func:`prepare` has made; the comparison and its picture."""
     campaign = read_campaign(folder)
-    result = compare(campaign, read_machine(campaign.machine_file), threads, progress)
+    result = compare_bars(campaign, read_machine(campaign.machine_file), threads, progress)
     picture = folder / "measured-and-simulated.png"
     progress("plotting", 0, 1)
     overview_plot(result, picture)
@@ -90,7 +90,7 @@ def walk(folder: Path, threads: int = 2, progress: Progress = silent) -> Demo:
     campaign = read_campaign(folder)
     machine = read_machine(campaign.machine_file)
     result = diagnose(campaign, machine, threads=threads, progress=progress)
-    rungs: list[tuple[str, str, Comparison]] = [("start", "", result.before)]
+    rungs: list[tuple[str, str, BarComparison]] = [("start", "", result.before)]
     rungs += [("add", e.effect.id, c) for e, c in zip(result.effects, result.rungs[1:], strict=True)]
     original = campaign.machine_file
     steps = [ladder.step_of(action, effect, original, c) for action, effect, c in rungs]

@@ -13,7 +13,8 @@ from mjsim.machine.chain import is_rotary
 from mjsim.report.answer import short_test
 from mjsim.report.content import Finding, NotTestable, ParameterRow, Rejected
 from mjsim.units import UM, unit_of
-from mjsim.workflow.diagnosis import DiagnosedEffect, Diagnosis
+from mjsim.workflow.diagnosis import Diagnosis
+from mjsim.workflow.finding import DiagnosedEffect
 
 #: Gain, in thresholds, from which a finding is called certain, and from which clear.
 CERTAIN, CLEAR = 10.0, 2.0

@@ -8,20 +8,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
 from mjsim.estimation.disturbances import readmitted, without_disturbances
 from mjsim.estimation.mistakes.checked_problem import trusted_problem
 from mjsim.estimation.nuisance_fit import fit_nuisance
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.vibration import phased, phased_at
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.kinematics import reading
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
 from mjsim.simulation.axes import time_grid
 from mjsim.simulation.multibody import Reading, Simulation
 from mjsim.simulation.readings import readings_of
-from mjsim.workflow.compare import Comparison, overlay
+from mjsim.workflow.ball_bar.compare import BarComparison, overlay
 from mjsim.workflow.diagnosis import Diagnosis
 
 KINEMATICS, SIMULATION = "kinematics", "full simulation"
@@ -38,7 +38,7 @@ class Model:
     label: str
     what: str
     how: str
-    comparison: Comparison
+    comparison: BarComparison
 
 
 def prepared(result: Diagnosis, threads: int = 2) -> Problem:
@@ -73,7 +73,7 @@ def run(problem: Problem, machine: Machine, stage: str, threads: int = 2, progre
     return readings_of(machine, problem.tests, threads, done)
 
 
-def basis(problem: Problem, given: Comparison, threads: int = 2, progress: Progress = silent) -> list[Model]:
+def basis(problem: Problem, given: BarComparison, threads: int = 2, progress: Progress = silent) -> list[Model]:
     """The models up to the machine as given, whose comparison is there already."""
     machine = given.machine
     ideal = overlay(problem, replace(machine, effects=()), [rigid(t) for t in problem.tests])

@@ -11,7 +11,9 @@ from __future__ import annotations
 import base64
 import io
 import json
+from collections.abc import Mapping
 from importlib import resources
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from mjsim.plots import curve, ladder, overview, polar, residual, trend
@@ -50,15 +52,15 @@ _DPI = 120
 KINDS = {"adjust": "adjust", "compensate": "compensate", "maintain": "maintain", "share": "share only"}
 
 
-def render(content: ReportContent, logs: dict | None = None, log_images: list | None = None) -> str:
+def render(content: ReportContent, beside: Mapping[str, tuple[dict, list]] = MappingProxyType({})) -> str:
     """The page as HTML text.
 
     All texts are escaped; the same content gives the same page.
 
     Args:
         content: What the page says.
-        logs: What axis logs of the campaign add, where there are any.
-        log_images: Their pictures, (name, data URI) by log.
+        beside: What other instruments of the campaign add, by JSON key: plain data, and pictures, (name, data URI) by
+            test.
 
     Raises:
         ValueError: an unknown verdict, or traces that cannot be drawn (see :mod:`mjsim.plots`).
@@ -67,11 +69,10 @@ def render(content: ReportContent, logs: dict | None = None, log_images: list | 
         raise ValueError(f"verdict must be one of {', '.join(VERDICTS)}, not '{content.verdict}'")
     return page(
         "report.html",
-        content.to_json() | ({"axis_logs": logs} if logs else {}),
+        content.to_json() | {key: section for key, (section, _) in beside.items()},
         content.traces,
         ("common.js", "plot.js", "report.js"),
-        logs=logs,
-        log_images=log_images or [],
+        beside=list(beside.values()),
         last=len(content.models) - 1,
         verdict=VERDICTS.get(content.verdict or ""),
         removed=_removed(content),

@@ -6,22 +6,22 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mjsim.ballbar.iso230 import least_squares_circle
-from mjsim.ballbar.kinds import kind_of
-from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
+from mjsim.instruments.ball_bar.iso230 import least_squares_circle
+from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import is_rotary
 from mjsim.plots.output import residual_trace
 from mjsim.plots.residual import reversal_angles
 from mjsim.units import DEG, MM, UM
-from mjsim.workflow.compare import ComparedTest
+from mjsim.workflow.ball_bar.compare import ComparedBarTest
 
 #: Samples per turn that are kept, about; axis positions are given at this many instants, in between they are
 #: interpolated.
 PER_TURN, POSITIONS = 1000, 181
 
 
-def test_traces(models: list[ComparedTest], start: int, noise: float) -> dict:
+def test_traces(models: list[ComparedBarTest], start: int, noise: float) -> dict:
     """One test under every model of the ladder.
 
     Args:
@@ -68,7 +68,7 @@ def kept(phi: np.ndarray, signal: np.ndarray, per_turn: int = PER_TURN) -> np.nd
     return np.array(sorted(keep))
 
 
-def _centre(t: ComparedTest, deviation: np.ndarray) -> list[int]:
+def _centre(t: ComparedBarTest, deviation: np.ndarray) -> list[int]:
     good = t.valid
     if kind_of(t.test).goes_round:
         try:
@@ -78,7 +78,7 @@ def _centre(t: ComparedTest, deviation: np.ndarray) -> list[int]:
     return _whole(np.array([0.0, 0.0, deviation[good].mean()]) / UM, 1e3)
 
 
-def _positions(t: ComparedTest) -> dict:
+def _positions(t: ComparedBarTest) -> dict:
     program = Program(t.test)
     time = np.linspace(*program.measured_span, POSITIONS)
     axes = t.test.chain.letters

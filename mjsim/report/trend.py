@@ -10,16 +10,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.campaign.files import test_table
 from mjsim.effects import registry
+from mjsim.instruments.ball_bar.files import test_table
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.chain import is_rotary
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.report.content import plain
 from mjsim.units import UM, unit_of
-from mjsim.workflow.compare import Comparison
-from mjsim.workflow.diagnosis import DiagnosedEffect, Diagnosis
+from mjsim.workflow.ball_bar.compare import BarComparison
+from mjsim.workflow.diagnosis import Diagnosis
+from mjsim.workflow.finding import DiagnosedEffect
 
 #: 95 % interval of a circular error from the noise σ of one sample: it is the difference of two extremes, each with one
 #: sample's noise.
@@ -87,7 +88,7 @@ class TrendContent:
         return plain(self)
 
 
-def content(results: Sequence[Diagnosis | Comparison]) -> TrendContent:
+def content(results: Sequence[Diagnosis | BarComparison]) -> TrendContent:
     """The trend of campaigns in the order given.
 
     Args:
@@ -131,7 +132,7 @@ def _sentence(figures: list[Series], parameters: list[Series]) -> str:
     return f"Between the first and the last campaign: {', '.join(parts)}. These changes exceed their uncertainty."
 
 
-def _campaign(r: Diagnosis | Comparison, before: Comparison) -> CampaignRow:
+def _campaign(r: Diagnosis | BarComparison, before: BarComparison) -> CampaignRow:
     day = before.campaign.measured_on
     done = isinstance(r, Diagnosis)
     return CampaignRow(
@@ -154,13 +155,13 @@ def _conditions(t: BallBarTest) -> dict:
     return {k: v for k, v in test_table(t).items() if k not in ("setup", "revolutions")}
 
 
-def _shared(befores: Sequence[Comparison]) -> list[str]:
+def _shared(befores: Sequence[BarComparison]) -> list[str]:
     """Names of the tests that every campaign has under the same conditions."""
     tables = [{t.test.name: _conditions(t.test) for t in b.tests} for b in befores]
     return [name for name, table in tables[0].items() if all(other.get(name) == table for other in tables[1:])]
 
 
-def figure_series(befores: Sequence[Comparison]) -> list[Series]:
+def figure_series(befores: Sequence[BarComparison]) -> list[Series]:
     """Measured circular errors G and G(b) of the tests that all share.
 
     D is left out: it hangs on the bar's length, which is calibrated anew for every campaign.
@@ -213,7 +214,7 @@ def _exceeds(values: list, half: list, a: int, b: int) -> bool:
     return half[a] is not None and half[b] is not None and abs(values[b] - values[a]) > math.hypot(half[a], half[b])
 
 
-def parameter_series(results: Sequence[Diagnosis | Comparison]) -> list[Series]:
+def parameter_series(results: Sequence[Diagnosis | BarComparison]) -> list[Series]:
     """Sizes of the effects that any diagnosis has found; without diagnoses, those of the machine files, which have
     no intervals.
     """
@@ -242,11 +243,11 @@ def parameter_series(results: Sequence[Diagnosis | Comparison]) -> list[Series]:
     return out
 
 
-def _machine(r: Diagnosis | Comparison) -> Machine:
+def _machine(r: Diagnosis | BarComparison) -> Machine:
     return r.before.machine if isinstance(r, Diagnosis) else r.machine
 
 
-def _sizes(r: Diagnosis | Comparison, key: str) -> tuple[dict[str, tuple[float, float | None]], str]:
+def _sizes(r: Diagnosis | BarComparison, key: str) -> tuple[dict[str, tuple[float, float | None]], str]:
     """(value, half width of its 95 % interval) of an effect's sizes by name in one campaign, and a note."""
     if isinstance(r, Diagnosis):
         found = next((e for e in r.effects if e.effect.key == key), None)

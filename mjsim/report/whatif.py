@@ -12,14 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.ballbar.iso230 import least_squares_circle
-from mjsim.ballbar.kinds import kind_of
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
 from mjsim.errors import InputError
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import GRID_STEPS
 from mjsim.estimation.vibration import phased
+from mjsim.instruments.ball_bar.iso230 import least_squares_circle
+from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import AxisPlant
 from mjsim.machine.remedy import Remedy
@@ -29,7 +29,7 @@ from mjsim.report.models import SIMULATION, WITHIN, run
 from mjsim.simulation.axes import time_grid
 from mjsim.simulation.drive import STEP
 from mjsim.units import UM
-from mjsim.workflow.compare import Comparison
+from mjsim.workflow.ball_bar.compare import BarComparison
 
 DRIVES = "drives alone"
 ALL = "all repairs together"
@@ -122,7 +122,7 @@ def _matched(machine: Machine, lags: dict[str, float]) -> Machine:
 
 def what_if(
     problem: Problem,
-    final: Comparison,
+    final: BarComparison,
     given: Machine,
     found: Collection[str] = (),
     threads: int = 2,

@@ -9,14 +9,19 @@ from datetime import date
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.mistakes.checked_problem import checked_problem
+from mjsim.instruments.axis_log.measurement import LogTest
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.base import INSTRUMENTS
 from mjsim.io.extras import need
 from mjsim.machine import model
 from mjsim.machine.model import Machine
 from mjsim.prediction.part_run import PartRun
 from mjsim.progress import Progress, silent
 from mjsim.report import build, page, trend
-from mjsim.workflow.compare import Comparison, compare
-from mjsim.workflow.diagnose import diagnose
+from mjsim.report.beside import images_of, section_of
+from mjsim.workflow.ball_bar.compare import BarComparison, compare_bars
+from mjsim.workflow.compare import compare
+from mjsim.workflow.diagnose import DIAGNOSABLE, diagnose
 from mjsim.workflow.diagnosis import Diagnosis
 
 
@@ -76,13 +81,16 @@ def report(
     check_same_machine(pairs)
     if all(c.measured_on is not None for c, _ in pairs):
         pairs.sort(key=lambda pair: pair[0].measured_on or date.min)
-    results: list[Diagnosis | Comparison] = []
+    results: list[Diagnosis | BarComparison] = []
     for i, (c, m) in enumerate(pairs):
 
         def told(stage: str, done: int, total: int, place: str = f"{i + 1}/{len(pairs)}: ") -> None:
             progress(place + stage, done, total)
 
-        results.append(diagnose(c, m, max_effects, threads, told) if diagnosed else compare(c, m, threads, told))
+        if diagnosed:
+            results.append(diagnose(c, m, max_effects, threads, told).of_bars())
+        else:
+            results.append(compare_bars(c, m, threads, told))
     content = trend.content(results)
     return Report(page.render_trend(content), page.finite(content.to_json()))
 
@@ -96,26 +104,41 @@ def _single(
     progress: Progress,
     parts: Sequence[PartRun],
 ) -> Report:
+    campaign.need_traces("a report needs at least one measured test")
+    bars = BallBarTest.instrument in campaign.measured_parts
+    if parts and not bars:
+        raise InputError(f"{campaign.folder / 'campaign.toml'}: the error of a part follows from ball-bar tests only")
     day = campaign.measured_on.isoformat() if campaign.measured_on else ""
-    if diagnosed:
-        found = diagnose(campaign, machine, max_effects, threads, progress)
-        content = build.diagnosed(found, threads, progress, day, parts=parts)
+    content, sections = None, {}
+    able = campaign.of(*DIAGNOSABLE)
+    if diagnosed and able.measured:
+        found = diagnose(able, machine, max_effects, threads, progress)
+        final = found.machine
+        if bars:
+            content = build.diagnosed(found.of_bars(), threads, progress, day, parts=parts)
+        if found.logs is not None:
+            said = [f"{e.effect.id}: {e.evidence}" for e in found.effects if e.evidence]
+            sections[LogTest.instrument] = (section_of(found.logs.after, found.logs, said), images_of(found.logs.after))
     else:
-        need_traces(campaign)
-        problem = checked_problem(campaign, model.build(machine), threads)
-        content = build.compared(
-            problem, compare(campaign, machine, threads, progress, problem), threads, progress, day, parts
-        )
+        final = machine
+        if bars:
+            problem = checked_problem(campaign, model.build(machine), threads)
+            compared = compare_bars(campaign, machine, threads, progress, problem)
+            content = build.compared(problem, compared, threads, progress, day, parts)
+    left = [n for n in campaign.measured_parts if n not in sections and n != BallBarTest.instrument]
+    if left:
+        for part in compare(campaign.of(*left), final, threads, progress).parts:
+            sections[part.instrument] = (section_of(part), images_of(part))
     progress("writing the page", 0, 1)
-    return Report(page.render(content), page.finite(content.to_json()))
-
-
-def need_traces(campaign: Campaign) -> None:
-    """Raise an :class:`InputError` for a campaign without a measured test."""
-    if not campaign.measured:
-        raise InputError(
-            f"{campaign.folder / 'campaign.toml'}: no test has a trace; a report needs at least one measured test"
-        )
+    ordered = {INSTRUMENTS[n].beside: sections[n] for n in INSTRUMENTS if n in sections}
+    if content is not None:
+        data = page.finite(content.to_json() | {key: section for key, (section, _) in ordered.items()})
+        return Report(page.render(content, ordered), data)
+    (data, images), *others = ordered.values()
+    data = data | {key: section for (key, (section, _)) in list(ordered.items())[1:]}
+    verdict = page.VERDICTS.get(data["verdict"] or "")
+    html = page.page("recordings.html", data, None, (), verdict=verdict, images=images, beside=others)
+    return Report(html, page.finite(data))
 
 
 def check_same_machine(pairs: Sequence[tuple[Campaign, Machine]]) -> None:
@@ -125,7 +148,7 @@ def check_same_machine(pairs: Sequence[tuple[Campaign, Machine]]) -> None:
         InputError: names both campaigns and what differs.
     """
     for c, _ in pairs:
-        need_traces(c)
+        c.of(BallBarTest.instrument).need_traces("a trend needs ball-bar tests")
     (first, one), *others = pairs
     for c, m in others:
         if (m.name, m.configuration) != (one.name, one.configuration):

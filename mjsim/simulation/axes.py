@@ -13,8 +13,8 @@ from functools import cached_property
 
 import numpy as np
 
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine import own
 from mjsim.machine.kinematics import rotation
 from mjsim.machine.plant import AxisPlant, Plant

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from mjsim.ballbar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.bodies import bodies_scale, model_spec, own_inertia
 from mjsim.machine.chain import Chain
 from mjsim.machine.kinematics import Geometry

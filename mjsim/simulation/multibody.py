@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
 from mjsim.errors import InputError, SimulationError
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.extras import need
 from mjsim.machine.chain import Chain
 from mjsim.machine.model import Machine, build

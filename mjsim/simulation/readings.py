@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from mjsim.ballbar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.io import cache
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant

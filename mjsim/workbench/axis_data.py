@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.ballbar.kinds import kind_of
+from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.units import DEG, MM
 from mjsim.workbench.opened import OpenCampaign
 from mjsim.workbench.overlay import Trace

@@ -8,8 +8,8 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
-from mjsim.ballbar.kinds import kind_of
-from mjsim.ballbar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.bodies import model_spec
 from mjsim.machine.chain import Chain
 from mjsim.simulation.mjmodel import rotation_of

@@ -14,6 +14,7 @@ from mjsim.estimation.axis_logs.fit import LogFitter
 from mjsim.estimation.axis_logs.promise import linear_step
 from mjsim.estimation.axis_logs.waves import strongest_orders
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
+from mjsim.instruments.axis_log.measurement import recorded_axes
 from mjsim.machine.model import Machine
 from mjsim.threads import one_blas_thread
 from mjsim.workbench.gains import Gain
@@ -42,8 +43,8 @@ def log_gains(
         SimulationError: A drive is unstable.
     """
     out: dict[str, Gain] = {}
-    for axis in campaign.logs.axes:
-        fitter = LogFitter(machine, axis_data(campaign.logs, axis, machine), threads)
+    for axis in recorded_axes(campaign.measured):
+        fitter = LogFitter(machine, axis_data(campaign, axis, machine), threads)
         fit = fit_as_given(fitter, machine)
         noise = float(np.sum(np.square(fitter.noise)))
         now = float(fit.mean_squares.sum())

@@ -9,7 +9,7 @@ from mjsim.errors import InputError, SimulationError
 from mjsim.machine.effect import Effect
 from mjsim.workbench.jobs import Jobs, Stopped
 from mjsim.workbench.log_state import LogBench
-from mjsim.workflow.log_compare import LogComparison
+from mjsim.workflow.axis_log.compare import LogComparison
 
 
 class LogLive(Jobs):

@@ -16,6 +16,7 @@ from mjsim.estimation.axis_logs.entries import Entry
 from mjsim.estimation.axis_logs.fit import LogFitter
 from mjsim.estimation.axis_logs.gains import read_gains
 from mjsim.estimation.axis_logs.start import start_model
+from mjsim.instruments.axis_log.measurement import recorded_axes
 from mjsim.io.files import write_all
 from mjsim.io.toml import read_text
 from mjsim.machine.effect import Effect
@@ -29,10 +30,10 @@ from mjsim.workbench.log_gains import log_gains
 from mjsim.workbench.readings import DRIVES
 from mjsim.workbench.tried import ChangedModel
 from mjsim.workflow import history
-from mjsim.workflow.log_compare import LogComparison, check_recorded, compare_logs
-from mjsim.workflow.log_diagnose import diagnose_logs, merged
-from mjsim.workflow.log_diagnosis import LogDiagnosis
-from mjsim.workflow.log_numbers import parameter_intervals
+from mjsim.workflow.axis_log.compare import LogComparison, checked_logs, compare_logs
+from mjsim.workflow.axis_log.diagnose import diagnose_logs, merged
+from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
+from mjsim.workflow.axis_log.numbers import parameter_intervals
 
 #: Prior standard deviation of a fitted number, logarithms and typical sizes: next to none.
 _WIDE, _WIDE_LOG = 1e3, 10.0
@@ -66,7 +67,7 @@ class SharedLogs:
     """
 
     def __init__(self, campaign: Campaign, machine: Machine, threads: int = 2) -> None:
-        check_recorded(campaign, machine)
+        campaign = checked_logs(campaign, machine)
         self.opened = OpenLogs(campaign, machine, threads)
         self.text = read_text(machine.path) if machine.path else ""
 
@@ -90,7 +91,7 @@ class LogBench(ChangedModel):
     def catalogue(self) -> dict[str, list[catalogue.Entry]]:
         """The effects that can be put in, by recorded axis."""
         groups = catalogue.by_axis(self.machine, logs=True)
-        return {a: rows for a, rows in groups.items() if a in self.campaign.logs.axes}
+        return {a: rows for a, rows in groups.items() if a in recorded_axes(self.campaign.measured)}
 
     @property
     def noise(self) -> float:
@@ -150,12 +151,12 @@ class LogBench(ChangedModel):
     @one_blas_thread
     def _fitted(self, effects: list[Effect]) -> Machine:
         """The present model with some effects fitted, those of one axis together."""
-        machine, recorded, fits = self.machine, self.campaign.logs.axes, []
+        machine, recorded, fits = self.machine, recorded_axes(self.campaign.measured), []
         for axis in dict.fromkeys(e.subject for e in effects):
             mine = [e for e in effects if e.subject == axis]
             if axis not in recorded:
                 raise InputError(f"{mine[0].key}: {axis} was not recorded; allowed: {', '.join(recorded)}")
-            data = axis_data(self.campaign.logs, axis, machine)
+            data = axis_data(self.campaign, axis, machine)
             model = start_model(machine, data, read_gains(machine, data))
             for effect in mine:
                 model = model.extended(effect, _entries(effect, len({d.test.setup for d in data})))

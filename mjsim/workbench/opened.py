@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.machine_file import machine_of
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.kept_changes import KeptChanges
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.problem import Problem
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.model import Machine, build
 from mjsim.simulation.axes import AxesMotion
 from mjsim.threads import Workers, one_blas_thread
@@ -49,6 +49,7 @@ class OpenCampaign:
         Raises:
             InputError: The machine file is wrong, or the traces show a mistake.
         """
+        campaign = campaign.of(BallBarTest.instrument)
         if not isinstance(machine, Machine):
             machine = machine_of(campaign, machine)
         problem = checked_problem(campaign, build(machine), threads) if campaign.measured else None

@@ -8,13 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
-from mjsim.ballbar.events import reversals
-from mjsim.ballbar.iso230 import least_squares_circle
-from mjsim.ballbar.kinds import kind_of
-from mjsim.ballbar.measurement import BallBarTest
 from mjsim.errors import InputError
 from mjsim.estimation.nuisance_fit import fit_nuisance
 from mjsim.estimation.samples import GRID
+from mjsim.instruments.ball_bar.events import reversals
+from mjsim.instruments.ball_bar.iso230 import least_squares_circle
+from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.model import Machine
 from mjsim.workbench.opened import OpenCampaign
 from mjsim.workbench.readings import DRIVES, MULTIBODY, Simulated

@@ -16,7 +16,7 @@ from mjsim.simulation.multibody import Reading
 from mjsim.units import UM
 from mjsim.workbench.readings import Readings
 from mjsim.workflow import history
-from mjsim.workflow.compare import Comparison, overlay
+from mjsim.workflow.ball_bar.compare import BarComparison, overlay
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def save(
     return steps
 
 
-def _compared(readings: Readings, machine: Machine) -> Comparison:
+def _compared(readings: Readings, machine: Machine) -> BarComparison:
     """What ``mjsim compare`` gives, from readings that are kept."""
     problem = readings.opened.problem
     assert problem is not None

@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from mjsim.ballbar.kinds import kind_of
+from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.plots import style
 from mjsim.units import UM
 from mjsim.workbench.lines import thinned

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
+from mjsim.estimation.axis_logs.data import axis_data
+from mjsim.estimation.axis_logs.found import AxisSelection
+from mjsim.estimation.axis_logs.selection import AxisSearch
 from mjsim.estimation.calibration import calibrated_effects
 from mjsim.estimation.combinations import Combination, combinations
 from mjsim.estimation.fit import Fit, Fitter
@@ -13,10 +16,17 @@ from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.retiming import retimed
 from mjsim.estimation.shares import Calibration, calibrations
 from mjsim.estimation.vibration import separate
+from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
-from mjsim.workflow.compare import Comparison, compare
+from mjsim.workflow.axis_log.compare import checked_logs
+from mjsim.workflow.axis_log.diagnose import merged
+from mjsim.workflow.axis_log.diagnosis import SheetNumber
+from mjsim.workflow.axis_log.numbers import sheet_of
+from mjsim.workflow.compare import compare
+from mjsim.workflow.comparison import Comparison
 
 #: Gauss-Newton steps of a calibration: with linear data-sheet columns, and exact.
 _STEPS, _EXACT = 4, 3
@@ -30,9 +40,10 @@ class CalibratedMachine:
         machine: With the calibrated effects and the calibrated data sheet.
         calibration: One entry for each effect with a tolerance.
         shares: Share of each kind in the explained squared error.
-        before: Comparison of the machine as given.
-        after: Comparison of the calibrated machine.
+        before: BarComparison of the machine as given.
+        after: BarComparison of the calibrated machine.
         combinations: Sums of calibrated numbers that the tests determine although they leave the numbers open.
+        sheet: Numbers of the data sheet that axis logs have calibrated.
     """
 
     machine: Machine
@@ -41,37 +52,64 @@ class CalibratedMachine:
     before: Comparison
     after: Comparison
     combinations: tuple[Combination, ...] = ()
+    sheet: tuple[SheetNumber, ...] = ()
 
 
 @one_blas_thread
 def calibrate(campaign: Campaign, machine: Machine, threads: int = 2, progress: Progress = silent) -> CalibratedMachine:
     """Fit everything that the machine file has a tolerance for, and look for nothing else.
 
+    Axis logs calibrate the numbers of the data sheet of their axes; ball-bar tests what the machine file has a
+    tolerance for, on the machine that the logs leave.
+
     Args:
         campaign: With at least one measured test.
-        machine: As given, with a tolerance.
+        machine: As given; with a tolerance where ball-bar tests were measured.
         threads: Tests that are worked on side by side.
         progress: Called as work gets on.
 
     Raises:
         InputError: The machine has no tolerance, no test is measured, or the traces show a mistake.
     """
-    if not machine.tolerance:
-        raise InputError(
-            f"{machine.file}: has no [tolerance] table, so there is nothing to calibrate; "
-            "`mjsim new` writes the table of a typical machine, commented out"
-        )
+    parts = campaign.measured_parts
     before = compare(campaign, machine, threads, progress)
-    progress("calibrating within tolerance", 0, 1)
-    problem = checked_problem(campaign, build(machine), threads)
-    separated = separate(problem, machine)
-    fitter = Fitter(separated.problem, separated.machine)
-    fit = fit_within_tolerance(fitter)
-    fit = fitter.fit(fit.effects, start=fit, exact=True, iterations=_EXACT, fresh=False)
-    entries, shares = calibrations(separated.problem, fit, calibrated_effects(separated.machine))
-    final = fit.machine.with_effects(line.effect for line in separated.lines)
+    final, sheet, problem = machine, [], None
+    entries: tuple[Calibration, ...] = ()
+    shares: dict[str, float] = {}
+    sums: tuple[Combination, ...] = ()
+    if LogTest.instrument in parts:
+        final, sheet = _calibrated_by_logs(parts[LogTest.instrument], machine, threads, progress)
+    if BallBarTest.instrument in parts:
+        if not machine.tolerance:
+            raise InputError(
+                f"{machine.file}: has no [tolerance] table, so there is nothing to calibrate; "
+                "`mjsim new` writes the table of a typical machine, commented out"
+            )
+        progress("calibrating within tolerance", 0, 1)
+        problem = checked_problem(campaign, build(final), threads)
+        separated = separate(problem, final)
+        fitter = Fitter(separated.problem, separated.machine)
+        fit = fit_within_tolerance(fitter)
+        fit = fitter.fit(fit.effects, start=fit, exact=True, iterations=_EXACT, fresh=False)
+        entries, shares = calibrations(separated.problem, fit, calibrated_effects(separated.machine))
+        final, sums = fit.machine.with_effects(line.effect for line in separated.lines), combinations(fit)
     after = compare(campaign, final, threads, progress, problem)
-    return CalibratedMachine(final, entries, shares, before, after, combinations(fit))
+    return CalibratedMachine(final, entries, shares, before, after, sums, tuple(sheet))
+
+
+def _calibrated_by_logs(
+    logs: Campaign, machine: Machine, threads: int, progress: Progress
+) -> tuple[Machine, list[SheetNumber]]:
+    """The machine with the data sheet of every recorded axis fitted, and its numbers as stated and as found."""
+    logs = checked_logs(logs, machine)
+    fits, numbers = [], []
+    for axis in recorded_axes(logs.measured):
+        progress(f"calibrating the data sheet of {axis}", 0, 1)
+        search = AxisSearch(machine, axis_data(logs, axis, machine), threads)
+        fit = search.sheet()
+        fits.append(fit)
+        numbers += sheet_of(machine, axis, AxisSelection(axis, fit, fit, (fit,), fit, ()))
+    return merged(machine, fits), numbers
 
 
 def fit_within_tolerance(fitter: Fitter, without: str = "") -> Fit:

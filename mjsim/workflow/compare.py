@@ -1,297 +1,44 @@
-"""Measured against simulated, test by test, after the nuisances of set-up and instrument have been fitted."""
+"""Measured against simulated, whatever the instrument."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING
-
-import numpy as np
-
-from mjsim.ballbar.events import event_at, reversals
-from mjsim.ballbar.iso230 import BidirectionalFigures, CircularFigures, bidirectional_figures, circular_figures
-from mjsim.ballbar.kinds import kind_of
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
-from mjsim.ballbar.speed import range_warning, speed_warnings
 from mjsim.campaign.model import Campaign
-from mjsim.errors import InputError
-from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.retiming import fit_nuisance_retimed
-from mjsim.estimation.samples import GRID_STEPS
-from mjsim.estimation.vibration import at_own_noise, phased_at
-from mjsim.io.extras import need
-from mjsim.machine.model import Machine, build
+from mjsim.instruments.axis_log.measurement import LogTest
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
-from mjsim.simulation.drive import STEP
-from mjsim.simulation.multibody import Reading, Simulation
-from mjsim.simulation.readings import readings_of
-from mjsim.threads import one_blas_thread
-from mjsim.units import DEG, UM
-from mjsim.workflow.acceptance import acceptance_rows
+from mjsim.workflow.any_instrument import compare_plainly
+from mjsim.workflow.axis_log.compare import compare_logs
+from mjsim.workflow.ball_bar.compare import compare_bars
+from mjsim.workflow.comparison import Comparison
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-#: What two tests share that run the same path, be it in either direction.
-_SAME_PATH = ("kind", "table_ball", "length", "feed", "half_apex", "inclination", "sensitive", "plane", "setup")
+#: Comparisons that fit more of a set-up than numbers on which the reading depends linearly.
+_COMPARE = {LogTest.instrument: compare_logs}
 
 
-@dataclass(frozen=True)
-class ComparedTest:
-    """One test. Arrays over its samples: ``phi`` rad (signed), ``measured``, ``simulated``, ``residual`` in m,
-    ``valid`` bool, ``time`` s as recorded.
-
-    ``simulated`` has the nuisances applied. ``rms``, ``maximum`` (m) are of the residual; ``worst_phi`` (rad) is where
-    the model fails most and ``worst_event`` the axis event there. ``iso`` holds ISO 230-4 figures (µm) of measured and
-    simulated.
-    """
-
-    __test__ = False
-
-    test: BallBarTest
-    phi: np.ndarray
-    measured: np.ndarray
-    simulated: np.ndarray
-    residual: np.ndarray
-    valid: np.ndarray
-    rms: float
-    maximum: float
-    worst_phi: float
-    worst_event: str
-    reversals: dict[str, np.ndarray]
-    trigger: float
-    iso: dict
-    outliers: int = 0
-    time: np.ndarray = field(default_factory=lambda: np.empty(0))
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """A campaign against a machine.
-
-    Attributes:
-        noise: RMS of one sample's noise, m, and ``noise_source``, where it comes from. rms, maximum: of all residuals,
-            m.
-        setups: table-ball and spindle-ball offsets per set-up (6,) m. length: bar-length offset, m.
-        bidirectional: ISO 230-4 figures of pairs of tests in both directions, µm.
-        readings: simulated reading of each test on the engine's time grid, (n,) m, without nuisances.
-    """
-
-    campaign: Campaign
-    machine: Machine
-    tests: tuple[ComparedTest, ...]
-    noise: float
-    noise_source: str
-    rms: float
-    maximum: float
-    setups: dict[str, np.ndarray]
-    length: float
-    bidirectional: list[dict] = field(default_factory=list)
-    readings: tuple[np.ndarray, ...] = ()
-
-    def to_json(self) -> dict:
-        """Plain numbers in µm, degrees and ms, as ``mjsim compare --json`` prints them."""
-        return {
-            "campaign": self.campaign.name,
-            "machine": self.machine.name,
-            "effects": [e.id for e in self.machine.effects],
-            "noise_um": _r(self.noise / UM),
-            "noise_source": self.noise_source,
-            "rms_um": _r(self.rms / UM),
-            "max_um": _r(self.maximum / UM),
-            "warnings": self.warnings,
-            "not_measured": [t.name for t in self.campaign.tests if t.name not in self.campaign.traces],
-            "tests": [
-                {
-                    "name": t.test.name,
-                    "setup": t.test.setup,
-                    "kind": t.test.kind,
-                    "rms_um": _r(t.rms / UM),
-                    "max_um": _r(t.maximum / UM),
-                    "samples": len(t.valid),
-                    "samples_left_out": int((~t.valid).sum()),
-                    "samples_saturated": self.campaign.traces[t.test.name].saturated
-                    if t.test.name in self.campaign.traces
-                    else 0,
-                    "outliers": t.outliers,
-                    "worst_phi_deg": _r(t.worst_phi / DEG, 1),
-                    "worst_plot_angle_deg": _r((t.worst_phi / DEG + kind_of(t.test).plot_offset_deg) % 360, 1),
-                    "worst_event": t.worst_event,
-                    "trigger_ms": _r(t.trigger * 1e3, 2),
-                    "iso230_4": t.iso,
-                }
-                for t in self.tests
-            ],
-            "setups": {
-                k: {"table_ball_um": [_r(x / UM, 2) for x in v[:3]], "spindle_ball_um": [_r(x / UM, 2) for x in v[3:]]}
-                for k, v in self.setups.items()
-            },
-            "length_um": _r(self.length / UM, 2),
-            "iso230_4_bidirectional": self.bidirectional,
-            "acceptance": acceptance_rows(self.campaign, self.tests, self.noise),
-        }
-
-    @property
-    def warnings(self) -> list[str]:
-        """Tests that ask more of the axes than an ordinary machine can, and simulated readings beyond the sensor's
-        range.
-        """
-        reach = self.campaign.instrument.range
-        found = [w for t in self.tests for w in (*speed_warnings(t.test), range_warning(t.test, t.simulated, reach))]
-        return [w for w in found if w]
-
-    def to_dataframe(self) -> pd.DataFrame:
-        """One row per test: the entries of :meth:`to_json`, ISO 230-4 figures as columns ``measured_…``,
-        ``simulated_…`` (µm).
-        """
-        need("to_dataframe", "dataframe", "pandas")
-        import pandas as pd
-
-        rows = []
-        for row in self.to_json()["tests"]:
-            figures = row.pop("iso230_4")
-            flat = {f"{who}_{k}": v for who, f in figures.items() if f for k, v in f.items()}
-            rows.append({"test": row.pop("name"), "kind": row.pop("kind"), "setup": row.pop("setup"), **row, **flat})
-        return pd.DataFrame(rows)
-
-
-def _r(x: float, digits: int = 4) -> float:
-    return round(float(x), digits)
-
-
-@one_blas_thread
 def compare(
     campaign: Campaign, machine: Machine, threads: int = 2, progress: Progress = silent, problem: Problem | None = None
 ) -> Comparison:
-    """Simulate every measured test in the multibody model and lay it over the measurement.
+    """Simulate every measured test and lay it over the measurement.
 
-    The nuisances (ball offsets per set-up, bar length, trigger per test) are fitted by least squares with their priors;
-    the machine is taken as it is.
+    What the set-ups and the instruments do to the readings is fitted with its priors; the machine is taken as it is.
+
+    Args:
+        campaign: With at least one measured test of any instrument.
+        machine: As it is.
+        threads: Simulations side by side.
+        progress: Called as work gets on.
+        problem: The ball-bar tests where they were prepared already.
 
     Raises:
-        InputError: no test of the campaign has a trace, or the traces show a mistake
-            (:mod:`mjsim.estimation.mistakes`).
+        InputError: No test has a trace, or the traces show a mistake (:mod:`mjsim.estimation.mistakes`).
     """
-    if not campaign.measured:
-        raise InputError(
-            f"{campaign.folder / 'campaign.toml'}: no test has a trace; comparing needs at least one measured test"
-        )
-    plant = build(machine)
-    problem = problem or checked_problem(campaign, plant, threads, keep_motions=False)
-    with_phases, begin = phased_at(problem, machine)
-    if begin is not None:
-        plant, problem = build(with_phases), at_own_noise(problem, with_phases, begin)
-    count = [0]
-
-    def done(test: BallBarTest) -> None:
-        count[0] += 1
-        progress("simulating", count[0], len(problem.tests))
-
-    return overlay(problem, with_phases, readings_of(plant, problem.tests, threads, done), begin)
-
-
-def overlay(
-    problem: Problem,
-    machine: Machine,
-    simulations: Sequence[Simulation | Reading],
-    begin: np.ndarray | None = None,
-) -> Comparison:
-    """Comparison of given simulations (one per measured test, in order), with the nuisances fitted from ``begin`` on
-    (:func:`~mjsim.estimation.vibration.phased_at`).
-    """
-    readings = [s.deviation[::GRID_STEPS] for s in simulations]
-    nuisance = fit_nuisance_retimed(problem, readings, begin)
-    tests, squares, count = [], 0.0, 0
-    for k, s in enumerate(problem.samples):
-        shift = problem.shift(k, nuisance)
-        # the reading on its own fine grid: a vibration does not survive the coarse one
-        modelled = s.sample_all(simulations[k].deviation, shift, STEP) + s.sample_all(
-            problem.offsets(k, nuisance), shift
-        )
-        residual = s.value - modelled
-        good = s.valid
-        phi = Program(s.test).phi(s.time - problem.shift(k, nuisance))
-        worst = int(np.argmax(np.where(good, np.abs(_smooth(residual)), -1.0)))
-        events = reversals(Program(s.test))
-        tests.append(
-            ComparedTest(
-                s.test,
-                phi,
-                s.value,
-                modelled,
-                residual,
-                good,
-                float(np.sqrt(np.mean(residual[good] ** 2))),
-                float(np.abs(residual[good]).max()),
-                float(phi[worst]),
-                event_at(float(phi[worst]), events),
-                events,
-                problem.shift(k, nuisance),
-                _iso(s.test, phi[good], s.value[good], modelled[good]),
-                problem.outliers[s.test.name],
-                s.time,
-            )
-        )
-        squares += float(residual[good] @ residual[good])
-        count += int(good.sum())
-    setups = {
-        name: np.concatenate(
-            [problem.nuisances.table_ball(nuisance, name), problem.nuisances.spindle_ball(nuisance, name)]
-        )
-        for name in dict.fromkeys(t.setup for t in problem.tests)
-    }
-    return Comparison(
-        problem.campaign,
-        machine,
-        tuple(tests),
-        problem.noise.rms,
-        problem.noise.source,
-        float(np.sqrt(squares / count)),
-        max(t.maximum for t in tests),
-        setups,
-        problem.nuisances.length(nuisance),
-        _pairs(tests),
-        tuple(s.deviation for s in simulations),
-    )
-
-
-def _smooth(x: np.ndarray, n: int = 9) -> np.ndarray:
-    return np.convolve(x, np.ones(n) / n, mode="same")
-
-
-def _iso(test: BallBarTest, phi: np.ndarray, measured: np.ndarray, simulated: np.ndarray) -> dict:
-    if not kind_of(test).goes_round:
-        return {}
-    try:
-        return {
-            name: _rounded(circular_figures(phi, d)) for name, d in (("measured", measured), ("simulated", simulated))
-        }
-    except InputError:  # a gap of the trace leaves part of the circle open: the figures are not defined
-        return {}
-
-
-def _rounded(figures: CircularFigures | BidirectionalFigures) -> dict:
-    return {k: [_r(x) for x in v] if isinstance(v, tuple) else _r(v) for k, v in asdict(figures).items()}
-
-
-def _pairs(tests: list[ComparedTest]) -> list[dict]:
-    """ISO 230-4 bidirectional figures where one path was measured in both directions."""
-    out = []
-    for a in tests:
-        for b in tests:
-            same = all(getattr(a.test, n) == getattr(b.test, n) for n in _SAME_PATH)
-            if kind_of(a.test).goes_round and same and a.test.direction == "CCW" and b.test.direction == "CW":
-                row: dict = {"ccw": a.test.name, "cw": b.test.name}
-                try:
-                    for name in ("measured", "simulated"):
-                        row[name] = _rounded(
-                            bidirectional_figures(
-                                a.phi[a.valid], getattr(a, name)[a.valid], b.phi[b.valid], getattr(b, name)[b.valid]
-                            )
-                        )
-                except InputError:
-                    continue
-                out.append(row)
-    return out
+    campaign.need_traces("comparing needs at least one measured test")
+    parts = []
+    for name, part in campaign.measured_parts.items():
+        if name == BallBarTest.instrument:
+            parts.append(compare_bars(part, machine, threads, progress, problem))
+        else:
+            parts.append(_COMPARE.get(name, compare_plainly)(part, machine, threads, progress))
+    return Comparison(campaign, machine, tuple(parts))

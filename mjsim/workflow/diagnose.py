@@ -1,41 +1,25 @@
-"""Which physical effects are missing from a machine's model, with honest confidence."""
+"""Which physical effects are missing from a machine's model, whatever instruments have measured it."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import numpy as np
-
-from mjsim.axislog.measurement import Logs
-from mjsim.ballbar.measurement import BallBarTest
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
-from mjsim.estimation.competing import CompetingModel
-from mjsim.estimation.lines import Line
-from mjsim.estimation.mistakes.checked_problem import checked_problem
-from mjsim.estimation.model_choice import select_model
-from mjsim.estimation.outcome import Selection
-from mjsim.estimation.planning.next_test import plan_for
-from mjsim.estimation.posterior import Posterior
-from mjsim.estimation.problem import Problem
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
-from mjsim.estimation.signatures import Projector
-from mjsim.estimation.testability import not_testable
-from mjsim.estimation.vibration import is_news, phased_at, separate
-from mjsim.estimation.visibility import clear_tests
-from mjsim.io.cache import remembered
-from mjsim.machine.model import Machine, build
+from mjsim.instruments.axis_log.measurement import LogTest
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
-from mjsim.simulation.readings import readings_of
-from mjsim.threads import one_blas_thread
-from mjsim.workflow.compare import Comparison, overlay
-from mjsim.workflow.diagnosis import DiagnosedEffect, Diagnosis
+from mjsim.workflow.axis_log.diagnose import diagnose_logs
+from mjsim.workflow.ball_bar.diagnose import diagnose_bars
+from mjsim.workflow.both_instruments import diagnose_jointly
+from mjsim.workflow.diagnosis import Diagnosis
 
-#: Most findings that get a rung of the ladder of their own; smaller ones share the last.
-_RUNGS = 3
+#: Instruments whose recordings a diagnosis explains.
+DIAGNOSABLE = (BallBarTest.instrument, LogTest.instrument)
+#: Most causes that are looked for on each axis of a campaign of axis logs, where the user does not say.
+_MOST = 8
 
 
-@one_blas_thread
 def diagnose(
     campaign: Campaign,
     machine: Machine,
@@ -44,131 +28,40 @@ def diagnose(
     progress: Progress = silent,
     settings: DiagnosisSettings = DIAGNOSIS,
 ) -> Diagnosis:
-    """Find what is missing.
-
-    The search runs on the drives' motions; every error that is reported comes from the full multibody simulation.
+    """Find what is missing from the model of a machine, with all instruments that have measured it.
 
     Args:
         campaign: With at least one measured test.
         machine: As given.
         max_effects: At most so many different effects; without it as many as the data prove.
-        threads: Tests that are worked on side by side.
+        threads: Simulations side by side.
         progress: Called as work gets on.
         settings: What decides.
 
     Raises:
-        InputError: no measured test, or the traces show a mistake (:mod:`mjsim.estimation.mistakes`).
+        InputError: Nothing was measured, the recordings show a mistake, or there is no diagnosis for an instrument.
     """
-    if not campaign.measured:
-        raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; a diagnosis needs measured tests")
-    return remembered(
-        "diagnoses",
-        lambda: (replace(campaign, logs=Logs()), machine, max_effects, settings),
-        lambda: _diagnose(campaign, machine, max_effects, threads, progress, settings),
-    )
-
-
-def _diagnose(
-    campaign: Campaign,
-    machine: Machine,
-    max_effects: int | None,
-    threads: int,
-    progress: Progress,
-    settings: DiagnosisSettings,
-) -> Diagnosis:
-    """The diagnosis itself, whatever the cache has."""
-    progress("preparing", 0, 1)
-    separated = separate(checked_problem(campaign, build(machine), threads, settings=settings), machine)
-    # much of the search keeps one core busy: another simulates meanwhile
-    readings_as_given = separated.problem.workers.start(lambda: readings_of(machine, separated.problem.tests, 1))
-    explained = select_model(separated, max_effects, progress)
-    data, selection, unexplained = explained.data, explained.selection, explained.unexplained
-    hidden = not_testable(data, Projector(selection.start), selection.bank)
-    selection.bank.forget()  # the simulations need the room
-    found = sorted(
-        [*_found(data, selection), *(_vibration(data, line) for line in separated.lines if is_news(line, machine))],
-        key=lambda f: -f[0],
-    )
-    problem = data.restored()
-
-    def simulated(m: Machine, stage: str, begin: np.ndarray | None = None) -> Comparison:
-        count = [0]
-
-        def done(_: BallBarTest) -> None:
-            count[0] += 1
-            progress(stage, count[0], len(problem.tests))
-
-        return overlay(problem, m, readings_of(m, problem.tests, threads, done), begin)
-
-    given, begin = phased_at(problem, machine)
-    stage = "simulating the machine as given"
-    progress(stage, 0, 1)
-    before = overlay(problem, given, readings_as_given()) if given is machine else simulated(given, stage, begin)
-    expected = machine.with_effects(c.effect.effect for c in explained.calibration)
-    ladder = [before]
-    if explained.calibration and found:
-        calibrated, begin = phased_at(problem, expected)
-        ladder = [simulated(calibrated, "simulating the calibrated machine", begin)]
-    for i in range(1, min(len(found), _RUNGS)):
-        part, begin = phased_at(problem, expected.with_effects(e.effect for _, e in found[:i]))
-        ladder.append(simulated(part, f"simulating with {i} effect{'s' if i > 1 else ''}", begin))
-    # the triggers have moved since the vibrations were found, and their phases with them
-    final = selection.fit.machine.with_effects(line.effect for line in separated.lines)
-    final, begin = phased_at(problem, final, list(selection.fit.readings), selection.fit.nuisance)
-    after = simulated(final, "simulating the fitted machine", begin)
-    last = len(ladder) - 1
-    ladder += [after] * max(1, len(found) - last)
-    effects = tuple(
-        replace(e, rms_before=ladder[min(i, last)].rms, rms_after=ladder[i + 1].rms) for i, (_, e) in enumerate(found)
-    )
-    if effects:
-        verdict = "ambiguous" if any(e.alternatives for e in effects) else "identified"
-    else:
-        verdict = "unknown" if unexplained else "nothing_found"
-    following = plan_for(problem, selection, threads, progress, hidden=False)
-    named = {e.effect.id for e in effects} | {a for e in effects for a in e.alternatives}
-    return Diagnosis(
-        campaign,
-        verdict,
-        problem.noise.rms,
-        effects,
-        unexplained,
-        tuple(h for h in hidden if h not in named),
-        final,
-        before,
-        after,
-        tuple(ladder),
-        next_test=following.to_json() if following else None,
-        trail=selection.trail,
-        calibration=explained.calibration,
-        shares=explained.shares,
-        combinations=explained.combinations,
-        posterior=Posterior.of(selection.fit),
-    )
-
-
-def _found(problem: Problem, selection: Selection) -> list[tuple[float, DiagnosedEffect]]:
-    """Gain and entry of every effect of the search; errors are filled in by the full simulation."""
-    out = []
-    for f in selection.found:
-        at = next(j for j, g in enumerate(selection.fit.effects) if g.effect.key == f.key)
-        free = selection.fit.effects[at]
-        ci = free.interval(free.vector, selection.fit.covariance_of(free))
-        where = clear_tests(problem, selection.fit, f.key)
-        found = DiagnosedEffect(free.effect, free.names, ci, 0.0, 0.0, f.alternatives, where, f.gain, f.rejected)
-        models = [CompetingModel.of(i, fit) for i, fit in ((f.key, selection.fit), *f.competing.items())]
-        out.append((f.gain, replace(found, models=tuple(models))))
-    return out
-
-
-def _vibration(problem: Problem, line: Line) -> tuple[float, DiagnosedEffect]:
-    i, size = problem.chain.index(line.effect.subject), line.effect.si("amplitude_um")
-    spread = [size * np.sqrt(np.mean(s.axes[:, i] ** 2) / 2) for s in problem.sensitivity]
-    tests = tuple(
-        t.name
-        for t, x in zip(problem.tests, spread, strict=True)
-        if x > problem.settings.visible_share * problem.noise.rms
-    )
-    return line.gain, DiagnosedEffect(
-        line.effect, line.effect.search.free, line.ci95, 0.0, 0.0, line.alternatives, tests, line.gain
-    )
+    campaign.need_traces("a diagnosis needs measured tests")
+    have = set(campaign.measured_parts)
+    if unable := sorted(have - set(DIAGNOSABLE)):
+        raise InputError(
+            f"{campaign.folder / 'campaign.toml'}: no diagnosis works with tests of the instrument {unable[0]!r}; "
+            f"allowed: {' and '.join(DIAGNOSABLE)}"
+        )
+    if len(have) == 2:
+        return diagnose_jointly(campaign, machine, max_effects, threads, progress, settings)
+    if LogTest.instrument in have:
+        logs = diagnose_logs(campaign, machine, max_effects or _MOST, threads, progress, settings)
+        return Diagnosis(
+            campaign,
+            logs.verdict,
+            logs.before.noise,
+            logs.effects,
+            None,
+            logs.not_testable,
+            logs.machine,
+            logs.before,
+            logs.after,
+            logs=logs,
+        )
+    return diagnose_bars(campaign, machine, max_effects, threads, progress, settings)

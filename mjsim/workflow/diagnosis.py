@@ -5,59 +5,36 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.combinations import Combination
-from mjsim.estimation.competing import CompetingModel
 from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.shares import Calibration
 from mjsim.estimation.unexplained import Unexplained
+from mjsim.instruments.axis_log.measurement import LogTest
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.base import INSTRUMENTS
 from mjsim.io import files
 from mjsim.io.extras import need
-from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.units import UM
-from mjsim.workflow.compare import Comparison
+from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
+from mjsim.workflow.ball_bar.compare import BarComparison
+from mjsim.workflow.finding import DiagnosedEffect, rounded
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
 @dataclass(frozen=True)
-class DiagnosedEffect:
-    """One missing effect.
-
-    Attributes:
-        effect: With fitted parameters.
-        free: Names of the fitted ones.
-        ci95: [low, high] per fitted parameter, in the units of the names.
-        rms_before: RMS of all tests before it is in the model, m, along the ladder of the effects found.
-        rms_after: The same with it.
-        alternatives: Ids that the data cannot tell from this one.
-        tests: Where it shows.
-        gain: How far the objective (squared residuals in units of the noise) falls with it.
-        rejected: How much less of that the others reach that were fitted in its place, by id.
-        models: The model with it, and those with its alternatives.
-    """
-
-    effect: Effect
-    free: tuple[str, ...]
-    ci95: dict
-    rms_before: float
-    rms_after: float
-    alternatives: tuple[str, ...]
-    tests: tuple[str, ...]
-    gain: float = 0.0
-    rejected: dict[str, float] = field(default_factory=dict)
-    models: tuple[CompetingModel, ...] = ()
-
-
-@dataclass(frozen=True)
 class Diagnosis:
-    """Result of a diagnosis.
+    """Result of a diagnosis, with what all instruments show.
+
+    Where ball-bar tests were measured, everything that is not in ``logs`` is theirs; of a campaign of axis logs alone
+    it is that of the logs.
 
     Attributes:
         campaign: What was measured.
@@ -67,8 +44,8 @@ class Diagnosis:
         unexplained: Something repeatable that no effect of the catalogue explains.
         not_testable: Ids that the tests could not show.
         machine: With the effects and the calibrated data sheet in it.
-        before: Comparison of the machine as given.
-        after: Comparison of the fitted machine.
+        before: BarComparison of the machine as given.
+        after: BarComparison of the fitted machine.
         rungs: The ladder between them, one effect more each. The last has the calibrated data sheet as well. From the
             third effect on they share the last rung. Where effects were calibrated, the first has all of these.
         next_test: The test that separates what is ambiguous, as in the JSON.
@@ -77,6 +54,7 @@ class Diagnosis:
         shares: Share of each effect in the explained squared error; calibrated effects together by kind.
         combinations: Sums of calibrated numbers that the tests determine although they leave the numbers open.
         posterior: What the fit leaves uncertain about the machine; ``None`` where it was not kept.
+        logs: What the axis logs show, with the numbers of the drives; ``None`` where none was recorded.
     """
 
     campaign: Campaign
@@ -86,15 +64,29 @@ class Diagnosis:
     unexplained: Unexplained | None
     not_testable: tuple[str, ...]
     machine: Machine
-    before: Comparison
-    after: Comparison
-    rungs: tuple[Comparison, ...] = ()
+    before: Any
+    after: Any
+    rungs: tuple[BarComparison, ...] = ()
     next_test: dict | None = None
     trail: list = field(default_factory=list)
     calibration: tuple[Calibration, ...] = ()
     shares: dict[str, float] = field(default_factory=dict)
     combinations: tuple[Combination, ...] = ()
     posterior: Posterior | None = None
+    logs: LogDiagnosis | None = None
+
+    @property
+    def has_bars(self) -> bool:
+        """Whether ball-bar tests were measured."""
+        return self.before.instrument == BallBarTest.instrument
+
+    def of_bars(self) -> Diagnosis:
+        """What concerns the ball-bar tests, whose causes the ladder has."""
+        found = tuple(e for e in self.effects if e.found_by == BallBarTest.instrument)
+        if found == self.effects:
+            return self
+        verdict = self.verdict if found else "unknown" if self.unexplained else "nothing_found"
+        return replace(self, effects=found, verdict=verdict)
 
     @property
     def own_rungs(self) -> int:
@@ -115,23 +107,23 @@ class Diagnosis:
 
     def to_json(self) -> dict:
         """The JSON of ``mjsim diagnose``: µm, degrees and the units of the parameters' names."""
+        if not self.has_bars:
+            assert self.logs is not None
+            return self.logs.to_json()
+        out = self._bars_json()
+        if self.logs is None:
+            return out
+        logs = self.logs.to_json()
+        keys = ("noise_um", "rms_before_um", "rms_after_um", "unexplained", "data_sheet", "not_separable", "tests")
+        return out | {INSTRUMENTS[LogTest.instrument].beside: {k: logs[k] for k in keys}}
+
+    def _bars_json(self) -> dict:
         return {
             "verdict": self.verdict,
             "noise_um": _r(self.noise / UM),
             "rms_before_um": _r(self.before.rms / UM),
             "rms_after_um": _r(self.after.rms / UM),
-            "effects": [
-                {
-                    "id": e.effect.id,
-                    "parameters": {k: _sig(v) for k, v in e.effect.values.items()},
-                    "ci95": {k: _sig(v) for k, v in e.ci95.items()},
-                    "rms_before_um": _r(e.rms_before / UM),
-                    "rms_after_um": _r(e.rms_after / UM),
-                    "alternatives": list(e.alternatives),
-                    "tests": list(e.tests),
-                }
-                for e in self.effects
-            ],
+            "effects": [e.to_json(self.machine) for e in self.effects],
             "unexplained": self.unexplained.to_json() if self.unexplained else None,
             "not_testable": list(self.not_testable),
             "samples": sum(row["samples"] for row in self.before.to_json()["tests"]),
@@ -209,9 +201,9 @@ def combination_json(sums: tuple[Combination, ...]) -> list[dict]:
     """The key ``combinations`` of the JSON."""
     return [
         {
-            "terms": [{"id": t.effect_id, "parameter": t.name, "factor": _sig(t.factor)} for t in c.terms],
-            "value": _sig(c.value),
-            "ci95": [_sig(x) for x in c.ci95],
+            "terms": [{"id": t.effect_id, "parameter": t.name, "factor": rounded(t.factor)} for t in c.terms],
+            "value": rounded(c.value),
+            "ci95": [rounded(x) for x in c.ci95],
         }
         for c in sums
     ]
@@ -221,9 +213,9 @@ def _calibration_row(c: Calibration) -> dict:
     effect = c.effect.effect
     return {
         "id": effect.id,
-        "parameters": {name: _sig(effect.values[name]) for name in c.effect.names},
-        "ci95": {k: _sig(v) for k, v in c.ci95.items()},
-        "limit": _sig(c.limit),
+        "parameters": {name: rounded(effect.values[name]) for name in c.effect.names},
+        "ci95": {k: rounded(v) for k, v in c.ci95.items()},
+        "limit": rounded(c.limit),
         "observable": c.observable,
         "rms_um": _r(c.rms / UM),
     }
@@ -231,9 +223,3 @@ def _calibration_row(c: Calibration) -> dict:
 
 def _r(x: float) -> float:
     return round(float(x), 4)
-
-
-def _sig(v):
-    if isinstance(v, (list, tuple)):
-        return [_sig(x) for x in v]
-    return float(f"{v:.6g}") if isinstance(v, (int, float)) else v

@@ -21,6 +21,7 @@ from mjsim.estimation.selection import ModelSelection
 from mjsim.estimation.signatures import Candidate, Projector, SignatureBank
 from mjsim.estimation.spectrum import spectral_candidates
 from mjsim.estimation.vibration import separate
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.io.files import write_all
 from mjsim.io.toml import read_text
 from mjsim.machine.chain import Chain
@@ -30,8 +31,8 @@ from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 from mjsim.units import UM
 from mjsim.workflow import history as ladder
+from mjsim.workflow.ball_bar.compare import BarComparison, compare_bars
 from mjsim.workflow.calibrate import fit_within_tolerance
-from mjsim.workflow.compare import Comparison, compare
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,8 @@ class Change:
     id: str
     effect: Effect | None
     ci95: dict
-    before: Comparison | None
-    after: Comparison
+    before: BarComparison | None
+    after: BarComparison
     machine: Machine
 
 
@@ -113,7 +114,7 @@ def add(
     """
     machine = machine_of(campaign, machine_file)
     cls, subjects, source = resolve_effect(effect, machine.chain)
-    _need_traces(campaign)
+    campaign = _with_traces(campaign)
     if record:
         ladder.read_history(campaign)  # a damaged history stops us before the work
     problem = checked_problem(campaign, build(machine), threads)
@@ -123,9 +124,9 @@ def add(
         machine = replace(
             machine, effect_files={**machine.effect_files, fitted_effect.id: file_reference(source, machine.file)}
         )
-    before = compare(campaign, machine, threads, progress, problem)
+    before = compare_bars(campaign, machine, threads, progress, problem)
     fitted = machine.with_effect(fitted_effect)
-    after = compare(campaign, fitted, threads, progress, problem)
+    after = compare_bars(campaign, fitted, threads, progress, problem)
     if after.rms > before.rms and not force:
         sizes = ((k, v) for k, v in fitted_effect.values.items() if isinstance(v, (int, float)))
         found = ", ".join(f"{k} = {v:.4g}" for k, v in sizes) or "what was found"
@@ -164,12 +165,12 @@ def remove(
     if present is None:
         have = ", ".join(e.key for e in machine.effects) or "none"
         raise InputError(f"{machine.path}: has no effect {effect!r}; it has: {have}")
-    _need_traces(campaign)
+    campaign = _with_traces(campaign)
     ladder.read_history(campaign)  # a damaged history stops us before the work
     problem = trusted_problem(campaign, build(machine), threads)
-    before = compare(campaign, machine, threads, progress, problem)
+    before = compare_bars(campaign, machine, threads, progress, problem)
     without = machine.without(present.key)
-    after = compare(campaign, without, threads, progress, problem)
+    after = compare_bars(campaign, without, threads, progress, problem)
     change = Change(present.id, present, {}, before, after, without)
     _record(campaign, "remove", change, machine.file, machine_document(without, machine.file))
     return change
@@ -179,19 +180,18 @@ def _remove_unreadable(
     campaign: Campaign, effect_id: str, without: Machine, text: str, threads: int, progress: Progress
 ) -> Change:
     """Take out an effect whose file is gone or broken: the error before cannot be known."""
-    _need_traces(campaign)
+    campaign = _with_traces(campaign)
     ladder.read_history(campaign)
-    change = Change(effect_id, None, {}, None, compare(campaign, without, threads, progress), without)
+    change = Change(effect_id, None, {}, None, compare_bars(campaign, without, threads, progress), without)
     _record(campaign, "remove", change, without.file, text)
     return change
 
 
-def _need_traces(campaign: Campaign) -> None:
-    if not campaign.measured:
-        raise InputError(
-            f"{campaign.folder / 'campaign.toml'}: no test has a trace; the error before and after needs at least "
-            f"one measured test"
-        )
+def _with_traces(campaign: Campaign) -> Campaign:
+    """The ball-bar tests of a campaign, of which one was measured."""
+    bars = campaign.of(BallBarTest.instrument)
+    bars.need_traces("the error before and after needs at least one measured test")
+    return bars
 
 
 def _record(campaign: Campaign, action: str, change: Change, path: Path, text: str) -> None:

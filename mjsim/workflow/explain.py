@@ -8,9 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mjsim.ballbar.events import reversals
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
@@ -21,6 +18,9 @@ from mjsim.estimation.problem import Problem
 from mjsim.estimation.signature_study import SignatureStudy, study_of_candidate, study_of_member
 from mjsim.estimation.signatures import Projector
 from mjsim.estimation.vibration import separate
+from mjsim.instruments.ball_bar.events import reversals
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.extras import need
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build

@@ -16,7 +16,7 @@ from mjsim.io import files
 from mjsim.io.inputs import file_bytes
 from mjsim.machine.model import Machine
 from mjsim.units import UM
-from mjsim.workflow.compare import Comparison
+from mjsim.workflow.ball_bar.compare import BarComparison
 
 _LARGEST = 20_000_000
 
@@ -66,7 +66,7 @@ def read_history(campaign: Campaign) -> list[Step]:
         raise InputError(f"{path}: not a history that mjsim has written; move it away to start a new one") from None
 
 
-def step_of(action: str, effect: str, machine_file: Path, comparison: Comparison, text: str | None = None) -> Step:
+def step_of(action: str, effect: str, machine_file: Path, comparison: BarComparison, text: str | None = None) -> Step:
     """A step from the comparison of the model that it led to; ``text`` in place of the machine file's, where that
     cannot be read.
     """

@@ -1,82 +1,253 @@
-"""The next test to run: the one that best separates what the data cannot tell apart, or makes a hidden effect show."""
+"""The next measurement, whatever the instrument: what tells most per minute of machine time."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
 
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
-from mjsim.estimation.fit import Fitter
-from mjsim.estimation.mistakes.checked_problem import checked_problem
-from mjsim.estimation.model_choice import select_model
-from mjsim.estimation.noise import usual_noise
-from mjsim.estimation.planning.next_test import NOTHING, Plan, best_of, plan_for, typical
-from mjsim.estimation.planning.separation import Explanation
-from mjsim.estimation.samples import BLOCKS
-from mjsim.estimation.vibration import separate
-from mjsim.machine.model import Machine, build
+from mjsim.estimation.axis_logs.data import axis_data
+from mjsim.estimation.axis_logs.fit import AxisFit, misfits
+from mjsim.estimation.axis_logs.planning import LogPlanner, PlannedLog, unmeasured
+from mjsim.estimation.axis_logs.selection import AxisSearch
+from mjsim.estimation.axis_logs.separability import inseparable
+from mjsim.estimation.axis_logs.shared import MOTOR_SIDE
+from mjsim.estimation.axis_logs.start import start_model
+from mjsim.estimation.competing import CompetingModel
+from mjsim.estimation.planning.choose import worth
+from mjsim.estimation.planning.next_test import NOTHING, Plan
+from mjsim.estimation.planning.separation import competing_of
+from mjsim.estimation.settings import DIAGNOSIS, PLAN, DiagnosisSettings
+from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
-from mjsim.threads import one_blas_thread
-from mjsim.workflow.calibrate import fit_within_tolerance
-from mjsim.workflow.edit import fit_effect
+from mjsim.units import DEG, UM
+from mjsim.workflow.axis_log.compare import checked_logs
+from mjsim.workflow.axis_log.judge import Judge
+from mjsim.workflow.ball_bar.plan import plan_bars
+from mjsim.workflow.diagnose import diagnose
+
+#: Command delay that is looked at where its size is not known, ms.
+_DELAY_MS = 0.5
 
 
-@one_blas_thread
+@dataclass(frozen=True)
+class NextMeasurement:
+    """What to measure next.
+
+    Attributes:
+        between: Ids of two explanations, or labels of numbers of which only a combination is known.
+        logs: Recordings, best first.
+        bars: The ball-bar tests; nothing where none were looked at.
+        reason: One sentence.
+        beside: Whether the recordings stand beside the ball-bar test, because nothing was recorded yet.
+    """
+
+    between: tuple[str, ...]
+    logs: tuple[PlannedLog, ...]
+    bars: Plan | None
+    reason: str
+    beside: bool = False
+
+    def to_json(self, most: int = 5) -> dict:
+        """As ``mjsim plan --json`` prints it: the best measurement, and the runners-up of both instruments."""
+        if self.beside and self.bars is not None:
+            return self.bars.to_json(most) | {"recordings": [log_row(p, self.between) for p in self.logs]}
+        rows = [(p.worth, log_row(p, self.between)) for p in self.logs]
+        if self.bars is not None:
+            rows += [(worth(s), {"instrument": "ball_bar", **row}) for s, row in _bar_rows(self.bars, most)]
+        rows.sort(key=lambda r: r[0], reverse=True)
+        best, others = rows[0][1], [row for _, row in rows[1:most]]
+        if self.bars is not None and all(r["instrument"] != "ball_bar" for r in (best, *others)):
+            others.append(next(row for _, row in rows if row["instrument"] == "ball_bar"))
+        shown = {"reason": self.reason, "enough": round(PLAN.decisive**0.5, 1), "plenty": round(PLAN.certain**0.5, 1)}
+        return best | shown | {"runners_up": others}
+
+
+def log_row(p: PlannedLog, between: Sequence[str]) -> dict:
+    """One recording as plain data."""
+    m = p.motion
+    test = {"name": m.name, "kind": "log", "axes": [m.axis]}
+    unit, symbol = (DEG, "deg") if m.rotary else (UM, "um")
+    return {
+        "instrument": "axis_log",
+        "between": list(between),
+        "test": test,
+        "motion": m.words,
+        "program": m.program(),
+        f"difference_{symbol}": float(f"{p.difference / unit:.4g}") if p.left is None else None,
+        "separation": round(p.deviance**0.5, 1) if p.left is None else None,
+        "left": None if p.left is None else round(p.left, 3),
+        "minutes": round(p.minutes, 1),
+        "decides": p.decides,
+    }
+
+
+def _bar_rows(bars: Plan, most: int) -> list:
+    said = bars.to_json(most)
+    rows = [{k: said[k] for k in ("between", "test", "difference_um", "separation", "minutes")}, *said["runners_up"]]
+    pairs = zip(bars.choices, rows, strict=False)
+    return [(s, {**row, "decides": bool(s.deviance >= PLAN.decisive)}) for s, row in pairs]
+
+
 def plan(
     campaign: Campaign,
     machine: Machine,
     between: tuple[str, str] | None = None,
     threads: int = 2,
     progress: Progress = silent,
-) -> Plan | None:
-    """The next test to run.
+    settings: DiagnosisSettings = DIAGNOSIS,
+) -> NextMeasurement | None:
+    """The next measurement for what the campaign leaves open; ``None`` where it leaves nothing open.
 
-    Without ``between`` the campaign is diagnosed first: the first effect that has alternatives is separated from its
-    first one; where nothing is ambiguous, the first effect that is not testable is made to show. ``None`` where there
-    is neither.
+    Without ``between`` the campaign is diagnosed first. The first finding that has alternatives is told from the first
+    of them; where nothing is ambiguous, the first numbers are made known of which the logs know a combination only, or
+    the first effect is made to show that ball-bar tests alone cannot show.
 
     Args:
-        between: two effect ids, or one and ``"nothing"``.
+        campaign: With recorded logs, ball-bar tests or both; with ``between`` also without any.
+        machine: As given.
+        between: Two effect ids, for logs of one axis; or, for ball-bar tests, one and ``"nothing"``.
+        threads: Simulations side by side.
+        progress: Called as work gets on.
+        settings: What decides.
 
     Raises:
-        InputError: unknown effect; no traces and no ``between``.
+        InputError: Nothing was recorded and no effects are named, or they are not of one axis that logs show.
     """
-    ids = tuple(i for i in between or () if i != NOTHING)
-    for i in ids:
-        registry.effect_class(i, machine.chain)
-    if between is not None and (len(between) != 2 or not ids or len(set(between)) != 2):
-        raise InputError(
-            f"plan between {' and '.join(between)}: allowed are two different effects, or one effect and {NOTHING!r}"
-        )
-    if between is not None and NOTHING in between:
-        between = (ids[0], NOTHING)
-    if not campaign.measured:
-        if between is None:
-            raise InputError(
-                f"{campaign.folder / 'campaign.toml'}: no test has a trace; say which effects to separate "
-                f"(--between A B)"
-            )
-        pair = _by_default(between[0], machine), _by_default(between[1], machine)
-        return best_of(between, pair, campaign, usual_noise(), BLOCKS[0], threads, progress)
-    progress("preparing", 0, 1)
-    problem = checked_problem(campaign, build(machine), threads)
-    separated = separate(problem, machine)
-    if between is None:
-        explained = select_model(separated, progress=progress)
-        return plan_for(explained.data, explained.selection, threads, progress)
-    problem, fitter = separated.problem, Fitter(separated.problem, separated.machine)
-    if NOTHING in between:
-        here = Explanation.of_fit(NOTHING, fit_within_tolerance(fitter, without=ids[0]))
-        pair = here.with_effect(ids[0], typical(ids[0], machine.chain)), here
+    parts = campaign.measured_parts
+    if LogTest.instrument not in parts:
+        bars = plan_bars(campaign, machine, between, threads, progress, settings)
+        return _with_recordings(bars, machine) if bars is not None else None
+    logs = parts[LogTest.instrument]
+    if between is not None:
+        return _between(campaign, machine, between, threads, progress, settings)
+    result = diagnose(campaign, machine, None, threads, progress, settings)
+    assert result.logs is not None
+    found = [e for e in result.effects if e.alternatives and e.models]
+    if not found:
+        return _for_logs(logs, machine, result.logs.selections)
+    pair = found[0].effect.id, found[0].alternatives[0]
+    models = [next(m for m in found[0].models if m.effect_id.split("[")[0] == i) for i in pair]
+    bars = plan_bars(campaign, machine, pair, threads, progress, settings)
+    return _across(logs, machine, models, bars, threads, settings)
+
+
+def _for_logs(campaign: Campaign, machine: Machine, selections) -> NextMeasurement | None:
+    """For what a search on logs has left open."""
+    for axis, s in selections.items():
+        like = axis_data(campaign, axis, machine)[0]
+        for cause in s.found:
+            for other, fit in cause.competing.items():
+                choices = LogPlanner(machine, axis, [s.fit, fit], like).apart()
+                return _said((cause.effect_id, other), choices, None)
+    for axis, s in selections.items():
+        like = axis_data(campaign, axis, machine)[0]
+        for i in inseparable(s.fit):
+            return _said(i.labels, LogPlanner(machine, axis, [s.fit], like).known(i.labels), None)
+    return None
+
+
+def _across(
+    campaign: Campaign,
+    machine: Machine,
+    models: Sequence[CompetingModel],
+    bars: Plan | None,
+    threads: int,
+    settings: DiagnosisSettings,
+) -> NextMeasurement | None:
+    """For two explanations of ball-bar tests: recordings of their axes, and further ball-bar tests.
+
+    ``campaign`` has the recorded logs alone.
+    """
+    ids = tuple(m.effect_id.split("[")[0] for m in models)
+    kinds = {i.partition(".")[0] for i in ids}
+    axes = [a for a in dict.fromkeys(i.partition(".")[2] for i in ids) if a in machine.chain.letters]
+    choices: list[PlannedLog] = []
+    judge = Judge(campaign, machine, threads, settings)
+    for axis in axes if kinds & set(MOTOR_SIDE) else ():
+        if axis in judge.axes:
+            fitter = judge.fitters[axis]
+            fits = [fitter.polished(judge.fit(axis, m, {})) for m in models]
+            choices += LogPlanner(machine, axis, fits, fitter.data[0]).apart()
+        else:
+            choices += LogPlanner(machine, axis, [unmeasured(machine, axis, m) for m in models]).apart()
+    if not choices and bars is None:
+        return None
+    return _said(ids, sorted(choices, key=lambda p: p.worth, reverse=True), bars)
+
+
+def _with_recordings(bars: Plan, machine: Machine, most: int = 3) -> NextMeasurement:
+    """A plan for ball-bar tests with recordings of the control that separate the same, the best first.
+
+    What a ball bar cannot tell apart, the encoder of one axis often can, without any set-up.
+    """
+    axes = {i.partition(".")[2] for i in bars.between}
+    kinds = {i.partition(".")[0] for i in bars.between}
+    choices: list[PlannedLog] = []
+    if len(axes) == 1 and axes <= set(machine.chain.letters) and kinds & set(MOTOR_SIDE):
+        (axis,) = axes
+        models = [unmeasured(machine, axis, competing_of(e)) for e in bars.explanations]
+        choices = [p for p in LogPlanner(machine, axis, models).apart()[:most] if p.decides]
+    return NextMeasurement(bars.between, tuple(choices), bars, bars.reason, beside=True)
+
+
+def _between(
+    campaign: Campaign,
+    machine: Machine,
+    between: tuple[str, str],
+    threads: int,
+    progress: Progress,
+    settings: DiagnosisSettings,
+) -> NextMeasurement | None:
+    """For two effects that a user names."""
+    axes = {i.partition(".")[2] for i in between}
+    place = campaign.folder / "campaign.toml"
+    if NOTHING in between or len(axes) != 1 or not axes <= set(machine.chain.letters):
+        raise InputError(f"{place}: plan between {' and '.join(between)}; allowed for logs: two effects of one axis")
+    (axis,) = axes
+    bars = None
+    if BallBarTest.instrument in campaign.measured_parts:
+        bars = plan_bars(campaign, machine, between, threads, progress, settings)
+    campaign = checked_logs(campaign, machine)
+    recorded = recorded_axes(campaign.measured)
+    if axis not in recorded:
+        raise InputError(f"{place}: no log of {axis} has a trace; allowed: effects of {', '.join(recorded)}")
+    data = axis_data(campaign, axis, machine)
+    search = AxisSearch(machine, data, threads, settings, progress)
+    fits = [_with(search, effect_id, place) for effect_id in between]
+    return _said(between, LogPlanner(machine, axis, fits, data[0]).apart(), bars)
+
+
+def _with(search: AxisSearch, effect_id: str, place) -> AxisFit:
+    """The data sheet with one effect, fitted."""
+    sheet = search.sheet()
+    if effect_id == f"servo_delay.{search.axis}":  # the log is shifted by it, or it is not in the log at all
+        late = registry.make(effect_id, search.machine.chain, delay_ms=_DELAY_MS)
+        start = start_model(search.machine.with_effect(late), search.fitter.data, search.gains)
+        return search.fitter.polished(search.fitter.fit(start))
+    able = [c for c in search.catalogue.missing(sheet.model) if c.effect.id == effect_id]
+    if not able:
+        allowed = ", ".join(sorted({c.effect.id for c in search.catalogue.missing(sheet.model)}))
+        raise InputError(f"{place}: plan for {effect_id}; allowed for this axis' logs: {allowed}")
+    fits = [search.fitter.fit(c.extend(sheet.model)) for c in able]
+    return search.fitter.polished(fits[int(np.argmin(misfits(fits)))])
+
+
+def _said(between: Sequence[str], choices: Sequence[PlannedLog], bars: Plan | None) -> NextMeasurement:
+    """A plan with its reason."""
+    known = bool(choices) and choices[0].left is not None
+    what = f"makes {', '.join(between)} known" if known else f"separates {between[0]} from {between[1]}"
+    count = len(choices) + (len(bars.choices) if bars is not None else 0)
+    kinds = "recordings and ball-bar tests" if bars is not None else "recordings"
+    decides = any(c.decides for c in choices[:1]) or (bars is not None and bars.decides)
+    if decides:
+        reason = f"Of {count} {kinds} within reach this one {what} best per minute of machine time."
     else:
-        fits = (fit_effect(problem, fitter, *registry.effect_class(i, machine.chain)) for i in between)
-        first, second = (Explanation.of_fit(i, fit) for i, fit in zip(between, fits, strict=True))
-        pair = first, second
-    block = problem.samples[0].block
-    return best_of(between, pair, campaign, problem.noise, block, threads, progress, problem.settings.plan)
-
-
-def _by_default(effect_id: str, machine: Machine) -> Explanation:
-    """An effect at its typical size on an unmeasured machine; nothing at all for :data:`NOTHING`."""
-    if effect_id == NOTHING:
-        return Explanation.of_priors(NOTHING, machine, [])
-    return Explanation.of_priors(effect_id, machine, [typical(effect_id, machine.chain)])
+        reason = f"None of {count} {kinds} within reach {what} clearly; this one comes nearest."
+    return NextMeasurement(tuple(between), tuple(choices), bars, reason)

@@ -6,7 +6,6 @@ diagnosis.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.posterior import Posterior
+from mjsim.io.cache import fingerprint
 from mjsim.io.files import write_whole
 from mjsim.io.inputs import file_bytes
 from mjsim.io.toml import read_text
@@ -27,7 +27,7 @@ from mjsim.workflow.diagnosis import Diagnosis
 
 _LARGEST = 50_000_000
 #: Changes whenever the file's content does.
-_FORM = 1
+_FORM = 2
 
 
 @dataclass(frozen=True)
@@ -91,14 +91,8 @@ def saved_file(campaign: Campaign) -> Path:
 
 def stamp(campaign: Campaign, machine: Machine) -> str:
     """Fingerprint of everything that a diagnosis starts from."""
-    digest = hashlib.sha256(f"{_FORM} {campaign.instrument} {read_text(machine.file)}".encode())
-    for test in campaign.measured:
-        trace = campaign.traces[test.name]
-        digest.update(repr(replace(test, commanded=None)).encode())
-        if test.commanded is not None:
-            digest.update(test.commanded.points.tobytes() + test.commanded.seconds.tobytes())
-        digest.update(trace.time.tobytes() + trace.deviation.tobytes() + trace.valid.tobytes())
-    return digest.hexdigest()
+    tests = [(test, campaign.traces[test.name]) for test in campaign.measured]
+    return fingerprint(_FORM, campaign.instruments, read_text(machine.file), tests)
 
 
 def keep(result: Diagnosis, given: Machine) -> SavedDiagnosis:

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.axislog.measurement import AxisRecord, Logs, LogTest
+from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
+from mjsim.instruments.axis_log.measurement import AxisRecord, LogTest
 from mjsim.machine.model import Machine
 
 #: Shortest block, s: no drive moves visibly faster (assumed).
@@ -84,13 +85,13 @@ class AxisData:
         return values[: self.blocks * self.block].reshape(self.blocks, self.block).mean(axis=1)
 
 
-def axis_data(logs: Logs, axis: str, machine: Machine, block: float = _BLOCK) -> tuple[AxisData, ...]:
-    """All recordings of one axis."""
+def axis_data(logs: Campaign, axis: str, machine: Machine, block: float = _BLOCK) -> tuple[AxisData, ...]:
+    """All recordings of one axis in the axis logs of a campaign."""
     out = []
-    for test in logs.recorded:
+    for test in logs.measured:
         if axis not in test.axes:
             continue
-        recording = logs.recordings[test.name]
+        recording = logs.traces[test.name]
         record = recording.axes[axis]
         n, step = len(recording.time), recording.step
         size = max(1, round(block / step), -(-n // _MOST))
@@ -162,13 +163,13 @@ def _resting(time: np.ndarray, record: AxisRecord, resolution: float) -> list[tu
     return out
 
 
-def check_controllers(logs: Logs, machine: Machine) -> None:
+def check_controllers(logs: Campaign, machine: Machine) -> None:
     """Refuse logs whose controller the machine file does not have.
 
     Raises:
         InputError: Names the test, and what there is.
     """
-    for test in logs.recorded:
+    for test in logs.measured:
         for axis in test.axes:
             allowed = [name for name, axes in machine.controllers.items() if axis in axes]
             place = f'machine {machine.name!r}: test "{test.name}"'

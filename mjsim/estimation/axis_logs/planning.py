@@ -12,8 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjsim.axislog.measurement import AxisRecord, LogTest
-from mjsim.axislog.motions import Motion, proposals, variations
 from mjsim.effects import registry
 from mjsim.estimation.axis_logs.data import AxisData, LogNoise
 from mjsim.estimation.axis_logs.entries import NUISANCES, AxisModel, Entry
@@ -23,6 +21,8 @@ from mjsim.estimation.axis_logs.start import nuisance_entries, start_model
 from mjsim.estimation.competing import CompetingModel
 from mjsim.estimation.least_squares import ridge_solution
 from mjsim.estimation.settings import PLAN
+from mjsim.instruments.axis_log.measurement import AxisRecord, LogTest
+from mjsim.instruments.axis_log.motions import Motion, proposals, variations
 from mjsim.machine.model import Machine
 from mjsim.threads import one_blas_thread
 

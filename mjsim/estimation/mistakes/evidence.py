@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from mjsim.ballbar.measurement import BallBarTest
 from mjsim.estimation.least_squares import ridge_solution
 from mjsim.estimation.mistakes.settings import MISTAKES
 from mjsim.estimation.nuisance import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER
 from mjsim.estimation.samples import GRID, GRID_STEPS, Samples
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.plant import Plant
 from mjsim.machine.sensitivity import BarSensitivity
 from mjsim.simulation.axes import AxesMotion

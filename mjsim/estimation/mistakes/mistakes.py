@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjsim.ballbar.kinds import kind_of
-from mjsim.ballbar.measurement import Trace
 from mjsim.campaign.model import Campaign
+from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.instruments.ball_bar.measurement import Trace
 
 #: What a unit's readings have to be multiplied with when they were taken for µm.
 UNITS = {"mm": 1e3, "inch": 25.4e3, "mil": 25.4, "microinch": 25.4e-3, "nm": 1e-3, "m": 1e6}
@@ -22,7 +22,8 @@ class Mistake:
     """One thing that is wrong with the files.
 
     Attributes:
-        kind: sign, unit, sign_and_unit, direction, swapped, or one of :class:`~mjsim.campaign.span.ClockMistake`.
+        kind: sign, unit, sign_and_unit, direction, swapped, or one of
+            :class:`~mjsim.instruments.ball_bar.span.ClockMistake`.
         tests: names of the tests that have it. every: whether these are all.
         factor: what the readings have to be multiplied with; of the clock's mistakes their value.
         unit: what the readings are in, where that is the mistake. evidence: why, for the user.

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.ballbar.kinds import kind_of
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.mistakes.evidence import Spikes, Variant
 from mjsim.estimation.mistakes.mistakes import Mistake, unit_of
@@ -22,6 +21,7 @@ from mjsim.estimation.mistakes.single import single_mistakes
 from mjsim.estimation.mistakes.state import State
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import make_samples
+from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant
 from mjsim.threads import one_blas_thread

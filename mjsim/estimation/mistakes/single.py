@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.ballbar.program import Program
 from mjsim.estimation.mistakes.evidence import Variant, level
 from mjsim.estimation.mistakes.mistakes import Mistake, unit_of
 from mjsim.estimation.mistakes.state import Part, State
+from mjsim.instruments.ball_bar.program import Program
 
 
 @dataclass(frozen=True)

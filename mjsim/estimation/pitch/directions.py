@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.ballbar.kinds import kind_of
-from mjsim.ballbar.measurement import BallBarTest
 from mjsim.estimation.problem import Problem
+from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 
 #: Highest number of peaks per turn that is looked for (paper, Fig. 3).
 HIGHEST = 800

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from mjsim.ballbar.kinds import kind_of
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
@@ -17,6 +16,7 @@ from mjsim.estimation.pitch.model import PitchModel, State
 from mjsim.estimation.pitch.result import PitchIdentification
 from mjsim.estimation.pitch.settings import PITCH, PitchSettings
 from mjsim.estimation.pitch.summary import identified_direction
+from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtri
 
-from mjsim.ballbar.kinds import kind_of
 from mjsim.estimation.nuisance import TRIGGERS
 from mjsim.estimation.pitch.components import chosen, threshold
 from mjsim.estimation.pitch.curve import at_reversals, terms_of
@@ -18,6 +17,7 @@ from mjsim.estimation.pitch.model import PitchModel, State
 from mjsim.estimation.pitch.noise import residual_noise
 from mjsim.estimation.pitch.terms import Fault, Term, Wave
 from mjsim.estimation.samples import GRID, GRID_STEPS
+from mjsim.instruments.ball_bar.kinds import kind_of
 
 
 def searched(model: PitchModel, state: State, directions: list[TurnDirection], rounds: int | None = None) -> State:

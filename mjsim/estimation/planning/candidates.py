@@ -10,11 +10,11 @@ from itertools import product
 
 import numpy as np
 
-from mjsim.ballbar.kinds import KINDS, kind_of
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.ballbar.program import Program
-from mjsim.ballbar.speed import commanded_speed
 from mjsim.estimation.settings import PLAN
+from mjsim.instruments.ball_bar.kinds import KINDS, kind_of
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
+from mjsim.instruments.ball_bar.speed import commanded_speed
 from mjsim.machine.reach import usual_speed, usual_travel
 from mjsim.units import DEG, MM
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 
-from mjsim.ballbar.measurement import BallBarTest
-from mjsim.campaign.files import test_table
 from mjsim.estimation.planning.candidates import first_round, minutes, neighbours, reachable
 from mjsim.estimation.planning.separation import Separation, Separator
 from mjsim.estimation.settings import PLAN, PlanSettings
+from mjsim.instruments.ball_bar.files import test_table
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.progress import Progress, silent
 
 

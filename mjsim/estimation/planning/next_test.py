@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mjsim.campaign.files import test_table
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
@@ -18,6 +17,7 @@ from mjsim.estimation.problem import Problem
 from mjsim.estimation.settings import PLAN, PlanSettings
 from mjsim.estimation.signatures import Projector
 from mjsim.estimation.testability import not_testable
+from mjsim.instruments.ball_bar.files import test_table
 from mjsim.machine.chain import Chain
 from mjsim.progress import Progress, silent
 from mjsim.units import UM

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mjsim.ballbar.measurement import BallBarTest
 from mjsim.estimation.competing import CompetingModel
 from mjsim.estimation.data_sheet import DATA_SHEET, calibrated, data_sheet, sheet_block
 from mjsim.estimation.effect_vector import EffectVector
@@ -26,6 +25,7 @@ from mjsim.estimation.parameters import Block, Parameters
 from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.problem import sheet_grid, sheet_plants
 from mjsim.estimation.samples import BLOCKS, GRID_STEPS
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.model import Machine, build
 from mjsim.machine.sensitivity import BarSensitivity
 from mjsim.simulation.axes import AxesMotion

@@ -6,10 +6,10 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import ClassVar, TypeVar
 
-from mjsim.campaign.traces import check_rows, read_bytes
 from mjsim.errors import InputError
 from mjsim.importing.reading import Options
 from mjsim.importing.table import Table, read_table
+from mjsim.io.inputs import check_rows, read_bytes
 
 
 class Format(ABC):
@@ -41,7 +41,7 @@ class Format(ABC):
         is not one of this format.
 
         Args:
-            path: the file; :func:`mjsim.campaign.traces.read_bytes` reads it, up to a size limit.
+            path: the file; :func:`mjsim.io.inputs.read_bytes` reads it, up to a size limit.
             options: what the user said about the file.
 
         Raises:

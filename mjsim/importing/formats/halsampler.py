@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.campaign.traces import read_bytes
 from mjsim.errors import InputError
 from mjsim.importing.formats.base import Format, register
 from mjsim.importing.reading import Options
 from mjsim.importing.table import Table, read_table
+from mjsim.io.inputs import read_bytes
 
 _LOST = "overrun"
 #: Lines that have to count on for the first column to be the number of the sample.

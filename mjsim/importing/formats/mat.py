@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.campaign.traces import read_bytes
 from mjsim.errors import InputError
 from mjsim.importing.formats.base import Format, register
 from mjsim.importing.reading import Options
 from mjsim.importing.table import Table
+from mjsim.io.inputs import read_bytes
 
 #: Depth of structures that are looked into.
 _DEEP = 4

@@ -15,11 +15,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from mjsim.campaign.traces import check_rows, read_bytes
 from mjsim.errors import InputError
 from mjsim.importing.formats.base import Format, register
 from mjsim.importing.reading import Options
 from mjsim.importing.table import Table
+from mjsim.io.inputs import check_rows, read_bytes
 
 _ADDRESS = re.compile(r"\[([^\]]*)\]")
 

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.campaign.traces import check_rows, read_bytes
 from mjsim.errors import InputError
 from mjsim.importing.formats.base import Format, register
 from mjsim.importing.reading import Options
 from mjsim.importing.table import Table
+from mjsim.io.inputs import check_rows, read_bytes
 
 _KEYS = ("CHANNELTYPE", "AXISTYPE", "DIMENSION", "COUNT", "CYCLETIME")
 

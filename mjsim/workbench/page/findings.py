@@ -11,8 +11,8 @@ from mjsim.units import UM
 from mjsim.workbench import catalogue
 from mjsim.workbench.live import Live
 from mjsim.workbench.log_live import LogLive
-from mjsim.workflow.diagnosis import DiagnosedEffect, Diagnosis
-from mjsim.workflow.log_diagnosis import LogEffect
+from mjsim.workflow.diagnosis import Diagnosis
+from mjsim.workflow.finding import DiagnosedEffect
 
 VERDICTS = {
     "identified": "Identified: the effects below are missing, and nothing else explains the data as well.",
@@ -72,7 +72,7 @@ class JobPanel:
                 ui.button(icon="close", on_click=self.clear).props('dense flat aria-label="Close the diagnosis"')
             ui.label(residual).classes("soft")
 
-    def doubts(self, found: DiagnosedEffect | LogEffect, worse: str = "worse") -> None:
+    def doubts(self, found: DiagnosedEffect, worse: str = "worse") -> None:
         """Draw what a finding cannot be told from and what was tried in its place."""
         if found.alternatives:
             ui.label(f"cannot be told from {', '.join(found.alternatives)}").classes("problem")
@@ -81,7 +81,7 @@ class JobPanel:
             others = ", ".join(f"{name} ({worse} by {less:.3g})" for name, less in near)
             ui.label(f"was tried in its place: {others}").classes("soft")
 
-    def buttons(self, found: DiagnosedEffect | LogEffect) -> None:
+    def buttons(self, found: DiagnosedEffect) -> None:
         """Draw the buttons of a finding."""
         effect = found.effect
         with ui.element("div").style("display: flex; gap: 6px"):
@@ -90,7 +90,7 @@ class JobPanel:
             add = ui.button("add", on_click=lambda: self._add(found))
             add.props("dense no-caps unelevated").mark(f"add {effect.id}")
 
-    def _add(self, found: DiagnosedEffect | LogEffect) -> None:
+    def _add(self, found: DiagnosedEffect) -> None:
         self.live.bench.add(found.effect)
         self.live.bench.intervals[found.effect.key] = found.ci95
         self.on_change()

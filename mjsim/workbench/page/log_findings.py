@@ -9,7 +9,8 @@ from mjsim.units import DEG, UM
 from mjsim.workbench import catalogue
 from mjsim.workbench.log_live import LogLive
 from mjsim.workbench.page.findings import JobPanel
-from mjsim.workflow.log_diagnosis import LogDiagnosis, LogEffect
+from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
+from mjsim.workflow.finding import DiagnosedEffect
 
 
 class LogFindingsPanel(JobPanel):
@@ -34,7 +35,7 @@ class LogFindingsPanel(JobPanel):
                     ui.label(rest["summary"])
             self._sheet(result)
 
-    def _log_card(self, found: LogEffect, result: LogDiagnosis) -> None:
+    def _log_card(self, found: DiagnosedEffect, result: LogDiagnosis) -> None:
         effect = found.effect
         rotary = result.machine.chain.is_rotary(effect.subject)
         unit, symbol = (DEG, "°") if rotary else (UM, "µm")

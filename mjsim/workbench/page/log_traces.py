@@ -8,7 +8,7 @@ from nicegui import ui
 from mjsim.units import DEG, MM, UM
 from mjsim.workbench.lines import pairs, thinned
 from mjsim.workbench.log_live import LogLive
-from mjsim.workflow.log_compare import ComparedAxis, LogComparison
+from mjsim.workflow.axis_log.compare import ComparedAxis, LogComparison
 
 #: Parts of a line, and points of a cloud.
 _PARTS, _POINTS = 900, 1500
@@ -29,8 +29,7 @@ class LogTraces:
 
     def __init__(self, live: LogLive) -> None:
         self.live, self.dark = live, False
-        logs = live.bench.campaign.logs
-        self._names = {f"{t.name}, {a}": (t.name, a) for t in logs.recorded for a in t.axes}
+        self._names = {f"{t.name}, {a}": (t.name, a) for t in live.bench.campaign.measured for a in t.axes}
         self.name = next(iter(self._names))
         with ui.element("div").classes("panel stack").style("grid-row: 2"):
             with ui.element("div").classes("traces-head"):
@@ -83,9 +82,7 @@ class LogTraces:
         if now is None or axis is None:
             return
         unit, symbol = (DEG, "°") if axis.rotary else (UM, "µm")
-        self.about.text = (
-            f"drives alone, RMS {axis.rms / unit:.4g} {symbol}, noise {axis.noise.rms / unit:.3g} {symbol}"
-        )
+        self.about.text = f"drives alone, RMS {axis.rms / unit:.4g} {symbol}, noise {axis.noise / unit:.3g} {symbol}"
         charts = (
             (self.over_time, self._of_time(axis, before)),
             (self.over_position, self._of_position(axis)),
@@ -136,7 +133,7 @@ class LogTraces:
         for name, value, colour in rows:
             out["series"].append(_line(f"{name} in {symbol}", colour, *thinned(axis.time, value / unit, _PARTS)))
         if self.what.value == _REST:
-            ends = [{"yAxis": -2 * axis.noise.rms / unit}, {"yAxis": 2 * axis.noise.rms / unit}]
+            ends = [{"yAxis": -2 * axis.noise / unit}, {"yAxis": 2 * axis.noise / unit}]
             out["series"][-1]["markArea"] = {"silent": True, "itemStyle": {"color": band}, "data": [ends]}
         return out
 

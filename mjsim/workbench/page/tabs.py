@@ -6,6 +6,7 @@ import threading
 from collections import OrderedDict
 
 from mjsim.campaign.model import Campaign
+from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.machine.bodies import has_model
 from mjsim.machine.model import Machine
 from mjsim.workbench.bodies import MachineBodies
@@ -40,7 +41,7 @@ class Tabs:
         self._bodies: MachineBodies | None = None
         self._meshes: dict[str, bytes] = {}
         self._lock = threading.Lock()
-        if campaign.logs.tests and not campaign.tests:
+        if set(campaign.measured_parts) == {LogTest.instrument}:
             self._shared: Shared | SharedLogs = SharedLogs(campaign, machine, threads)
             return
         self._shared = Shared(OpenCampaign.of(campaign, machine, threads))

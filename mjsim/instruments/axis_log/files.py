@@ -1,0 +1,222 @@
+"""Axis logs of a campaign: their ``[[test]]`` tables, and the CSV files with one column for every signal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import AfterValidator, Field
+
+from mjsim.errors import InputError
+from mjsim.instruments.axis_log.measurement import AxisRecord, Circle, LogTest, Recording
+from mjsim.instruments.schema import Length, Table, Text, printable
+from mjsim.io.inputs import check_rows, read_bytes, shown
+from mjsim.machine.chain import Chain
+from mjsim.units import DEG, MM
+
+#: Kind of a test that is an axis log.
+LOG = "log"
+#: What follows the axis letter in a column's name -> (signal, factor to SI).
+SIGNALS = {
+    "command_mm": ("command", MM),
+    "command_deg": ("command", DEG),
+    "actual_mm": ("actual", MM),
+    "actual_deg": ("actual", DEG),
+    "load_mm": ("load", MM),
+    "load_deg": ("load", DEG),
+    "torque_Nm": ("torque", 1.0),
+    "force_N": ("force", 1.0),
+    "current_A": ("current", 1.0),
+    "control_V": ("control", 1.0),
+    "velocity_command_mm_per_s": ("velocity_command", MM),
+    "velocity_command_deg_per_s": ("velocity_command", DEG),
+}
+#: Fewest samples of a log.
+_FEWEST = 100
+
+
+class CircleTable(Table):
+    plane: Annotated[str, Field(min_length=2, max_length=2)]
+    centre_mm: Annotated[list[Length], Field(min_length=2, max_length=2)]
+    radius_mm: Annotated[float, Field(gt=0, le=10_000)]
+    direction: Literal["CCW", "CW"] = "CCW"
+
+
+class LogTable(Table):
+    """A ``[[test]]`` table of an axis log."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=100)]
+    kind: Literal["log"]
+    axes: Annotated[list[str], Field(min_length=1, max_length=9)]
+    trace: str | None = None
+    controller: Text | None = None
+    setup: Annotated[str, Field(max_length=200), AfterValidator(printable)] | None = None
+    circle: CircleTable | None = None
+    span_s: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
+
+
+def log_test(file: Path, t: LogTable, chain: Chain) -> LogTest:
+    """The log that a ``[[test]]`` table describes.
+
+    Args:
+        file: Where it stands.
+        t: The table.
+        chain: Axes of the machine.
+
+    Raises:
+        InputError: An axis is none of the machine.
+    """
+    place = f'{file}: [[test]] "{t.name}"'
+    for axis in t.axes:
+        if axis not in chain.letters or t.axes.count(axis) > 1:
+            raise InputError(f"{place}: axes = {t.axes}; allowed: each of {', '.join(chain.letters)} at most once")
+    circle = None
+    if t.circle is not None:
+        first, second = t.circle.plane
+        if first == second or not {first, second} <= set(t.axes) & set(chain.linear):
+            raise InputError(f'{place}: circle plane = "{t.circle.plane}"; allowed: two linear axes out of axes')
+        x, y = (c * MM for c in t.circle.centre_mm)
+        circle = Circle((first, second), (x, y), t.circle.radius_mm * MM, t.circle.direction)
+    span = None
+    if t.span_s is not None:
+        first, last = t.span_s
+        if not 0.0 <= first < last:
+            raise InputError(f"{place}: span_s = {t.span_s}; allowed: [from, to] in seconds, from 0, growing")
+        span = (first, last)
+    return LogTest(t.name, tuple(t.axes), t.controller, t.setup or t.name, t.trace, circle, chain, span)
+
+
+def read_recording(path: Path, test: LogTest) -> Recording:
+    """Read the CSV of one log, plain or compressed (``.csv.gz``).
+
+    Args:
+        path: The file.
+        test: What it is to hold.
+
+    Raises:
+        InputError: names the file, the line or column, what was found and what is allowed.
+    """
+    data = read_bytes(path, "the trace is missing (named in campaign.toml)")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is not text; allowed: a CSV file") from None
+    first, _, body = text.partition("\n")
+    names = [n.strip() for n in first.split(",")]
+    columns = _header(path, names, test)
+    check_rows(path, body.count("\n"))
+    table = _numbers(path, body, names)
+    check_clock(path, table[:, 0])
+    if test.span is not None:
+        table = _within(path, table, test)
+    time = table[:, 0]
+    axes = {a: _record(table, columns[a]) for a in test.axes}
+    return Recording(time - time[0], axes)
+
+
+def _within(path: Path, table: np.ndarray, test: LogTest) -> np.ndarray:
+    """The rows inside a log's span."""
+    assert test.span is not None
+    time = table[:, 0] - table[0, 0]
+    part = table[(time >= test.span[0]) & (time <= test.span[1])]
+    if len(part) < _FEWEST:
+        first, last = test.span
+        raise InputError(
+            f'{path}: span_s of test "{test.name}" leaves {len(part)} samples between {first:g} and {last:g} s of '
+            f"{time[-1]:.4g} s; allowed: at least {_FEWEST}"
+        )
+    return part
+
+
+def _header(path: Path, names: list[str], test: LogTest) -> dict[str, dict[str, tuple[int, float]]]:
+    """Column and factor to SI of every signal, by axis and signal."""
+    if not names or names[0] != "time_s":
+        said = f"line 1: the first column is {shown(names[0] if names else '')}"
+        raise InputError(f"{path}, {said}; allowed: time_s, then columns such as {test.axes[0]}_command_mm")
+    out: dict[str, dict[str, tuple[int, float]]] = {a: {} for a in test.axes}
+    for i, name in enumerate(names[1:], start=1):
+        axis, _, ending = name.partition("_")
+        if ending not in SIGNALS or len(axis) != 1:
+            allowed = ", ".join(f"{test.axes[0]}_{ending}" for ending in SIGNALS)
+            raise InputError(f"{path}, line 1: column {shown(name)}; allowed: time_s, {allowed}")
+        signal, factor = SIGNALS[ending]
+        rotary = test.chain.is_rotary(axis)
+        if axis in test.axes and (("_mm" in f"_{ending}" and rotary) or ("_deg" in f"_{ending}" and not rotary)):
+            kind = "rotary axis is in deg" if rotary else "linear axis is in mm"
+            raise InputError(f"{path}, line 1: column {name}; a {kind}")
+        if axis in out:
+            if signal in out[axis]:
+                raise InputError(f"{path}, line 1: {signal} of {axis} appears twice; allowed: once")
+            out[axis][signal] = (i, factor)
+    for axis, found in out.items():
+        for signal in ("command", "actual"):
+            if signal not in found:
+                unit = "deg" if test.chain.is_rotary(axis) else "mm"
+                raise InputError(f"{path}, line 1: the column {axis}_{signal}_{unit} is missing")
+    return out
+
+
+def _numbers(path: Path, body: str, names: list[str]) -> np.ndarray:
+    lines = body.replace("\r\n", "\n").split("\n")
+    try:
+        table = np.loadtxt(lines, delimiter=",", ndmin=2, comments=None)
+        if table.shape[1] != len(names):
+            raise ValueError
+    except ValueError:
+        raise InputError(f"{path}{_first_bad_line(lines, names)}") from None
+    if len(table) < _FEWEST:
+        raise InputError(f"{path}: {len(table)} samples; allowed: at least {_FEWEST}")
+    if not np.isfinite(table).all():
+        row, column = np.argwhere(~np.isfinite(table))[0]
+        raise InputError(f"{path}, line {row + 2}: {names[column]} is not a finite number")
+    return table
+
+
+def _first_bad_line(lines: list[str], names: list[str]) -> str:
+    for number, line in enumerate(lines, start=2):
+        if not line.strip():
+            continue
+        row = line.split(",")
+        if len(row) != len(names):
+            return f", line {number}: {len(row)} columns in {shown(line, 60)}; allowed: {len(names)}, as in line 1"
+        for name, value in zip(names, row, strict=True):
+            try:
+                float(value)
+            except ValueError:
+                return f", line {number}: {name} = {shown(value.strip(), 40)}; allowed: a number with a decimal point"
+    return ": the table cannot be read; allowed: columns of numbers"
+
+
+def check_clock(path: Path, time: np.ndarray) -> None:
+    """Refuse times that stand still or run backwards, and counters of samples.
+
+    Raises:
+        InputError: names the line.
+    """
+    steps = np.diff(time)
+    back = np.flatnonzero(steps <= 0)
+    if len(back):
+        i = int(back[0])
+        raise InputError(
+            f"{path}, line {i + 3}: time_s = {time[i + 1]:g} after {time[i]:g}; allowed: times that grow from line "
+            f"to line"
+        )
+    usual = float(np.median(steps))
+    if usual >= 0.5:
+        raise InputError(
+            f"{path}: {usual:g} s from sample to sample; no control records so slowly: is time_s a count of samples, "
+            f"or in ms?"
+        )
+    if steps.max() > 50 * usual:
+        i = int(np.argmax(steps))
+        raise InputError(
+            f"{path}, line {i + 3}: {steps[i]:.3g} s without a sample, where every other one follows within "
+            f"{usual:.3g} s; allowed: a recording without gaps"
+        )
+
+
+def _record(table: np.ndarray, columns: dict[str, tuple[int, float]]) -> AxisRecord:
+    found = {signal: np.ascontiguousarray(table[:, i] * factor) for signal, (i, factor) in columns.items()}
+    more = ("load", "torque", "force", "control", "current")
+    return AxisRecord(found["command"], found["actual"], **{name: found[name] for name in more if name in found})

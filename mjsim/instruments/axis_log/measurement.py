@@ -1,0 +1,137 @@
+"""An axis log: which axes a control recorded, and what it recorded of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from mjsim.machine.chain import FIVE_AXIS, Chain
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A full circle that is part of the commanded motion.
+
+    Attributes:
+        axes: The two axes of its plane.
+        centre: (2,) m.
+        radius: m.
+        direction: ``CCW`` or ``CW``.
+    """
+
+    axes: tuple[str, str]
+    centre: tuple[float, float]
+    radius: float
+    direction: str = "CCW"
+
+
+@dataclass(frozen=True)
+class LogTest:
+    """One axis log; names as in ``campaign.toml``.
+
+    Attributes:
+        name: Unique in the campaign.
+        axes: Letters of the recorded axes.
+        controller: Name of the controller that ran; ``None``: the drives as the machine file has them.
+        setup: Tests of one set-up share the encoders' zeros and the screws' angles at the start.
+        trace: File of the recording, relative to the campaign.
+        circle: A circle in the motion, where one is stated.
+        chain: Axes of the machine.
+        span: Part of the recording that is used, from and to, s; nothing: all of it.
+    """
+
+    __test__ = False
+    instrument: ClassVar[str] = "axis_log"
+
+    name: str
+    axes: tuple[str, ...]
+    controller: str | None = None
+    setup: str = ""
+    trace: str | None = None
+    circle: Circle | None = None
+    chain: Chain = FIVE_AXIS
+    span: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class AxisRecord:
+    """What was recorded of one axis; m, rad and their rates, (n,) each.
+
+    Attributes:
+        command: What the position loop got.
+        actual: Encoder of the motor, load-side units.
+        load: Second encoder, at the load.
+        torque: Of the motor, N·m.
+        force: Of the axis, N.
+        control: Output of the control, V.
+        current: A.
+    """
+
+    command: np.ndarray
+    actual: np.ndarray
+    load: np.ndarray | None = None
+    torque: np.ndarray | None = None
+    force: np.ndarray | None = None
+    control: np.ndarray | None = None
+    current: np.ndarray | None = None
+
+    def motor_torque(self, gear: float) -> np.ndarray | None:
+        """Recorded torque of the motor, (n,) N·m, from the force where that was recorded; nothing without both.
+
+        Args:
+            gear: Motor angle per axis position.
+        """
+        if self.torque is not None:
+            return self.torque
+        return None if self.force is None else self.force / gear
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What one log holds.
+
+    Attributes:
+        time: (n,) s, growing.
+        axes: What was recorded of each axis, by letter.
+    """
+
+    time: np.ndarray
+    axes: Mapping[str, AxisRecord]
+
+    @cached_property
+    def step(self) -> float:
+        """Usual time between two samples, s."""
+        return float(np.median(np.diff(self.time)))
+
+
+@dataclass(frozen=True)
+class Recorder:
+    """The recorder.
+
+    Attributes:
+        rate: Samples per second as stated, Hz.
+        resolution: Encoder step of the linear axes, m.
+        resolution_rotary: Encoder step of the rotary axes, rad.
+    """
+
+    rate: float = 1000.0
+    resolution: float = 0.1e-6
+    resolution_rotary: float = 1e-6
+
+    def step_of(self, chain: Chain, axis: str) -> float:
+        """Encoder step of one axis, m or rad."""
+        return self.resolution_rotary if chain.is_rotary(axis) else self.resolution
+
+
+def recorded_axes(tests: Sequence[LogTest]) -> tuple[str, ...]:
+    """Letters of all recorded axes, in the order of the chain.
+
+    Args:
+        tests: Recorded logs.
+    """
+    there = {a for t in tests for a in t.axes}
+    return tuple(a for a in tests[0].chain.letters if a in there) if tests else ()

@@ -1,0 +1,252 @@
+"""What an instrument is: its tests in a campaign, their recordings, and what it shows of a simulated motion.
+
+A new instrument is one class, registered under a name. A campaign then reads its tests, and ``check``, ``compare``,
+``export``, ``report`` and ``open`` work on them. The instrument gives its reading of a motion; what its set-up does to
+the reading is fitted (:mod:`mjsim.workflow.compare`).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+import numpy as np
+
+from mjsim.instruments.schema import Table
+from mjsim.machine.chain import Chain
+from mjsim.machine.kinematics import Geometry
+from mjsim.units import UM
+
+
+class Test(Protocol):
+    """One test of a campaign, measured or planned; ``instrument`` is the name of its instrument."""
+
+    instrument: ClassVar[str]
+
+    @property
+    def name(self) -> str:
+        """Unique in the campaign."""
+        ...
+
+    @property
+    def setup(self) -> str:
+        """Tests of one set-up share what the set-up does to the reading."""
+        ...
+
+    @property
+    def trace(self) -> str | None:
+        """File of the recording, relative to the campaign."""
+        ...
+
+    @property
+    def chain(self) -> Chain:
+        """Axes of the machine."""
+        ...
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One quantity of a recording.
+
+    Attributes:
+        name: In words, as a plot labels it.
+        unit: As a plot labels it.
+        size: SI per unit.
+        suffix: Of the unit in names of keys and columns.
+    """
+
+    name: str = "deviation"
+    unit: str = "µm"
+    size: float = UM
+    suffix: str = "um"
+
+
+@dataclass(frozen=True)
+class Observation:
+    """A recording as arrays.
+
+    Attributes:
+        time: From the start of the program, growing, (n,) s.
+        value: One column a channel, (n, channels) SI.
+        valid: Which values count, (n, channels) bool.
+    """
+
+    time: np.ndarray
+    value: np.ndarray
+    valid: np.ndarray
+
+
+@dataclass(frozen=True)
+class Nuisances:
+    """What a set-up does to a reading, linearly.
+
+    Attributes:
+        names: Of the numbers, with their unit.
+        columns: Derivatives of the reading, (n, channels, numbers) SI per unit.
+        spread: Prior standard deviations, (numbers,) units.
+    """
+
+    names: tuple[str, ...]
+    columns: np.ndarray
+    spread: np.ndarray
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """What is wrong with a recording.
+
+    Attributes:
+        kind: In one word.
+        tests: Names of the tests.
+        sentence: What is wrong, from what it follows, and what to do.
+    """
+
+    kind: str
+    tests: tuple[str, ...]
+    sentence: str
+
+    def to_json(self) -> dict:
+        """Plain data."""
+        return {"kind": self.kind, "tests": list(self.tests), "sentence": self.sentence}
+
+
+T = TypeVar("T", bound=Test)
+R = TypeVar("R")
+
+
+class Instrument(ABC, Generic[T, R]):
+    """One kind of instrument.
+
+    Class attributes:
+        name: As ``kind`` of its ``[instrument]`` table.
+        noun: In sentences.
+        test_noun: What one of its tests is called in sentences.
+        beside: JSON key of its answer in a campaign whose first answer is another instrument's.
+        order: Place of its answer in a campaign of several instruments.
+    """
+
+    name: ClassVar[str]
+    noun: ClassVar[str]
+    test_noun: ClassVar[str]
+    beside: ClassVar[str]
+    order: ClassVar[int] = 9
+
+    # -- in a campaign -------------------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def kinds(self) -> Sequence[str]:
+        """What ``kind`` of a ``[[test]]`` table may be."""
+
+    @abstractmethod
+    def table(self, chain: Chain) -> type[Table]:
+        """What a ``[[test]]`` table may contain on a machine with these axes."""
+
+    @abstractmethod
+    def test_of(self, file: Path, table: Any, chain: Chain) -> T:
+        """The test that a checked table describes.
+
+        Args:
+            file: The campaign's file, for messages.
+            table: An instance of :meth:`table`.
+            chain: Axes of the machine.
+
+        Raises:
+            InputError: A value is wrong, or does not go with another one.
+        """
+
+    def data_of(self, table: Any) -> Any:
+        """The instrument's own numbers from its ``[instrument]`` table, SI."""
+        return table
+
+    @abstractmethod
+    def read(self, path: Path, test: T, data: Any) -> R:
+        """The recording of a test.
+
+        Args:
+            path: Its file.
+            test: What it is of.
+            data: As :meth:`data_of` gives it.
+
+        Raises:
+            InputError: Names the file, the line, what was found and what is allowed.
+        """
+
+    def look_at(self, path: Path, test: T, recording: R, tests: Sequence[T]) -> None:
+        """Refuse a recording that is not of its test; ``tests`` are all of this instrument.
+
+        Raises:
+            InputError: It is of another test, or its clock is wrong.
+        """
+
+    def facts(self, test: T, recording: R) -> dict[str, Any]:
+        """What a check says of a recording besides its length; a name ends in its unit."""
+        return {}
+
+    # -- what it shows -------------------------------------------------------------------------------------------------
+
+    def channels(self, test: T) -> tuple[Channel, ...]:
+        """What it records."""
+        return (Channel(),)
+
+    def observe(self, test: T, recording: R) -> Observation:
+        """The recording as arrays."""
+        raise NotImplementedError
+
+    def command(self, test: T, time: np.ndarray) -> np.ndarray:
+        """What the axes were told, (n, axes) m and rad at ``time`` (n,) s."""
+        raise NotImplementedError
+
+    def reading(self, test: T, position: np.ndarray, geometry: Geometry) -> np.ndarray:
+        """What an ideal instrument shows.
+
+        Args:
+            test: What is run.
+            position: Of the axes behind their drives, (n, axes), or with error motions behind, m and rad.
+            geometry: Location errors and squareness of the machine.
+
+        Returns:
+            (n, channels) SI.
+        """
+        raise NotImplementedError
+
+    def nuisances(self, test: T, time: np.ndarray) -> Nuisances:
+        """What the set-up does to the reading; an unknown zero of every channel where nothing else is said."""
+        channels = self.channels(test)
+        count = len(channels)
+        columns = np.broadcast_to(np.eye(count), (len(time), count, count))
+        names = tuple(f"zero_of_{c.name}_{c.suffix}".replace(" ", "_") for c in channels)
+        sizes = np.array([c.size for c in channels])
+        return Nuisances(names, columns * sizes, np.full(count, 1e6))
+
+    def noise(self, test: T, recording: R, data: Any) -> np.ndarray:
+        """Standard deviation of one sample, (channels,) SI."""
+        raise NotImplementedError
+
+    def figures(self, test: T, time: np.ndarray, reading: np.ndarray) -> dict[str, float]:
+        """Figures of a standard of a reading (n, channels); a name ends in its unit."""
+        return {}
+
+    def mistakes(self, tests: Sequence[T], recordings: dict[str, R], data: Any) -> Sequence[Any]:
+        """What the recordings show to be wrong with units, signs, order and clocks."""
+        return ()
+
+
+#: Name -> instrument, in the order of their answers.
+INSTRUMENTS: dict[str, Instrument] = {}
+_I = TypeVar("_I", bound=Instrument)
+
+
+def register(cls: type[_I]) -> type[_I]:
+    """Class decorator: makes an instrument known under its ``name``."""
+    INSTRUMENTS[cls.name] = cls()
+    for name in sorted(INSTRUMENTS, key=lambda n: INSTRUMENTS[n].order):
+        INSTRUMENTS[name] = INSTRUMENTS.pop(name)
+    return cls
+
+
+def instrument_of(kind: object) -> Instrument | None:
+    """The instrument whose tests are of a kind; ``None`` where no instrument has it."""
+    return next((i for i in INSTRUMENTS.values() if kind in i.kinds()), None)

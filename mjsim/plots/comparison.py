@@ -1,0 +1,86 @@
+"""Plots of a comparison, whatever the instrument."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mjsim.campaign.model import Campaign
+from mjsim.instruments.axis_log.measurement import LogTest
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.plots import style
+from mjsim.plots.logs import log_figures, log_files
+from mjsim.plots.output import bar_plot_files, bar_plots
+from mjsim.plots.save import save
+from mjsim.progress import Progress, silent
+from mjsim.workflow.comparison import ComparedTest, Comparison
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def plot_files(campaign: Campaign, folder: Path) -> list[Path]:
+    """Files that :func:`comparison_plots` writes for the measured tests of a campaign."""
+    out: list[Path] = []
+    for name, part in campaign.measured_parts.items():
+        if name == BallBarTest.instrument:
+            out += bar_plot_files(part.measured, folder)
+        else:
+            out += [folder / f for t in part.measured for f in _files(t)]
+    return out
+
+
+def comparison_plots(result: Comparison, folder: Path, progress: Progress = silent) -> list[Path]:
+    """Draw all tests into a folder.
+
+    Args:
+        result: What is drawn.
+        folder: Where the files are written.
+        progress: Called as work gets on.
+
+    Returns:
+        The files.
+    """
+    out: list[Path] = []
+    for part in result.parts:
+        if part.instrument == BallBarTest.instrument:
+            out += bar_plots(part, folder, progress)
+            continue
+        for i, t in enumerate(part.tests):
+            progress("plotting", i, len(part.tests))
+            for name, (_, figure) in zip(_files(t.test), titled_figures(t), strict=True):
+                save(figure, folder / name)
+                out.append(folder / name)
+    return out
+
+
+def _files(test: Any) -> list[str]:
+    return log_files(test) if test.instrument == LogTest.instrument else [f"{test.name}.png"]
+
+
+def titled_figures(t: Any) -> Iterator[tuple[str, Figure]]:
+    """The figures of one test that is no ball-bar test, with their titles, in the order of its files."""
+    return log_figures(t) if t.test.instrument == LogTest.instrument else iter([(t.test.name, channels_figure(t))])
+
+
+def channels_figure(t: ComparedTest) -> Figure:
+    """Measured and simulated over time, and what is left between them, for every channel of a test."""
+    figure = style.new_figure(8.4, 1.0 + 4.2 * len(t.channels))
+    axes = figure.subplots(2 * len(t.channels), 1, sharex=True, squeeze=False)[:, 0]
+    figure.suptitle(t.test.name, fontsize=style.TITLE, x=0.08, ha="left")
+    for c, above, below in zip(t.channels, axes[::2], axes[1::2], strict=True):
+        size, unit = c.channel.size, c.channel.unit
+        time, measured, simulated, residual = style.thinned(
+            c.time[c.valid], *(v[c.valid] / size for v in (c.measured, c.simulated, c.residual))
+        )
+        above.plot(time, measured, color=style.MEASURED, lw=0.9, label="measured")
+        above.plot(time, simulated, color=style.SIMULATED, lw=0.8, label="simulated")
+        above.legend(fontsize=style.SMALL, frameon=False, ncols=2, loc="upper right")
+        style.label(above, "", f"{c.channel.name} ({unit})")
+        below.axhspan(-2 * c.noise / size, 2 * c.noise / size, color=style.BAND, lw=0)
+        below.plot(time, residual, color=style.INK, lw=0.7)
+        style.label(below, "", f"measured less simulated ({unit})")
+    axes[-1].set_xlabel("time (s)", fontsize=style.TEXT)
+    figure.tight_layout()
+    return figure

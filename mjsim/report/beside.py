@@ -1,0 +1,156 @@
+"""What the page says of instruments other than the ball bar: recordings and their pictures; of axis logs also findings,
+ladder and data sheet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.metadata import version
+
+import numpy as np
+
+from mjsim.instruments.base import INSTRUMENTS
+from mjsim.machine.sheet_names import sheet_name
+from mjsim.plots.comparison import titled_figures
+from mjsim.report.page import data_uri
+from mjsim.units import DEG, UM
+from mjsim.workflow.axis_log.compare import ComparedAxis
+from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
+from mjsim.workflow.comparison import ComparedChannel, ComparedPart
+from mjsim.workflow.finding import DiagnosedEffect
+
+_SENTENCES = {
+    "identified": "These effects are missing from the model, and nothing else explains the logs as well.",
+    "ambiguous": "Some of these effects cannot be told from others by these logs.",
+    "unknown": "Something is left that no effect of the catalogue explains.",
+    "nothing_found": "The model explains the logs within the tolerances of the data sheet.",
+}
+#: Findings that the first box names.
+_NAMED = 3
+
+
+def section_of(part: ComparedPart, logs: LogDiagnosis | None = None, said: Sequence[str] = ()) -> dict:
+    """What the page says of the tests of an instrument that is no ball bar, as plain data.
+
+    Args:
+        part: Its tests, as compared with the final machine.
+        logs: The diagnosis, where it was one of axis logs.
+        said: Sentences above the tables.
+    """
+    if logs is not None:
+        return _of_diagnosis(logs) | {"said": list(said)}
+    return _of_comparison(part) | {"said": list(said)}
+
+
+def images_of(part: ComparedPart) -> list[list[tuple[str, str]]]:
+    """Names and data URIs of the pictures of every test."""
+    return [[(name, data_uri(figure)) for name, figure in titled_figures(t)] for t in part.tests]
+
+
+def _of_comparison(result: ComparedPart) -> dict:
+    said = result.to_json()
+    tests = [{"name": t.test.name, "axes": [_channel_row(c) for c in t.channels]} for t in result.tests]
+    return {
+        "title": result.campaign.name,
+        "machine": result.machine.name,
+        "instrument": INSTRUMENTS[result.instrument].test_noun,
+        "axes": list(dict.fromkeys(c.channel.name for t in result.tests for c in t.channels)),
+        "verdict": None,
+        "rms_before_um": None,
+        "rms_after_um": said.get("rms_um"),
+        "noise_um": said.get("noise_um"),
+        "noise_source": said.get("noise_source", "as the instrument states it"),
+        "tests": tests,
+        "effects": [],
+        "unexplained": None,
+        "ladders": [],
+        "sheet": [],
+        "not_separable": [],
+        "not_testable": [],
+        "provenance": [["mjsim", version("mjsim")], ["mujoco", version("mujoco")], ["numpy", version("numpy")]],
+    }
+
+
+def _channel_row(c: ComparedChannel) -> dict:
+    """Errors of one channel with their units."""
+    numbers = {"rms": c.rms, "max": c.maximum, "noise": c.noise}
+    if isinstance(c, ComparedAxis):
+        numbers = {"following": c.following} | numbers
+    return {"axis": c.channel.name} | {k: f"{v / c.channel.size:.4g} {c.channel.unit}" for k, v in numbers.items()}
+
+
+def _of_diagnosis(result: LogDiagnosis) -> dict:
+    said = result.to_json()
+    nouns = [e.effect.noun or e.effect.kind.replace("_", " ") for e in result.effects[:_NAMED]]
+    names = [f"{noun} of {e.effect.subject}" for noun, e in zip(nouns, result.effects, strict=False)]
+    more = len(result.effects) - len(names)
+    answer = ", ".join(names) + (f", and {more} smaller" if more > 0 else "")
+    return _of_comparison(result.after) | {
+        "verdict": result.verdict,
+        "answer": f"{answer[:1].upper()}{answer[1:]}." if names else "No effect is missing from the machine's model.",
+        "sentence": _SENTENCES[result.verdict],
+        "rms_before_um": said["rms_before_um"],
+        "effects": [_finding(e, row) for e, row in zip(result.effects, said["effects"], strict=True)],
+        "unexplained": said["unexplained"]["summary"] if said["unexplained"] else None,
+        "ladders": _ladders(result),
+        "sheet": [_sheet_row(row) for row in said["data_sheet"]],
+        "not_separable": [
+            f"{i['axis']}: only a combination of {', '.join(i['numbers'])} is known; {i['remedy']}."
+            for i in said["not_separable"]
+        ],
+        "not_testable": said["not_testable"],
+    }
+
+
+def _finding(e: DiagnosedEffect, row: dict) -> dict:
+    rows = []
+    for name, value in row["parameters"].items():
+        ends = row["ci95"].get(name)
+        if name == "components":
+            for (order, size, _), low, high in zip(value, *(ends or (value, value)), strict=True):
+                rows.append([f"amplitude of order {order:g}, N·m", f"{size:.3g}", f"{low[1]:.3g} to {high[1]:.3g}"])
+        elif ends:
+            rows.append([name, f"{value:.4g}", f"{ends[0]:.4g} to {ends[1]:.4g}"])
+        else:
+            rows.append([name, f"{value:.4g}", "–"])
+    if "rms_before_deg" in row:
+        size = f"{row['rms_before_deg']:.3g} → {row['rms_after_deg']:.3g} °"
+    else:
+        size = f"{row['rms_before_um']:.2f} → {row['rms_after_um']:.2f} µm"
+    keys = ("id", "alternatives", "tests")
+    return (
+        {k: row[k] for k in keys}
+        | {"change": size}
+        | {"together": e.together.sentence if e.together else None}
+        | {"title": e.effect.title, "remedy": e.effect.remedy.text, "rows": rows}
+    )
+
+
+def _ladders(result: LogDiagnosis) -> list[dict]:
+    out = []
+    for axis, s in result.selections.items():
+        names = [t.test.name for t in result.after.tests if axis in t.axes]
+        rotary = result.machine.chain.is_rotary(axis)
+        unit = DEG if rotary else UM
+        steps = [("as given", s.given), ("data sheet fitted", s.ladder[0])]
+        steps += [(f"+ {key}", fit) for key, fit in zip(s.order, s.ladder[1:], strict=False)]
+        steps.append(("final model", s.fit))
+        rows = [[name, [float(v) / unit for v in np.sqrt(fit.mean_squares)]] for name, fit in steps]
+        symbol = "°" if rotary else "µm"
+        form = "%.3g" if rotary else "%.2f"
+        rows = [[name, [form % v for v in values]] for name, values in rows]
+        out.append({"axis": axis, "unit": symbol, "tests": names, "rows": rows})
+    return out
+
+
+def _sheet_row(row: dict) -> dict:
+    where = f" ({row['controller']})" if row["controller"] else ""
+    low, high = row["ci95"]
+    name, unit = sheet_name(row["name"])
+    return {
+        "name": f"{row['axis']} {name}{where}, {unit}".rstrip(", "),
+        "stated": f"{row['stated']:.4g}",
+        "found": f"{row['found']:.4g}",
+        "ends": f"{low:.4g} to {high:.4g}",
+        "source": row["source"] if row["known"] else "the data sheet",
+    }

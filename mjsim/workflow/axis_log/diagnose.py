@@ -1,0 +1,192 @@
+"""What is missing from a machine's model, from axis logs; and the numbers of its drives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from mjsim.campaign.model import Campaign
+from mjsim.errors import InputError
+from mjsim.estimation.axis_logs.data import axis_data
+from mjsim.estimation.axis_logs.entries import CONTROLLER, Entry
+from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter
+from mjsim.estimation.axis_logs.found import AxisSelection, FoundCause
+from mjsim.estimation.axis_logs.selection import AxisSearch
+from mjsim.estimation.axis_logs.separability import inseparable
+from mjsim.estimation.axis_logs.together import known_together
+from mjsim.estimation.axis_logs.unexplained import unexplained_rest
+from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
+from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
+from mjsim.machine.model import Machine
+from mjsim.progress import Progress, silent
+from mjsim.threads import one_blas_thread
+from mjsim.workflow.axis_log.compare import checked_logs, overlay_logs
+from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
+from mjsim.workflow.axis_log.numbers import parameter_intervals, sheet_of
+from mjsim.workflow.finding import DiagnosedEffect
+
+#: Effects behind the motor's encoder, which a log without an encoder at the load cannot show.
+_BEHIND = ("backlash", "pitch_error", "scale_error", "worm_wear", "thermal_drift", "drive_compliance")
+
+
+@one_blas_thread
+def diagnose_logs(
+    campaign: Campaign,
+    machine: Machine,
+    max_effects: int = 8,
+    threads: int = 2,
+    progress: Progress = silent,
+    settings: DiagnosisSettings = DIAGNOSIS,
+    shared: Mapping[str, Sequence[Entry]] | None = None,
+) -> LogDiagnosis:
+    """Find what is missing from the model of the recorded axes, and the numbers of their drives.
+
+    Axes do not act on each other in a log: each is searched alone, over all its recordings.
+
+    Args:
+        campaign: With at least one recording.
+        machine: As given.
+        max_effects: At most so many causes on each axis.
+        threads: Simulations side by side.
+        progress: Called as work gets on.
+        settings: What decides.
+        shared: By axis what another instrument knows, with its uncertainty as priors.
+
+    Raises:
+        InputError: No log has a recording, or a controller is missing.
+    """
+    campaign = checked_logs(campaign, machine)
+    searches = {
+        axis: AxisSearch(
+            machine, axis_data(campaign, axis, machine), threads, settings, progress, (shared or {}).get(axis, ())
+        )
+        for axis in recorded_axes(campaign.measured)
+    }
+    with ThreadPoolExecutor(max(1, min(threads, len(searches)))) as pool:
+        selections = dict(zip(searches, pool.map(lambda s: s.run(max_effects), searches.values()), strict=True))
+    return log_diagnosis(campaign, machine, {a: s.fitter for a, s in searches.items()}, selections, settings)
+
+
+def log_diagnosis(
+    campaign: Campaign,
+    machine: Machine,
+    fitters: Mapping[str, LogFitter],
+    selections: Mapping[str, AxisSelection],
+    settings: DiagnosisSettings = DIAGNOSIS,
+) -> LogDiagnosis:
+    """What the searches of all axes come to.
+
+    Args:
+        campaign: What was recorded.
+        machine: As given.
+        fitters: Of the axes, by letter.
+        selections: What was found, by letter.
+        settings: What decides.
+    """
+    fitted = merged(machine, [s.fit for s in selections.values()])
+    before = overlay_logs(campaign, machine, {a: (fitters[a], s.given) for a, s in selections.items()})
+    after = overlay_logs(campaign, fitted, {a: (fitters[a], s.fit) for a, s in selections.items()})
+    effects = sorted((e for s in selections.values() for e in effects_of(s)), key=lambda e: -e.gain)
+    rest = [
+        r
+        for a, s in selections.items()
+        if (r := unexplained_rest(fitters[a], s.fit, machine.drives[a].gear, settings)) is not None
+    ]
+    if effects:
+        verdict = "ambiguous" if any(e.is_open for e in effects) else "identified"
+    else:
+        verdict = "unknown" if rest else "nothing_found"
+    return LogDiagnosis(
+        campaign,
+        verdict,
+        tuple(effects),
+        tuple(n for a, s in selections.items() for n in sheet_of(machine, a, s)),
+        tuple(i for s in selections.values() for i in inseparable(s.fit)),
+        tuple(rest),
+        tuple(hidden_effects(campaign, machine)),
+        fitted,
+        before,
+        after,
+        selections,
+    )
+
+
+def hidden_effects(campaign: Campaign, machine: Machine) -> list[str]:
+    """Ids of effects behind the encoders of the recorded axes, where no encoder at the load was recorded."""
+    loads = {a for t in campaign.measured for a in t.axes if campaign.traces[t.name].axes[a].load is not None}
+    hidden = [f"{kind}.{a}" for a in recorded_axes(campaign.measured) if a not in loads for kind in _BEHIND]
+    return [h for h in hidden if exists(h, machine)]
+
+
+def exists(effect_id: str, machine: Machine) -> bool:
+    """Whether the catalogue has an effect for this machine."""
+    from mjsim.effects import registry
+
+    try:
+        registry.effect_class(effect_id, machine.chain)
+    except InputError:
+        return False
+    return True
+
+
+def merged(machine: Machine, fits: list[AxisFit]) -> Machine:
+    """One machine with the fitted numbers and effects of every axis."""
+    drives, controllers = dict(machine.drives), {n: dict(c) for n, c in machine.controllers.items()}
+    out = machine
+    for fit in fits:
+        axis, found = fit.model.axis, fit.model.machine
+        drives[axis] = found.drives[axis]
+        ran = {e.where for e in fit.model.entries if e.owner == CONTROLLER}
+        for name, axes in found.controllers.items():
+            if axis in axes:
+                controllers[name][axis] = axes[axis]
+        # positions fix ratios of torques only: what the logs scaled, they scaled for every controller of the axis
+        ratios = [found.controllers[n][axis].velocity_gain / machine.controllers[n][axis].velocity_gain for n in ran]
+        for name, axes in machine.controllers.items():
+            if ratios and axis in axes and name not in ran:
+                scaled = axes[axis].velocity_gain * float(np.exp(np.mean(np.log(ratios))))
+                controllers[name][axis] = replace(axes[axis], velocity_gain=scaled)
+        for effect in found.effects:
+            if effect.subject == axis:
+                out = out.with_effect(effect)
+    return replace(out, drives=drives, controllers=controllers)
+
+
+def _order_of(cause: FoundCause) -> float | None:
+    """Order of the wave that a cause is one of several of."""
+    several = cause.effect_id.partition(".")[0] == "cogging"
+    return float(cause.key.rpartition(" ")[2]) if several else None
+
+
+def effects_of(selection: AxisSelection) -> list[DiagnosedEffect]:
+    """Causes of one axis with their parameters; two shapes of one effect are one cause."""
+    fit, out = selection.fit, {}
+    ranges = parameter_intervals(fit)
+    ladder = [selection.sheet.rms, *[f.rms for f in selection.ladder[1:]]]
+    steps = dict(zip(selection.order, pairwise(ladder), strict=False))
+    for cause in selection.found:
+        effect = fit.model.machine.effect(cause.effect_id)
+        assert effect is not None
+        before, after = steps.get(cause.key, (ladder[0], ladder[-1]))
+        ci = ranges.get(cause.effect_id, {})
+        mine = DiagnosedEffect(
+            effect,
+            tuple(ci),
+            ci,
+            before,
+            after,
+            cause.alternatives,
+            cause.tests,
+            cause.gain,
+            cause.rejected,
+            found_by=LogTest.instrument,
+            together=known_together(fit, effect.id, _order_of(cause)),
+        )
+        former = out.get(effect.id)
+        if former is None or former.gain < mine.gain:
+            out[effect.id] = mine
+    return list(out.values())

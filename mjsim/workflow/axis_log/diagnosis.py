@@ -1,0 +1,147 @@
+"""What a diagnosis of axis logs found, and how it is handed on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from mjsim.campaign.model import Campaign
+from mjsim.estimation.axis_logs.found import AxisSelection
+from mjsim.estimation.axis_logs.separability import Inseparable
+from mjsim.estimation.axis_logs.unexplained import UnexplainedRest
+from mjsim.machine.model import Machine
+from mjsim.units import DEG, MM, UM
+from mjsim.workflow.axis_log.compare import LogComparison
+from mjsim.workflow.finding import DiagnosedEffect, rounded
+
+
+@dataclass(frozen=True)
+class SheetNumber:
+    """One number of the data sheet.
+
+    Attributes:
+        axis: Letter.
+        name: Attribute of the drive or parameter of its friction.
+        controller: Name of the controller that it belongs to; empty for the drive.
+        stated: SI.
+        found: SI.
+        ci95: Low and high.
+        known: Whether the recordings say more than the prior.
+        source: ``recorded output`` or ``motion``.
+    """
+
+    axis: str
+    name: str
+    controller: str
+    stated: float
+    found: float
+    ci95: tuple[float, float]
+    known: bool
+    source: str
+
+    def to_json(self) -> dict:
+        """Plain numbers."""
+        return {
+            "axis": self.axis,
+            "name": self.name,
+            "controller": self.controller or None,
+            "stated": rounded(self.stated),
+            "found": rounded(self.found),
+            "ci95": [rounded(x) for x in self.ci95],
+            "ratio": rounded(self.found / self.stated),
+            "known": self.known,
+            "source": self.source,
+        }
+
+
+@dataclass(frozen=True)
+class LogDiagnosis:
+    """Result of a diagnosis of axis logs.
+
+    Attributes:
+        campaign: What was recorded.
+        verdict: ``identified``, ``ambiguous``, ``unknown`` or ``nothing_found``.
+        effects: What is missing, the largest contribution first.
+        sheet: The data sheet as the recordings have it.
+        inseparable: Numbers of which only a combination is known.
+        rest: What no cause explains, one per axis at most.
+        not_testable: Ids that the recordings cannot show.
+        machine: With the effects and the fitted numbers.
+        before: Comparison of the machine as given.
+        after: Comparison of the fitted machine.
+        selections: The searches, by axis.
+    """
+
+    campaign: Campaign
+    verdict: str
+    effects: tuple[DiagnosedEffect, ...]
+    sheet: tuple[SheetNumber, ...]
+    inseparable: tuple[Inseparable, ...]
+    rest: tuple[UnexplainedRest, ...]
+    not_testable: tuple[str, ...]
+    machine: Machine
+    before: LogComparison
+    after: LogComparison
+    selections: Mapping[str, AxisSelection]
+
+    def to_json(self) -> dict:
+        """The JSON of ``mjsim diagnose``: keys as for ball-bar tests, and the data sheet."""
+        rest = max(self.rest, key=lambda r: r.rms, default=None)
+        return {
+            "verdict": self.verdict,
+            "noise_um": rounded(self.before.noise / UM),
+            "rms_before_um": rounded(self.before.rms / UM),
+            "rms_after_um": rounded(self.after.rms / UM),
+            **self._rotary(),
+            "effects": [e.to_json(self.machine) for e in self.effects],
+            "unexplained": self._rest_json(rest) if rest else None,
+            "not_testable": list(self.not_testable),
+            "data_sheet": [s.to_json() for s in self.sheet],
+            "not_separable": [
+                {"axis": i.axis, "numbers": list(i.labels), "remedy": i.remedy} for i in self.inseparable
+            ],
+            "samples": sum(t.to_json()["samples"] for t in self.before.tests),
+            "next_test": self._next(),
+            "tests": [t.to_json() for t in self.after.tests],
+        }
+
+    def _rotary(self) -> dict:
+        before, after = self.before.rms_rotary, self.after.rms_rotary
+        if before is None or after is None:
+            return {}
+        return {"rms_before_deg": rounded(before / DEG), "rms_after_deg": rounded(after / DEG)}
+
+    def _rest_json(self, rest: UnexplainedRest) -> dict:
+        rotary = self.machine.chain.is_rotary(rest.axis)
+        period = None if rest.period is None else rounded(rest.period / (DEG if rotary else MM))
+        where = f" with a period of {period:g} {'°' if rotary else 'mm'}" if period is not None else ""
+        size = f"{rest.rms / (DEG if rotary else UM):.3g} {'°' if rotary else 'µm'}"
+        return {
+            "axes": [rest.axis],
+            "variable": rest.variable,
+            "period": period,
+            ("rms_deg" if rotary else "rms_um"): rounded(rest.rms / (DEG if rotary else UM)),
+            "share": rounded(rest.share),
+            "tests": list(rest.tests),
+            "summary": f"On {rest.axis}, {size} RMS depend on {rest.variable.replace('_', ' ')}{where} and on no cause "
+            f"of the catalogue ({100 * rest.share:.0f} % of what is left).",
+            "effect_file": None,
+        }
+
+    def _next(self) -> dict | None:
+        for e in self.effects:
+            if e.alternatives:
+                motion = "the same motion, both directions, with a longer stop between them and the torque recorded"
+                return {
+                    "between": [e.effect.id, e.alternatives[0]],
+                    "test": {"kind": "log", "axes": [e.effect.subject], "motion": motion},
+                    "difference_um": None,
+                }
+        for i in self.inseparable:
+            if len(i.labels) > 1:
+                return {
+                    "between": list(i.labels[:2]),
+                    "test": {"kind": "log", "axes": [i.axis], "motion": i.remedy},
+                    "difference_um": None,
+                }
+        return None

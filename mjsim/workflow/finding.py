@@ -1,0 +1,122 @@
+"""One cause that a diagnosis has found, whatever instrument shows it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from mjsim.estimation.axis_logs.together import KnownTogether
+from mjsim.estimation.competing import CompetingModel
+from mjsim.estimation.settings import DIAGNOSIS
+from mjsim.instruments.axis_log.measurement import LogTest
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.base import INSTRUMENTS
+from mjsim.machine.effect import Effect
+from mjsim.machine.model import Machine
+from mjsim.units import DEG, UM
+
+#: By whom a cause is decided that both instruments support.
+BOTH = "both"
+
+
+@dataclass(frozen=True)
+class DiagnosedEffect:
+    """One missing effect.
+
+    Attributes:
+        effect: With fitted parameters.
+        free: Names of the fitted ones.
+        ci95: [low, high] per fitted parameter, in the units of the names.
+        rms_before: Of the instrument that has found it, before it is in the model: RMS of all ball-bar tests along the
+            ladder of the effects found, m; RMS of its axis in all recordings, m or rad.
+        rms_after: The same with it.
+        alternatives: Ids that the data cannot tell from this one.
+        tests: Where it shows.
+        gain: How far the objective (squared residuals in units of the noise) falls with it.
+        rejected: How much less of that the others reach that were fitted in its place, by id.
+        models: The model with it, and those with its alternatives.
+        found_by: Name of the instrument that has found it.
+        together: How its leading number is known where that number's own interval holds the value that means no cause.
+        decided_by: Name of the instrument that decides, or ``both``; empty where there is one instrument only.
+        worse: By instrument, how much worse each competitor fits, by id; empty where nothing competes.
+        contradicted: Whether the axis logs are explained better without it.
+    """
+
+    effect: Effect
+    free: tuple[str, ...]
+    ci95: dict
+    rms_before: float
+    rms_after: float
+    alternatives: tuple[str, ...]
+    tests: tuple[str, ...]
+    gain: float = 0.0
+    rejected: dict[str, float] = field(default_factory=dict)
+    models: tuple[CompetingModel, ...] = ()
+    found_by: str = BallBarTest.instrument
+    together: KnownTogether | None = None
+    decided_by: str = ""
+    worse: dict[str, dict[str, float]] = field(default_factory=dict)
+    contradicted: bool = False
+
+    @property
+    def is_open(self) -> bool:
+        """Whether something else may stand in its place, or its size is open also where other numbers are as found."""
+        unknown = self.together is not None and not self.together.others
+        return bool(self.alternatives) or self.contradicted or unknown
+
+    @property
+    def evidence(self) -> str:
+        """Which instrument decided, and how clearly; empty where there is one instrument only."""
+        if not self.decided_by:
+            return ""
+        bar, log = (f"the {INSTRUMENTS[n].noun}" for n in (BallBarTest.instrument, LogTest.instrument))
+        who = {BallBarTest.instrument: bar, LogTest.instrument: log, BOTH: f"{bar} and {log}"}[self.decided_by]
+        if self.contradicted:
+            return (
+                f"The {INSTRUMENTS[LogTest.instrument].noun} is explained better without it. One of the two "
+                "instruments is misled."
+            )
+        if not self.worse:
+            return f"Found by {who}."
+        bars, logs = (self.worse[n] for n in (BallBarTest.instrument, LogTest.instrument))
+        parts = [f"{i} fits worse by {bars[i]:.1f} in {bar} and by {logs[i]:.1f} in {log}" for i in logs]
+        said = f"Decided by {who}" if self.decided_by != BallBarTest.instrument else "Not decided"
+        return f"{said}: {', '.join(parts)}; {DIAGNOSIS.indistinguishable:g} together tell two apart."
+
+    def to_json(self, machine: Machine) -> dict:
+        """As one of ``effects`` in the JSON of ``mjsim diagnose``; ``machine`` has its axis."""
+        by_log, axis = self.found_by != BallBarTest.instrument, self.effect.subject
+        turns = by_log and axis in machine.chain.letters and machine.chain.is_rotary(axis)
+        unit, symbol = (DEG, "deg") if turns else (UM, "um")
+        digits = rounded if by_log or self.decided_by else lambda x: round(float(x), 4)
+        out = {
+            "id": self.effect.id,
+            "parameters": {k: rounded(v) for k, v in self.effect.values.items()},
+            "ci95": {k: rounded(v) for k, v in self.ci95.items()},
+            f"rms_before_{symbol}": digits(self.rms_before / unit),
+            f"rms_after_{symbol}": digits(self.rms_after / unit),
+            "alternatives": list(self.alternatives),
+            "tests": list(self.tests),
+        }
+        if not self.decided_by:
+            return out | ({"known_together": self._together()} if by_log else {})
+        names = self.worse.get(LogTest.instrument, {})
+        return out | {
+            "decided_by": self.decided_by,
+            "worse": {i: {who: rounded(v[i]) for who, v in self.worse.items()} for i in names},
+            "contradicted": self.contradicted,
+            "evidence": self.evidence,
+        }
+
+    def _together(self) -> dict | None:
+        known = self.together
+        if known is None:
+            return None
+        ends = [rounded(x) for x in known.ci95]
+        return {"parameter": known.parameter, "others": list(known.others), "ci95": ends, "sentence": known.sentence}
+
+
+def rounded(v):
+    """Numbers, and lists of them, with six digits; a text as it is."""
+    if isinstance(v, (list, tuple)):
+        return [rounded(x) for x in v]
+    return float(f"{float(v):.6g}") if isinstance(v, (int, float)) else v
