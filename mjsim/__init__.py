@@ -57,7 +57,6 @@ _WHERE = {
     "imported_features": "mjsim.importing.features",
     "export": "mjsim.workflow.export",
     "workbench": "mjsim.workbench.state",
-    "log_workbench": "mjsim.workbench.log_state",
     "make_effect": "mjsim.effects.registry",
     "Effect": "mjsim.machine.effect",
     "Parameter": "mjsim.machine.parameter",

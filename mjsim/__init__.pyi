@@ -39,7 +39,6 @@ from mjsim.prediction.parts import part as part
 from mjsim.prediction.predict import predict as predict
 from mjsim.report.write import report as report
 from mjsim.simulation.multibody import simulate as simulate
-from mjsim.workbench.log_state import log_workbench as log_workbench
 from mjsim.workbench.state import workbench as workbench
 from mjsim.workflow.calibrate import calibrate as calibrate
 from mjsim.workflow.check import check as check
@@ -91,7 +90,6 @@ __all__ = [
     "import_log",
     "import_trace",
     "imported_features",
-    "log_workbench",
     "make_effect",
     "new_campaign",
     "part",

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
-from mjsim.cli.logs import show_check
+from mjsim.cli.logs import NOT_CHECKED, show_check
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.base import INSTRUMENTS
 
@@ -67,6 +67,8 @@ def _show_plain(data: dict) -> None:
         common.paragraph(m["sentence"])
     if not data["mistakes"]:
         common.paragraph("No mistake found.")
+    if data["not_measured"]:
+        common.paragraph(NOT_CHECKED.format(", ".join(data["not_measured"])))
 
 
 def _show_bars(data: dict, part, fix: Path | None, files: list[Path]) -> None:
@@ -91,9 +93,7 @@ def _show_bars(data: dict, part, fix: Path | None, files: list[Path]) -> None:
     for question in data["questions"]:
         common.paragraph(question)
     if data["not_measured"]:
-        common.paragraph(
-            f"Not checked, because campaign.toml names no trace for them: {', '.join(data['not_measured'])}."
-        )
+        common.paragraph(NOT_CHECKED.format(", ".join(data["not_measured"])))
     for m in data["mistakes"]:
         common.paragraph(m["sentence"])
     if files:

@@ -9,6 +9,9 @@ import click
 from mjsim.cli import common
 from mjsim.cli.parameter_lines import finding_lines
 
+#: What a check says of tests without a trace.
+NOT_CHECKED = "Not checked, because campaign.toml names no trace for them: {}."
+
 
 def import_logs(campaign: Path, pairs, signals, controller, options, force, preview, as_json, quiet) -> None:
     """``mjsim import --log``."""
@@ -47,6 +50,8 @@ def show_check(data: dict) -> None:
         common.paragraph(m["sentence"])
     if not data["mistakes"]:
         common.paragraph("No mistake found: command and actual position, axes, units and time fit each other.")
+    if data["not_measured"]:
+        common.paragraph(NOT_CHECKED.format(", ".join(data["not_measured"])))
 
 
 def show_comparison(data: dict) -> None:

@@ -56,8 +56,9 @@ def compensate(
         InputError: unknown control, nothing measured, or a range that is none.
     """
     who = control(control_name, settings)
-    if not campaign.measured:
-        raise InputError(f"{campaign.folder / 'campaign.toml'}: no test has a trace; a correction needs measured tests")
+    bars = campaign.of(BallBarTest.instrument)
+    bars.need_traces("a correction needs measured tests")
+    tests = bars.measured
     if saved is None:
         saved = read_saved(campaign, machine)
     if saved is None:
@@ -67,7 +68,7 @@ def compensate(
     left += [Left(k, "no table or offset of a control has this form") for k in beyond]
     worth = [w for w in worth if w.effect.key not in beyond]
     chain = saved.machine.chain
-    covered = ranges_of(campaign.measured, chain)
+    covered = ranges_of(tests, chain)
     for axis, (low, high) in (ranges or {}).items():
         if axis not in covered or not low < high:
             raise InputError(
@@ -76,7 +77,7 @@ def compensate(
         covered[axis] = (low, high)
     corrections = who.corrections(wanted, covered)
     if friction:
-        corrections, more = _with_pulses(who, corrections, saved, campaign.measured, progress)
+        corrections, more = _with_pulses(who, corrections, saved, tests, progress)
         left += more
     corrections = replace(corrections, left=tuple(dict.fromkeys([*left, *corrections.left])))
     result = Compensation(campaign, who, saved, tuple(worth), corrections, Forecast(()), {})
@@ -84,7 +85,7 @@ def compensate(
 
     def done() -> None:
         count[0] += 1
-        progress("simulating the corrected machine", count[0], len(campaign.measured))
+        progress("simulating the corrected machine", count[0], len(tests))
 
     sound = saved.machine
     for w in worth:
@@ -92,7 +93,7 @@ def compensate(
             sound = sound.without(w.effect.key)
     for axis in corrections.pulses:
         sound = sound.without(f"friction.{axis}")
-    expected = forecast(saved.machine, sound, campaign.measured, corrections, who.arithmetic(chain), threads, done)
+    expected = forecast(saved.machine, sound, tests, corrections, who.arithmetic(chain), threads, done)
     result = replace(result, forecast=expected)
     files = who.files(corrections)
     return replace(result, files={"corrections.txt": summary(result), **files})

@@ -8,7 +8,7 @@ import numpy as np
 
 from mjsim.effects import registry
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.settings import DIAGNOSIS
+from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.machine.chain import is_rotary
 from mjsim.report.answer import short_test
 from mjsim.report.content import Finding, NotTestable, ParameterRow, Rejected
@@ -27,12 +27,15 @@ def findings(result: Diagnosis) -> list[Finding]:
     data = result.to_json()["effects"]
     explainable = result.before.rms**2 - result.noise**2
     return [
-        _finding(e, row, explainable, result.shares.get(e.effect.key), i < result.own_rungs)
+        _finding(e, row, explainable, result.shares.get(e.effect.key), i < result.own_rungs, result.settings)
         for i, (e, row) in enumerate(zip(result.effects, data, strict=True))
     ]
 
 
-def _finding(e: DiagnosedEffect, data: dict, explainable: float, known: float | None, own: bool) -> Finding:
+def _finding(
+    e: DiagnosedEffect, data: dict, explainable: float, known: float | None, own: bool, settings: DiagnosisSettings
+) -> Finding:
+    threshold = settings.likelihood_ratio
     share = 100.0 * (e.rms_before**2 - e.rms_after**2) / explainable if explainable > 0.0 else None
     if known is not None:
         share = 100.0 * known
@@ -51,8 +54,8 @@ def _finding(e: DiagnosedEffect, data: dict, explainable: float, known: float | 
         e.tests,
         None if share is None else round(share, 1),
         float(f"{e.gain:.6g}"),
-        DIAGNOSIS.likelihood_ratio,
-        confidence(e.gain, e.alternatives),
+        threshold,
+        confidence(e.gain, e.alternatives, threshold),
         rejected,
     )
 
@@ -77,12 +80,12 @@ def _ends(ci, i: int, column: int) -> tuple[float | None, float | None]:
     return (ci[0][i][column], ci[1][i][column]) if ci else (None, None)
 
 
-def confidence(gain: float, alternatives: tuple[str, ...]) -> str:
+def confidence(gain: float, alternatives: tuple[str, ...], threshold: float = DIAGNOSIS.likelihood_ratio) -> str:
     """What a gain means, in words.
 
     Chance alone passes the threshold about once in a thousand campaigns (``scripts/null_bank.py``).
     """
-    ratio = gain / DIAGNOSIS.likelihood_ratio
+    ratio = gain / threshold
     how = "certain" if ratio >= CERTAIN else "clear" if ratio >= CLEAR else "weak"
     size = f"{ratio:,.0f}".replace(",", "\u202f") if ratio >= 10.0 else f"{ratio:.1f}"
     text = (

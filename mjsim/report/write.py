@@ -9,6 +9,7 @@ from datetime import date
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.mistakes.checked_problem import checked_problem
+from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import INSTRUMENTS
@@ -52,6 +53,7 @@ def report(
     threads: int = 2,
     progress: Progress = silent,
     parts: Sequence[PartRun] = (),
+    settings: DiagnosisSettings = DIAGNOSIS,
 ) -> Report:
     """The report of a campaign; of several campaigns of one machine the trend.
 
@@ -66,6 +68,7 @@ def report(
         threads: tests simulated side by side.
         progress: called as work gets on.
         parts: programs whose error the page of one campaign predicts.
+        settings: what decides.
 
     Raises:
         InputError: no measured test, campaigns of different machines, or the extra is not installed.
@@ -74,7 +77,7 @@ def report(
     if isinstance(campaigns, Campaign) or len(campaigns) == 1:
         campaign = campaigns if isinstance(campaigns, Campaign) else campaigns[0]
         machine = machines if isinstance(machines, Machine) else machines[0]
-        return _single(campaign, machine, max_effects, diagnosed, threads, progress, parts)
+        return _single(campaign, machine, max_effects, diagnosed, threads, progress, parts, settings)
     pairs = list(
         zip(campaigns, [machines] * len(campaigns) if isinstance(machines, Machine) else machines, strict=True)
     )
@@ -88,7 +91,7 @@ def report(
             progress(place + stage, done, total)
 
         if diagnosed:
-            results.append(diagnose(c, m, max_effects, threads, told).of_bars())
+            results.append(diagnose(c, m, max_effects, threads, told, settings).of_bars())
         else:
             results.append(compare_bars(c, m, threads, told))
     content = trend.content(results)
@@ -103,6 +106,7 @@ def _single(
     threads: int,
     progress: Progress,
     parts: Sequence[PartRun],
+    settings: DiagnosisSettings,
 ) -> Report:
     campaign.need_traces("a report needs at least one measured test")
     bars = BallBarTest.instrument in campaign.measured_parts
@@ -112,7 +116,7 @@ def _single(
     content, sections = None, {}
     able = campaign.of(*DIAGNOSABLE)
     if diagnosed and able.measured:
-        found = diagnose(able, machine, max_effects, threads, progress)
+        found = diagnose(able, machine, max_effects, threads, progress, settings)
         final = found.machine
         if bars:
             content = build.diagnosed(found.of_bars(), threads, progress, day, parts=parts)

@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
 
-from mjsim.campaign.files import read_campaign
-from mjsim.campaign.machine_file import machine_document, machine_of
-from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.axis_logs.data import axis_data
 from mjsim.estimation.axis_logs.entries import Entry
@@ -17,8 +11,6 @@ from mjsim.estimation.axis_logs.fit import LogFitter
 from mjsim.estimation.axis_logs.gains import read_gains
 from mjsim.estimation.axis_logs.start import start_model
 from mjsim.instruments.axis_log.measurement import recorded_axes
-from mjsim.io.files import write_all
-from mjsim.io.toml import read_text
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
@@ -27,10 +19,7 @@ from mjsim.workbench import catalogue
 from mjsim.workbench import save as saving
 from mjsim.workbench.gains import Gain
 from mjsim.workbench.log_gains import log_gains
-from mjsim.workbench.readings import DRIVES
-from mjsim.workbench.tried import ChangedModel
-from mjsim.workflow import history
-from mjsim.workflow.axis_log.compare import LogComparison, checked_logs, compare_logs
+from mjsim.workbench.recordings import RecordingsBench
 from mjsim.workflow.axis_log.diagnose import diagnose_logs, merged
 from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
 from mjsim.workflow.axis_log.numbers import parameter_intervals
@@ -39,77 +28,23 @@ from mjsim.workflow.axis_log.numbers import parameter_intervals
 _WIDE, _WIDE_LOG = 1e3, 10.0
 
 
-@dataclass(frozen=True)
-class OpenLogs:
-    """A campaign of axis logs with its machine.
-
-    Attributes:
-        campaign: As it was read.
-        machine: The model in the machine file.
-        threads: Simulations side by side.
-    """
-
-    campaign: Campaign
-    machine: Machine
-    threads: int
-
-
-class SharedLogs:
-    """What all workbenches of one campaign of axis logs share.
-
-    Args:
-        campaign: As it was read.
-        machine: The model to begin with.
-        threads: Simulations side by side.
-
-    Raises:
-        InputError: No log has a recording, a controller is missing, or a recording shows a mistake.
-    """
-
-    def __init__(self, campaign: Campaign, machine: Machine, threads: int = 2) -> None:
-        campaign = checked_logs(campaign, machine)
-        self.opened = OpenLogs(campaign, machine, threads)
-        self.text = read_text(machine.path) if machine.path else ""
-
-
-class LogBench(ChangedModel):
-    """A model of the recorded axes that is changed effect by effect. Nothing is written before :meth:`save`.
+class LogBench(RecordingsBench):
+    """A model of the recorded axes, whose effects and data sheet can be fitted and searched.
 
     Args:
         shared: Of the campaign.
     """
 
-    def __init__(self, shared: SharedLogs) -> None:
-        super().__init__(shared.opened.campaign, shared.opened.machine)
-        self.shared, self.opened = shared, shared.opened
-        self.diagnosis: LogDiagnosis | None = None
-        self._text = shared.text
-        self._lock = threading.Lock()
-        self.noise_rms = 0.0
+    @property
+    def can_fit(self) -> bool:
+        """The recordings of an axis fit its effects."""
+        return True
 
     @property
     def catalogue(self) -> dict[str, list[catalogue.Entry]]:
         """The effects that can be put in, by recorded axis."""
         groups = catalogue.by_axis(self.machine, logs=True)
         return {a: rows for a, rows in groups.items() if a in recorded_axes(self.campaign.measured)}
-
-    @property
-    def noise(self) -> float:
-        """Largest noise of a linear axis, m; 0 before the first comparison."""
-        return self.noise_rms
-
-    def quick(self, machine: Machine | None = None) -> LogComparison:
-        """The present model (or another one) laid over all recordings; some 20 ms for a recording of 4 s.
-
-        Raises:
-            InputError: An effect acts on what the machine does not have.
-            SimulationError: A drive is unstable.
-        """
-        machine = machine or self.machine
-        result = compare_logs(self.campaign, machine, self.opened.threads)
-        self.ladder.note(machine, result.rms, DRIVES)
-        self.noise_rms = result.noise
-        return result
 
     def update_gains(self, stopped: Callable[[], bool] = lambda: False) -> dict[str, Gain]:
         """How much of the present residual of its axis each effect could explain, by its id; takes some seconds.
@@ -175,10 +110,6 @@ class LogBench(ChangedModel):
         self.diagnosis = diagnose_logs(self.campaign, self.machine, threads=self.opened.threads, progress=progress)
         return self.diagnosis
 
-    def add(self, effect: Effect) -> None:
-        """Put an effect with its values into the model, such as one that a diagnosis found."""
-        self.put(f"+ {effect.key}", self.machine.with_effect(effect))
-
     def take_fitted(self) -> None:
         """Take the whole machine of the last diagnosis: its effects and the numbers of its drives."""
         if self.diagnosis is not None:
@@ -188,7 +119,7 @@ class LogBench(ChangedModel):
     @property
     def unsaved(self) -> list[saving.Change]:
         """Steps from the machine file to the present model."""
-        return [*saving.changes(self.saved, self.machine), *self._drive_changes()]
+        return [*super().unsaved, *self._drive_changes()]
 
     def _drive_changes(self) -> list[saving.Change]:
         now, file = self.machine, self.saved
@@ -199,33 +130,6 @@ class LogBench(ChangedModel):
             or any(c.get(a) != file.controllers[n].get(a) for n, c in now.controllers.items())
         ]
         return [saving.Change("add", f"drive.{a}", now) for a in changed]
-
-    def save_makes_worse(self) -> bool:
-        """Whether the present model fits worse than the machine file's."""
-        return self.quick().rms > self.quick(self.saved).rms
-
-    def save(self, force: bool = False, progress: Progress = silent) -> list[saving.Change]:
-        """Write the present model to the machine file; the former text is kept in ``.mjsim``.
-
-        Args:
-            force: Save a model that fits worse than the file's, too.
-            progress: Stage, done, total.
-
-        Raises:
-            InputError: The file was changed meanwhile, or the model fits worse.
-        """
-        with self._lock:
-            steps, path = self.unsaved, self.machine.file
-            if not steps:
-                return []
-            saving.check_unchanged(path, self._text)
-            progress("simulating what is saved", 0, 1)
-            if not force and self.save_makes_worse():
-                raise InputError(f"{path}: the model fits worse than the file's; nothing was written")
-            document = machine_document(self.machine, path, self._text)
-            write_all(history.changed_machine(document, path, self.campaign), force=True)
-            self.saved, self._text = self.machine, read_text(path)
-        return steps
 
 
 def _entries(effect: Effect, setups: int) -> list[Entry]:
@@ -266,23 +170,3 @@ def _wave_entries(effect: Effect) -> list[Entry]:
         out += [Entry(effect.id, f"{part}{order}", v, scale=scale, deviation=_WIDE, centre=0.0)
                 for part, v in (("cosine", size), ("sine", 0.0))]  # fmt: skip
     return out
-
-
-def log_workbench(
-    campaign: Campaign | str | Path, machine: Machine | str | Path | None = None, threads: int = 2
-) -> LogBench:
-    """Open a campaign of axis logs in the workbench, without a page.
-
-    Args:
-        campaign: A campaign or its folder.
-        machine: A model or the file of one; the campaign's own where it is missing.
-        threads: Simulations side by side.
-
-    Raises:
-        InputError: A file is wrong, or a recording shows a mistake.
-    """
-    if not isinstance(campaign, Campaign):
-        campaign = read_campaign(campaign)
-    if not isinstance(machine, Machine):
-        machine = machine_of(campaign, machine)
-    return LogBench(SharedLogs(campaign, machine, threads))

@@ -6,10 +6,14 @@ import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import machine_of
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
+from mjsim.instruments.axis_log.measurement import LogTest
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.io.toml import read_text
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
@@ -20,8 +24,10 @@ from mjsim.workbench import fitting
 from mjsim.workbench import save as saving
 from mjsim.workbench.gains import Gain, Gains
 from mjsim.workbench.jobs import Stopped
+from mjsim.workbench.log_state import LogBench
 from mjsim.workbench.opened import OpenCampaign
 from mjsim.workbench.picture import Picture, picture
+from mjsim.workbench.recordings import RecordingsBench, SharedRecordings
 from mjsim.workbench.tried import Shared, TriedModel
 from mjsim.workflow.diagnose import diagnose
 from mjsim.workflow.diagnosis import Diagnosis
@@ -179,22 +185,38 @@ class Workbench(TriedModel):
         return picture(self, name)
 
 
-def workbench(
-    campaign: Campaign | str | Path, machine: Machine | str | Path | None = None, threads: int = 2
-) -> Workbench:
+def workbench(campaign: Campaign | str | Path, machine: Machine | str | Path | None = None, threads: int = 2) -> Any:
     """Open a campaign in the workbench, without a page.
 
     Args:
-        campaign: A campaign or its folder; it needs no traces.
+        campaign: A campaign or its folder; with ball-bar tests it needs no traces.
         machine: A model or the file of one; the campaign's own where it is missing.
         threads: Tests that are worked on side by side.
 
+    Returns:
+        A :class:`Workbench` of its ball-bar tests; a :class:`~mjsim.workbench.log_state.LogBench` where axis logs, and
+        a :class:`~mjsim.workbench.recordings.RecordingsBench` where other recordings are all that was measured.
+
     Raises:
-        InputError: A file is wrong, the traces show a mistake, or the campaign has axis logs alone
-            (:func:`mjsim.workbench.log_state.log_workbench` opens those).
+        InputError: A file is wrong, or the traces show a mistake.
     """
     if not isinstance(campaign, Campaign):
         campaign = read_campaign(campaign)
-    if not campaign.tests:
-        raise InputError(f"{campaign.folder / 'campaign.toml'}: has axis logs alone; open it with log_workbench")
-    return Workbench(Shared(OpenCampaign.of(campaign, machine, threads)))
+    if not isinstance(machine, Machine):
+        machine = machine_of(campaign, machine)
+    shared = shared_of(campaign, machine, threads)
+    return Workbench(shared) if isinstance(shared, Shared) else bench_of(shared)
+
+
+def shared_of(campaign: Campaign, machine: Machine, threads: int) -> Shared | SharedRecordings:
+    """What all workbenches of a campaign share; ball-bar tests go first."""
+    measured = campaign.measured_parts
+    if BallBarTest.instrument in measured or not measured:
+        return Shared(OpenCampaign.of(campaign, machine, threads))
+    return SharedRecordings(campaign, machine, threads)
+
+
+def bench_of(shared: SharedRecordings) -> RecordingsBench:
+    """A workbench of recordings: with fits and a diagnosis where they are axis logs."""
+    logs = set(shared.opened.campaign.measured_parts) == {LogTest.instrument}
+    return LogBench(shared) if logs else RecordingsBench(shared)

@@ -150,6 +150,7 @@ def _of_bar(e: DiagnosedEffect, judged: Judged, logs: LogDiagnosis, settings: Di
         tests=tuple(tests),
         decided_by=by,
         worse={who: dict(rows) for who, rows in competitors.items()},
+        enough=settings.indistinguishable,
         contradicted=support is not None and support < -settings.indistinguishable,
     )
 

@@ -63,5 +63,6 @@ def diagnose(
             logs.before,
             logs.after,
             logs=logs,
+            settings=settings,
         )
     return diagnose_bars(campaign, machine, max_effects, threads, progress, settings)

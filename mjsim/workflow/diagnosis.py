@@ -12,6 +12,7 @@ import numpy as np
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.combinations import Combination
 from mjsim.estimation.posterior import Posterior
+from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.estimation.shares import Calibration
 from mjsim.estimation.unexplained import Unexplained
 from mjsim.instruments.axis_log.measurement import LogTest
@@ -55,6 +56,7 @@ class Diagnosis:
         combinations: Sums of calibrated numbers that the tests determine although they leave the numbers open.
         posterior: What the fit leaves uncertain about the machine; ``None`` where it was not kept.
         logs: What the axis logs show, with the numbers of the drives; ``None`` where none was recorded.
+        settings: What has decided.
     """
 
     campaign: Campaign
@@ -74,6 +76,7 @@ class Diagnosis:
     combinations: tuple[Combination, ...] = ()
     posterior: Posterior | None = None
     logs: LogDiagnosis | None = None
+    settings: DiagnosisSettings = DIAGNOSIS
 
     @property
     def has_bars(self) -> bool:

@@ -39,6 +39,7 @@ class DiagnosedEffect:
         decided_by: Name of the instrument that decides, or ``both``; empty where there is one instrument only.
         worse: By instrument, how much worse each competitor fits, by id; empty where nothing competes.
         contradicted: Whether the axis logs are explained better without it.
+        enough: Difference of the objectives that tells two explanations apart.
     """
 
     effect: Effect
@@ -56,6 +57,7 @@ class DiagnosedEffect:
     decided_by: str = ""
     worse: dict[str, dict[str, float]] = field(default_factory=dict)
     contradicted: bool = False
+    enough: float = DIAGNOSIS.indistinguishable
 
     @property
     def is_open(self) -> bool:
@@ -80,7 +82,7 @@ class DiagnosedEffect:
         bars, logs = (self.worse[n] for n in (BallBarTest.instrument, LogTest.instrument))
         parts = [f"{i} fits worse by {bars[i]:.1f} in {bar} and by {logs[i]:.1f} in {log}" for i in logs]
         said = f"Decided by {who}" if self.decided_by != BallBarTest.instrument else "Not decided"
-        return f"{said}: {', '.join(parts)}; {DIAGNOSIS.indistinguishable:g} together tell two apart."
+        return f"{said}: {', '.join(parts)}; {self.enough:g} together tell two apart."
 
     def to_json(self, machine: Machine) -> dict:
         """As one of ``effects`` in the JSON of ``mjsim diagnose``; ``machine`` has its axis."""

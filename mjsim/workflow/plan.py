@@ -21,7 +21,7 @@ from mjsim.estimation.competing import CompetingModel
 from mjsim.estimation.planning.choose import worth
 from mjsim.estimation.planning.next_test import NOTHING, Plan
 from mjsim.estimation.planning.separation import competing_of
-from mjsim.estimation.settings import DIAGNOSIS, PLAN, DiagnosisSettings
+from mjsim.estimation.settings import DIAGNOSIS, PLAN, DiagnosisSettings, PlanSettings
 from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.model import Machine
@@ -46,6 +46,7 @@ class NextMeasurement:
         bars: The ball-bar tests; nothing where none were looked at.
         reason: One sentence.
         beside: Whether the recordings stand beside the ball-bar test, because nothing was recorded yet.
+        settings: By which they were chosen.
     """
 
     between: tuple[str, ...]
@@ -53,6 +54,7 @@ class NextMeasurement:
     bars: Plan | None
     reason: str
     beside: bool = False
+    settings: PlanSettings = PLAN
 
     def to_json(self, most: int = 5) -> dict:
         """As ``mjsim plan --json`` prints it: the best measurement, and the runners-up of both instruments."""
@@ -65,7 +67,8 @@ class NextMeasurement:
         best, others = rows[0][1], [row for _, row in rows[1:most]]
         if self.bars is not None and all(r["instrument"] != "ball_bar" for r in (best, *others)):
             others.append(next(row for _, row in rows if row["instrument"] == "ball_bar"))
-        shown = {"reason": self.reason, "enough": round(PLAN.decisive**0.5, 1), "plenty": round(PLAN.certain**0.5, 1)}
+        enough, plenty = (round(d**0.5, 1) for d in (self.settings.decisive, self.settings.certain))
+        shown = {"reason": self.reason, "enough": enough, "plenty": plenty}
         return best | shown | {"runners_up": others}
 
 
@@ -92,7 +95,7 @@ def _bar_rows(bars: Plan, most: int) -> list:
     said = bars.to_json(most)
     rows = [{k: said[k] for k in ("between", "test", "difference_um", "separation", "minutes")}, *said["runners_up"]]
     pairs = zip(bars.choices, rows, strict=False)
-    return [(s, {**row, "decides": bool(s.deviance >= PLAN.decisive)}) for s, row in pairs]
+    return [(s, {**row, "decides": bool(s.deviance >= bars.settings.decisive)}) for s, row in pairs]
 
 
 def plan(
@@ -123,7 +126,7 @@ def plan(
     parts = campaign.measured_parts
     if LogTest.instrument not in parts:
         bars = plan_bars(campaign, machine, between, threads, progress, settings)
-        return _with_recordings(bars, machine) if bars is not None else None
+        return _with_recordings(bars, machine, settings.plan) if bars is not None else None
     logs = parts[LogTest.instrument]
     if between is not None:
         return _between(campaign, machine, between, threads, progress, settings)
@@ -131,25 +134,26 @@ def plan(
     assert result.logs is not None
     found = [e for e in result.effects if e.alternatives and e.models]
     if not found:
-        return _for_logs(logs, machine, result.logs.selections)
+        return _for_logs(logs, machine, result.logs.selections, settings.plan)
     pair = found[0].effect.id, found[0].alternatives[0]
     models = [next(m for m in found[0].models if m.effect_id.split("[")[0] == i) for i in pair]
     bars = plan_bars(campaign, machine, pair, threads, progress, settings)
     return _across(logs, machine, models, bars, threads, settings)
 
 
-def _for_logs(campaign: Campaign, machine: Machine, selections) -> NextMeasurement | None:
+def _for_logs(campaign: Campaign, machine: Machine, selections, settings: PlanSettings) -> NextMeasurement | None:
     """For what a search on logs has left open."""
     for axis, s in selections.items():
         like = axis_data(campaign, axis, machine)[0]
         for cause in s.found:
             for other, fit in cause.competing.items():
-                choices = LogPlanner(machine, axis, [s.fit, fit], like).apart()
-                return _said((cause.effect_id, other), choices, None)
+                choices = LogPlanner(machine, axis, [s.fit, fit], like, settings).apart()
+                return _said((cause.effect_id, other), choices, None, settings)
     for axis, s in selections.items():
         like = axis_data(campaign, axis, machine)[0]
         for i in inseparable(s.fit):
-            return _said(i.labels, LogPlanner(machine, axis, [s.fit], like).known(i.labels), None)
+            choices = LogPlanner(machine, axis, [s.fit], like, settings).known(i.labels)
+            return _said(i.labels, choices, None, settings)
     return None
 
 
@@ -174,15 +178,16 @@ def _across(
         if axis in judge.axes:
             fitter = judge.fitters[axis]
             fits = [fitter.polished(judge.fit(axis, m, {})) for m in models]
-            choices += LogPlanner(machine, axis, fits, fitter.data[0]).apart()
+            choices += LogPlanner(machine, axis, fits, fitter.data[0], settings.plan).apart()
         else:
-            choices += LogPlanner(machine, axis, [unmeasured(machine, axis, m) for m in models]).apart()
+            fits = [unmeasured(machine, axis, m) for m in models]
+            choices += LogPlanner(machine, axis, fits, settings=settings.plan).apart()
     if not choices and bars is None:
         return None
-    return _said(ids, sorted(choices, key=lambda p: p.worth, reverse=True), bars)
+    return _said(ids, sorted(choices, key=lambda p: p.worth, reverse=True), bars, settings.plan)
 
 
-def _with_recordings(bars: Plan, machine: Machine, most: int = 3) -> NextMeasurement:
+def _with_recordings(bars: Plan, machine: Machine, settings: PlanSettings, most: int = 3) -> NextMeasurement:
     """A plan for ball-bar tests with recordings of the control that separate the same, the best first.
 
     What a ball bar cannot tell apart, the encoder of one axis often can, without any set-up.
@@ -193,8 +198,8 @@ def _with_recordings(bars: Plan, machine: Machine, most: int = 3) -> NextMeasure
     if len(axes) == 1 and axes <= set(machine.chain.letters) and kinds & set(MOTOR_SIDE):
         (axis,) = axes
         models = [unmeasured(machine, axis, competing_of(e)) for e in bars.explanations]
-        choices = [p for p in LogPlanner(machine, axis, models).apart()[:most] if p.decides]
-    return NextMeasurement(bars.between, tuple(choices), bars, bars.reason, beside=True)
+        choices = [p for p in LogPlanner(machine, axis, models, settings=settings).apart()[:most] if p.decides]
+    return NextMeasurement(bars.between, tuple(choices), bars, bars.reason, True, settings)
 
 
 def _between(
@@ -221,7 +226,8 @@ def _between(
     data = axis_data(campaign, axis, machine)
     search = AxisSearch(machine, data, threads, settings, progress)
     fits = [_with(search, effect_id, place) for effect_id in between]
-    return _said(between, LogPlanner(machine, axis, fits, data[0]).apart(), bars)
+    choices = LogPlanner(machine, axis, fits, data[0], settings.plan).apart()
+    return _said(between, choices, bars, settings.plan)
 
 
 def _with(search: AxisSearch, effect_id: str, place) -> AxisFit:
@@ -239,7 +245,9 @@ def _with(search: AxisSearch, effect_id: str, place) -> AxisFit:
     return search.fitter.polished(fits[int(np.argmin(misfits(fits)))])
 
 
-def _said(between: Sequence[str], choices: Sequence[PlannedLog], bars: Plan | None) -> NextMeasurement:
+def _said(
+    between: Sequence[str], choices: Sequence[PlannedLog], bars: Plan | None, settings: PlanSettings
+) -> NextMeasurement:
     """A plan with its reason."""
     known = bool(choices) and choices[0].left is not None
     what = f"makes {', '.join(between)} known" if known else f"separates {between[0]} from {between[1]}"
@@ -250,4 +258,4 @@ def _said(between: Sequence[str], choices: Sequence[PlannedLog], bars: Plan | No
         reason = f"Of {count} {kinds} within reach this one {what} best per minute of machine time."
     else:
         reason = f"None of {count} {kinds} within reach {what} clearly; this one comes nearest."
-    return NextMeasurement(tuple(between), tuple(choices), bars, reason)
+    return NextMeasurement(tuple(between), tuple(choices), bars, reason, settings=settings)

@@ -20,7 +20,7 @@ from mjsim.estimation.axis_logs.shared import shared_entries
 from mjsim.estimation.axis_logs.start import nuisance_entries, start_model
 from mjsim.estimation.competing import CompetingModel
 from mjsim.estimation.least_squares import ridge_solution
-from mjsim.estimation.settings import PLAN
+from mjsim.estimation.settings import PLAN, PlanSettings
 from mjsim.instruments.axis_log.measurement import AxisRecord, LogTest
 from mjsim.instruments.axis_log.motions import Motion, proposals, variations
 from mjsim.machine.model import Machine
@@ -47,6 +47,7 @@ class PlannedLog:
             uncertainty where one is to be known.
         difference: RMS of the difference of two explanations after adaptation, axis units.
         left: Share of a combination's uncertainty that it leaves; nothing for explanations.
+        settings: By which it is judged.
     """
 
     motion: Motion
@@ -54,16 +55,17 @@ class PlannedLog:
     deviance: float
     difference: float = 0.0
     left: float | None = None
+    settings: PlanSettings = PLAN
 
     @property
     def decides(self) -> bool:
         """Whether it is expected to decide."""
-        return self.deviance >= PLAN.decisive if self.left is None else self.left <= _LEFT
+        return self.deviance >= self.settings.decisive if self.left is None else self.left <= _LEFT
 
     @property
     def worth(self) -> tuple[float, float]:
         """Sort key: what decides by deviance per minute, before what does not by deviance."""
-        return (1.0, min(self.deviance, PLAN.certain) / self.minutes) if self.decides else (0.0, self.deviance)
+        return (1.0, min(self.deviance, self.settings.certain) / self.minutes) if self.decides else (0.0, self.deviance)
 
 
 class LogPlanner:
@@ -74,10 +76,18 @@ class LogPlanner:
         axis: Letter.
         fits: Explanations that were fitted to what there is; the first is taken for true.
         like: A recording of the axis, whose controller, encoder and noise are taken.
+        settings: By which a recording is judged.
     """
 
-    def __init__(self, machine: Machine, axis: str, fits: Sequence[AxisFit], like: AxisData | None = None) -> None:
-        self.machine, self.axis, self.fits = machine, axis, fits
+    def __init__(
+        self,
+        machine: Machine,
+        axis: str,
+        fits: Sequence[AxisFit],
+        like: AxisData | None = None,
+        settings: PlanSettings = PLAN,
+    ) -> None:
+        self.machine, self.axis, self.fits, self.settings = machine, axis, fits, settings
         self.like, self.chain = like, machine.chain
         self.resolution = like.resolution if like else (1e-6 if self.chain.is_rotary(axis) else 0.1e-6)
         gain = max(machine.drives[axis].position_gain, 1.0)
@@ -111,7 +121,7 @@ class LogPlanner:
             rest = d - J @ ridge_solution(J.T @ J, J.T @ d, 1.0)
             positions = rest[: data.blocks] / self._weight(first, data)
             size = float(np.sqrt(np.mean(positions**2)))
-            out.append(PlannedLog(motion, self.minutes(motion), float(max(d @ rest, 0.0)), size))
+            out.append(PlannedLog(motion, self.minutes(motion), float(max(d @ rest, 0.0)), size, None, self.settings))
         return sorted(out, key=lambda p: p.worth, reverse=True)
 
     # -- combinations --------------------------------------------------------------------------------------------------
@@ -138,7 +148,9 @@ class LogPlanner:
             normal = root.T @ (J.T @ J) @ root + np.eye(len(root))
             after = (root @ np.linalg.inv(normal) @ root.T)[:n, :n]
             share = float(np.sqrt(max(weak @ after @ weak, 0.0) / max(float(values[-1]), 1e-30)))
-            out.append(PlannedLog(motion, self.minutes(motion), 1.0 / max(share, 1e-6) ** 2 - 1.0, 0.0, share))
+            out.append(
+                PlannedLog(motion, self.minutes(motion), 1.0 / max(share, 1e-6) ** 2 - 1.0, 0.0, share, self.settings)
+            )
         return sorted(out, key=lambda p: p.worth, reverse=True)
 
     # -- one recording -------------------------------------------------------------------------------------------------

@@ -12,10 +12,10 @@ from mjsim.errors import InputError, SimulationError
 from mjsim.units import UM
 from mjsim.workbench.jobs import Stopped
 from mjsim.workbench.live import Live
-from mjsim.workbench.log_live import LogLive
 from mjsim.workbench.page.effects import EffectsPanel
 from mjsim.workbench.page.findings import JobPanel
 from mjsim.workbench.page.ladder import LadderPanel
+from mjsim.workbench.recordings_live import RecordingsLive
 
 #: The page looks for news so often, s.
 _TICK = 0.03
@@ -36,7 +36,7 @@ class BaseDesk:
     ladder: LadderPanel
     findings: JobPanel
 
-    def __init__(self, live: Live | LogLive, dark: bool) -> None:
+    def __init__(self, live: Live | RecordingsLive, dark: bool) -> None:
         self.live = live
         self._version = -1
         self.dark = ui.dark_mode(value=dark)

@@ -11,7 +11,7 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.parameter import Parameter
 from mjsim.workbench import catalogue
 from mjsim.workbench.live import Live
-from mjsim.workbench.log_live import LogLive
+from mjsim.workbench.recordings_live import RecordingsLive
 
 #: A row of the tree; Quasar fills in the node.
 _ROW = """
@@ -33,7 +33,9 @@ class EffectsPanel:
         on_fit: Called with the id of the effect that shall be fitted.
     """
 
-    def __init__(self, live: Live | LogLive, on_change: Callable[[], None], on_fit: Callable[[str], object]) -> None:
+    def __init__(
+        self, live: Live | RecordingsLive, on_change: Callable[[], None], on_fit: Callable[[str], object]
+    ) -> None:
         self.live, self.on_change, self.on_fit = live, on_change, on_fit
         self.chosen = ""
         self._groups = live.bench.catalogue

@@ -10,7 +10,7 @@ from mjsim.machine.effect import Effect
 from mjsim.units import UM
 from mjsim.workbench import catalogue
 from mjsim.workbench.live import Live
-from mjsim.workbench.log_live import LogLive
+from mjsim.workbench.recordings_live import RecordingsLive
 from mjsim.workflow.diagnosis import Diagnosis
 from mjsim.workflow.finding import DiagnosedEffect
 
@@ -32,7 +32,7 @@ class JobPanel:
     """
 
     def __init__(
-        self, live: Live | LogLive, on_change: Callable[[], None], on_preview: Callable[[Effect], None]
+        self, live: Live | RecordingsLive, on_change: Callable[[], None], on_preview: Callable[[Effect], None]
     ) -> None:
         self.live, self.on_change, self.on_preview = live, on_change, on_preview
         self.panel = ui.element("div").classes("panel findings").mark("findings")

@@ -8,7 +8,7 @@ from nicegui import ui
 
 from mjsim.units import UM
 from mjsim.workbench.live import Live
-from mjsim.workbench.log_live import LogLive
+from mjsim.workbench.recordings_live import RecordingsLive
 
 
 class LadderPanel:
@@ -19,7 +19,7 @@ class LadderPanel:
         on_change: Called after another model was chosen.
     """
 
-    def __init__(self, live: Live | LogLive, on_change: Callable[[], None]) -> None:
+    def __init__(self, live: Live | RecordingsLive, on_change: Callable[[], None]) -> None:
         self.live, self.on_change = live, on_change
         self._seen: tuple = ()
         with ui.element("div").classes("title"):

@@ -7,8 +7,8 @@ from nicegui import ui
 from mjsim.machine.sheet_names import sheet_name
 from mjsim.units import DEG, UM
 from mjsim.workbench import catalogue
-from mjsim.workbench.log_live import LogLive
 from mjsim.workbench.page.findings import JobPanel
+from mjsim.workbench.recordings_live import RecordingsLive
 from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
 from mjsim.workflow.finding import DiagnosedEffect
 
@@ -16,7 +16,7 @@ from mjsim.workflow.finding import DiagnosedEffect
 class LogFindingsPanel(JobPanel):
     """Draws progress and findings of axis logs; arguments as of :class:`JobPanel`."""
 
-    live: LogLive
+    live: RecordingsLive
 
     def draw(self) -> None:
         """Draw the answer of the last diagnosis."""

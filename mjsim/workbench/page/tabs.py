@@ -6,17 +6,14 @@ import threading
 from collections import OrderedDict
 
 from mjsim.campaign.model import Campaign
-from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.machine.bodies import has_model
 from mjsim.machine.model import Machine
 from mjsim.workbench.bodies import MachineBodies
 from mjsim.workbench.live import Live
-from mjsim.workbench.log_live import LogLive
-from mjsim.workbench.log_state import LogBench, SharedLogs
-from mjsim.workbench.opened import OpenCampaign
 from mjsim.workbench.page.desk import Desk
-from mjsim.workbench.page.log_desk import LogDesk
-from mjsim.workbench.state import Workbench
+from mjsim.workbench.page.recordings_desk import RecordingsDesk
+from mjsim.workbench.recordings_live import RecordingsLive
+from mjsim.workbench.state import Workbench, bench_of, shared_of
 from mjsim.workbench.tried import Shared
 
 #: Tabs whose state is kept, the ones closed last included.
@@ -37,15 +34,12 @@ class Tabs:
     """
 
     def __init__(self, campaign: Campaign, machine: Machine, threads: int) -> None:
-        self._live: OrderedDict[str, Live | LogLive] = OrderedDict()
+        self._live: OrderedDict[str, Live | RecordingsLive] = OrderedDict()
         self._bodies: MachineBodies | None = None
         self._meshes: dict[str, bytes] = {}
         self._lock = threading.Lock()
-        if set(campaign.measured_parts) == {LogTest.instrument}:
-            self._shared: Shared | SharedLogs = SharedLogs(campaign, machine, threads)
-            return
-        self._shared = Shared(OpenCampaign.of(campaign, machine, threads))
-        if has_model(machine.chain):
+        self._shared = shared_of(campaign, machine, threads)
+        if isinstance(self._shared, Shared) and has_model(machine.chain):
             self._bodies = MachineBodies(machine.chain)
 
     def build(self, tab: str, meshes: str, dark: bool) -> None:
@@ -57,8 +51,8 @@ class Tabs:
             dark: Light on dark to begin with.
         """
         live = self._of(tab)
-        if isinstance(live, LogLive):
-            LogDesk(live, dark)
+        if isinstance(live, RecordingsLive):
+            RecordingsDesk(live, dark)
         else:
             Desk(live, meshes, self._bodies, dark)
 
@@ -79,10 +73,12 @@ class Tabs:
         for live in self._live.values():
             live.close()
 
-    def _of(self, tab: str) -> Live | LogLive:
+    def _of(self, tab: str) -> Live | RecordingsLive:
         if tab not in self._live:
             shared = self._shared
-            self._live[tab] = LogLive(LogBench(shared)) if isinstance(shared, SharedLogs) else Live(Workbench(shared))
+            self._live[tab] = (
+                Live(Workbench(shared)) if isinstance(shared, Shared) else RecordingsLive(bench_of(shared))
+            )
         self._live.move_to_end(tab)
         while len(self._live) > _TABS:
             self._live.popitem(last=False)[1].close()

@@ -143,6 +143,7 @@ def _diagnose(
         shares=explained.shares,
         combinations=explained.combinations,
         posterior=Posterior.of(selection.fit),
+        settings=settings,
     )
 
 

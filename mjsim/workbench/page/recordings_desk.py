@@ -1,4 +1,4 @@
-"""The page of a campaign of axis logs."""
+"""The page of a campaign of axis logs, or of another instrument but a ball bar."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from nicegui import ui
 
 from mjsim.machine.effect import Effect
 from mjsim.units import UM
-from mjsim.workbench.log_live import LogLive
 from mjsim.workbench.page.base import BaseDesk
 from mjsim.workbench.page.effects import EffectsPanel
 from mjsim.workbench.page.ladder import LadderPanel
 from mjsim.workbench.page.log_findings import LogFindingsPanel
-from mjsim.workbench.page.log_traces import LogTraces
+from mjsim.workbench.page.recordings import RecordingTraces
+from mjsim.workbench.recordings_live import RecordingsLive
 
 #: The error is that of the noise within this factor.
 _GOOD = 1.5
 
 
-class LogDesk(BaseDesk):
+class RecordingsDesk(BaseDesk):
     """Builds the page and keeps it up to date; arguments as of :class:`BaseDesk`."""
 
-    live: LogLive
+    live: RecordingsLive
     keys: ClassVar[tuple[str, ...]] = (
         "Ctrl+Z, Ctrl+Y | undo, redo",
         "P, N | recording before, next recording",
@@ -35,12 +35,12 @@ class LogDesk(BaseDesk):
         "Tab, Enter, arrows | from control to control; move a slider",
     )
 
-    def __init__(self, live: LogLive, dark: bool) -> None:
+    def __init__(self, live: RecordingsLive, dark: bool) -> None:
         super().__init__(live, dark)
         self._bars = -1
         with self.place:
             self.effects = EffectsPanel(live, self.changed, self.fit)
-            self.traces = LogTraces(live)
+            self.traces = RecordingTraces(live)
             with ui.element("div").classes("stack").style("grid-row: 2"):
                 self.findings = LogFindingsPanel(live, self.changed, self.preview)
                 with ui.element("div").classes("panel stack").style("flex: 1 1 0; min-height: 110px"):

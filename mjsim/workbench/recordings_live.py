@@ -1,4 +1,4 @@
-"""A workbench of axis logs whose error is computed in the background."""
+"""A workbench of recordings whose error is computed in the background."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ import time
 from mjsim.errors import InputError, SimulationError
 from mjsim.machine.effect import Effect
 from mjsim.workbench.jobs import Jobs, Stopped
-from mjsim.workbench.log_state import LogBench
-from mjsim.workflow.axis_log.compare import LogComparison
+from mjsim.workbench.recordings import RecordingsBench
+from mjsim.workflow.comparison import Comparison
 
 
-class LogLive(Jobs):
+class RecordingsLive(Jobs):
     """Keeps the error of a workbench up to date; a page looks at :attr:`version` and draws what has changed.
 
     Args:
         bench: The workbench. After a change of its model, call :meth:`changed`.
     """
 
-    def __init__(self, bench: LogBench) -> None:
+    def __init__(self, bench: RecordingsBench) -> None:
         super().__init__()
         self.bench = bench
         #: Counts whatever a page may want to draw again: traces, and bars of the effects.
@@ -27,8 +27,8 @@ class LogLive(Jobs):
         #: Whether the bars have been computed once, 0 or 1.
         self.signatures = 0.0
         #: The newest error, and the one of another model that is drawn beside it, with its name.
-        self.overlay: LogComparison | None = None
-        self.other: LogComparison | None = None
+        self.overlay: Comparison | None = None
+        self.other: Comparison | None = None
         self.other_name = "before"
         #: What went wrong, in one sentence; empty where nothing did.
         self.error = ""

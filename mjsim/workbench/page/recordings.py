@@ -1,14 +1,14 @@
-"""Axis logs on the page: error over time, error over position, torque over velocity; all recordings small."""
+"""Recordings on the page: error over time; of axis logs also over position, and torque over velocity."""
 
 from __future__ import annotations
 
 import numpy as np
 from nicegui import ui
 
-from mjsim.units import DEG, MM, UM
 from mjsim.workbench.lines import pairs, thinned
-from mjsim.workbench.log_live import LogLive
-from mjsim.workflow.axis_log.compare import ComparedAxis, LogComparison
+from mjsim.workbench.recordings_live import RecordingsLive
+from mjsim.workflow.axis_log.compare import ComparedAxis
+from mjsim.workflow.comparison import ComparedChannel, Comparison
 
 #: Parts of a line, and points of a cloud.
 _PARTS, _POINTS = 900, 1500
@@ -17,25 +17,27 @@ _COLOURS = {
     False: ("#1a1a1a", "#dedede", "#d9480f", "#0072b2", "#a8adb5", "rgba(0,114,178,0.13)", "#222222"),
     True: ("#e8eaed", "#3a4049", "#ff8a4c", "#5db2ea", "#6d7580", "rgba(93,178,234,0.18)", "#f2f2f2"),
 }
-_REST, _FOLLOWING = "measured − simulated", "command − position"
+_REST, _FOLLOWING, _BOTH = "measured − simulated", "command − position", "measured and simulated"
 
 
-class LogTraces:
-    """Draws the recordings of a workbench of axis logs.
+class RecordingTraces:
+    """Draws the recordings of a workbench.
 
     Args:
         live: The workbench.
     """
 
-    def __init__(self, live: LogLive) -> None:
+    def __init__(self, live: RecordingsLive) -> None:
         self.live, self.dark = live, False
-        self._names = {f"{t.name}, {a}": (t.name, a) for t in live.bench.campaign.measured for a in t.axes}
+        shown = [(t.test.name, c) for t in live.bench.shared.first.tests for c in t.channels]
+        self._names = {f"{name}, {c.channel.name}": (name, c.channel.name) for name, c in shown}
+        other = _FOLLOWING if isinstance(shown[0][1], ComparedAxis) else _BOTH
         self.name = next(iter(self._names))
         with ui.element("div").classes("panel stack").style("grid-row: 2"):
             with ui.element("div").classes("traces-head"):
                 self.select = ui.select(list(self._names), value=self.name, on_change=lambda e: self.choose(e.value))
                 self.select.props('dense borderless options-dense aria-label="Recording"').mark("recording")
-                self.what = ui.select([_REST, _FOLLOWING], value=_REST, on_change=lambda _: self.draw_shown())
+                self.what = ui.select([_REST, other], value=_REST, on_change=lambda _: self.draw_shown())
                 self.what.props('dense borderless options-dense aria-label="Error"').mark("what")
                 self.about = ui.label().classes("soft").mark("about")
             self.over_time = ui.echart(self._empty()).classes("chart").style("flex: 1.2 1 0; min-height: 0")
@@ -71,32 +73,30 @@ class LogTraces:
         if mine and self._names[self.name][1] != axis:
             self.choose(mine[0])
 
-    def _axis(self, overlay: LogComparison | None) -> ComparedAxis | None:
-        test, axis = self._names[self.name]
-        return next((t.axes[axis] for t in overlay.tests if t.test.name == test), None) if overlay else None
+    def _channel(self, overlay: Comparison | None, name: str) -> ComparedChannel | None:
+        test, channel = self._names[name]
+        mine = (c for t in (overlay.tests if overlay else ()) if t.test.name == test for c in t.channels)
+        return next((c for c in mine if c.channel.name == channel), None)
 
     def draw_shown(self) -> None:
         """Draw the charts again."""
         now = self.live.overlay
-        axis, before = self._axis(now), self._axis(self.live.other)
-        if now is None or axis is None:
+        shown, before = self._channel(now, self.name), self._channel(self.live.other, self.name)
+        if shown is None:
             return
-        unit, symbol = (DEG, "°") if axis.rotary else (UM, "µm")
-        self.about.text = f"drives alone, RMS {axis.rms / unit:.4g} {symbol}, noise {axis.noise / unit:.3g} {symbol}"
-        charts = (
-            (self.over_time, self._of_time(axis, before)),
-            (self.over_position, self._of_position(axis)),
-            (self.torque, self._of_torque(axis)),
-        )
+        unit, symbol = shown.channel.size, shown.channel.unit
+        self.about.text = f"drives alone, RMS {shown.rms / unit:.4g} {symbol}, noise {shown.noise / unit:.3g} {symbol}"
+        charts = [(self.over_time, self._of_time(shown, before))]
+        if isinstance(shown, ComparedAxis):
+            charts += [(self.over_position, self._of_position(shown)), (self.torque, self._of_torque(shown))]
         for chart, options in charts:
             chart.options.clear()
             chart.options.update(options)
             chart.update()
         for name, (button, words) in self._buttons.items():
-            test, letter = self._names[name]
-            mine = next(t.axes[letter] for t in now.tests if t.test.name == test)
-            unit, symbol = (DEG, "°") if mine.rotary else (UM, "µm")
-            words.text = f"{mine.rms / unit:.3g} {symbol}"
+            mine = self._channel(now, name)
+            assert mine is not None
+            words.text = f"{mine.rms / mine.channel.size:.3g} {mine.channel.unit}"
             button.classes(**({"add": "chosen"} if name == self.name else {"remove": "chosen"}))
 
     # -- charts --------------------------------------------------------------------------------------------------------
@@ -117,11 +117,13 @@ class LogTraces:
             "series": [],
         }
 
-    def _of_time(self, axis: ComparedAxis, before: ComparedAxis | None) -> dict:
+    def _of_time(self, axis: ComparedChannel, before: ComparedChannel | None) -> dict:
         _, _, now, _, grey, band, measured = _COLOURS[self.dark]
-        unit, symbol = (DEG, "°") if axis.rotary else (UM, "µm")
+        unit, symbol = axis.channel.size, axis.channel.unit
         out = self._empty("time in s", f"{self.what.value} in {symbol}")
-        if self.what.value == _FOLLOWING:
+        if self.what.value == _BOTH:
+            rows = [("measured", axis.measured, measured), ("simulated", axis.simulated, now)]
+        elif isinstance(axis, ComparedAxis) and self.what.value == _FOLLOWING:
             rows = [
                 ("measured", axis.command - axis.measured, measured),
                 ("simulated", axis.command - axis.simulated, now),
@@ -139,7 +141,7 @@ class LogTraces:
 
     def _of_position(self, axis: ComparedAxis) -> dict:
         _, _, now, back, *_ = _COLOURS[self.dark]
-        unit, symbol, travel, place = (DEG, "°", DEG, "°") if axis.rotary else (UM, "µm", MM, "mm")
+        unit, symbol, travel, place = axis.channel.size, axis.channel.unit, axis.travel.size, axis.travel.unit
         out = self._empty(f"position in {place}", f"rest in {symbol}")
         keep = _spread(len(axis.time))
         forth = axis.velocity[keep] >= 0.0
@@ -150,7 +152,7 @@ class LogTraces:
 
     def _of_torque(self, axis: ComparedAxis) -> dict:
         _, _, now, _, _, _, measured = _COLOURS[self.dark]
-        travel, place = (DEG, "°") if axis.rotary else (MM, "mm")
+        travel, place = axis.travel.size, axis.travel.unit
         out = self._empty(f"velocity in {place}/s", "motor torque in N·m")
         keep = _spread(len(axis.time))
         speed = axis.velocity[keep] / travel
