@@ -171,7 +171,9 @@ def _tests(
         file = campaign.folder / "campaign.toml"
         given = path.parent / table.campaign
         file = given if given.is_file() else file
-        raw, machine_file, tests = parse(file)["test"], named or campaign.machine_file, campaign.tests
+        tests, machine_file = campaign.of(BallBarTest.instrument).tests, named or campaign.machine_file
+        tables = {t["name"]: t for t in parse(file)["test"]}
+        raw = [tables[t.name] for t in tests]
     names = [t.name for t in tests]
     for name in names:
         if names.count(name) > 1:

@@ -88,19 +88,20 @@ def command(
     elif len(tests) != 1:
         raise click.UsageError("one --test is needed (or --ladder); `mjsim simulate` and campaign.toml have the names")
     from mjsim.campaign.files import read_campaign
-    from mjsim.instruments.axis_log.measurement import LogTest
+    from mjsim.instruments.ball_bar.measurement import BallBarTest
 
     c = read_campaign(campaign, as_is=as_is)
-    logged = not ladder and any(t.name == tests[0] and t.instrument == LogTest.instrument for t in c.tests)
-    if logged and (camera is not None or speed is not None or shadows):
-        raise click.UsageError("--camera, --speed and --shadows have no meaning for an axis log")
+    recorded = not ladder and any(t.name == tests[0] and t.instrument != BallBarTest.instrument for t in c.tests)
+    if recorded and (camera is not None or speed is not None or shadows):
+        raise click.UsageError("--camera, --speed and --shadows have no meaning without a ball bar")
     with common.progress_bar(quiet, left=True) as progress:
-        if logged:
-            from mjsim.animation.axis_log import animate_log
+        if recorded:
+            from mjsim.animation.recording import animate_recording
             from mjsim.campaign.machine_file import machine_of
 
             m = machine_of(c, machine)
-            film = animate_log(c, tests[0], out, m, size, fps, seconds, factor, force, common.cores(threads), progress)
+            more = (size, fps, seconds, factor, force, common.cores(threads), progress)
+            film = animate_recording(c, tests[0], out, m, *more)
             about = {"test": film.test, "magnification": film.magnification}
             words = f"error magnified {film.magnification:g} times"
         elif ladder:

@@ -75,7 +75,7 @@ def _found(result: Diagnosis) -> dict:
         "noise_um": data["noise_um"],
         "rms_before_um": data["rms_before_um"],
         "rms_after_um": data["rms_after_um"],
-        "unexplained": result.unexplained.summary if result.unexplained else None,
+        "unexplained": data["unexplained"]["summary"] if data["unexplained"] else None,
         "findings": [row for e in result.effects for row in _sizes(e, result, limits)],
         "calibration": [_number(r) for r in rows if not r.finding],
     }

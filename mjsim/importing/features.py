@@ -17,6 +17,7 @@ from mjsim.errors import InputError
 from mjsim.importing.b5r import Feature, Imported, read_b5r
 from mjsim.importing.into_campaign import campaign_file, test_name
 from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.io.files import check_writable, write_all
 from mjsim.io.inputs import file_bytes
 from mjsim.machine.chain import FIVE_AXIS
@@ -165,7 +166,8 @@ def leading(parameters: Mapping[str, Any]) -> str:
 
 def circles_of(campaign: Campaign, comparison: Mapping[str, Any]) -> list[tuple[str, str, str, float]]:
     """The argument ``circles`` of :func:`beside` from a comparison's JSON."""
-    planes = {t.name: (plane, t.direction) for t in campaign.tests if (plane := kind_of(t).plane(t))}
+    bars = campaign.of(BallBarTest.instrument).tests
+    planes = {t.name: (plane, t.direction) for t in bars if (plane := kind_of(t).plane(t))}
     out = [
         (*planes[t["name"]], t["name"], t["iso230_4"]["measured"]["circular_error_um"])
         for t in comparison["tests"]

@@ -202,12 +202,12 @@ def write(file: Path, text: str, traces: dict[Path, bytes], force: bool = False)
 
 
 def read_document(folder: Path) -> tuple[Path, str, Campaign | None]:
-    """campaign.toml of a folder, its text, and the campaign; ``None`` where it has no test yet.
+    """campaign.toml of a folder, its text, and the ball-bar tests of the campaign; ``None`` where it has no test yet.
 
     Raises:
         InputError: it is missing or wrong.
     """
     file = campaign_file(folder)
     data = parse(file)
-    campaign = campaign_from(file, data, traces=False) if data.get("test") else None
+    campaign = campaign_from(file, data, traces=False).of(BallBarTest.instrument) if data.get("test") else None
     return file, read_text(file), campaign

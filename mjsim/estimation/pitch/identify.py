@@ -17,6 +17,7 @@ from mjsim.estimation.pitch.result import PitchIdentification
 from mjsim.estimation.pitch.settings import PITCH, PitchSettings
 from mjsim.estimation.pitch.summary import identified_direction
 from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
@@ -116,6 +117,7 @@ def testable_axes(campaign: Campaign) -> tuple[str, ...]:
     Raises:
         InputError: none has.
     """
+    campaign = campaign.of(BallBarTest.instrument)
     rotary = campaign.tests[0].chain.rotary
     axes = tuple(a for a in rotary if tangential_tests(campaign, a))
     if not axes:
@@ -137,7 +139,7 @@ def _block(campaign: Campaign, axes: tuple[str, ...]) -> float:
 
 def tangential_tests(campaign: Campaign, axis: str) -> list:
     """The measured tangential tests of one rotary axis."""
-    return [t for t in campaign.measured if tangential(t, axis)]
+    return [t for t in campaign.of(BallBarTest.instrument).measured if tangential(t, axis)]
 
 
 def _arc(test) -> float:

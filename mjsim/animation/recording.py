@@ -1,4 +1,4 @@
-"""A video of an axis log: the motion with its error magnified, and the error over time growing below it."""
+"""A video of a recording: what was measured with its error magnified, and the error over time growing below it."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ from mjsim.io import files
 from mjsim.machine.model import Machine
 from mjsim.plots import style
 from mjsim.progress import Progress, silent
-from mjsim.units import DEG, MM, UM
-from mjsim.workflow.axis_log.compare import ComparedAxis, ComparedLog, compare_logs
+from mjsim.units import MM
+from mjsim.workflow.axis_log.compare import ComparedAxis
+from mjsim.workflow.compare import compare
+from mjsim.workflow.comparison import ComparedChannel, ComparedTest
 
 #: Share of the travel that the magnified error fills, and pixels per inch of the picture.
 _FILLS, _DPI = 0.12, 100
@@ -25,7 +27,7 @@ _POINTS = 3000
 
 
 @dataclass(frozen=True)
-class LogFilm:
+class RecordingFilm:
     """A file that was written.
 
     Attributes:
@@ -33,7 +35,7 @@ class LogFilm:
         frames: Number of its frames.
         size: Width and height, pixels.
         fps: Frames per second.
-        test: Name of the log.
+        test: Name of the test.
         magnification: How many times its size the error is drawn.
     """
 
@@ -50,7 +52,7 @@ class LogFilm:
         return self.frames / self.fps
 
 
-def animate_log(
+def animate_recording(
     campaign: Campaign,
     test: str,
     file: str | Path,
@@ -62,56 +64,56 @@ def animate_log(
     force: bool = False,
     threads: int = 2,
     progress: Progress = silent,
-) -> LogFilm:
-    """Write a video of one axis log: measured and simulated motion, and what the model leaves.
+) -> RecordingFilm:
+    """Write a video of one test that is no ball-bar test: measured and simulated, and what the model leaves.
 
-    Two linear axes are drawn as a path, other axes over time. The error is magnified there.
+    Two linear axes of a log are drawn as a path, everything else over time. The error is magnified there.
 
     Args:
-        campaign: With the log.
+        campaign: With the test.
         test: Its name.
         file: ``.mp4`` or ``.gif``.
         machine: With which it is compared.
         size: ``WIDTHxHEIGHT``, pixels.
         fps: Frames per second.
-        seconds: Length; the log's own, up to what is usual for the file.
+        seconds: Length; the recording's own, up to what is usual for the file.
         magnify: Times its size the error is drawn; so that it shows by default.
         force: Replace the file.
         threads: Simulations side by side.
         progress: Called as work gets on.
 
     Raises:
-        InputError: No such log has a recording, or a value is wrong.
+        InputError: No such test has a recording, or a value is wrong.
     """
     file = Path(file)
     form = Format.of(file, size, fps)
     only = campaign.only([test])
     files.check_writable(file, force)
-    (log,) = compare_logs(only, machine, threads, progress).tests
-    length = min(float(next(iter(log.axes.values())).time[-1]), form.longest) if seconds is None else seconds
+    (compared,) = compare(only, machine, threads, progress).tests
+    length = min(float(compared.channels[0].time[-1]), form.longest) if seconds is None else seconds
     count = form.frames(length)
-    picture = _Picture(log, form.size, magnify)
+    picture = _Picture(compared, form.size, magnify)
     with files.whole(file, force) as neighbour, encode.writer(form.kind, neighbour, form.size, form.fps) as out:
         shares = np.linspace(1.0 / count, 1.0, count)
         encode.add_all(out, map(picture.frame, shares), lambda k: progress("rendering", k, count))
         progress("writing", 0, 1)
-    return LogFilm(file, count, form.size, form.fps, test, picture.factor)
+    return RecordingFilm(file, count, form.size, form.fps, test, picture.factor)
 
 
 class _Picture:
     """Draws the frames.
 
     Args:
-        log: Compared.
+        compared: The test.
         size: Width and height, pixels.
         magnify: Times its size the error is drawn.
     """
 
-    def __init__(self, log: ComparedLog, size: tuple[int, int], magnify: float | None) -> None:
+    def __init__(self, compared: ComparedTest, size: tuple[int, int], magnify: float | None) -> None:
         self.figure = style.new_figure(size[0] / _DPI, size[1] / _DPI)
         self.figure.set_dpi(_DPI)
-        axes = list(log.axes.values())
-        linear = [a for a in axes if not a.rotary]
+        axes = list(compared.channels)
+        linear = [a for a in axes if isinstance(a, ComparedAxis) and not a.rotary]
         path = linear[:2] if len(linear) > 1 else None
         shown = path or axes[:1]
         largest = max(float(np.abs(a.residual).max()) for a in shown)
@@ -126,17 +128,19 @@ class _Picture:
         else:
             self._over_time(above, shown[0], every)
         for a in axes:
-            unit = DEG if a.rotary else UM
-            (line,) = below.plot([], [], color=style.AXIS_COLOURS.get(a.axis, style.INK), lw=1.0, label=a.axis)
-            self._lines.append((line, self.time, a.residual[::every] / unit))
+            name = a.channel.name
+            (line,) = below.plot([], [], color=style.AXIS_COLOURS.get(name, style.INK), lw=1.0, label=name)
+            self._lines.append((line, self.time, a.residual[::every] / a.channel.size))
         below.set_xlim(0.0, float(self.time[-1]))
         tall = max(float(np.abs(y).max()) for _, _, y in self._lines[-len(axes) :]) or 1.0
         below.set_ylim(-1.1 * tall, 1.1 * tall)
-        units = dict.fromkeys("°" if a.rotary else "µm" for a in axes)
+        units = dict.fromkeys(a.channel.unit for a in axes)
         below.set(xlabel="time, s", ylabel=f"measured − simulated, {' or '.join(units)}")
         below.legend(loc="upper right", fontsize=style.SMALL, ncols=len(axes), frameon=False)
-        said = ", ".join(f"{a.axis} {a.rms / (DEG if a.rotary else UM):.3g} {'°' if a.rotary else 'µm'}" for a in axes)
-        above.set_title(f"{log.test.name}: RMS {said}; error magnified {self.factor:g} times", fontsize=style.TITLE)
+        said = ", ".join(f"{a.channel.name} {a.rms / a.channel.size:.3g} {a.channel.unit}" for a in axes)
+        above.set_title(
+            f"{compared.test.name}: RMS {said}; error magnified {self.factor:g} times", fontsize=style.TITLE
+        )
         for plot in (above, below):
             plot.grid(color=style.GRID, lw=0.6)
             plot.tick_params(labelsize=style.SMALL)
@@ -156,9 +160,9 @@ class _Picture:
         plot.set(xlabel=f"{axes[0].axis}, mm", ylabel=f"{axes[1].axis}, mm")
         plot.legend(loc="upper right", fontsize=style.SMALL, frameon=False)
 
-    def _over_time(self, plot, a: ComparedAxis, every: int) -> None:
-        unit, symbol = (DEG, "°") if a.rotary else (MM, "mm")
-        simulated, error = a.simulated[::every] / unit, a.residual[::every] / unit
+    def _over_time(self, plot, a: ComparedChannel, every: int) -> None:
+        shown = a.travel if isinstance(a, ComparedAxis) else a.channel
+        simulated, error = a.simulated[::every] / shown.size, a.residual[::every] / shown.size
         rows = (
             (simulated, style.SIMULATED, "simulated"),
             (simulated + self.factor * error, style.MEASURED, "measured"),
@@ -169,7 +173,7 @@ class _Picture:
         low, high = min(v.min() for v, _, _ in rows), max(v.max() for v, _, _ in rows)
         plot.set_xlim(0.0, float(self.time[-1]))
         plot.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
-        plot.set(xlabel="time, s", ylabel=f"{a.axis}, {symbol}")
+        plot.set(xlabel="time, s", ylabel=f"{a.channel.name}, {shown.unit}")
         plot.legend(loc="upper right", fontsize=style.SMALL, frameon=False)
 
     def frame(self, share: float) -> np.ndarray:
