@@ -41,6 +41,8 @@ class DiagnosedEffect:
         gain: How far the objective (squared residuals in units of the noise) falls with it.
         rejected: How much less of that the others reach that were fitted in its place, by id.
         models: The model with it, and those with its alternatives.
+        probability: That it is this cause, and larger than a machine of its class may have.
+        others: Probabilities of its alternatives, by id.
     """
 
     effect: Effect
@@ -53,6 +55,8 @@ class DiagnosedEffect:
     gain: float = 0.0
     rejected: dict[str, float] = field(default_factory=dict)
     models: tuple[CompetingModel, ...] = ()
+    probability: float = 1.0
+    others: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,8 @@ class Diagnosis:
         shares: Share of each effect in the explained squared error; calibrated effects together by kind.
         combinations: Sums of calibrated numbers that the tests determine although they leave the numbers open.
         posterior: What the fit leaves uncertain about the machine; ``None`` where it was not kept.
+        probabilities: Of the four verdicts.
+        discrepancy: RMS in a test of what repeats and is in no model, m.
     """
 
     campaign: Campaign
@@ -95,6 +101,8 @@ class Diagnosis:
     shares: dict[str, float] = field(default_factory=dict)
     combinations: tuple[Combination, ...] = ()
     posterior: Posterior | None = None
+    probabilities: dict[str, float] = field(default_factory=dict)
+    discrepancy: float = 0.0
 
     @property
     def own_rungs(self) -> int:
@@ -117,7 +125,9 @@ class Diagnosis:
         """The JSON of ``mjsim diagnose``: µm, degrees and the units of the parameters' names."""
         return {
             "verdict": self.verdict,
+            "probabilities": self.probabilities,
             "noise_um": _r(self.noise / UM),
+            "discrepancy_um": _r(self.discrepancy / UM),
             "rms_before_um": _r(self.before.rms / UM),
             "rms_after_um": _r(self.after.rms / UM),
             "effects": [
@@ -127,7 +137,9 @@ class Diagnosis:
                     "ci95": {k: _sig(v) for k, v in e.ci95.items()},
                     "rms_before_um": _r(e.rms_before / UM),
                     "rms_after_um": _r(e.rms_after / UM),
-                    "alternatives": list(e.alternatives),
+                    "probability": _r(e.probability),
+                    "alternatives": [{"id": i, "probability": _r(e.others.get(i, 0.0))} for i in e.alternatives],
+                    "alternative_ids": list(e.alternatives),
                     "tests": list(e.tests),
                 }
                 for e in self.effects
