@@ -3,8 +3,8 @@ of its class may have.
 
 Evidence says whether something is there. On a real machine a dozen small things are there, and nobody cares for them.
 So each effect has a class size: the limit of its tolerance; for a kind without one, one typical size; nothing on a
-machine that is otherwise as its file says. An effect is a finding where its size is beyond that with a probability of
-one half or more.
+machine that is otherwise as its file says. An effect is a finding where its size is beyond that for sure, by the rule
+of ISO 14253-1: with a probability of 95 %.
 """
 
 from __future__ import annotations
@@ -33,8 +33,9 @@ from mjsim.machine.chain import is_rotary
 from mjsim.progress import Progress, silent
 from mjsim.units import DEG, UM
 
-#: Probability from which something is a finding, and that of the set of names that is told for it.
-FINDING, TOLD = 0.5, 0.95
+#: Probability from which something is a finding: with which ISO 14253-1 takes it for proven that a number is beyond its
+#: limit. The set of names that is told for a finding has the same.
+FINDING = TOLD = 0.95
 #: Points of the normal distribution by which sizes of waves are judged.
 _DRAWS = 2000
 

@@ -8,6 +8,7 @@ itself.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -15,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mjsim.estimation.curve_terms import CurveTerm, CurveTerms
+from mjsim.estimation.curve_waves import radial_curves
 from mjsim.estimation.fit import Fit
 from mjsim.estimation.problem import Problem
 
@@ -28,6 +30,9 @@ _LENGTH = 0.3
 _CLOSED = {"smooth": (2.0, 2.5), "rough": (8.0, 1.0)}
 #: Share of the largest variance below which a direction of a prior is left out.
 _SMALL = 2e-3
+#: The best curves are looked at with so many times the knots, up to such a number of knots: steps and single teeth are
+#: sharper than the others.
+_REFINED, _FINER, _LONGEST = 2, (2, 4, 8), 300
 #: Curves that compete beside the model, the best of all.
 _MOST = 6
 
@@ -133,7 +138,7 @@ def best_curves(problem: Problem, fit: Fit, plain: Problem, have: set[str]) -> l
 
     rough: list[tuple[float, CurveTerm]] = []
     tried: dict[str, int] = {}
-    for term in (*terms.own(), *terms.clock(False), *terms.across()):
+    for term in itertools.chain(terms.own(), terms.clock(False), terms.across(), radial_curves(terms)):
         if term.variable == "time_since_reversal" and term.moves != term.axis:
             continue  # in one swing it is nearly the direction of motion
         tried[term.axis] = tried.get(term.axis, 0) + 1
@@ -142,14 +147,14 @@ def best_curves(problem: Problem, fit: Fit, plain: Problem, have: set[str]) -> l
         kept = values > 10.0 * _SMALL * values[-1]
         rough.append((judged(term, vectors[:, kept] * np.sqrt(values[kept]))[0], term))
     rough.sort(key=lambda row: -row[0])
-    out: list[tuple[float, Curve]] = []
-    for _, term in rough[:_MOST]:
-        odds = _LOG_ODDS - math.log(3 * tried[term.axis])
-        choices = []
-        for name, root in (*priors_of(term), ("steps", steps_of(term))):
-            evidence, columns = judged(term, root)
-            choices.append((evidence + odds, Curve(term, name, root, columns, odds)))
-        best = max(choices, key=lambda row: row[0])
-        if best[0] > 0.0 and best[1].name not in have:
-            out.append(best)
-    return [curve for _, curve in sorted(out, key=lambda row: -row[0])]
+    out: dict[str, tuple[float, Curve]] = {}
+    for place, (_, coarse) in enumerate(rough[:_MOST]):
+        odds = _LOG_ODDS - math.log(3 * tried[coarse.axis])
+        finer = [t for n in _FINER for t in terms.finer(coarse, n)] if place < _REFINED else []
+        for term in (coarse, *(t for t in finer if len(t.knots) <= _LONGEST)):
+            for name, root in (*priors_of(term), ("steps", steps_of(term))):
+                evidence, columns = judged(term, root)
+                curve = Curve(term, name, root, columns, odds)
+                if evidence + odds > out.get(curve.name, (0.0,))[0] and curve.name not in have:
+                    out[curve.name] = evidence + odds, curve
+    return [curve for _, curve in sorted(out.values(), key=lambda row: -row[0])]
