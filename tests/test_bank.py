@@ -12,8 +12,8 @@ from independent.layouts import layout
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
+from mjsim.estimation.findings import explain
 from mjsim.estimation.mistakes.checked_problem import checked_problem
-from mjsim.estimation.model_choice import select_model
 from mjsim.estimation.vibration import separate
 from mjsim.machine.model import build
 from mjsim.workflow.diagnose import diagnose
@@ -55,7 +55,7 @@ def test_a_knock_that_the_waves_of_a_worm_hide_is_no_further_cause(tmp_path):
     campaign.write_files(case, tmp_path)
     c = read_campaign(tmp_path)
     machine = read_machine(c.machine_file)
-    explained = select_model(separate(checked_problem(c, build(machine), 2), machine))
+    explained = explain(separate(checked_problem(c, build(machine), 2), machine))
     assert [f.key for f in explained.selection.found] == ["pitch_error.A"]
     assert explained.unexplained is None
     assert sum(explained.data.outliers.values()) == 6

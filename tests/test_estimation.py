@@ -327,7 +327,7 @@ def test_the_written_effect_does_what_its_term_did(moves, tmp_path):
     """The effect file of a term, simulated, changes the reading by what the term says."""
     from mjsim.effects.registry import load_file
     from mjsim.estimation.curve_terms import CurveTerms
-    from mjsim.estimation.curve_waves import free_curve, waves
+    from mjsim.estimation.curve_waves import radial_curves
     from mjsim.estimation.effect_file import effect_source
     from mjsim.estimation.fit import Fitter
     from mjsim.estimation.selection import ModelSelection
@@ -342,7 +342,7 @@ def test_the_written_effect_does_what_its_term_did(moves, tmp_path):
     fit = ModelSelection(Fitter(problem, machine)).start()
     terms = CurveTerms(problem, fit)
     if moves == "table radial":
-        term = free_curve(terms, next(w for w in waves(terms) if w.moves == moves))
+        (term,) = radial_curves(terms)
     else:
         term = next(t for t in terms.of("C", moves) if t.variable == "position" and t.period)
     values = 3.0 * np.cos(term.knots) * term.unit
@@ -438,22 +438,3 @@ def test_a_ball_in_another_seat_has_a_length_of_its_own():
     x[n.of_test(knocked)[6]] = 1.0
     assert n.length(x, knocked.setup) == pytest.approx(3e-6)
     assert n.length(x, CIRCLE.setup) == n.length(x) == 0.0
-
-
-def test_few_effects_that_explain_all_stand_for_many_small_errors():
-    """A machine that is a little wrong everywhere has more than a few findings."""
-    from mjsim.estimation.model_choice import Explained, by_few_alone
-    from mjsim.estimation.outcome import Found, Selection
-
-    problem, machine = healthy("circle-xy-ccw", "circle-xy-cw")
-    hide(problem, machine, registry.make("squareness.XY", angle_urad=9.0))
-    fitter = Fitter(problem, machine)
-    start = ModelSelection(fitter).start()
-
-    def joint(names):
-        found = [Found(name, 100.0) for name in names]
-        return Explained(problem, Selection(start, start, found, SignatureBank(problem, start), []), None)
-
-    few = by_few_alone(fitter, joint([]))
-    assert few is not None and [f.key for f in few.selection.found] == ["squareness.XY"]
-    assert by_few_alone(fitter, joint(["backlash.X", "backlash.Y", "scale_error.X", "scale_error.Y"])) is None

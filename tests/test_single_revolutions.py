@@ -10,7 +10,7 @@ from independent.unlisted import EccentricPlay, ToothPatch
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.estimation.disturbances import without_disturbances
-from mjsim.estimation.model_choice import select_model
+from mjsim.estimation.findings import explain
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.vibration import separate
 from mjsim.machine.model import build
@@ -31,7 +31,7 @@ def measured(folder, *causes, stated=True, without=()):
 def test_play_that_varies_over_a_turn_is_in_no_catalogue(stated, tmp_path):
     """Neither of two opposite pitch errors is named."""
     problem, machine = measured(tmp_path, EccentricPlay("C", 8.0), stated=stated, without=["backlash.C"])
-    explained = select_model(separate(problem, machine))
+    explained = explain(separate(problem, machine))
     assert explained.unexplained is not None
     assert explained.unexplained.axes == ("C",) and explained.unexplained.variable == "direction"
     assert not any(f.key.startswith("pitch_error.C") for f in explained.selection.found)
@@ -39,7 +39,7 @@ def test_play_that_varies_over_a_turn_is_in_no_catalogue(stated, tmp_path):
 
 def test_waves_on_a_part_of_the_worm_wheel_are_in_no_catalogue(tmp_path):
     """Waves of many neighbouring orders imitate them, each within the tolerance of the pitch error."""
-    explained = select_model(separate(*measured(tmp_path, ToothPatch("C", 8.0))))
+    explained = explain(separate(*measured(tmp_path, ToothPatch("C", 8.0))))
     assert not explained.selection.found
     assert explained.unexplained is not None
     assert explained.unexplained.axes == ("C",) and explained.unexplained.variable == "position"
@@ -56,6 +56,6 @@ def test_a_ball_in_another_seat_shows_once_the_waves_are_fitted(tmp_path):
     struck.mean = struck.average(struck.value)
     knocked = problem.with_samples(samples, problem.tests, problem.outliers)
     assert not any(without_disturbances(knocked, problem.readings(build(machine))).outliers.values())
-    explained = select_model(separate(knocked, machine))
+    explained = explain(separate(knocked, machine))
     assert explained.data.outliers == {t.name: int(k == 1) for k, t in enumerate(problem.tests)}
     assert not explained.selection.found and explained.unexplained is None

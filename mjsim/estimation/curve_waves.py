@@ -1,22 +1,16 @@
-"""Generic terms of one cause that goes round with a rotary axis: a single wave per turn of what the axis displaces.
-
-A free curve has a coefficient at every knot, and evidence charges each of them. A cause that is one wave would lose
-against several named effects that imitate it with fewer numbers. As a wave it has two.
-
-A table that is not round pushes what it carries along the radius on which it stands, as it passes the same place of the
-machine. So the angle of the ball about the axis adds to the position of the axis.
+"""A table that is not round pushes what it carries along the radius on which it stands, as it passes the same place of
+the machine: a curve of the axis' position, to which the angle of the ball about the axis adds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.estimation.curve_terms import RADIAL, ROUND, TABLE, CurveTerm, CurveTerms, hats
+from mjsim.estimation.curve_terms import RADIAL, ROUND, TABLE, CurveTerm, CurveTerms, HatColumns
 from mjsim.machine.radius import radius_of
-from mjsim.machine.redundant import MOST_ORDERS
 
 #: Knots of the free curve that shows a wave, rad.
 _KNOTS = np.arange(72) * (2.0 * np.pi / 72)
@@ -39,20 +33,10 @@ class _Displaced:
 
     def free(self) -> CurveTerm:
         """The term with a free curve."""
-        return self.term(lambda x: hats(x, _KNOTS, 2.0 * np.pi))
-
-    def term(self, basis: Callable[[np.ndarray], np.ndarray], order: int = 0) -> CurveTerm:
-        """The term whose displacement is a sum of functions of the angle: ``basis`` gives (m, k) of them."""
-        term = CurveTerm(self.axis, self.moves, "position", _KNOTS, 2.0 * np.pi, [], order=order)
-        term.columns = [basis(x) * (w * term.unit)[:, None] for x, w in zip(self.angles, self.weights, strict=True)]
+        term = CurveTerm(self.axis, self.moves, "position", _KNOTS, 2.0 * np.pi, [])
+        weights = [w * term.unit for w in self.weights]
+        term.columns = HatColumns(self.angles, weights, _KNOTS, 2.0 * np.pi)
         return term
-
-
-def waves(terms: CurveTerms) -> Iterator[CurveTerm]:
-    """All waves of the axes that go round in some test."""
-    for displaced in _displaced(terms):
-        for k in range(1, MOST_ORDERS + 1):
-            yield displaced.term(lambda x, k=k: np.column_stack([np.cos(k * x), np.sin(k * x)]), k)
 
 
 def radial_curves(terms: CurveTerms) -> Iterator[CurveTerm]:
@@ -60,12 +44,6 @@ def radial_curves(terms: CurveTerms) -> Iterator[CurveTerm]:
     for displaced in _displaced(terms):
         if displaced.moves == RADIAL:
             yield displaced.free()
-
-
-def free_curve(terms: CurveTerms, wave: CurveTerm) -> CurveTerm:
-    """The free curve of what a wave displaces."""
-    displaced = next(d for d in _displaced(terms) if (d.axis, d.moves) == (wave.axis, wave.moves))
-    return displaced.free()
 
 
 def _displaced(terms: CurveTerms) -> Iterator[_Displaced]:

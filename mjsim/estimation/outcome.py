@@ -22,12 +22,18 @@ class Found:
         competing: Models with another effect in its place that the data cannot tell from it, by that effect's id.
         rejected: How much worse the others do that were fitted in its place, by id. Where none came near enough to be
             fitted, the best of them by its linear gain.
+        probability: That it is this cause, and larger than a machine of its class may have.
+        others: The same of what could stand in its place, by id.
+        whole: That it is one of them.
     """
 
     key: str
     gain: float
     competing: dict[str, Fit] = field(default_factory=dict)
     rejected: dict[str, float] = field(default_factory=dict)
+    probability: float = 1.0
+    others: dict[str, float] = field(default_factory=dict)
+    whole: float = 1.0
 
     @property
     def alternatives(self) -> tuple[str, ...]:

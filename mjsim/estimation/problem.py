@@ -21,6 +21,7 @@ from mjsim.estimation.noise import Noise, estimate_noise
 from mjsim.estimation.nuisance import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, Nuisances
 from mjsim.estimation.samples import GRID, GRID_STEPS, Samples, make_samples
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
+from mjsim.estimation.whitening import Whitening
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect
@@ -70,6 +71,7 @@ class Problem:
         workers: Work on the tests side by side.
         settings: What decides in a diagnosis.
         changes: What single effects change in the readings, as far as it was computed.
+        whitening: What the errors are beyond the campaign's noise; ``None`` where there is nothing.
     """
 
     campaign: Campaign
@@ -83,6 +85,7 @@ class Problem:
     workers: Workers
     settings: DiagnosisSettings
     changes: KeptChanges = field(default_factory=KeptChanges)
+    whitening: Whitening | None = None
 
     @classmethod
     def of(
@@ -177,6 +180,11 @@ class Problem:
         """Number of whitened residuals."""
         return sum(map(len, self._kept))
 
+    @property
+    def rows(self) -> list[slice]:
+        """Which whitened rows are those of each test."""
+        return [slice(int(a), int(b)) for a, b in pairwise(np.cumsum([0, *map(len, self._kept)]))]
+
     @cached_property
     def _kept(self) -> list[np.ndarray]:
         """Per test, the blocks that have a whitened residual."""
@@ -235,7 +243,12 @@ class Problem:
     def whiten_nuisance(self, columns: Sequence[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:
         """Per test, the places (8,) of its nuisances and the whitened rows of its :meth:`nuisance_columns`."""
         parts = self.map(lambda k: self.whiten_test(k, columns[k]))
-        return [(self.nuisances.of_test(t), part) for t, part in zip(self.tests, parts, strict=True)]
+        blocks = [(self.nuisances.of_test(t), part) for t, part in zip(self.tests, parts, strict=True)]
+        if self.whitening is None or not self.whitening.shared:
+            return blocks
+        every = np.arange(self.nuisances.size)
+        dense = self.whitening.of_all(Design(blocks, self.nuisances.size) @ np.eye(self.nuisances.size))
+        return [(every, dense[rows]) for rows in self.rows]
 
     def difference(
         self, base: Sequence[np.ndarray], other: Sequence[np.ndarray], nuisance: np.ndarray
@@ -287,15 +300,17 @@ class Problem:
 
         Each test goes straight into its rows: wide columns fill hundreds of MB.
         """
-        ends = np.cumsum([0, *map(len, self._kept)])
-        rows = [slice(int(a), int(b)) for a, b in pairwise(ends)]
+        rows = self.rows
 
         def one(k: int) -> None:
             out[rows[k]] = self.whiten_test(k, work(k))
 
         self.map(one)
+        if self.whitening is not None and self.whitening.shared:
+            out[:] = self.whitening.of_all(out)
         return out
 
     def whiten_test(self, k: int, columns: np.ndarray) -> np.ndarray:
-        """Whitened rows of block columns (m,) or (m, k) of one test."""
-        return self.noise.whiten(self.samples[k], columns, self._kept[k])
+        """Whitened rows of block columns (m,) or (m, k) of one test, but for what it shares with other tests."""
+        rows = self.noise.whiten(self.samples[k], columns, self._kept[k])
+        return rows if self.whitening is None else self.whitening.of_test(k, rows)

@@ -141,8 +141,12 @@ def _of_bar(e: DiagnosedEffect, judged: Judged, logs: LogDiagnosis, settings: Di
             if support is not None and support > settings.likelihood_ratio:
                 tests += [d.test.name for d in logs.after.tests if effect.subject in d.axes]
     competitors = {} if decision is None else {BallBarTest.instrument: decision.bar, LogTest.instrument: decision.logs}
+    told = {i: p for i, p in e.others.items() if i in alternatives}
+    whole = None if e.probability is None else e.probability + sum(e.others.values())
     return replace(
         e,
+        probability=None if whole is None else whole - sum(told.values()),
+        others=told,
         effect=effect,
         free=e.free if effect.id == e.effect.id else tuple(ci),
         ci95=ci,

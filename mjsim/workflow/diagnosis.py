@@ -57,6 +57,8 @@ class Diagnosis:
         posterior: What the fit leaves uncertain about the machine; ``None`` where it was not kept.
         logs: What the axis logs show, with the numbers of the drives; ``None`` where none was recorded.
         settings: What has decided.
+        probabilities: Of the four verdicts by the ball-bar tests; empty where none was measured.
+        discrepancy: RMS in a ball-bar test of what repeats and is in no model, m.
     """
 
     campaign: Campaign
@@ -77,6 +79,8 @@ class Diagnosis:
     posterior: Posterior | None = None
     logs: LogDiagnosis | None = None
     settings: DiagnosisSettings = DIAGNOSIS
+    probabilities: dict[str, float] = field(default_factory=dict)
+    discrepancy: float = 0.0
 
     @property
     def has_bars(self) -> bool:
@@ -123,7 +127,9 @@ class Diagnosis:
     def _bars_json(self) -> dict:
         return {
             "verdict": self.verdict,
+            "probabilities": self.probabilities,
             "noise_um": _r(self.noise / UM),
+            "discrepancy_um": _r(self.discrepancy / UM),
             "rms_before_um": _r(self.before.rms / UM),
             "rms_after_um": _r(self.after.rms / UM),
             "effects": [e.to_json(self.machine) for e in self.effects],

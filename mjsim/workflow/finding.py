@@ -40,6 +40,9 @@ class DiagnosedEffect:
         worse: By instrument, how much worse each competitor fits, by id; empty where nothing competes.
         contradicted: Whether the axis logs are explained better without it.
         enough: Difference of the objectives that tells two explanations apart.
+        probability: That it is this cause, and larger than a machine of its class may have; ``None`` where no posterior
+            says so.
+        others: Probabilities of its alternatives, by id.
     """
 
     effect: Effect
@@ -58,6 +61,8 @@ class DiagnosedEffect:
     worse: dict[str, dict[str, float]] = field(default_factory=dict)
     contradicted: bool = False
     enough: float = DIAGNOSIS.indistinguishable
+    probability: float | None = None
+    others: dict[str, float] = field(default_factory=dict)
 
     @property
     def is_open(self) -> bool:
@@ -96,7 +101,9 @@ class DiagnosedEffect:
             "ci95": {k: rounded(v) for k, v in self.ci95.items()},
             f"rms_before_{symbol}": digits(self.rms_before / unit),
             f"rms_after_{symbol}": digits(self.rms_after / unit),
-            "alternatives": list(self.alternatives),
+            "probability": _share(self.probability),
+            "alternatives": [{"id": i, "probability": _share(self.others.get(i))} for i in self.alternatives],
+            "alternative_ids": list(self.alternatives),
             "tests": list(self.tests),
         }
         if not self.decided_by:
@@ -115,6 +122,11 @@ class DiagnosedEffect:
             return None
         ends = [rounded(x) for x in known.ci95]
         return {"parameter": known.parameter, "others": list(known.others), "ci95": ends, "sentence": known.sentence}
+
+
+def _share(p: float | None) -> float | None:
+    """A probability with four digits."""
+    return None if p is None else round(float(p), 4)
 
 
 def rounded(v):

@@ -8,9 +8,9 @@ import numpy as np
 
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.competing import CompetingModel
+from mjsim.estimation.findings import explain
 from mjsim.estimation.lines import Line
 from mjsim.estimation.mistakes.checked_problem import checked_problem
-from mjsim.estimation.model_choice import select_model
 from mjsim.estimation.outcome import Selection
 from mjsim.estimation.planning.next_test import plan_for
 from mjsim.estimation.posterior import Posterior
@@ -80,7 +80,7 @@ def _diagnose(
     separated = separate(checked_problem(campaign, build(machine), threads, settings=settings), machine)
     # much of the search keeps one core busy: another simulates meanwhile
     readings_as_given = separated.problem.workers.start(lambda: readings_of(machine, separated.problem.tests, 1))
-    explained = select_model(separated, max_effects, progress)
+    explained = explain(separated, progress, max_effects)
     data, selection, unexplained = explained.data, explained.selection, explained.unexplained
     hidden = not_testable(data, Projector(selection.start), selection.bank)
     selection.bank.forget()  # the simulations need the room
@@ -120,15 +120,11 @@ def _diagnose(
     effects = tuple(
         replace(e, rms_before=ladder[min(i, last)].rms, rms_after=ladder[i + 1].rms) for i, (_, e) in enumerate(found)
     )
-    if effects:
-        verdict = "ambiguous" if any(e.alternatives for e in effects) else "identified"
-    else:
-        verdict = "unknown" if unexplained else "nothing_found"
     following = plan_for(problem, selection, threads, progress, hidden=False)
     named = {e.effect.id for e in effects} | {a for e in effects for a in e.alternatives}
     return Diagnosis(
         campaign,
-        verdict,
+        explained.verdict,
         problem.noise.rms,
         effects,
         unexplained,
@@ -144,6 +140,8 @@ def _diagnose(
         combinations=explained.combinations,
         posterior=Posterior.of(selection.fit),
         settings=settings,
+        probabilities=explained.verdicts.to_json(),
+        discrepancy=explained.discrepancy,
     )
 
 
@@ -156,6 +154,7 @@ def _found(problem: Problem, selection: Selection) -> list[tuple[float, Diagnose
         ci = free.interval(free.vector, selection.fit.covariance_of(free))
         where = clear_tests(problem, selection.fit, f.key)
         found = DiagnosedEffect(free.effect, free.names, ci, 0.0, 0.0, f.alternatives, where, f.gain, f.rejected)
+        found = replace(found, probability=f.probability, others=f.others)
         models = [CompetingModel.of(i, fit) for i, fit in ((f.key, selection.fit), *f.competing.items())]
         out.append((f.gain, replace(found, models=tuple(models))))
     return out

@@ -5,9 +5,9 @@ from __future__ import annotations
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
+from mjsim.estimation.findings import explain
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.mistakes.checked_problem import checked_problem
-from mjsim.estimation.model_choice import select_model
 from mjsim.estimation.noise import usual_noise
 from mjsim.estimation.planning.next_test import NOTHING, Plan, best_of, plan_for, typical
 from mjsim.estimation.planning.separation import Explanation
@@ -66,7 +66,7 @@ def plan_bars(
     problem = checked_problem(campaign, build(machine), threads, settings=settings)
     separated = separate(problem, machine)
     if between is None:
-        explained = select_model(separated, progress=progress)
+        explained = explain(separated, progress)
         return plan_for(explained.data, explained.selection, threads, progress)
     problem, fitter = separated.problem, Fitter(separated.problem, separated.machine)
     if NOTHING in between:

@@ -16,19 +16,17 @@ from mjsim.campaign.tolerance import TYPICAL_TOLERANCE
 from mjsim.effects.friction import Friction
 from mjsim.effects.torque_ripple import TorqueRipple
 from mjsim.estimation.calibration import calibrated_effects, expected_effects
-from mjsim.estimation.candidate_groups import CandidateGroups
 from mjsim.estimation.combinations import combinations
 from mjsim.estimation.data_sheet import DATA_SHEET, calibrated, data_sheet
 from mjsim.estimation.disturbances import without_disturbances
 from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.evidence import select
+from mjsim.estimation.findings import explain
 from mjsim.estimation.fit import Fitter
-from mjsim.estimation.joint_selection import JointSelector
 from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.estimation.spectrum import sides_of, spectral_candidates, wave
-from mjsim.estimation.verdicts import is_beyond
+from mjsim.estimation.vibration import Separated
 from mjsim.machine.model import build
 
 
@@ -50,13 +48,13 @@ def real(tmp_path_factory):
     campaign = read_campaign(folder)
     machine = read_machine(campaign.machine_file)
     problem = Problem.of(campaign, build(machine), threads=2)
-    return case, problem, machine, JointSelector(Fitter(problem, machine)).run()
+    return case, problem, machine, explain(Separated(problem, machine, ()))
 
 
 def test_what_lies_beyond_its_tolerance_is_the_finding(real):
     _, problem, _, joint = real
     assert [f.key for f in joint.selection.found] == ["backlash.A"]
-    assert joint.curve is None
+    assert joint.unexplained is None and joint.verdict == "identified"
     fit = joint.selection.fit
     assert fit.sum_squares < 1.1 * problem.count
     free = next(f for f in fit.effects if f.effect.key == "backlash.A")
@@ -89,7 +87,7 @@ def test_small_errors_are_calibrated_with_honest_intervals(real):
     fit = joint.selection.fit
     inside = []
     for f in fit.effects:
-        if f.effect.key not in {c.key for c in joint.calibrated}:
+        if f.effect.key not in {c.effect.effect.key for c in joint.calibration}:
             continue
         for name, (low, high) in f.interval(f.vector, fit.covariance_of(f)).items():
             if name == "components" or name == "phase_deg" or name not in truth.get(f.effect.id, {}):
@@ -178,44 +176,6 @@ def test_a_ripple_is_looked_for_at_the_orders_of_a_pitch_error(real):
     assert orders <= {c.effect.values["order"] for c in waves}
 
 
-def test_what_is_beyond_its_tolerance_competes_with_the_catalogue(real):
-    """With the play held back by its tolerance, the evidence asks for more play and not for something else."""
-    _, problem, machine, joint = real
-    expected = {c.key: c for c in expected_effects(machine)}
-    fit = Fitter(problem, machine).fit([c.free for c in expected.values()], start=joint.selection.fit, exact=False)
-    groups = CandidateGroups.at(problem, fit, joint.selection.bank, set(expected), curves=False)
-    needed = select(groups.problem, groups.groups)
-    best = groups.members[max(needed.log_odds, key=lambda g: needed.log_odds[g])]
-    assert best.key == "backlash.A"
-    assert best.excess
-
-
-def test_a_wave_of_another_order_belongs_to_the_pitch_error(real):
-    """Beside the orders of the worm: it is offered, has the tolerance as prior, and is a finding beyond the limit."""
-    _, problem, machine, joint = real
-    fit = joint.selection.fit
-    groups = CandidateGroups.at(problem, fit, joint.selection.bank, {f.effect.key for f in fit.effects}, False)
-    offered = [
-        m.candidate.effect.values["components"] for m in groups.members if m.candidate and m.key == "pitch_error.A"
-    ]
-    own = next(f for f in fit.effects if f.effect.key == "pitch_error.A")
-    rows = own.effect.values["components"]
-    assert offered and not {round(o) for ((o, *_),) in offered} & {round(row[0]) for row in rows}
-    expected = next(c for c in expected_effects(machine) if c.key == "pitch_error.A")
-    limit = expected.limits["components"]
-    for size, found in ((0.5 * limit, False), (3.0 * limit, True)):
-        wave = EffectVector(own.effect.replaced(components=[[50.0, size, 20.0], *rows]), own.names)
-        whole = expected.at(wave)
-        np.testing.assert_allclose(whole.vector, wave.vector, rtol=0, atol=1e-12)
-        np.testing.assert_array_equal(whole.prior[1], np.full(6, expected.deviation.max()))
-        beside = [whole if f is own else f for f in fit.effects]
-        with_wave = Fitter(problem, machine).fit(beside, start=fit, iterations=0, exact=False, fresh=False)
-        assert (
-            is_beyond(with_wave, next(f for f in with_wave.effects if f.effect.key == own.effect.key), expected)
-            == found
-        )
-
-
 def finding_of(hidden, rows, folder):
     """The only finding on a real machine whose tolerance is stated, with its intervals."""
     within = tuple(e for e in real_machines.within("M1", np.random.default_rng(6)) if e["id"] != hidden["id"])
@@ -225,7 +185,7 @@ def finding_of(hidden, rows, folder):
     )
     campaign = read_campaign(folder)
     machine = read_machine(campaign.machine_file)
-    joint = JointSelector(Fitter(Problem.of(campaign, build(machine), threads=2), machine)).run()
+    joint = explain(Separated(Problem.of(campaign, build(machine), threads=2), machine, ()))
     (found,) = (f for f in joint.selection.fit.effects if f.effect.key in {x.key for x in joint.selection.found})
     return found, found.interval(found.vector, joint.selection.fit.covariance_of(found))
 

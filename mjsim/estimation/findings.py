@@ -1,0 +1,270 @@
+"""What a search has found, in sentences that an engineer acts on: probabilities that something is larger than a machine
+of its class may have.
+
+Evidence says whether something is there. On a real machine a dozen small things are there, and nobody cares for them.
+So each effect has a class size: the limit of its tolerance; for a kind without one, one typical size; nothing on a
+machine that is otherwise as its file says. An effect is a finding where its size is beyond that for sure, by the rule
+of ISO 14253-1: with a probability of 95 %.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import erfc
+
+from mjsim.estimation.calibration import LIMIT_DEVIATIONS, Calibrated
+from mjsim.estimation.combinations import Combination, combinations
+from mjsim.estimation.curve_fit import fit_beside_simple
+from mjsim.estimation.curve_terms import CurveTerm
+from mjsim.estimation.effect_vector import EffectVector
+from mjsim.estimation.fit import Fit, Fitter
+from mjsim.estimation.hypotheses import entries_of, expected_prior, log_odds_of
+from mjsim.estimation.outcome import Found as FoundEffect
+from mjsim.estimation.outcome import Selection
+from mjsim.estimation.problem import Problem
+from mjsim.estimation.search import Found, Model, Search, with_curves
+from mjsim.estimation.shares import Calibration, calibrations
+from mjsim.estimation.unexplained import Unexplained, describe
+from mjsim.estimation.vibration import Separated
+from mjsim.machine.chain import is_rotary
+from mjsim.progress import Progress, silent
+from mjsim.units import DEG, UM
+
+#: Probability from which something is a finding: with which ISO 14253-1 takes it for proven that a number is beyond its
+#: limit. The set of names that is told for a finding has the same.
+FINDING = TOLD = 0.95
+#: Points of the normal distribution by which sizes of waves are judged.
+_DRAWS = 2000
+
+
+@dataclass(frozen=True)
+class Verdicts:
+    """Probabilities of what a diagnosis can say; they sum to 1.
+
+    Attributes:
+        nothing_found: No effect and no unknown cause is larger than a machine of its class may have.
+        identified: Some effect is, and it is known which.
+        ambiguous: Some effect is, and more than one name for it is left.
+        unknown: The cause is in no catalogue.
+    """
+
+    nothing_found: float
+    identified: float
+    ambiguous: float
+    unknown: float
+
+    def to_json(self) -> dict[str, float]:
+        """As in the JSON of ``mjsim diagnose``."""
+        return {name: round(float(p), 4) for name, p in vars(self).items()}
+
+
+@dataclass(frozen=True)
+class Explained:
+    """What the data say.
+
+    Attributes:
+        data: The tests that the search ended on.
+        selection: The model, and its findings in the order of their contribution.
+        unexplained: A cause that is in no catalogue.
+        calibration: Effects of a machine of its class that are no findings.
+        shares: Share of each cause in the explained squared error.
+        combinations: Sums of numbers that the tests determine.
+        verdict: The most probable verdict.
+        verdicts: Probabilities of all.
+        discrepancy: RMS in a test of what repeats and is in no model, m.
+    """
+
+    data: Problem
+    selection: Selection
+    unexplained: Unexplained | None
+    calibration: tuple[Calibration, ...]
+    shares: dict[str, float]
+    combinations: tuple[Combination, ...]
+    verdict: str
+    verdicts: Verdicts
+    discrepancy: float
+
+
+def explain(separated: Separated, progress: Progress = silent, most: int | None = None) -> Explained:
+    """What is missing from the model of a machine.
+
+    Args:
+        separated: The measured tests without vibrations.
+        progress: Called as work gets on.
+        most: Most findings that are named; without it all.
+    """
+    search = Search(Fitter(separated.problem, separated.machine), progress)
+    return _Reader(search, search.run(most), progress).read(most)
+
+
+class _Reader:
+    """Reads findings out of a search."""
+
+    def __init__(self, search: Search, found: Found, progress: Progress) -> None:
+        self.search, self.found, self.model, self.progress = search, found, found.model, progress
+        self.problem, self.expected = found.model.problem, found.model.expected
+
+    def read(self, most: int | None) -> Explained:
+        fitter = Fitter(self.problem, self.model.fit.base)
+        fit = fitter.fit(self.model.fit.effects, start=self.model.fit, exact=True, iterations=3, fresh=False)
+        unexplained, unknown, fit = self._unknown(fit)
+        if unknown < FINDING:
+            unexplained = None
+        rows = self._findings(fit)
+        self.progress("shares of the error", 0, 1)
+        named = [r for r in rows if r.whole >= FINDING]
+        named = sorted(named, key=lambda r: -r.gain)[:most]
+        keys = {r.key for r in named}
+        inside = [self._in_class(f) for f in fit.effects if f.effect.key not in keys]
+        entries, shares = calibrations(self.problem, fit, inside)
+        explained = self.found.start.sum_squares - fit.sum_squares
+        named = [replace(r, gain=max(shares.get(r.key, 0.0) * explained, 0.0)) for r in named]
+        named.sort(key=lambda r: -r.gain)
+        selection = Selection(self.found.start, fit, named, self.found.bank, self.found.trail)
+        verdicts = self._verdicts(named, rows, unknown)
+        verdict = max(vars(verdicts), key=lambda name: getattr(verdicts, name))
+        sums = combinations(fit, self.problem.settings)
+        data = replace(self.problem, whitening=self.problem.whitening)
+        return Explained(data, selection, unexplained, entries, shares, sums, verdict, verdicts, self.model.sizes.rms)
+
+    # -- sizes ---------------------------------------------------------------------------------------------------------
+
+    def _findings(self, fit: Fit) -> list[FoundEffect]:
+        """Every effect of the model with the probability that it is larger than its class allows."""
+        size = {f.effect.key: self._beyond(fit, f) for f in fit.effects}
+        for f in fit.effects:
+            if f.effect.key not in self.expected:
+                size[f.effect.key] *= self._there(fit, f)
+        rivals_of = self.found.rivals
+        if rivals_of is None:
+            rivals_of = self.search.rivals_of(self.model, {key for key, p in size.items() if p >= FINDING})
+        out = []
+        for f in fit.effects:
+            key, large = f.effect.key, size[f.effect.key]
+            rivals = rivals_of.get(key, [])
+            logs = np.array([0.0, *(m.evidence - self.model.evidence for _, m in rivals)])
+            shares = np.exp(logs - np.logaddexp.reduce(logs))
+            others: dict[str, tuple[float, Model]] = {}
+            for (effect_id, m), share in zip(rivals, shares[1:], strict=True):
+                if share > others.get(effect_id, (0.0,))[0] and effect_id != f.effect.id:
+                    others[effect_id] = float(share), m
+            told, covered = {}, 1.0 - sum(p for p, _ in others.values())
+            for i, (p, m) in sorted(others.items(), key=lambda row: -row[1][0]):
+                if covered < TOLD and not i.startswith("curve"):
+                    told[i] = p, m
+                covered += p
+            columns = fit.design.columns(fit.parameters[f.block.name]) @ (f.vector - f.off)
+            mine = 1.0 - sum(p for p, _ in told.values())
+            entry = FoundEffect(key, float(columns @ columns), {i: m.fit for i, (_, m) in told.items()})
+            others_p = {i: p * large for i, (p, _) in told.items()}
+            out.append(replace(entry, probability=mine * large, others=others_p, whole=large))
+        return out
+
+    def _there(self, fit: Fit, f: EffectVector) -> float:
+        """Probability that an effect is there at all: of its surest wave (Savage-Dickey density ratio)."""
+        assert f.prior is not None
+        mean, deviation = f.prior
+        covariance = fit.covariance_of(f)
+        groups = entries_of(f)
+        best = -np.inf
+        for _, at in groups:
+            off, c = (f.vector - mean)[at], covariance[np.ix_(at, at)]
+            shrunk = np.linalg.slogdet(c)[1] - 2.0 * np.log(deviation[at]).sum()
+            odds = 0.5 * float(off @ np.linalg.solve(c, off) + shrunk)
+            best = max(best, odds + log_odds_of(f, fit.base) / len(groups))
+        return 1.0 / (1.0 + math.exp(-min(best, 700.0)))
+
+    def _beyond(self, fit: Fit, f: EffectVector) -> float:
+        """Probability that an effect is larger than its class allows: of the number that lies farthest."""
+        covariance = fit.covariance_of(f)
+        expected = self.expected.get(f.effect.key)
+        if expected is not None:
+            mean, deviation, own = expected_prior(expected, f)
+            limit = np.where(own, LIMIT_DEVIATIONS * deviation, 1.0)
+        else:
+            mean, limit = f.off, np.ones(len(f.vector)) if self.expected else np.zeros(len(f.vector))
+        best = 0.0
+        for _, entries in entries_of(f):
+            off, c = (f.vector - mean)[entries], covariance[np.ix_(entries, entries)]
+            if len(entries) == 2 and (f.polar or f.names == ("components",)):
+                best = max(best, _radius_beyond(off, c, float(limit[entries].max())))
+            else:
+                for x, variance, most in zip(off, np.diag(c), limit[entries], strict=True):
+                    sd = math.sqrt(max(float(variance), 1e-30))
+                    best = max(
+                        best, 0.5 * float(erfc((most - x) / sd / math.sqrt(2)) + erfc((most + x) / sd / math.sqrt(2)))
+                    )
+        return min(best, 1.0)
+
+    def _in_class(self, f: EffectVector) -> Calibrated:
+        """What a machine of the class may have of an effect, also where no tolerance says so."""
+        expected = self.expected.get(f.effect.key)
+        if expected is not None:
+            return expected
+        sizes = {n: f.specs[n].scale for n in f.names if f.specs[n].neutral is not None or n == "components"}
+        return Calibrated(f, f.off, np.ones(len(f.vector)), sizes or {f.names[0]: 1.0})
+
+    # -- unknown causes ------------------------------------------------------------------------------------------------
+
+    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit]:
+        """The unknown cause that does most; the probability that it is larger than its class allows; the model fitted
+        beside it.
+        """
+        curves = self.model.curves
+        if not curves:
+            return None, 0.0, fit
+        self.progress("describing what is in no catalogue", 0, 1)
+        best: tuple[float, Unexplained, float, Fit] | None = None
+        for curve in curves:
+            problem = with_curves(self.model.base, [c for c in curves if c is not curve])
+            fitter = Fitter(problem, fit.base)
+            alone = fitter.fit(fit.effects, start=fit, exact=True, iterations=0, fresh=False)
+            moved, term, _ = fit_beside_simple(fitter, alone, curve.term)
+            told = describe(problem, moved, term)
+            large = self._curve_beyond(term)
+            if best is None or large * told.rms > best[0]:
+                best = large * told.rms, told, large, moved
+        assert best is not None
+        return best[1:]
+
+    def _curve_beyond(self, term: CurveTerm) -> float:
+        """Probability that a fitted curve is larger, at some place, than a machine of the class may have: than its
+        pitch error, or than its play where the curve has a sign by the direction of motion.
+        """
+        if not self.expected:
+            return 1.0
+        chain, kind = self.model.fit.base.chain, "backlash" if term.signed else "pitch_error"
+        moves = term.moves if term.moves in chain.letters else chain.linear[0]
+        expected = self.expected.get(f"{kind}.{moves}")
+        if expected is None:
+            return 1.0
+        limit = next(iter(expected.limits.values())) * (DEG if is_rotary(moves) else UM)
+        size = np.abs(term.coefficients - term.coefficients.mean()) * term.unit
+        spread = np.sqrt(np.maximum(np.diag(np.linalg.inv(term.precision)), 0.0)) * term.unit
+        return float(np.max(0.5 * erfc((limit - size) / np.maximum(spread, 1e-15) / math.sqrt(2.0))))
+
+    @staticmethod
+    def _verdicts(named: list[FoundEffect], rows: list[FoundEffect], unknown: float) -> Verdicts:
+        """Probabilities of the four verdicts; findings are taken for independent of each other.
+
+        Args:
+            named: Findings.
+            rows: All effects of the model.
+            unknown: Probability of a cause that is in no catalogue.
+        """
+        none = float(np.prod([1.0 - r.whole for r in rows]))
+        clear = float(np.prod([r.probability / r.whole for r in named]))
+        some = 1.0 - none
+        return Verdicts(none * (1.0 - unknown), some * clear, some * (1.0 - clear), none * unknown)
+
+
+def _radius_beyond(centre: np.ndarray, covariance: np.ndarray, limit: float) -> float:
+    """Probability that a point of the plane with this normal distribution is farther than ``limit`` from the origin."""
+    share = (np.arange(_DRAWS) + 0.5) / _DRAWS
+    radius, angle = np.sqrt(-2.0 * np.log(share)), 2.0 * np.pi * np.arange(_DRAWS) * 0.6180339887498949
+    values, vectors = np.linalg.eigh(covariance)
+    points = vectors * np.sqrt(np.maximum(values, 0.0)) @ np.vstack([radius * np.cos(angle), radius * np.sin(angle)])
+    return float(np.mean(np.hypot(*(centre[:, None] + points)) > limit))

@@ -1,0 +1,387 @@
+"""Everything that may explain data, as hypotheses beside a fitted model, each with its prior.
+
+A hypothesis is an effect of the catalogue at one of its seeds, a further wave of a pitch error, what an expected error
+has beyond its tolerance, or a curve of one axis' motion that is in no catalogue. All have the same currency: columns of
+the whitened readings, prior widths of their coefficients, prior odds, and how they enter the model.
+
+Prior odds: a cause is there in one of some thousand machines, e^-7; three nats more or less change no answer. Where one
+of many may be the one (seeds of an effect, orders of a wave, curves of an axis), each has its share.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from mjsim.estimation.calibration import LIMIT_DEVIATIONS, Calibrated
+from mjsim.estimation.criteria import is_feasible
+from mjsim.estimation.discrepancy import Discrepancy, LinearModel, Products, Sizes
+from mjsim.estimation.effect_vector import EffectVector
+from mjsim.estimation.fit import Fit
+from mjsim.estimation.linear_evidence import Columns, LinearEvidence
+from mjsim.estimation.one_direction import one_direction_candidates
+from mjsim.estimation.problem import Problem
+from mjsim.estimation.signatures import Candidate, SignatureBank, seeds
+from mjsim.estimation.spectrum import spectral_candidates
+from mjsim.estimation.unknown_curves import Curve
+from mjsim.machine.model import Machine
+
+#: Logarithm of the prior odds of one cause.
+CAUSE = -7.0
+#: Orders that a wave of a wheel or a screw may have.
+ORDERS = 300
+#: Waves of each axis that are looked at, the best of all orders.
+_WAVES = 6
+#: Prior widths of an effect's leading entries, typical sizes; of what is beyond a tolerance, limits.
+WIDTHS, BEYOND = np.geomspace(0.1, 30.0, 7), np.array([1.0, 2.0, 4.0, 8.0, 16.0])
+#: Prior deviation of an effect's shape (a place, a width, a time constant) from its seed, typical sizes.
+_SHAPE = 3.0
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One hypothesis beside a model.
+
+    Attributes:
+        name: Key of the effect, or what a curve is called.
+        log_odds: Logarithm of its prior odds.
+        widths: Prior widths of its coefficients that are tried.
+        free: The effect of the model that it belongs to; ``None`` for one that the model does not have.
+        wave: Which component of a pitch error.
+        entries: Which entries of the effect's vector.
+        candidate: An effect that is not in the model.
+        curve: A curve of an unknown cause.
+        beyond: Prior deviations of the entries by the tolerance (k,), where this is what lies beyond it.
+        present: Whether it is in the model.
+    """
+
+    name: str
+    log_odds: float
+    widths: np.ndarray
+    free: EffectVector | None = None
+    wave: int | None = None
+    entries: np.ndarray | None = None
+    candidate: Candidate | None = None
+    curve: Curve | None = None
+    beyond: np.ndarray | None = None
+    present: bool = False
+
+    @property
+    def id(self) -> str:
+        """Id of the effect, or what a curve is called."""
+        mine = self.free or self.candidate
+        return mine.effect.id if mine else self.name
+
+    @property
+    def is_wave(self) -> bool:
+        """Whether it is one wave of a pitch error, which others may stand beside."""
+        mine = self.free or self.candidate
+        return mine is not None and mine.effect.kind == "pitch_error"
+
+
+@dataclass(frozen=True)
+class Signatures:
+    """Signatures of the catalogue, whitened by the campaign's noise alone, and their products.
+
+    Attributes:
+        bank: The signatures.
+        products: Of its columns.
+    """
+
+    bank: SignatureBank
+    products: Products
+
+    @classmethod
+    def of(cls, discrepancy: Discrepancy, bank: SignatureBank) -> Signatures:
+        """Of a bank."""
+        return cls(bank, Products(discrepancy, bank.matrix))
+
+
+def log_odds_of(f: EffectVector, machine: Machine) -> float:
+    """Logarithm of the prior odds of an effect in a model, its waves and its choice of a seed counted."""
+    if f.effect.kind == "pitch_error":
+        return len(f.effect.values["components"]) * (CAUSE - math.log(ORDERS))
+    tried = sum(c.effect.id == f.effect.id for c in seeds(machine))
+    return CAUSE - math.log(max(tried, 1)) - math.log(2.0) * bool(f.effect.direction_sign)
+
+
+def with_prior_of_size(f: EffectVector) -> EffectVector:
+    """An effect with a prior of the least width that its size asks for; shapes have one around where they are."""
+    mean, deviation = f.vector.copy(), np.full(len(f.vector), _SHAPE)
+    for _, entries in entries_of(f):
+        mean[entries] = f.off[entries]
+        size = np.abs(f.vector - f.off)[entries].max()
+        deviation[entries] = WIDTHS[min(int(np.searchsorted(WIDTHS, size)), len(WIDTHS) - 1)]
+    return f.with_prior(mean, deviation)
+
+
+def _of_candidate(c: Candidate, count: Mapping[str, int]) -> Hypothesis:
+    """The hypothesis that an effect is there which the model does not have."""
+    tried = ORDERS if c.effect.kind == "pitch_error" else count.get(c.effect.key, 1)
+    odds = CAUSE - math.log(tried) - math.log(2.0) * bool(c.effect.direction_sign)
+    return Hypothesis(c.effect.key, odds, WIDTHS, candidate=c)
+
+
+def entries_of(f: EffectVector) -> list[tuple[int | None, np.ndarray]]:
+    """Leading entries of an effect, wave by wave: which wave, and the places in its vector."""
+    if f.effect.kind == "pitch_error":
+        return [(i, np.array([2 * i, 2 * i + 1])) for i in range(len(f.vector) // 2)]
+    return [(None, np.array(f.linear if f.linear else range(len(f.vector))))]
+
+
+def expected_prior(expected: Calibrated, f: EffectVector) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Prior means and deviations of an expected effect's entries, and which of them the tolerance is about: waves of
+    other orders are causes of their own.
+    """
+    if f.names != ("components",) or len(expected.mean) == len(f.vector):
+        return expected.mean, expected.deviation, np.ones(len(f.vector), bool)
+    orders = [round(row[0]) for row in expected.free.effect.values["components"]]
+    means = dict(zip(orders, expected.mean.reshape(-1, 2), strict=True))
+    mine = [round(row[0]) for row in f.effect.values["components"]]
+    mean = np.concatenate([means.get(n, np.zeros(2)) for n in mine])
+    own = np.repeat([n in means for n in mine], 2)
+    deviation = np.where(own, expected.deviation.max(), f.prior[1] if f.prior is not None else 1.0)
+    return mean, deviation, own
+
+
+class Hypotheses:
+    """All hypotheses beside one fitted model, in one linear problem.
+
+    Args:
+        plain: The measured tests, whitened by the campaign's noise alone.
+        fit: The model.
+        design: Its columns and its residual, whitened likewise, (count, p) and (count,).
+        signatures: Of the catalogue, whitened likewise.
+        expected: Effects that a machine of the class has, by key.
+        curves: Of the model, and others that compete.
+        levels: Sizes of the discrepancy at which the hypotheses are judged, the present ones first: what explains most
+            of the data leaves much less than is there now.
+    """
+
+    def __init__(
+        self,
+        plain: Problem,
+        fit: Fit,
+        design: tuple[np.ndarray, np.ndarray],
+        signatures: Signatures,
+        expected: Mapping[str, Calibrated],
+        curves: Sequence[Curve],
+        levels: Sequence[Sizes],
+    ) -> None:
+        self.fit, self.expected = fit, expected
+        bank = signatures.bank
+        width, p = bank.matrix.shape[1], fit.parameters.size
+        count: dict[str, int] = {}
+        for c in bank.candidates:
+            count[c.effect.key] = count.get(c.effect.key, 0) + 1
+        inside, released, rows = self._of_model(count)
+        self.released = replace(fit, effects=tuple(released))
+        have = {f.effect.key: f.effect for f in fit.effects}
+        for c, at in zip(bank.candidates, bank.slices, strict=True):
+            mine = have.get(c.effect.key)
+            if at.stop > at.start and (mine is None or c.at_another_order(mine)):
+                rows.append((_of_candidate(c, count), np.arange(at.start, at.stop), 1.0))
+        products = signatures.products.extended(design[0])
+        linear = self._evidence(products, design, width, inside, rows, levels[:1])[0][1]
+        more: list[np.ndarray] = []
+        place = width + p
+        for c, columns in self._further(plain, bank, linear, [h for h, _, _ in rows], len(inside)):
+            rows.append((_of_candidate(c, count), place + np.arange(columns.shape[1]), 1.0))
+            more.append(columns)
+            place += columns.shape[1]
+        for curve in curves:
+            h = Hypothesis(curve.name, curve.log_odds, curve.widths, curve=curve, present=curve.present)
+            rows.append((h, place + np.arange(curve.columns.shape[1]), 1.0))
+            more.append(curve.columns)
+            place += curve.columns.shape[1]
+        if more:
+            products = products.extended(np.hstack(more))
+        self.all = [*(h for h, _ in inside), *(h for h, _, _ in rows)]
+        #: Log evidence of the model without any of them, and the linear problem, at each level.
+        self.levels = self._evidence(products, design, width, inside, rows, levels)
+
+    @property
+    def linear(self) -> LinearEvidence:
+        """The linear problem at the present sizes."""
+        return self.levels[0][1]
+
+    def _of_model(self, count: Mapping[str, int]):
+        """What the model has: its own causes with their places in the vector, all its effects with the tolerances as
+        priors, and what expected ones have beyond their tolerance, with their columns and the limits.
+        """
+        fit = self.fit
+        parameters = fit.parameters
+        index = np.arange(parameters.size)
+        inside: list[tuple[Hypothesis, np.ndarray]] = []
+        released: list[EffectVector] = []
+        beyond: list[tuple[Hypothesis, np.ndarray, np.ndarray | float]] = []
+        for f in fit.effects:
+            at = index[parameters[f.block.name]]
+            mine = self.expected.get(f.effect.key)
+            if mine is None:
+                released.append(f)
+                for wave, entries in entries_of(f):
+                    odds = CAUSE - math.log(ORDERS if wave is not None else count.get(f.effect.key, 1))
+                    inside.append((Hypothesis(f.effect.key, odds, WIDTHS, f, wave, entries, present=True), at[entries]))
+                continue
+            mean, deviation, own = expected_prior(mine, f)
+            released.append(f.with_prior(mean, deviation))
+            for wave, entries in entries_of(f):
+                if not own[entries].all():
+                    odds = CAUSE - math.log(ORDERS)
+                    inside.append((Hypothesis(f.effect.key, odds, WIDTHS, f, wave, entries, present=True), at[entries]))
+                    continue
+                limit = LIMIT_DEVIATIONS * deviation[entries]
+                is_wider = f.prior is not None and bool((f.prior[1][entries] > 1.001 * deviation[entries]).any())
+                h = Hypothesis(f.effect.key, CAUSE, BEYOND, f, wave, entries, beyond=limit, present=is_wider)
+                beyond.append((h, at[entries], limit))
+        return inside, released, beyond
+
+    def _further(
+        self, plain: Problem, bank: SignatureBank, linear: LinearEvidence, rows: list[Hypothesis], first: int
+    ) -> Iterator[tuple[Candidate, np.ndarray]]:
+        """What is not among the seeds: effects in one direction of motion, waves of other orders."""
+        fit = self.fit
+        odds, _ = linear.odds({})
+        ranked = sorted(
+            (
+                (2.0 * (odds[first + i] - h.log_odds), np.zeros(0), h.candidate)
+                for i, h in enumerate(rows)
+                if h.candidate
+            ),
+            key=lambda row: -row[0],
+        )
+        yield from one_direction_candidates(fit, bank, ranked)
+        have = {f.effect.key: f.effect for f in fit.effects}
+        for axis in fit.base.chain.letters:
+            for c, columns in spectral_candidates(plain, fit, bank, axis, _WAVES):
+                mine = have.get(c.effect.key)
+                waves = [] if mine is None else [round(row[0]) for row in mine.values.get("components", [])]
+                if mine is None or (waves and round(c.effect.values["components"][0][0]) not in waves):
+                    yield c, columns
+
+    def _evidence(
+        self,
+        products: Products,
+        design: tuple[np.ndarray, np.ndarray],
+        width: int,
+        inside: list,
+        rows: list,
+        levels: Sequence[Sizes],
+    ) -> list[tuple[float, LinearEvidence, Sizes]]:
+        """Log evidence of none of the hypotheses, and the linear problem of all, at each level."""
+        parameters, vector = self.released.parameters, self.released.vector
+        own = np.concatenate([at for _, at in inside]) if inside else np.zeros(0, int)
+        always = np.setdiff1d(np.arange(parameters.size), own)
+        # the causes of the model are hypotheses too: the residual is that without them
+        off = np.zeros(parameters.size)
+        for f in self.released.effects:
+            off[np.arange(parameters.size)[parameters[f.block.name]]] = f.vector - f.off
+        residual = design[1] + design[0][:, own] @ off[own]
+        precision, departure = parameters.precision()[always], parameters.departure(vector)[always]
+        machine = self.fit.base
+
+        def bounded(h: Hypothesis):
+            c = h.candidate
+            return None if c is None else lambda x: is_feasible(machine, x, c)
+
+        model = LinearModel(products, residual, np.ones(products.width), np.zeros(products.width))
+        columns = [*((h, width + at, 1.0) for h, at in inside), *rows]
+        places = np.concatenate([width + always, *(at for _, at, _ in columns)])
+        scale = np.concatenate([np.ones(len(always)), *(np.broadcast_to(s, len(at)) for _, at, s in columns)])
+        ends = np.cumsum([0, *(len(at) for _, at, _ in columns)])
+        groups = [
+            Columns(h.name, np.arange(a, b), h.log_odds, h.widths, h.is_wave, bounded(h))
+            for (h, _, _), a, b in zip(columns, ends[:-1], ends[1:], strict=True)
+        ]
+        out = []
+        for sizes in levels:
+            gram, score, square, log_det = model.normal(sizes)
+            gram, score = gram[np.ix_(places, places)] * np.outer(scale, scale), score[places] * scale
+            n = len(always)
+            factor = cho_factor(gram[:n, :n] + np.diag(precision), lower=True)
+            pull = score[:n] - precision * departure
+            cross = gram[:n, n:]
+            reduced = cho_solve(factor, cross)
+            left = gram[n:, n:] - cross.T @ reduced
+            flexibility = 2.0 * np.log(np.diag(factor[0])).sum() - np.log(precision).sum()
+            rest = square + precision @ departure**2 - pull @ cho_solve(factor, pull)
+            none = -0.5 * float(rest + log_det + flexibility) + sizes.log_prior
+            linear = LinearEvidence(0.5 * (left + left.T), score[n:] - reduced.T @ pull, groups)
+            out.append((none, linear, sizes))
+        return out
+
+    @property
+    def present(self) -> list[int]:
+        """Places of those that are in the model."""
+        return [i for i, h in enumerate(self.all) if h.present]
+
+    def model_of(self, chosen: Mapping[int, float], linear: LinearEvidence) -> tuple[list[EffectVector], list[Curve]]:
+        """Effects and curves of the model with a set of hypotheses, at their linear estimates and with their priors.
+
+        Args:
+            chosen: Places of the hypotheses, and the widths of their priors.
+            linear: The linear problem of the estimates.
+        """
+        estimate = linear.estimate(dict(chosen)) if chosen else {}
+        mine = {g: self.all[g] for g in chosen}
+        effects: list[EffectVector] = []
+        for f in self.fit.effects:
+            of_effect = {h.wave: (h, chosen[g]) for g, h in mine.items() if h.free is f}
+            expected = self.expected.get(f.effect.key)
+            if expected is None and not of_effect:
+                continue
+            effects.append(self._kept(f, expected, of_effect))
+        for g, h in mine.items():
+            if h.candidate is None:
+                continue
+            new = self._added(EffectVector(h.candidate.effect, h.candidate.names), estimate[g], chosen[g])
+            same = next((i for i, f in enumerate(effects) if f.effect.key == new.effect.key), None)
+            if same is None:
+                effects.append(new)
+            elif new.effect.kind == "pitch_error":
+                effects[same] = effects[same].with_waves(new)
+            else:  # an error motion of another order
+                effects[same] = new
+        curves = [h.curve.at(chosen[g]) for g, h in mine.items() if h.curve is not None]
+        return effects, curves
+
+    def _kept(
+        self, f: EffectVector, expected: Calibrated | None, chosen: dict[int | None, tuple[Hypothesis, float]]
+    ) -> EffectVector:
+        """An effect of the model with the waves that stay, and the priors that the chosen hypotheses give it."""
+        if expected is not None:
+            mean, deviation, own = expected_prior(expected, f)
+        else:
+            mean, deviation = f.prior if f.prior is not None else (f.off, np.ones(len(f.vector)))
+            own = np.zeros(len(f.vector), bool)
+        deviation, stays = deviation.copy(), np.ones(len(deviation), bool)
+        for wave, entries in entries_of(f):
+            if wave in chosen:
+                h, width = chosen[wave]
+                deviation[entries] = width if h.beyond is None else np.hypot(deviation[entries], width * h.beyond)
+            elif not own[entries].all():
+                stays[entries] = False
+        if stays.all() or f.names != ("components",):
+            return f.with_prior(mean, deviation)
+        rows = [row for i, row in enumerate(f.effect.values["components"]) if stays[2 * i]]
+        left = EffectVector(f.effect.replaced(components=rows), f.names)
+        return left.with_prior(mean[stays], deviation[stays])
+
+    def _added(self, free: EffectVector, x: np.ndarray, width: float) -> EffectVector:
+        """A candidate at its linear estimate, with the prior of its width; shapes have one around the seed."""
+        if free.effect.kind == "pitch_error":
+            return EffectVector(free.at(x), free.names).with_prior(np.zeros(2), np.full(2, width))
+        present = self.fit.base.effect(free.effect.key)
+        vector = free.vector
+        if present is not None:
+            mean = EffectVector(present, free.names).vector
+            return EffectVector(free.at(vector + x), free.names).with_prior(mean, np.full(len(vector), width))
+        mean, deviation = vector.copy(), np.full(len(vector), _SHAPE)
+        mean[free.linear], deviation[free.linear] = free.neutral, width
+        vector[free.linear] = free.neutral + x
+        return EffectVector(free.at(vector), free.names).with_prior(mean, deviation)

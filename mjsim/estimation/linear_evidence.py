@@ -1,0 +1,201 @@
+"""Which hypotheses the data need, in one linear problem beside a fitted model: by log evidence.
+
+Every hypothesis is a group of coefficients with a normal prior around zero, whose width is one of a few and is averaged
+over. What is always in the model is marginalised before. So the evidence of any set of hypotheses follows from the
+information and the score of all columns, and adding, dropping or exchanging one costs milliseconds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+#: Gain in log evidence below which a change is not worth making, nats.
+_LEAST = 0.5
+#: Hypotheses whose linear estimates are held against their bounds: those of largest odds.
+_CHECKED = 40
+#: A hypothesis set: places in the list of hypotheses, and the width of each one's prior.
+Chosen = dict[int, float]
+
+
+@dataclass(frozen=True)
+class Columns:
+    """One hypothesis as the linear problem sees it.
+
+    Attributes:
+        name: What it is called. Two of one name exclude each other, except where ``several``.
+        places: Of its coefficients among all columns, (k,).
+        log_odds: Logarithm of its prior odds.
+        widths: Prior standard deviations of its coefficients that are tried.
+        several: Whether others of its name may stand beside it, as waves of one pitch error.
+        is_possible: Whether coefficients (k,) lie within the bounds of what they stand for.
+    """
+
+    name: str
+    places: np.ndarray
+    log_odds: float
+    widths: np.ndarray
+    several: bool = False
+    is_possible: Callable[[np.ndarray], bool] | None = None
+
+
+class LinearEvidence:
+    """Log evidence of sets of hypotheses.
+
+    Args:
+        information: Of all columns, (m, m).
+        score: Of all columns, (m,).
+        hypotheses: What the columns belong to.
+    """
+
+    def __init__(self, information: np.ndarray, score: np.ndarray, hypotheses: Sequence[Columns]) -> None:
+        self.information, self.score, self.hypotheses = information, score, tuple(hypotheses)
+        self._log_odds = np.array([h.log_odds for h in hypotheses])
+        sizes: dict[tuple[int, int], list[int]] = {}
+        for i, h in enumerate(hypotheses):
+            sizes.setdefault((len(h.places), len(h.widths)), []).append(i)
+        self._batches = [
+            (np.array(ix), np.array([hypotheses[i].places for i in ix]), np.array([hypotheses[i].widths for i in ix]))
+            for ix in sizes.values()
+        ]
+        self._own = [information[at[:, :, None], at[:, None, :]] for _, at, _ in self._batches]
+
+    def _columns(self, chosen: Chosen) -> tuple[np.ndarray, np.ndarray]:
+        """Places and prior precisions of the coefficients of a set."""
+        if not chosen:
+            return np.zeros(0, int), np.zeros(0)
+        places = [self.hypotheses[g].places for g in chosen]
+        return np.concatenate(places), np.concatenate(
+            [np.full(len(at), width**-2.0) for at, width in zip(places, chosen.values(), strict=True)]
+        )
+
+    def odds(self, chosen: Chosen) -> tuple[np.ndarray, np.ndarray]:
+        """Log posterior odds of every hypothesis beside a set, and the width of its prior that explains most.
+
+        Those that the set has, or excludes, have odds of zero (their logarithm is minus infinity).
+        """
+        places, precision = self._columns(chosen)
+        score, seen = self.score, None
+        if len(places):
+            lower = np.linalg.cholesky(self.information[np.ix_(places, places)] + np.diag(precision))
+            seen = solve_triangular(lower, self.information[places], lower=True, check_finite=False)
+            score = score - seen.T @ solve_triangular(lower, self.score[places], lower=True, check_finite=False)
+        odds, best = np.full(len(self.hypotheses), -np.inf), np.ones(len(self.hypotheses))
+        for (ix, at, widths), own in zip(self._batches, self._own, strict=True):
+            information = own
+            if seen is not None:
+                part = seen[:, at].transpose(1, 0, 2)  # (hypotheses, chosen columns, own columns)
+                information = own - np.matmul(part.transpose(0, 2, 1), part)
+            values, vectors = np.linalg.eigh(information)
+            values = np.maximum(values, 1e-12)
+            square = np.einsum("gij,gi->gj", vectors, score[at]) ** 2
+            prior = widths[:, :, None] ** -2.0
+            gain = square[:, None, :] / (values[:, None, :] + prior) - np.log1p(values[:, None, :] / prior)
+            evidence = 0.5 * gain.sum(axis=2)
+            odds[ix] = np.logaddexp.reduce(evidence, axis=1) - math.log(widths.shape[1])
+            best[ix] = widths[np.arange(len(ix)), evidence.argmax(axis=1)]
+        odds += self._log_odds
+        taken = {self.hypotheses[g].name for g in chosen if not self.hypotheses[g].several}
+        out = [g in chosen or h.name in taken for g, h in enumerate(self.hypotheses)]
+        odds[out] = -np.inf
+        for g in np.argsort(-odds)[:_CHECKED]:
+            h = self.hypotheses[g]
+            if np.isfinite(odds[g]) and h.is_possible is not None:
+                at = h.places
+                information = self.information[np.ix_(at, at)] - (0.0 if seen is None else seen[:, at].T @ seen[:, at])
+                x = np.linalg.solve(information + np.eye(len(at)) * best[g] ** -2.0, score[at])
+                if not h.is_possible(x):
+                    odds[g] = -np.inf
+        return odds, best
+
+    def total(self, chosen: Chosen) -> float:
+        """Log evidence of a set over that of none, with the prior odds."""
+        places, precision = self._columns(chosen)
+        if not chosen:
+            return 0.0
+        lower = np.linalg.cholesky(self.information[np.ix_(places, places)] + np.diag(precision))
+        z = solve_triangular(lower, self.score[places], lower=True, check_finite=False)
+        fit = 0.5 * float(z @ z) - float(np.log(np.diag(lower)).sum()) + 0.5 * float(np.log(precision).sum())
+        return fit + sum(self._log_odds[g] - math.log(len(self.hypotheses[g].widths)) for g in chosen)
+
+    def estimate(self, chosen: Chosen) -> dict[int, np.ndarray]:
+        """Coefficients (k,) of every hypothesis of a set, fitted together."""
+        places, precision = self._columns(chosen)
+        x = np.linalg.solve(self.information[np.ix_(places, places)] + np.diag(precision), self.score[places])
+        ends = np.cumsum([0, *(len(self.hypotheses[g].places) for g in chosen)])
+        return {g: x[a:b] for g, a, b in zip(chosen, ends[:-1], ends[1:], strict=True)}
+
+    def best_set(self, present: Sequence[int] = (), starts: int = 4) -> Chosen:
+        """The set of largest evidence that is found from nothing, from what is ``present``, and from the ``starts``
+        best single hypotheses; then every rival of a member is put in beside all once, and what is not needed any more
+        goes.
+        """
+        odds, width = self.odds({})
+        first: list[Chosen] = [{}]
+        if present:
+            first.append({g: float(width[g]) for g in present})
+        names: set[str] = set()
+        for g in np.argsort(-odds):
+            if odds[g] < 0.0 or len(names) >= starts:
+                break
+            if self.hypotheses[g].name not in names:
+                names.add(self.hypotheses[g].name)
+                first.append({int(g): float(width[g])})
+        best = max((self._improved(s) for s in first), key=self.total)
+        if 0 < len(best) <= 8:
+            rivals = dict.fromkeys(
+                int(g) for h in best for g in np.argsort(-self.odds(_without(best, h))[0])[:3] if int(g) not in best
+            )
+            own = {self.hypotheses[h].name for h in best if not self.hypotheses[h].several}
+            for g in rivals:
+                if self.hypotheses[g].name not in own:
+                    best = max(best, self._improved({**best, g: float(width[g])}, rounds=2), key=self.total)
+        return best
+
+    def _improved(self, chosen: Chosen, rounds: int = 4, most: int = 24) -> Chosen:
+        """A set with what it still needs; then each member is dropped, exchanged, or given another width once."""
+        chosen = dict(chosen)
+        for _ in range(rounds):
+            changed = False
+            while len(chosen) < most:
+                odds, width = self.odds(chosen)
+                g = int(np.argmax(odds))
+                if odds[g] <= 0.0:
+                    break
+                chosen[g] = float(width[g])
+                changed = True
+            for h in list(chosen):
+                rest = _without(chosen, h)
+                odds, width = self.odds(rest)
+                g = int(np.argmax(odds))
+                if odds[g] <= 0.0:
+                    chosen, changed = rest, True
+                elif g != h and odds[g] > odds[h] + _LEAST:
+                    chosen, changed = {**rest, g: float(width[g])}, True
+                elif width[h] != chosen[h] and np.isfinite(odds[h]):
+                    chosen[h] = float(width[h])
+            if not changed:
+                break
+        return chosen
+
+    def rivals(self, chosen: Chosen, h: int, within: float) -> list[tuple[float, int, float]]:
+        """What could stand in the place of one member: log odds, place and width of the best hypothesis of each other
+        name that comes ``within`` so many nats of it, the likeliest first.
+        """
+        odds, width = self.odds(_without(chosen, h))
+        out: dict[str, tuple[float, int, float]] = {}
+        for g in np.argsort(-odds):
+            if odds[g] < max(odds[h] - within, 0.0):
+                break
+            name = self.hypotheses[g].name
+            if name != self.hypotheses[h].name and name not in out:
+                out[name] = float(odds[g]), int(g), float(width[g])
+        return list(out.values())
+
+
+def _without(chosen: Chosen, g: int) -> Chosen:
+    return {h: width for h, width in chosen.items() if h != g}

@@ -1,0 +1,372 @@
+"""The search for what a machine's model lacks: hypotheses are ranked linearly, the best are fitted exactly, and the log
+evidence decides.
+
+Two kinds of proposals are judged in each round: the best set of the linear problem as a whole, and single hypotheses
+that promise much of what that set promises. Near the data the linear problem is right. Far from them it is one of
+imitation, where many small things stand for one large one; there the exact fits of single hypotheses decide. A machine
+for which no tolerance is stated may be as its file says but for a few causes, or have all the small errors of its
+class. Both are searched, and the evidence says which it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from mjsim.estimation.calibration import Calibrated, calibrated_effects, expected_effects
+from mjsim.estimation.discrepancy import USUAL, Discrepancy, LinearModel, Products, Sizes
+from mjsim.estimation.disturbances import without_disturbances
+from mjsim.estimation.effect_vector import EffectVector
+from mjsim.estimation.fit import Fit, Fitter
+from mjsim.estimation.hypotheses import Hypotheses, Signatures, log_odds_of, with_prior_of_size
+from mjsim.estimation.linear_evidence import Chosen
+from mjsim.estimation.nuisance import TRIGGER, TRIGGERS
+from mjsim.estimation.problem import Problem
+from mjsim.estimation.retiming import better_triggers
+from mjsim.estimation.selection import ModelSelection
+from mjsim.estimation.signatures import SignatureBank, seeds
+from mjsim.estimation.unknown_curves import Curve, best_curves
+from mjsim.progress import Progress, silent
+
+#: Gain in log evidence below which a model is not taken for better, nats: odds of twenty to one (Kass and Raftery,
+#: J. Am. Statist. Assoc. 90 (1995) 773-795, call them strong).
+_LEAST = 3.0
+#: Nothing is looked for in a discrepancy that is smaller than such a share of one sample's noise.
+_SEEN = 0.5
+#: Most proposals that are fitted in a round, and single hypotheses among them at each level.
+_FITTED, _SINGLES = 4, 3
+#: Share of its promise that a proposal must keep for no other to be fitted.
+_KEPT = 0.5
+#: Shares of the present discrepancy at which hypotheses are judged as well: what explains most leaves much less.
+_LEVELS = (0.4, 0.15, 0.0)
+#: Most rounds of one search.
+_ROUNDS = 8
+#: Difference in log evidence within which another hypothesis may stand in the place of one, nats: odds of 160,000 to
+#: one; and most that are fitted there.
+_NEAR, _RIVALS = 12.0, 2
+#: Most Gauss-Newton steps of the first fit of everything that a machine may have, and of the others.
+_FIRST, _STEPS, _AGAIN = 16, 5, 3
+
+
+@dataclass(frozen=True)
+class Model:
+    """A fitted model of the machine.
+
+    Attributes:
+        expected: What a machine of its class has, by key.
+        fit: Effects, data sheet and set-up, whitened by ``problem``.
+        problem: The measured tests with the whitening of this model.
+        base: The same without what the curves add to it.
+        sizes: Of the discrepancy and the noise.
+        curves: Of unknown causes.
+        log_odds: Prior odds of all its hypotheses, logarithm.
+        evidence: Log evidence, prior odds included.
+    """
+
+    expected: dict[str, Calibrated]
+    fit: Fit
+    problem: Problem
+    base: Problem
+    sizes: Sizes
+    curves: tuple[Curve, ...] = ()
+    log_odds: float = 0.0
+    evidence: float = -np.inf
+
+    @property
+    def leaves_nothing(self) -> bool:
+        """Whether what it leaves cannot be seen beside the noise."""
+        return self.sizes.rms < _SEEN * self.problem.noise.rms
+
+
+@dataclass(frozen=True)
+class Found:
+    """Outcome of a search.
+
+    Attributes:
+        start: The machine as given, with set-up and data sheet fitted.
+        model: The best model.
+        rivals: Models with something else in the place of a cause, and its id or the curve's name, by the cause's key;
+            ``None`` where they were not looked for yet.
+        bank: Signatures of the catalogue, whitened by the noise alone.
+        trail: What was tried, for those who ask.
+    """
+
+    start: Fit
+    model: Model
+    rivals: dict[str, list[tuple[str, Model]]] | None
+    bank: SignatureBank
+    trail: list[dict] = field(default_factory=list)
+
+
+def with_curves(problem: Problem, curves: Sequence[Curve]) -> Problem:
+    """A problem with the coefficients of curves marginalised.
+
+    Args:
+        problem: With the whitening of a discrepancy.
+        curves: With the widths of their priors.
+    """
+    if not curves:
+        return problem
+    whitening = problem.whitening
+    assert whitening is not None
+    columns = np.hstack([c.columns * c.width for c in curves])
+    for k, rows in enumerate(problem.rows):
+        columns[rows] = whitening.of_test(k, columns[rows])
+    return replace(problem, whitening=whitening.beside(columns))
+
+
+class Search:
+    """One search.
+
+    Args:
+        fitter: Of the machine, on tests whitened by the campaign's noise alone.
+        progress: Called as work gets on.
+    """
+
+    def __init__(self, fitter: Fitter, progress: Progress = silent) -> None:
+        self.progress, self.machine = progress, fitter.machine
+        self.trail: list[dict] = []
+        self._begin(fitter)
+
+    def _begin(self, fitter: Fitter) -> None:
+        """Begin with tests that have other samples left out."""
+        self.fitter, self.plain = fitter, fitter.problem
+        self.discrepancy = Discrepancy(self.plain)
+        self._signatures: Signatures | None = None
+        self._last: tuple[Model, bool, Hypotheses] | None = None
+
+    def run(self, most: int | None = None) -> Found:
+        """The best model, and what could stand in the place of each of its causes.
+
+        Args:
+            most: Most causes of a machine that is otherwise as its file says.
+        """
+        if self.machine.tolerance:
+            model = self._searched(self._class_of(calibrated_effects(self.machine)))
+            return self._found(self.fitter.fit([], exact=False), model)
+        fitter, selection = ModelSelection(self.fitter, self.progress).run(most)
+        self._begin(fitter)
+        self._signatures = Signatures.of(self.discrepancy, selection.bank)
+        few = self._with_priors(selection.fit)
+        if few.leaves_nothing or most is not None:
+            competing = {
+                f.key: [(key, self._with_priors(fit)) for key, fit in f.competing.items()] for f in selection.found
+            }
+            return Found(selection.start, few, competing, selection.bank, selection.trail)
+        usual = self._searched(self._class_of(expected_effects(self.machine)))
+        ideal = self._searched(few)
+        return self._found(selection.start, max(usual, ideal, key=lambda m: m.evidence))
+
+    def _found(self, start: Fit, model: Model) -> Found:
+        """The outcome with what could stand in the place of each cause."""
+        return Found(start, model, None, self.signatures_at(model).bank, self.trail)
+
+    def _with_priors(self, fit: Fit) -> Model:
+        """A model of a few causes, each with a prior of the width that its size asks for."""
+        effects = tuple(with_prior_of_size(f) for f in fit.effects)
+        odds = sum(log_odds_of(f, self.machine) for f in effects)
+        sizes = Sizes(USUAL, USUAL, np.ones(len(self.plain.tests)))
+        model = Model({}, replace(fit, effects=effects), self.plain, self.plain, sizes, (), odds)
+        sizes, evidence = self._tuned(model)
+        problem, base = self._problem(sizes, ())
+        return replace(model, problem=problem, base=base, sizes=sizes, evidence=evidence)
+
+    # -- models --------------------------------------------------------------------------------------------------------
+
+    def _problem(self, sizes: Sizes, curves: Sequence[Curve]) -> tuple[Problem, Problem]:
+        """The tests with the whitening of a model, and without its curves."""
+        base = replace(self.plain, whitening=self.discrepancy.whitening(sizes))
+        return with_curves(base, curves), base
+
+    def _tuned(self, model: Model) -> tuple[Sizes, float]:
+        """The sizes of largest evidence at a model, and that evidence with the prior odds."""
+        parameters, fit = model.fit.parameters, model.fit
+        design, residual = self.discrepancy.plain(fit, model.problem.whitening)
+        columns = np.hstack([design, *(c.columns * c.width for c in model.curves)])
+        more = columns.shape[1] - parameters.size
+        precision = np.concatenate([parameters.precision(), np.ones(more)])
+        departure = np.concatenate([parameters.departure(fit.vector), np.zeros(more)])
+        linear = LinearModel(Products(self.discrepancy, columns), residual, precision, departure)
+        sizes, evidence = linear.tuned(model.sizes)
+        return sizes, evidence + model.log_odds
+
+    def _settled(self, model: Model, steps: int = _STEPS) -> Model:
+        """A model with the sizes of largest evidence, fitted again at them."""
+        before = model.sizes
+        sizes, evidence = self._tuned(model)
+        problem, base = self._problem(sizes, model.curves)
+        model = replace(model, problem=problem, base=base, sizes=sizes, evidence=evidence)
+        if abs(np.log((before.rms + 1e-8) / (sizes.rms + 1e-8))) < 0.2 and not steps:
+            return model
+        fit = self.fitter.with_problem(problem).fit(
+            model.fit.effects, start=model.fit, exact=True, iterations=max(steps, 1), fresh=False
+        )
+        model = replace(model, fit=fit)
+        sizes, evidence = self._tuned(model)
+        problem, base = self._problem(sizes, model.curves)
+        return replace(model, problem=problem, base=base, sizes=sizes, evidence=evidence)
+
+    def _first(self, expected: dict[str, Calibrated], effects: Sequence[EffectVector]) -> Model:
+        """A model with nothing but what is expected, on tests without what then stands out as having happened once."""
+        fit = self.fitter.fit(list(effects), exact=False, iterations=_FIRST)
+        data = without_disturbances(self.plain, fit.readings, fit.nuisance)
+        if data is not self.plain:
+            self._begin(self.fitter.with_problem(data))
+            fit = self.fitter.fit(list(fit.effects), exact=False, iterations=_FIRST)
+        sizes = Sizes(USUAL, USUAL, np.ones(len(self.plain.tests)))
+        return self._settled(Model(expected, fit, self.plain, self.plain, sizes))
+
+    def _class_of(self, expected: Sequence[Calibrated]) -> Model:
+        """A model with everything that a machine of its class has."""
+        self.progress("fitting everything that a machine of its class has", 0, 1)
+        return self._first({c.key: c for c in expected}, [c.free for c in expected])
+
+    def _retimed(self, model: Model) -> Model:
+        """The model at better triggers, where it fits better there."""
+        nuisance = better_triggers(model.problem, model.fit.readings, model.fit.nuisance)
+        if nuisance is None:
+            return model
+        fitter = self.fitter.with_problem(model.problem)
+        fit = fitter.fit(
+            model.fit.effects, start=replace(model.fit, nuisance=nuisance), exact=True, iterations=_STEPS, fresh=False
+        )
+        return self._settled(replace(model, fit=fit), 0) if fit.objective < model.fit.objective - 1.0 else model
+
+    # -- hypotheses ----------------------------------------------------------------------------------------------------
+
+    def signatures_at(self, model: Model) -> Signatures:
+        """Signatures of the catalogue near a model: again where a trigger has moved by more than a block."""
+        known, block = self._signatures, self.plain.samples[0].block
+        at = model.fit.nuisances[TRIGGERS]
+        if known is None or np.abs(known.bank.fit.nuisance[at] - model.fit.nuisance[at]).max() * TRIGGER > block:
+            self.progress("computing signatures", 0, 1)
+            bank = SignatureBank(self.plain, model.fit)
+            bank.compute(seeds(self.machine))
+            self._signatures = known = Signatures.of(self.discrepancy, bank)
+        return known
+
+    def _hypotheses(self, model: Model, curves: bool) -> Hypotheses:
+        """Everything beside a model; ``curves`` says whether unknown causes that it does not have compete as well."""
+        if self._last is None or self._last[0] is not model or self._last[1] != curves:
+            self._last = model, curves, self._made(model, curves)
+        return self._last[2]
+
+    def _made(self, model: Model, curves: bool) -> Hypotheses:
+        design = self.discrepancy.plain(model.fit, model.problem.whitening)
+        competing = [*model.curves]
+        if curves:
+            beside = model.fit if not model.curves else self._whitened_by(model, model.base)
+            competing += best_curves(model.base, beside, self.plain, {c.name for c in model.curves})
+        levels = [model.sizes]
+        if not model.leaves_nothing:
+            levels += [model.sizes.times(share) for share in _LEVELS]
+        return Hypotheses(self.plain, model.fit, design, self.signatures_at(model), model.expected, competing, levels)
+
+    def _whitened_by(self, model: Model, problem: Problem) -> Fit:
+        """The fit of a model with its design and residual whitened by another problem."""
+        fitter = self.fitter.with_problem(problem)
+        return fitter.fit(model.fit.effects, start=model.fit, exact=True, iterations=0, fresh=False)
+
+    def _widths(self, hypotheses: Hypotheses) -> Chosen:
+        """What is in the model, each at the width that explains most beside the others."""
+        chosen: Chosen = dict.fromkeys(hypotheses.present, 1.0)
+        for _ in range(2):
+            for g in list(chosen):
+                rest = {h: w for h, w in chosen.items() if h != g}
+                odds, width = hypotheses.linear.odds(rest)
+                chosen[g] = float(width[g]) if np.isfinite(odds[g]) else chosen[g]
+        return chosen
+
+    # -- the loop ------------------------------------------------------------------------------------------------------
+
+    def _searched(self, model: Model) -> Model:
+        """The best model that is found from one."""
+        for number in range(_ROUNDS):
+            self.progress("looking for what explains the rest", number, _ROUNDS)
+            model = self._retimed(model)
+            better = self._better(model)
+            if better is None:
+                break
+            model = better
+        return model
+
+    def _better(self, model: Model) -> Model | None:
+        """A model of larger evidence; ``None`` where no proposal has one.
+
+        Proposals are fitted exactly, the most promising first, until one keeps its promise.
+        """
+        hypotheses = self._hypotheses(model, curves=not model.leaves_nothing)
+        here = self._widths(hypotheses)
+        now = hypotheses.levels[0][0] + hypotheses.linear.total(here)
+        proposals: dict[frozenset[int], tuple[float, Chosen, int]] = {}
+
+        def propose(promise: float, chosen: Chosen, level: int) -> None:
+            key = frozenset(chosen)
+            if promise > max(_LEAST, proposals.get(key, (0.0,))[0]):
+                proposals[key] = promise, chosen, level
+
+        for level, (none, linear, _) in enumerate(hypotheses.levels):
+            chosen = linear.best_set(hypotheses.present)
+            propose(none + linear.total(chosen) - now, chosen, level)
+            odds, width = linear.odds(here)
+            base = none + linear.total(here) - now
+            for g in np.argsort(-odds)[:_SINGLES]:
+                if np.isfinite(odds[g]):
+                    propose(base + float(odds[g]), {**here, int(g): float(width[g])}, level)
+        best: Model | None = None
+        for promise, chosen, level in sorted(proposals.values(), key=lambda row: -row[0])[:_FITTED]:
+            if best is not None and promise < best.evidence - model.evidence:
+                break
+            trial = self._fitted(model, hypotheses, chosen, level)
+            gain = trial.evidence - model.evidence
+            names = [hypotheses.all[g].name for g in chosen]
+            self.trail.append({"hypotheses": names, "promise": promise, "gain": gain, "sizes": trial.sizes})
+            if gain > (_LEAST if best is None else best.evidence - model.evidence):
+                best = trial
+            if gain > _KEPT * promise:
+                break
+        return best
+
+    def _fitted(self, model: Model, hypotheses: Hypotheses, chosen: Chosen, level: int = 0) -> Model:
+        """The model with a set of hypotheses, fitted exactly."""
+        _, linear, sizes = hypotheses.levels[level]
+        effects, curves = hypotheses.model_of(chosen, linear)
+        odds = sum(hypotheses.all[g].log_odds for g in chosen)
+        problem, base = self._problem(sizes, curves)
+        fit = self.fitter.with_problem(problem).fit(
+            effects, start=model.fit, exact=True, iterations=_STEPS, fresh=False
+        )
+        trial = Model(model.expected, fit, problem, base, sizes, tuple(curves), odds)
+        tuned, evidence = self._tuned(trial)
+        problem, base = self._problem(tuned, curves)
+        trial = replace(trial, problem=problem, base=base, sizes=tuned, evidence=evidence)
+        near = 0.7 < (tuned.rms + self._unseen) / (sizes.rms + self._unseen) < 1.5
+        return trial if near else self._settled(trial, _AGAIN)
+
+    @property
+    def _unseen(self) -> float:
+        """Size of a discrepancy that cannot be seen, m."""
+        return _SEEN * self.plain.noise.rms
+
+    def rivals_of(self, model: Model, keys: Collection[str]) -> dict[str, list[tuple[str, Model]]]:
+        """Models with something else in the place of single causes, fitted exactly.
+
+        Args:
+            model: The best model.
+            keys: Of the causes.
+        """
+        hypotheses = self._hypotheses(model, curves=False)
+        chosen = self._widths(hypotheses)
+        out: dict[str, list[tuple[str, Model]]] = {}
+        for h in chosen:
+            mine = hypotheses.all[h]
+            if mine.name not in keys or mine.curve is not None:
+                continue
+            self.progress(f"what could stand in the place of {mine.name}", 0, 1)
+            rest = {g: w for g, w in chosen.items() if g != h}
+            for _, g, width in hypotheses.linear.rivals(chosen, h, _NEAR)[:_RIVALS]:
+                trial = self._fitted(model, hypotheses, {**rest, g: width})
+                out.setdefault(mine.name, []).append((hypotheses.all[g].id, trial))
+        return out

@@ -1,0 +1,160 @@
+"""Causes that are in no catalogue: a curve of one variable of one axis' motion, with a Gaussian process as its prior.
+
+A cause that nobody listed still depends on something: a position, a velocity, the time since a reversal. Each such
+variable of each axis is a hypothesis whose curve is a Gaussian process over the variable. Its prior is one of three:
+smooth, rough, or a walk of steps. Its coefficients are marginalised, so a curve of many numbers pays for its freedom by
+itself.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mjsim.estimation.curve_terms import CurveTerm, CurveTerms
+from mjsim.estimation.curve_waves import radial_curves
+from mjsim.estimation.fit import Fit
+from mjsim.estimation.problem import Problem
+
+#: Logarithm of the prior odds that an axis has a cause that is in no catalogue.
+_LOG_ODDS = -7.0
+#: Prior standard deviations of a curve, in units of 1 µm or 10 µrad.
+WIDTHS = np.geomspace(0.05, 20.0, 8)
+#: Length of a curve's changes over its range where it does not repeat (assumed).
+_LENGTH = 0.3
+#: Corner and exponent of the spectra of curves that repeat: smooth, rough (assumed).
+_CLOSED = {"smooth": (2.0, 2.5), "rough": (8.0, 1.0)}
+#: Share of the largest variance below which a direction of a prior is left out.
+_SMALL = 2e-3
+#: The best curves are looked at with so many times the knots, up to such a number of knots: steps and single teeth are
+#: sharper than the others.
+_REFINED, _FINER, _LONGEST = 2, (2, 4, 8), 300
+#: Curves that compete beside the model, the best of all.
+_MOST = 6
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A curve of an unknown cause with its prior.
+
+    Attributes:
+        term: What it is a curve of.
+        prior: ``smooth``, ``rough`` or ``steps``.
+        root: From normal coefficients of variance one to values at the knots, (knots, k).
+        columns: Readings by these coefficients, whitened by the campaign's noise alone, (count, k).
+        log_odds: Logarithm of its prior odds.
+        width: Prior standard deviation where it is in the model; 0 where it is not.
+    """
+
+    term: CurveTerm
+    prior: str
+    root: np.ndarray
+    columns: np.ndarray
+    log_odds: float
+    width: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """What it is called among the hypotheses."""
+        t = self.term
+        period = f" / {t.period:.3g}" if t.period else ""
+        return f"curve {t.axis or 'clock'} > {t.moves} {t.variable}{period}"
+
+    @property
+    def present(self) -> bool:
+        """Whether it is in the model."""
+        return self.width > 0.0
+
+    @property
+    def widths(self) -> np.ndarray:
+        """Prior standard deviations that are tried."""
+        return WIDTHS
+
+    def at(self, width: float) -> Curve:
+        """The same in the model with this prior standard deviation."""
+        return replace(self, width=width)
+
+
+def priors_of(term: CurveTerm) -> Iterator[tuple[str, np.ndarray]]:
+    """The priors of a curve and their roots (knots, k), each of variance about one."""
+    k = len(term.knots)
+    if term.period:
+        n, apart = np.arange(k // 2 + 1), (np.arange(k)[:, None] - np.arange(k)) % k
+        for name, (corner, exponent) in _CLOSED.items():
+            spectrum = (1.0 + (n / corner) ** 2) ** -exponent
+            at = (spectrum[:, None] * np.cos(2.0 * np.pi * n[:, None] * np.arange(k) / k)).sum(axis=0)
+            yield name, _root(at[apart] / spectrum.sum())
+    else:
+        apart = np.abs(np.arange(k)[:, None] - np.arange(k)) / (k - 1.0)
+        yield "smooth", _root(np.exp(-0.5 * (apart / _LENGTH) ** 2))
+        yield "rough", _root(np.exp(-apart / _LENGTH))
+
+
+def steps_of(term: CurveTerm) -> np.ndarray:
+    """Root of the prior of a walk of steps, one at each knot, whose variance is about one, (knots, knots)."""
+    k = len(term.knots)
+    walk = np.tril(np.ones((k, k)))
+    return (walk - walk.mean(axis=0)) * math.sqrt(6.0 / k)
+
+
+def _root(covariance: np.ndarray) -> np.ndarray:
+    values, vectors = np.linalg.eigh(covariance)
+    kept = values > _SMALL * values[-1]
+    return vectors[:, kept] * np.sqrt(values[kept])
+
+
+def best_curves(problem: Problem, fit: Fit, plain: Problem, have: set[str]) -> list[Curve]:
+    """Curves of largest evidence beside a model, the best first, each with the prior that explains most.
+
+    Args:
+        problem: The measured tests with the whitening of the model but for its curves.
+        fit: The model, whitened by ``problem``.
+        plain: The same tests whitened by the campaign's noise alone.
+        have: Names of curves that the model has.
+    """
+    whitening, rows = problem.whitening, problem.rows
+    terms = CurveTerms(plain, fit)
+
+    def judged(term: CurveTerm, root: np.ndarray) -> tuple[float, np.ndarray]:
+        """Log evidence of a curve beside the model, averaged over widths; its plain columns."""
+        columns = plain.whiten([c @ root for c in term.columns])
+        white = columns
+        if whitening is not None:
+            white = np.empty_like(columns)
+            for k, at in enumerate(rows):
+                white[at] = whitening.of_test(k, columns[at])
+        cross = fit.design.T @ white
+        information = fit.linear.left_over(white.T @ white, cross)
+        score = white.T @ fit.residual - cross.T @ fit.step
+        values, vectors = np.linalg.eigh(information)
+        values, square = np.maximum(values, 0.0), (vectors.T @ score) ** 2
+        prior = WIDTHS[:, None] ** -2.0
+        gain = 0.5 * (square / (values + prior) - np.log1p(values / prior)).sum(axis=1)
+        return float(np.logaddexp.reduce(gain)) - math.log(len(WIDTHS)), columns
+
+    rough: list[tuple[float, CurveTerm]] = []
+    tried: dict[str, int] = {}
+    for term in itertools.chain(terms.own(), terms.clock(False), terms.across(), radial_curves(terms)):
+        if term.variable == "time_since_reversal" and term.moves != term.axis:
+            continue  # in one swing it is nearly the direction of motion
+        tried[term.axis] = tried.get(term.axis, 0) + 1
+        both = np.hstack([root for _, root in priors_of(term)])
+        values, vectors = np.linalg.eigh(0.5 * both @ both.T)
+        kept = values > 10.0 * _SMALL * values[-1]
+        rough.append((judged(term, vectors[:, kept] * np.sqrt(values[kept]))[0], term))
+    rough.sort(key=lambda row: -row[0])
+    out: dict[str, tuple[float, Curve]] = {}
+    for place, (_, coarse) in enumerate(rough[:_MOST]):
+        odds = _LOG_ODDS - math.log(3 * tried[coarse.axis])
+        finer = [t for n in _FINER for t in terms.finer(coarse, n)] if place < _REFINED else []
+        for term in (coarse, *(t for t in finer if len(t.knots) <= _LONGEST)):
+            for name, root in (*priors_of(term), ("steps", steps_of(term))):
+                evidence, columns = judged(term, root)
+                curve = Curve(term, name, root, columns, odds)
+                if evidence + odds > out.get(curve.name, (0.0,))[0] and curve.name not in have:
+                    out[curve.name] = evidence + odds, curve
+    return [curve for _, curve in sorted(out.values(), key=lambda row: -row[0])]

@@ -1,0 +1,170 @@
+"""Whitening, discrepancy, evidence of sets of hypotheses, and probabilities about sizes, against closed forms."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import ncx2
+
+from mjsim.estimation.discrepancy import Discrepancy, LinearModel, Products, Sizes, _harmonics
+from mjsim.estimation.findings import _radius_beyond
+from mjsim.estimation.linear_evidence import Columns, LinearEvidence
+from mjsim.estimation.samples import revolution_time
+from mjsim.estimation.whitening import Whitening
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+
+NOISE, BLOCK = 0.1e-6, 0.02
+
+
+@pytest.fixture(scope="module")
+def tests():
+    """Two tests as a discrepancy sees them: block centres, white noise of 0.1 µm."""
+    test = BallBarTest("a", "circular", (0.0, 0.0, 0.155), 0.1, 12.0 / 60.0, revolutions=2)
+    time = np.arange(0.0, 2.0 * revolution_time(test), BLOCK)
+    sample = SimpleNamespace(test=test, centre=time)
+    return SimpleNamespace(samples=(sample, sample), whiten_test=lambda k, x: x / NOISE)
+
+
+def drawn(tests, slow, fast, seed):
+    """Rows of both tests in units of the noise: white noise, and a discrepancy of these sizes (m)."""
+    rng, out = np.random.default_rng(seed), []
+    d = Discrepancy(tests)
+    for k, s in enumerate(tests.samples):
+        lower = np.linalg.cholesky(d.covariance(k, slow, fast, 1.0) + 1e-12 * np.eye(d.basis[k].shape[1]))
+        out.append(rng.standard_normal(len(s.centre)) + d.basis[k] @ (lower @ rng.standard_normal(len(lower))))
+    return d, np.concatenate(out)
+
+
+def model(d, rows, columns=None):
+    columns = np.ones((len(rows), 1)) if columns is None else columns
+    p = columns.shape[1]
+    return LinearModel(Products(d, columns), rows, np.full(p, 1e-2), np.zeros(p))
+
+
+def test_a_discrepancy_is_found_with_its_size(tests):
+    none = Sizes(0.3e-6, 0.3e-6, np.ones(2))
+    found = []
+    for seed in range(3):
+        d, rows = drawn(tests, 0.8e-6, 0.4e-6, seed)
+        sizes, _ = model(d, rows).tuned(none)
+        found.append((sizes.slow, sizes.fast))
+        assert np.abs(sizes.factor - 1.0).max() < 0.05
+    slow, fast = np.mean(found, axis=0)
+    assert 0.5e-6 < slow < 1.2e-6 and 0.3e-6 < fast < 0.5e-6
+
+
+def test_no_discrepancy_is_found_where_there_is_noise_alone(tests):
+    for seed in range(4):
+        d, rows = drawn(tests, 0.0, 0.0, seed)
+        sizes, evidence = model(d, rows).tuned(Sizes(0.3e-6, 0.3e-6, np.ones(2)))
+        assert sizes.rms < 0.02e-6
+        assert evidence >= model(d, rows).log_evidence(Sizes(0.3e-6, 0.1e-6, sizes.factor))
+
+
+def test_a_test_with_more_noise_than_the_others_is_given_more(tests):
+    d, rows = drawn(tests, 0.0, 0.0, 7)
+    rows[d.rows[1]] *= 1.5
+    sizes, _ = model(d, rows).tuned(Sizes(0.3e-6, 0.3e-6, np.ones(2)))
+    assert sizes.factor == pytest.approx([1.0, 1.5], abs=0.1)  # 500 degrees of freedom: 3 %
+
+
+def test_whitened_rows_have_independent_errors_of_variance_one(tests):
+    d = Discrepancy(tests)
+    sizes = Sizes(0.5e-6, 0.2e-6, np.array([1.0, 1.3]))
+    whitening = d.whitening(sizes)
+    column = np.random.default_rng(1).standard_normal((sum(map(len, d.basis)), 2))
+    log_det, whites = 0.0, []
+    for k, at in enumerate(d.rows):
+        n = len(d.basis[k])
+        covariance = sizes.factor[k] ** 2 * np.eye(n) + d.basis[k] @ d.covariance(k, 0.5e-6, 0.2e-6, 1.0) @ d.basis[k].T
+        log_det += np.linalg.slogdet(covariance)[1]
+        white = whitening.of_test(k, np.eye(n))
+        whites.append(white)
+        assert white @ covariance @ white.T == pytest.approx(np.eye(n), abs=1e-6)
+        assert whitening.undone(k, whitening.of_test(k, column[at])) == pytest.approx(column[at], abs=1e-8)
+    assert whitening.log_det == pytest.approx(log_det, rel=1e-9)
+    # a coefficient with the prior deviation one that is marginalised adds its column to the covariance
+    own = np.vstack([w @ column[at] for w, at in zip(whites, d.rows, strict=True)])
+    beside = whitening.beside(own)
+    assert beside.log_det - whitening.log_det == pytest.approx(np.linalg.slogdet(np.eye(2) + own.T @ own)[1])
+    rows = np.random.default_rng(2).standard_normal(len(own))
+    square = rows @ np.linalg.solve(np.eye(len(own)) + own @ own.T, rows)
+    assert np.square(beside.of_all(rows)).sum() == pytest.approx(square)
+
+
+def test_the_evidence_of_a_linear_model_is_that_of_its_covariance():
+    rng = np.random.default_rng(3)
+    columns, rows = rng.standard_normal((60, 3)), rng.standard_normal(60)
+    time = np.linspace(0.0, 1.0, 60)
+    basis, triangle = np.linalg.qr(_harmonics(time, 0.5)[:, :5])
+    d = SimpleNamespace(basis=[basis], rows=[slice(0, 60)], tests=[(basis, slice(0, 60))])
+    own = triangle @ np.diag([0.2, 0.1, 0.1, 0.1, 0.1]) @ triangle.T
+    d.covariance = lambda k, slow, fast, factor: own / factor**2
+    prior = np.array([1.0, 4.0, 0.25])
+    linear = LinearModel(Products(d, columns), rows, prior, np.zeros(3))
+    sizes = Sizes(1.0, 0.0, np.array([1.2]))
+    covariance = 1.44 * np.eye(60) + basis @ own @ basis.T + columns @ np.diag(1.0 / prior) @ columns.T
+    expected = -0.5 * (rows @ np.linalg.solve(covariance, rows) + np.linalg.slogdet(covariance)[1])
+    assert linear.log_evidence(sizes) - sizes.log_prior == pytest.approx(expected)
+    further = rng.standard_normal((60, 2))
+    wider = LinearModel(Products(d, columns).extended(further), rows, np.append(prior, [1.0, 1.0]), np.zeros(5))
+    covariance = covariance + further @ further.T
+    expected = -0.5 * (rows @ np.linalg.solve(covariance, rows) + np.linalg.slogdet(covariance)[1])
+    assert wider.log_evidence(sizes) - sizes.log_prior == pytest.approx(expected)
+
+
+@pytest.fixture
+def few():
+    """Ten hypotheses in pairs that look alike; the truth is the first of the second pair and the eighth."""
+    rng = np.random.default_rng(5)
+    x = rng.standard_normal((400, 10))
+    x[:, 1::2] = 0.95 * x[:, ::2] + 0.3 * x[:, 1::2]
+    y = 0.8 * x[:, 2] - 0.6 * x[:, 7] + rng.standard_normal(400)
+    widths = np.array([0.3, 1.0, 3.0])
+    hypotheses = [Columns(f"h{i}", np.array([i]), -3.0, widths) for i in range(10)]
+    return x, y, LinearEvidence(x.T @ x, x.T @ y, hypotheses)
+
+
+def test_the_evidence_of_a_set_is_that_of_its_covariance(few):
+    x, y, linear = few
+    chosen = {2: 1.0, 7: 0.3}
+    covariance = np.eye(400) + x[:, [2]] @ x[:, [2]].T + 0.09 * x[:, [7]] @ x[:, [7]].T
+    expected = -0.5 * (y @ np.linalg.solve(covariance, y) - y @ y + np.linalg.slogdet(covariance)[1])
+    assert linear.total(chosen) == pytest.approx(expected + 2 * (-3.0 - np.log(3)))
+    odds, _ = linear.odds({2: 1.0})
+    each = [linear.total({2: 1.0, 7: w}) - linear.total({2: 1.0}) for w in (0.3, 1.0, 3.0)]
+    assert odds[7] == pytest.approx(np.logaddexp.reduce(each))
+
+
+def test_the_planted_set_is_found_from_any_start(few):
+    linear = few[2]
+    assert set(linear.best_set()) == {2, 7}
+    assert set(linear.best_set([3, 6, 0])) == {2, 7}
+
+
+def test_what_is_impossible_is_not_chosen(few):
+    x, y, linear = few
+    bounded = [
+        Columns(h.name, h.places, h.log_odds, h.widths, is_possible=(lambda v: bool(v[0] > 0.0)))
+        for h in linear.hypotheses
+    ]
+    assert 7 not in LinearEvidence(x.T @ x, x.T @ y, bounded).best_set()
+
+
+def test_what_looks_alike_is_told_as_a_rival(few):
+    linear = few[2]
+    best = linear.best_set()
+    assert [g for _, g, _ in linear.rivals(best, 2, within=200.0)][:1] == [3]
+
+
+@pytest.mark.parametrize(("centre", "limit"), [((0.0, 0.0), 1.0), ((2.0, 0.0), 1.5), ((0.6, -0.6), 2.0)])
+def test_the_probability_of_a_wave_beyond_its_limit_is_that_of_rice(centre, limit):
+    sd = 0.7
+    expected = ncx2.sf((limit / sd) ** 2, 2, np.dot(centre, centre) / sd**2)
+    assert _radius_beyond(np.array(centre), sd**2 * np.eye(2), limit) == pytest.approx(expected, abs=0.01)
+
+
+def test_a_whitening_without_anything_divides_by_the_noise_factor():
+    whitening = Whitening(np.array([2.0]))
+    assert whitening.of_test(0, np.ones(3)) == pytest.approx(0.5 * np.ones(3))
+    assert whitening.of_all(np.ones(3)) == pytest.approx(np.ones(3))
