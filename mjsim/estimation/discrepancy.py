@@ -71,9 +71,20 @@ class Sizes:
         """Logarithm of the prior density of the two sizes: half-Cauchy, but for a constant."""
         return -math.log1p((self.slow / USUAL) ** 2) - math.log1p((self.fast / USUAL) ** 2)
 
-    def times(self, factor: float) -> Sizes:
-        """The same noise with a discrepancy of ``factor`` times the size."""
-        return replace(self, slow=factor * self.slow, fast=factor * self.fast)
+    def times(self, share: float) -> Sizes:
+        """Sizes where ``share`` is left of the discrepancy, and of what makes tests louder than the campaign."""
+        louder = np.maximum(self.factor**2 - 1.0, 0.0)
+        factor = np.sqrt(self.factor**2 - louder + share**2 * louder)
+        return Sizes(share * self.slow, share * self.fast, factor)
+
+    def left(self, noise: float) -> float:
+        """RMS of what a model leaves besides the noise, m.
+
+        Args:
+            noise: RMS of the campaign's noise, m.
+        """
+        louder = max(float(np.mean(self.factor**2)) - 1.0, 0.0)
+        return math.hypot(self.rms, noise * math.sqrt(louder))
 
 
 class Discrepancy:

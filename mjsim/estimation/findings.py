@@ -10,6 +10,7 @@ of ISO 14253-1: with a probability of 95 %.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,6 +37,8 @@ from mjsim.units import DEG, UM
 #: Probability from which something is a finding: with which ISO 14253-1 takes it for proven that a number is beyond its
 #: limit. The set of names that is told for a finding has the same.
 FINDING = TOLD = 0.95
+#: How often something else may take a finding's place.
+_SWAPS = 3
 #: Points of the normal distribution by which sizes of waves are judged.
 _DRAWS = 2000
 
@@ -72,7 +75,7 @@ class Explained:
         calibration: Effects of a machine of its class that are no findings.
         shares: Share of each cause in the explained squared error.
         combinations: Sums of numbers that the tests determine.
-        verdict: The most probable verdict.
+        verdict: ``identified``, ``ambiguous``, ``unknown`` or ``nothing_found``, by what is a finding.
         verdicts: Probabilities of all.
         discrepancy: RMS in a test of what repeats and is in no model, m.
     """
@@ -108,39 +111,60 @@ class _Reader:
         self.problem, self.expected = found.model.problem, found.model.expected
 
     def read(self, most: int | None) -> Explained:
-        fitter = Fitter(self.problem, self.model.fit.base)
-        fit = fitter.fit(self.model.fit.effects, start=self.model.fit, exact=True, iterations=3, fresh=False)
+        fit, rivals = self.model.fit, {}
+        for _ in range(_SWAPS):
+            fitter = Fitter(self.problem, self.model.fit.base)
+            fit = fitter.fit(self.model.fit.effects, start=self.model.fit, exact=True, iterations=3, fresh=False)
+            rivals = self._rivals(fit)
+            best = max((m for row in rivals.values() for _, m in row), key=lambda m: m.evidence, default=self.model)
+            if best.evidence <= self.model.evidence:
+                break
+            self.model, self.problem = best, best.problem  # something else in its place is the better explanation
+            self.found = replace(self.found, model=best, rivals=None)
         unexplained, unknown, fit = self._unknown(fit)
         if unknown < FINDING:
             unexplained = None
-        rows = self._findings(fit)
+        rows = self._findings(fit, rivals)
         self.progress("shares of the error", 0, 1)
         named = [r for r in rows if r.whole >= FINDING]
         named = sorted(named, key=lambda r: -r.gain)[:most]
+        excess = {f.effect.key: self._excess(f) for f in fit.effects}
         keys = {r.key for r in named}
         inside = [self._in_class(f) for f in fit.effects if f.effect.key not in keys]
         entries, shares = calibrations(self.problem, fit, inside)
         explained = self.found.start.sum_squares - fit.sum_squares
         named = [replace(r, gain=max(shares.get(r.key, 0.0) * explained, 0.0)) for r in named]
-        named.sort(key=lambda r: -r.gain)
+        named.sort(key=lambda r: (-excess[r.key], -r.gain))
         selection = Selection(self.found.start, fit, named, self.found.bank, self.found.trail)
         verdicts = self._verdicts(named, rows, unknown)
-        verdict = max(vars(verdicts), key=lambda name: getattr(verdicts, name))
+        if named:
+            verdict = "ambiguous" if any(r.others for r in named) else "identified"
+        else:
+            verdict = "unknown" if unexplained is not None else "nothing_found"
         sums = combinations(fit, self.problem.settings)
         data = replace(self.problem, whitening=self.problem.whitening)
         return Explained(data, selection, unexplained, entries, shares, sums, verdict, verdicts, self.model.sizes.rms)
 
     # -- sizes ---------------------------------------------------------------------------------------------------------
 
-    def _findings(self, fit: Fit) -> list[FoundEffect]:
-        """Every effect of the model with the probability that it is larger than its class allows."""
-        size = {f.effect.key: self._beyond(fit, f) for f in fit.effects}
+    def _sizes(self, fit: Fit) -> dict[str, float]:
+        """Probability of every effect of the model, by key, that it is there and larger than its class allows."""
+        out = {f.effect.key: self._beyond(fit, f) for f in fit.effects}
         for f in fit.effects:
             if f.effect.key not in self.expected:
-                size[f.effect.key] *= self._there(fit, f)
-        rivals_of = self.found.rivals
-        if rivals_of is None:
-            rivals_of = self.search.rivals_of(self.model, {key for key, p in size.items() if p >= FINDING})
+                out[f.effect.key] *= self._there(fit, f)
+        return out
+
+    def _rivals(self, fit: Fit) -> dict[str, list[tuple[str, Model]]]:
+        """What could stand in the place of each finding."""
+        if self.found.rivals is not None:
+            return self.found.rivals
+        large = {key for key, p in self._sizes(fit).items() if p >= FINDING}
+        return self.search.rivals_of(self.model, large)
+
+    def _findings(self, fit: Fit, rivals_of: Mapping[str, list[tuple[str, Model]]]) -> list[FoundEffect]:
+        """Every effect of the model with the probability that it is larger than its class allows."""
+        size = self._sizes(fit)
         out = []
         for f in fit.effects:
             key, large = f.effect.key, size[f.effect.key]
@@ -199,6 +223,17 @@ class _Reader:
                     )
         return min(best, 1.0)
 
+    def _excess(self, f: EffectVector) -> float:
+        """Size of an effect over that of its class; zero where its class has none at all."""
+        if not self.expected:
+            return 0.0
+        expected = self.expected.get(f.effect.key)
+        if expected is None:
+            return float(np.max([np.linalg.norm((f.vector - f.off)[at]) for _, at in entries_of(f)]))
+        mean, deviation, own = expected_prior(expected, f)
+        limit = np.where(own, LIMIT_DEVIATIONS * deviation, 1.0)
+        return float(np.max([np.linalg.norm(((f.vector - mean) / limit)[at]) for _, at in entries_of(f)]))
+
     def _in_class(self, f: EffectVector) -> Calibrated:
         """What a machine of the class may have of an effect, also where no tolerance says so."""
         expected = self.expected.get(f.effect.key)
@@ -255,10 +290,13 @@ class _Reader:
             rows: All effects of the model.
             unknown: Probability of a cause that is in no catalogue.
         """
-        none = float(np.prod([1.0 - r.whole for r in rows]))
+        keys = {r.key for r in named}
+        sure = float(np.prod([1.0 - r.whole for r in named]))  # that none of the findings is one
+        small = float(np.prod([1.0 - r.whole for r in rows if r.key not in keys]))
         clear = float(np.prod([r.probability / r.whole for r in named]))
-        some = 1.0 - none
-        return Verdicts(none * (1.0 - unknown), some * clear, some * (1.0 - clear), none * unknown)
+        rest = sure * (1.0 - unknown)
+        identified = (1.0 - sure) * clear + rest * (1.0 - small)
+        return Verdicts(rest * small, identified, (1.0 - sure) * (1.0 - clear), sure * unknown)
 
 
 def _radius_beyond(centre: np.ndarray, covariance: np.ndarray, limit: float) -> float:

@@ -24,8 +24,9 @@ from mjsim.estimation.hypotheses import Hypotheses, Signatures, log_odds_of, wit
 from mjsim.estimation.linear_evidence import Chosen
 from mjsim.estimation.nuisance import TRIGGER, TRIGGERS
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.retiming import better_triggers
+from mjsim.estimation.retiming import better_triggers, retimed
 from mjsim.estimation.selection import ModelSelection
+from mjsim.estimation.servo_fault import with_servo_fault
 from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.estimation.unknown_curves import Curve, best_curves
 from mjsim.progress import Progress, silent
@@ -37,6 +38,8 @@ _LEAST = 3.0
 _SEEN = 0.5
 #: Most proposals that are fitted in a round, and single hypotheses among them at each level.
 _FITTED, _SINGLES = 4, 3
+#: Share of the best promise from which the best single cause of the catalogue is fitted as well.
+_SHARE = 1.0 / 3.0
 #: Share of its promise that a proposal must keep for no other to be fitted.
 _KEPT = 0.5
 #: Shares of the present discrepancy at which hypotheses are judged as well: what explains most leaves much less.
@@ -48,6 +51,8 @@ _ROUNDS = 8
 _NEAR, _RIVALS = 12.0, 2
 #: Most Gauss-Newton steps of the first fit of everything that a machine may have, and of the others.
 _FIRST, _STEPS, _AGAIN = 16, 5, 3
+#: Most times that a model is fitted again at the sizes that it leaves.
+_SETTLING = 4
 
 
 @dataclass(frozen=True)
@@ -77,7 +82,12 @@ class Model:
     @property
     def leaves_nothing(self) -> bool:
         """Whether what it leaves cannot be seen beside the noise."""
-        return self.sizes.rms < _SEEN * self.problem.noise.rms
+        return self.left < _SEEN * self.problem.noise.rms
+
+    @property
+    def left(self) -> float:
+        """RMS of what it leaves besides the noise, m."""
+        return self.sizes.left(self.problem.noise.rms)
 
 
 @dataclass(frozen=True)
@@ -208,20 +218,27 @@ class Search:
         problem, base = self._problem(sizes, model.curves)
         return replace(model, problem=problem, base=base, sizes=sizes, evidence=evidence)
 
-    def _first(self, expected: dict[str, Calibrated], effects: Sequence[EffectVector]) -> Model:
-        """A model with nothing but what is expected, on tests without what then stands out as having happened once."""
+    def _anew(self, effects: Sequence[EffectVector]) -> Fit:
+        """Effects fitted from the machine as given, with triggers that stand in no false minimum."""
         fit = self.fitter.fit(list(effects), exact=False, iterations=_FIRST)
+        better = retimed(self.plain, fit)
+        return fit if better is None else self.fitter.fit(fit.effects, start=better, exact=False, iterations=_FIRST)
+
+    def _class_of(self, expected: Sequence[Calibrated]) -> Model:
+        """A model with everything that a machine of its class has, and with an axis that lags far behind where it must,
+        on tests without what then stands out as having happened once.
+        """
+        self.progress("fitting everything that a machine of its class has", 0, 1)
+        fit = with_servo_fault(self._anew, self._anew([c.free for c in expected]), _NEAR)
         data = without_disturbances(self.plain, fit.readings, fit.nuisance)
         if data is not self.plain:
             self._begin(self.fitter.with_problem(data))
             fit = self.fitter.fit(list(fit.effects), exact=False, iterations=_FIRST)
+        known = {c.key: c for c in expected}
+        effects = tuple(f if f.effect.key in known else with_prior_of_size(f) for f in fit.effects)
+        odds = sum(log_odds_of(f, self.machine) for f in effects if f.effect.key not in known)
         sizes = Sizes(USUAL, USUAL, np.ones(len(self.plain.tests)))
-        return self._settled(Model(expected, fit, self.plain, self.plain, sizes))
-
-    def _class_of(self, expected: Sequence[Calibrated]) -> Model:
-        """A model with everything that a machine of its class has."""
-        self.progress("fitting everything that a machine of its class has", 0, 1)
-        return self._first({c.key: c for c in expected}, [c.free for c in expected])
+        return self._settled(Model(known, replace(fit, effects=effects), self.plain, self.plain, sizes, (), odds))
 
     def _retimed(self, model: Model) -> Model:
         """The model at better triggers, where it fits better there."""
@@ -295,12 +312,14 @@ class Search:
     def _better(self, model: Model) -> Model | None:
         """A model of larger evidence; ``None`` where no proposal has one.
 
-        Proposals are fitted exactly, the most promising first, until one keeps its promise.
+        Proposals are fitted exactly, the most promising first, until one keeps its promise. The best single cause of
+        the catalogue comes before them: far from the data many small things imitate it.
         """
         hypotheses = self._hypotheses(model, curves=not model.leaves_nothing)
         here = self._widths(hypotheses)
         now = hypotheses.levels[0][0] + hypotheses.linear.total(here)
         proposals: dict[frozenset[int], tuple[float, Chosen, int]] = {}
+        named: dict[str, tuple[float, Chosen, int]] = {}
 
         def propose(promise: float, chosen: Chosen, level: int) -> None:
             key = frozenset(chosen)
@@ -312,11 +331,19 @@ class Search:
             propose(none + linear.total(chosen) - now, chosen, level)
             odds, width = linear.odds(here)
             base = none + linear.total(here) - now
-            for g in np.argsort(-odds)[:_SINGLES]:
+            order = np.argsort(-odds)
+            for g in order[:_SINGLES]:
                 if np.isfinite(odds[g]):
                     propose(base + float(odds[g]), {**here, int(g): float(width[g])}, level)
+            for g in [g for g in order if hypotheses.all[g].curve is None][:_SINGLES]:
+                promise, name = base + float(odds[g]), hypotheses.all[g].name
+                if np.isfinite(promise) and promise > named.get(name, (_LEAST,))[0]:
+                    named[name] = promise, {**here, int(g): float(width[g])}, level
+        ranked = sorted(proposals.values(), key=lambda row: -row[0])[:_FITTED]
+        single = max(named.values(), key=lambda row: row[0], default=None)
+        first = [single] if single is not None and single[0] > _SHARE * ranked[0][0] else []
         best: Model | None = None
-        for promise, chosen, level in sorted(proposals.values(), key=lambda row: -row[0])[:_FITTED]:
+        for promise, chosen, level in [*first, *(row for row in ranked if row[:2] not in [f[:2] for f in first])]:
             if best is not None and promise < best.evidence - model.evidence:
                 break
             trial = self._fitted(model, hypotheses, chosen, level)
@@ -325,7 +352,8 @@ class Search:
             self.trail.append({"hypotheses": names, "promise": promise, "gain": gain, "sizes": trial.sizes})
             if gain > (_LEAST if best is None else best.evidence - model.evidence):
                 best = trial
-            if gain > _KEPT * promise:
+            is_alone = any(chosen is f[1] for f in first)
+            if trial is best and (trial.leaves_nothing or (gain > _KEPT * promise and not is_alone)):
                 break
         return best
 
@@ -335,20 +363,19 @@ class Search:
         effects, curves = hypotheses.model_of(chosen, linear)
         odds = sum(hypotheses.all[g].log_odds for g in chosen)
         problem, base = self._problem(sizes, curves)
-        fit = self.fitter.with_problem(problem).fit(
-            effects, start=model.fit, exact=True, iterations=_STEPS, fresh=False
-        )
+        fitter = self.fitter.with_problem(problem)
+        fit = fitter.fit(effects, start=model.fit, exact=True, iterations=_STEPS, fresh=False)
         trial = Model(model.expected, fit, problem, base, sizes, tuple(curves), odds)
         tuned, evidence = self._tuned(trial)
         problem, base = self._problem(tuned, curves)
         trial = replace(trial, problem=problem, base=base, sizes=tuned, evidence=evidence)
-        near = 0.7 < (tuned.rms + self._unseen) / (sizes.rms + self._unseen) < 1.5
-        return trial if near else self._settled(trial, _AGAIN)
-
-    @property
-    def _unseen(self) -> float:
-        """Size of a discrepancy that cannot be seen, m."""
-        return _SEEN * self.plain.noise.rms
+        noise, before = self.plain.noise.rms, sizes
+        for _ in range(_SETTLING):  # fitted at other sizes than it turned out to leave
+            change = (trial.left + _SEEN * noise) / (before.left(noise) + _SEEN * noise)
+            if 0.7 < change < 1.5:
+                break
+            before, trial = trial.sizes, self._settled(trial, _AGAIN)
+        return trial
 
     def rivals_of(self, model: Model, keys: Collection[str]) -> dict[str, list[tuple[str, Model]]]:
         """Models with something else in the place of single causes, fitted exactly.

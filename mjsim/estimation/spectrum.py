@@ -103,6 +103,7 @@ def spectral_candidates(problem: Problem, fit: Fit, bank: SignatureBank, axis: s
     cls, subject = registry.effect_class(f"pitch_error.{axis}", fit.machine.chain)
     present = {e.key: e for e in fit.machine.effects if e.id == f"pitch_error.{axis}"}
     slow = _SLOW_WAVES if is_rotary(axis) else ()
+    teeth = fit.base.drives[axis].gear if is_rotary(axis) else 1.0
     most = max((len(e.values["components"]) for e in present.values()), default=0)
     found = orders(problem, fit, bank, axis, count + most)
     candidates, works = [], []
@@ -111,17 +112,18 @@ def spectral_candidates(problem: Problem, fit: Fit, bank: SignatureBank, axis: s
         empty = cls(subject, components=[], **values)
         own = present.get(empty.key)
         have = {round(c[0]) for c in own.values["components"]} if own else set()
+        if direction:  # both flanks of a wheel are cut on one blank: what is longer than a tooth is common to them
+            numbers = [n for n in numbers if n >= teeth]
         best = [n for n in numbers if n not in have][: count // 2 if direction else count]
-        best += [n for n in slow if own and n not in (*have, *best)]
+        best += [n for n in slow if own and not direction and n not in (*have, *best)]
         candidates += [wave(empty, float(order)) for order in best]
         works += [sides_of(bank, empty, float(order)) for order in best]
     ripple, _ = registry.effect_class(f"torque_ripple.{axis}", fit.machine.chain)
     if fit.machine.effect(f"torque_ripple.{axis}"):
         return bank.whitened(candidates, works)
-    gear = fit.base.drives[axis].gear if is_rotary(axis) else 1.0
     modelled = {round(c[0]) for e in present.values() for c in e.values["components"]}
-    fast = [n / gear for n in found[""] if n / gear > _SLOWEST_RIPPLE][:1]
-    fast += [n / gear for n in sorted(modelled) if n / gear > _SLOWEST_RIPPLE]
+    fast = [n / teeth for n in found[""] if n / teeth > _SLOWEST_RIPPLE][:1]
+    fast += [n / teeth for n in sorted(modelled) if n / teeth > _SLOWEST_RIPPLE]
     seed = {"amplitude_Nm": ripple.parameters[0].scale}
     ripples = [Candidate(ripple(subject, order=n, **seed), ripple.search.free) for n in dict.fromkeys(fast)]
     return bank.whitened([*candidates, *ripples], [*works, *map(bank.columns_of, ripples)])

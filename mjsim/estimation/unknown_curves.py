@@ -1,9 +1,9 @@
 """Causes that are in no catalogue: a curve of one variable of one axis' motion, with a Gaussian process as its prior.
 
 A cause that nobody listed still depends on something: a position, a velocity, the time since a reversal. Each such
-variable of each axis is a hypothesis whose curve is a Gaussian process over the variable. Its prior is one of three:
-smooth, rough, or a walk of steps. Its coefficients are marginalised, so a curve of many numbers pays for its freedom by
-itself.
+variable of each axis is a hypothesis whose curve is a Gaussian process over the variable. Its prior is one of four:
+smooth, rough, a walk of steps, or a stretch of worn teeth. Its coefficients are marginalised, so a curve of many
+numbers pays for its freedom by itself.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ WIDTHS = np.geomspace(0.05, 20.0, 8)
 _LENGTH = 0.3
 #: Corner and exponent of the spectra of curves that repeat: smooth, rough (assumed).
 _CLOSED = {"smooth": (2.0, 2.5), "rough": (8.0, 1.0)}
+#: Lengths over which a worn stretch of a wheel may change, rad (assumed: a few teeth, a part of the wheel).
+_STRETCHES = (math.radians(10.0), math.radians(30.0))
 #: Share of the largest variance below which a direction of a prior is left out.
 _SMALL = 2e-3
 #: The best curves are looked at with so many times the knots, up to such a number of knots: steps and single teeth are
@@ -43,7 +45,7 @@ class Curve:
 
     Attributes:
         term: What it is a curve of.
-        prior: ``smooth``, ``rough`` or ``steps``.
+        prior: ``smooth``, ``rough``, ``steps`` or ``teeth``.
         root: From normal coefficients of variance one to values at the knots, (knots, k).
         columns: Readings by these coefficients, whitened by the campaign's noise alone, (count, k).
         log_odds: Logarithm of its prior odds.
@@ -99,6 +101,21 @@ def steps_of(term: CurveTerm) -> np.ndarray:
     k = len(term.knots)
     walk = np.tril(np.ones((k, k)))
     return (walk - walk.mean(axis=0)) * math.sqrt(6.0 / k)
+
+
+def teeth_of(term: CurveTerm, teeth: float, stretch: float) -> np.ndarray:
+    """Root of the prior of a stretch of worn teeth: waves of the tooth's period whose size changes from place to place,
+    (knots, k).
+
+    Args:
+        term: A fine curve of the axis' position.
+        teeth: Of the wheel.
+        stretch: Length over which the size changes, rad.
+    """
+    apart = np.abs(term.knots[:, None] - term.knots)
+    if term.period:
+        apart = np.minimum(apart, term.period - apart)
+    return _root(np.exp(-0.5 * (apart / stretch) ** 2) * np.cos(teeth * apart))
 
 
 def _root(covariance: np.ndarray) -> np.ndarray:
@@ -157,4 +174,12 @@ def best_curves(problem: Problem, fit: Fit, plain: Problem, have: set[str]) -> l
                 curve = Curve(term, name, root, columns, odds)
                 if evidence + odds > out.get(curve.name, (0.0,))[0] and curve.name not in have:
                     out[curve.name] = evidence + odds, curve
+    for axis in (a for a in plain.chain.rotary if a in tried):
+        odds = _LOG_ODDS - math.log(3 * tried[axis])
+        for term, stretch in itertools.product(terms.fine(axis), _STRETCHES):
+            root = teeth_of(term, fit.base.drives[axis].gear, stretch)
+            evidence, columns = judged(term, root)
+            curve = Curve(term, "teeth", root, columns, odds)
+            if evidence + odds > out.get(curve.name, (0.0,))[0] and curve.name not in have:
+                out[curve.name] = evidence + odds, curve
     return [curve for _, curve in sorted(out.values(), key=lambda row: -row[0])]

@@ -84,10 +84,8 @@ def _diagnose(
     data, selection, unexplained = explained.data, explained.selection, explained.unexplained
     hidden = not_testable(data, Projector(selection.start), selection.bank)
     selection.bank.forget()  # the simulations need the room
-    found = sorted(
-        [*_found(data, selection), *(_vibration(data, line) for line in separated.lines if is_news(line, machine))],
-        key=lambda f: -f[0],
-    )
+    vibrations = [_vibration(data, line) for line in separated.lines if is_news(line, machine)]
+    found = [*_found(data, selection), *sorted(vibrations, key=lambda f: -f[0])]
     problem = data.restored()
 
     def simulated(m: Machine, stage: str, begin: np.ndarray | None = None) -> BarComparison:
