@@ -1,6 +1,7 @@
 """The next motion to record: what it separates, and plans across ball bar and logs."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,9 +17,10 @@ from mjsim.estimation.axis_logs.fit import LogFitter
 from mjsim.estimation.axis_logs.gains import read_gains
 from mjsim.estimation.axis_logs.planning import LogPlanner, unmeasured
 from mjsim.estimation.axis_logs.start import start_model
+from mjsim.estimation.settings import DIAGNOSIS, PLAN
 from mjsim.instruments.axis_log.motions import Circle, Motion, proposals
 from mjsim.machine.reach import usual_speed
-from mjsim.workflow import log_plan
+from mjsim.workflow import plan as planning
 from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
 
 FRICTION = Axis(coulomb=0.12)
@@ -82,15 +84,20 @@ def test_plan_across_instruments(tmp_path, monkeypatch):
     bars = SimpleNamespace(
         choices=(SimpleNamespace(test=test, deviance=500.0, difference=2e-7),),
         decides=True,
+        settings=PLAN,
         to_json=lambda most: {"between": ["a", "b"], "test": {"name": "cone"}, "difference_um": 0.2,
                               "separation": 22.4, "minutes": 4.3, "runners_up": []},
     )  # fmt: skip
-    monkeypatch.setattr(log_plan, "worth", lambda s: (1.0, min(s.deviance, 400.0) / 4.3))
-    found = log_plan._across(campaign, machine, candidates(machine), bars, 1)
-    data = found.to_json()
+    monkeypatch.setattr(planning, "worth", lambda s: (1.0, min(s.deviance, 400.0) / 4.3))
+    data = planning._across(campaign, machine, candidates(machine), bars, 1, DIAGNOSIS).to_json()
     assert data["instrument"] == "axis_log" and data["decides"] and data["test"]["axes"] == ["C"]
     assert "ball_bar" in {row["instrument"] for row in data["runners_up"]}
     assert data["program"][0] == "G91" and "difference_deg" in data
+    stricter = replace(DIAGNOSIS, plan=replace(PLAN, decisive=1e12, certain=1e13))
+    bars.settings, bars.decides = stricter.plan, False
+    monkeypatch.setattr(LogPlanner, "motions", lambda self: list(proposals(self.chain, self.axis))[:1])
+    data = planning._across(campaign, machine, candidates(machine), bars, 1, stricter).to_json()
+    assert data["enough"] == 1e6 and not any(row["decides"] for row in (data, *data["runners_up"]))
 
 
 def test_plan_command_for_logs(tmp_path):
@@ -137,10 +144,10 @@ def test_a_reading_that_contradicts_the_sheet_is_no_prior(tmp_path):
 
 def test_a_log_as_a_video(tmp_path):
     """The whole trace stands in the last frame; the first has almost nothing of it."""
-    from mjsim.animation.axis_log import animate_log
+    from mjsim.animation.recording import animate_recording
 
     campaign, machine = logged(tmp_path, Control(), inertia=6e-4)
-    film = animate_log(campaign, "strokes", tmp_path / "log.gif", machine, size="480x360", seconds=0.5)
+    film = animate_recording(campaign, "strokes", tmp_path / "log.gif", machine, size="480x360", seconds=0.5)
     assert film.frames == 5 and film.seconds == pytest.approx(0.5) and film.magnification >= 1.0
     from PIL import Image
 

@@ -170,6 +170,12 @@ def test_report(folder, tmp_path):
     assert "Strokes of" in page and page.count("data:image/png") >= 1
 
 
+def test_animate(folder, tmp_path):
+    film = ("-o", tmp_path / "film.gif", "--seconds", "0.3", "--fps", "10")
+    data = json.loads(run("animate", folder, "--test", "there-and-back", *film, "--json"))
+    assert data["test"] == "there-and-back" and data["frames"] == 3 and (tmp_path / "film.gif").stat().st_size > 1000
+
+
 def test_beside_a_ball_bar(folder, tmp_path):
     """A third instrument stands below the others' answers, and a diagnosis says that it cannot use it."""
     from tests.test_planned_tests import BAR_TEST

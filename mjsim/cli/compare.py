@@ -13,7 +13,7 @@ from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import INSTRUMENTS
-from mjsim.units import UM, unit_of
+from mjsim.units import DEG, UM, unit_of
 
 
 @click.command("compare")
@@ -94,11 +94,15 @@ def command(campaign, machine, out, calibrated, only, no_plots, force, threads, 
 
 def _add_calibration(data: dict, fitted) -> None:
     """What was calibrated, in the JSON of the instrument whose tests it was fitted to."""
+    from mjsim.workflow.comparison import significant
     from mjsim.workflow.diagnosis import calibration_json
 
     for i, part in enumerate(fitted.before.parts):
         mine = data if i == 0 else data[INSTRUMENTS[part.instrument].beside]
-        mine["rms_as_given_um"] = round(part.rms / UM, 4)
+        if "rms_um" in mine:
+            mine["rms_as_given_um"] = round(part.rms / UM, 4)
+        if "rms_deg" in mine:
+            mine["rms_as_given_deg"] = significant(part.rms_rotary / DEG)
         if part.instrument == BallBarTest.instrument:
             mine |= calibration_json(fitted.calibration, fitted.shares, fitted.combinations)
         elif part.instrument == LogTest.instrument:
@@ -107,10 +111,14 @@ def _add_calibration(data: dict, fitted) -> None:
 
 def _show_calibration(data: dict, machine, fitted) -> None:
     """The error before and after a calibration, and what was calibrated."""
-    if "rms_um" in data:
+    if data.get("rms_as_given_um"):
         common.paragraph(
             f"residual RMS {data['rms_as_given_um']:.3f} µm as given, {data['rms_um']:.3f} µm calibrated within "
             "tolerance"
+        )
+    if "rms_as_given_deg" in data:
+        common.paragraph(
+            f"rotary axes: residual RMS {data['rms_as_given_deg']:.3g}° as given, {data['rms_deg']:.3g}° calibrated"
         )
     if "calibration" in data:
         common.paragraph(calibration_sentence(data))

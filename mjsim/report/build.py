@@ -28,7 +28,6 @@ from mjsim.report.parts import part_sections
 from mjsim.report.traces import test_traces
 from mjsim.report.whatif import what_if
 from mjsim.units import DEG, UM
-from mjsim.workflow.ball_bar.acceptance import acceptance_rows
 from mjsim.workflow.ball_bar.compare import BarComparison, ComparedBarTest
 from mjsim.workflow.diagnosis import Diagnosis
 from mjsim.workflow.saved import saved_of
@@ -169,7 +168,7 @@ def _content(
         "noise_source": before.noise_source,
         "setups": setups,
         "length_offset_um": round(after.length / UM, 2),
-        "acceptance": acceptance_rows(c, before.tests, before.noise),
+        "acceptance": before.acceptance,
         "bidirectional": [
             BidirectionalRow((b["ccw"], b["cw"]), _both(b["measured"]), _both(b["simulated"]), _both(a["simulated"]))
             for b, a in zip(before.bidirectional, after.bidirectional, strict=True)

@@ -14,6 +14,7 @@ from mjsim.estimation.problem import Problem
 from mjsim.estimation.retiming import fit_nuisance_retimed
 from mjsim.estimation.samples import GRID_STEPS
 from mjsim.estimation.vibration import at_own_noise, phased_at
+from mjsim.instruments.ball_bar.acceptance import Measured, judge
 from mjsim.instruments.ball_bar.events import event_at, reversals
 from mjsim.instruments.ball_bar.iso230 import (
     BidirectionalFigures,
@@ -33,7 +34,6 @@ from mjsim.simulation.multibody import Reading, Simulation
 from mjsim.simulation.readings import readings_of
 from mjsim.threads import one_blas_thread
 from mjsim.units import DEG, UM
-from mjsim.workflow.ball_bar.acceptance import acceptance_rows
 from mjsim.workflow.comparison import ComparedChannel, ComparedPart, ComparedTest
 
 
@@ -133,8 +133,16 @@ class BarComparison(ComparedPart):
             },
             "length_um": _r(self.length / UM, 2),
             "iso230_4_bidirectional": self.bidirectional,
-            "acceptance": acceptance_rows(self.campaign, self.tests, self.noise),
+            "acceptance": self.acceptance,
         }
+
+    @property
+    def acceptance(self) -> list[dict]:
+        """One row for each limit of the campaign and what it was held against, µm; empty where it states none."""
+        if self.campaign.acceptance is None:
+            return []
+        traces = [Measured(t.test.name, t.phi[t.valid], t.measured[t.valid]) for t in self.tests]
+        return [row.to_json() for row in judge(self.campaign.acceptance, traces, self.noise)]
 
     @property
     def warnings(self) -> list[str]:
