@@ -61,6 +61,11 @@ class Case:
         causes = (h if t is None else scaled_to(here, h, t) for h, t in zip(self.hidden, self.target_um, strict=True))
         return replace(self, hidden=tuple(causes), target_um=())
 
+    @property
+    def erring(self) -> bool:
+        """Whether the machine errs beyond its data sheet."""
+        return bool(self.hidden or self.within)
+
     def rng(self, stream: int) -> np.random.Generator:
         """Separate random numbers for machine (0), set-up (1), disturbances (2) and each test's noise (10 …)."""
         return np.random.default_rng([self.seed, stream])

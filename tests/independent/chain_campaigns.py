@@ -81,6 +81,11 @@ class ChainCase:
         text, directions, length, _, _ = CHAINS[self.family]
         return Kinematics(text, directions, None, 0.25 if length is None else length, location)
 
+    @property
+    def erring(self) -> bool:
+        """Whether the machine errs beyond its data sheet."""
+        return bool(self.hidden or self.real)
+
     def rng(self, stream: int) -> np.random.Generator:
         return np.random.default_rng([self.seed, 16, stream])
 
