@@ -67,7 +67,7 @@ def run_case(case, answer: Callable, timeout: float) -> dict:
 
     Args:
         case: Of the bank.
-        answer: What answers it, :func:`answered` or :func:`answered_simply`.
+        answer: Adds to the row of a case what hides and what was said, :func:`answer` or :func:`answer_simply`.
         timeout: Seconds of the processor after which it counts as crashed.
     """
     from independent.bank import world
@@ -77,18 +77,21 @@ def run_case(case, answer: Callable, timeout: float) -> dict:
     signal.signal(signal.SIGPROF, _out_of_time)
     signal.setitimer(signal.ITIMER_PROF, timeout)
     try:
-        return row | answer(case)
+        answer(case, row)
+    except Exception:  # a crash is a failure to report, not the end of the bank
+        row["error"] = traceback.format_exc(limit=-3)
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
+    return row
 
 
 def _out_of_time(*_) -> None:
     raise TimeoutError("out of time")
 
 
-def answered(case, heldout: bool | None = None) -> dict:
-    """The true answer of a case, what mjsim says, and the seconds of the processor; with ``heldout`` also how much of
-    the error of other tests it predicts (``None``: where there is an error).
+def answer(case, row: dict, heldout: bool | None = None) -> None:
+    """Adds the true answer of a case, what mjsim says, and the seconds of the processor; with ``heldout`` also how
+    much of the error of other tests it predicts (``None``: where there is an error).
     """
     from independent.bank import write_case
 
@@ -99,29 +102,24 @@ def answered(case, heldout: bool | None = None) -> dict:
     from mjsim.workflow.diagnosis import write_effect_file
     from mjsim.workflow.edit import with_effect_file
 
-    row: dict = {}
     with tempfile.TemporaryDirectory() as folder:
-        try:
-            heldout = case.erring if heldout is None else heldout
-            row["answer"] = write_case(case, Path(folder), heldout)
-            began = time.process_time()
-            campaign = read_campaign(folder)
-            machine = read_machine(campaign.machine_file)
-            diagnosis = diagnose(campaign, machine, threads=1)
-            row["result"] = finite(diagnosis.to_json())
-            row["seconds"] = round(time.process_time() - began, 1)
-            if heldout:
-                fitted, unknown = diagnosis.machine, write_effect_file(diagnosis, Path(folder)).unexplained
-                if unknown:
-                    fitted = with_effect_file(fitted, unknown.effect_file)
-                row["heldout_um"], row["heldout_removed"] = removed(Path(folder) / "heldout", fitted)
-        except Exception:  # a crash is a failure to report, not the end of the bank
-            row["error"] = traceback.format_exc(limit=-3)
-    return row
+        heldout = case.erring if heldout is None else heldout
+        row["answer"] = write_case(case, Path(folder), heldout)
+        began = time.process_time()
+        campaign = read_campaign(folder)
+        machine = read_machine(campaign.machine_file)
+        diagnosis = diagnose(campaign, machine, threads=1)
+        row["result"] = finite(diagnosis.to_json())
+        row["seconds"] = round(time.process_time() - began, 1)
+        if heldout:
+            fitted, unknown = diagnosis.machine, write_effect_file(diagnosis, Path(folder)).unexplained
+            if unknown:
+                fitted = with_effect_file(fitted, unknown.effect_file)
+            row["heldout_um"], row["heldout_removed"] = removed(Path(folder) / "heldout", fitted)
 
 
-def answered_simply(case) -> dict:
-    """The true answer of a case, and what two simple methods say. Neither has a model that could predict other
+def answer_simply(case, row: dict) -> None:
+    """Adds the true answer of a case, and what two simple methods say. Neither has a model that could predict other
     tests.
     """
     from diagnosis_baselines import Baselines
@@ -130,17 +128,12 @@ def answered_simply(case) -> dict:
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import read_machine
 
-    row: dict = {}
     with tempfile.TemporaryDirectory() as folder:
-        try:
-            row["answer"] = write_case(case, Path(folder))
-            began = time.process_time()
-            campaign = read_campaign(folder)
-            row["results"] = Baselines(campaign, read_machine(campaign.machine_file)).answers()
-            row["seconds"] = round(time.process_time() - began, 1)
-        except Exception:  # a crash is a failure to report, not the end of the bank
-            row["error"] = traceback.format_exc(limit=-3)
-    return row
+        row["answer"] = write_case(case, Path(folder))
+        began = time.process_time()
+        campaign = read_campaign(folder)
+        row["results"] = Baselines(campaign, read_machine(campaign.machine_file)).answers()
+        row["seconds"] = round(time.process_time() - began, 1)
 
 
 def removed(folder: Path, machine) -> tuple[float, float]:
@@ -176,14 +169,14 @@ def removed(folder: Path, machine) -> tuple[float, float]:
 
 def run(options: argparse.Namespace) -> None:
     """Answer the campaigns that are not in the file yet."""
+    published = options.half == "publish" and not options.publish
+    if published and (options.category or options.only or options.most or options.world):
+        sys.exit("the published half is run whole; allowed: no --world, --category, --only or --most without --publish")
     from diagnosis_page import summary
     from diagnosis_score import score
     from independent import bank
 
-    published = options.half == "publish" and not options.publish
-    if published and (options.category or options.only or options.most or options.world):
-        sys.exit("the published half is run whole; allowed: no --world, --category, --only or --most without --publish")
-    out, answer = (options.simple, answered_simply) if options.simple else (options.out, answered)
+    out, method = (options.simple, answer_simply) if options.simple else (options.out, answer)
     wanted = [c for c in bank.cases() if c.half == options.half and _is_wanted(c, options)]
     done = {r["name"] for r in _lines(out)}
     groups = _groups([c for c in wanted if c.name not in done][: options.most])
@@ -192,7 +185,7 @@ def run(options: argparse.Namespace) -> None:
     began, count = time.time(), 0
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(options.processes, mp_context=context, initializer=_deaf) as pool:
-        futures = [pool.submit(run_group, g, out, answer, options.timeout, published) for g in groups]
+        futures = [pool.submit(run_group, g, out, method, options.timeout, published) for g in groups]
         _stop_by_keyboard(futures)
         for future in as_completed(futures):
             if future.cancelled():

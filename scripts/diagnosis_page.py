@@ -74,7 +74,8 @@ def page(scores: list[Score], simple: list[dict], remark: str, folder: Path) -> 
     worlds = {w: [s for s in scores if s.row["world"] == w] for w in WORLDS}
     worlds = {w: mine for w, mine in worlds.items() if mine}
     rows = [[name, *(rate(*counts(f, mine)) for mine in worlds.values()), target] for name, f, target in FIGURES]
-    rows.append(["share of the error of other tests predicted, median", *map(median_predicted, worlds.values()), "wild 0.9"])
+    medians = map(median_predicted, worlds.values())
+    rows.append(["share of the error of other tests predicted, median", *medians, "wild 0.9"])
     return [
         "# How far the diagnosis can be trusted",
         "",

@@ -15,7 +15,6 @@ from scipy.signal import lfilter
 
 from .kinematics import DEG
 from .simulate import State
-from .transmission import _play
 from .unlisted import Unlisted
 
 
@@ -24,20 +23,25 @@ def travel_unit(axis: str) -> float:
     return 45.0 * DEG if axis in "ABC" else 0.1
 
 
-@dataclass(frozen=True)
-class Hysteresis(Unlisted):
-    """Microslip of a joint: an axis lags by what its last turning points were (Prandtl-Ishlinskii: plays in parallel).
+def _settled(seat: np.ndarray, state: State, time_constant_s: float = 0.02) -> np.ndarray:
+    """What follows ``seat`` with a lag, at rest at first."""
+    keep = np.exp(-(state.time[1] - state.time[0]) / time_constant_s)
+    return lfilter([1.0 - keep], [1.0, -keep], seat, zi=[keep * seat[0]])[0]
 
-    ``reach`` is the widest play, as a share of 100 mm or 45°.
+
+@dataclass(frozen=True)
+class AlternatingKey(Unlisted):
+    """A loose key has two seats: whenever its axis starts back from a lower end it goes to the other one.
+
+    The seat does not follow from where the axis is, only from how often it has turned.
     """
 
-    reach: float = 0.3
-    variable: ClassVar = ("position", "direction")
+    variable: ClassVar = ("direction", "position", "time_since_reversal")
 
     def shape(self, state: State, i: int) -> np.ndarray:
-        x = np.ascontiguousarray(state.position[:, i])
-        widths = travel_unit(self.axis) * np.geomspace(0.01 * self.reach, self.reach, 6)
-        return sum((_play(x, w) - x) / (w / 2.0) for w in widths) / len(widths)
+        way = state.direction[:, i]
+        starts = np.concatenate([[False], (way[1:] > 0.0) & (way[:-1] < 0.0)])
+        return _settled(1.0 - 2.0 * (np.cumsum(starts) % 2), state)
 
 
 @dataclass(frozen=True)
@@ -61,13 +65,13 @@ class CrossLoad(Unlisted):
 class WarmMotor(Unlisted):
     """What the motor has done warms a bracket: a first-order lag of its squared torque, in units of its mean square."""
 
-    time_constant_s: float = 25.0
+    time_constant_s: float = 12.0
     variable: ClassVar = ("torque", "clock_time")
 
     def shape(self, state: State, i: int) -> np.ndarray:
         square = state.torque[:, i] ** 2
-        keep = np.exp(-(state.time[1] - state.time[0]) / self.time_constant_s)
-        return lfilter([1.0 - keep], [1.0, -keep], square) / max(float(square.mean()), 1e-12)
+        warmth = _settled(np.concatenate([[0.0], square[1:]]), state, self.time_constant_s)
+        return warmth / max(float(square.mean()), 1e-12)
 
 
 @dataclass(frozen=True)
@@ -120,9 +124,7 @@ class LooseBracket(Unlisted):
     def shape(self, state: State, i: int) -> np.ndarray:
         force = state.torque[:, i] - state.torque[:, i].mean()
         seat = _switched(np.ascontiguousarray(force), self.threshold * max(float(np.abs(force).max()), 1e-12))
-        step = state.time[1] - state.time[0]
-        keep = np.exp(-step / 0.02)
-        return lfilter([1.0 - keep], [1.0, -keep], seat)
+        return _settled(seat, state)
 
 
 @dataclass(frozen=True)
@@ -149,10 +151,10 @@ def makers(axes: str, rng: np.random.Generator) -> list[Callable[[], Unlisted]]:
     other, any_axis = str(rng.choice([a for a in linear if a != first])), str(rng.choice([*linear, tilt, "C"]))
     sign, low = float(rng.choice([-1.0, 1.0])), float(rng.uniform(0.5, 1.5))
     return [
-        lambda: Hysteresis(any_axis, sign, reach=0.3 * low),
+        lambda: AlternatingKey(first, sign),
         lambda: CrossLoad(first, sign, moves="Z", beside=second),
         lambda: CrossLoad(tilt, sign, moves=first, beside="C"),
-        lambda: WarmMotor(first, sign, moves=other, time_constant_s=25.0 * low),
+        lambda: WarmMotor(first, sign, moves=other, time_constant_s=12.0 * low),
         lambda: OilFilm(first, sign, moves=second, time_constant_s=0.5 * low),
         lambda: StickSlip(first, sign, period_s=0.2 * low, time_constant_s=0.8 * low),
         lambda: LooseBracket(first, sign, moves=second, threshold=0.4 + 0.25 * low),
