@@ -5,6 +5,7 @@ known.
     scripts/benchmark_diagnosis run [--half tune|publish] [--world ideal|real|wild ...] [--processes N] [--timeout S]
     scripts/benchmark_diagnosis run --category C ... --only TEXT --most N
     scripts/benchmark_diagnosis run --simple OTHER-FILE ...
+    scripts/benchmark_diagnosis write --folder F [choices as of run]
     scripts/benchmark_diagnosis report [--half publish] [--simple OTHER-FILE] [--pages docs]
 
 `run` appends one line of JSON per campaign to FILE (--out) and goes on where it stopped. Ctrl-C lets the groups of
@@ -14,6 +15,7 @@ at its end with one line per miss. --publish lifts that, for who has published.
 
 With --simple two simple methods answer instead of the diagnosis, into that file (see scripts/diagnosis_baselines.py);
 `report --simple` prints their figures beside. `report` writes the page, its figure and, in PAGES/data, the answers.
+`write` writes campaigns as folders with answers.toml.
 """
 
 from __future__ import annotations
@@ -169,15 +171,11 @@ def removed(folder: Path, machine) -> tuple[float, float]:
 
 def run(options: argparse.Namespace) -> None:
     """Answer the campaigns that are not in the file yet."""
-    published = options.half == "publish" and not options.publish
-    if published and (options.category or options.only or options.most or options.world):
-        sys.exit("the published half is run whole; allowed: no --world, --category, --only or --most without --publish")
+    published, wanted = options.half == "publish" and not options.publish, chosen(options)
     from diagnosis_page import summary
     from diagnosis_score import score
-    from independent import bank
 
     out, method = (options.simple, answer_simply) if options.simple else (options.out, answer)
-    wanted = [c for c in bank.cases() if c.half == options.half and _is_wanted(c, options)]
     done = {r["name"] for r in _lines(out)}
     groups = _groups([c for c in wanted if c.name not in done][: options.most])
     todo = sum(len(g) for g in groups)
@@ -197,14 +195,34 @@ def run(options: argparse.Namespace) -> None:
         print(*summary([score(r) for r in _lines(out) if r["half"] == options.half]), sep="\n")
 
 
-def _is_wanted(case, options: argparse.Namespace) -> bool:
-    from independent.bank import world
+def chosen(options: argparse.Namespace) -> list:
+    """Cases that the options choose; the published half is taken whole."""
+    if options.half == "publish" and not options.publish:
+        if options.category or options.only or options.most or options.world or options.action == "write":
+            sys.exit("the published half is only run whole; allowed without --publish: run, and no choice of campaigns")
+    from independent.bank import cases, world
 
-    return (
-        (not options.world or world(case.category) in options.world)
-        and (not options.category or case.category in options.category)
-        and (not options.only or options.only in case.name)
-    )
+    return [
+        c
+        for c in cases()
+        if c.half == options.half
+        and (not options.world or world(c.category) in options.world)
+        and (not options.category or c.category in options.category)
+        and (not options.only or options.only in c.name)
+    ]
+
+
+def write(options: argparse.Namespace) -> None:
+    """Write campaigns as folders, with answers.toml for all of them."""
+    import tomlkit
+    from independent.bank import write_case
+
+    answers = {}
+    for case in chosen(options)[: options.most]:
+        began = time.process_time()
+        answers[case.name] = write_case(case, options.folder / case.name, case.erring)
+        print(f"{case.name}: {time.process_time() - began:.1f} s", flush=True)
+        (options.folder / "answers.toml").write_text(tomlkit.dumps(answers))
 
 
 def _groups(cases: list) -> list[list]:
@@ -284,8 +302,8 @@ def report(options: argparse.Namespace) -> None:
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("action", choices=("run", "report"))
-    parser.add_argument("--half", choices=("tune", "publish"), help="default: tune for run, publish for report")
+    parser.add_argument("action", choices=("run", "write", "report"))
+    parser.add_argument("--half", choices=("tune", "publish"), help="default: publish for report, else tune")
     parser.add_argument("--world", nargs="*", choices=("ideal", "real", "wild"))
     parser.add_argument("--category", nargs="*")
     parser.add_argument("--only", help="campaigns whose name contains this")
@@ -294,12 +312,13 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument("--timeout", type=float, default=3600.0, help="processor seconds of one campaign")
     parser.add_argument("--out", type=Path, default=ROOT / "benchmark-diagnosis.jsonl")
+    parser.add_argument("--folder", type=Path, default=ROOT / "bank", help="where write puts the campaigns")
     parser.add_argument("--simple", type=Path, help="file of the answers of two simple methods")
     parser.add_argument("--pages", type=Path, default=ROOT / "docs", help="folder of the page")
     parser.add_argument("--remark", default="", help="paragraphs for the page")
     options = parser.parse_args()
-    options.half = options.half or ("tune" if options.action == "run" else "publish")
-    (run if options.action == "run" else report)(options)
+    options.half = options.half or ("publish" if options.action == "report" else "tune")
+    {"run": run, "write": write, "report": report}[options.action](options)
 
 
 if __name__ == "__main__":

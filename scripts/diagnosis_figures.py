@@ -223,8 +223,8 @@ def draw_reliability(groups: dict[str, list[tuple[float, bool]]], file: Path) ->
             continue
         bounds = np.array([binomial_bounds(b.true, b.count) for b in bins]).reshape(-1, 2).T
         spread = np.abs(bounds - share)
-        above.errorbar(x, share, spread, fmt="ko-", ms=5, lw=1.5, capsize=3, label=f"all ({len(names)})")
-    above.set(ylabel="share of names that are true", xlim=(0, 1), ylim=(-0.02, 1.02), aspect="equal")
+        above.errorbar(x, share, spread, fmt="ko-", ms=5, lw=1.5, capsize=3, label=f"all ({len(names)}), 95 %")
+    above.set(ylabel="share of names that are true", xlim=(0, 1), ylim=(-0.02, 1.02))
     above.legend(fontsize=8, loc="upper left")
     edges = [b.low for b in reliability(everything)]
     below.bar(edges, [b.count for b in reliability(everything)], width=BINS[1], align="edge", color="0.75", ec="0.4")

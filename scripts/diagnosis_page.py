@@ -50,7 +50,8 @@ The bank has three worlds:
 
 The words:
 
-- The *size* of a signature is its RMS over the campaign, after set-up errors are taken out.
+- The *size* of a signature is its RMS over the campaign, after set-up errors are taken out; on wild
+  machines, without the first harmonic of each test.
 - The *noise of the mean* is that of the mean of two revolutions (noise of a sample over √2).
 - *Separable* means that no other effect's signature has a cosine above 0.97 with that of the hidden
   one. On wild machines this is not looked at: all causes count.

@@ -207,7 +207,9 @@ def test_the_published_half_is_run_whole(monkeypatch, capsys, tmp_path):
         return str(stop.value)
 
     for choice in (["--only", "x"], ["--most", "1"], ["--category", "null"], ["--world", "wild"]):
-        assert "the published half is run whole" in call("run", "--half", "publish", *choice)
+        assert "the published half is only run whole" in call("run", "--half", "publish", *choice)
+    assert "the published half is only run whole" in call("write", "--half", "publish", "--folder", str(tmp_path / "f"))
+    assert not (tmp_path / "f").exists()
     (tmp_path / "rows.jsonl").write_text(json.dumps(row() | {"half": "publish"}) + "\n")
     monkeypatch.setattr("independent.bank.cases", lambda: [SimpleNamespace(name="another", half="publish")])
     assert "1 campaigns of the published half have no answer" in call("report", "--out", str(tmp_path / "rows.jsonl"))
