@@ -172,14 +172,14 @@ def _mark(row: dict, planted: dict[str, set[str]], said: list[set[str]], wrong: 
 
 
 def _numbers(row: dict) -> list[Number]:
-    """Every true number that has an interval. What a wild machine does in part is no number."""
+    """Every true number that has an interval, but those that a wild machine does not have."""
     answer, result = row["answer"], row["result"]
     planted, small = ({e["id"]: e for e in answer.get(k, [])} for k in ("effect", "within"))
     entries = {e["id"]: (e, False) for e in result.get("calibration", [])}
     entries |= {e["id"]: (e, True) for e in result["effects"]}
     out = []
     for name, (entry, finding) in entries.items():
-        if name not in planted and (name not in small or name in answer.get("in_part", [])):
+        if (name not in planted and name not in small) or name in answer.get("undefined", []):
             continue
         true, values = planted.get(name) or small[name], entry.get("parameters") or {}
         for key, pair in (entry.get("ci95") or {}).items():

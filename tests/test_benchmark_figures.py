@@ -105,7 +105,7 @@ def test_numbers_inside_their_interval_and_z():
     second = score(row(calibration=said, within=small, defined_to=0.1)).numbers[1]
     assert second.z == pytest.approx(0.4 / np.hypot(0.1, 0.08)) and not second.inside
     assert score(row(calibration=said, within=small, defined_to=0.5)).numbers[1].inside
-    assert not score(row(calibration=said, within=small, in_part=["backlash.X", "backlash.Y"])).numbers
+    assert not score(row(calibration=said, within=small, undefined=["backlash.X", "backlash.Y"])).numbers
     # open intervals hold what lies on their side, and have no z
     (open_one,) = score(row(calibration=[entry("backlash.X", 0.1, None, 0.4)], within=small)).numbers
     assert not open_one.inside and open_one.z is None

@@ -301,7 +301,9 @@ def answer(case: ChainCase) -> dict:
         out |= {"tolerance_stated": case.stated, "within": case.small(), "tolerance": real_machines.TOLERANCE}
         out["friction_Nm"] = {e["id"][-1]: e["coulomb_Nm"] for e in case.model()["effect"]}
     if case.nature:
-        out |= {"defined_to": wild.DEFINED_TO, "in_part": wild.names_in_part(list(case.nature))}
+        nature = list(case.nature)
+        out |= {"defined_to": wild.DEFINED_TO, "in_part": sorted(wild.names_in_part(nature))}
+        out["undefined"] = sorted(wild.undefined(nature))
     if case.plan and case.hidden:
         out["signature_rms_um"] = signature_sizes(case)
     if odd:
