@@ -252,7 +252,7 @@ def _stop_by_keyboard(futures: list[Future]) -> None:
     """The first Ctrl-C keeps what has not begun from beginning, the second one ends at once."""
 
     def stop(*_) -> None:
-        if any(f.cancel() for f in futures):
+        if [f for f in futures if not f.done() and f.cancel()]:
             print("stopping once the running groups are done; Ctrl-C again to stop at once", flush=True)
             return
         for process in multiprocessing.active_children():

@@ -1,7 +1,9 @@
 """Scores and figures of the diagnosis benchmark, on answers made by hand."""
 
 import json
+import signal
 import sys
+from concurrent.futures import Future
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -234,3 +236,20 @@ def test_rows_are_written_at_once_and_a_case_that_takes_too_long_is_a_crash(tmp_
     assert "error" not in quick and "out of time" in slow["error"] and "AssertionError" in odd["error"]
     assert (quick["world"], quick["commit"]) == ("wild", "abc")
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == ["right", "crash", "crash"]
+
+
+def test_ctrl_c_lets_what_runs_finish(monkeypatch, capsys):
+    before = signal.getsignal(signal.SIGINT)
+    running, waiting, last = Future(), Future(), Future()
+    running.set_running_or_notify_cancel()
+    ends = []
+    monkeypatch.setattr(benchmark_diagnosis.os, "_exit", ends.append)
+    monkeypatch.setattr(benchmark_diagnosis.multiprocessing, "active_children", list)
+    try:
+        benchmark_diagnosis._stop_by_keyboard([running, waiting, last])
+        signal.raise_signal(signal.SIGINT)
+        assert waiting.cancelled() and last.cancelled() and not running.cancelled() and not ends
+        signal.raise_signal(signal.SIGINT)
+        assert ends == [1]
+    finally:
+        signal.signal(signal.SIGINT, before)
