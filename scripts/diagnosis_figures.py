@@ -103,7 +103,7 @@ def median_predicted(scores: Iterable[Score]) -> str:
     return f"{np.median(shares):.3f}" if shares else "none"
 
 
-def missed_and_wrong(s: Score) -> bool:
+def is_listed(s: Score) -> bool:
     """Whether an answer is to be listed."""
     return s.mark != "right"
 

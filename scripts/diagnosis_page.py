@@ -16,9 +16,9 @@ from diagnosis_figures import (
     draw_reliability,
     hidden,
     interval_groups,
+    is_listed,
     log_score,
     median_predicted,
-    missed_and_wrong,
     names_by_kind,
     rate,
     reliability,
@@ -117,7 +117,7 @@ def summary(scores: list[Score]) -> list[str]:
         inside = sum(n.inside for n in numbers)
         out.append(f"intervals that hold, {name}: {rate(inside, len(numbers))}, rms z {rms_z(numbers):.2f}")
     out += [f"  {line}" for line in _scores_of(scores)]
-    missed = sorted((s for s in scores if missed_and_wrong(s)), key=lambda s: s.row["name"])
+    missed = sorted((s for s in scores if is_listed(s)), key=lambda s: s.row["name"])
     return out + [f"{s.mark:7s} {s.row['name']}: {hidden(s.row)}: {said(s)}" for s in missed]
 
 
@@ -239,7 +239,7 @@ def _misses(world: str, scores: list[Score]) -> list[str]:
     rows = [
         [s.row["name"], hidden(s.row), f"{s.mark}: {said(s)}"]
         for s in sorted(scores, key=lambda s: s.row["name"])
-        if missed_and_wrong(s)
+        if is_listed(s)
     ]
     return [
         "",

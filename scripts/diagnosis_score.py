@@ -114,8 +114,8 @@ def names_of(effect: dict) -> list[str]:
 
 def probabilities_of(effect: dict) -> list[tuple[str, float | None]]:
     """The same with their probabilities, ``None`` where the version gives none."""
-    others = [(a["id"], a.get("probability")) for a in effect.get("alternatives", []) if not isinstance(a, str)]
-    return [(effect["id"], effect.get("probability")), *others]
+    others = [a for a in effect.get("alternatives", []) if not isinstance(a, str) and a["id"] != effect["id"]]
+    return [(e["id"], e.get("probability")) for e in (effect, *others)]
 
 
 def sizes_over_noise(row: dict) -> list[float]:
