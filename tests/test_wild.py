@@ -49,7 +49,7 @@ def at(**positions):
 
 def test_without_its_nature_a_wild_machine_is_a_real_one():
     """All sizes at 0 give the reading of the other, closed-form kinematics of the paper's machine."""
-    tame = case(nature=tuple(wild.nature(case().model(), 0.0, np.random.default_rng(1))))
+    tame = case(nature=tuple(wild.draw_nature(case().model(), 0.0, np.random.default_rng(1))))
     assert {e["id"].split(".")[0] for e in tame.nature} == {
         *("varying_friction", "varying_play", "tooth_errors", "slide_angles", "drift", "structural_mode", "egg")
     }
@@ -64,9 +64,9 @@ def test_without_its_nature_a_wild_machine_is_a_real_one():
 
 
 def test_wild_sizes_show_and_a_campaign_is_the_same_twice(tmp_path):
-    nature = tuple(wild.nature(case().model(), 1.0, np.random.default_rng(1)))
+    nature = tuple(wild.draw_nature(case().model(), 1.0, np.random.default_rng(1)))
     odd = odd_causes.OilFilm("X", moves="Y")
-    one = case(hidden=(odd,), target_um=1.3, nature=nature, bar=wild.bar(np.random.default_rng(2)))
+    one = case(hidden=(odd,), target_um=1.3, nature=nature, bar=wild.draw_bar(np.random.default_rng(2)))
     assert chain_campaigns.signature_sizes(one.resolved) == pytest.approx([1.3], rel=1e-3)
     digests = []
     for folder in (tmp_path / "a", tmp_path / "b"):
@@ -86,13 +86,13 @@ def test_a_slide_that_turns_moves_the_ball_by_angle_times_arm():
     """10 µrad about Y at x = 100 mm: the arm of X goes up to the ball that Z carries, that of Z does not."""
     table = {"A": [0.0] * 3, "B": [10.0, 0.0, 0.0], "C": [0.0] * 3, "point_mm": [0.0, 40.0, -300.0]}
     q = at(X=0.1, Z=0.2)
-    moved = structure.turned_by_slides(PAPER, {"slide_angles.X": table}, q, BALL)
+    moved = structure.turn_by_slides(PAPER, {"slide_angles.X": table}, q, BALL)
     np.testing.assert_allclose(moved, [[10e-6 * 0.5, 0.0, 0.0]], atol=1e-15)
-    moved = structure.turned_by_slides(PAPER, {"slide_angles.Z": table}, q, BALL)
+    moved = structure.turn_by_slides(PAPER, {"slide_angles.Z": table}, q, BALL)
     np.testing.assert_allclose(moved, [[20e-6 * 0.3, 0.0, 0.0]], atol=1e-15)
     # the table's slide carries the other ball: through A, and the other way round
     table = {"A": [0.0, 8.0, 0.0], "B": [0.0] * 3, "C": [0.0] * 3, "point_mm": [0.0, 0.0, -100.0]}
-    moved = structure.turned_by_slides(PAPER, {"slide_angles.Y": table}, at(Y=-0.1, A=np.pi / 2), BALL)
+    moved = structure.turn_by_slides(PAPER, {"slide_angles.Y": table}, at(Y=-0.1, A=np.pi / 2), BALL)
     ball = [0.02, -0.155, -0.03 + 0.1]  # from the slide's point
     np.testing.assert_allclose(moved, -np.cross([[8e-6, 0.0, 0.0]], [ball]), atol=1e-15)
 
@@ -102,7 +102,7 @@ def test_a_head_that_swivels_changes_the_arm_of_its_slides():
     head = Kinematics(text, directions, None, length)
     table = {"A": [0.0] * 3, "B": [0.0] * 3, "C": [5.0, 0.0, 0.0], "point_mm": [0.0] * 3}
     q = {a: np.array([{"X": 0.2, "Y": 0.03, "B": 0.5}.get(a, 0.0)]) for a in head.axes}
-    moved = structure.turned_by_slides(head, {"slide_angles.X": table}, q, BALL)
+    moved = structure.turn_by_slides(head, {"slide_angles.X": table}, q, BALL)
     arm = [-length * np.sin(0.5), 0.03]
     np.testing.assert_allclose(moved, [[-10e-6 * arm[1], 10e-6 * arm[0], 0.0]], atol=1e-15)
 
@@ -110,7 +110,7 @@ def test_a_head_that_swivels_changes_the_arm_of_its_slides():
 def test_a_structural_mode_rings_at_its_frequency_and_decays_by_its_damping():
     step, frequency, damping = 1e-3, 17.0, 0.04
     push = np.where(np.arange(2000) < 1000, 0.3, 0.0)
-    u = structure.rung(push, frequency, damping, step)
+    u = structure.ring(push, frequency, damping, step)
     omega = 2.0 * np.pi * frequency
     assert u[995] == pytest.approx(-0.3 / omega**2, rel=0.05)  # a spring under a constant push
     free = u[1010:]
@@ -130,7 +130,7 @@ def test_a_mode_of_the_tool_and_one_of_the_table_follow_what_they_carry():
         "structural_mode.table": {**mode, "along": [0.0, 1.0, 0.0]},
     }
     still = {a: np.zeros(len(time)) for a in PAPER.axes}
-    moved = structure.ringing(PAPER, effects, {**still, "X": swing, "Y": swing}, BALL, 1e-3)
+    moved = structure.ring_modes(PAPER, effects, {**still, "X": swing, "Y": swing}, BALL, 1e-3)
     # far below its frequency a mode lags by the acceleration over the square of its frequency; Y moves the table by -Y
     quasi = 0.5 * (2.0 / 30.0) ** 2 * swing
     np.testing.assert_allclose(moved[300:, 0], quasi[300:], atol=0.15 * quasi.max())
@@ -143,10 +143,10 @@ def test_an_egg_adds_twice_a_turn_and_turns_with_its_table():
     q = {a: np.zeros(len(phi)) for a in PAPER.axes}
     q |= {"X": BALL[0] + 0.1 * np.cos(phi), "Y": BALL[1] + 0.1 * np.sin(phi), "Z": BALL[2] + 0.0 * phi}
     effects = {"egg.spindle": {"amplitude_um": 0.7, "axis": [3.0, 0.0, 0.0]}}
-    got = structure.egg_shape(PAPER, effects, q, BALL)
+    got = structure.read_eggs(PAPER, effects, q, BALL)
     np.testing.assert_allclose(got, 0.7e-6 * (np.cos(phi) ** 2 - 1.0 / 3.0), atol=1e-12)
     q |= {"X": 0.1 + 0.0 * phi, "Y": 0.0 * phi, "Z": 0.155 + 0.0 * phi, "C": phi}
-    got = structure.egg_shape(PAPER, {"egg.table": effects["egg.spindle"]}, q, np.array([0.0, 0.0, 0.155]))
+    got = structure.read_eggs(PAPER, {"egg.table": effects["egg.spindle"]}, q, np.array([0.0, 0.0, 0.155]))
     np.testing.assert_allclose(got, 0.7e-6 * (np.cos(phi) ** 2 - 1.0 / 3.0), atol=1e-12)
 
 
@@ -171,7 +171,7 @@ def test_single_teeth_stand_out_and_hand_over_smoothly():
     pitch = 2.0 * np.pi / 60
     x = np.array([7.0, 7.5, 6.0, 8.0, 59.0, 59.5, -1.0, 60.0]) * pitch
     expected = [0.002, 0.001, 0.0, 0.0, -0.001, -0.0005, -0.001, 0.0]
-    np.testing.assert_allclose(transmission.tooth_errors(x, error.tolist()), np.array(expected) * DEG, atol=1e-12)
+    np.testing.assert_allclose(transmission.interpolate_teeth(x, error.tolist()), np.array(expected) * DEG, atol=1e-12)
 
 
 def test_play_varies_along_the_axis():
@@ -261,7 +261,7 @@ def explained_by_one_curve(y, s):
 
 @pytest.mark.parametrize("number", range(8))
 def test_no_curve_of_one_variable_has_the_shape_of_a_wild_cause(number):
-    cause = odd_causes.makers("XYZAC", np.random.default_rng(number))[number]()
+    cause = odd_causes.draw_makers("XYZAC", np.random.default_rng(number))[number]()
     y = cause.shape(state(), state().axes.index(cause.axis))
     assert np.isfinite(y).all() and 0.05 < np.std(y) < 50.0
     assert explained_by_one_curve(y, state()) < 0.9
@@ -308,7 +308,7 @@ def test_wild_machines_of_the_bank_are_what_they_are_said_to_be():
 def test_plans_are_no_longer_than_the_drift():
     """The slowest plan of twenty draws, with the tests outside the campaign."""
     for seed in range(20):
-        plan = tuple(wild.plan("XYZAC", "", np.random.default_rng(seed)))
+        plan = tuple(wild.draw_plan("XYZAC", "", np.random.default_rng(seed)))
         one = chain_campaigns.ChainCase("long", "paper", 1, plan=plan)
         assert len({t["name"] for t in one.tests()}) == len(one.plan)
         assert one.other_tests()[-1]["started_s"] < 9000.0

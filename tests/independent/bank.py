@@ -284,7 +284,7 @@ def knocked(first: int) -> Iterator[ChainCase]:
             real=real_machine,
             drives=drives,
             bar=Bar(outliers=6, gaps=2),
-            plan=tuple(wild.plan("XYZAC", "", rng)),
+            plan=tuple(wild.draw_plan("XYZAC", "", rng)),
             category=f"{'real-' if real_machine else ''}knocked",
             half=_HALVES[i % 2],
         )
@@ -302,10 +302,10 @@ def wild_machines(first: int) -> Iterator[ChainCase]:
         drives = ("M1", "M2")[i // 2 % 2] if i % 3 == 0 else f"R{i}"
         bare = ChainCase("", family, 80_000 + i, real=True, drives=drives)
         model, machine = bare.model(), bare.machine
-        faults = wild.possible_faults(model, CHAINS[family][3].split())
+        faults = wild.list_faults(model, CHAINS[family][3].split())
         count = {"sound": 0, "faulty": 1 + number // 2 % 2, "unlisted": 0, "beside": 1, "two": 0}[sort]
-        hidden: list = [wild.fault(*faults[int(n)], model, rng) for n in rng.permutation(len(faults))[:count]]
-        makers = odd_causes.makers(machine.axes, rng)
+        hidden: list = [wild.draw_fault(*faults[int(n)], model, rng) for n in rng.permutation(len(faults))[:count]]
+        makers = odd_causes.draw_makers(machine.axes, rng)
         strange = {"unlisted": 1, "beside": 1, "two": 2}.get(sort, 0)
         hidden += [makers[int(n)]() for n in rng.permutation(len(makers))[:strange]]
         level = float(rng.uniform(0.3, 1.0))
@@ -314,13 +314,13 @@ def wild_machines(first: int) -> Iterator[ChainCase]:
             name=f"wild-{sort}-{i:03d}",
             hidden=tuple(hidden),
             target_um=float(rng.uniform(0.6, 2.0)),
-            bar=wild.bar(rng),
+            bar=wild.draw_bar(rng),
             noise_um=round(float(rng.uniform(0.09, 0.16)), 3),
-            plan=tuple(wild.plan(machine.axes, "".join(machine.sides[1]), rng)) if i % 4 else bare.usual(),
+            plan=tuple(wild.draw_plan(machine.axes, "".join(machine.sides[1]), rng)) if i % 4 else bare.usual(),
             stated=bool(rng.uniform() < 0.5),
-            nature=tuple(wild.nature(model, level, rng)),
-            spread=wild.sheet(rng),
-            level=wild.factors(real_machines.TOLERANCE, rng),
+            nature=tuple(wild.draw_nature(model, level, rng)),
+            spread=wild.draw_data_sheet(rng),
+            level=wild.draw_factors(real_machines.TOLERANCE, rng),
             category=f"wild-{sort}",
             half=_HALVES[i % 2],
         )

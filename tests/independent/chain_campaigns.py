@@ -251,9 +251,9 @@ def reading(
             wobble[f"E{first}{axis}"] = MICRO * e[key] * np.cos(arg)
             wobble[f"E{second}{axis}"] = MICRO * e[key] * np.sin(arg)
     bar = case.kinematics(location).bar(at, wobble, program.ball + ball, np.zeros(3) + tip)
-    bar += structure.turned_by_slides(machine, effects, at, program.ball)
-    bar += cubic(instants / drives.GRID, structure.ringing(machine, effects, on_grid, program.ball, drives.GRID))
-    return np.linalg.norm(bar, axis=1) - program.length + structure.egg_shape(machine, effects, at, program.ball)
+    bar += structure.turn_by_slides(machine, effects, at, program.ball)
+    bar += cubic(instants / drives.GRID, structure.ring_modes(machine, effects, on_grid, program.ball, drives.GRID))
+    return np.linalg.norm(bar, axis=1) - program.length + structure.read_eggs(machine, effects, at, program.ball)
 
 
 def signature_sizes(case: ChainCase) -> list[float]:
@@ -302,8 +302,8 @@ def answer(case: ChainCase) -> dict:
         out["friction_Nm"] = {e["id"][-1]: e["coulomb_Nm"] for e in case.model()["effect"]}
     if case.nature:
         nature = list(case.nature)
-        out |= {"defined_to": wild.DEFINED_TO, "in_part": sorted(wild.names_in_part(nature))}
-        out["undefined"] = sorted(wild.undefined(nature))
+        out |= {"defined_to": wild.DEFINED_TO, "in_part": sorted(wild.find_names_in_part(nature))}
+        out["undefined"] = sorted(wild.find_undefined(nature))
     if case.plan and case.hidden:
         out["signature_rms_um"] = signature_sizes(case)
     if odd:

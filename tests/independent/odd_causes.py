@@ -143,7 +143,7 @@ class WhirlingScrew(Unlisted):
         return speed**2 * np.sin(2.0 * np.pi * turns + self.phase_deg * DEG)
 
 
-def makers(axes: str, rng: np.random.Generator) -> list[Callable[[], Unlisted]]:
+def draw_makers(axes: str, rng: np.random.Generator) -> list[Callable[[], Unlisted]]:
     """One of each family on axes of a machine, shapes drawn. The amplitude is to be scaled."""
     linear = [a for a in axes if a in "XYZ"]
     tilt = next(a for a in axes if a in "AB")

@@ -23,7 +23,7 @@ from .kinematics import MICRO
 AT = 0.1
 
 
-def turned_by_slides(machine: Kinematics, effects: dict, q: dict[str, np.ndarray], ball: np.ndarray) -> np.ndarray:
+def turn_by_slides(machine: Kinematics, effects: dict, q: dict[str, np.ndarray], ball: np.ndarray) -> np.ndarray:
     """Displacement of the spindle ball against the table ball, (n, 3) m, by slides that roll, pitch and yaw.
 
     A slide that turns by ε(q) about its functional point moves the ball that it carries by ε × arm. The arm is what the
@@ -48,7 +48,7 @@ def turned_by_slides(machine: Kinematics, effects: dict, q: dict[str, np.ndarray
     return out
 
 
-def rung(acceleration: np.ndarray, frequency: float, damping: float, step: float) -> np.ndarray:
+def ring(acceleration: np.ndarray, frequency: float, damping: float, step: float) -> np.ndarray:
     """Deflection of a mass on a spring whose foot is accelerated: u'' + 2 ζ ω u' + ω² u = −a, at rest at first.
 
     Args:
@@ -59,9 +59,11 @@ def rung(acceleration: np.ndarray, frequency: float, damping: float, step: float
     return lfilter(np.ravel(top), bottom, acceleration)
 
 
-def ringing(machine: Kinematics, effects: dict, q: dict[str, np.ndarray], ball: np.ndarray, step: float) -> np.ndarray:
+def ring_modes(
+    machine: Kinematics, effects: dict, q: dict[str, np.ndarray], ball: np.ndarray, step: float
+) -> np.ndarray:
     """Displacement of the spindle ball against the table ball, (n, 3) m, by modes of the spindle head and of the
-    table that the axes excite. ``q`` is on a grid of ``step`` s; arguments as of :func:`turned_by_slides`.
+    table that the axes excite. ``q`` is on a grid of ``step`` s; arguments as of :func:`turn_by_slides`.
     """
     out = np.zeros((len(next(iter(q.values()))), 3))
     modes = {n.split(".")[1]: e for n, e in effects.items() if n.startswith("structural_mode.")}
@@ -71,12 +73,12 @@ def ringing(machine: Kinematics, effects: dict, q: dict[str, np.ndarray], ball: 
     for where, e in modes.items():
         direction = np.array(e["along"]) / np.linalg.norm(e["along"])
         acceleration = np.gradient(np.gradient(ends[where] @ direction, step), step)
-        u = e["share"] * rung(acceleration, e["frequency_Hz"], e["damping_ratio"], step)
+        u = e["share"] * ring(acceleration, e["frequency_Hz"], e["damping_ratio"], step)
         out += (1.0 if where == "tool" else -1.0) * np.outer(u, direction)
     return out
 
 
-def egg_shape(machine: Kinematics, effects: dict, q: dict[str, np.ndarray], ball: np.ndarray) -> np.ndarray:
+def read_eggs(machine: Kinematics, effects: dict, q: dict[str, np.ndarray], ball: np.ndarray) -> np.ndarray:
     """What balls that are longer along one axis of their own add to the reading, (n,) m: amplitude (cos²(angle between
     the bar and the axis) − 1/3). Each ball turns with what holds it.
     """

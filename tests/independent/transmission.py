@@ -67,7 +67,7 @@ def _wear(x: np.ndarray, e: dict) -> np.ndarray:
     return depth * _growing(x if e["direction"] == "CCW" else -x, BLEND) if "direction" in e else depth
 
 
-def tooth_errors(x: np.ndarray, error_deg: list[float]) -> np.ndarray:
+def interpolate_teeth(x: np.ndarray, error_deg: list[float]) -> np.ndarray:
     """Error of a worm wheel whose teeth have errors of their own, rad; a tooth hands over to the next by half a cosine.
 
     Args:
@@ -80,7 +80,7 @@ def tooth_errors(x: np.ndarray, error_deg: list[float]) -> np.ndarray:
     return teeth[tooth] + share * (teeth[(tooth + 1) % len(teeth)] - teeth[tooth])
 
 
-def play_width(x: np.ndarray, width: float, varying: dict | None) -> float | np.ndarray:
+def vary_play(x: np.ndarray, width: float, varying: dict | None) -> float | np.ndarray:
     """Play along an axis: ``width`` times 1 + share · cos(wave number · x + phase), never negative."""
     if varying is None:
         return width
@@ -98,10 +98,10 @@ def _axis(x: np.ndarray, axis: str, drive: dict, effects: dict) -> np.ndarray:
     if worn:
         x = x - sum(_wear(x, e) for e in worn)
     if e := effects.get(f"tooth_errors.{axis}"):
-        x = x + tooth_errors(x, e["error_deg"])
+        x = x + interpolate_teeth(x, e["error_deg"])
     if e := effects.get(f"backlash.{axis}"):
         width = e["width_deg"] * DEG if axis in "ABC" else e["width_um"] * MICRO
-        x = _play(x, play_width(x, width, effects.get(f"varying_play.{axis}")))
+        x = _play(x, vary_play(x, width, effects.get(f"varying_play.{axis}")))
     if e := effects.get(f"scale_error.{axis}"):
         x = x * (1.0 + e["ppm"] * 1e-6)
     if e := effects.get(f"gravity_windup.{axis}"):

@@ -24,24 +24,24 @@ _DRIFT_STEP, _DRIFT_END = 240.0, 9600.0
 _SERVO = ("servo_gain", "servo_delay", "velocity_feedforward", "velocity_gain", "drive_compliance", "vibration")
 
 
-def factors(keys, rng: np.random.Generator) -> dict[str, float]:
+def draw_factors(keys, rng: np.random.Generator) -> dict[str, float]:
     """For each key how wrong it is: a factor within WRONG_BY, even in its logarithm."""
     low, high = np.log(WRONG_BY)
     return {key: float(np.exp(rng.uniform(low, high))) for key in keys}
 
 
-def sheet(rng: np.random.Generator) -> dict[str, float]:
+def draw_data_sheet(rng: np.random.Generator) -> dict[str, float]:
     """How many times the usual tolerance each number of the data sheet may be off."""
-    return factors((*TOLERANCE, *FRICTION_TOLERANCE), rng)
+    return draw_factors((*TOLERANCE, *FRICTION_TOLERANCE), rng)
 
 
-def direction(rng: np.random.Generator) -> list[float]:
+def draw_direction(rng: np.random.Generator) -> list[float]:
     """A unit vector, every direction as likely."""
     v = rng.standard_normal(3)
     return (v / np.linalg.norm(v)).tolist()
 
 
-def nature(model: dict, level: float, rng: np.random.Generator) -> list[dict]:
+def draw_nature(model: dict, level: float, rng: np.random.Generator) -> list[dict]:
     """What a machine does beside the catalogue, as ``[[effect]]`` tables; ``model`` is the machine as its user knows
     it. All sizes are in proportion to ``level``.
     """
@@ -62,7 +62,7 @@ def nature(model: dict, level: float, rng: np.random.Generator) -> list[dict]:
         share = level * float(rng.uniform(0.3, 1.0))
         out.append({"id": f"varying_play.{axis}", "share": share, "wave_number": wave, "phase_deg": phase})
         if rotary:
-            out.append({"id": f"tooth_errors.{axis}", "error_deg": teeth(drive["worm_teeth"], level, rng)})
+            out.append({"id": f"tooth_errors.{axis}", "error_deg": draw_teeth(drive["worm_teeth"], level, rng)})
             continue
         point = [float(rng.normal(0.0, 150.0)), float(rng.normal(0.0, 150.0)), float(rng.uniform(-400.0, 0.0))]
         angles = {k: (level * np.array([3.0, 2.0, 1.5]) * rng.standard_normal(3)).tolist() for k in "ABC"}
@@ -76,16 +76,18 @@ def nature(model: dict, level: float, rng: np.random.Generator) -> list[dict]:
                 "id": f"structural_mode.{where}",
                 "frequency_Hz": float(rng.uniform(10.0, 30.0)),
                 "damping_ratio": float(rng.uniform(0.02, 0.08)),
-                "along": direction(rng),
+                "along": draw_direction(rng),
                 "share": level * float(rng.uniform(0.3, 1.0)),
             }
         )
     for ball in ("spindle", "table"):
-        out.append({"id": f"egg.{ball}", "amplitude_um": level * 0.3 * float(rng.normal()), "axis": direction(rng)})
+        out.append(
+            {"id": f"egg.{ball}", "amplitude_um": level * 0.3 * float(rng.normal()), "axis": draw_direction(rng)}
+        )
     return out
 
 
-def teeth(count: int, level: float, rng: np.random.Generator) -> list[float]:
+def draw_teeth(count: int, level: float, rng: np.random.Generator) -> list[float]:
     """Errors of a worm wheel's teeth in degrees: all a little, one group, and one tooth that stands out."""
     error = level * 0.0003 * rng.standard_normal(count)
     first, long = int(rng.integers(count)), int(rng.integers(3, 8))
@@ -94,7 +96,7 @@ def teeth(count: int, level: float, rng: np.random.Generator) -> list[float]:
     return error.tolist()
 
 
-def undefined(effects: list[dict]) -> set[str]:
+def find_undefined(effects: list[dict]) -> set[str]:
     """Ids of the catalogue whose numbers a machine does not have: the angles of its slides add to them."""
     out: set[str] = set()
     for kind, axis in (e["id"].split(".") for e in effects):
@@ -104,9 +106,9 @@ def undefined(effects: list[dict]) -> set[str]:
     return out
 
 
-def names_in_part(effects: list[dict]) -> set[str]:
+def find_names_in_part(effects: list[dict]) -> set[str]:
     """Ids of the catalogue that the nature of a machine really is in part: naming one of them is not wrong."""
-    out = undefined(effects)
+    out = find_undefined(effects)
     for kind, axis in (e["id"].split(".") for e in effects):
         if kind == "structural_mode":
             out |= {f"{servo}.{k}" for servo in _SERVO for k in "XYZ"}
@@ -123,7 +125,7 @@ def names_in_part(effects: list[dict]) -> set[str]:
     return out
 
 
-def bar(rng: np.random.Generator) -> Bar:
+def draw_bar(rng: np.random.Generator) -> Bar:
     """A ball bar with faults, in a workshop."""
     odd = rng.uniform() < 0.4
     return Bar(
@@ -138,7 +140,7 @@ def bar(rng: np.random.Generator) -> Bar:
     )
 
 
-def fault(kind: str, subject: str, model: dict, rng: np.random.Generator) -> dict:
+def draw_fault(kind: str, subject: str, model: dict, rng: np.random.Generator) -> dict:
     """A fault that is hardly one: so many TIMES its limit, or a typical size where its kind has none."""
     if kind in real_machines.TOLERANCE:
         return real_machines.beyond(kind, subject, model, rng, TIMES)
@@ -162,7 +164,7 @@ def fault(kind: str, subject: str, model: dict, rng: np.random.Generator) -> dic
     }
 
 
-def possible_faults(model: dict, locations: list[str]) -> list[tuple[str, str]]:
+def list_faults(model: dict, locations: list[str]) -> list[tuple[str, str]]:
     """(kind, subject) of every fault to draw from on a machine."""
     axes = list(model["drive"])
     linear, rotary = [a for a in axes if a in "XYZ"], [a for a in axes if a in "ABC"]
@@ -174,7 +176,7 @@ def possible_faults(model: dict, locations: list[str]) -> list[tuple[str, str]]:
     return [*out, ("radial_error_motion", "C"), ("tilt_error_motion", "C")]
 
 
-def plan(axes: str, on_head: str, rng: np.random.Generator) -> list[dict]:
+def draw_plan(axes: str, on_head: str, rng: np.random.Generator) -> list[dict]:
     """Tests of another plan than the usual ones: other cones, places, feeds and bars (100 or 150 mm), tests in any
     number. Axes ``on_head`` carry no table ball.
     """
