@@ -136,6 +136,10 @@ def test_a_mode_of_the_tool_and_one_of_the_table_follow_what_they_carry():
     np.testing.assert_allclose(moved[300:, 0], quasi[300:], atol=0.15 * quasi.max())
     np.testing.assert_allclose(moved[:, 1], moved[:, 0], atol=1e-12)
     assert not moved[:, 2].any()
+    fork = Kinematics(CHAINS["fork_head"][0], length=0.25)  # its table stands on the bed
+    moved = structure.ring_modes(fork, effects, {a: swing * (a == "X") for a in fork.axes}, BALL, 1e-3)
+    np.testing.assert_allclose(moved[300:, 0], quasi[300:], atol=0.15 * quasi.max())
+    assert not moved[:, 1:].any()
 
 
 def test_an_egg_adds_twice_a_turn_and_turns_with_its_table():

@@ -72,7 +72,8 @@ def ring_modes(
     ends = dict(zip(("table", "tool"), machine.ends(q, {}, ball), strict=True))
     for where, e in modes.items():
         direction = np.array(e["along"]) / np.linalg.norm(e["along"])
-        acceleration = np.gradient(np.gradient(ends[where] @ direction, step), step)
+        along = np.broadcast_to(ends[where] @ direction, len(out))  # a table on the bed is one point for all instants
+        acceleration = np.gradient(np.gradient(along, step), step)
         u = e["share"] * ring(acceleration, e["frequency_Hz"], e["damping_ratio"], step)
         out += (1.0 if where == "tool" else -1.0) * np.outer(u, direction)
     return out
