@@ -82,6 +82,12 @@ def test_wild_sizes_show_and_a_campaign_is_the_same_twice(tmp_path):
     assert 1e-7 < np.std(change[0] - change[1]) < 2e-5
 
 
+def test_a_cause_that_does_not_show_is_not_made_absurd(monkeypatch):
+    monkeypatch.setattr(chain_campaigns, "signature_sizes", lambda case: [1e-7])
+    (odd,) = case(hidden=(odd_causes.OilFilm("X", -1.0, moves="Y"),), target_um=1.3).resolved.hidden
+    assert odd.amplitude == -chain_campaigns.LARGEST
+
+
 def test_a_slide_that_turns_moves_the_ball_by_angle_times_arm():
     """10 µrad about Y at x = 100 mm: the arm of X goes up to the ball that Z carries, that of Z does not."""
     table = {"A": [0.0] * 3, "B": [10.0, 0.0, 0.0], "C": [0.0] * 3, "point_mm": [0.0, 40.0, -300.0]}

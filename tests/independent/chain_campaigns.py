@@ -20,6 +20,11 @@ from .programs import Program
 from .simulate import cubic, motion
 from .unlisted import CoolerCycle, EccentricPlay, LooseGib, ReversalCreep, Unlisted
 
+#: No number of a drive is less than this share of what the data sheet says.
+LEAST = 0.2
+#: Largest amplitude of an unlisted cause, in its own unit, about µm or arcsec; one that still does not show stays small.
+LARGEST = 20.0
+
 
 @dataclass(frozen=True)
 class ChainCase:
@@ -65,11 +70,13 @@ class ChainCase:
 
     @cached_property
     def resolved(self) -> ChainCase:
-        """The same case with its unlisted causes scaled to their target."""
+        """The same case with its unlisted causes scaled to their target, or as large as a machine can have them."""
         if not (self.target_um and self.unlisted()):
             return self
         both = zip(self.hidden, signature_sizes(self), strict=True)
-        hidden = (h if isinstance(h, dict) else h.scaled(self.target_um / max(size, 1e-9)) for h, size in both)
+        hidden = (
+            h if isinstance(h, dict) else h.scaled(min(self.target_um / max(size, 1e-9), LARGEST)) for h, size in both
+        )
         return replace(self, hidden=tuple(hidden), target_um=0.0)
 
     @property
@@ -112,11 +119,12 @@ class ChainCase:
         drive = {a: dict(v) for a, v in model["drive"].items()}
         for axis in drive:
             for key, sd in TOLERANCE.items():
-                drive[axis][key] *= 1.0 + self.spread.get(key, 1.0) * sd * rng.standard_normal()
+                drive[axis][key] *= max(1.0 + self.spread.get(key, 1.0) * sd * rng.standard_normal(), LEAST)
         effects = by_id(model["effect"])
         for axis in drive:
             for key, sd in FRICTION_TOLERANCE.items():
-                effects[f"friction.{axis}"][key] *= 1.0 + self.spread.get(key, 1.0) * sd * rng.standard_normal()
+                factor = max(1.0 + self.spread.get(key, 1.0) * sd * rng.standard_normal(), LEAST)
+                effects[f"friction.{axis}"][key] *= factor
         planted = [*(self.small() if self.real else []), *self.catalogue()]
         return drive, with_hidden(effects, real_machines.merged(planted)) | by_id(self.nature)
 
