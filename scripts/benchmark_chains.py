@@ -14,6 +14,7 @@ import multiprocessing
 import os
 import sys
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
 from pathlib import Path
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # one campaign per core; before numpy is imported, here and in the workers
@@ -43,41 +44,36 @@ def cases(count: int, families: list[str]):
 
 def answer_of(case) -> dict:
     """One campaign, written as files and answered as a user's."""
-    from benchmark_diagnosis import answered
-    from diagnosis_figures import mark
-    from independent import chain_campaigns as generator
-    from independent import measurement
+    from benchmark_diagnosis import answer, run_case
+    from diagnosis_score import score
 
-    further = case.real and not case.unlisted()
-    row = {"name": case.name, "noise_um": measurement.NOISE}
-    row |= answered(case, generator.write, generator.write_heldout if further else None)
-    return row | {"mark": mark(row)}
+    row = run_case(case, partial(answer, heldout=case.real and not case.unlisted()), 3600.0)
+    return row | {"mark": score(row).mark}
 
 
-def named(row: dict) -> list[bool]:
+def named(s) -> list[bool]:
     """For every hidden cause of the catalogue: whether it was named, alone or with others that look like it."""
-    said = [{e["id"], *e["alternatives"]} for e in row["result"]["effects"]]
-    return [any(e["id"] in s for s in said) for e in row["answer"]["effect"]]
+    from diagnosis_score import names_of
+
+    said = {name for e in s.row["result"]["effects"] for name in names_of(e)}
+    return [e["id"] in said for e in s.row["answer"]["effect"]]
 
 
 def figures(rows: list[dict]) -> None:
     """Prints rates in the words of docs/diagnosis-benchmark-real.md, ideal and real machines apart."""
-    from diagnosis_figures import counts, intervals, is_sound, predicted, rate, recognised, right_axis
-
-    def wrong(nothing_hides: bool):
-        return lambda r: [r["mark"] == "wrong"] if is_sound(r) == nothing_hides else []
+    from diagnosis_figures import counts, false_alarms, numbers_of, predicted, rate, recognised, right_axis, wrong_names
+    from diagnosis_score import score
 
     table = (
-        ("false alarms on sound machines", wrong(True)),
+        ("false alarms on sound machines", false_alarms),
         ("hidden causes named", named),
-        ("campaigns with a wrong confident name, of the others", wrong(False)),
+        ("campaigns with a wrong confident name, of the others", wrong_names),
         ("causes outside the catalogue recognised", recognised),
         ("... on the right axis", right_axis),
-        ("95 % intervals that hold the truth", intervals),
+        ("95 % intervals that hold the truth", numbers_of),
         ("0.95 or more of the error of other tests predicted", predicted),
     )
-    ok = [r for r in rows if "error" not in r]
-    parts = [[r for r in ok if f"-{kind}-" in r["name"]] for kind in ("ideal", "real")]
+    parts = [[score(r) for r in rows if f"-{kind}-" in r["name"]] for kind in ("ideal", "real")]
     print("\n| | ideal machines | real machines |\n|---|---|---|")
     for title, figure in table:
         print(f"| {title} | {' | '.join(rate(*counts(figure, part)) for part in parts)} |")

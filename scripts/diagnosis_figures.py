@@ -1,259 +1,250 @@
-"""Marks and figures of the diagnosis benchmark: what an answer was worth, and how often all are right."""
+"""Figures of the diagnosis benchmark over many scores: rates, intervals, calibration of the probabilities."""
 
 from __future__ import annotations
 
-import textwrap
-from collections import Counter
+import itertools
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+from diagnosis_score import Number, Score, names_of, score, sizes_over_noise
 from scipy.stats import beta
 
-#: A cause is clear from so many times the noise of the mean.
-_CLEAR = 3.0
 #: Share of the squared error of other tests that a fitted machine should predict.
 _REMOVED = 0.95
-
-
-def truth(row: dict) -> list[str]:
-    """Ids that hide in a campaign."""
-    return [e["id"] for e in row["answer"].get("effect", [])]
-
-
-def is_sound(row: dict) -> bool:
-    """Whether nothing hides in a campaign."""
-    return row["answer"]["verdict"] == "none"
-
-
-def is_unlisted(row: dict) -> bool:
-    """Whether what hides in a campaign is in no catalogue."""
-    return row["answer"]["verdict"] == "unknown"
-
-
-def mark(row: dict) -> str:
-    """What a diagnosis was worth: ``right``, ``partly``, ``missed``, ``wrong`` (a name that is not there, said without
-    alternatives that hold the truth), ``crash``.
-
-    Small errors of a real machine may be named where the machine file states no tolerance, and need not be.
-    """
-    if "error" in row:
-        return "crash"
-    result, answer = row["result"], row["answer"]
-    said = [({e["id"], *e["alternatives"]}) for e in result["effects"]]
-    small = set() if answer.get("tolerance_stated", True) else {e["id"] for e in answer.get("within", [])}
-    said = [s for s in said if not s & small or s & set(truth(row))]
-    if is_sound(row):
-        return "wrong" if said or result["unexplained"] else "right"
-    wanted = {e["id"]: {e["id"], *e.get("equivalent", [])} for e in answer.get("effect", [])}
-    if is_unlisted(row):
-        if not result["unexplained"]:
-            return "wrong" if any(not s & set(wanted) for s in said) else "missed"
-        return "partly" if any(not s & set(wanted) for s in said) else "right"
-    strange = [s for s in said if not s & set(wanted)]
-    if strange:
-        return "wrong"
-    hit = {w for w in wanted for s in said if w in s and s <= wanted[w]}
-    near = {w for w in wanted for s in said if w in s}
-    if hit == set(wanted):
-        return "right"
-    return "partly" if near else "missed"
-
-
-def sizes_over_noise(row: dict) -> list[float]:
-    """Size of every hidden signature in units of the noise of the mean of two revolutions."""
-    return [size / (row["noise_um"] / np.sqrt(2.0)) for size in row["answer"].get("signature_rms_um") or []]
+#: Edges of the bins of a reliability diagram, and from which probability a finding is called certain.
+BINS, CERTAIN = np.linspace(0.0, 1.0, 6), 0.95
+#: A probability of 0 that comes true costs this much in the logarithmic score.
+_LEAST = 1e-6
 
 
 def rate(hits: int, count: int) -> str:
     """``hits/count = p % [95 % interval]`` (Clopper-Pearson)."""
     if not count:
         return "none"
-    low = beta.ppf(0.025, hits, count - hits + 1) if hits else 0.0
-    high = beta.ppf(0.975, hits + 1, count - hits) if hits < count else 1.0
+    low, high = binomial_bounds(hits, count)
     return f"{hits}/{count} = {100 * hits / count:.1f} % [{100 * low:.0f}, {100 * high:.0f}]"
 
 
-def counts(figure, rows: list[dict]) -> tuple[int, int]:
-    """Hits and number of what a figure counts, over all rows."""
-    each = [x for r in rows for x in figure(r)]
+def binomial_bounds(hits: int, count: int) -> tuple[float, float]:
+    """95 % interval of a share (Clopper and Pearson 1934)."""
+    low = float(beta.ppf(0.025, hits, count - hits + 1)) if hits else 0.0
+    return low, float(beta.ppf(0.975, hits + 1, count - hits)) if hits < count else 1.0
+
+
+def counts(figure: Callable[[Score], list[bool]], scores: Iterable[Score]) -> tuple[int, int]:
+    """Hits and number of what a figure counts, over all scores but those of crashes."""
+    each = [x for s in scores if s.mark != "crash" for x in figure(s)]
     return sum(each), len(each)
 
 
-def _false_alarm(r: dict) -> list[bool]:
-    return [mark(r) == "wrong"] if is_sound(r) else []
+def _when(condition: Callable[[Score], bool], figure: Callable[[Score], bool]) -> Callable[[Score], list[bool]]:
+    return lambda s: [bool(figure(s))] if condition(s) else []
 
 
-def _clear_causes(r: dict) -> list[bool]:
-    """For every clear, separable cause of a faulty machine: whether it was named."""
-    if is_sound(r) or is_unlisted(r):
-        return []
-    names = [{e["id"], *e["alternatives"]} for e in r["result"]["effects"]]
-    return [
-        any(e["id"] in n for n in names)
-        for e, size in zip(r["answer"]["effect"], sizes_over_noise(r), strict=True)
-        if size >= _CLEAR and not e.get("equivalent")
-    ]
+def is_sound(s: Score) -> bool:
+    """Whether nothing hides in a campaign."""
+    return s.verdict == "none"
 
 
-def _wrong_name(r: dict) -> list[bool]:
-    return [mark(r) == "wrong"] if not is_sound(r) else []
+def is_unlisted(s: Score) -> bool:
+    """Whether a cause hides in a campaign that is in no catalogue."""
+    return s.verdict == "unknown"
 
 
-def recognised(r: dict) -> list[bool]:
-    return [bool(r["result"]["unexplained"])] if is_unlisted(r) else []
+def _recognised(s: Score) -> bool:
+    return is_unlisted(s) and bool(s.unexplained)
 
 
-def right_axis(r: dict) -> list[bool]:
-    seen = r["result"]["unexplained"]
-    return [bool(set(seen["axes"]) & set(r["answer"]["axes"]))] if recognised(r) == [True] else []
+def _shows(s: Score) -> bool:
+    """Whether the error of other tests exceeds the noise of the mean."""
+    return s.row.get("heldout_um", 0.0) >= s.row["noise_um"] / np.sqrt(2.0)
 
 
-def _right_variable(r: dict) -> list[bool]:
-    seen = r["result"]["unexplained"]
-    return [seen["variable"] in r["answer"]["variable"]] if recognised(r) == [True] else []
+def numbers_of(s: Score) -> list[bool]:
+    """For every true number that has an interval whether it lies inside."""
+    return [n.inside for n in s.numbers]
 
 
-def _no_name_beside(r: dict) -> list[bool]:
-    return [mark(r) == "right"] if is_unlisted(r) else []
-
-
-def intervals(r: dict) -> list[bool]:
-    """For every planted number that has an interval: whether it lies inside."""
-    answers = {e["id"]: e for e in [*r["answer"].get("within", []), *r["answer"].get("effect", [])]}
-    out = []
-    for entry in [*r["result"].get("calibration", []), *r["result"]["effects"]]:
-        true = answers.get(entry["id"], {})
-        for name, pair in (entry.get("ci95") or {}).items():
-            if name == "components":
-                out += _waves(true.get(name, []), pair)
-            elif isinstance(true.get(name), (int, float)) and not name.startswith("phase"):
-                low, high = pair
-                out.append((low is None or low <= true[name]) and (high is None or true[name] <= high))
-    return out
-
-
-def _waves(waves: list, pair) -> list[bool]:
-    """Whether the amplitude of every planted wave that has an interval lies inside."""
-    found = {round(low[0]): (low[1], high[1]) for low, high in zip(*pair, strict=True)}
-    return [
-        found[round(order)][0] <= amplitude <= found[round(order)][1]
-        for order, amplitude, _ in waves
-        if round(order) in found
-    ]
-
-
-def predicted(r: dict) -> list[bool]:
-    """Whether the fitted machine predicts the error of other tests, where that exceeds the noise of the mean."""
-    return [] if is_unlisted(r) else _predicted(r)
-
-
-def _predicted_unlisted(r: dict) -> list[bool]:
-    return _predicted(r) if is_unlisted(r) else []
-
-
-def _predicted(r: dict) -> list[bool]:
-    if r.get("heldout_um", 0.0) < r["noise_um"] / np.sqrt(2.0):
-        return []
-    return [r["heldout_removed"] >= _REMOVED]
-
+false_alarms = _when(is_sound, lambda s: s.mark == "wrong")
+wrong_names = _when(lambda s: not is_sound(s), lambda s: bool(s.wrong))
+recognised = _when(is_unlisted, _recognised)
+right_axis = _when(_recognised, lambda s: set(s.unexplained["axes"]) & set(s.row["answer"]["axes"]))
+right_variable = _when(_recognised, lambda s: s.unexplained["variable"] in s.row["answer"]["variable"])
+predicted = _when(lambda s: not is_unlisted(s) and _shows(s), lambda s: s.row["heldout_removed"] >= _REMOVED)
+predicted_beside = _when(lambda s: is_unlisted(s) and _shows(s), lambda s: s.row["heldout_removed"] >= _REMOVED)
+worse = _when(lambda s: "heldout_removed" in s.row and _shows(s), lambda s: s.row["heldout_removed"] < 0.0)
 
 FIGURES = (
-    ("false alarms on sound machines", _false_alarm, "at most 1 %"),
-    ("separable causes of 3 times the noise of the mean, named", _clear_causes, "97 %"),
-    ("campaigns with a wrong confident name, of the others", _wrong_name, "at most 1 %"),
+    ("false alarms on sound machines", false_alarms, "at most 1 %"),
+    (
+        "... right on those with six knocks and two gaps, by plans of all sorts",
+        _when(lambda s: s.row["category"].endswith("knocked"), lambda s: s.mark == "right"),
+        "40 of 40",
+    ),
+    ("separable causes of 3 times the noise of the mean, named", lambda s: s.clear, "97 %; wild 90 %"),
+    ("... campaigns that name a planted cause first", _when(lambda s: bool(s.clear), lambda s: s.first), "wild 90 %"),
+    ("campaigns with a wrong confident name, of the others", wrong_names, "at most 1 %"),
     ("causes outside the catalogue recognised", recognised, "95 %"),
     ("... on the right axis (of those recognised)", right_axis, ""),
-    ("... with the right variable (of those recognised)", _right_variable, ""),
-    ("... with no effect of the catalogue named that is not there", _no_name_beside, ""),
-    ("95 % intervals that hold the truth", intervals, "93 to 97 %"),
+    ("... with the right variable (of those recognised)", right_variable, ""),
+    ("... with no name that is not there", _when(is_unlisted, lambda s: not s.wrong), ""),
     ("0.95 or more of the error of other tests predicted", predicted, "95 %"),
-    ("... on machines with a cause outside the catalogue", _predicted_unlisted, ""),
+    ("... on machines with a cause outside the catalogue", predicted_beside, ""),
+    ("fitted machines that predict other tests worse than the given one", worse, "none"),
+    ("answered in full", lambda s: [s.mark == "right"], ""),
 )
 
 
-def unanswered(rows: list[dict]) -> list[str]:
-    """Lines with every campaign that was not answered in full."""
-    out = [
-        "",
-        "## Every campaign that was not answered in full",
-        "",
-        "| campaign | hidden | size / noise of mean | said |",
-        "|---|---|---|---|",
-    ]
-    for r in sorted(rows, key=lambda r: r["name"]):
-        if mark(r) != "right":
-            answer = r.get("answer", {})
-            hidden = truth(r) if answer else []
-            hidden += [answer["hidden"]] if answer.get("hidden") else []
-            sizes = ", ".join(f"{s:.1f}" for s in sizes_over_noise(r)) if answer else ""
-            out.append(f"| {r['name']} | {', '.join(hidden) or 'nothing'} | {sizes} | {mark(r)}: {said(r)} |")
-    return out
+def median_predicted(scores: Iterable[Score]) -> str:
+    """Median share of the squared error of other tests that fitted machines predict, where there is one to predict."""
+    shares = [s.row["heldout_removed"] for s in scores if "heldout_removed" in s.row and _shows(s)]
+    return f"{np.median(shares):.3f}" if shares else "none"
 
 
-def said(row: dict) -> str:
-    if "error" in row:
-        return row["error"].strip().splitlines()[-1].replace("|", "/")
-    r = row["result"]
-    names = [e["id"] + (f" or {' or '.join(e['alternatives'])}" if e["alternatives"] else "") for e in r["effects"]]
-    if r["unexplained"]:
-        names.append(f"unknown on {', '.join(r['unexplained']['axes'])} ({r['unexplained']['variable']})")
+def is_listed(s: Score) -> bool:
+    """Whether an answer is to be listed."""
+    return s.mark != "right"
+
+
+def said(s: Score) -> str:
+    """What was said, in one line."""
+    if s.mark == "crash":
+        return s.row["error"].strip().splitlines()[-1].replace("|", "/")
+    names = [" or ".join(names_of(e)) for e in s.row["result"]["effects"]]
+    if s.unexplained:
+        names.append(f"unknown on {', '.join(s.unexplained['axes'])} ({s.unexplained['variable']})")
     return "; ".join(names) or "nothing found"
 
 
-def beside_simple_methods(rows: list[dict], simple: list[dict]) -> list[str]:
-    """The same campaigns answered by simple methods (``results`` of the rows ``simple``), side by side."""
-    theirs = {r["name"]: r for r in simple if "error" not in r}
-    common = [r for r in rows if "error" not in r and r["name"] in theirs]
-    if not common:
-        return []
-    shared = {"diagnosis": common}
-    for method in theirs[common[0]["name"]]["results"]:
-        shared[method] = [r | {"result": theirs[r["name"]]["results"][method]} for r in common]
-    out = [
-        "",
-        "## Beside simple methods",
-        "",
-        *wrapped(
-            f"The same {len(common)} campaigns, answered by three methods that see the same data and "
-            "the same limits. The diagnosis selects by evidence (automatic relevance determination) and fits again. "
-            "Matching pursuit adds the signature that explains most until none takes 30 variances of the noise off. "
-            "The list of features is what ball-bar software measures on circles, with fixed limits "
-            "(`scripts/diagnosis_baselines.py`). Their answers are in "
-            "[simple-methods.jsonl.gz](data/simple-methods.jsonl.gz)."
-        ),
-        "",
-        "| | " + " | ".join(shared) + " |",
-        "|---" * (len(shared) + 1) + "|",
-    ]
-    for name, figure, _ in FIGURES[:4]:
-        out.append(f"| {name} | " + " | ".join(rate(*counts(figure, theirs)) for theirs in shared.values()) + " |")
-    right = [rate(sum(mark(r) == "right" for r in theirs), len(theirs)) for theirs in shared.values()]
-    out.append(f"| answered in full | {' | '.join(right)} |")
+def hidden(row: dict) -> str:
+    """What hides in a campaign, in one line."""
+    answer = row.get("answer", {})
+    names = [*(e["id"] for e in answer.get("effect", [])), *filter(None, [answer.get("hidden")])]
+    sizes = ", ".join(f"{x:.1f}" for x in sizes_over_noise(row)) if answer else ""
+    return (", ".join(names) or "nothing") + (f" ({sizes})" if sizes else "")
+
+
+# intervals
+
+
+def interval_groups(scores: list[Score]) -> dict[str, list[Number]]:
+    """True numbers that have an interval, by where they come from."""
+    ok = [s for s in scores if s.mark != "crash"]
+    tame = [s for s in ok if s.row["world"] != "wild"]
+    wild = [n for s in ok if s.row["world"] == "wild" for n in s.numbers]
+    return {
+        "sound machines": [n for s in tame if is_sound(s) for n in s.numbers],
+        "machines with listed causes": [n for s in tame if s.verdict == "effect" for n in s.numbers],
+        "findings alone": [n for s in tame for n in s.numbers if n.planted and n.finding],
+        "beside an unlisted cause": [n for s in tame if is_unlisted(s) for n in s.numbers],
+        "wild machines, planted": [n for n in wild if n.planted],
+        "wild machines, small": [n for n in wild if not n.planted],
+    }
+
+
+def rms_z(numbers: Iterable[Number]) -> float:
+    """Root mean square of (estimate - truth) over its standard deviation."""
+    z = np.array([n.z for n in numbers if n.z is not None])
+    return float(np.sqrt(np.mean(z**2))) if len(z) else np.nan
+
+
+# calibration of the probabilities
+
+
+def names_by_kind(scores: Iterable[Score]) -> dict[str, list[tuple[float, bool]]]:
+    """(probability, whether it is true) of all names by the kind of campaign: sound, faulty, unlisted or wild."""
+    out: dict[str, list[tuple[float, bool]]] = {"sound": [], "faulty": [], "unlisted": [], "wild": []}
+    kinds = {"none": "sound", "effect": "faulty", "unknown": "unlisted"}
+    for s in scores:
+        if s.mark != "crash":
+            out["wild" if s.row["world"] == "wild" else kinds[s.verdict]] += s.names
+    return {kind: names for kind, names in out.items() if names}
+
+
+@dataclass(frozen=True)
+class Bin:
+    """One bin of a reliability diagram: number of names, their mean probability, and how many are true."""
+
+    low: float
+    high: float
+    count: int
+    stated: float
+    true: int
+
+    @property
+    def error(self) -> float:
+        """Share that is true less the mean probability."""
+        return self.true / self.count - self.stated if self.count else np.nan
+
+
+def reliability(names: list[tuple[float, bool]]) -> list[Bin]:
+    """Bins of equal width over (probability, whether it is true); a probability on an edge belongs to the upper bin."""
+    p = np.array([x for x, _ in names], float)
+    true = np.array([x for _, x in names], bool)
+    place = np.clip(np.searchsorted(BINS, p, side="right") - 1, 0, len(BINS) - 2)
+    out = []
+    for i, (low, high) in enumerate(itertools.pairwise(BINS)):
+        mine = place == i
+        stated = float(p[mine].mean()) if mine.any() else np.nan
+        out.append(Bin(float(low), float(high), int(mine.sum()), stated, int(true[mine].sum())))
     return out
 
 
-def wrapped(text: str) -> list[str]:
-    """Prose in lines of at most 100 columns."""
-    return textwrap.wrap(text, 100, break_long_words=False, break_on_hyphens=False)
+def brier_score(names: list[tuple[float, bool]], unseen: int) -> float:
+    """Mean squared difference of probability and truth (Brier 1950); ``unseen`` causes count as a probability of 0."""
+    return (sum((p - true) ** 2 for p, true in names) + unseen) / (len(names) + unseen)
 
 
-def paragraphs(text: str) -> list[str]:
-    """Lines of paragraphs that a blank line parts, with one after each."""
-    return [line for part in text.split("\n\n") for line in (*wrapped(part), "")] if text else []
+def log_score(names: list[tuple[float, bool]], unseen: int) -> float:
+    """Mean logarithm of the probability of what is true (Good 1952), nats; 0 is perfect."""
+    each = [np.log(max(p if true else 1.0 - p, _LEAST)) for p, true in names]
+    return float((sum(each) + unseen * np.log(_LEAST)) / (len(names) + unseen))
 
 
-def coverage(rows: list[dict], name: str) -> list[str]:
-    """Paragraphs on which campaigns a page covers, how long they took, which version of the program answered, and where
-    the answers are (``name`` of the page).
-    """
-    ok = [r for r in rows if "error" not in r]
-    seconds = [r["seconds"] for r in ok]
-    kinds = Counter(r["category"].removeprefix("real-") for r in rows)
-    versions = Counter(r.get("commit", "an older one") for r in rows)
-    return paragraphs(
-        f"The page covers {len(rows)} campaigns of the published half: "
-        + ", ".join(f"{n} {kind}" for kind, n in sorted(kinds.items()))
-        + f". {len(rows) - len(ok)} crashed. A diagnosis took {np.median(seconds):.0f} s (median) and at most "
-        f"{max(seconds):.0f} s of one core. Version of the program (campaigns): "
-        + ", ".join(f"{commit} ({n})" for commit, n in sorted(versions.items()))
-        + f".\n\nEvery answer is a line of JSON in [{name}.jsonl.gz](data/{name}.jsonl.gz)."
-    )
+def draw_reliability(groups: dict[str, list[tuple[float, bool]]], file: Path) -> None:
+    """Reliability diagram of all names with 95 % intervals, and of each group, over a histogram; as PNG and SVG."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    plt.rcParams["svg.hashsalt"] = "reliability"  # the same figure is the same file
+    figure, (above, below) = plt.subplots(2, 1, figsize=(5.5, 6.5), sharex=True, height_ratios=[3, 1])
+    above.plot([0, 1], [0, 1], color="0.6", lw=1, label="what is stated is true")
+    everything = [n for names in groups.values() for n in names]
+    for label, names in {**groups, "all": everything}.items():
+        bins = [b for b in reliability(names) if b.count]
+        share = np.array([b.true / b.count for b in bins])
+        x = [b.stated for b in bins]
+        if label != "all":
+            above.plot(x, share, "o-", ms=3, lw=0.8, label=f"{label} ({len(names)})")
+            continue
+        bounds = np.array([binomial_bounds(b.true, b.count) for b in bins]).reshape(-1, 2).T
+        spread = np.abs(bounds - share)
+        above.errorbar(x, share, spread, fmt="ko-", ms=5, lw=1.5, capsize=3, label=f"all ({len(names)}), 95 %")
+    above.set(ylabel="share of names that are true", xlim=(0, 1), ylim=(-0.02, 1.02))
+    above.legend(fontsize=8, loc="upper left")
+    edges = [b.low for b in reliability(everything)]
+    below.bar(edges, [b.count for b in reliability(everything)], width=BINS[1], align="edge", color="0.75", ec="0.4")
+    below.set(xlabel="probability that the diagnosis gives a name", ylabel="names")
+    figure.tight_layout()
+    file.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(file.with_suffix(".png"), dpi=120)
+    figure.savefig(file.with_suffix(".svg"), metadata={"Date": None})
+    plt.close(figure)
+
+
+# simple methods
+
+
+def by_simple_methods(scores: list[Score], simple: list[dict]) -> dict[str, list[Score]]:
+    """The campaigns that simple methods answered as well, by method; the diagnosis is the first."""
+    theirs = {r["name"]: r for r in simple if "error" not in r}
+    common = [s for s in scores if s.mark != "crash" and s.row["name"] in theirs]
+    if not common:
+        return {}
+    methods = theirs[common[0].row["name"]]["results"]
+    answers = {m: [score({**s.row, "result": theirs[s.row["name"]]["results"][m]}) for s in common] for m in methods}
+    return {"diagnosis": common, **answers}

@@ -35,7 +35,7 @@ def cases():
 
 @pytest.mark.parametrize("name", CHOSEN)
 def test_a_hidden_cause_is_named(name, tmp_path, monkeypatch):
-    from diagnosis_figures import mark
+    from diagnosis_score import score
 
     # the next test is planned after the cause is named, and takes longer; tests/test_planning.py looks at it
     monkeypatch.setattr("mjsim.workflow.ball_bar.diagnose.plan_for", lambda *args, **options: None)
@@ -44,8 +44,8 @@ def test_a_hidden_cause_is_named(name, tmp_path, monkeypatch):
     answer = campaign.write(case, tmp_path)
     c = read_campaign(tmp_path)
     result = diagnose(c, read_machine(c.machine_file))
-    row = {"name": name, "category": case.category, "answer": answer, "result": result.to_json()}
-    assert mark(row) == "right", row["result"]
+    row = {"name": name, "noise_um": case.noise_um, "answer": answer, "result": result.to_json()}
+    assert score(row).mark == "right", row["result"]
 
 
 def test_a_knock_that_the_waves_of_a_worm_hide_is_no_further_cause(tmp_path):
@@ -74,12 +74,15 @@ def test_the_bank_is_large_enough_and_halved():
 
 def test_marks():
     """How an answer is judged: names, sets of equivalents, wrong confident names."""
-    from diagnosis_figures import mark
+    from diagnosis_score import score
 
     def row(said, truth, verdict="effect", unknown=None):
         effects = [{"id": s[0], "alternatives": list(s[1:])} for s in said]
         result = {"verdict": "nothing_found" if not said else "x", "effects": effects, "unexplained": unknown}
-        return {"answer": {"verdict": verdict, "effect": truth}, "result": result}
+        return {"noise_um": 0.12, "answer": {"verdict": verdict, "effect": truth}, "result": result}
+
+    def mark(answer):
+        return score(answer).mark
 
     gain = {"id": "servo_gain.C", "equivalent": ["servo_delay.C"]}
     assert mark(row([("servo_delay.C", "servo_gain.C")], [gain])) == "right"

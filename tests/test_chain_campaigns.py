@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import tomlkit
 from independent import chain_campaigns, chains
 
 from mjsim.campaign.files import read_campaign
@@ -29,12 +30,12 @@ def further(case):
 def test_programs_and_readings_agree(family, tmp_path):
     """The same campaign file means the same motion and the same reading to the generator and to mjsim."""
     case = chain_campaigns.ChainCase(family, family, 3)
-    (tmp_path / "machine.toml").write_text(chain_campaigns.tomlkit.dumps(case.model()))
+    (tmp_path / "machine.toml").write_text(tomlkit.dumps(case.model()))
     tables = [*case.tests(), *further(case)]
     head = {"name": family, "machine": "machine.toml", "test": [{**t, "trace": None} for t in tables]}
     for t in head["test"]:
         del t["trace"]
-    (tmp_path / "campaign.toml").write_text(chain_campaigns.tomlkit.dumps(head))
+    (tmp_path / "campaign.toml").write_text(tomlkit.dumps(head))
     campaign = read_campaign(tmp_path)
     chain = read_machine(campaign.machine_file).chain
     assert len(tables) >= 11 and chain.letters == tuple(case.machine.axes)

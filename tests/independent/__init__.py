@@ -2,5 +2,5 @@
 
 It shares no code with the package under test and must never import it: own kinematics, own NC programs, own drive
 integration, own measurement chain, all written from the definitions in the documentation. What it writes is an ordinary
-campaign folder, with the true answer on the side; ``campaign.write`` makes one, ``bank.cases`` lists some hundreds.
+campaign folder, with the true answer on the side; ``bank.write_case`` makes one, ``bank.cases`` lists some hundreds.
 """

@@ -1,24 +1,26 @@
 """The bank: some hundreds of campaigns, sound and faulty, whose answers are known. Deterministic.
 
-Half of each category is for tuning a diagnosis ("tune"), the other half for publishing its figures ("publish").
+It has three worlds: ideal machines but for what hides, real machines on which everything is a little wrong, and wild
+machines that do what no catalogue has. Half of each category is for tuning a diagnosis ("tune"), the other half for
+publishing its figures ("publish"). The halves share no seed: everything of the published half is numbered from FRESH.
 """
 
 from __future__ import annotations
 
-import itertools
-import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import tomlkit
 
-from . import real_machines, templates
+from . import chain_campaigns, odd_causes, real_machines, templates, wild
 from .campaign import Case, write
+from .chain_campaigns import ChainCase
+from .chains import CHAINS
 from .heldout import write_heldout
 from .layouts import LAYOUTS, layout
-from .machines import MACHINES
+from .machines import MACHINES, nominal
+from .measurement import Bar
 
 NULLS, PAIRS, UNLISTED, ODD = 320, 48, 54, 24
 _UNLISTED_SIZES = (0.5, 1.2, 0.3, 2.5, 0.8)
@@ -47,6 +49,9 @@ _WITH = {
 #: Signature sizes to plant, µm RMS over the campaign: barely visible to obvious.
 _SIZES = (0.1, 0.5, 0.2, 1.2, 0.35, 3.0, 0.15, 0.8)
 _HALVES = ("tune", "publish")
+#: Number of the first campaign of the published half. A published half that has been looked into is no longer blind: a
+#: new one begins at another number.
+FRESH = 4000
 
 
 #: Where effects show that most layouts of their axis hide.
@@ -85,9 +90,9 @@ def _place(kind: str, subject: str, number: int) -> tuple[str, str]:
     return name, _WITH[name][(number // len(names)) % len(_WITH[name])]
 
 
-def nulls() -> Iterator[Case]:
+def nulls(first: int) -> Iterator[Case]:
     """Sound machines inside their data sheet, some with knocks and gaps."""
-    for i in range(NULLS):
+    for i in range(first, first + NULLS):
         rng = np.random.default_rng([11, i])
         machine, name = MACHINES[i % len(MACHINES)], LAYOUTS[(i // 2) % len(LAYOUTS)]
         odd = i % 8 == 7
@@ -104,10 +109,10 @@ def nulls() -> Iterator[Case]:
         )
 
 
-def singles() -> Iterator[Case]:
+def singles(first: int) -> Iterator[Case]:
     """One hidden effect of each id, twice: another size, layout and machine."""
     for j, (kind, subject) in enumerate(templates.SINGLES):
-        for v in range(2):
+        for v in range(first, first + 2):
             number = 2 * j + v
             rng = np.random.default_rng([12, number])
             name, machine = _place(kind, subject, 3 * v + j + j // 5)
@@ -119,10 +124,10 @@ def singles() -> Iterator[Case]:
             yield replace(case, category=category, half=_HALVES[(j + v) % 2])
 
 
-def pairs() -> Iterator[Case]:
+def pairs(first_number: int) -> Iterator[Case]:
     """Two hidden effects: every third pair on the same axis, the others on different ones."""
     plain = [(k, s) for k, s in templates.SINGLES if templates.largest(k, s) > 1.0 and k != "axis_location"]
-    for i in range(PAIRS):
+    for i in range(first_number, first_number + PAIRS):
         rng = np.random.default_rng([13, i])
         first = plain[(7 * i + i // 3) % len(plain)]
         same = i % 3 == 0
@@ -144,9 +149,9 @@ def _shared(first: tuple[str, str], second: tuple[str, str]) -> set[str]:
     return one & two
 
 
-def unlisted() -> Iterator[Case]:
+def unlisted(first: int) -> Iterator[Case]:
     """One cause outside the catalogue."""
-    for i in range(UNLISTED):
+    for i in range(first, first + UNLISTED):
         rng = np.random.default_rng([14, i])
         which, turn = i % templates.UNLISTED, i // templates.UNLISTED
         family = templates.unlisted(which, "M1", np.random.default_rng(0))[0]
@@ -161,7 +166,7 @@ def unlisted() -> Iterator[Case]:
         )
 
 
-def odd() -> Iterator[Case]:
+def odd(first: int) -> Iterator[Case]:
     """Single effects on campaigns with knocks and gaps, and on sparse ones of two or three tests."""
     easy = [
         ("backlash", "A"),
@@ -180,7 +185,7 @@ def odd() -> Iterator[Case]:
         ("backlash", "Y"),
     ]
     sparse = {"A": ("sparse-cones", "sparse-mixed"), "C": ("sparse-mixed",)}
-    for i in range(2 * ODD):
+    for i in range(first, first + 2 * ODD):
         rng = np.random.default_rng([15, i])
         category = ("outliers", "sparse")[i % 2]
         kind, subject = easy[(i // 2) % len(easy)]
@@ -211,18 +216,19 @@ _REAL_CAUSES = tuple(
 _REAL_LAYOUTS = ("standard", "rotaries", "feeds", "table", "full")
 
 
-def real() -> Iterator[Case]:
+def real(first: int = 0) -> Iterator[Case]:
     """Machines on which everything is a little wrong, with and without a stated tolerance, on drives of random data
     sheets.
     """
-    for i in range(REAL_SOUND + REAL_FAULTY + REAL_UNLISTED):
+    for i in range(first, first + REAL_SOUND + REAL_FAULTY + REAL_UNLISTED):
+        sort = "sound" if i - first < REAL_SOUND else "faulty" if i - first < REAL_SOUND + REAL_FAULTY else "unlisted"
         rng = np.random.default_rng([16, i])
         machine = f"R{i % 24}" if i % 3 else ("M1", "M2", "M3")[i // 3 % 3]
         name = _REAL_LAYOUTS[int(rng.integers(len(_REAL_LAYOUTS)))]
         small = tuple(real_machines.within(machine, rng))
         causes: list = []
         targets: list[float | None] = []
-        if i >= REAL_SOUND + REAL_FAULTY:
+        if sort == "unlisted":
             which = next(
                 w
                 for w in rng.permutation(templates.UNLISTED)
@@ -230,17 +236,17 @@ def real() -> Iterator[Case]:
             )
             causes.append(templates.unlisted(int(which), machine, rng)[1])
             targets.append(float(rng.choice((0.8, 1.2, 2.0))))
-        elif i >= REAL_SOUND:
+        elif sort == "faulty":
             for n in rng.permutation(len(_REAL_CAUSES))[: 1 + i % 3]:
                 kind, subject = _REAL_CAUSES[int(n)]
                 if kind in real_machines.TOLERANCE:
-                    causes.append(real_machines.beyond(kind, subject, machine, rng))
+                    causes.append(real_machines.beyond(kind, subject, nominal(machine), rng, (2.0, 5.0)))
                     targets.append(None)
                 else:
                     causes.append(templates.single(kind, subject, machine, rng))
                     targets.append(float(rng.choice((0.3, 0.6, 1.2))))
         yield Case(
-            f"real-{'sound' if not causes else 'unlisted' if i >= REAL_SOUND + REAL_FAULTY else 'faulty'}-{i:03d}",
+            f"real-{sort}-{i:03d}",
             machine,
             tuple(layout(name)),
             tuple(causes),
@@ -249,11 +255,7 @@ def real() -> Iterator[Case]:
             gaps=int(rng.integers(0, 3)) if i % 8 == 7 else 0,
             noise_um=round(float(rng.uniform(0.09, 0.16)), 3),
             seed=60_000 + i,
-            category="real-sound"
-            if not causes
-            else "real-unlisted"
-            if i >= REAL_SOUND + REAL_FAULTY
-            else "real-faulty",
+            category=f"real-{sort}",
             half=_HALVES[i % 2],
             within=small,
             tolerance_stated=bool(i // 2 % 2),
@@ -265,25 +267,87 @@ def _shows(family: str, layout_name: str) -> bool:
     return layout_name == "full" or layout_name in _WHERE[family]
 
 
-def cases() -> list[Case]:
-    """Every case of the bank."""
-    return list(itertools.chain(nulls(), singles(), pairs(), unlisted(), odd(), real()))
+#: Campaigns of both halves: sound machines with knocks by other plans, ideal and real ones, and wild machines.
+KNOCKED, WILD = 80, {"sound": 48, "faulty": 80, "unlisted": 24, "beside": 40, "two": 16}
 
 
-def write_bank(folder: Path | str, wanted: Iterable[Case], heldout: bool = False) -> dict[str, dict]:
-    """Writes campaigns and answers.toml for a folder of them; what is there already is kept. Cases of one layout are
-    taken together.
+def knocked(first: int) -> Iterator[ChainCase]:
+    """Sound machines with six knocks and two gaps, by plans of all sorts; every second one is a real machine."""
+    for i in range(first, first + KNOCKED):
+        rng = np.random.default_rng([17, i])
+        drives = f"R{i % 24}" if i % 3 else ("M1", "M2", "M3")[i // 3 % 3]
+        real_machine = bool(i // 2 % 2)
+        yield ChainCase(
+            f"{'real-' if real_machine else ''}knocked-{i:03d}",
+            "paper",
+            70_000 + i,
+            real=real_machine,
+            drives=drives,
+            bar=Bar(outliers=6, gaps=2),
+            plan=tuple(wild.draw_plan("XYZAC", "", rng)),
+            category=f"{'real-' if real_machine else ''}knocked",
+            half=_HALVES[i % 2],
+        )
 
-    ``heldout`` adds tests that were not measured to the campaigns with effects of the catalogue.
+
+def wild_machines(first: int) -> Iterator[ChainCase]:
+    """Machines that do what no catalogue has, some of other chains: sound, with one or two small faults, with a cause
+    outside the catalogue alone, beside a fault, or with two of them.
     """
-    folder, answers = Path(folder), {}
-    for case in sorted(wanted, key=lambda c: (bool(c.hidden), [t["name"] for t in c.tests], c.machine)):
-        done = folder / case.name / "answer.json"
-        if not done.exists():
-            found = {**write(case, folder / case.name), "category": case.category, "half": case.half}
-            if heldout and case.catalogue():
-                write_heldout(case, folder / case.name)
-            done.write_text(json.dumps(found, indent=1))
-        answers[case.name] = json.loads(done.read_text())
-    (folder / "answers.toml").write_text(tomlkit.dumps(answers))
-    return answers
+    sorts = [sort for sort, count in WILD.items() for _ in range(count)]
+    for number, sort in enumerate(sorts):
+        i = first + number
+        rng = np.random.default_rng([18, i])
+        family = list(CHAINS)[1 + i // 8 % 4] if i % 8 > 5 else "paper"
+        drives = ("M1", "M2")[i // 2 % 2] if i % 3 == 0 else f"R{i}"
+        bare = ChainCase("", family, 80_000 + i, real=True, drives=drives)
+        model, machine = bare.model(), bare.machine
+        faults = wild.list_faults(model, CHAINS[family][3].split())
+        count = {"sound": 0, "faulty": 1 + number // 2 % 2, "unlisted": 0, "beside": 1, "two": 0}[sort]
+        hidden: list = [wild.draw_fault(*faults[int(n)], model, rng) for n in rng.permutation(len(faults))[:count]]
+        makers = odd_causes.draw_makers(machine.axes, rng)
+        strange = {"unlisted": 1, "beside": 1, "two": 2}.get(sort, 0)
+        hidden += [makers[int(n)]() for n in rng.permutation(len(makers))[:strange]]
+        level = float(rng.uniform(0.3, 1.0))
+        yield replace(
+            bare,
+            name=f"wild-{sort}-{i:03d}",
+            hidden=tuple(hidden),
+            target_um=float(rng.uniform(0.6, 2.0)),
+            bar=wild.draw_bar(rng),
+            noise_um=round(float(rng.uniform(0.09, 0.16)), 3),
+            plan=tuple(wild.draw_plan(machine.axes, "".join(machine.sides[1]), rng)) if i % 4 else bare.usual(),
+            stated=bool(rng.uniform() < 0.5),
+            nature=tuple(wild.draw_nature(model, level, rng)),
+            spread=wild.draw_data_sheet(rng),
+            level=wild.draw_factors(real_machines.TOLERANCE, rng),
+            category=f"wild-{sort}",
+            half=_HALVES[i % 2],
+        )
+
+
+def cases() -> list[Case | ChainCase]:
+    """Every case of the bank: the tuning half of all that is numbered from 0, the published half of what is numbered
+    from FRESH.
+    """
+    makers = (nulls, singles, pairs, unlisted, odd, real, knocked, wild_machines)
+    both = ((maker(first), half) for first, half in ((0, "tune"), (FRESH, "publish")) for maker in makers)
+    return [case for made, half in both for case in made if case.half == half]
+
+
+def world(category: str) -> str:
+    """The world of a category: ideal, real or wild."""
+    return category.split("-")[0] if category.startswith(("real-", "wild-")) else "ideal"
+
+
+def write_case(case: Case | ChainCase, folder: Path | str, heldout: bool = False) -> dict:
+    """Writes the folder of one case, with ``heldout`` the tests outside its campaign as well; its answer."""
+    if isinstance(case, ChainCase):
+        answer = chain_campaigns.write(case, folder)
+        if heldout:
+            chain_campaigns.write_heldout(case, folder)
+        return answer
+    answer = write(case, folder)
+    if heldout:
+        write_heldout(case, folder)
+    return answer

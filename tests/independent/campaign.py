@@ -61,6 +61,11 @@ class Case:
         causes = (h if t is None else scaled_to(here, h, t) for h, t in zip(self.hidden, self.target_um, strict=True))
         return replace(self, hidden=tuple(causes), target_um=())
 
+    @property
+    def erring(self) -> bool:
+        """Whether the machine errs beyond its data sheet."""
+        return bool(self.hidden or self.within)
+
     def rng(self, stream: int) -> np.random.Generator:
         """Separate random numbers for machine (0), set-up (1), disturbances (2) and each test's noise (10 …)."""
         return np.random.default_rng([self.seed, stream])
@@ -98,23 +103,18 @@ def measure(case: Case) -> list[tuple[np.ndarray, np.ndarray]]:
     case = case.resolved()
     drive, effects = _true(case)
     setup = measurement.draw_setup(list(case.tests), case.seed)
-    odd = case.rng(2)
-    knocked = np.bincount(odd.integers(0, len(case.tests), case.outliers), minlength=len(case.tests))
-    missing = np.bincount(odd.integers(0, len(case.tests), case.gaps), minlength=len(case.tests))
-    out = []
-    for k, test in enumerate(case.tests):
-        clock = measurement.recorded_clock(Program(test).window, setup.trigger[k])
+
+    def read(k: int, instants: np.ndarray) -> np.ndarray:
+        test = case.tests[k]
         angle = np.radians(test.get("spindle_deg", 0.0))  # the spindle ball's runout turns with the spindle
         turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
         shifts = {"ball_shift": setup.table[test["setup"]], "spindle_shift": turn @ setup.spindle[test["setup"]]}
-        true = simulate.reading(
-            test, drive, effects, clock - setup.trigger[k], unlisted=case.unlisted(), phases=setup.phases[k], **shifts
-        )
-        noise = measurement.noise(len(clock), case.noise_um, case.rng(10 + k))
-        deviation = (true + setup.length) * 1e6 + noise + measurement.knocks(clock, int(knocked[k]), odd)
-        keep = measurement.gaps(clock, int(missing[k]), odd)
-        out.append((clock[keep], measurement.digitise(deviation)[keep]))
-    return out
+        odd = case.unlisted()
+        return simulate.reading(test, drive, effects, instants, unlisted=odd, phases=setup.phases[k], **shifts)
+
+    bar = measurement.Bar(outliers=case.outliers, gaps=case.gaps)
+    windows = [Program(t).window for t in case.tests]
+    return measurement.record(read, windows, setup, bar, case.noise_um, case.rng)
 
 
 def answer(case: Case) -> dict:
@@ -149,20 +149,21 @@ def write(case: Case, folder: Path | str) -> dict:
 
 def write_files(case: Case, folder: Path | str) -> None:
     """Writes campaign.toml, machine.toml and the traces into ``folder``."""
-    case, folder = case.resolved(), Path(folder)
+    case, model = case.resolved(), nominal(case.machine)
+    if case.tolerance_stated:
+        first = {k: model[k] for k in ("name", "configuration")}
+        model = first | {"tolerance": real_machines.TOLERANCE} | model
+    write_folder(folder, case.name, model, list(case.tests), measure(case))
+
+
+def write_folder(folder: Path | str, name: str, machine: dict, tests: list[dict], traces: list[tuple]) -> None:
+    """Writes what a user brings: campaign.toml, machine.toml and the traces (s, µm) of the tests."""
+    folder = Path(folder)
     (folder / "traces").mkdir(parents=True, exist_ok=True)
     instrument = {"kind": "ball_bar", "resolution_um": 0.1, "range_mm": 1.0, "sample_rate_Hz": measurement.SAMPLE_RATE}
-    tests = [dict(t) for t in case.tests]
-    head = {"name": case.name, "machine": "machine.toml", "instrument": instrument, "test": tests}
+    head = {"name": name, "machine": "machine.toml", "instrument": instrument, "test": [dict(t) for t in tests]}
     (folder / "campaign.toml").write_text(tomlkit.dumps(head))
-    model = nominal(case.machine)
-    if case.tolerance_stated:
-        model = {
-            "name": model["name"],
-            "configuration": model["configuration"],
-            "tolerance": real_machines.TOLERANCE,
-        } | model
-    (folder / "machine.toml").write_text(tomlkit.dumps(model))
-    for test, (time, deviation) in zip(case.tests, measure(case), strict=True):
+    (folder / "machine.toml").write_text(tomlkit.dumps(machine))
+    for test, (time, deviation) in zip(tests, traces, strict=True):
         rows = "\n".join(f"{t:.3f},{d:.1f}" for t, d in zip(time, deviation, strict=True))
         (folder / test["trace"]).write_text("time_s,deviation_um\n" + rows + "\n")

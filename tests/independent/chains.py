@@ -19,6 +19,8 @@ FAMILIES = {
     "fork_head": ("w-bXYZCA-t", {}, 0.25, "EX0C EY0C EA0C EB0C EY0A EZ0A EB0A EC0A", ""),
     "nutating_table": ("w-C'B'Y'bXZ-t", {"B": (0.0, 1.0, 1.0)}, None, "EX0C EY0C EA0C EB0C EX0B EZ0B EA0B EC0B", ""),
 }
+#: The families and the paper's machine; its programs are in closed form, in :mod:`.programs`.
+CHAINS = {"paper": ("w-C'A'Y'bXZ-t", {}, None, "EX0C EY0C EA0C EB0C EY0A EZ0A EB0A EC0A", "A"), **FAMILIES}
 UNIT = dict(zip("XYZABC", [*np.eye(3), *np.eye(3)], strict=True))
 
 

@@ -6,7 +6,7 @@
     dz/dt = ω − |ω| σ0 z / g(ω),  τ_friction = σ0 z + σ1 dz/dt,  σ0 = Tc / presliding,  σ1 = 0.3 √(σ0 J)
 
 With an elastic transmission the load is a second inertia on a spring; friction and gravity stay on the motor. All is in
-motor units (rad).
+motor units (rad). On a wild machine Tc is not the same everywhere: Tc (1 + p cos(k θ + ψ)) (1 ± w), + where ω > 0.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _MOST_BODIES = 0.95
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "arcp", "nsz"}, inline="always")
 def _rates(r, rate, th, om, acc, z, load, speed, p):
-    kpp, kvp, ti, j, visc, grav, tc, s0, s1, ratio, stribeck, amp, order, phase, ff, jl, k, d = p
+    kpp, kvp, ti, j, visc, grav, tc, s0, s1, ratio, stribeck, amp, order, phase, ff, jl, k, d, place, wave, at, way = p
     lag = kpp * (r - th) + ff * rate - om
     torque = kvp * (lag + acc / ti)
     net = torque - visc * om - grav
@@ -39,6 +39,8 @@ def _rates(r, rate, th, om, acc, z, load, speed, p):
         g = tc
         if ratio != 1.0:
             g = tc * (1.0 + (ratio - 1.0) * np.exp(-((om / stribeck) ** 2)))
+        if place != 0.0 or way != 0.0:
+            g *= (1.0 + place * np.cos(wave * th + at)) * (1.0 + (way if om > 0.0 else -way))
         zdot = om - abs(om) * s0 * z / g
         net -= s0 * z + s1 * zdot
     if amp != 0.0:
@@ -138,6 +140,10 @@ def parameters(axis: str, drive: dict, effects: dict) -> tuple[float, ...]:
         load,
         spring,
         damping,
+        get("varying_friction", "place_share", 0.0),
+        get("varying_friction", "order", 1.0),
+        get("varying_friction", "phase_deg", 0.0) * DEG,
+        get("varying_friction", "way_share", 0.0),
     )
 
 
@@ -160,12 +166,13 @@ def run_axis(
         # the bristle's rate |ω| σ0 / Tc grows with speed: the explicit steps have to stay well inside their limit of
         # 2.8 per rate
         fastest = np.abs(np.diff(command)).max() / GRID * ratio
-        substeps = max(substeps, int(np.ceil(GRID * fastest * p[7] / p[6] / 1.2)))
+        least = p[6] * (1.0 - abs(p[18])) * (1.0 - abs(p[21]))
+        substeps = max(substeps, int(np.ceil(GRID * fastest * p[7] / least / 1.2)))
     motor, load, torque = _moved(np.ascontiguousarray(command * ratio).tobytes(), substeps, p)
     return (load if p[15] > 0.0 else motor) / ratio, torque.copy()
 
 
-@lru_cache(maxsize=48)  # an effect changes one axis; the others move as before
+@lru_cache(maxsize=80)  # an effect changes one axis; the others move as before
 def _moved(command: bytes, substeps: int, p: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Motor and load angle and torque for the bytes of a command in motor units."""
     r = np.frombuffer(command).copy()
@@ -174,11 +181,11 @@ def _moved(command: bytes, substeps: int, p: tuple[float, ...]) -> tuple[np.ndar
     return motor, load, torque
 
 
-def run(drives: dict, effects: dict, program, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All five axes on the grid ``time``: positions (n, 5) in m and rad, motor torques (n, 5) in N m."""
+def run(drives: dict, effects: dict, program, time: np.ndarray, axes: str = AXES) -> tuple[np.ndarray, np.ndarray]:
+    """All axes on the grid ``time``: positions (n, axes) in m and rad, motor torques (n, axes) in N m."""
     commands = program.commands(time)
     position, torque = np.empty_like(commands), np.empty_like(commands)
-    for i, axis in enumerate(AXES):
+    for i, axis in enumerate(axes):
         late = delay(axis, effects)
         command = program.commands(time - late)[:, i] if late and np.ptp(commands[:, i]) else commands[:, i]
         position[:, i], torque[:, i] = run_axis(axis, drives[axis], effects, command)

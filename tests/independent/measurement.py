@@ -9,6 +9,7 @@ quantisation included).
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +37,31 @@ class SetupErrors:
     phases: tuple[dict[str, float], ...]
 
 
+@dataclass(frozen=True)
+class Bar:
+    """What is wrong with an instrument, and what disturbs it; the defaults are a bar without faults.
+
+    Attributes:
+        gain: relative error of its deviations. clock: relative error of its clock.
+        hum_um, hum_Hz: mains hum, its phase is drawn for each test.
+        tail_share, tail_times: share of the noise whose standard deviation is so many times as large.
+        outliers, gaps: knocks and missing stretches in the whole campaign.
+    """
+
+    gain: float = 0.0
+    clock: float = 0.0
+    hum_um: float = 0.0
+    hum_Hz: float = 50.0
+    tail_share: float = 0.0
+    tail_times: float = 1.0
+    outliers: int = 0
+    gaps: int = 0
+
+
+#: A bar without faults.
+GOOD_BAR = Bar()
+
+
 def draw_setup(tests: list[dict], seed: int) -> SetupErrors:
     """Errors of the set-ups, shared by tests of one set-up; trigger and vibration phase belong to each test.
 
@@ -55,20 +81,37 @@ def draw_setup(tests: list[dict], seed: int) -> SetupErrors:
     return SetupErrors(table, spindle, float(length), trigger, phases)
 
 
-def recorded_clock(window: tuple[float, float], trigger: float) -> np.ndarray:
-    """The instrument's sample times while the program is inside its window, s; true time is this minus ``trigger``."""
-    first, last = (np.array(window) + trigger) * SAMPLE_RATE
+def recorded_clock(window: tuple[float, float], trigger: float, clock: float = 0.0) -> np.ndarray:
+    """The instrument's sample times while the program is inside its window, s; true time is this over 1 + ``clock``,
+    minus ``trigger``.
+    """
+    first, last = (np.array(window) + trigger) * (1.0 + clock) * SAMPLE_RATE
     return np.arange(int(np.ceil(first - 1e-9)), int(np.floor(last + 1e-9)) + 1) / SAMPLE_RATE
 
 
-def noise(n: int, rms: float, rng: np.random.Generator) -> np.ndarray:
-    """Coloured sensor noise in µm; with quantisation added it has the wanted RMS."""
+def heavy_tailed(n: int, share: float, times: float, rng: np.random.Generator) -> np.ndarray:
+    """Random numbers of mean 0 and variance 1, a ``share`` of them from a distribution ``times`` as wide (the
+    contaminated normal distribution, Tukey 1960).
+    """
+    if not share:
+        return rng.standard_normal(n)
+    wide = np.where(rng.uniform(size=n) < share, times, 1.0)
+    return wide * rng.standard_normal(n) / np.sqrt(1.0 - share + share * times**2)
+
+
+def noise(n: int, rms: float, rng: np.random.Generator, bar: Bar = GOOD_BAR) -> np.ndarray:
+    """Coloured sensor noise in µm; with quantisation added it has the wanted RMS. The hum of a ``bar`` comes on top."""
     before = np.sqrt(max(rms**2 - RESOLUTION**2 / 12.0, 0.0))
     keep = np.exp(-1.0 / (CORRELATION * SAMPLE_RATE))
-    drive = np.sqrt(1.0 - keep**2) * rng.standard_normal(n)
+    drive = np.sqrt(1.0 - keep**2) * heavy_tailed(n, bar.tail_share, bar.tail_times, rng)
     start = rng.standard_normal()
     coloured, _ = lfilter([1.0], [1.0, -keep], drive, zi=[keep * start])
-    return before * (np.sqrt(COLOURED) * coloured + np.sqrt(1.0 - COLOURED) * rng.standard_normal(n))
+    white = heavy_tailed(n, bar.tail_share, bar.tail_times, rng)
+    out = before * (np.sqrt(COLOURED) * coloured + np.sqrt(1.0 - COLOURED) * white)
+    if bar.hum_um:
+        turns = bar.hum_Hz * np.arange(n) / SAMPLE_RATE + rng.uniform()
+        out += bar.hum_um * np.sin(2.0 * np.pi * turns)
+    return out
 
 
 def knocks(time: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -97,3 +140,32 @@ def gaps(time: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
         start = rng.uniform(time[0], time[-1])
         keep &= (time < start) | (time > start + rng.uniform(0.3, 4.0))
     return keep
+
+
+def record(
+    read: Callable[[int, np.ndarray], np.ndarray],
+    windows: list[tuple[float, float]],
+    setup: SetupErrors,
+    bar: Bar,
+    noise_um: float,
+    rng: Callable[[int], np.random.Generator],
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The recorded traces of a campaign: time in s and deviation in µm for each test.
+
+    Args:
+        read: true reading of a test, by its number and instants from its program's start (s), in m, with the balls
+            where they are. windows: of the tests' programs, s. setup: errors drawn. bar: the instrument.
+        noise_um: RMS of a sample. rng: random numbers of a stream: 2 for disturbances, 10 … for each test's noise.
+    """
+    odd, count = rng(2), len(windows)
+    knocked = np.bincount(odd.integers(0, count, bar.outliers), minlength=count)
+    missing = np.bincount(odd.integers(0, count, bar.gaps), minlength=count)
+    out = []
+    for k, window in enumerate(windows):
+        clock = recorded_clock(window, setup.trigger[k], bar.clock)
+        true = read(k, clock / (1.0 + bar.clock) - setup.trigger[k])
+        deviation = (1.0 + bar.gain) * (true + setup.length) * 1e6 + noise(len(clock), noise_um, rng(10 + k), bar)
+        deviation += knocks(clock, int(knocked[k]), odd)
+        keep = gaps(clock, int(missing[k]), odd)
+        out.append((clock[keep], digitise(deviation)[keep]))
+    return out

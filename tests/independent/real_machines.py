@@ -36,8 +36,13 @@ def within(machine: str, rng: np.random.Generator) -> list[dict]:
     return small_errors(nominal(machine), (*_SHIFTS, *_TILTS), rng)
 
 
-def small_errors(model: dict, locations: Iterable[str], rng: np.random.Generator) -> list[dict]:
-    """The small errors of a machine with these drives and independent axis locations, as ``[[effect]]`` tables."""
+def small_errors(
+    model: dict, locations: Iterable[str], rng: np.random.Generator, times: dict[str, float] | None = None
+) -> list[dict]:
+    """The small errors of a machine with these drives and independent axis locations, as ``[[effect]]`` tables.
+
+    ``times`` makes the errors of a kind so many times as large: what a machine file states may be wrong.
+    """
 
     def draw(limit: float) -> float:
         return float(np.clip(0.5 * limit * rng.standard_normal(), -_INSIDE * limit, _INSIDE * limit))
@@ -49,7 +54,7 @@ def small_errors(model: dict, locations: Iterable[str], rng: np.random.Generator
             rows.append([float(order), float(np.hypot(a, b)), float(np.degrees(np.arctan2(b, a)))])
         return rows
 
-    t = TOLERANCE
+    t = {k: {u: (times or {}).get(k, 1.0) * limit for u, limit in v.items()} for k, v in TOLERANCE.items()}
     out = []
     for n in locations:
         key, unit = ("value_um", "um") if n[1] in "XYZ" else ("value_urad", "urad")
@@ -81,20 +86,20 @@ def small_errors(model: dict, locations: Iterable[str], rng: np.random.Generator
     return out
 
 
-def beyond(kind: str, subject: str, machine: str, rng: np.random.Generator) -> dict:
-    """A cause that matters: one of the kinds with a tolerance, two to five times beyond its limit."""
-    times, sign = float(rng.uniform(2.0, 5.0)), float(rng.choice([-1.0, 1.0]))
+def beyond(kind: str, subject: str, model: dict, rng: np.random.Generator, times: tuple[float, float]) -> dict:
+    """A cause of one of the kinds with a tolerance, of so many ``times`` its limit."""
+    times, sign = float(rng.uniform(*times)), float(rng.choice([-1.0, 1.0]))
     phase = float(rng.integers(-18, 18) * 10)
-    limits, rotary = TOLERANCE[kind], subject in ("A", "C")
+    limits, rotary = TOLERANCE[kind], subject in ("A", "B", "C")
     size = {unit: round(times * limit, 6) for unit, limit in limits.items()}
     name = {"id": f"{kind}.{subject}"}
     if kind == "axis_location":
-        return name | ({"value_um": sign * size["um"]} if subject in _SHIFTS else {"value_urad": sign * size["urad"]})
+        return name | ({"value_um": sign * size["um"]} if subject[1] in "XYZ" else {"value_urad": sign * size["urad"]})
     if kind == "pitch_error":
-        teeth = nominal(machine)["drive"][subject].get("worm_teeth", 1.0)
+        teeth = model["drive"][subject].get("worm_teeth", 1.0)
         return name | {"components": [[float(teeth), size["deg" if rotary else "um"], phase]]}
     if kind == "friction":
-        coulomb = next(e for e in nominal(machine)["effect"] if e["id"] == f"friction.{subject}")["coulomb_Nm"]
+        coulomb = next(e for e in model["effect"] if e["id"] == f"friction.{subject}")["coulomb_Nm"]
         return name | {"coulomb_Nm": coulomb * (1.0 + 0.4 * min(times, 3.5))}
     return (
         name

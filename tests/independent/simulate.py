@@ -80,6 +80,23 @@ def cubic(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return a + 0.5 * u * ((b - p) + u * ((2 * p - 5 * a + 4 * b - n) + u * (3 * (a - b) + n - p)))
 
 
+def motion(
+    program: Program, started: float, drive: dict, effects: dict, unlisted: tuple = (), axes: str = AXES
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Load-side positions (n, axes) on the grid of a program ``started`` at that instant of the campaign's clock, and
+    what unlisted causes displace the table ball by, (n, 3) or None.
+    """
+    time = grid(program)
+    clock = started + time
+    motor, torque = drives.run(drive, effects, program, time, axes)
+    load = transmission.load_side(motor, clock, drive, effects, axes)
+    if not unlisted:
+        return load, None
+    state = State(time, clock, load, torque, axes)
+    load = load + sum(u.displacement(state) for u in unlisted)
+    return load, sum(u.table(state, program.ball) for u in unlisted) + np.zeros((len(time), 3))
+
+
 def reading(
     test: dict,
     drive: dict,
@@ -98,17 +115,10 @@ def reading(
         phases: this test's vibration phases, rad. ball_shift, spindle_shift: set-up errors, m.
     """
     program = Program(test)
-    time = grid(program)
-    clock = test["started_s"] + time
-    motor, torque = drives.run(drive, effects, program, time)
-    load = transmission.load_side(motor, clock, drive, effects)
-    extra = None
-    if unlisted:
-        state = State(time, clock, load, torque)
-        load = load + sum(u.displacement(state) for u in unlisted)
-        extra = sum(u.table(state, program.ball) for u in unlisted) + np.zeros((len(time), 3))
-        extra = cubic(instants / drives.GRID, extra)
+    load, extra = motion(program, test["started_s"], drive, effects, unlisted)
     at = cubic(instants / drives.GRID, load)
     if phases:
         at = at + transmission.vibration(instants, effects, phases)
+    if extra is not None:
+        extra = cubic(instants / drives.GRID, extra)
     return bar_reading(at, program.ball + ball_shift, program.length, effects, spindle_shift, extra)

@@ -1,7 +1,8 @@
 """From the motor's position to the load side's, in the catalogue's order of effects.
 
 pitch error, worm wear, backlash, scale error, gravity wind-up (each of its own axis), then straightness, squareness,
-thermal drift and vibration, which displace the spindle ball against the table. Units: m, rad, s; amplitudes in the unit
+thermal drift and vibration, which displace the spindle ball against the table. A wild machine also has errors of single
+teeth, play that varies along the axis, and a drift that is no exponential. Units: m, rad, s; amplitudes in the unit
 that the parameter's name ends with.
 """
 
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from scipy.interpolate import PchipInterpolator
 
 from .drives import gear
 from .kinematics import AXES, DEG, MICRO
@@ -19,12 +21,17 @@ BLEND = 0.05 * DEG
 SQUARENESS = {"XY": (0, -1.0, 1), "YZ": (1, -1.0, 2), "ZX": (0, 1.0, 2)}
 
 
+def _play(x: np.ndarray, width: float | np.ndarray) -> np.ndarray:
+    """Where play of a width, (n,) or the same everywhere, lets the load side of ``x`` stay."""
+    return _played(x, np.full(len(x), width) if np.isscalar(width) else width)
+
+
 @njit(cache=True, nogil=True)
-def _play(x, width):
+def _played(x, width):
     y = np.empty_like(x)
     last = x[0]
     for i in range(len(x)):
-        last = min(max(last, x[i] - width / 2.0), x[i] + width / 2.0)
+        last = min(max(last, x[i] - width[i] / 2.0), x[i] + width[i] / 2.0)
         y[i] = last
     return y
 
@@ -60,6 +67,27 @@ def _wear(x: np.ndarray, e: dict) -> np.ndarray:
     return depth * _growing(x if e["direction"] == "CCW" else -x, BLEND) if "direction" in e else depth
 
 
+def interpolate_teeth(x: np.ndarray, error_deg: list[float]) -> np.ndarray:
+    """Error of a worm wheel whose teeth have errors of their own, rad; a tooth hands over to the next by half a cosine.
+
+    Args:
+        x: angle of the wheel, rad. error_deg: of every tooth, in degrees.
+    """
+    teeth = np.asarray(error_deg) * DEG
+    at = np.mod(x * (len(teeth) / (2.0 * np.pi)), len(teeth))
+    tooth = np.floor(at).astype(int) % len(teeth)
+    share = 0.5 - 0.5 * np.cos(np.pi * (at - np.floor(at)))
+    return teeth[tooth] + share * (teeth[(tooth + 1) % len(teeth)] - teeth[tooth])
+
+
+def vary_play(x: np.ndarray, width: float, varying: dict | None) -> float | np.ndarray:
+    """Play along an axis: ``width`` times 1 + share · cos(wave number · x + phase), never negative."""
+    if varying is None:
+        return width
+    wave = np.cos(varying["wave_number"] * x + varying["phase_deg"] * DEG)
+    return width * np.maximum(1.0 + varying["share"] * wave, 0.0)
+
+
 def _axis(x: np.ndarray, axis: str, drive: dict, effects: dict) -> np.ndarray:
     waves = [
         effects[k] for k in (f"pitch_error.{axis}", f"pitch_error.{axis}@CW", f"pitch_error.{axis}@CCW") if k in effects
@@ -69,8 +97,11 @@ def _axis(x: np.ndarray, axis: str, drive: dict, effects: dict) -> np.ndarray:
     worn = [effects[k] for k in (f"worm_wear.{axis}", f"worm_wear.{axis}@CW", f"worm_wear.{axis}@CCW") if k in effects]
     if worn:
         x = x - sum(_wear(x, e) for e in worn)
+    if e := effects.get(f"tooth_errors.{axis}"):
+        x = x + interpolate_teeth(x, e["error_deg"])
     if e := effects.get(f"backlash.{axis}"):
-        x = _play(x, e["width_deg"] * DEG if axis in "ABC" else e["width_um"] * MICRO)
+        width = e["width_deg"] * DEG if axis in "ABC" else e["width_um"] * MICRO
+        x = _play(x, vary_play(x, width, effects.get(f"varying_play.{axis}")))
     if e := effects.get(f"scale_error.{axis}"):
         x = x * (1.0 + e["ppm"] * 1e-6)
     if e := effects.get(f"gravity_windup.{axis}"):
@@ -105,4 +136,7 @@ def load_side(motor: np.ndarray, clock: np.ndarray, drives: dict, effects: dict,
             out[:, moved] += sign * MICRO * e["angle_urad"] * q[:, cause]
         elif kind == "thermal_drift":
             out[:, axes.index(subject)] += e["amplitude_um"] * MICRO * (1.0 - np.exp(-clock / e["time_constant_s"]))
+        elif kind == "drift":
+            walk = PchipInterpolator(e["clock_s"], e["um"])
+            out[:, axes.index(subject)] += MICRO * walk(np.clip(clock, e["clock_s"][0], e["clock_s"][-1]))
     return out
