@@ -134,7 +134,7 @@ def test_two_candidates_are_both_named(diagnosed):
     data, _ = diagnosed("two-candidates")
     assert data["verdict"] == "ambiguous"
     (effect,) = data["effects"]
-    assert {effect["id"], *effect["alternatives"]} == {"servo_gain.C", "servo_delay.C"}
+    assert {effect["id"], *effect["alternative_ids"]} == {"servo_gain.C", "servo_delay.C"}
 
 
 def test_an_unknown_cause_is_described_and_an_own_effect_explains_it(tmp_path):

@@ -36,11 +36,11 @@ from mjsim.report.content import (
     TestSection,
     WhatIf,
 )
-from mjsim.report.evidence import confidence
 from mjsim.report.page import asset, at, render, render_trend, script_json
 from mjsim.report.parts import part_sections
 from mjsim.report.traces import kept, steps
 from mjsim.report.write import check_same_machine
+from mjsim.workflow.finding import percent
 
 PHI = np.linspace(0.0, 720.0, 1441)
 HOSTILE = "<script src=\"http://evil.example/x.js\">alert('1')</script>"
@@ -316,16 +316,10 @@ def test_numbers_have_no_negative_zero_and_no_nan():
 
 
 @pytest.mark.parametrize(
-    ("gain", "others", "said"),
-    [
-        (3000.0, (), "certain: the gain is 100 times"),
-        (90.0, (), "clear: the gain is 3.0"),
-        (35.0, (), "weak"),
-        (3e3, ("a.X",), "a.X as well"),
-    ],
+    ("p", "said"), [(1.0, "over 99.9 %"), (0.9973, "99.7 %"), (0.62, "62 %"), (0.012, "1 %"), (0.001, "below 1 %")]
 )
-def test_confidence_hangs_on_the_gain(gain, others, said):
-    assert said in confidence(gain, others)
+def test_probabilities_are_told_as_they_are_read(p, said):
+    assert percent(p) == said
 
 
 def test_thinned_traces_keep_every_glitch():

@@ -233,7 +233,7 @@ def _show_smaller(effects: list[dict], shares: dict[str, float]) -> None:
         return
     click.echo()
     rows = [
-        [", or ".join([e["id"], *e["alternatives"]]), percent(shares.get(_key(e), 0.0)), *_size(e)] for e in effects
+        [", or ".join([e["id"], *e["alternative_ids"]]), percent(shares.get(_key(e), 0.0)), *_size(e)] for e in effects
     ]
     common.table(["smaller findings", "of the error", "size", "95 % interval"], rows, text=(0, 2, 3))
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from mjsim.workflow.finding import percent
+
 
 def parameter_lines(parameters: dict, intervals: dict) -> list[str]:
     """``name = value  [low, high]`` per parameter, components one by one."""
@@ -19,13 +21,20 @@ def parameter_lines(parameters: dict, intervals: dict) -> list[str]:
     return lines
 
 
+def _with(probability: float | None) -> str:
+    return "" if probability is None else f" ({percent(probability)})"
+
+
 def finding_lines(finding: dict) -> list[str]:
     """What stands below the name of a finding: its parameters, what looks like it, and where it shows."""
     lines = parameter_lines(finding["parameters"], finding["ci95"])
     if finding.get("known_together"):
         lines.append(finding["known_together"]["sentence"])
+    if finding["probability"] is not None:
+        lines.append(f"probability: {percent(finding['probability'])}")
     if finding["alternatives"]:
-        lines.append(f"cannot be told from: {', '.join(finding['alternatives'])}")
+        others = (f"{a['id']}" + _with(a["probability"]) for a in finding["alternatives"])
+        lines.append(f"cannot be told from: {', '.join(others)}")
     if finding["tests"]:
         lines.append(f"shows in: {', '.join(finding['tests'])}")
     if finding.get("evidence"):

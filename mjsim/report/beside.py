@@ -117,9 +117,8 @@ def _finding(e: DiagnosedEffect, row: dict) -> dict:
         size = f"{row['rms_before_deg']:.3g} → {row['rms_after_deg']:.3g} °"
     else:
         size = f"{row['rms_before_um']:.2f} → {row['rms_after_um']:.2f} µm"
-    keys = ("id", "alternatives", "tests")
     return (
-        {k: row[k] for k in keys}
+        {"id": row["id"], "alternatives": row["alternative_ids"], "tests": row["tests"]}
         | {"change": size}
         | {"together": e.together.sentence if e.together else None}
         | {"title": e.effect.title, "remedy": e.effect.remedy.text, "rows": rows}

@@ -79,8 +79,8 @@ class Finding:
         alternatives: ids that these data cannot tell from this one.
         sentence: how it shows. tests: names of the tests that show it.
         share_percent: its share of the squared error above the noise that the machine as given leaves.
-        gain: fall of the squared residuals in units of the noise; threshold: gain that chance alone hardly reaches.
-        confidence: what these numbers mean, in words. rejected: the competing effect that came nearest.
+        probability_percent: that it is this cause, and larger than on a sound machine. confidence: the same in words.
+        rejected: the competing effect that came nearest.
     """
 
     effect_id: str
@@ -92,8 +92,7 @@ class Finding:
     sentence: str = ""
     tests: Sequence[str] = ()
     share_percent: float | None = None
-    gain: float | None = None
-    threshold: float | None = None
+    probability_percent: float | None = None
     confidence: str = ""
     rejected: Rejected | None = None
 

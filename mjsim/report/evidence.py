@@ -8,7 +8,6 @@ import numpy as np
 
 from mjsim.effects import registry
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.machine.chain import is_rotary
 from mjsim.report.answer import short_test
 from mjsim.report.content import Finding, NotTestable, ParameterRow, Rejected
@@ -16,8 +15,6 @@ from mjsim.units import UM, unit_of
 from mjsim.workflow.diagnosis import Diagnosis
 from mjsim.workflow.finding import DiagnosedEffect
 
-#: Gain, in thresholds, from which a finding is called certain, and from which clear.
-CERTAIN, CLEAR = 10.0, 2.0
 #: Sensitivity (m/m, m/rad) below which the bar does not see an axis.
 _SEEN = (0.02, 1e-3)
 
@@ -27,15 +24,12 @@ def findings(result: Diagnosis) -> list[Finding]:
     data = result.to_json()["effects"]
     explainable = result.before.rms**2 - result.noise**2
     return [
-        _finding(e, row, explainable, result.shares.get(e.effect.key), i < result.own_rungs, result.settings)
+        _finding(e, row, explainable, result.shares.get(e.effect.key), i < result.own_rungs)
         for i, (e, row) in enumerate(zip(result.effects, data, strict=True))
     ]
 
 
-def _finding(
-    e: DiagnosedEffect, data: dict, explainable: float, known: float | None, own: bool, settings: DiagnosisSettings
-) -> Finding:
-    threshold = settings.likelihood_ratio
+def _finding(e: DiagnosedEffect, data: dict, explainable: float, known: float | None, own: bool) -> Finding:
     share = 100.0 * (e.rms_before**2 - e.rms_after**2) / explainable if explainable > 0.0 else None
     if known is not None:
         share = 100.0 * known
@@ -53,9 +47,8 @@ def _finding(
         f"{e.effect.signature} {'' if e.tests else 'No single test shows it above a quarter of the noise.'}".strip(),
         e.tests,
         None if share is None else round(share, 1),
-        float(f"{e.gain:.6g}"),
-        threshold,
-        confidence(e.gain, e.alternatives, threshold),
+        None if e.probability is None else round(100.0 * e.probability, 1),
+        e.how_probable,
         rejected,
     )
 
@@ -78,23 +71,6 @@ def parameter_rows(e: DiagnosedEffect) -> list[ParameterRow]:
 
 def _ends(ci, i: int, column: int) -> tuple[float | None, float | None]:
     return (ci[0][i][column], ci[1][i][column]) if ci else (None, None)
-
-
-def confidence(gain: float, alternatives: tuple[str, ...], threshold: float = DIAGNOSIS.likelihood_ratio) -> str:
-    """What a gain means, in words.
-
-    Chance alone passes the threshold about once in a thousand campaigns (``scripts/null_bank.py``).
-    """
-    ratio = gain / threshold
-    how = "certain" if ratio >= CERTAIN else "clear" if ratio >= CLEAR else "weak"
-    size = f"{ratio:,.0f}".replace(",", "\u202f") if ratio >= 10.0 else f"{ratio:.1f}"
-    text = (
-        f"That something is missing is {how}: the gain is {size} times what chance alone reaches once in a "
-        f"thousand campaigns."
-    )
-    if alternatives:
-        return f"{text} Its kind is open: these tests fit {' and '.join(alternatives)} as well."
-    return text
 
 
 def untestable(ids: tuple[str, ...], problem: Problem) -> list[NotTestable]:

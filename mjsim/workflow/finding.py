@@ -71,6 +71,14 @@ class DiagnosedEffect:
         return bool(self.alternatives) or self.contradicted or unknown
 
     @property
+    def how_probable(self) -> str:
+        """A sentence about its probability, and those of what could stand in its place; empty where none is known."""
+        if self.probability is None:
+            return ""
+        others = "".join(f", {i} {percent(p)}" for i, p in self.others.items())
+        return f"Probability that it is this, and larger than on a sound machine: {percent(self.probability)}{others}."
+
+    @property
     def evidence(self) -> str:
         """Which instrument decided, and how clearly; empty where there is one instrument only."""
         if not self.decided_by:
@@ -122,6 +130,13 @@ class DiagnosedEffect:
             return None
         ends = [rounded(x) for x in known.ci95]
         return {"parameter": known.parameter, "others": list(known.others), "ci95": ends, "sentence": known.sentence}
+
+
+def percent(p: float) -> str:
+    """A probability as an engineer reads it."""
+    if p > 0.9995:
+        return "over 99.9 %"
+    return f"{100.0 * p:.1f} %" if p > 0.99 else f"{100.0 * p:.0f} %" if p >= 0.01 else "below 1 %"
 
 
 def _share(p: float | None) -> float | None:

@@ -74,6 +74,8 @@ class JobPanel:
 
     def doubts(self, found: DiagnosedEffect, worse: str = "worse") -> None:
         """Draw what a finding cannot be told from and what was tried in its place."""
+        if found.how_probable:
+            ui.label(found.how_probable).classes("soft")
         if found.alternatives:
             ui.label(f"cannot be told from {', '.join(found.alternatives)}").classes("problem")
         near = sorted(found.rejected.items(), key=lambda row: row[1])[:3]
