@@ -15,6 +15,7 @@ from mjsim.fleet import page, tables
 from mjsim.fleet.cluster import run_on_cluster
 from mjsim.fleet.jobs import Job, Options, campaigns_in, files_of, job_of, unpack
 from mjsim.fleet.one import diagnosed, diagnosed_elsewhere
+from mjsim.io.files import locked
 
 pd = pytest.importorskip("pandas")
 FATAL = """\
@@ -99,15 +100,11 @@ def test_what_is_there_is_not_diagnosed_again(result, folders):
 
 
 def test_a_folder_in_use_is_refused(result, folders):
-    import fcntl
-
-    lock = os.open(result.out, os.O_RDONLY)
-    fcntl.flock(lock, fcntl.LOCK_EX)
-    try:
-        with pytest.raises(InputError, match="another mjsim fleet is writing there"):
-            mjsim.fleet([folders / "hall"], result.out)
-    finally:
-        os.close(lock)
+    lock = locked(result.out, "mjsim fleet")
+    with pytest.raises(InputError, match="another mjsim fleet is writing there"):
+        mjsim.fleet([folders / "hall"], result.out)
+    lock.release()
+    locked(result.out, "mjsim fleet").release()
 
 
 class _Future:
