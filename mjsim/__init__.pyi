@@ -3,7 +3,7 @@
 from mjsim.animation.ladder import animate_ladder as animate_ladder
 from mjsim.animation.movie import animate as animate
 from mjsim.ballbar.program import driven_by as driven_by
-from mjsim.batch.run import batch as batch
+from mjsim.batch.run import batch as run_batch
 from mjsim.campaign.files import read_campaign as read_campaign
 from mjsim.campaign.machine_file import read_machine as read_machine
 from mjsim.campaign.machine_file import write_machine as write_machine
@@ -11,13 +11,13 @@ from mjsim.campaign.new import new_campaign as new_campaign
 from mjsim.compensation.compensate import compensate as compensate
 from mjsim.compensation.compensate import write_compensation as write_compensation
 from mjsim.compensation.controls import Settings as ControlSettings
-from mjsim.effects.registry import kinds as effects
+from mjsim.effects.registry import kinds as list_effects
 from mjsim.effects.registry import make as make_effect
 from mjsim.effects.registry import register as register
 from mjsim.errors import InputError as InputError
 from mjsim.errors import SimulationError as SimulationError
 from mjsim.estimation.pitch.identify import identify_pitch_errors as identify_pitch_errors
-from mjsim.fleet.run import fleet as fleet
+from mjsim.fleet.run import fleet as run_fleet
 from mjsim.importing.features import import_features as import_features
 from mjsim.importing.features import imported_features as imported_features
 from mjsim.importing.importer import import_trace as import_trace
@@ -37,10 +37,10 @@ from mjsim.nc.write import write_nc as write_nc
 from mjsim.paper.figures import figures as figures
 from mjsim.prediction.parts import part as part
 from mjsim.prediction.predict import predict as predict
-from mjsim.report.write import report as report
+from mjsim.report.write import report as make_report
 from mjsim.simulation.multibody import simulate as simulate
 from mjsim.workbench.log_state import log_workbench as log_workbench
-from mjsim.workbench.state import workbench as workbench
+from mjsim.workbench.state import workbench as open_workbench
 from mjsim.workflow.calibrate import calibrate as calibrate
 from mjsim.workflow.check import check as check
 from mjsim.workflow.check import write_corrected as write_corrected
@@ -73,7 +73,6 @@ __all__ = [
     "add",
     "animate",
     "animate_ladder",
-    "batch",
     "calibrate",
     "check",
     "compare",
@@ -82,12 +81,10 @@ __all__ = [
     "diagnose",
     "diagnose_logs",
     "driven_by",
-    "effects",
     "explain",
     "export",
     "feed_report",
     "figures",
-    "fleet",
     "geometry",
     "history",
     "identify_pitch_errors",
@@ -95,9 +92,12 @@ __all__ = [
     "import_log",
     "import_trace",
     "imported_features",
+    "list_effects",
     "log_workbench",
     "make_effect",
+    "make_report",
     "new_campaign",
+    "open_workbench",
     "part",
     "plan",
     "predict",
@@ -106,10 +106,10 @@ __all__ = [
     "read_nc",
     "register",
     "remove",
-    "report",
+    "run_batch",
+    "run_fleet",
     "run_on_linuxcnc",
     "simulate",
-    "workbench",
     "write_compensation",
     "write_corrected",
     "write_machine",

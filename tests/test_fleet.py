@@ -42,7 +42,7 @@ def folders(good, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def result(folders, tmp_path_factory):
-    return mjsim.fleet([folders], tmp_path_factory.mktemp("out"), as_is=True)
+    return mjsim.run_fleet([folders], tmp_path_factory.mktemp("out"), as_is=True)
 
 
 def test_campaigns_are_found_once_and_not_inside_of_others(folders):
@@ -93,7 +93,7 @@ def test_failures_are_rows(result):
 
 def test_what_is_there_is_not_diagnosed_again(result, folders):
     before = {f: f.stat().st_mtime_ns for f in (result.out / "diagnoses").glob("*.json")}
-    again = mjsim.fleet([folders / "hall"], result.out, as_is=True)
+    again = mjsim.run_fleet([folders / "hall"], result.out, as_is=True)
     assert (again.diagnosed, again.failed) == (1, 1)  # the one that had failed
     kept = {f for f, t in before.items() if f.stat().st_mtime_ns == t}
     assert any(json.loads(f.read_text())["error"] is None for f in kept)
@@ -102,7 +102,7 @@ def test_what_is_there_is_not_diagnosed_again(result, folders):
 def test_a_folder_in_use_is_refused(result, folders):
     lock = locked(result.out, "mjsim fleet")
     with pytest.raises(InputError, match="another mjsim fleet is writing there"):
-        mjsim.fleet([folders / "hall"], result.out)
+        mjsim.run_fleet([folders / "hall"], result.out)
     lock.release()
     locked(result.out, "mjsim fleet").release()
 

@@ -74,4 +74,4 @@ def test_numbers_that_cannot_be_fitted_are_said(tmp_path):
     with pytest.raises(InputError, match="exists for: X"):
         bench.fit("viscous_friction.Y")
     with pytest.raises(InputError, match="log_workbench"):
-        mjsim.workbench(tmp_path)
+        mjsim.open_workbench(tmp_path)

@@ -1,0 +1,5 @@
+"""``python -m mjsim``: the console command, also where its folder is not on the path."""
+
+from mjsim.cli.main import main
+
+main(prog_name="mjsim")
