@@ -2,4 +2,5 @@
 
 from mjsim.cli.main import main
 
-main(prog_name="mjsim")
+if __name__ == "__main__":
+    main(prog_name="mjsim")

@@ -17,7 +17,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
-from commands import run, with_b_axis
+from commands import POSIX, run, with_b_axis
 
 import mjsim
 from mjsim.ballbar.iso230 import circular_figures
@@ -336,6 +336,7 @@ def stop_it(nursery, file, out, shards, sign):
     return int(nursery.stdout.readline()), said.read_text()
 
 
+@POSIX
 def test_killed_several_times_nothing_is_lost_or_done_twice(folder, nursery):
     file = sweep_file(folder, BACKLASH.replace("count = 3", "count = 20") + BALL, "traces = true")
     out, before = folder / "killed", 0
@@ -351,6 +352,7 @@ def test_killed_several_times_nothing_is_lost_or_done_twice(folder, nursery):
     assert mjsim.run_batch(file, out).simulated == 0 and files(out) == files(folder / "whole")
 
 
+@POSIX
 def test_interrupted_by_the_user(folder, nursery):
     """Ctrl-C in the middle: the runs in flight are kept, one sentence says how to go on."""
     file = sweep_file(folder, BACKLASH.replace("count = 3", "count = 300"))
@@ -672,7 +674,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_bytes(folder, dask):
             workers[0].wait()
 
     result = mjsim.run_batch(file, folder / "cluster", scheduler=address, progress=progress)
-    assert workers[0].poll() == -signal.SIGKILL and workers[1].poll() is None
+    assert workers[0].poll() not in (None, 0) and workers[1].poll() is None
     assert 0 < min(n for n in seen if n) < 48 and seen[-1] == result.simulated == 48
     mjsim.run_batch(file, folder / "local")
     assert files(folder / "cluster") == files(folder / "local")
