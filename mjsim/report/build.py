@@ -10,7 +10,6 @@ from importlib.metadata import version
 from typing import Any
 
 from mjsim.ballbar.iso230 import BidirectionalFigures, CircularFigures
-from mjsim.ballbar.kinds import kind_of
 from mjsim.campaign.machine_file import machine_document
 from mjsim.compensation.compensate import compensate
 from mjsim.estimation.problem import Problem
@@ -207,7 +206,6 @@ def _tuples(figures: dict) -> dict[str, Any]:
 
 
 def _section(before: ComparedTest, after: ComparedTest, noise: float, changed: bool) -> TestSection:
-    angle = after.worst_phi / DEG + kind_of(after.test).plot_offset_deg
     return TestSection(
         name=before.test.name,
         conditions=conditions(before.test),
@@ -222,5 +220,5 @@ def _section(before: ComparedTest, after: ComparedTest, noise: float, changed: b
         trigger_ms=round(after.trigger * 1e3, 2),
         setup=before.test.setup,
         left_out=int((~before.valid).sum()),
-        worst=f"{angle % 360.0:.0f}°, {after.worst_event}",
+        worst=f"{after.worst_phi / DEG % 360.0:.0f}°, {after.worst_event}",
     )

@@ -184,7 +184,7 @@ def _finding(e: LogEffect, row: dict) -> dict:
         {k: row[k] for k in keys}
         | {"change": size}
         | {"together": e.together.sentence if e.together else None}
-        | {"title": e.effect.title, "remedy": e.effect.remedy.text, "rows": rows}
+        | {"title": e.effect.title, "remedy": e.effect.remedy.on(e.effect.subject).text, "rows": rows}
     )
 
 

@@ -117,7 +117,7 @@ class Comparison:
                     else 0,
                     "outliers": t.outliers,
                     "worst_phi_deg": _r(t.worst_phi / DEG, 1),
-                    "worst_plot_angle_deg": _r((t.worst_phi / DEG + kind_of(t.test).plot_offset_deg) % 360, 1),
+                    "worst_plot_angle_deg": _r(t.worst_phi / DEG % 360, 1),
                     "worst_event": t.worst_event,
                     "trigger_ms": _r(t.trigger * 1e3, 2),
                     "iso230_4": t.iso,
