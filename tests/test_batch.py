@@ -102,8 +102,10 @@ def own(folder, text=OWN):
 
 
 def files(out):
-    """Everything in a result folder, byte by byte; nothing hidden may be left."""
-    return {p.relative_to(out).as_posix(): p.read_bytes() for p in sorted(out.rglob("*")) if p.is_file()}
+    """Everything in a result folder, byte by byte; nothing hidden may be left but the lock, which is empty."""
+    found = {p.relative_to(out).as_posix(): p.read_bytes() for p in sorted(out.rglob("*")) if p.is_file()}
+    assert found.pop(".lock", b"") == b""
+    return found
 
 
 # -- designs -----------------------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from mjsim.errors import InputError
 from mjsim.fleet import page, tables
 from mjsim.fleet.cluster import run_on_cluster
 from mjsim.fleet.jobs import Job, Options, campaigns_in, files_of, job_of, unpack
+from mjsim.fleet.local import run_local
 from mjsim.fleet.one import diagnosed, diagnosed_elsewhere
 from mjsim.io.files import locked
 
@@ -97,6 +98,13 @@ def test_what_is_there_is_not_diagnosed_again(result, folders):
     assert (again.diagnosed, again.failed) == (1, 1)  # the one that had failed
     kept = {f for f, t in before.items() if f.stat().st_mtime_ns == t}
     assert any(json.loads(f.read_text())["error"] is None for f in kept)
+
+
+def test_a_campaign_that_takes_too_long_is_given_up(folders):
+    rows = []
+    jobs = [job_of(folders / "hall" / "one", Options(as_is=True))]
+    run_local(jobs, Options(as_is=True), 1, lambda _, row: rows.append(row), time_limit=0.05)
+    assert [row["error"] for row in rows] == ["stopped after 0.05 s, the limit for one campaign"]
 
 
 def test_a_folder_in_use_is_refused(result, folders):

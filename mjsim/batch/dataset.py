@@ -4,6 +4,7 @@
     DIR/results/part-s000001.parquet   shards of an unfinished sweep: whole or not there, no run twice
     DIR/results/part-00000.parquet     the finished data set
     DIR/traces/                        likewise, where traces are asked for
+    DIR/.lock                          empty; held by the process that writes
 
 A process that is killed leaves nothing else behind than hidden temporary files, which the next one takes away. A shard
 of traces is written before its shard of results, so a run with results has its trace.
