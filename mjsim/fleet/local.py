@@ -138,7 +138,8 @@ class _Process:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "mjsim.fleet.one"],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors,
-                text=True, encoding="utf-8", env={**os.environ, **_ONE_THREAD}, start_new_session=True,
+                text=True, encoding="utf-8", env={**os.environ, **_ONE_THREAD},
+                start_new_session=True, creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
             )  # fmt: skip
         except OSError as error:
             raise SimulationError(f"no process for a campaign could be started: {error.strerror or error}") from None
