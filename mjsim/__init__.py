@@ -1,15 +1,14 @@
 """mjsim: find out what is wrong with a five-axis machine from its ball-bar measurements.
 
-The commands of the same names are functions here: :func:`simulate`, :func:`compare`, :func:`diagnose`, :func:`plan`,
-:func:`add`, :func:`remove`, :func:`history`, :func:`effects`. Names are loaded when they are first used.
+The commands are functions here, as :func:`simulate`, :func:`compare`, :func:`diagnose`. Names are loaded when they are
+first used. A function never bears the name of a package: ``mjsim.effects`` is the folder of the effects,
+:func:`list_effects` lists them.
 """
 
 from __future__ import annotations
 
 from importlib import import_module
 from typing import Any
-
-from mjsim import batch, effects, fleet, report, workbench
 
 __version__ = "0.1.0"
 
@@ -33,16 +32,16 @@ _WHERE = {
     "predict": "mjsim.prediction.predict",
     "part": "mjsim.prediction.parts",
     "identify_pitch_errors": "mjsim.estimation.pitch.identify",
-    "report": "mjsim.report.write",
+    "make_report": "mjsim.report.write",
     "add": "mjsim.workflow.edit",
     "remove": "mjsim.workflow.edit",
     "history": "mjsim.workflow.history",
-    "effects": "mjsim.effects.registry",
+    "list_effects": "mjsim.effects.registry",
     "animate": "mjsim.animation.movie",
     "animate_ladder": "mjsim.animation.ladder",
     "figures": "mjsim.paper.figures",
-    "batch": "mjsim.batch.run",
-    "fleet": "mjsim.fleet.run",
+    "run_batch": "mjsim.batch.run",
+    "run_fleet": "mjsim.fleet.run",
     "write_nc": "mjsim.nc.write",
     "read_nc": "mjsim.nc.read",
     "driven_by": "mjsim.instruments.ball_bar.program",
@@ -56,7 +55,7 @@ _WHERE = {
     "import_features": "mjsim.importing.features",
     "imported_features": "mjsim.importing.features",
     "export": "mjsim.workflow.export",
-    "workbench": "mjsim.workbench.state",
+    "open_workbench": "mjsim.workbench.state",
     "make_effect": "mjsim.effects.registry",
     "Effect": "mjsim.machine.effect",
     "Parameter": "mjsim.machine.parameter",
@@ -69,7 +68,11 @@ _WHERE = {
 }
 _RENAMED = {
     "history": "read_history",
-    "effects": "kinds",
+    "list_effects": "kinds",
+    "make_report": "report",
+    "open_workbench": "workbench",
+    "run_batch": "batch",
+    "run_fleet": "fleet",
     "make_effect": "make",
     "NCOptions": "Options",
     "ControlSettings": "Settings",
@@ -88,8 +91,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted(__all__)
-
-
-# These packages bear the names of functions. Python binds a package's name once, when it is first imported; without
-# that binding __getattr__ gives the function, and `from mjsim.effects import ...` works as ever.
-del batch, effects, fleet, report, workbench

@@ -2,7 +2,7 @@
 
 from mjsim.animation.ladder import animate_ladder as animate_ladder
 from mjsim.animation.movie import animate as animate
-from mjsim.batch.run import batch as batch
+from mjsim.batch.run import batch as run_batch
 from mjsim.campaign.files import read_campaign as read_campaign
 from mjsim.campaign.machine_file import read_machine as read_machine
 from mjsim.campaign.machine_file import write_machine as write_machine
@@ -10,13 +10,13 @@ from mjsim.campaign.new import new_campaign as new_campaign
 from mjsim.compensation.compensate import compensate as compensate
 from mjsim.compensation.compensate import write_compensation as write_compensation
 from mjsim.compensation.controls import Settings as ControlSettings
-from mjsim.effects.registry import kinds as effects
+from mjsim.effects.registry import kinds as list_effects
 from mjsim.effects.registry import make as make_effect
 from mjsim.effects.registry import register as register
 from mjsim.errors import InputError as InputError
 from mjsim.errors import SimulationError as SimulationError
 from mjsim.estimation.pitch.identify import identify_pitch_errors as identify_pitch_errors
-from mjsim.fleet.run import fleet as fleet
+from mjsim.fleet.run import fleet as run_fleet
 from mjsim.importing.features import import_features as import_features
 from mjsim.importing.features import imported_features as imported_features
 from mjsim.importing.importer import import_trace as import_trace
@@ -37,9 +37,9 @@ from mjsim.nc.write import write_nc as write_nc
 from mjsim.paper.figures import figures as figures
 from mjsim.prediction.parts import part as part
 from mjsim.prediction.predict import predict as predict
-from mjsim.report.write import report as report
+from mjsim.report.write import report as make_report
 from mjsim.simulation.multibody import simulate as simulate
-from mjsim.workbench.state import workbench as workbench
+from mjsim.workbench.state import workbench as open_workbench
 from mjsim.workflow.calibrate import calibrate as calibrate
 from mjsim.workflow.check import check as check
 from mjsim.workflow.check import write_corrected as write_corrected
@@ -70,19 +70,16 @@ __all__ = [
     "add",
     "animate",
     "animate_ladder",
-    "batch",
     "calibrate",
     "check",
     "compare",
     "compensate",
     "diagnose",
     "driven_by",
-    "effects",
     "explain",
     "export",
     "feed_report",
     "figures",
-    "fleet",
     "geometry",
     "history",
     "identify_pitch_errors",
@@ -90,8 +87,11 @@ __all__ = [
     "import_log",
     "import_trace",
     "imported_features",
+    "list_effects",
     "make_effect",
+    "make_report",
     "new_campaign",
+    "open_workbench",
     "part",
     "plan",
     "predict",
@@ -100,10 +100,10 @@ __all__ = [
     "read_nc",
     "register",
     "remove",
-    "report",
+    "run_batch",
+    "run_fleet",
     "run_on_linuxcnc",
     "simulate",
-    "workbench",
     "write_compensation",
     "write_corrected",
     "write_machine",

@@ -25,7 +25,3 @@ class InputError(ValueError):
 
 class SimulationError(RuntimeError):
     """The simulation cannot be trusted (MuJoCo warned, or a value is not finite); the message says what to change."""
-
-
-class EffectTimeout(SimulationError):
-    """A user's own effect did not come to an end; nothing that needs it can go on, so that a sweep stops as well."""

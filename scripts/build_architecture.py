@@ -27,6 +27,8 @@ def room_of(module: str) -> str:
     itself.
     """
     part = [*module.split("."), ""][1]
+    if part == "__main__":
+        return "cli"
     return part if not part or (ROOT / "mjsim" / part).is_dir() else GROUND
 
 

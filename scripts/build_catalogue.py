@@ -81,9 +81,9 @@ INTRODUCTION = textwrap.dedent("""\
 
     **The pictures.** Each picture shows what the effect adds to the reading of the ball bar: a
     simulation with the effect minus a simulation without it, in the multibody model. The size of the
-    effect is the *typical size* of the table. Both machines have the friction of the template of
-    `mjsim new campaign`. The eccentricity is taken out, as ISO 230-4 does. The angle is φ + 180°, as in
-    the paper. The scale below a plot says how many micrometres one division is. The tests are:
+    effect is the *typical size* of the table. Both machines have the friction of the template of `mjsim
+    new campaign`. The eccentricity is taken out, as ISO 230-4 does. The angle is φ, with 0° on X. The
+    scale below a plot says how many micrometres one division is. The tests are:
 
     | test | what it is |
     |---|---|
@@ -126,6 +126,7 @@ def entry(cls: type[Effect]) -> list[str]:
         *wrapped(f"**Signature.** {cls.signature}"),
         "",
         *wrapped(f"**Remedy.** {cls.remedy.text}"),
+        *(["", *wrapped(f"**Remedy of a rotary axis.** {cls.remedy.rotary}")] if cls.remedy.rotary else []),
         "",
         *wrapped(f"**Source.** {cls.source}"),
         "",

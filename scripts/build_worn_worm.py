@@ -29,8 +29,8 @@ IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
 CAMPAIGN, EFFECT, TEST = "kato2013", "worm_wear.A", "cone15-centre-ccw"
 #: Scale of the polar plots, µm per division.
 STEP = 5.0
-#: Where the paper saw the deflection, plot angle in degrees.
-SEEN = (135.0, 180.0)
+#: Where the paper saw the deflection, φ in degrees: 135 to 180 in its plots, which call φ = 0 180.
+SEEN = (315.0, 360.0)
 #: A comes down, A goes up: colour and words.
 WAYS = {-1.0: (style.AXIS_COLOURS["A"], "A comes down (CW)"), 1.0: (style.SOFT, "A goes up (CCW)")}
 
@@ -67,7 +67,7 @@ def one(comparison: BarComparison, name: str) -> ComparedBarTest:
 
 def described(t: ComparedBarTest) -> str:
     """Extremes of the residual, as means over 5° of the angle, µm and degrees of the plot."""
-    angle = (t.phi / DEG + (0.0 if t.test.kind == "rotary" else 180.0)) % 360.0
+    angle = t.phi / DEG % 360.0
     bins = np.floor(angle / 5.0).astype(int)
     means = {b: float(np.mean(t.residual[(bins == b) & t.valid])) / UM for b in np.unique(bins[t.valid])}
     low, high = min(means, key=means.get), max(means, key=means.get)

@@ -1,14 +1,17 @@
 """Commands run as a user runs them, and what is asked of every refusal."""
 
 import json
+import os
 import shutil
 
+import pytest
 import tomlkit
 from click.testing import CliRunner
 
 from mjsim.cli.main import main
 from mjsim.io.resources import examples
 
+POSIX = pytest.mark.skipif(os.name != "posix", reason="needs signals, links or a shell as POSIX has them")
 #: A short campaign of two tests, of which the first is measured (fixture ``good``).
 CAMPAIGN = """\
 name = "short"

@@ -551,6 +551,20 @@ def test_the_users_own_choice_of_renderer(folder, tmp_path, monkeypatch):
     assert gl.chosen() == "egl"
 
 
+@pytest.mark.parametrize(("platform", "system"), [("linux", "egl"), ("darwin", "cgl"), ("win32", "glfw")])
+def test_the_renderer_follows_the_platform(monkeypatch, platform, system):
+    monkeypatch.setattr(sys, "platform", platform)
+    monkeypatch.setattr(gl, "import_module", lambda name: None)
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    assert gl.chosen() == system
+    monkeypatch.setenv("MUJOCO_GL", "wgl")
+    assert gl.chosen() == "glfw"
+    monkeypatch.setenv("MUJOCO_GL", "egl")
+    if platform != "linux":
+        with pytest.raises(InputError, match=r"MUJOCO_GL=egl: no such renderer; allowed: .*glfw"):
+            gl.chosen()
+
+
 def test_ladder_needs_no_opengl(recorded, tmp_path, monkeypatch):
     monkeypatch.setattr(gl, "_context_class", None)
     assert animate_ladder(recorded, tmp_path / "l.gif", size=SMALL, fps=2.0).file.is_file()

@@ -1,17 +1,35 @@
-"""The package's names: importing a module of a function's name does not hide the function."""
+"""The package's names: a function is loaded when it is used, and no package is hidden behind one."""
 
 import importlib
+import pkgutil
+import subprocess
+import sys
+from types import ModuleType
 
 import pytest
 
 import mjsim
 
+ROOMS = [room.name for room in pkgutil.iter_modules(mjsim.__path__) if room.ispkg]
 
-@pytest.mark.parametrize("name", ["compare", "diagnose", "effects", "simulate", "add", "history"])
-def test_functions_stay_functions(name):
+
+def test_a_package_stays_a_package():
+    """As users write it, in a fresh process, before and after the functions have been used."""
+    words = "; ".join(
+        f"import mjsim.{room} as m; assert m.__name__ == 'mjsim.{room}' and m is mjsim.{room}" for room in ROOMS
+    )
+    use = "for name in mjsim.__all__: getattr(mjsim, name)"
+    done = subprocess.run(
+        [sys.executable, "-c", f"import mjsim\n{words}\n{use}\n{words}"], capture_output=True, text=True
+    )
+    assert ROOMS and done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("name", mjsim.__all__)
+def test_a_name_is_no_package(name):
     for module in ("mjsim.workflow.compare", "mjsim.workflow.diagnose", "mjsim.effects", "mjsim.simulation.multibody"):
         importlib.import_module(module)
-    assert callable(getattr(mjsim, name))
+    assert name not in ROOMS and not isinstance(getattr(mjsim, name), ModuleType)
 
 
 def test_unknown_name_is_refused():

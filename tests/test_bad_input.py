@@ -8,7 +8,7 @@ import shutil
 from importlib import import_module
 
 import pytest
-from commands import CAMPAIGN, refused, run
+from commands import CAMPAIGN, POSIX, refused, run
 
 
 @pytest.fixture
@@ -218,6 +218,7 @@ def test_compressed_trace(campaign, case):
     refused(campaign.parent, ["compare", campaign, "--json"], "turn.csv.gz")
 
 
+@POSIX
 def test_trace_through_a_link_that_leaves_the_folder(campaign):
     outside = campaign.parent / "outside.csv"
     shutil.move(campaign / "traces" / "turn.csv", outside)

@@ -199,3 +199,17 @@ def test_how_long_it_will_take_is_known_from_the_last_time(kept, capsys):
     kept.took("diagnose", 0.3)
     say_how_long(campaign, quiet=False)
     assert "a diagnosis of 1 test takes about 30 s" in " ".join(capsys.readouterr().err.split())
+
+
+def test_changed_code_is_other_code(tmp_path, monkeypatch):
+    """Of the same version: a checkout changes file by file."""
+    file = tmp_path / "room" / "module.py"
+    file.parent.mkdir()
+    file.write_text("x = 1\n")
+    monkeypatch.setattr(cache.mjsim, "__file__", str(tmp_path / "__init__.py"))
+    before = cache.code.__wrapped__()
+    assert cache.code.__wrapped__() == before
+    os.utime(file, ns=(file.stat().st_atime_ns, file.stat().st_mtime_ns + 1000))
+    changed = cache.code.__wrapped__()
+    (file.parent / "other.py").write_text("")
+    assert len({before, changed, cache.code.__wrapped__()}) == 3

@@ -4,7 +4,7 @@ import os
 import tomllib
 
 import pytest
-from commands import OWN
+from commands import OWN, POSIX
 
 from mjsim.campaign.machine_file import machine_document, read_machine, write_machine
 from mjsim.effects import registry
@@ -58,6 +58,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypat
     assert names(tmp_path) == ["a.txt"]
 
 
+@POSIX
 def test_links_are_followed_and_permissions_kept(tmp_path):
     (tmp_path / "real.txt").write_text("mine")
     (tmp_path / "real.txt").chmod(0o640)

@@ -14,7 +14,9 @@ from mjsim.errors import InputError
 from mjsim.fleet import page, tables
 from mjsim.fleet.cluster import run_on_cluster
 from mjsim.fleet.jobs import Job, Options, campaigns_in, files_of, job_of, unpack
+from mjsim.fleet.local import run_local
 from mjsim.fleet.one import diagnosed, diagnosed_elsewhere
+from mjsim.io.files import locked
 
 pd = pytest.importorskip("pandas")
 FATAL = """\
@@ -41,7 +43,7 @@ def folders(good, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def result(folders, tmp_path_factory):
-    return mjsim.fleet([folders], tmp_path_factory.mktemp("out"), as_is=True)
+    return mjsim.run_fleet([folders], tmp_path_factory.mktemp("out"), as_is=True)
 
 
 def test_campaigns_are_found_once_and_not_inside_of_others(folders):
@@ -92,22 +94,25 @@ def test_failures_are_rows(result):
 
 def test_what_is_there_is_not_diagnosed_again(result, folders):
     before = {f: f.stat().st_mtime_ns for f in (result.out / "diagnoses").glob("*.json")}
-    again = mjsim.fleet([folders / "hall"], result.out, as_is=True)
+    again = mjsim.run_fleet([folders / "hall"], result.out, as_is=True)
     assert (again.diagnosed, again.failed) == (1, 1)  # the one that had failed
     kept = {f for f, t in before.items() if f.stat().st_mtime_ns == t}
     assert any(json.loads(f.read_text())["error"] is None for f in kept)
 
 
-def test_a_folder_in_use_is_refused(result, folders):
-    import fcntl
+def test_a_campaign_that_takes_too_long_is_given_up(folders):
+    rows = []
+    jobs = [job_of(folders / "hall" / "one", Options(as_is=True))]
+    run_local(jobs, Options(as_is=True), 1, lambda _, row: rows.append(row), time_limit=0.05)
+    assert [row["error"] for row in rows] == ["stopped after 0.05 s, the limit for one campaign"]
 
-    lock = os.open(result.out, os.O_RDONLY)
-    fcntl.flock(lock, fcntl.LOCK_EX)
-    try:
-        with pytest.raises(InputError, match="another mjsim fleet is writing there"):
-            mjsim.fleet([folders / "hall"], result.out)
-    finally:
-        os.close(lock)
+
+def test_a_folder_in_use_is_refused(result, folders):
+    lock = locked(result.out, "mjsim fleet")
+    with pytest.raises(InputError, match="another mjsim fleet is writing there"):
+        mjsim.run_fleet([folders / "hall"], result.out)
+    lock.release()
+    locked(result.out, "mjsim fleet").release()
 
 
 class _Future:

@@ -70,7 +70,7 @@ def test_a_sweep_tells_it_per_run(campaign, capfd):
     turn = (campaign / "campaign.toml").read_text().split("[[test]]")[1].replace('trace = "traces/turn.csv"\n', "")
     vary = '[[vary]]\nparameter = "drive.A.velocity_gain_Nms_per_rad"\nvalues = [0.001, 4.0]\n'
     (campaign / "sweep.toml").write_text(f'name = "s"\nmachine = "machine.toml"\n[[test]]{turn}{vary}')
-    result = mjsim.batch(campaign / "sweep.toml", campaign / "out")
+    result = mjsim.run_batch(campaign / "sweep.toml", campaign / "out")
     table = result.to_dataframe().set_index("run")
     assert result.failed == 1 and np.isnan(table.loc[0, "max_um"]) and np.isfinite(table.loc[1, "max_um"])
     assert "drive A: the control loop swings itself up" in table.loc[0, "error"]

@@ -76,7 +76,7 @@ def test_a_planned_test_does_not_hide_a_recorded_log(planned, tmp_path, command)
 def test_a_recorded_log_beside_a_planned_test_is_exported_and_opened(planned, tmp_path):
     files = json.loads(run("export", planned, "--out", tmp_path / "tables", "--json"))["files"]
     assert [f.rpartition("/")[2] for f in files] == ["strokes-c-C.csv", "figures.csv"]
-    assert mjsim.workbench(planned).quick().of("axis_log") is not None
+    assert mjsim.open_workbench(planned).quick().of("axis_log") is not None
 
 
 def test_one_test_of_any_instrument_is_chosen(both):

@@ -37,20 +37,20 @@ def _two_tests():
         ResidualTrace(
             "cone", PHI, noise, {"X": [29.0, 311.0, 389.0, 671.0], "A": [0.0, 180.0, 360.0, 540.0, 720.0]}, 0.1
         ),
-        ResidualTrace("rotary", np.linspace(2.0, 88.0, 500), noise[:500], {"Y": [45.0]}, 0.1, shift_deg=0.0),
+        ResidualTrace("rotary", np.linspace(2.0, 88.0, 500), noise[:500], {"Y": [45.0]}, 0.1, goes_round=False),
     ]
 
 
-def test_polar_data_are_drawn_at_phi_plus_180_degrees():
+def test_polar_data_are_drawn_at_phi():
     deviation = 3.0 * np.cos(np.radians(2.0 * PHI))
     line = _line(polar_figure([PolarTrace("m", PHI, deviation)], "t"), "m")
-    np.testing.assert_allclose(line.get_xdata(), np.radians(PHI + 180.0))
+    np.testing.assert_allclose(line.get_xdata(), np.radians(PHI))
     np.testing.assert_array_equal(line.get_ydata(), deviation)
 
 
-def test_rotary_tests_are_drawn_at_the_axis_angle():
-    line = _line(polar_figure([PolarTrace("m", PHI, np.sin(PHI), shift_deg=0.0)], "t"), "m")
-    np.testing.assert_allclose(line.get_xdata(), np.radians(PHI))
+def test_the_papers_figures_are_turned():
+    line = _line(polar_figure([PolarTrace("m", PHI, np.sin(PHI), shift_deg=180.0)], "t"), "m")
+    np.testing.assert_allclose(line.get_xdata(), np.radians(PHI + 180.0))
 
 
 def test_outward_is_outward_zero_is_right_and_angles_go_counter_clockwise():
@@ -146,9 +146,9 @@ def test_one_mark_per_reversal_place_and_axis():
     assert sorted(gids) == ["reversal-A", "reversal-A", "reversal-X", "reversal-X"]
     assert reversal_angles(_two_tests()[0]) == [
         ("A", 0.0),
-        ("X", pytest.approx(131.0)),
+        ("X", pytest.approx(29.0)),
         ("A", 180.0),
-        ("X", pytest.approx(209.0)),
+        ("X", pytest.approx(311.0)),
     ]
     assert reversal_angles(_two_tests()[1]) == [("Y", 45.0)]
     letters = [text.get_text() for text in figure.axes[0].texts if len(text.get_text()) == 1]

@@ -17,6 +17,8 @@ from mjsim.effects.registry import make
 from mjsim.errors import InputError
 from mjsim.instruments.ball_bar.iso230 import BidirectionalFigures, circular_figures
 from mjsim.io.resources import examples
+from mjsim.machine.axis import is_rotary
+from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.remedy import UNKNOWN
 from mjsim.plots.polar import PolarTrace
 from mjsim.plots.residual import ResidualTrace
@@ -383,6 +385,16 @@ def test_every_effect_of_the_catalogue_has_a_name_and_a_remedy():
     for cls in registry.kinds().values():
         assert answer.noun(cls) and cls.remedy is not UNKNOWN
         assert cls.remedy.kind in ("adjust", "compensate", "maintain", "share") and cls.remedy.text.endswith(".")
+
+
+def test_a_remedy_fits_the_axis():
+    """A linear axis has a screw and a nut, a rotary axis a worm: neither is told to mend what it does not have."""
+    for cls in registry.kinds().values():
+        for subject in cls.subjects_of(FIVE_AXIS):
+            if len(subject) == 1:
+                foreign = {"screw", "nut", "guideway"} if is_rotary(subject) else {"worm", "wheel"}
+                text = cls.remedy.on(subject).text
+                assert not foreign & set(re.findall(r"[a-z]+", text.lower())), f"{cls.kind}.{subject}: {text}"
 
 
 @pytest.mark.parametrize(

@@ -2,21 +2,18 @@
 columns.
 """
 
-import fcntl
 import io
 import json
 import os
-import pty
 import struct
 import subprocess
 import sys
-import termios
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tomlkit
-from commands import refused, run
+from commands import POSIX, refused, run
 
 import mjsim
 from mjsim.campaign import schema
@@ -127,6 +124,7 @@ def complete(command, *words):
     return done.stdout.split("\n")[:-1]
 
 
+@POSIX
 def test_completion_in_bash(command):
     healthy = examples() / "healthy"
     assert set(complete(command, "")) >= {"compare", "import", "export", "new", "completion"}
@@ -151,6 +149,7 @@ def test_completion_scripts(shell):
 
 def on_a_terminal(command, cwd=None, **environment):
     """Status and output (both streams) of a command on a pseudo terminal of 80 columns."""
+    pty, fcntl, termios = (pytest.importorskip(name) for name in ("pty", "fcntl", "termios"))
     master, slave = pty.openpty()
     fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
     env = {k: v for k, v in os.environ.items() if k not in ("NO_COLOR", "FORCE_COLOR")}
@@ -218,6 +217,7 @@ for args in json.loads(sys.argv[1]):
 @pytest.fixture(scope="module")
 def plain(short, tmp_path_factory):
     """Output of the cheap commands with NO_COLOR on a terminal: one process, whose end may write something too."""
+    pytest.importorskip("termios")
     folder = tmp_path_factory.mktemp("plain")
     (folder / "c").symlink_to(short)
     commands = [[a.format(c="c", t="t") for a in args] for args in CHEAP.values()]

@@ -153,13 +153,13 @@ def test_check_compare_and_export(folder, tmp_path):
 
 
 def test_the_model_that_has_the_cause_leaves_the_noise(folder):
-    bench = mjsim.workbench(folder)
+    bench = mjsim.open_workbench(folder)
     before = bench.quick()
     bench.set("backlash.X", width_um=8.0)
     after = bench.quick()
     assert before.rms > 60.0 * after.rms and after.rms == pytest.approx(0.05 * UM, rel=0.1)
     assert bench.ladder.present.rms == after.rms
-    assert [s.words for s in bench.save()] == ["+ backlash.X"] and mjsim.workbench(folder).quick().rms == after.rms
+    assert [s.words for s in bench.save()] == ["+ backlash.X"] and mjsim.open_workbench(folder).quick().rms == after.rms
     assert bench.undo() and bench.quick().rms == before.rms
 
 

@@ -282,3 +282,12 @@ def test_the_workflow_runs_every_python():
     versions = re.search(r"python: \[(.*)\]", (ROOT / ".github" / "workflows" / "test.yml").read_text())[1]
     minors = map(int, re.fullmatch(r">=3\.(\d+),<3\.(\d+)", PROJECT["project"]["requires-python"]).groups())
     assert versions == ", ".join(f'"3.{minor}"' for minor in range(*minors))
+
+
+def test_the_citation_says_what_the_project_says():
+    yaml = pytest.importorskip("yaml", reason="comes with the group docs")
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    project = PROJECT["project"]
+    assert citation["version"] == project["version"] == mjsim.__version__
+    assert (citation["license"], citation["keywords"]) == (project["license"], project["keywords"])
+    assert [a["name"] for a in citation["authors"]] == [a["name"] for a in project["authors"]]

@@ -31,7 +31,7 @@ from mjsim.workflow.history import read_history
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory):
     """One open campaign for all tests that write nothing."""
-    return mjsim.workbench(cut(tmp_path_factory.mktemp("workbench") / "campaign")).shared
+    return mjsim.open_workbench(cut(tmp_path_factory.mktemp("workbench") / "campaign")).shared
 
 
 @pytest.fixture
@@ -141,7 +141,7 @@ def test_gains_name_what_hides_and_nothing_once_it_is_in(bench):
 def test_save_writes_what_add_writes(tmp_path):
     one, other = cut(tmp_path / "one"), cut(tmp_path / "other")
     added = mjsim.add(read_campaign(one), "backlash.A")
-    bench = mjsim.workbench(other)
+    bench = mjsim.open_workbench(other)
     before = (other / "machine.toml").read_bytes()
     bench.add(added.effect)
     bench.full()
@@ -173,7 +173,7 @@ def test_changes_lead_from_one_model_to_the_other():
 
 
 def test_without_traces_it_simulates(tmp_path):
-    bench = mjsim.workbench(cut(tmp_path / "planned", TESTS[:1], traces=False))
+    bench = mjsim.open_workbench(cut(tmp_path / "planned", TESTS[:1], traces=False))
     first = bench.full()
     assert first.rms is None and bench.noise is None and bench.update_gains() == {}
     bench.set("backlash.A", width_deg=0.01)

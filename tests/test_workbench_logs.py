@@ -21,7 +21,7 @@ def write(folder, ripple=0.03):
 
 
 def test_a_wave_is_switched_on_fitted_and_saved(tmp_path):
-    bench = mjsim.workbench(write(tmp_path))
+    bench = mjsim.open_workbench(write(tmp_path))
     before = bench.quick()
     assert before.rms == compare_logs(bench.campaign, bench.machine).rms > 5e-6 and bench.noise < 0.1e-6
     assert set(bench.catalogue) == {"X"} and "backlash.X" not in {e.id for e in bench.catalogue["X"]}
@@ -36,7 +36,7 @@ def test_a_wave_is_switched_on_fitted_and_saved(tmp_path):
     assert bench.redo()
     said = [s.words for s in bench.save()]
     assert "+ torque_ripple.X" in said and bench.unsaved == []
-    again = mjsim.workbench(tmp_path)
+    again = mjsim.open_workbench(tmp_path)
     assert again.quick().rms < 0.1e-6 and any((tmp_path / ".mjsim").glob("machine.*.toml"))
     (tmp_path / "machine.toml").write_text((tmp_path / "machine.toml").read_text() + "\n# of another hand\n")
     bench.switch("torque_ripple.X", False)
@@ -46,7 +46,7 @@ def test_a_wave_is_switched_on_fitted_and_saved(tmp_path):
 
 def test_bars_say_what_could_explain_the_error(tmp_path):
     """One linear step finds the ripple's order, size and phase; what is fitted leaves nothing to explain."""
-    bench = mjsim.workbench(write(tmp_path))
+    bench = mjsim.open_workbench(write(tmp_path))
     with pytest.raises(InputError, match="switch one on first"):
         bench.fit_all()
     before, bars = bench.quick().rms, bench.update_gains()
@@ -64,12 +64,12 @@ def test_bars_say_what_could_explain_the_error(tmp_path):
 
 
 def test_bars_of_a_sound_axis_stay_empty(tmp_path):
-    bars = mjsim.workbench(write(tmp_path, 0.0)).update_gains()
+    bars = mjsim.open_workbench(write(tmp_path, 0.0)).update_gains()
     assert bars and not any(bar.significant for bar in bars.values())
 
 
 def test_numbers_that_cannot_be_fitted_are_said(tmp_path):
-    bench = mjsim.workbench(write(tmp_path, 0.0))
+    bench = mjsim.open_workbench(write(tmp_path, 0.0))
     assert bench.fit("viscous_friction.X").values["ratio"] == pytest.approx(1.0, abs=0.05)
     with pytest.raises(InputError, match="exists for: X"):
         bench.fit("viscous_friction.Y")

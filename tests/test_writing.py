@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from commands import as_json, ok, refused, run, snapshot
+from commands import POSIX, as_json, ok, refused, run, snapshot
 
 from mjsim.campaign import files as campaign_files
 from mjsim.cli import common
@@ -96,6 +96,7 @@ def test_all_or_nothing(campaign, name, end, monkeypatch):
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
 
 
+@POSIX
 def test_terminated_while_it_works(tmp_path):
     """The real process: SIGTERM in the middle of a run ends it with one sentence, and its folder is as it was."""
     code = (

@@ -11,7 +11,6 @@ import numpy as np
 
 from mjsim.animation.encode import ERROR
 from mjsim.animation.layout import BASE, DPI
-from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.plots import style
 from mjsim.plots.polar import PolarTrace, division_um, draw_polar, scale_text
 from mjsim.units import DEG, UM
@@ -169,8 +168,7 @@ def _curves(ladder: list[ComparedBarTest]) -> tuple[np.ndarray, np.ndarray]:
     each.
     """
     stride = max(1, math.ceil(len(ladder[0].phi) / POINTS))
-    shift = math.radians(kind_of(ladder[0].test).plot_offset_deg)
-    phi = np.array([t.phi[::stride] + shift for t in ladder])
+    phi = np.array([t.phi[::stride] for t in ladder])
     value = np.array([np.where(t.valid, t.residual / UM, np.nan)[::stride] for t in ladder])
     return phi, value
 

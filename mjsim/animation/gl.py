@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import sys
 import warnings
 from collections.abc import Callable, Iterator
 from importlib import import_module
@@ -14,11 +15,13 @@ from mjsim.errors import InputError
 PACKAGES = "libegl1 libegl-mesa0 libgl1-mesa-dri libopengl0"
 _OFF = ("disable", "disabled", "off", "false", "0")
 _ON = ("enable", "enabled", "on", "true", "1")
-_SYSTEMS = ("egl", "osmesa", "glfw")
+#: Renderers by platform, the one that is taken by itself first; and other names of GLFW in MUJOCO_GL.
+_SYSTEMS = {"linux": ("egl", "osmesa", "glfw"), "darwin": ("cgl", "glfw"), "win32": ("glfw",)}
+_GLFW = ("glx", "wgl")
 
 
 def chosen() -> str:
-    """The renderer that is used: the user's MUJOCO_GL, EGL where it is not set.
+    """The renderer that is used: the user's MUJOCO_GL, or EGL on Linux, CGL on macOS and GLFW on Windows.
 
     It is not set here. MuJoCo reads it when it is imported, and fails at once where what it names is missing; the
     context is made here instead, so that it also works where MuJoCo was imported long before.
@@ -27,15 +30,16 @@ def chosen() -> str:
         InputError: MUJOCO_GL names nothing that exists, or says that there is no renderer, or MuJoCo cannot be imported
             with it.
     """
+    systems = _SYSTEMS.get(sys.platform, ("glfw",))
     wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
     if wanted in _OFF:
         raise InputError(
             f"MUJOCO_GL={wanted} switches off rendering, which a picture of the machine needs; unset it or say "
-            f"MUJOCO_GL=egl"
+            f"MUJOCO_GL={systems[0]}"
         )
-    if wanted and wanted not in (*_SYSTEMS, *_ON, "glx"):
-        raise InputError(f"MUJOCO_GL={wanted}: no such renderer; allowed: {', '.join(_SYSTEMS)}, or not set at all")
-    system = wanted if wanted in _SYSTEMS else "glfw" if wanted == "glx" else "egl"
+    if wanted and wanted not in (*systems, *_ON, *_GLFW):
+        raise InputError(f"MUJOCO_GL={wanted}: no such renderer; allowed: {', '.join(systems)}, or not set at all")
+    system = wanted if wanted in systems else "glfw" if wanted in _GLFW else systems[0]
     with advice(system):
         import_module("mujoco")
     return system
@@ -66,16 +70,20 @@ def advice(system: str) -> Iterator[None]:
             yield
     except Exception as error:
         reason = " ".join(str(error).split())[:120] or type(error).__name__
-        other = "" if system == "egl" else "unset MUJOCO_GL to use EGL; "
+        remedy = "install the driver of the graphics card"
+        if sys.platform == "linux":
+            other = "" if system == "egl" else "unset MUJOCO_GL to use EGL; "
+            remedy = f"{other}on Debian or Ubuntu: sudo apt-get install -y --no-install-recommends {PACKAGES}"
         raise InputError(
-            f"cannot render the machine: no OpenGL for off-screen pictures ({system}: {reason}); "
-            f"{other}on Debian or Ubuntu: sudo apt-get install -y --no-install-recommends {PACKAGES}"
+            f"cannot render the machine: no OpenGL for off-screen pictures ({system}: {reason}); {remedy}"
         ) from None
 
 
 def _context_class(system: str) -> Callable:
     if system == "egl":
         from mujoco.egl import GLContext
+    elif system == "cgl":
+        from mujoco.cgl import GLContext
     elif system == "osmesa":
         from mujoco.osmesa import GLContext
     else:
@@ -85,7 +93,7 @@ def _context_class(system: str) -> Callable:
 
 @contextlib.contextmanager
 def _quiet_stderr():
-    """Mesa and EGL talk on the process' stderr while they look for devices; the user gets one sentence instead."""
+    """Drivers talk on the process' stderr while they look for devices; the user gets one sentence instead."""
     saved = os.dup(2)
     sink = os.open(os.devnull, os.O_WRONLY)
     try:

@@ -35,16 +35,13 @@ class Panel:
     def __init__(self, story: Story, layout: Layout, speed: float):
         """``speed``: seconds of test per second of video, which is written beside the time."""
         self.story, self.layout, self.speed = story, layout, speed
-        self._shift = kind_of(story.test).plot_offset_deg
         self._figure = style.new_figure(PANEL / DPI, _HEIGHT / DPI)
         self._figure.set_dpi(DPI * layout.scale)
         x, y, side = _PLOT
         place = (x / PANEL, 1 - (y + side) / _HEIGHT, side / PANEL, side / _HEIGHT)
         self._axes = style.polar_axes(self._figure, place)
         whole = [
-            PolarTrace(
-                s.name, s.phi / DEG, s.value / UM, "measured" if s.name == "measured" else "simulated", self._shift
-            )
+            PolarTrace(s.name, s.phi / DEG, s.value / UM, "measured" if s.name == "measured" else "simulated")
             for s in story.traces
         ]
         self._step = draw_polar(self._axes, whole)
@@ -68,7 +65,7 @@ class Panel:
             last = signal.last(time)
             if last > self._drawn[k]:
                 new = slice(self._drawn[k], last + 1)
-                line.set_data(signal.phi[new] + self._shift * DEG, signal.value[new] / UM)
+                line.set_data(signal.phi[new], signal.value[new] / UM)
                 line.set_visible(True)
                 self._axes.draw_artist(line)
                 self._drawn[k] = last
@@ -87,7 +84,7 @@ class Panel:
 
     def spot(self, phi: float, value: float) -> tuple[float, float]:
         """Column and row of a reading ``value`` (m) at ``phi`` (rad) in the panel, pixels."""
-        x, y = self._axes.transData.transform((phi + self._shift * DEG, value / UM))
+        x, y = self._axes.transData.transform((phi, value / UM))
         return float(x), float(self._pixels.shape[0] - y)
 
     def _texts(self) -> None:
@@ -133,18 +130,18 @@ class Panel:
     def _point(self, time: float) -> None:
         """The pointer at the present angle and a dot on each trace."""
         phi = float(self.story.program.phi(np.array([time]))[0])
-        self._hand.set_data([phi + self._shift * DEG] * 2, self._axes.get_ylim())
+        self._hand.set_data([phi] * 2, self._axes.get_ylim())
         self._axes.draw_artist(self._hand)
         for signal, dot in zip(self.story.traces, self._dots, strict=True):
             value = signal.at(time)
             if math.isfinite(value):
-                dot.set_data([signal.phi[signal.last(time)] + self._shift * DEG], [value / UM])
+                dot.set_data([signal.phi[signal.last(time)]], [value / UM])
                 self._axes.draw_artist(dot)
 
     def _numbers(self, draw: ImageDraw.ImageDraw, time: float) -> None:
         story, px = self.story, self.layout.px
         phi = float(story.program.phi(np.array([time]))[0]) / DEG
-        angle = (phi + self._shift) % 360.0 if kind_of(story.test).goes_round else phi
+        angle = phi % 360.0 if kind_of(story.test).goes_round else phi
         name = kind_of(story.test).turns(story.test) or "angle"
         rows = [
             (f"time (× {style.number(round(self.speed, 1))})", f"{time:.2f} s", style.INK),

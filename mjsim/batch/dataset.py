@@ -4,6 +4,7 @@
     DIR/results/part-s000001.parquet   shards of an unfinished sweep: whole or not there, no run twice
     DIR/results/part-00000.parquet     the finished data set
     DIR/traces/                        likewise, where traces are asked for
+    DIR/.lock                          empty; held by the process that writes
 
 A process that is killed leaves nothing else behind than hidden temporary files, which the next one takes away. A shard
 of traces is written before its shard of results, so a run with results has its trace.
@@ -11,7 +12,6 @@ of traces is written before its shard of results, so a run with results has its 
 
 from __future__ import annotations
 
-import fcntl
 import io
 import json
 import os
@@ -26,7 +26,7 @@ from mjsim.batch.describe import describe, difference, result_columns, schema, t
 from mjsim.batch.sweep import Sweep
 from mjsim.batch.workshop import Outcome
 from mjsim.errors import InputError
-from mjsim.io.files import check_writable, write_whole
+from mjsim.io.files import check_writable, locked, write_whole
 from mjsim.io.inputs import file_bytes
 
 #: Largest description, bytes, and the names of the data set's files.
@@ -60,12 +60,7 @@ class Folder:
         check_writable(self.out / "sweep.json", force=True)
         self.check(self.sweep, self.out, self._force)
         self.out.mkdir(parents=True, exist_ok=True)
-        self._lock = os.open(self.out, os.O_RDONLY)  # the lock goes when the process goes, however it goes
-        try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            os.close(self._lock)
-            raise InputError(f"{self.out}: another mjsim batch is writing there; allowed: one at a time") from None
+        self._lock = locked(self.out, "mjsim batch")
         if self._force:
             for folder in (self.results, self.traces):
                 for file in [*folder.glob("part-*.parquet"), *folder.glob(".*part-*"), *folder.glob(".commit")]:
@@ -81,7 +76,7 @@ class Folder:
         return self
 
     def __exit__(self, *_: object) -> None:
-        os.close(self._lock)
+        self._lock.release()
 
     @staticmethod
     def check(sweep: Sweep, out: Path, force: bool = False) -> None:

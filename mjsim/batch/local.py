@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable
-from itertools import islice
 from queue import SimpleQueue
 
 from mjsim.batch.workshop import Job, Outcome, Workshop
@@ -36,8 +35,6 @@ def run_local(workshop: Workshop, jobs: Iterable[Job], threads: int, deliver: Ca
             finished.put(None)
 
     with callback.installed():
-        if workshop.own_code:  # the first run in this thread, where calls of a user's own code have a time limit
-            deliver([workshop.run(job) for job in islice(todo, 1)])
         pool = [threading.Thread(target=work, daemon=True) for _ in range(threads)]
         for thread in pool:
             thread.start()

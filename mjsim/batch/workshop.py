@@ -19,12 +19,11 @@ from mujoco import rollout
 
 from mjsim.batch.figures import FIGURES, Circle, distance
 from mjsim.batch.recipe import Recipe
-from mjsim.errors import EffectTimeout, InputError, SimulationError
+from mjsim.errors import InputError, SimulationError
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.model import build
-from mjsim.machine.own import is_own
 from mjsim.machine.plant import Plant
 from mjsim.simulation import mjmodel
 from mjsim.simulation.axes import delayed_commands, own_effects, time_grid
@@ -116,8 +115,6 @@ class Workshop:
         self._recipe, self._every = recipe, every
         self._plans = _Kept(4)
         self._mine = threading.local()
-        #: Whether a run calls code of the user's own effects.
-        self.own_code = any(is_own(type(e)) for e in recipe.base.effects)
 
     def plan(self, test: BallBarTest) -> TestPlan:
         """What the runs of ``test`` share."""
@@ -129,8 +126,6 @@ class Workshop:
         try:
             plant = build(self._recipe.machine(job.values, job.sheet))
             deviation = self.deviation(plan, plant)
-        except EffectTimeout:  # every other run would wait for it as well
-            raise
         except (InputError, SimulationError) as error:
             return Outcome(job.run, job.test, plan.program.duration, np.full(len(FIGURES), np.nan), str(error))
         trace = None

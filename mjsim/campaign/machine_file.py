@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -195,7 +196,8 @@ def machine_text(machine: Machine, original: Path, folder: Path, former: str | N
         document = tomlkit.parse(text)
         for table in document["effect"]:
             if "file" in table and not Path(table["file"]).is_absolute():
-                table["file"] = os.path.relpath(here / table["file"], there)
+                with suppress(ValueError):  # Windows: on another drive, which no relative path reaches
+                    table["file"] = Path(os.path.relpath(here / table["file"], there)).as_posix()
         text = tomlkit.dumps(document)
     return text
 

@@ -127,7 +127,7 @@ def effect_ids(ctx: click.Context, param: click.Parameter, incomplete: str) -> l
 
     from mjsim.effects import registry
 
-    if "/" in incomplete or incomplete.startswith("~"):
+    if "/" in incomplete or os.sep in incomplete or incomplete.startswith("~"):
         return [CompletionItem(incomplete, type="file")]
     return [CompletionItem(i) for i in registry.all_ids() if i.startswith(incomplete)]
 
@@ -172,9 +172,9 @@ threads_option = click.option(
 
 def cores(threads: int | None) -> int:
     """Threads asked for, or all cores."""
-    return (
-        threads or len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else threads or os.cpu_count() or 1
-    )
+    if threads:
+        return threads
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def print_json(data: dict) -> None:

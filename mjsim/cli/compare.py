@@ -262,8 +262,7 @@ def show(data: dict) -> None:
                 f"{t['samples']} samples. They are left out. The largest errors of this test are not known."
             )
     common.paragraph(
-        f"RMS and max: measured less simulated; G: circular error (ISO 230-4), µm. Worst: plot angle φ + 180° "
-        f"(rotary tests: axis "
+        f"RMS and max: measured less simulated; G: circular error (ISO 230-4), µm. Worst: angle φ (rotary tests: axis "
         f"angle), and the axis that reverses there. Noise: {data['noise_source']}."
     )
     click.echo()

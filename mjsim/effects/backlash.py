@@ -24,7 +24,8 @@ class Backlash(Effect):
     remedy = Remedy(
         "adjust",
         "backlash",
-        "Adjust the worm mesh or the preload. Until then, use the control's backlash compensation.",
+        "Adjust the preload of nut and bearings. Until then, use the control's backlash compensation.",
+        "Adjust the worm mesh or its preload. Until then, use the control's backlash compensation.",
     )
 
     @classmethod

@@ -26,7 +26,10 @@ class Cogging(Effect):
     source = "cogging of permanent-magnet motors, screws out of line, passing balls; form assumed"
     signature = "Waves tied to the screw's angle, the same in both directions, larger where the axis moves slowly."
     remedy = Remedy(
-        "maintain", "cyclic error", "Check motor and drive, and the screw. Use the drive's cogging compensation."
+        "maintain",
+        "cyclic error",
+        "Check motor and drive, and the screw. Use the drive's cogging compensation.",
+        "Check motor and drive, and the worm. Use the drive's cogging compensation.",
     )
     search = SearchHints(quasi_static=False, free=("components",))
 

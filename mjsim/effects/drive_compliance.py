@@ -48,7 +48,12 @@ class DriveCompliance(Effect):
     signature = (
         "The load lags in proportion to its acceleration, and rings after reversals, when the motor breaks free."
     )
-    remedy = Remedy("maintain", "lateral play", "Check coupling, bearings and nut or worm for stiffness.")
+    remedy = Remedy(
+        "maintain",
+        "lateral play",
+        "Check coupling, bearings and nut for stiffness.",
+        "Check coupling, bearings and worm for stiffness.",
+    )
     search = SearchHints(
         quasi_static=False,
         free=("stiffness_Nm_per_urad", "stiffness_N_per_um", "damping_ratio"),

@@ -28,7 +28,12 @@ class FrictionPosition(Effect):
     )
     source = "preload of nuts and guideways that varies along the travel; form assumed"
     signature = "Errors after reversals have another size at another place; between them the error changes slowly."
-    remedy = Remedy("maintain", "reversal spikes", "Check screw, guideway and lubrication where the friction is high.")
+    remedy = Remedy(
+        "maintain",
+        "reversal spikes",
+        "Check screw, guideway and lubrication where the friction is high.",
+        "Check worm, bearing and lubrication where the friction is high.",
+    )
     search = SearchHints(quasi_static=False)
 
     def apply(self, plant):

@@ -24,7 +24,12 @@ class FrictionRipple(Effect):
     definition = "the friction level g(ω) is multiplied by 1 + amplitude_ratio·sin(order·θm + phase)"
     source = "a screw that is bent or out of line loads its nut once per turn; form assumed"
     signature = "A wave tied to the screw's angle that turns round with the direction of motion."
-    remedy = Remedy("maintain", "cyclic error", "Check whether the screw is bent or out of line with its nut.")
+    remedy = Remedy(
+        "maintain",
+        "cyclic error",
+        "Check whether the screw is bent or out of line with its nut.",
+        "Check whether the worm is bent or out of line with its wheel.",
+    )
     search = SearchHints(quasi_static=False, free=("amplitude_ratio", "phase_deg"))
 
     def apply(self, plant):

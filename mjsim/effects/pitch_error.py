@@ -36,6 +36,7 @@ class PitchError(Effect):
     remedy = Remedy(
         "compensate",
         "cyclic error",
+        "Enter a pitch-error compensation table. Check how the screw or the encoder is seated.",
         "Enter a pitch-error compensation table. Check how the worm or the encoder is seated.",
     )
 

@@ -28,7 +28,12 @@ class RestFriction(Effect):
         "renews it; exponential form assumed"
     )
     signature = "An axis that rested starts late and with a jerk. A reversal without a rest does not show it."
-    remedy = Remedy("maintain", "", "Check the lubrication of guideways and nut, and the preload.")
+    remedy = Remedy(
+        "maintain",
+        "",
+        "Check the lubrication of guideways and nut, and the preload.",
+        "Check the lubrication of bearing and worm, and the preload.",
+    )
     search = SearchHints(
         quasi_static=False,
         free=("excess_ratio", "way_rad"),

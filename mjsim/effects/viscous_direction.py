@@ -29,7 +29,10 @@ class ViscousDirection(Effect):
     source = "asymmetric viscous friction, as for asymmetric Coulomb friction (Armstrong-Hélouvry 1991, section 2)"
     signature = "The following error differs between the two directions by an amount that grows with the speed."
     remedy = Remedy(
-        "maintain", "", "Check wipers, nut and guideway lubrication: one direction drags more than the other."
+        "maintain",
+        "",
+        "Check wipers, nut and guideway lubrication: one direction drags more than the other.",
+        "Check seals, worm and bearing lubrication: one direction drags more than the other.",
     )
     search = SearchHints(quasi_static=False)
 

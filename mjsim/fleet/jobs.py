@@ -92,7 +92,7 @@ def files_of(folder: Path) -> dict[str, bytes]:
     out = {}
     for name in names:
         try:
-            out[os.path.relpath(folder / name, folder)] = (folder / name).read_bytes()
+            out[Path(os.path.relpath(folder / name, folder)).as_posix()] = (folder / name).read_bytes()
         except (OSError, ValueError):
             continue
     return out
@@ -100,7 +100,7 @@ def files_of(folder: Path) -> dict[str, bytes]:
 
 def unpack(files: dict[str, bytes], into: Path) -> Path:
     """Write the files of a campaign below ``into``; the campaign's folder there."""
-    up = max((name.split(os.sep).count("..") for name in files), default=0)
+    up = max((name.split("/").count("..") for name in files), default=0)
     folder = into.joinpath(*(f"level{i}" for i in range(up)), "campaign")
     for name, content in files.items():
         place = Path(os.path.normpath(folder / name))

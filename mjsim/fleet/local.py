@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import selectors
 import signal
 import subprocess
 import sys
@@ -97,21 +96,29 @@ class _Process:
         order = json.dumps({"folder": str(job.folder), "options": vars(self._options)})
         assert process.stdin and process.stdout
         row: dict = {"folder": str(job.folder), "campaign": job.folder.name, "machine": "", "seconds": None}
+        late = threading.Event()
+
+        def stop() -> None:  # a pipe has no time limit on Windows, a process can be ended everywhere
+            late.set()
+            process.kill()
+
+        alarm = threading.Timer(self._limit, stop)
+        alarm.daemon = True
+        alarm.start()
         try:
             process.stdin.write(order + "\n")
             process.stdin.flush()
-            with selectors.DefaultSelector() as waiting:
-                waiting.register(process.stdout, selectors.EVENT_READ)
-                if not waiting.select(self._limit):
-                    self.end()
-                    return row | {"error": f"stopped after {self._limit:g} s, the limit for one campaign"}
             line = process.stdout.readline()
-        except (BrokenPipeError, ValueError):
+        except (OSError, ValueError):  # its input is closed: it has died; Windows has another error for that
             line = ""
-        if line:
+        finally:
+            alarm.cancel()
+        if line and not late.is_set():
             return json.loads(line)
         status = process.wait()
         self._process = None
+        if late.is_set():
+            return row | {"error": f"stopped after {self._limit:g} s, the limit for one campaign"}
         if status < 0:
             why = f"signal {signal.Signals(-status).name}; not enough memory is the usual reason"
         else:
@@ -131,7 +138,8 @@ class _Process:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "mjsim.fleet.one"],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors,
-                text=True, encoding="utf-8", env={**os.environ, **_ONE_THREAD}, start_new_session=True,
+                text=True, encoding="utf-8", env={**os.environ, **_ONE_THREAD},
+                start_new_session=True, creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
             )  # fmt: skip
         except OSError as error:
             raise SimulationError(f"no process for a campaign could be started: {error.strerror or error}") from None

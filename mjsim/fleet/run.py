@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -12,11 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjsim.errors import InputError
 from mjsim.fleet import page, tables
 from mjsim.fleet.jobs import Job, Options, campaigns_in, job_of
 from mjsim.fleet.local import TIME_LIMIT_S, run_local
-from mjsim.io.files import check_writable, write_whole
+from mjsim.io.files import check_writable, locked, write_whole
 from mjsim.io.inputs import file_bytes
 from mjsim.progress import Progress, silent
 from mjsim.report.write import need_report
@@ -172,15 +169,10 @@ def _known(out: Path, job: Job) -> dict | None:
 def _held(out: Path) -> Iterator[None]:
     """The folder of the results, held by one process at a time."""
     (out / _RESULTS).mkdir(parents=True, exist_ok=True)
-    lock = os.open(out, os.O_RDONLY)  # the lock goes when the process goes, however it goes
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(lock)
-        raise InputError(f"{out}: another mjsim fleet is writing there; allowed: one at a time") from None
+    lock = locked(out, "mjsim fleet")
     try:
         for stray in (out / _RESULTS).glob(".*.json.*"):
             stray.unlink()
         yield
     finally:
-        os.close(lock)
+        lock.release()

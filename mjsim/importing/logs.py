@@ -115,14 +115,14 @@ def import_log(
     if not preview:
         check_writable(target, force)
     data = _csv(time, values)
-    log = known or LogTest(name, axes, controller, name, str(target.relative_to(file.parent)), None, chain)
+    log = known or LogTest(name, axes, controller, name, target.relative_to(file.parent).as_posix(), None, chain)
     rate = 1.0 / float(np.median(np.diff(time)))
     stated = logs.instruments.get(LogTest.instrument, Recorder(rate)).rate
     questions = _questions(log, axes, values, time, stated, columns)
     if not preview:
         text = read_text(file)
         if known is None or known.trace is None:
-            text = _with_test(text, replace(log, trace=str(target.relative_to(file.parent))), known is None, rate)
+            text = _with_test(text, replace(log, trace=target.relative_to(file.parent).as_posix()), known is None, rate)
         campaign_from(file, tomlkit.parse(text).unwrap(), traces=False)  # what would be refused later is not written
         packed = gzip.compress(data, mtime=0) if target.suffix == ".gz" else data
         write_all({target: packed, file: text.encode()}, force=True)

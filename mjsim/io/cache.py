@@ -1,7 +1,7 @@
 """Results kept on disk by the content that they follow from, so that a second run is quick.
 
-A key is a fingerprint of everything that a result depends on, code and versions among it. A changed trace, machine file
-or version of mjsim therefore never gets an old result. Nothing is kept unless a block of :func:`cached` runs, as in the
+A key is a fingerprint of everything that a result depends on, :func:`code` among it. A changed trace, machine file or
+version of mjsim therefore never gets an old result. Nothing is kept unless a block of :func:`cached` runs, as in the
 commands.
 """
 
@@ -32,8 +32,6 @@ T = TypeVar("T")
 #: Environment: ``off``, or the folder of the cache. Its largest size in MB.
 FOLDER, LIMIT = "MJSIM_CACHE", "MJSIM_CACHE_MB"
 _MB, _LIMIT_MB = 1_000_000, 1000
-#: Folders of mjsim whose code decides on results.
-_ROOMS = ("machine", "effects", "instruments", "nc", "campaign", "simulation", "estimation", "workflow")
 
 
 class Store:
@@ -83,7 +81,7 @@ class Store:
     def seconds(self, work: str) -> float | None:
         """How long a unit of some work took last time, s; ``None`` where that is not known."""
         try:
-            return float((self.folder / "seconds" / work).read_text())
+            return float((self.folder / "seconds" / work).read_text(encoding="utf-8"))
         except (OSError, ValueError):
             return None
 
@@ -91,7 +89,7 @@ class Store:
         """Keep how long a unit of some work took, s."""
         with contextlib.suppress(OSError):
             (self.folder / "seconds").mkdir(exist_ok=True)
-            (self.folder / "seconds" / work).write_text(f"{seconds:.6g}")
+            (self.folder / "seconds" / work).write_text(f"{seconds:.6g}", encoding="utf-8")
 
     def _shrink(self, kind: str) -> None:
         """Take the oldest results of a kind away until it keeps to its share of the folder."""
@@ -128,7 +126,8 @@ def cached(
 
     Args:
         folder: Of the cache; by default that of the environment variable ``MJSIM_CACHE``, or ``mjsim`` in the user's
-            folder for caches. ``MJSIM_CACHE=off`` switches it off.
+            folder for caches. ``MJSIM_CACHE=off`` switches it off. Only the user may be able to write there, because
+            what is kept is loaded as Python objects.
         limit_mb: Largest size; by default that of ``MJSIM_CACHE_MB``, or 1000 MB.
         wanted: Without it, nothing is kept or used in the block.
     """
@@ -149,8 +148,6 @@ def _opened(folder: str | Path | None, limit_mb: float | None) -> Store | None:
     try:
         limit = float(limit_mb if limit_mb is not None else os.environ.get(LIMIT, _LIMIT_MB))
         place.mkdir(parents=True, exist_ok=True, mode=0o700)
-        if place.stat().st_uid != os.getuid():  # results are loaded from there: only one's own
-            return None
     except (OSError, ValueError, RuntimeError):
         return None
     return Store(place, int(limit * _MB))
@@ -223,12 +220,10 @@ def _feed(digest: Any, thing: Any) -> None:
 
 @cache
 def code() -> str:
-    """Fingerprint of the code that decides on results, of the packages below it and of the machine's model."""
-    digest, root = hashlib.sha256(), Path(mjsim.__file__).parent
-    files = [root / "units.py", *(f for room in _ROOMS for f in sorted((root / room).rglob("*.py")))]
-    for file in [*files, *sorted(model_file().parent.glob("*.xml"))]:
-        digest.update(f"{file.name}\0".encode() + file.read_bytes())
-    for package in ("mjsim", "numpy", "scipy", "mujoco"):
-        with contextlib.suppress(Exception):  # a checkout that is not installed
-            digest.update(f"{package} {version(package)}".encode())
-    return digest.hexdigest()
+    """Versions of mjsim and of the packages below it, and when each of mjsim's files was last changed.
+
+    The times make a checkout and a reinstalled package safe: both may change while the version stays.
+    """
+    files = [*Path(mjsim.__file__).parent.rglob("*.py"), *model_file().parent.glob("*.xml")]
+    changed = sorted((file, file.stat().st_mtime_ns) for file in files)
+    return fingerprint(mjsim.__version__, [version(p) for p in ("numpy", "scipy", "mujoco")], changed)

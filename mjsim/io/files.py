@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from filelock import BaseFileLock, FileLock, Timeout
+
 from mjsim.errors import InputError
 
 
@@ -91,6 +93,29 @@ def whole(path: Path, force: bool = False) -> Iterator[Path]:
     with _cleaned([one]):
         yield one.make()
         one.move()
+
+
+def locked(folder: Path, command: str) -> BaseFileLock:
+    """Hold a folder until the lock is released, or the process ends in whatever way.
+
+    Args:
+        folder: Where only one process at a time may write; the lock is on its file ``.lock``.
+        command: What writes there, for the sentence.
+
+    Returns:
+        The lock, which is held; ``release()`` gives it back.
+
+    Raises:
+        InputError: Another process holds it, or the folder cannot be written.
+    """
+    lock = FileLock(Path(folder) / ".lock", timeout=0)
+    try:
+        lock.acquire()
+    except Timeout:
+        raise InputError(f"{folder}: another {command} is writing there; allowed: one at a time") from None
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
+    return lock
 
 
 @contextmanager

@@ -27,6 +27,8 @@ def file_bytes(path: Path, largest: int, hint: str, what: str = "no such file") 
         InputError: it is not there, a folder, not readable, or too large.
     """
     try:
+        if os.path.isdir(path):  # reading one is another error on each system
+            raise IsADirectoryError
         if (size := os.path.getsize(path)) > largest:
             raise InputError(f"{path}: {_megabytes(size)}; {hint}")
         return path.read_bytes()

@@ -91,12 +91,14 @@ def write_configuration(folder: Path, chain: Chain, settings: Settings, tip: boo
     Raises:
         InputError: LinuxCNC has no kinematics for tool centre point control of this machine.
     """
-    (folder / "machine.ini").write_text(_ini(chain, settings, tip, _corrections(folder, settings.corrections)))
-    (folder / "machine.hal").write_text(_hal(chain, tip))
-    (folder / "tool.tbl").write_text("T1 P1 Z0 D0 ;\n")
-    (folder / "linuxcnc.var").write_text("")
+    (folder / "machine.ini").write_text(
+        _ini(chain, settings, tip, _corrections(folder, settings.corrections)), encoding="utf-8"
+    )
+    (folder / "machine.hal").write_text(_hal(chain, tip), encoding="utf-8")
+    (folder / "tool.tbl").write_text("T1 P1 Z0 D0 ;\n", encoding="utf-8")
+    (folder / "linuxcnc.var").write_text("", encoding="utf-8")
     for code, text in _SWITCH.items() if tip else ():
-        (folder / f"{code}remap.ngc").write_text(text)
+        (folder / f"{code}remap.ngc").write_text(text, encoding="utf-8")
 
 
 def kinematics(chain: Chain, tip: bool) -> str:
@@ -123,7 +125,7 @@ def _corrections(work: Path, folder: Path | None) -> dict[int, list[str]]:
     if folder is None or not (folder / "joints.ini").exists():
         return lines
     joint = -1
-    for line in (folder / "joints.ini").read_text().splitlines():
+    for line in (folder / "joints.ini").read_text(encoding="utf-8").splitlines():
         if found := re.fullmatch(r"\[JOINT_(\d)\]", line.strip()):
             joint = int(found[1])
         elif "=" in line and not line.startswith(";"):

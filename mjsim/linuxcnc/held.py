@@ -71,7 +71,7 @@ def program_of(test: BallBarTest, options: Options, file: Path | None = None) ->
         return RunProgram(written.text, written.motion)
     motion = read_nc(file, "linuxcnc", chain=test.chain).motion
     data = file_bytes(file, _LARGEST, "allowed: an NC program", "no such file; allowed: an NC program")
-    return RunProgram(data.decode(errors="replace"), motion)
+    return RunProgram(data.decode("utf-8", errors="replace"), motion)
 
 
 def held_against(test: BallBarTest, motion: Commanded, record: Record, settings: Settings) -> Held:

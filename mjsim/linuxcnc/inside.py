@@ -38,7 +38,8 @@ class Loop:
 
     def __init__(self, work: Path, joints: int, limit: float) -> None:
         self.joints, self.limit = joints, limit
-        self.log = open(work / "log.txt", "w")  # a pipe would be held open by what goes into the background
+        # a pipe would be held open by what goes into the background
+        self.log = open(work / "log.txt", "w", encoding="utf-8")
         os.environ["HOME"] = str(work)  # LinuxCNC keeps a memory map there, one for each running control
         self.env = {**os.environ, "INI_FILE_NAME": f"{work}/machine.ini", "RTAPI_FIFO_PATH": f"{work}/fifo"}
         self.env["HAL_RTMOD_DIR"] = "/usr/lib/linuxcnc/modules"
@@ -121,7 +122,7 @@ class Loop:
         seen = set()
         for number in filter(str.isdigit, os.listdir("/proc")):
             try:
-                name, _, rest = Path(f"/proc/{number}/status").read_text().partition("\n")
+                name, _, rest = Path(f"/proc/{number}/status").read_text(encoding="utf-8").partition("\n")
             except OSError:
                 continue
             if "(zombie)" not in rest:
@@ -196,7 +197,7 @@ def main(joints: int, limit: float) -> None:
             loop.rows.tofile(file)
     except Failure as failure:
         result = {"failure": str(failure), "again": not up or isinstance(failure, Stuck)}
-    (work / "result.json").write_text(json.dumps(result))
+    (work / "result.json").write_text(json.dumps(result), encoding="utf-8")
     os._exit(0)  # the end of process 1 ends everything else in its namespace
 
 

@@ -85,7 +85,7 @@ def _run(text: str, chain: Chain, settings: Settings, tip: bool) -> Record:
             raise InputError(f"{folder}: too long a name for LinuxCNC's sockets; allowed: a TMPDIR of a short name")
         folder.chmod(0o777)  # its real-time part runs as another user where mjsim runs as root
         write_configuration(folder, chain, settings, tip)
-        (folder / "program.ngc").write_text(text)
+        (folder / "program.ngc").write_text(text, encoding="utf-8")
         return _recorded(folder, chain, settings, _clock(folder, settings.speed))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
@@ -104,7 +104,7 @@ def _clock(folder: Path, speed: float) -> bool:
 def _recorded(folder: Path, chain: Chain, settings: Settings, faster: bool) -> Record:
     command = [*unshare(), PYTHON, inside.__file__, str(chain.count), str(settings.limit)]
     env = {**environment(), "MJSIM_CLOCK": str(settings.speed if faster else 1.0)}
-    with open(folder / "out.txt", "w") as out:
+    with open(folder / "out.txt", "w", encoding="utf-8") as out:
         try:
             subprocess.run(
                 command, cwd=folder, env=env, stdin=subprocess.DEVNULL, stdout=out, stderr=out,
@@ -115,7 +115,7 @@ def _recorded(folder: Path, chain: Chain, settings: Settings, faster: bool) -> R
     answer = folder / "result.json"
     if not answer.exists():
         raise InputError(f"LinuxCNC ended without a record: {_tail(folder)}")
-    result = json.loads(answer.read_text())
+    result = json.loads(answer.read_text(encoding="utf-8"))
     if "failure" in result and result["again"]:
         raise _Busy(result["failure"])
     if "failure" in result:
@@ -154,5 +154,9 @@ def _starved(line: np.ndarray, feed: np.ndarray, queue: np.ndarray) -> bool:
 
 def _tail(folder: Path) -> str:
     """The last lines that it wrote, for a message."""
-    text = " ".join((folder / n).read_text(errors="replace") for n in ("out.txt", "log.txt") if (folder / n).exists())
+    text = " ".join(
+        (folder / n).read_text(encoding="utf-8", errors="replace")
+        for n in ("out.txt", "log.txt")
+        if (folder / n).exists()
+    )
     return " ".join(text.split())[-300:] or "it wrote nothing"

@@ -51,7 +51,7 @@ class Number:
 
 def printed() -> dict:
     """``numbers.toml``: the paper's numbers with tolerances and notes, plot angles in °."""
-    return tomllib.loads(files("mjsim.paper").joinpath("numbers.toml").read_text())
+    return tomllib.loads(files("mjsim.paper").joinpath("numbers.toml").read_text(encoding="utf-8"))
 
 
 def numbers(machine: PaperMachine, traces: Traces) -> list[Number]:

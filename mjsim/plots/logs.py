@@ -72,8 +72,8 @@ def circle_figure(log: ComparedLog) -> Figure:
     assert circle is not None and log.test.circle is not None
     phi, measured, simulated = style.thinned(circle.phi / DEG, circle.measured / UM, circle.simulated / UM)
     traces = [
-        PolarTrace("measured", phi, measured, "measured", shift_deg=0.0),
-        PolarTrace("simulated", phi, simulated, "simulated", shift_deg=0.0),
+        PolarTrace("measured", phi, measured, "measured"),
+        PolarTrace("simulated", phi, simulated, "simulated"),
     ]
     stated = log.test.circle
     conditions = (

@@ -107,18 +107,14 @@ def polar_of_simulation(s: Simulation) -> Figure:
     """Paper-style polar plot of one simulated test."""
     keep = _span(Program(s.test), s.time)
     phi = s.phi[keep][::5]
-    shift = kind_of(s.test).plot_offset_deg
-    trace = PolarTrace(
-        "simulated", phi / DEG, _centred(s.test, phi, s.deviation[keep][::5]), "simulated", shift_deg=shift
-    )
+    trace = PolarTrace("simulated", phi / DEG, _centred(s.test, phi, s.deviation[keep][::5]), "simulated")
     return polar_figure([trace], s.test.name, conditions(s.test))
 
 
 def polar_traces(t: ComparedBarTest) -> list[PolarTrace]:
     """Measured and simulated trace of a compared test, each about its own least-squares centre (ISO 230-4)."""
-    shift = kind_of(t.test).plot_offset_deg
     return [
-        PolarTrace(name, t.phi / DEG, _centred(t.test, t.phi, getattr(t, name), t.valid), name, shift_deg=shift)
+        PolarTrace(name, t.phi / DEG, _centred(t.test, t.phi, getattr(t, name), t.valid), name)
         for name in ("measured", "simulated")
     ]
 
@@ -126,8 +122,8 @@ def polar_traces(t: ComparedBarTest) -> list[PolarTrace]:
 def residual_trace(t: ComparedBarTest, noise: float) -> ResidualTrace:
     """Residual of a compared test on angle, with axis reversals."""
     events = {a: list(p / DEG) for a, p in t.reversals.items()}
-    shift = kind_of(t.test).plot_offset_deg
-    return ResidualTrace(t.test.name, t.phi / DEG, t.residual / UM, events, noise / UM, ~t.valid, shift)
+    round_ = kind_of(t.test).goes_round
+    return ResidualTrace(t.test.name, t.phi / DEG, t.residual / UM, events, noise / UM, ~t.valid, round_)
 
 
 def bar_plot_files(tests: Iterable[BallBarTest], folder: Path) -> list[Path]:

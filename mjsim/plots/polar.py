@@ -1,8 +1,8 @@
 """Polar plot of circular traces, as in Kato, Tsutsumi and Sato, IJMTM 64 (2013) 1-11, figures 5 to 17.
 
 0° at the right, angles counter-clockwise, the nominal circle half-way out, deviations magnified on concentric
-divisions. The paper calls 180° what its appendix calls φ = 0, so a trace is plotted at φ + 180°; traces of rotary tests
-are plotted at the axis angle itself (``shift_deg=0``).
+divisions. A trace is plotted at its φ, which begins on the first axis of a circle, or at the axis angle of a rotary
+test. The paper calls 180° what its appendix calls φ = 0: its own figures are turned by ``shift_deg``.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class PolarTrace:
         phi_deg: (n,) φ of the test, or the axis angle of a rotary test; signed, over any number of revolutions [deg].
         deviation_um: (n,) deviation with eccentricity already removed, outward positive; NaN breaks the line [µm].
         style: "measured" (near-black), "simulated" (vermilion, thinner, on top) or "nominal" (dashed grey).
-        shift_deg: plot angle minus ``phi_deg`` [deg]: 180 for circles, 0 for rotary tests.
+        shift_deg: plot angle minus ``phi_deg`` [deg]: 180 in the paper's figures.
         colour: another colour than the style's, for several traces of one kind.
         dashed: broken line, so that two colours differ in black and white as well.
     """
@@ -51,7 +51,7 @@ class PolarTrace:
     phi_deg: ArrayLike
     deviation_um: ArrayLike
     style: Literal["measured", "simulated", "nominal"] = "measured"
-    shift_deg: float = 180.0
+    shift_deg: float = 0.0
     colour: str | None = None
     dashed: bool = False
 

@@ -34,7 +34,7 @@ class ResidualTrace:
         noise_um: standard deviation of the measurement noise of one sample [µm]; None when unknown.
         outlier: (n,) True where a sample is not to be judged; drawn grey, without effect on scale and RMS. None: no
             outliers.
-        shift_deg: plot angle minus ``phi_deg`` [deg], as in polar plots: 180 for circles, 0 for rotary tests.
+        goes_round: whether the path is a closed circle, so that angles are shown modulo 360°.
     """
 
     test: str
@@ -43,7 +43,7 @@ class ResidualTrace:
     reversals: Mapping[str, Sequence[float]] = field(default_factory=dict)
     noise_um: float | None = None
     outlier: ArrayLike | None = None
-    shift_deg: float = 180.0
+    goes_round: bool = True
 
     def good(self) -> NDArray[np.bool_]:
         """(n,) True where the residual is finite and no outlier."""
@@ -57,7 +57,7 @@ class ResidualTrace:
 
     def full_circle(self) -> bool:
         """Whether the trace goes round at least once, so that its angles are shown modulo 360°."""
-        return self.shift_deg % 360.0 != 0.0 and float(np.ptp(np.asarray(self.phi_deg, dtype=float))) > 359.0
+        return self.goes_round and float(np.ptp(np.asarray(self.phi_deg, dtype=float))) > 359.0
 
 
 def residual_figure(
@@ -90,7 +90,7 @@ def residual_figure(
         lift = 1.0 + 0.2 / panel_in
         axes.text(0.0, lift, trace.test, ha="left", fontweight="bold", color=style.INK, **across)
         axes.text(1.0, lift, _summary(trace), ha="right", color=style.SOFT, **across)
-    figure.axes[-1].set_xlabel("plot angle, deg", fontsize=style.TEXT, color=style.INK)
+    figure.axes[-1].set_xlabel("angle, deg", fontsize=style.TEXT, color=style.INK)
     if title:
         style.heading(figure, title)
     _legend(figure, tests, height)
@@ -98,7 +98,7 @@ def residual_figure(
 
 
 def reversal_angles(trace: ResidualTrace) -> list[tuple[str, float]]:
-    """(axis, plot angle in deg) of every distinct reversal mark, sorted by angle; repeats in further revolutions
+    """(axis, angle in deg) of every distinct reversal mark, sorted by angle; repeats in further revolutions
     are merged.
     """
     marks: list[tuple[str, float]] = []
@@ -115,8 +115,7 @@ def reversal_angles(trace: ResidualTrace) -> list[tuple[str, float]]:
 
 
 def _shown(trace: ResidualTrace, phi_deg: NDArray[np.float64]) -> NDArray[np.float64]:
-    angle = phi_deg + trace.shift_deg
-    return np.mod(angle, 360.0) if trace.full_circle() else angle
+    return np.mod(phi_deg, 360.0) if trace.full_circle() else phi_deg
 
 
 def _panel(axes: Axes, trace: ResidualTrace, limit: float) -> None:

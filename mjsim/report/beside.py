@@ -121,7 +121,7 @@ def _finding(e: DiagnosedEffect, row: dict) -> dict:
         {"id": row["id"], "alternatives": row["alternative_ids"], "tests": row["tests"]}
         | {"change": size}
         | {"together": e.together.sentence if e.together else None}
-        | {"title": e.effect.title, "remedy": e.effect.remedy.text, "rows": rows}
+        | {"title": e.effect.title, "remedy": e.effect.remedy.on(e.effect.subject).text, "rows": rows}
     )
 
 

@@ -13,7 +13,6 @@ from mjsim.campaign.machine_file import machine_document
 from mjsim.compensation.compensate import compensate
 from mjsim.estimation.problem import Problem
 from mjsim.instruments.ball_bar.iso230 import BidirectionalFigures, CircularFigures
-from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.machine.model import Machine
 from mjsim.plots.output import conditions, polar_traces, residual_trace
 from mjsim.prediction.part_run import PartRun
@@ -206,7 +205,6 @@ def _tuples(figures: dict) -> dict[str, Any]:
 
 
 def _section(before: ComparedBarTest, after: ComparedBarTest, noise: float, changed: bool) -> TestSection:
-    angle = after.worst_phi / DEG + kind_of(after.test).plot_offset_deg
     return TestSection(
         name=before.test.name,
         conditions=conditions(before.test),
@@ -221,5 +219,5 @@ def _section(before: ComparedBarTest, after: ComparedBarTest, noise: float, chan
         trigger_ms=round(after.trigger * 1e3, 2),
         setup=before.test.setup,
         left_out=int((~before.valid).sum()),
-        worst=f"{angle % 360.0:.0f}°, {after.worst_event}",
+        worst=f"{after.worst_phi / DEG % 360.0:.0f}°, {after.worst_event}",
     )

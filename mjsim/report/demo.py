@@ -61,7 +61,7 @@ def prepare(out: Path) -> Path:
     stage = target.with_name(f".{target.name[:80]}.{secrets.token_hex(6)}")
     try:
         shutil.copytree(examples() / EXAMPLE, stage, ignore=shutil.ignore_patterns("heldout"))
-        (stage / marker.name).write_text("made by mjsim demo; it may be replaced by the next one\n")
+        (stage / marker.name).write_text("made by mjsim demo; it may be replaced by the next one\n", encoding="utf-8")
         if target.exists():
             shutil.rmtree(target)
         stage.rename(target)

@@ -30,8 +30,8 @@ def test_traces(models: list[ComparedBarTest], start: int, noise: float) -> dict
     Returns:
         ``phi`` (n,) in 0.01°; ``measured`` (n,) and ``models`` (k, n) in 0.001 µm, measured with None where a sample is
         left out; ``centre``: the eccentricity [a, b, c] in 0.001 µm that is taken out, a cos φ + b sin φ + c, of the
-        measured trace and of every model's; ``shift`` plot angle minus φ [°]; ``full``: a whole circle; ``events``
-        [axis, plot angle °]; ``axes``: φ in 0.01° and the commanded positions of the axes [0.01 mm or 0.01°]; ``noise``
+        measured trace and of every model's; ``full``: a whole circle; ``events``
+        [axis, angle °]; ``axes``: φ in 0.01° and the commanded positions of the axes [0.01 mm or 0.01°]; ``noise``
         [µm]. The long lists are :func:`steps`.
     """
     t = models[start]
@@ -45,7 +45,6 @@ def test_traces(models: list[ComparedBarTest], start: int, noise: float) -> dict
         "measured": steps(measured),
         "models": [steps(_whole(m.simulated[keep] / UM, 1e3)) for m in models],
         "centre": [_centre(t, x) for x in traces],
-        "shift": trace.shift_deg,
         "full": bool(trace.full_circle()),
         "events": [[axis, round(angle, 2)] for axis, angle in reversal_angles(trace)],
         "axes": _positions(t),

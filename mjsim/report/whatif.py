@@ -69,7 +69,7 @@ def causes(machine: Machine, given: Machine, found: Collection[str] = (), inside
     for effect in machine.effects:
         if effect.is_neutral or effect.key in inside:
             continue
-        out.append(Cause(effect.key, effect.title, effect.remedy, machine.without(effect.key)))
+        out.append(Cause(effect.key, effect.title, effect.remedy.on(effect.subject), machine.without(effect.key)))
         former = given.effect(effect.key)
         if effect.kind == "friction" and effect.key in found and former is not None:
             what = Remedy(

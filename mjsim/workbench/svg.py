@@ -7,7 +7,6 @@ from html import escape
 
 import numpy as np
 
-from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.plots import style
 from mjsim.units import UM
 from mjsim.workbench.lines import thinned
@@ -45,10 +44,9 @@ def polar(
     measured, simulated = trace.centred
     step = step_um or division_um([v for v in (measured, simulated) if v is not None])
     parts = [_grid(small)]
-    angle = trace.phi + np.radians(kind_of(trace.test).plot_offset_deg)
     for name, values in (("measured", measured), ("simulated", simulated)):
         if values is not None:
-            parts.append(f'<path class="{name}" d="{_path(angle, values / (step * UM), small)}"/>')
+            parts.append(f'<path class="{name}" d="{_path(trace.phi, values / (step * UM), small)}"/>')
     if not small:
         parts += _marks(trace, reversals or {})
         parts.append(f'<text class="scale" x="96" y="97">1 div.: {style.number(step)} µm</text>')
@@ -59,7 +57,7 @@ def polar(
 
 def ray_angle(trace: Trace, place: int) -> float:
     """Angle of :data:`RAY` at one sample of a trace, counterclockwise, °."""
-    return float(np.degrees(trace.phi[place])) + kind_of(trace.test).plot_offset_deg
+    return float(np.degrees(trace.phi[place]))
 
 
 def _grid(small: bool) -> str:
@@ -86,10 +84,9 @@ def _path(angle: np.ndarray, divisions: np.ndarray, small: bool) -> str:
 
 def _marks(trace: Trace, reversals: Mapping[str, np.ndarray]) -> list[str]:
     """Ticks and letters where axes reverse, and the angles of the four quadrants."""
-    offset = kind_of(trace.test).plot_offset_deg
     places: list[tuple[float, str]] = []
     for axis, angles in reversals.items():
-        for a in np.unique(np.round((np.degrees(angles) + offset) % 360.0)):
+        for a in np.unique(np.round(np.degrees(angles) % 360.0)):
             near = next((i for i, (b, _) in enumerate(places) if abs((a - b + 180) % 360 - 180) < _LABEL_APART), None)
             if near is None:
                 places.append((float(a), axis))

@@ -61,7 +61,7 @@ def resolve_effect(name: str | Path, chain: Chain) -> tuple[type[Effect], list[s
         InputError: there is no such effect, or the file is no effect file.
     """
     name = str(name)
-    if name.endswith(".py") or "/" in name:
+    if name.endswith(".py") or Path(name).name != name:
         cls = registry.load_file(Path(name))
         return cls, list(cls.subjects_of(chain)), Path(name).resolve()
     cls, subject = registry.effect_class(name, chain)

@@ -43,6 +43,7 @@ class Control(ABC):
         directions_of_axes: Whether the kinematic data take the direction of a rotary axis, not only its place.
         most_cross: Most tables of one axis by another.
         pulses: Whether it has a friction compensation whose numbers follow from the model.
+        thermal_tool: What takes a drift with time out, as the beginning of a sentence; empty where nothing does.
     """
 
     name: ClassVar[str]
@@ -53,6 +54,7 @@ class Control(ABC):
     most_cross: ClassVar[int] = 1000
     gains: ClassVar[bool] = True
     pulses: ClassVar[bool] = False
+    thermal_tool: ClassVar[str] = ""
     location_decimals: ClassVar[int] = 6
 
     def __init__(self, settings: Settings | None = None) -> None:
@@ -127,7 +129,7 @@ class Control(ABC):
         """What to do about a drift with time."""
         return (
             f"a drift with time: {axis} goes {size / MM * 1e3:+.1f} µm with a time constant of {constant:.0f} s; "
-            f"warm the machine up, or measure the datum again"
+            f"{self.thermal_tool}warm the machine up, or measure the datum again"
         )
 
     def _held(self, chain: Chain, out: str, source: str, value: float) -> float:

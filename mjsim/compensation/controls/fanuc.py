@@ -28,6 +28,7 @@ class Fanuc(Control):
 
     name = "fanuc"
     title = "FANUC"
+    thermal_tool = "let the PMC take it out (option thermal growth compensation along tool vector), or "
     directions_of_axes = False
     most_cross = 6
 

@@ -26,6 +26,7 @@ class Heidenhain(Control):
 
     name = "heidenhain"
     title = "HEIDENHAIN"
+    thermal_tool = "let the PLC take it out (compensation of thermal expansion), or "
 
     def grid(self, chain: Chain, out: str, source: str) -> Grid:
         return Grid(most=_MOST, decimals=6, place_decimals=4)

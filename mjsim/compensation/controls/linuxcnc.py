@@ -19,6 +19,7 @@ class LinuxCNC(Control):
 
     name = "linuxcnc"
     title = "LinuxCNC"
+    thermal_tool = "let HAL take it out (external offset of the axis, pins axis.L.eoffset-counts and -scale), or "
     crossed = False
     directions_of_axes = False
     gains = False

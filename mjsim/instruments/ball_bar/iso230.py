@@ -1,7 +1,7 @@
 """ISO 230-4 figures of circular traces: G and F of one direction, G(b) and D of both.
 
-Definitions (ISO 230-4, terms and definitions, paraphrased; symbols as there). The wording follows the 2005 edition as
-commonly cited; it has not been checked against the text of the 2022 edition:
+The terms are those of ISO 230-4:2022, which says "error" where the edition of 2005 said "deviation". The definitions
+and symbols, paraphrased, follow the edition of 2005 as commonly cited; the text of 2022 was not at hand:
 
 * circular error **G**: minimum radial separation of two concentric circles that envelop the actual path. The standard
   lets it be

@@ -16,10 +16,10 @@
     const t = { ...packed, axes, phi: whole(packed.phi), measured: whole(packed.measured), models: packed.models.map(whole) };
     const phi = t.phi.map((p) => p / 100), rad = phi.map((p) => p * Math.PI / 180);
     const centred = (x, c) => x.map((v, i) => v === null ? null : (v - c[0] * Math.cos(rad[i]) - c[1] * Math.sin(rad[i]) - c[2]) / 1e3);
-    const angle = phi.map((p) => t.full ? (((p + t.shift) % 360) + 360) % 360 : p + t.shift);
+    const angle = phi.map((p) => t.full ? ((p % 360) + 360) % 360 : p);
     const models = t.models.map((m, k) => centred(m, t.centre[k + 1]));
     const residual = t.models.map((m) => m.map((v, i) => t.measured[i] === null ? null : (t.measured[i] - v) / 1e3));
-    return { ...t, phi, angle, polar: phi.map((p) => p + t.shift), measured: centred(t.measured, t.centre[0]), models, residual };
+    return { ...t, phi, angle, polar: phi, measured: centred(t.measured, t.centre[0]), models, residual };
   };
   const extent = (...lists) => lists.reduce((m, x) => x.reduce((a, v) => v === null ? a : [Math.min(a[0], v), Math.max(a[1], v)], m), [0, 0]);
 
@@ -107,7 +107,7 @@
     };
     const text = (i) => ["residual", `${fixed(x[i], 1)}°, ${fixed(y[i], 2)} µm`, ...t.text[index[i]]];
     return {
-      margins: [18, 8, 36, 52], x: [low, high], y: [-limit, limit], xTicks: angleTicks, yTicks: (a, b) => ticks(a, b, 7), xTitle: "plot angle, °", yTitle: "residual, µm",
+      margins: [18, 8, 36, 52], x: [low, high], y: [-limit, limit], xTicks: angleTicks, yTicks: (a, b) => ticks(a, b, 7), xTitle: "angle, °", yTitle: "residual, µm",
       lines: [{ name: "residual", x, y, colour: look.measured, width: 0.9, text }], under, over, byX: true,
     };
   };

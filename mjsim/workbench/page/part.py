@@ -89,7 +89,8 @@ class PartDialog:
 
     def _draw(self, result: Prediction, before: Prediction | None) -> None:
         low, high = (v / UM for v in result.largest[1:])
-        verdict = f"{result.verdict[:1].upper()}{result.verdict[1:]}. " if result.verdict else ""
+        reason = f"{result.reason[:1].upper()}{result.reason[1:]}. " if result.reason else ""
+        verdict = f"{result.verdict[:1].upper()}{result.verdict[1:]}. {reason}" if result.verdict else ""
         was = f" (before: {before.largest[0] / UM:.2f} µm)" if before is not None else ""
         self.says.text = (
             f"{verdict}Largest deviation {result.largest[0] / UM:.2f} µm{was}, 95 %: {low:.2f} to {high:.2f} µm, "

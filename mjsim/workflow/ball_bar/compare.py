@@ -83,7 +83,7 @@ class ComparedBarTest(ComparedTest):
             "samples_saturated": self.saturated,
             "outliers": self.outliers,
             "worst_phi_deg": _r(self.worst_phi / DEG, 1),
-            "worst_plot_angle_deg": _r((self.worst_phi / DEG + kind_of(self.test).plot_offset_deg) % 360, 1),
+            "worst_plot_angle_deg": _r(self.worst_phi / DEG % 360, 1),
             "worst_event": self.worst_event,
             "trigger_ms": _r(self.trigger * 1e3, 2),
             "iso230_4": self.iso,

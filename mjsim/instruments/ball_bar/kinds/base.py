@@ -130,11 +130,6 @@ class Kind(ABC):
         """Names of the keys that a test of the kind has to have."""
         return tuple(k.name for k in self.keys if k.needed)
 
-    @property
-    def plot_offset_deg(self) -> float:
-        """Angle of a polar plot less φ. The paper draws φ = 0 of a circle at 180°."""
-        return 180.0 if self.goes_round else 0.0
-
     def repeats(self, test: BallBarTest) -> bool:
         """Whether the trace goes over the same path at least twice, so that its noise can be told from the machine."""
         return self.goes_round and test.revolutions >= 2
