@@ -402,7 +402,7 @@ def test_killed_while_the_data_set_is_put_together(folder, monkeypatch, step):
     """Whatever moves or removal is the last one before the kill, the next call ends the work."""
     file = sweep_file(folder, GAIN, tests=TESTS[: TESTS.index("[[test]]", 10)])
     monkeypatch.setattr(
-        mjsim.batch.__globals__["_Writer"], "take", _one_by_one(mjsim.batch.__globals__["_Writer"].take)
+        mjsim.run_batch.__globals__["_Writer"], "take", _one_by_one(mjsim.run_batch.__globals__["_Writer"].take)
     )
     whole, out = folder / "whole", folder / "out"
     mjsim.run_batch(file, whole)
@@ -450,7 +450,7 @@ def test_a_shard_that_a_power_cut_spoiled_is_computed_again(folder, monkeypatch)
     whole, out = folder / "whole", folder / "out"
     mjsim.run_batch(file, whole)
     monkeypatch.setattr(
-        mjsim.batch.__globals__["_Writer"], "take", _one_by_one(mjsim.batch.__globals__["_Writer"].take)
+        mjsim.run_batch.__globals__["_Writer"], "take", _one_by_one(mjsim.run_batch.__globals__["_Writer"].take)
     )
     with monkeypatch.context() as m:
         m.setattr(Folder, "finish", lambda self: None)
