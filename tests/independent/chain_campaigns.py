@@ -22,7 +22,7 @@ from .unlisted import CoolerCycle, EccentricPlay, LooseGib, ReversalCreep, Unlis
 
 #: No number of a drive is less than this share of what the data sheet says.
 LEAST = 0.2
-#: Largest amplitude of an unlisted cause, in its own unit, about µm or arcsec: one that still does not show is small.
+#: Largest amplitude of an unlisted cause, µm or arcsec. One that still does not show stays small.
 LARGEST = 20.0
 
 
