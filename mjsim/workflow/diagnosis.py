@@ -99,16 +99,17 @@ class Diagnosis:
     def own_rungs(self) -> int:
         """How many of the effects, from the first, have a rung of the ladder of their own; the others share one."""
         shared = sum(r is self.rungs[-1] for r in self.rungs) if self.rungs else 0
-        return len(self.effects) - (shared if shared > 1 else 0)
+        return len(self.of_bars().effects) - (shared if shared > 1 else 0)
 
     @property
     def explained_shares(self) -> dict[str, float]:
         """Share of each cause in the explained squared error, the largest first; from the ladder where the selection
         has not computed them. They sum to 1.
         """
-        if self.shares or not self.effects:
+        mine = [e for e in self.effects if e.found_by == self.before.instrument]
+        if self.shares or not mine:
             return self.shares
-        gains = {e.effect.key: max(0.0, e.rms_before**2 - e.rms_after**2) for e in self.effects}
+        gains = {e.effect.key: max(0.0, e.rms_before**2 - e.rms_after**2) for e in mine}
         whole = sum(gains.values()) or 1.0
         return {key: gain / whole for key, gain in sorted(gains.items(), key=lambda item: -item[1])}
 
