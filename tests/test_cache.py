@@ -192,6 +192,7 @@ def test_how_long_it_will_take_is_known_from_the_last_time(kept, capsys):
     from mjsim.cli.diagnose import say_how_long
 
     campaign = SimpleNamespace(traces={"a": SimpleNamespace(time=np.array([0.0, 100.0]))}, measured=["a"])
+    campaign.of = lambda instrument: campaign
     done = say_how_long(campaign, quiet=False)
     assert capsys.readouterr().err == ""
     done()

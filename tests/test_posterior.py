@@ -48,7 +48,7 @@ def test_a_discrepancy_is_found_with_its_size(tests):
         d, rows = drawn(tests, 0.8e-6, 0.4e-6, seed)
         sizes, _ = model(d, rows).tuned(none)
         found.append((sizes.slow, sizes.fast))
-        assert np.abs(sizes.factor - 1.0).max() < 0.05
+        assert np.abs(sizes.factor - 1.0).max() < 0.2  # 60 degrees of freedom
     slow, fast = np.mean(found, axis=0)
     assert 0.5e-6 < slow < 1.2e-6 and 0.3e-6 < fast < 0.5e-6
 
@@ -65,7 +65,7 @@ def test_a_test_with_more_noise_than_the_others_is_given_more(tests):
     d, rows = drawn(tests, 0.0, 0.0, 7)
     rows[d.rows[1]] *= 1.5
     sizes, _ = model(d, rows).tuned(Sizes(0.3e-6, 0.3e-6, np.ones(2)))
-    assert sizes.factor == pytest.approx([1.0, 1.5], abs=0.1)  # 500 degrees of freedom: 3 %
+    assert sizes.factor == pytest.approx([1.0, 1.5], abs=0.1)
 
 
 def test_whitened_rows_have_independent_errors_of_variance_one(tests):

@@ -95,8 +95,7 @@ def _content(name="cone15-ccw", **changes):
                 name,
                 [name],
                 98.7,
-                1234.0,
-                30.0,
+                99.2,
                 name,
                 Rejected("straightness.EXY", 43.2),
             )
@@ -556,7 +555,8 @@ def test_trend_figure_refuses_what_it_cannot_draw():
 def test_campaigns_of_other_machines_are_refused(m1, m2, cone, tmp_path):
     test = cone(15, 10, (0, 0, 155))
     a, b = (
-        Campaign(name, tmp_path / name, tmp_path / "m.toml", None, (test,), {test.name: None}) for name in ("a", "b")
+        Campaign(name, tmp_path / name, tmp_path / "m.toml", (test,), {test.name: None}, {"ball_bar": None})
+        for name in ("a", "b")
     )
     check_same_machine([(a, m1), (b, m1)])
     with pytest.raises(InputError, match=r"b: not of the same machine as .*a: machine 'M1'.*'M2'"):

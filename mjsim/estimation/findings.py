@@ -12,14 +12,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.special import erfc
 
 from mjsim.estimation.calibration import LIMIT_DEVIATIONS, Calibrated
 from mjsim.estimation.combinations import Combination, combinations
-from mjsim.estimation.curve_fit import fit_beside_simple
-from mjsim.estimation.curve_terms import CurveTerm
+from mjsim.estimation.curve_fit import Together, fit_beside_simple
+from mjsim.estimation.curve_shape import simplest_shape
+from mjsim.estimation.curve_terms import CurveTerm, CurveTerms
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.hypotheses import entries_of, expected_prior, log_odds_of
@@ -29,6 +31,7 @@ from mjsim.estimation.problem import Problem
 from mjsim.estimation.search import Found, Model, Search, with_curves
 from mjsim.estimation.shares import Calibration, calibrations
 from mjsim.estimation.unexplained import Unexplained, describe
+from mjsim.estimation.unknown_curves import FINER, LONGEST
 from mjsim.estimation.vibration import Separated
 from mjsim.machine.chain import is_rotary
 from mjsim.progress import Progress, silent
@@ -257,7 +260,7 @@ class _Reader:
             problem = with_curves(self.model.base, [c for c in curves if c is not curve])
             fitter = Fitter(problem, fit.base)
             alone = fitter.fit(fit.effects, start=fit, exact=True, iterations=0, fresh=False)
-            moved, term, _ = fit_beside_simple(fitter, alone, curve.term)
+            moved, term, _ = fit_beside_simple(fitter, alone, _with_enough_knots(problem, alone, curve.term))
             told = describe(problem, moved, term)
             large = self._curve_beyond(term)
             if best is None or large * told.rms > best[0]:
@@ -297,6 +300,14 @@ class _Reader:
         rest = sure * (1.0 - unknown)
         identified = (1.0 - sure) * clear + rest * (1.0 - small)
         return Verdicts(rest * small, identified, (1.0 - sure) * (1.0 - clear), sure * unknown)
+
+
+def _with_enough_knots(problem: Problem, fit: Fit, term: CurveTerm) -> CurveTerm:
+    """A curve with as many knots as have the largest evidence in the simplest shape: a step lies between two of them."""
+    terms = CurveTerms(problem, fit)
+    shape = partial(simplest_shape, closed=term.period is not None)
+    finer = [t for n in FINER for t in terms.finer(term, n) if len(t.knots) <= LONGEST]
+    return min((term, *finer), key=lambda t: Together(fit, problem.whiten(t.columns), 1.0, shape).objective)
 
 
 def _radius_beyond(centre: np.ndarray, covariance: np.ndarray, limit: float) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 
 from mjsim.estimation.calibration import Calibrated, calibrated_effects, expected_effects
 from mjsim.estimation.discrepancy import USUAL, Discrepancy, LinearModel, Products, Sizes
-from mjsim.estimation.disturbances import without_disturbances
+from mjsim.estimation.disturbances import readmitted, without_disturbances
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.hypotheses import Hypotheses, Signatures, log_odds_of, with_prior_of_size
@@ -157,14 +157,18 @@ class Search:
             model = self._searched(self._class_of(calibrated_effects(self.machine)))
             return self._found(self.fitter.fit([], exact=False), model)
         fitter, selection = ModelSelection(self.fitter, self.progress).run(most)
-        self._begin(fitter)
-        self._signatures = Signatures.of(self.discrepancy, selection.bank)
-        few = self._with_priors(selection.fit)
+        data = readmitted(fitter.problem, selection.fit.readings, selection.fit.nuisance)
+        self._begin(fitter.with_problem(data))
+        few = self._with_priors(selection.fit, data is not fitter.problem)
         if few.leaves_nothing or most is not None:
+            again = data is not fitter.problem
             competing = {
-                f.key: [(key, self._with_priors(fit)) for key, fit in f.competing.items()] for f in selection.found
+                f.key: [(key, self._with_priors(fit, again)) for key, fit in f.competing.items()]
+                for f in selection.found
             }
             return Found(selection.start, few, competing, selection.bank, selection.trail)
+        if data is fitter.problem:
+            self._signatures = Signatures.of(self.discrepancy, selection.bank)
         usual = self._searched(self._class_of(expected_effects(self.machine)))
         ideal = self._searched(few)
         return self._found(selection.start, max(usual, ideal, key=lambda m: m.evidence))
@@ -173,8 +177,15 @@ class Search:
         """The outcome with what could stand in the place of each cause."""
         return Found(start, model, None, self.signatures_at(model).bank, self.trail)
 
-    def _with_priors(self, fit: Fit) -> Model:
-        """A model of a few causes, each with a prior of the width that its size asks for."""
+    def _with_priors(self, fit: Fit, again: bool) -> Model:
+        """A model of a few causes, each with a prior of the width that its size asks for.
+
+        Args:
+            fit: The model.
+            again: Whether it was fitted to other samples.
+        """
+        if again:
+            fit = self.fitter.fit(fit.effects, start=fit, fresh=False)
         effects = tuple(with_prior_of_size(f) for f in fit.effects)
         odds = sum(log_odds_of(f, self.machine) for f in effects)
         sizes = Sizes(USUAL, USUAL, np.ones(len(self.plain.tests)))

@@ -34,7 +34,7 @@ _STRETCHES = (math.radians(10.0), math.radians(30.0))
 _SMALL = 2e-3
 #: The best curves are looked at with so many times the knots, up to such a number of knots: steps and single teeth are
 #: sharper than the others.
-_REFINED, _FINER, _LONGEST = 2, (2, 4, 8), 300
+_REFINED, FINER, LONGEST = 2, (2, 4, 8), 300
 #: Curves that compete beside the model, the best of all.
 _MOST = 6
 
@@ -167,8 +167,8 @@ def best_curves(problem: Problem, fit: Fit, plain: Problem, have: set[str]) -> l
     out: dict[str, tuple[float, Curve]] = {}
     for place, (_, coarse) in enumerate(rough[:_MOST]):
         odds = _LOG_ODDS - math.log(3 * tried[coarse.axis])
-        finer = [t for n in _FINER for t in terms.finer(coarse, n)] if place < _REFINED else []
-        for term in (coarse, *(t for t in finer if len(t.knots) <= _LONGEST)):
+        finer = [t for n in FINER for t in terms.finer(coarse, n)] if place < _REFINED else []
+        for term in (coarse, *(t for t in finer if len(t.knots) <= LONGEST)):
             for name, root in (*priors_of(term), ("steps", steps_of(term))):
                 evidence, columns = judged(term, root)
                 curve = Curve(term, name, root, columns, odds)
