@@ -13,10 +13,12 @@ from mjsim.io.resources import examples
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("shared_results", "fast_plans")]
 KEYS = {
-    "verdict", "probabilities", "noise_um", "discrepancy_um", "rms_before_um", "rms_after_um", "effects", "unexplained", "not_testable", "left_out",
-    "next_test", "samples", "calibration", "combinations", "shares",
+    "verdict", "probabilities", "noise_um", "discrepancy_um", "rms_before_um", "rms_after_um", "effects",
+    "unexplained", "not_testable", "left_out", "next_test", "samples", "calibration", "combinations", "shares",
 }  # fmt: skip
-EFFECT_KEYS = {"id", "parameters", "ci95", "rms_before_um", "rms_after_um", "alternatives", "tests"}
+EFFECT_KEYS = {
+    "id", "parameters", "ci95", "rms_before_um", "rms_after_um", "probability", "alternatives", "alternative_ids", "tests",
+}  # fmt: skip
 #: Tests of an example that show what is said of it here.
 PARTS = {
     "healthy": (

@@ -37,9 +37,7 @@ def test_play_that_varies_over_a_turn_is_in_no_catalogue(stated, tmp_path):
     assert not any(f.key.startswith("pitch_error.C") for f in explained.selection.found)
 
 
-@pytest.mark.xfail(
-    reason="a few waves of the tooth's order within the tolerance stand for much of the patch", strict=True
-)
+@pytest.mark.xfail(reason="waves within the tolerance stand for much of the patch", strict=True)
 def test_waves_on_a_part_of_the_worm_wheel_are_in_no_catalogue(tmp_path):
     """Waves of many neighbouring orders imitate them, each within the tolerance of the pitch error."""
     explained = explain(separate(*measured(tmp_path, ToothPatch("C", 8.0))))

@@ -303,7 +303,7 @@ class _Reader:
 
 
 def _with_enough_knots(problem: Problem, fit: Fit, term: CurveTerm) -> CurveTerm:
-    """A curve with as many knots as have the largest evidence in the simplest shape: a step lies between two of them."""
+    """A curve with the number of knots of largest evidence in the simplest shape: a step lies between two of them."""
     terms = CurveTerms(problem, fit)
     shape = partial(simplest_shape, closed=term.period is not None)
     finer = [t for n in FINER for t in terms.finer(term, n) if len(t.knots) <= LONGEST]
