@@ -17,7 +17,8 @@ KEYS = {
     "unexplained", "not_testable", "left_out", "next_test", "samples", "calibration", "combinations", "shares",
 }  # fmt: skip
 EFFECT_KEYS = {
-    "id", "parameters", "ci95", "rms_before_um", "rms_after_um", "probability", "alternatives", "alternative_ids", "tests",
+    "id", "parameters", "ci95", "rms_before_um", "rms_after_um", "probability", "alternatives", "alternative_ids",
+    "tests",
 }  # fmt: skip
 #: Tests of an example that show what is said of it here.
 PARTS = {
