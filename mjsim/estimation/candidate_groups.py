@@ -1,6 +1,4 @@
-"""All candidates beside a fitted model as one whitened linear problem: the model's own effects, what the expected ones
-have beyond their tolerance, the catalogue, and generic curves.
-"""
+"""All candidates beside a fitted model as one whitened linear problem: the model's own effects, and the catalogue."""
 
 from __future__ import annotations
 
@@ -9,9 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mjsim.estimation.curve_terms import CurveTerm, CurveTerms
 from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.evidence import Group, LinearProblem, best_precision
+from mjsim.estimation.evidence import Group, LinearProblem
 from mjsim.estimation.fit import Fit
 from mjsim.estimation.one_direction import one_direction_candidates
 from mjsim.estimation.problem import Problem
@@ -19,8 +16,6 @@ from mjsim.estimation.settings import DiagnosisSettings
 from mjsim.estimation.signatures import Candidate, Projector, SignatureBank, seeds
 from mjsim.estimation.spectrum import spectral_candidates
 
-#: Generic curves that compete with the named effects: the best ones by themselves.
-_CURVES = 4
 #: Waves per axis that are looked at, and how many orders they are chosen from.
 _WAVES, ORDERS = 6, 800
 
@@ -34,20 +29,16 @@ class Member:
         wave: Which of its components, for a pitch error.
         entries: Which entries of its vector.
         candidate: An effect that is not in the model, or ``None``.
-        curve: A generic curve, or ``None``.
-        excess: Whether it is what an effect that is always in the model has beyond its tolerance.
     """
 
     free: EffectVector | None = None
     wave: int | None = None
     entries: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     candidate: Candidate | None = None
-    curve: CurveTerm | None = None
-    excess: bool = False
 
     @property
     def key(self) -> str:
-        """Key of the effect; empty for a curve."""
+        """Key of the effect."""
         mine = self.free or self.candidate
         return mine.effect.key if mine else ""
 
@@ -69,39 +60,27 @@ class CandidateGroups:
     settings: DiagnosisSettings
 
     @classmethod
-    def at(
-        cls, problem: Problem, fit: Fit, bank: SignatureBank, kept: set[str], curves: bool = True
-    ) -> CandidateGroups:
+    def at(cls, problem: Problem, fit: Fit, bank: SignatureBank) -> CandidateGroups:
         """The groups at a fitted model.
 
         Args:
             problem: The measured tests.
             fit: The fitted model.
             bank: Signatures at a model near ``fit``; those of effects that are not in the model are used.
-            kept: Keys of the effects that are always in the model, with their priors.
-            curves: Whether generic curves compete.
         """
         settings = problem.settings
-        own = [f for f in fit.effects if f.effect.key not in kept]
         blocks: list[np.ndarray] = []
         members: list[Member] = []
         odds: list[float] = []
         parameters = fit.parameters
         places = []
-        for f in own:
+        for f in fit.effects:
             at = np.arange(parameters.size)[parameters[f.block.name]]
             for wave, entries in own_groups(f):
                 places.append(at[entries])
                 members.append(Member(free=f, wave=wave, entries=entries))
                 odds.append(settings.log_odds)
-        for f in fit.effects:
-            if f.effect.key in kept:
-                at = np.arange(parameters.size)[parameters[f.block.name]]
-                for wave, entries in own_groups(f):
-                    blocks.append(fit.design.columns(at[entries]))
-                    members.append(Member(free=f, wave=wave, entries=entries, excess=True))
-                    odds.append(settings.log_odds)
-        others = _candidates(problem, fit, bank, kept)
+        others = _candidates(problem, fit, bank)
         count: dict[str, int] = {}
         for c, _ in others:
             count[c.id] = count.get(c.id, 0) + 1
@@ -110,10 +89,6 @@ class CandidateGroups:
             members.append(Member(candidate=c))
             tried = ORDERS if c.effect.kind == "pitch_error" else count[c.id]
             odds.append(settings.log_odds - math.log(tried))
-        for term, columns, tried in _best_curves(problem, fit) if curves else ():
-            blocks.append(columns)
-            members.append(Member(curve=term))
-            odds.append(settings.curve_log_odds - math.log(tried))
         return cls(*_marginalised(fit, places, blocks, odds), tuple(members), settings)
 
 
@@ -150,7 +125,7 @@ def _marginalised(fit: Fit, places: list[np.ndarray], blocks: list[np.ndarray], 
     return linear, groups
 
 
-def _candidates(problem: Problem, fit: Fit, bank: SignatureBank, kept: set[str]) -> list[tuple[Candidate, np.ndarray]]:
+def _candidates(problem: Problem, fit: Fit, bank: SignatureBank) -> list[tuple[Candidate, np.ndarray]]:
     """What is not in the model, with its whitened columns: other effects, further waves of a pitch error, and other
     orders of an error motion whose tolerance is in it.
     """
@@ -159,8 +134,8 @@ def _candidates(problem: Problem, fit: Fit, bank: SignatureBank, kept: set[str])
         bank.compute(seeds(fit.base))
     out = []
     for c, columns in zip(bank.candidates, bank.slices, strict=True):
-        mine, key = have.get(c.effect.key), c.effect.key
-        if mine is None or (key in kept and c.at_another_order(mine.effect)):
+        mine = have.get(c.effect.key)
+        if mine is None:
             out.append((c, bank.matrix[:, columns]))
     out += one_direction_candidates(fit, bank, Projector(fit).screen(bank))
     for axis in fit.base.chain.letters:
@@ -173,18 +148,3 @@ def _candidates(problem: Problem, fit: Fit, bank: SignatureBank, kept: set[str])
                 if round(c.effect.values["components"][0][0]) not in orders:
                     out.append((c, columns))
     return out
-
-
-def _best_curves(problem: Problem, fit: Fit) -> list[tuple[CurveTerm, np.ndarray, int]]:
-    """The generic curves of largest evidence beside the model, with whitened columns, and how many were looked at."""
-    weight = max(1.0, fit.sum_squares / problem.count)
-    rows: list[tuple[float, CurveTerm, np.ndarray]] = []
-    tried = 0
-    for term, columns in CurveTerms(problem, fit).whitened():
-        cross = fit.design.T @ columns
-        information = fit.linear.left_over(columns.T @ columns, cross)
-        score = columns.T @ fit.residual - cross.T @ fit.step
-        tried += 1
-        rows.append((best_precision(information / weight, score / weight)[1], term, columns))
-        rows = sorted(rows, key=lambda r: -r[0])[:_CURVES]  # a curve's columns fill several MB
-    return [(term, columns, tried) for gain, term, columns in rows if gain > 0.0]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-
 import numpy as np
 
 from mjsim.estimation.effect_vector import EffectVector
@@ -78,18 +76,6 @@ def is_large_enough(machine: Machine, free: EffectVector, settings: DiagnosisSet
         _departs(effect, free.specs[n], effect.values[n], present.values[n] if present else None, settings.sheet_limit)
         for n in counted
     )
-
-
-def causes(fit: Fit, machine: Machine, settings: DiagnosisSettings, kept: Collection[str]) -> dict[str, float]:
-    """The effects of a model that are large enough to be causes, but for those whose keys are in ``kept``: how far each
-    lowers the sum of squares, by key, the largest first.
-    """
-    out = {}
-    for f in fit.effects:
-        if f.effect.key not in kept and is_large_enough(machine, f, settings):
-            columns = fit.design.columns(fit.parameters[f.block.name]) @ (f.vector - f.off)
-            out[f.effect.key] = float(columns @ columns)
-    return dict(sorted(out.items(), key=lambda item: -item[1]))
 
 
 def looks_like(effect: Effect, other: Effect) -> bool:

@@ -12,9 +12,7 @@ from mjsim.estimation.curve_shape import CurveShape, free_shape, simplest_shape
 from mjsim.estimation.curve_terms import CurveTerm
 from mjsim.estimation.fit import Fit, Fitter
 
-#: Gauss-Newton steps beside a free curve: its columns hardly change with the model.
-_STEPS = 2
-#: The same at most beside a curve of a simple shape: many where the set-up can do much of what the curve does.
+#: Most Gauss-Newton steps beside a curve: many where the set-up can do much of what the curve does.
 _MOST_STEPS = 8
 #: RMS of a step's readings, in units of the noise, below which the model has arrived.
 _ARRIVED = 0.05
@@ -22,38 +20,11 @@ _ARRIVED = 0.05
 _KNOWN = 1e-9
 #: Least precision of a curve's prior, of the largest information: what the model takes up whole has none.
 _LEAST = 1e-12
-#: A step is not taken where it leaves so many times the mean square that it promised.
-_WORSE = 2.0
-
-
-def fit_beside(fitter: Fitter, fit: Fit, term: CurveTerm, steps: int = _STEPS) -> tuple[Fit, CurveTerm, Together]:
-    """The model and the free curve where both lie when they are fitted together.
-
-    The curve is no part of the model, so the model's residuals show it in full. The covariance allows for it.
-
-    Args:
-        fitter: Of the machine.
-        fit: The model fitted without the curve.
-        term: The curve, with its columns.
-        steps: Gauss-Newton steps.
-
-    Returns:
-        The model, the curve, and the linear problem of both.
-    """
-    columns, misfit = fitter.problem.whiten(term.columns), fit.sum_squares / fitter.problem.count
-    together = Together(fit, columns, max(1.0, misfit))
-    for _ in range(steps):
-        moved = _moved(fitter, fit, together.step)
-        beside = Together(moved, columns, max(1.0, together.misfit))
-        if beside.misfit > _WORSE * together.misfit:
-            break  # the step went where the model is not linear any more
-        fit, together = moved, beside
-    curve = replace(term, coefficients=together.coefficients, precision=together.precision)
-    return replace(fit, step=together.step, equations=together.equations), curve, together
 
 
 def fit_beside_simple(fitter: Fitter, fit: Fit, term: CurveTerm) -> tuple[Fit, CurveTerm, Together]:
-    """What :func:`fit_beside` returns, where the curve has the simplest shape that the data allow.
+    """The model and a curve where both lie when they are fitted together, the curve in the simplest shape that the data
+    allow. The curve is no part of the model, so the model's residuals show it in full. The covariance allows for it.
 
     What the set-up and the curve can both do may move between them without end. So the curve is the one beside the
     model as it stands, and of all models the one is taken that leaves least with it.

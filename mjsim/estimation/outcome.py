@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
-from mjsim.estimation.calibration import Calibrated
 from mjsim.estimation.curve_terms import CurveTerm
 from mjsim.estimation.fit import Fit
-from mjsim.estimation.problem import Problem
 from mjsim.estimation.signatures import SignatureBank
 
 
@@ -64,29 +61,3 @@ class Selection:
     first_gain: float = 0.0
     best_curve: CurveTerm | None = None
     complete: bool = True
-
-
-@dataclass(frozen=True)
-class JointSelection:
-    """Outcome of a joint selection.
-
-    Attributes:
-        problem: The measured tests that it ended on, with fewer samples where disturbances came to light.
-        selection: Start, final model and findings, as of :class:`ModelSelection`.
-        calibrated: Effects that a machine of its class may have and that are no findings.
-        curve: The generic curve that explains what no effect of the catalogue does, if there is one.
-        alone: Whether it stands in the place of all findings.
-    """
-
-    problem: Problem
-    selection: Selection
-    calibrated: tuple[Calibrated, ...]
-    curve: CurveTerm | None = None
-    alone: bool = False
-
-    def without(self, keys: Collection[str], fit: Fit, usual: Collection[Calibrated]) -> JointSelection:
-        """The outcome with another model, in which the effects ``keys`` are as ``usual`` and no findings."""
-        found = [f for f in self.selection.found if f.key not in keys]
-        calibrated = {c.key: c for c in (*self.calibrated, *(c for c in usual if c.key in keys))}
-        selection = replace(self.selection, fit=fit, found=found)
-        return replace(self, selection=selection, calibrated=tuple(calibrated.values()))

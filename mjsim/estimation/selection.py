@@ -146,7 +146,7 @@ class ModelSelection(CandidateModels):
             return False
         if len(fit.effects) != 1:
             return len(fit.effects) >= self.settings.few_effects
-        groups = CandidateGroups.at(self.problem, fit, bank, set(), curves=False)
+        groups = CandidateGroups.at(self.problem, fit, bank)
         needed = select(groups.problem.scaled(max(1.0, misfit)), groups.groups).precision
         return len({groups.members[g].key for g in needed}) >= self.settings.many_needed
 

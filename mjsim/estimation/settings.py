@@ -132,15 +132,10 @@ class DiagnosisSettings:
             everywhere, or the cause is in no catalogue (bank).
         many_needed: Effects that linear selection must need beside the first one for a few to be given up at once
             (bank).
-        joint_fit: Mean square of the whitened residuals up to which a model of many small errors explains everything
-            (bank).
-        most_effects: Most effects of a model that leaves something all the same (bank).
-        clearly_less: Share of what a few effects leave that a model of many must leave to be the better one (bank).
         many_effects: Effects from which the data sheet's derivatives stay those of the machine as given (assumed:
             single effects are then tiny beside the motion).
         log_odds: Logarithm of the prior odds that a cause of the catalogue is needed beside a calibrated machine. Some
             eighty causes are considered: odds of e^-9 let chance name one in a hundred campaigns.
-        curve_log_odds: The same for a generic curve, of which some two hundred are considered.
         most_vibrations: Most vibrations that are looked for (assumed).
         vibration_false_alarm: Chance of one line of constant frequency by accident in a whole campaign (gamma
             distribution of the summed periodograms).
@@ -155,11 +150,6 @@ class DiagnosisSettings:
         determined_sum: Posterior over prior standard deviation up to which a sum is determined (assumed).
         narrower_sum: Share of the width of each of its numbers up to which a sum is worth telling (assumed).
         least_factor: Least factor of a number in a sum, over the largest one (assumed).
-        equivalent_share: Share of a finding's evidence that another effect must reach in its place, by its linear
-            estimate, to be fitted there (assumed).
-        equivalent_share_drive: The same for an effect of the same axis' drive, as friction: the reading is not linear
-            in its size (bank).
-        most_equivalents: Most candidates that are fitted in the place of one finding (assumed).
         harmonic_share: Share of a curve's power in one harmonic that makes this its period (assumed).
         hidden_shape: Shapes of a curve with so many times the usual variance are hidden by the set-up (assumed).
         outliers: What is left out of a trace as a disturbance.
@@ -193,12 +183,8 @@ class DiagnosisSettings:
     testable_size: float = 10.0
     few_effects: int = 3
     many_needed: int = 10
-    joint_fit: float = 1.4
-    most_effects: int = 5
-    clearly_less: float = 0.8
     many_effects: int = 8
     log_odds: float = -9.0
-    curve_log_odds: float = -12.0
     most_vibrations: int = 4
     vibration_false_alarm: float = 1e-8
     vibration_size: float = 0.3
@@ -209,9 +195,6 @@ class DiagnosisSettings:
     determined_sum: float = 0.25
     narrower_sum: float = 0.4
     least_factor: float = 0.15
-    equivalent_share: float = 0.9
-    equivalent_share_drive: float = 0.4
-    most_equivalents: int = 3
     harmonic_share: float = 0.6
     hidden_shape: float = 30.0
     outliers: OutlierSettings = OUTLIERS

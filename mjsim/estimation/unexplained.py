@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.estimation.criteria import parameter_count, penalised_objective
-from mjsim.estimation.curve_search import best_curve_term, is_overfit, visible
+from mjsim.estimation.curve_search import visible
 from mjsim.estimation.curve_shape import bends, changes, orders
 from mjsim.estimation.curve_terms import RADIAL, TABLE, CurveTerm
 from mjsim.estimation.effect_file import effect_source
 from mjsim.estimation.fit import Fit
-from mjsim.estimation.outcome import Selection
 from mjsim.estimation.problem import Problem
 from mjsim.machine.chain import is_rotary
-from mjsim.progress import Progress
 from mjsim.units import DEG, UM
 
 
@@ -66,28 +63,6 @@ class Unexplained:
             "effect_file": self.effect_file,
             "plot": self.plot,
         }
-
-
-def find_unexplained(problem: Problem, selection: Selection, progress: Progress) -> tuple[CurveTerm | None, Selection]:
-    """The generic term that explains most of what is left after the search, where one is worth it.
-
-    Where a single generic term does much better than all the named effects together, they only overfitted: they are
-    withdrawn.
-    """
-    progress("looking at the rest", 0, 1)
-    rest = best_curve_term(problem, selection.fit)
-    if not selection.found:
-        return rest, selection
-    settings, start = problem.settings, selection.start
-    many = parameter_count(selection.fit) >= settings.overfit_many
-    named = penalised_objective(start, settings) - penalised_objective(selection.fit, settings)
-    if many or (rest is not None and rest.gain > settings.notable_share * named):
-        scanned = {f.effect.subject for f in selection.fit.effects if f.effect.search.scanned}
-        worms = {a for a in scanned if start.base.chain.is_rotary(a)} if many else set()
-        curve = selection.best_curve if selection.best_curve and not worms else best_curve_term(problem, start, worms)
-        if is_overfit(problem, start, selection.fit, curve, selection.first_gain):
-            selection, rest = replace(selection, fit=start, found=[]), curve
-    return rest, selection
 
 
 _WORDS = {
