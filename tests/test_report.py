@@ -412,8 +412,9 @@ def test_an_alternative_is_named_without_its_size(effect_id, said):
     assert answer._named(effect_id) == said
 
 
-def _found(effect, alternatives=()):
-    return SimpleNamespace(effect=effect, alternatives=alternatives)
+def _found(effect, alternatives=(), shares=(None,)):
+    others = dict(zip(alternatives, shares[1:], strict=False))
+    return SimpleNamespace(effect=effect, alternatives=alternatives, probability=shares[0], others=others)
 
 
 NEXT = {
@@ -427,8 +428,8 @@ NEXT = {
     ("verdict", "effects", "following", "lines", "sentence"),
     [
         (
-            "ambiguous", [_found(make("servo_gain.C", ratio=1.0308), ("servo_delay.C",))], NEXT,
-            ["C axis: position gain about 3.1 % too high, or a command delay of C."],
+            "ambiguous", [_found(make("servo_gain.C", ratio=1.0308), ("servo_delay.C",), (0.93, 0.07))], NEXT,
+            ["C axis: position gain about 3.1 % too high (93 %), or a command delay of C (7 %)."],
             "These 7 tests cannot decide. Next: one 4-minute test (cone, Y 100 mm, 4000 mm/min).",
         ),
         (

@@ -12,7 +12,7 @@ from mjsim.machine.model import Machine
 from mjsim.report.numbers import fixed
 from mjsim.units import UM, unit_of
 from mjsim.workflow.diagnosis import Diagnosis
-from mjsim.workflow.finding import DiagnosedEffect
+from mjsim.workflow.finding import DiagnosedEffect, percent
 
 #: Ends of names that have no article: one says "backlash of X", but "a command delay of X".
 _WITHOUT_ARTICLE = ("backlash", "friction", "inertia", "presliding", "wear", "wind-up under gravity")
@@ -53,6 +53,9 @@ def _line(found: DiagnosedEffect, given: Machine) -> str:
     effect = found.effect
     cause = f"{_place(effect.subject)}: {sized(effect, given.effect(effect.key))}"
     others = [_named(effect_id) for effect_id in found.alternatives]
+    if others and found.probability is not None:
+        cause += f" ({percent(found.probability)})"
+        others = [f"{o} ({percent(found.others[i])})" for o, i in zip(others, found.alternatives, strict=True)]
     return f"{cause}{''.join(f', or {other}' for other in others)}."
 
 
@@ -113,8 +116,8 @@ def _components(rows: list, unit: str) -> str:
 
 
 def _percent(ratio: float, above: str = "too high", below: str = "too low") -> str:
-    percent = 100.0 * (ratio - 1.0)
-    return f"about {_short(abs(percent))} % {above if percent > 0 else below}"
+    change = 100.0 * (ratio - 1.0)
+    return f"about {_short(abs(change))} % {above if change > 0 else below}"
 
 
 def _short(value: float) -> str:
