@@ -10,7 +10,7 @@ of ISO 14253-1: with a probability of 95 %.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -31,7 +31,7 @@ from mjsim.estimation.problem import Problem
 from mjsim.estimation.search import Found, Model, Search, with_curves
 from mjsim.estimation.shares import Calibration, calibrations
 from mjsim.estimation.unexplained import Unexplained, describe
-from mjsim.estimation.unknown_curves import FINER, LONGEST
+from mjsim.estimation.unknown_curves import FINER, LONGEST, Curve
 from mjsim.estimation.vibration import Separated
 from mjsim.machine.chain import is_rotary
 from mjsim.progress import Progress, silent
@@ -125,8 +125,6 @@ class _Reader:
             self.model, self.problem = best, best.problem  # something else in its place is the better explanation
             self.found = replace(self.found, model=best, rivals=None)
         unexplained, unknown, fit = self._unknown(fit)
-        if unknown < FINDING:
-            unexplained = None
         rows = self._findings(fit, rivals)
         self.progress("shares of the error", 0, 1)
         named = [r for r in rows if r.whole >= FINDING]
@@ -248,41 +246,57 @@ class _Reader:
     # -- unknown causes ------------------------------------------------------------------------------------------------
 
     def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit]:
-        """The unknown cause that does most; the probability that it is larger than its class allows; the model fitted
-        beside it.
+        """The unknown cause that is farthest beyond its class, where it is a finding; the probability that it is larger
+        than its class allows; the model fitted beside it.
         """
         curves = self.model.curves
         if not curves:
             return None, 0.0, fit
+        (large, _), i = max((self._curve_beyond(c.term, *row), i) for i, (c, row) in enumerate(self._values(fit)))
+        curve = curves[i]
+        if large < FINDING:
+            return None, large, fit
         self.progress("describing what is in no catalogue", 0, 1)
-        best: tuple[float, Unexplained, float, Fit] | None = None
-        for curve in curves:
-            problem = with_curves(self.model.base, [c for c in curves if c is not curve])
-            fitter = Fitter(problem, fit.base)
-            alone = fitter.fit(fit.effects, start=fit, exact=True, iterations=0, fresh=False)
-            moved, term, _ = fit_beside_simple(fitter, alone, _with_enough_knots(problem, alone, curve.term))
-            told = describe(problem, moved, term)
-            large = self._curve_beyond(term)
-            if best is None or large * told.rms > best[0]:
-                best = large * told.rms, told, large, moved
-        assert best is not None
-        return best[1:]
+        problem = with_curves(self.model.base, [c for c in curves if c is not curve])
+        fitter = Fitter(problem, fit.base)
+        alone = fitter.fit(fit.effects, start=fit, exact=True, iterations=0, fresh=False)
+        moved, term, _ = fit_beside_simple(fitter, alone, _with_enough_knots(problem, alone, curve.term))
+        return describe(problem, moved, term), large, moved
 
-    def _curve_beyond(self, term: CurveTerm) -> float:
-        """Probability that a fitted curve is larger, at some place, than a machine of the class may have: than its
-        pitch error, or than its play where the curve has a sign by the direction of motion.
+    def _values(self, fit: Fit) -> Iterator[tuple[Curve, tuple[np.ndarray, np.ndarray]]]:
+        """Every curve of the model with its values at the knots and their standard deviations, all fitted together."""
+        model = self.model
+        alone = Fitter(model.base, fit.base).fit(fit.effects, start=fit, exact=True, iterations=0, fresh=False)
+        columns = np.hstack([c.columns * c.width for c in model.curves])
+        whitening = model.base.whitening
+        assert whitening is not None
+        for k, rows in enumerate(model.base.rows):
+            columns[rows] = whitening.of_test(k, columns[rows])
+        cross = alone.design.T @ columns
+        information = alone.linear.left_over(columns.T @ columns, cross)
+        covariance = np.linalg.inv(information + np.eye(columns.shape[1]))
+        sizes = covariance @ (columns.T @ alone.residual - cross.T @ alone.step)
+        first = 0
+        for c in model.curves:
+            at = slice(first, first + c.columns.shape[1])
+            root = c.root * c.width
+            yield c, (root @ sizes[at], np.sqrt(np.einsum("ij,jk,ik->i", root, covariance[at, at], root)))
+            first = at.stop
+
+    def _curve_beyond(self, term: CurveTerm, values: np.ndarray, spread: np.ndarray) -> tuple[float, float]:
+        """Probability that a curve is larger, at some place, than a machine of the class may have: than its pitch
+        error, or than its play where it has a sign by the direction of motion. How far it is beyond, over its spread.
         """
-        if not self.expected:
-            return 1.0
-        chain, kind = self.model.fit.base.chain, "backlash" if term.signed else "pitch_error"
-        moves = term.moves if term.moves in chain.letters else chain.linear[0]
-        expected = self.expected.get(f"{kind}.{moves}")
-        if expected is None:
-            return 1.0
-        limit = next(iter(expected.limits.values())) * (DEG if is_rotary(moves) else UM)
-        size = np.abs(term.coefficients - term.coefficients.mean()) * term.unit
-        spread = np.sqrt(np.maximum(np.diag(np.linalg.inv(term.precision)), 0.0)) * term.unit
-        return float(np.max(0.5 * erfc((limit - size) / np.maximum(spread, 1e-15) / math.sqrt(2.0))))
+        size, spread = np.abs(values - values.mean()) * term.unit, np.maximum(spread, 1e-9) * term.unit
+        limit = 0.0
+        if self.expected:
+            chain, kind = self.model.fit.base.chain, "backlash" if term.signed else "pitch_error"
+            moves = term.moves if term.moves in chain.letters else chain.linear[0]
+            expected = self.expected.get(f"{kind}.{moves}")
+            if expected is not None:
+                limit = next(iter(expected.limits.values())) * (DEG if is_rotary(moves) else UM)
+        beyond = float(np.max((size - limit) / spread))
+        return (1.0 if limit == 0.0 else 0.5 * float(erfc(-beyond / math.sqrt(2.0)))), beyond
 
     @staticmethod
     def _verdicts(named: list[FoundEffect], rows: list[FoundEffect], unknown: float) -> Verdicts:
