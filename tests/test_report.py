@@ -549,9 +549,8 @@ def test_trend_figure_refuses_what_it_cannot_draw():
 
 def test_campaigns_of_other_machines_are_refused(m1, m2, cone, tmp_path):
     test = cone(15, 10, (0, 0, 155))
-    a, b = (
-        Campaign(name, tmp_path / name, tmp_path / "m.toml", None, (test,), {test.name: None}) for name in ("a", "b")
-    )
+    file, traces = tmp_path / "m.toml", {test.name: None}
+    a, b = (Campaign(name, tmp_path / name, file, (test,), traces, {}) for name in ("a", "b"))
     check_same_machine([(a, m1), (b, m1)])
     with pytest.raises(InputError, match=r"b: not of the same machine as .*a: machine 'M1'.*'M2'"):
         check_same_machine([(a, m1), (b, m2)])
