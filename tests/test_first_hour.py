@@ -102,9 +102,9 @@ def test_compare_names_the_tests_without_a_trace(folder, tmp_path):
 def test_an_effect_that_makes_the_model_worse_is_not_added(folder, tmp_path, monkeypatch):
     ok("import", table(tmp_path / "a.csv", the_test(folder, NAME)), "--campaign", folder, "--test", NAME)
     before = (folder / "machine.toml").read_bytes()
-    real = edit.compare
+    real = edit.compare_bars
     rms = iter([0.901e-6, 0.930e-6, 0.901e-6, 0.930e-6])
-    monkeypatch.setattr(edit, "compare", lambda *a, **k: replace(real(*a, **k), rms=next(rms)))
+    monkeypatch.setattr(edit, "compare_bars", lambda *a, **k: replace(real(*a, **k), rms=next(rms)))
     said = refusal("add", folder, "backlash.X", "--as-is")
     assert "backlash.X makes the model worse" in said and "0.901 to 0.930" in said and "--force" in said
     assert (folder / "machine.toml").read_bytes() == before and not (folder / ".mjsim" / "history.json").exists()
