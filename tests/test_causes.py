@@ -152,14 +152,15 @@ def test_the_line_on_the_calibration():
 
 def test_calibrating_needs_a_tolerance(m1, tmp_path):
     with pytest.raises(ValueError, match=r"has no \[tolerance\] table"):
-        calibrate(SimpleNamespace(), m1)
+        calibrate(SimpleNamespace(measured_parts={"ball_bar": None}), m1)
 
 
 def test_effects_beyond_the_ladder_share_its_last_step():
     from mjsim.workflow.diagnosis import Diagnosis
 
     def own(effects, rungs):
-        return Diagnosis.own_rungs.fget(SimpleNamespace(effects=effects, rungs=rungs))
+        bars = SimpleNamespace(effects=effects)
+        return Diagnosis.own_rungs.fget(SimpleNamespace(of_bars=lambda: bars, rungs=rungs))
 
     a, b, c, d, e, last = (object() for _ in range(6))
     assert own((), (a, last)) == 0

@@ -72,6 +72,11 @@ def calibrate(campaign: Campaign, machine: Machine, threads: int = 2, progress: 
         InputError: The machine has no tolerance, no test is measured, or the traces show a mistake.
     """
     parts = campaign.measured_parts
+    if BallBarTest.instrument in parts and not machine.tolerance:
+        raise InputError(
+            f"{machine.file}: has no [tolerance] table, so there is nothing to calibrate; "
+            "`mjsim new` writes the table of a typical machine, commented out"
+        )
     before = compare(campaign, machine, threads, progress)
     final, sheet, problem = machine, [], None
     entries: tuple[Calibration, ...] = ()
@@ -80,11 +85,6 @@ def calibrate(campaign: Campaign, machine: Machine, threads: int = 2, progress: 
     if LogTest.instrument in parts:
         final, sheet = _calibrated_by_logs(parts[LogTest.instrument], machine, threads, progress)
     if BallBarTest.instrument in parts:
-        if not machine.tolerance:
-            raise InputError(
-                f"{machine.file}: has no [tolerance] table, so there is nothing to calibrate; "
-                "`mjsim new` writes the table of a typical machine, commented out"
-            )
         progress("calibrating within tolerance", 0, 1)
         problem = checked_problem(campaign, build(final), threads)
         separated = separate(problem, final)
