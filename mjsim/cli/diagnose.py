@@ -69,10 +69,12 @@ def command(campaign, machine, write, max_effects, only, force, threads, as_is, 
     imported = imported_features(c)
     if write is not None:
         check_writable(write, force)
-    done = say_how_long(c, quiet or as_json)
+    bars_alone = set(c.measured_parts) == {BallBarTest.instrument}  # whose pace is known
+    done = say_how_long(c.of(BallBarTest.instrument), quiet or as_json) if bars_alone else None
     with common.progress_bar(quiet) as progress:
         result = diagnose(c, m, max_effects, common.cores(threads), progress)
-    done()
+    if done is not None:
+        done()
     say_cached(quiet or as_json)
     try:
         result = unexplained_plot(write_effect_file(result, c.state_folder), c.state_folder)
@@ -140,7 +142,6 @@ def say_how_long(campaign, quiet: bool) -> Callable[[], None]:
     from mjsim.io.cache import store
 
     kept, begun = store(), time.monotonic()
-    campaign = campaign.of(BallBarTest.instrument)
     measured = sum(float(t.time[-1] - t.time[0]) for t in campaign.traces.values())
     pace = kept.seconds("diagnose") if kept else None
     if pace and pace * measured > _LONG_S:
