@@ -22,7 +22,7 @@ import mjsim
 from mjsim.ballbar.kinds import KINDS, all_keys
 from mjsim.campaign import schema
 from mjsim.campaign.files import read_campaign
-from mjsim.campaign.new import _TEMPLATE
+from mjsim.campaign.new import TEMPLATE
 from mjsim.cli import common
 from mjsim.effects import registry
 from mjsim.io.resources import examples
@@ -82,7 +82,7 @@ def test_the_names_of_a_new_campaign(tmp_path, monkeypatch):
     assert read_campaign(".").name == name and Path.cwd().samefile(tmp_path / name)
     mjsim.new_campaign(tmp_path / "deep" / "er", name="other")
     assert read_campaign(tmp_path / "deep" / "er").name == "other"
-    assert sorted(p.name for p in _TEMPLATE.iterdir()) == ["README.md", "campaign.toml", "machine.toml"]
+    assert sorted(p.name for p in TEMPLATE.iterdir()) == ["README.md", "campaign.toml", "logs.toml", "machine.toml"]
 
 
 def test_a_new_campaign_overwrites_nothing(tmp_path):

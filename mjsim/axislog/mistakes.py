@@ -12,6 +12,7 @@ from itertools import permutations
 import numpy as np
 
 from mjsim.axislog.measurement import Logs, LogTest, Recording
+from mjsim.axislog.signals import copies, impossible
 from mjsim.units import DEG, MM
 
 #: Correlation of a command with the position of another axis that must beat its own by so much (assumed).
@@ -33,7 +34,7 @@ class LogMistake:
     """One mistake in a log.
 
     Attributes:
-        kind: ``exchanged``, ``swapped_axes``, ``unit`` or ``time``.
+        kind: ``exchanged``, ``swapped_axes``, ``unit``, ``time``, ``copy`` or ``impossible``.
         test: Name of the log.
         axes: Letters that it concerns.
         sentence: What is wrong, from what it follows, and what to do.
@@ -61,6 +62,9 @@ def log_mistakes(logs: Logs) -> list[LogMistake]:
             if axis not in taken:
                 out += _of_axis(test, recording, axis)
         out += _time(test, recording, logs.instrument.rate)
+        for f in (*copies(test, recording), *impossible(test, recording)):
+            if f.refused and not taken & set(f.axes):
+                out.append(LogMistake(f.kind, f.test, f.axes, f.sentence))
     return out
 
 

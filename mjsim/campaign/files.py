@@ -7,7 +7,8 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from mjsim.axislog.measurement import LogInstrument, Logs
+from mjsim.axislog.measurement import LogInstrument, Logs, Recording
+from mjsim.axislog.signals import encoder_step
 from mjsim.ballbar.kinds import KINDS, able_kinds, all_keys, kind_of
 from mjsim.ballbar.measurement import BallBarTest, Instrument, Trace
 from mjsim.ballbar.program import Program
@@ -17,7 +18,7 @@ from mjsim.campaign.instruments import split_instruments
 from mjsim.campaign.limits import acceptance_of
 from mjsim.campaign.logs import log_tests, read_recording, split_tests
 from mjsim.campaign.model import Campaign
-from mjsim.campaign.schema import BallBarTable, CampaignTable, with_tests, without_tests
+from mjsim.campaign.schema import BallBarTable, CampaignTable, InstrumentTable, with_tests, without_tests
 from mjsim.campaign.span import explain
 from mjsim.campaign.traces import read_trace
 from mjsim.errors import InputError
@@ -108,9 +109,19 @@ def campaign_from(
         recorded,
         table.measured_on,
         as_is,
-        Logs(logs, recordings, LogInstrument(r.sample_rate_Hz, r.resolution_um * UM, r.resolution_deg * DEG)),
+        Logs(logs, recordings, _recorder(r, recordings)),
         acceptance_of(file, table.acceptance, tests),
     )
+
+
+def _recorder(table: InstrumentTable, recordings: dict[str, Recording]) -> LogInstrument:
+    """The recorder as stated, with the encoder steps that its recordings show."""
+    found: dict[str, float] = {}
+    for recording in recordings.values():
+        for axis in recording.axes:
+            found[axis] = max(found.get(axis, 0.0), encoder_step(recording, axis))
+    steps = (table.resolution_um * UM, table.resolution_deg * DEG)
+    return LogInstrument(table.sample_rate_Hz, *steps, found)
 
 
 def _inside(file: Path, folder: Path, name: str, key: str, outside: bool = False) -> Path:

@@ -81,7 +81,8 @@ def import_logs(campaign: Path, pairs, signals, controller, options, force, prev
     if quiet:
         return
     for d in done:
-        common.paragraph(f"{d.source.name} → {d.target}: test {d.test}, {d.samples} samples at {d.rate:g} Hz")
+        more = f", {len(d.tests)} logs, {d.tests[0]} to {d.tests[-1]}" if len(d.tests) > 1 else f": test {d.test}"
+        common.paragraph(f"{d.source.name} → {d.target}{more}, {d.samples} samples at {d.rate:.6g} Hz")
         rows = [[str(c.place + 1), c.axis or "–", c.signal, c.unit or "?"] for c in d.columns]
         common.table(["column", "axis", "signal", "unit"], rows, text=(1, 2, 3))
         for note in d.notes:
@@ -114,6 +115,8 @@ def show_check(data: dict) -> None:
     click.echo()
     for m in data["mistakes"]:
         common.paragraph(m["sentence"])
+    for f in data["signals"]:
+        common.paragraph(f["sentence"])
     if not data["mistakes"]:
         common.paragraph("No mistake found: command and actual position, axes, units and time fit each other.")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mjsim.axislog.mistakes import LogMistake, log_mistakes
+from mjsim.axislog.signals import findings
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 
@@ -28,6 +29,7 @@ def check_logs(campaign: Campaign) -> dict:
     return {
         "campaign": campaign.name,
         "mistakes": [m.to_json() for m in found],
+        "signals": [f.to_json() for f in findings(campaign.logs) if not f.refused],
         "tests": rows,
         "questions": [],
         "not_measured": [t.name for t in campaign.logs.tests if t.name not in recorded],
