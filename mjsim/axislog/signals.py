@@ -38,7 +38,7 @@ NOT_USED = {
     "current_share": "the rated current is not known; record the torque in N m",
     "control_share": "its largest value is not known; record the torque in N m",
 }
-_UNITS = {"torque": (1.0, "N·m"), "force": (1.0, "N"), "control": (1.0, "V"), "current": (1.0, AMPERE)}
+_UNITS = {"torque": "N·m", "force": "N", "control": "V", "current": AMPERE}
 
 
 @dataclass(frozen=True)
@@ -210,27 +210,29 @@ def clock(test: LogTest, recording: Recording) -> list[Finding]:
 
 
 def limits(test: LogTest, recording: Recording) -> list[Finding]:
-    """Channels of the drive that stand at their largest or smallest value."""
+    """Channels of a drive that stand at their largest size while the following error goes on changing."""
     out = []
     for axis in test.axes:
-        for name, (size, unit) in _UNITS.items():
-            values = recording.axes[axis].channels.get(name)
+        record = recording.axes[axis]
+        error = record.command - record.actual
+        for name, unit in _UNITS.items():
+            values = record.channels.get(name)
             if values is None or not np.ptp(values):
                 continue
-            for end in (float(values.max()), float(values.min())):
-                at = np.abs(values - end) <= 1e-4 * float(np.ptp(values))
-                longest, total = _longest(at), int(at.sum())
-                if longest >= _FLAT and abs(end) > 0.5 * float(np.abs(values).max()):
-                    out.append(
-                        Finding(
-                            "limit",
-                            test.name,
-                            (axis,),
-                            f"{test.name}: the {_words(name)} of {axis} stands at {end / size:.4g} {unit} in {total} "
-                            f"samples, for {longest * recording.step:.3g} s at most: is this a limit of the drive that "
-                            f"the machine file does not state (clip_Nm)?",
-                        )
-                    )
+            most = float(np.abs(values).max())
+            at = np.abs(values) > most * (1.0 - 1e-4)
+            first, longest = _longest(at)
+            if longest < _FLAT or np.ptp(error[first : first + longest]) < 3.0 * max(
+                encoder_step(recording, axis), 1e-9
+            ):
+                continue
+            said = f"{test.name}: the {_words(name)} of {axis} stands at {most:.4g} {unit} in {int(at.sum())} samples, "
+            said += (
+                f"{longest * recording.step:.3g} s on end, while the following error changes: a limit of the drive, "
+            )
+            out.append(
+                Finding("limit", test.name, (axis,), said + "which the machine file states as clip_Nm or clip_V")
+            )
     return out
 
 
@@ -269,7 +271,7 @@ def impossible(test: LogTest, recording: Recording) -> list[Finding]:
         channels = recording.axes[axis].channels
         for name, most in _LARGEST.items():
             if name in channels and (largest := float(np.abs(channels[name]).max())) > most:
-                unit = _UNITS.get(name, (1.0, "times the rated value"))[1]
+                unit = _UNITS.get(name, "times the rated value")
                 out.append(
                     Finding(
                         "impossible",
@@ -333,7 +335,11 @@ def _shown(test: LogTest, axis: str) -> tuple[float, str, str]:
     return (DEG, "°", "resolution_deg") if test.chain.is_rotary(axis) else (1e-3 * MM, "µm", "resolution_um")
 
 
-def _longest(there: np.ndarray) -> int:
-    """Length of the longest run of true values."""
+def _longest(there: np.ndarray) -> tuple[int, int]:
+    """Beginning and length of the longest run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], there.astype(int), [0]])))
-    return int((edges[1::2] - edges[::2]).max()) if len(edges) else 0
+    if not len(edges):
+        return 0, 0
+    lengths = edges[1::2] - edges[::2]
+    longest = int(np.argmax(lengths))
+    return int(edges[2 * longest]), int(lengths[longest])

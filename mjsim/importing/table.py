@@ -125,7 +125,10 @@ def table_of(
             names[i] = "time"
     words = [f'{i + 1} "{names[i]}"' if names[i] else str(i + 1) for i in sorted(layout.words)]
     notes += [f"left out, as text: column{'s' if len(words) > 1 else ''} {', '.join(words)}"] if words else []
-    keep = np.isfinite(values).any(axis=0) | (len(values) == 0)  # a separator at the ends of the lines
+    # a separator at the ends of the lines makes an empty column
+    keep = np.asarray(np.isfinite(values).any(axis=0), bool) | (
+        len(values) == 0
+    )  # a separator at the ends of the lines
     names, units = (tuple(n for n, k in zip(x, keep, strict=True) if k) for x in (names, units))
     wide, comma = layout.width > 1, layout.comma
     shown = next(k for k, v in SEPARATORS.items() if v == layout.separator)

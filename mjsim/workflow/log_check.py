@@ -6,6 +6,8 @@ from mjsim.axislog.mistakes import LogMistake, log_mistakes
 from mjsim.axislog.signals import findings
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
+from mjsim.machine.model import Machine, build
+from mjsim.simulation.stability import check_loop
 
 
 def check_logs(campaign: Campaign) -> dict:
@@ -45,3 +47,18 @@ def refuse_mistakes(campaign: Campaign) -> None:
     found: list[LogMistake] = [] if campaign.as_is else log_mistakes(campaign.logs)
     if found:
         raise InputError(f"{campaign.folder / 'campaign.toml'}: {found[0].sentence}, or say --as-is")
+
+
+def refuse_unstable(campaign: Campaign, machine: Machine) -> None:
+    """Stop where the loop of a recorded axis is unstable with the numbers of the machine file.
+
+    Raises:
+        SimulationError: Names the table, the loop and what to change.
+    """
+    for test in campaign.logs.recorded:
+        plant = build(machine.under(test.controller))
+        for axis in test.axes:
+            own = f"controller.{test.controller}.{axis}" if test.controller is not None else f"drive.{axis}"
+            check_loop(
+                plant.axes[axis], f"{machine.file or machine.name}: [{own}]", campaign.logs.recordings[test.name].step
+            )

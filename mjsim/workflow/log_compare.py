@@ -15,11 +15,12 @@ from mjsim.estimation.axis_logs.as_given import fit_as_given
 from mjsim.estimation.axis_logs.data import AxisData, LogNoise, axis_data, check_controllers
 from mjsim.estimation.axis_logs.entries import SHIFT, ZERO, AxisModel
 from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter
+from mjsim.estimation.axis_logs.start import MOST_SHIFT
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 from mjsim.units import DEG, MM, UM
-from mjsim.workflow.log_check import refuse_mistakes
+from mjsim.workflow.log_check import refuse_mistakes, refuse_unstable
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,7 @@ class ComparedAxis:
             f"noise_{symbol}": _r(self.noise.rms / unit),
             "noise_source": self.noise.source,
             "shift_ms": _r(self.shift * 1e3),
+            "shift_at_limit": bool(abs(self.shift) > 0.99 * MOST_SHIFT * np.median(np.diff(self.time))),
             f"zero_{symbol}": _r(self.zero / unit),
             f"following_error_{symbol}": _r(np.sqrt(np.mean((self.command - self.measured) ** 2)) / unit),
         }
@@ -219,11 +221,12 @@ def compare_logs(campaign: Campaign, machine: Machine, threads: int = 2, progres
 
 
 def check_recorded(campaign: Campaign, machine: Machine) -> None:
-    """Refuse a campaign without any recording, and recordings of controllers that the machine does not have."""
+    """Refuse a campaign without any recording, controllers that the machine does not have, and unstable loops."""
     if not campaign.logs.recorded:
         raise InputError(f"{campaign.folder / 'campaign.toml'}: no log has a trace; comparing needs at least one")
     refuse_mistakes(campaign)
     check_controllers(campaign.logs, machine)
+    refuse_unstable(campaign, machine)
 
 
 def overlay_logs(campaign: Campaign, machine: Machine, fits: Mapping[str, tuple[LogFitter, AxisFit]]) -> LogComparison:
