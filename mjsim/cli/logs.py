@@ -165,8 +165,8 @@ def show_comparison(data: dict) -> None:
         for a in (a for a in t["axes"] if a["shift_at_limit"]):
             common.paragraph(
                 f"{t['name']}: the time shift of {a['axis']} is at its limit, {a['shift_ms']:+.3g} ms: no recorder is "
-                f"so late or early. Look for a delay in the control (loop_delay_s), a filter of the command, wrong gains "
-                f"or a wrong command."
+                f"so late or early. Look for a delay in the control (loop_delay_s), a filter of the command, wrong "
+                f"gains or a wrong command."
             )
         if t["radial"]:
             r = t["radial"]
