@@ -83,7 +83,7 @@ class EncoderPitch:
         raw: RMS of the difference less its drift, rad.
         left: RMS of what is left, rad.
         position: (n,) rad.
-        difference: Load less motor without drift, play and latency, (n,) rad.
+        difference: Load less motor without drift, slow waves, play and latency, (n,) rad.
         fitted: Sum of the waves, (n,) rad.
         orders: Orders looked at, (m,).
         explained: What a wave of each order would explain beside the drift alone, over the noise there, (m,).
@@ -198,13 +198,12 @@ def identify_from_encoders(logs: Logs, axis: str) -> EncoderPitch:
     turns = 0.98 * (1.0 if whole else TURNS)
     told = tuple(w for w in made if w.turns >= turns)
     worm, family = _worm(told, turns * resolution)
-    sines = _design(base, x, found)[:, base.shape[1] :] @ fit[base.shape[1] :]
-    without = y - base @ fit[: base.shape[1]]
+    sines = sum((w.amplitude * np.sin(w.order * x + w.phase) for w in told), np.zeros(len(x)))
     drift_only = y - base @ np.linalg.lstsq(base, y, rcond=None)[0]
     slow = tuple(w for w in made if w not in told)
     return EncoderPitch(
         axis, tuple(recorded), told, slow, worm, family, arc, float(np.median(rates)), float(drift_only.std()),
-        float(rest.std()), x, without, sines, grid, first[1], first[2],
+        float(rest.std()), x, rest + sines, sines, grid, first[1], first[2],
     )  # fmt: skip
 
 
