@@ -173,7 +173,7 @@ def identify_from_encoders(logs: Logs, axis: str) -> EncoderPitch:
     grid = np.arange(1.0, highest) if whole else np.arange(resolution, highest, resolution / _FINE)
     if len(grid) < 4 * _FINE:
         raise InputError(f"axis {axis} moves by {arc / DEG:.3g}° with samples {apart / DEG:.3g}° apart; allowed: more")
-    waves = np.exp(1j * np.outer(x, grid))
+    waves = np.sin(np.outer(x, grid)), np.cos(np.outer(x, grid))
     found: list[float] = []
     first = None
     while len(found) < _MOST:
@@ -194,7 +194,10 @@ def identify_from_encoders(logs: Logs, axis: str) -> EncoderPitch:
     if found and not whole:
         other = [_stacked(logs, recorded, axis, block, degree)[2] for degree in _OTHERS]
         doubt = np.std([found, *(_refined(found, b, x, y, resolution) for b in other)], axis=0)
-    made = [_wave(found[k], *pairs[k], floors[k], len(x), arc, float(doubt[k])) for k in found_by_order]
+    made = [
+        _wave(found[k], float(pairs[k, 0]), float(pairs[k, 1]), floors[k], len(x), arc, float(doubt[k]))
+        for k in found_by_order
+    ]
     turns = 0.98 * (1.0 if whole else TURNS)
     told = tuple(w for w in made if w.turns >= turns)
     worm, family = _worm(told, turns * resolution)
@@ -251,14 +254,14 @@ def _fit(base: np.ndarray, x: np.ndarray, y: np.ndarray, orders: list[float]):
     return fit, y - A @ fit
 
 
-def _strength(waves: np.ndarray, A: np.ndarray, y: np.ndarray, grid: np.ndarray, resolution: float):
+def _strength(waves: tuple[np.ndarray, np.ndarray], A: np.ndarray, y: np.ndarray, grid: np.ndarray, resolution: float):
     """What a further wave of each order would explain, the same over the noise there, and its limit, (m,) each.
 
     The limit is that of an exponential value over a mean that is itself known from some values only (F distribution).
     """
     Q, _ = np.linalg.qr(A)
     rest = y - Q @ (Q.T @ y)
-    s, c = waves.imag - Q @ (Q.T @ waves.imag), waves.real - Q @ (Q.T @ waves.real)
+    s, c = (w - Q @ (Q.T @ w) for w in waves)
     ss, cc, sc = (s * s).sum(axis=0), (c * c).sum(axis=0), (s * c).sum(axis=0)
     p, q = rest @ s, rest @ c
     det = ss * cc - sc**2
