@@ -52,3 +52,7 @@ def unit_of(name: str) -> tuple[float, str]:
         if name == suffix or name.endswith("_" + suffix):
             return UNITS[suffix]
     return 1.0, ""
+
+
+#: What the unit of a current is called; no axis.
+AMPERE = "A"

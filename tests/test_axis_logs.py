@@ -12,6 +12,7 @@ from mjsim.instruments.axis_log.circle import circle_part, radial_deviation
 from mjsim.instruments.axis_log.measurement import recorded_axes
 from mjsim.machine.model import build
 from mjsim.simulation.stability import check_stable
+from mjsim.workflow.axis_log.compare import checked_logs
 
 MACHINE = """\
 name = "table"
@@ -169,8 +170,8 @@ def test_time_in_samples_is_refused(folder):
     text = circle_csv().splitlines()
     counted = [text[0], *(f"{i},{line.partition(',')[2]}" for i, line in enumerate(text[1:]))]
     (folder / "round.csv.gz").write_bytes(gzip.compress("\n".join(counted).encode()))
-    with pytest.raises(InputError, match="count of samples"):
-        read_campaign(folder)
+    with pytest.raises(InputError, match="time_s is in ms, or say --as-is"):
+        checked_logs(read_campaign(folder), read_machine(folder / "machine.toml"))
 
 
 def test_a_circle_that_is_not_there(folder):

@@ -106,7 +106,7 @@ def test_names_of_a_chain():
         "w-C'A'Y'bXZB-t",
         "w-C'A'b-t",
         "YXY",
-        "XA",
+        "XAX",
         "w-C'A'bXYZU-t",
         "x" * 500,
     ],

@@ -17,7 +17,7 @@ from commands import POSIX, refused, run
 
 import mjsim
 from mjsim.campaign.files import read_campaign
-from mjsim.campaign.new import _TEMPLATE
+from mjsim.campaign.new import TEMPLATE
 from mjsim.cli import common
 from mjsim.effects import registry
 from mjsim.instruments.ball_bar import tables
@@ -79,7 +79,7 @@ def test_the_names_of_a_new_campaign(tmp_path, monkeypatch):
     assert read_campaign(".").name == name and Path.cwd().samefile(tmp_path / name)
     mjsim.new_campaign(tmp_path / "deep" / "er", name="other")
     assert read_campaign(tmp_path / "deep" / "er").name == "other"
-    assert sorted(p.name for p in _TEMPLATE.iterdir()) == ["README.md", "campaign.toml", "machine.toml"]
+    assert sorted(p.name for p in TEMPLATE.iterdir()) == ["README.md", "campaign.toml", "logs.toml", "machine.toml"]
 
 
 def test_a_new_campaign_overwrites_nothing(tmp_path):

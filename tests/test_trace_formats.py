@@ -169,25 +169,30 @@ def test_halsampler_with_sample_numbers(folder, motion):
 @pytest.mark.parametrize(
     ("name", "found"),
     [
+        ("Z velocity command [mm/s]", ("Z", "velocity_command")),
+        ("Z Drehzahl Istwert", ("Z", "velocity")),
+        ("Z_velocity_command_mm_per_s", ("Z", "velocity_command")),
         ("X velocity command [mm/s]", None),
-        ("X Drehzahl Istwert", None),
-        ("X_velocity_command_mm_per_s", None),
+        ("Z acceleration command", None),
         ("Lagesollwert X [mm]", ("X", "command")),
         ("s actual Y [mm]", ("Y", "actual")),
-        ("v actual Y [mm/min]", None),
+        ("v actual Z [mm/min]", ("Z", "velocity")),
         ("Torque Z [Nm]", ("Z", "torque")),
-        ("Torque Z [%]", None),
+        ("Torque Z [%]", ("Z", "torque")),
+        ("Z_load_mm", ("Z", "load")),
+        ("Load Z [%]", None),
+        ("Torque setpoint Z [Nm]", None),
         ("Torque Z", None),
         ("Current Z [A]", ("Z", "current")),
     ],
 )
 def test_what_a_columns_name_says(tmp_path, name, found):
-    """A velocity is no position, and a torque in another unit is no torque in N m."""
+    """A velocity is no position, a torque without a unit is not taken, and neither is an axis without a position."""
     names = ("time_s", "Z soll [mm]", "Z ist [mm]", name)
     values = np.zeros((3, 4))
     table = Table(tmp_path, names, ("",) * 4, values, np.arange(3), (), ())
     try:
-        columns = columns_of(table, FIVE_AXIS, (), Options())
+        columns, _ = columns_of(table, FIVE_AXIS, (), Options())
     except InputError as error:  # one position of an axis without the other
         assert found is not None and found[1] in ("command", "actual") and "no " in str(error)
         return
@@ -208,7 +213,7 @@ def test_a_following_error_stands_for_the_other_position(folder, motion):
         np.testing.assert_allclose(record.actual, motion[1] * 1e-3, atol=1e-9)
     names = ("t [s]", "X soll [mm]", "X ist [mm]", "X lag [mm]")
     table = Table(folder, names, ("",) * 4, np.zeros((3, 4)), np.arange(3), (), ())
-    assert [c.signal for c in columns_of(table, FIVE_AXIS, (), Options())] == ["time", "command", "actual"]
+    assert [c.signal for c in columns_of(table, FIVE_AXIS, (), Options())[0]] == ["time", "command", "actual"]
 
 
 @pytest.mark.parametrize(
@@ -216,7 +221,7 @@ def test_a_following_error_stands_for_the_other_position(folder, motion):
     [
         ("X_command=2:furlong", "allowed units for command of X: um, mm, inch, mil, uin"),
         ("A_command=2:mm", "allowed units for command of A: deg, rad"),
-        ("X_torque=2:mNm", "allowed units for torque of X: Nm"),
+        ("X_torque=2:kg", "allowed units for torque of X: Nm, mNm, %"),
     ],
 )
 def test_units_that_cannot_be(tmp_path, signal, said):
@@ -227,7 +232,7 @@ def test_units_that_cannot_be(tmp_path, signal, said):
 
 def test_one_axis_need_not_be_named(tmp_path):
     table = Table(tmp_path, ("t [s]", "Soll [mm]", "Ist [mm]"), ("",) * 3, np.zeros((3, 3)), np.arange(3), (), ())
-    columns = columns_of(table, chain_of("X"), (), Options())
+    columns, _ = columns_of(table, chain_of("X"), (), Options())
     assert [(c.axis, c.signal) for c in columns] == [("", "time"), ("X", "command"), ("X", "actual")]
     with pytest.raises(InputError, match="no column names an axis"):
         columns_of(table, FIVE_AXIS, (), Options())

@@ -28,6 +28,7 @@ AXES = re.compile(r"([a-z_]+\.)?([XYZABC]{1,5}|E[XYZABC]0?[XYZABC])")
 #: Modules and packages that may spell out axes, and why.
 NAMES_AXES = {
     "mjsim.machine.axis": "says which letters there are",
+    "mjsim.units": "says what the ampere is called",
     "mjsim.paper": "reproduces the figures of one published machine",
     "mjsim.importing.features": "a .b5r file calls the two axes of its plane A and B, whatever they are",
 }

@@ -95,3 +95,6 @@ def _read_traces(file: Path, campaign: Campaign, spans: bool) -> None:
         campaign.traces[t.name] = instrument.read(path, t, campaign.instruments[t.instrument])
         if spans:
             instrument.look_at(path, t, campaign.traces[t.name], campaign.of(t.instrument).tests)
+    for name, data in campaign.instruments.items():
+        recorded = {t.name: campaign.traces[t.name] for t in campaign.measured if t.instrument == name}
+        campaign.instruments[name] = INSTRUMENTS[name].known_from(data, recorded)

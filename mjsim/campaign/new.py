@@ -9,7 +9,8 @@ from pathlib import Path
 from mjsim.errors import InputError
 from mjsim.io.files import check_writable, write_all
 
-_TEMPLATE = Path(__file__).resolve().parent / "template"
+#: Folder of the files that a new campaign begins with.
+TEMPLATE = Path(__file__).resolve().parent / "template"
 _FILES = {"campaign.toml": "campaign.toml", "machine.toml": "machine.toml", "README.md": "traces/README.md"}
 
 
@@ -29,7 +30,7 @@ def new_campaign(folder: str | Path, name: str | None = None) -> list[Path]:
     folder = Path(folder)
     name = check_new_folder(folder, name, "campaign")
     check_writable(folder / "campaign.toml")
-    texts = {place: (_TEMPLATE / source).read_text(encoding="utf-8") for source, place in _FILES.items()}
+    texts = {place: (TEMPLATE / source).read_text(encoding="utf-8") for source, place in _FILES.items()}
     contents = {
         folder / place: text.replace('"@NAME@"', json.dumps(name, ensure_ascii=False)) for place, text in texts.items()
     }

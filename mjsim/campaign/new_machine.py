@@ -1,11 +1,11 @@
-"""A new machine's folder: the machine file and the MuJoCo model of any chain, ready to edit."""
+"""A new machine's folder: the machine file and the MuJoCo model of any chain, or a campaign of its axis logs."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
 
-from mjsim.campaign.new import check_new_folder
+from mjsim.campaign.new import TEMPLATE, check_new_folder
 from mjsim.errors import InputError
 from mjsim.io.files import check_writable, write_all
 from mjsim.machine.chain import Axis, Chain, Placement, chain_of
@@ -33,6 +33,52 @@ viscous_Nms_per_rad = 0.004
 gravity_Nm = 0.0
 """
 _FRICTION = '[[effect]]\nid = "friction.{axis}"\ncoulomb_Nm = {coulomb}\npresliding_rad = {presliding}\n'
+
+
+#: What a machine file of axis logs has besides.
+_OF_LOGS = """
+# How far the numbers of the drives are believed: within this factor. Without it, as a data sheet's (2 to 10 %).
+# [identify]
+# factor = 5.0
+
+# A control that is more than the gains above: one table for each of its settings and axes.
+# [controller.normal.{axis}]
+# position_gain_per_s = 45.0
+# velocity_gain_Nms_per_rad = 4.5
+# integral_time_s = 0.012              # inf: no integrator
+# velocity_feedforward = 1.0
+# torque_lag_s = 0.0
+# loop_delay_s = 0.0
+# sample_time_s = 0.001
+"""
+
+
+def new_log_campaign(folder: str | Path, configuration: str, name: str | None = None) -> list[Path]:
+    """Start a campaign of axis logs: campaign.toml, machine.toml and a folder for the recordings; all, or nothing.
+
+    Args:
+        folder: new, or empty.
+        configuration: axes of the machine: those that are recorded are enough, e.g. ``"XY"`` or ``"C"``.
+        name: of the campaign; the folder's when missing.
+
+    Returns:
+        The files.
+
+    Raises:
+        InputError: the configuration is none, or the folder holds something already.
+    """
+    folder = Path(folder)
+    chain = chain_of(configuration)
+    name = check_new_folder(folder, name, "campaign")
+    campaign = (TEMPLATE / "logs.toml").read_text(encoding="utf-8")
+    contents = {
+        folder / "campaign.toml": campaign.replace('"@NAME@"', json.dumps(name, ensure_ascii=False)),
+        folder / "machine.toml": machine_text(chain, name) + _OF_LOGS.format(axis=chain.letters[0]),
+        folder / "traces" / "README.md": "Recordings of the axes. `mjsim import FILE --log` writes them here.\n",
+    }
+    check_writable(folder / "campaign.toml")
+    write_all(contents)
+    return list(contents)
 
 
 def machine_text(chain: Chain, name: str) -> str:

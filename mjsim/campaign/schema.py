@@ -23,7 +23,7 @@ class InstrumentTable(Table):
     resolution_um: Annotated[float, Field(ge=1e-4, le=1000)] = 0.1
     resolution_deg: Annotated[float, Field(ge=1e-9, le=1)] = 1e-4
     range_mm: Annotated[float, Field(ge=0.001, le=100)] = 1.0
-    sample_rate_Hz: Annotated[float, Field(ge=0.1, le=1e6)] = 200.0
+    sample_rate_Hz: Annotated[float, Field(ge=1e-3, le=1e6)] = 200.0
 
 
 class CampaignTable(Table):

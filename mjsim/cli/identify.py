@@ -41,17 +41,31 @@ def pitch_error(
 ) -> None:
     """Pitch errors of the rotary axes of CAMPAIGN: orders, amplitudes and phases per direction, from tangential tests.
 
+    Without such tests, from axis logs that recorded the load side of an axis as well: a second encoder, or a guide log
+    of a telescope mount.
+
     \b
     Example: mjsim identify pitch-error examples/kato2013 --axis C
     """
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import machine_of, write_machine
-    from mjsim.estimation.pitch.identify import identified_machine, identify_pitch_errors, testable_axes
+    from mjsim.estimation.pitch.encoders import axes_with_two_encoders
+    from mjsim.estimation.pitch.identify import (
+        identified_machine,
+        identify_pitch_errors,
+        tangential_tests,
+        testable_axes,
+    )
     from mjsim.io.files import check_writable
     from mjsim.plots.output import pitch_plot_files, pitch_plots
 
-    c = read_campaign(campaign, as_is=as_is).of(BallBarTest.instrument)
-    m = machine_of(c, machine)
+    whole = read_campaign(campaign, as_is=as_is)
+    m = machine_of(whole, machine)
+    logged = axes_with_two_encoders(whole.of(LogTest.instrument))
+    if logged and not any(tangential_tests(whole, a) for a in ((axis,) if axis else logged)):
+        _from_encoders(whole, m, (axis,) if axis else logged, write, force, as_json, quiet)
+        return
+    c = whole.of(BallBarTest.instrument)
     axes = (axis,) if axis else testable_axes(c)
     folder = out or c.state_folder / "identify"
     if write is not None:
@@ -83,6 +97,68 @@ def pitch_error(
         common.say(f"plots in {folder}", quiet)
     if write is not None:
         common.say(f"machine with the pitch errors written to {write}", quiet)
+
+
+def _from_encoders(campaign, machine, axes, write: Path | None, force: bool, as_json: bool, quiet: bool) -> None:
+    """Pitch errors from the two encoders of each axis: printed, and written into a machine file."""
+    from mjsim.campaign.machine_file import write_machine
+    from mjsim.estimation.pitch.encoders import identify_from_encoders, machine_with_waves
+    from mjsim.io.files import check_writable
+
+    if write is not None:
+        check_writable(write, force)
+    with common.progress_bar(quiet) as progress:
+        found = {}
+        for i, axis in enumerate(axes):
+            progress(f"looking for waves of {axis}", i, len(axes))
+            found[axis] = identify_from_encoders(campaign.of(LogTest.instrument), axis)
+    if write is not None:
+        write_machine(machine_with_waves(machine, found), machine.file, write, force=force)
+    if as_json:
+        common.print_json({"campaign": campaign.name, "axes": {a: r.to_json() for a, r in found.items()}})
+        return
+    if quiet:
+        return
+    for data in (r.to_json() for r in found.values()):
+        show_encoders(data)
+    if write is not None:
+        common.say(f"machine with the pitch errors written to {write}", quiet)
+
+
+def show_encoders(data: dict) -> None:
+    """One axis' waves between its two encoders as text."""
+    rate, worm = data["rate_deg_per_s"], data["worm"]
+    click.echo(f"{data['axis']}, load side less motor: {', '.join(data['tests'])}")
+    common.paragraph(
+        f"arc {data['arc_deg']:.4g}°: waves of fewer than four turns in it are taken for drift; RMS "
+        f"{1e3 * data['rms_deg']['raw']:.4g}, {1e3 * data['rms_deg']['residual']:.4g} without the waves (10⁻³ °)",
+        "  ",
+    )
+    rows = [
+        [
+            f"{w['order']:.2f}",
+            f"±{1.96 * w['order_sd']:.2f}",
+            f"{360.0 / w['order'] / rate:.2f}" if rate else "–",
+            f"{1e3 * w['amplitude_deg']:.4g}",
+            f"±{1.96e3 * w['amplitude_sd_deg']:.2g}",
+            f"{3600 * w['amplitude_deg']:.3g}",
+            f"{w['phase_deg']:.0f}",
+            f"{w['turns']:.1f}",
+        ]
+        for w in data["components"]
+    ]
+    if not rows:
+        common.paragraph("no wave stands out of the noise", "  ")
+        return
+    common.table(["order", "95 %", "period s", "10⁻³ °", "95 %", "″", "phase °", "turns"], rows, text=())
+    half = 1.96 * worm["sd"]
+    harmonics = [h for h in worm["harmonics"] if h > 1]
+    more = f"; found with its multiple{'s' if len(harmonics) > 1 else ''} {', '.join(map(str, harmonics))}"
+    period = f", one wave in {worm['period_s']:.2f} s" if worm["period_s"] else ""
+    common.paragraph(
+        f"lowest order {worm['order']:.2f} ± {half:.2f} (95 %){period}{more if harmonics else ''}. Of a worm gear, "
+        f"it is the number of teeth of the wheel."
+    )
 
 
 @command.command("drive")

@@ -20,6 +20,9 @@ from mjsim.cli.import_show import model_effects, runs_json, show_features, show_
 @click.option(
     "--signal", "signals", multiple=True, metavar="AXIS_SIGNAL=COLUMN:UNIT", help="With --log: a column, X_actual=3:mm."
 )
+@click.option(
+    "--file-axis", "axes", multiple=True, metavar="NAME=LETTER", help="With --log: what the file calls an axis, 7=C."
+)
 @click.option("--controller", help="With --log: name of the controller that ran.")
 @click.option("--preview", is_flag=True, help="Show what would be done; write nothing.")
 @click.option("--no-check", is_flag=True, help="Do not compare the trace's size with the model's.")
@@ -29,7 +32,7 @@ from mjsim.cli.import_show import model_effects, runs_json, show_features, show_
 @click.option("--force", is_flag=True, help="Replace traces that are there.")
 @common.options
 def command(
-    files, campaign, as_log, signals, controller, preview, no_check, show, force, as_json, quiet, **given
+    files, campaign, as_log, signals, axes, controller, preview, no_check, show, force, as_json, quiet, **given
 ) -> None:
     """Bring measurement FILES of other systems into a campaign.
 
@@ -42,9 +45,11 @@ def command(
     runs become the traces of the tests that fit the header, or that FILE=TEST names. The format is not published: look
     at --preview first.
 
-    With --log, FILES are axis logs: tables as text, exports of TwinCAT Scope, SINUMERIK traces (.xml), TNCscope (.sco),
-    halsampler, MATLAB (.mat). Columns are found by words such as soll, ist, command and actual beside the letter of an
-    axis. --signal says it otherwise: command, actual, lag (command less actual), torque, current, control.
+    With --log, FILES are axis logs: tables as text, spreadsheets (.xlsx), exports of TwinCAT Scope, SINUMERIK traces
+    (.xml) and Edge captures (.json), TNCscope (.sco), halsampler, MATLAB (.mat), EPICS, PHD2 guide logs. Columns are
+    found by words such as soll, ist, command and actual beside the letter of an axis. --signal says it otherwise:
+    command, actual, load (second encoder), lag (command less actual), velocity_command, velocity, torque, force,
+    current, control.
 
     \b
     Example: mjsim import run1.csv --campaign my-machine --test circle-xy-ccw
@@ -66,13 +71,18 @@ def command(
         raise click.UsageError("Missing argument 'FILES...' (or --show)")
     name, keys, options = import_options.read(given)
     if as_log:
+        from dataclasses import replace
+
         from mjsim.cli.logs import import_logs
 
+        if any("=" not in a for a in axes):
+            raise click.UsageError("--file-axis: allowed: NAME=LETTER, such as 7=C")
+        options = replace(options, axes=tuple((n, letter) for n, _, letter in (a.rpartition("=") for a in axes)))
         pairs = [(f, t or name) for f, t in map(_file_and_test, files)]
         import_logs(campaign, pairs, signals, controller, options, force, preview, as_json, quiet)
         return
-    if signals or controller:
-        raise click.UsageError("--signal and --controller need --log")
+    if signals or controller or axes:
+        raise click.UsageError("--signal, --file-axis and --controller need --log")
     pairs = [_file_and_test(f) for f in files]
     other = list(dict.fromkeys(f for f, _ in pairs if looks_like_xml(f)))
     if name and any(test for _, test in pairs):

@@ -51,7 +51,7 @@ columns = kept(
     click.option("--angle", metavar="COLUMN", help="Column of the angle, in place of a time."),
     click.option("--rate", type=common.NUMBER, metavar="HZ", help="Samples per second, where there is neither."),
     click.option("--deviation", metavar="COLUMN", help="Column of the deviation."),
-    click.option("--time-unit", type=click.Choice(["s", "ms"])),
+    click.option("--time-unit", type=click.Choice(["s", "ms", "us"])),
     click.option("--angle-unit", type=click.Choice(["deg", "rad"])),
     click.option("--deviation-unit", type=click.Choice(["um", "mm", "inch", "mil", "uin", "V"])),
     click.option(

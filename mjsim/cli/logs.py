@@ -27,7 +27,8 @@ def import_logs(campaign: Path, pairs, signals, controller, options, force, prev
     if quiet:
         return
     for d in done:
-        common.paragraph(f"{d.source.name} → {d.target}: test {d.test}, {d.samples} samples at {d.rate:g} Hz")
+        more = f", {len(d.tests)} logs, {d.tests[0]} to {d.tests[-1]}" if len(d.tests) > 1 else f": test {d.test}"
+        common.paragraph(f"{d.source.name} → {d.target}{more}, {d.samples} samples at {d.rate:.6g} Hz")
         rows = [[str(c.place + 1), c.axis or "–", c.signal, c.unit or "?"] for c in d.columns]
         common.table(["column", "axis", "signal", "unit"], rows, text=(1, 2, 3))
         for note in d.notes:
@@ -48,6 +49,8 @@ def show_check(data: dict) -> None:
     click.echo()
     for m in data["mistakes"]:
         common.paragraph(m["sentence"])
+    for f in data["signals"]:
+        common.paragraph(f["sentence"])
     if not data["mistakes"]:
         common.paragraph("No mistake found: command and actual position, axes, units and time fit each other.")
     if data["not_measured"]:
@@ -72,6 +75,12 @@ def show_comparison(data: dict) -> None:
         f"Shift: fitted between recording and simulation. Noise: {data['noise_source']}."
     )
     for t in data["tests"]:
+        for a in (a for a in t["axes"] if a["shift_at_limit"]):
+            common.paragraph(
+                f"{t['name']}: the time shift of {a['axis']} is at its limit, {a['shift_ms']:+.3g} ms: no recorder is "
+                f"so late or early. Look for a delay in the control (loop_delay_s), a filter of the command, wrong "
+                f"gains or a wrong command."
+            )
         if t["radial"]:
             r = t["radial"]
             common.paragraph(

@@ -8,14 +8,14 @@ import numpy as np
 
 from mjsim.errors import InputError
 from mjsim.importing.table import Table
-from mjsim.importing.units import QUANTITIES, bare, factor, unit_of_column
+from mjsim.importing.units import QUANTITIES, TIME_WORDS, bare, factor, unit_of_column
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.units import DEG, MM, UM
 
 #: What headers call a column, without its unit, lower case.
 _WORDS = {
-    "time": {"time", "t", "zeit", "sec", "seconds", "timestamp"},
+    "time": TIME_WORDS,
     "angle": {"angle", "phi", "φ", "theta", "winkel", "position angle", "a", "deg", "degrees"},
     "deviation": {
         "deviation", "dev", "radial deviation", "radius deviation", "radial error", "abweichung", "reading", "measured",
@@ -39,6 +39,7 @@ class Options:
         clock: ``program`` (times count from the start of the NC program) or ``trace`` (the first sample is where the
             trace begins).
         angle_zero: the file's angle (rad) at φ = 0. angle_sense: ``ccw`` or ``cw``, which way the file's angle counts.
+        axes: axes of the file and the letters that the machine has for them, for axis logs.
         start_angle: φ (rad) of the first sample, where a test begins elsewhere than at φ = 0.
     """
 
@@ -59,6 +60,7 @@ class Options:
     angle_zero: float = 0.0
     angle_sense: str | None = None
     start_angle: float | None = None
+    axes: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("rate", "um_per_volt", "angle_zero", "start_angle"):
@@ -94,7 +96,7 @@ def read_columns(table: Table, test: BallBarTest, o: Options) -> Recording:
         InputError: a column or unit is missing, or cannot be concluded; the message names the option that gives it.
     """
     notes: list[str] = []
-    at = {q: _column(table, q, getattr(o, q)) for q in QUANTITIES}
+    at = {q: _column(table, q, getattr(o, q)) for q in _WORDS}
     if o.rate is not None:
         at["time"] = at["angle"] = None
     elif at["time"] is not None and at["angle"] is not None and o.time is None:

@@ -13,7 +13,7 @@ BAR, CONTROL = "bar", "control"
 
 
 def with_recorder(document: Any, rate: float) -> None:
-    """Give a parsed campaign.toml a table for the recorder beside the ball bar's, where it needs one.
+    """Give a parsed campaign.toml the rate of its recorder, and a table for it beside a ball bar's.
 
     Args:
         document: With all its tables.
@@ -24,6 +24,9 @@ def with_recorder(document: Any, rate: float) -> None:
     present = document.get("instrument", {})
     named = bool(present) and all(isinstance(v, dict) for v in present.values())
     kinds = [v.get("kind", "ball_bar") for v in present.values()] if named else []
+    for recorder in [present, *present.values()] if named else [present]:
+        if recorder.get("kind") == "axis_log" and "sample_rate_Hz" not in recorder:
+            recorder["sample_rate_Hz"] = float(f"{rate:.6g}")
     if not bars or "axis_log" in kinds:
         return
     instruments = tomlkit.table(is_super_table=True)

@@ -8,7 +8,7 @@ the reading is fitted (:mod:`mjsim.workflow.compare`).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
@@ -160,6 +160,14 @@ class Instrument(ABC, Generic[T, R]):
     def data_of(self, table: Any) -> Any:
         """The instrument's own numbers from its ``[instrument]`` table, SI."""
         return table
+
+    def remarks(self, tests: Sequence[T], recordings: dict[str, R], data: Any) -> Sequence[Any]:
+        """What the recordings show of themselves that is no mistake."""
+        return ()
+
+    def known_from(self, data: Any, recordings: Mapping[str, R]) -> Any:
+        """The instrument's numbers with what its recordings say of them, by name of the test."""
+        return data
 
     @abstractmethod
     def read(self, path: Path, test: T, data: Any) -> R:

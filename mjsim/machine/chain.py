@@ -259,7 +259,7 @@ def chain_of(
     """The kinematic chain that a configuration describes.
 
     Args:
-        configuration: axes from the workpiece to the tool, e.g. ``"w-C'A'Y'bXZ-t"``, or linear axes alone, e.g.
+        configuration: axes from the workpiece to the tool, e.g. ``"w-C'A'Y'bXZ-t"``, or axes alone, e.g.
             ``"XY"``.
         placements: letters of rotary axes that are tilted or offset, each with its placement.
         tool_length: from the head's pivot to the spindle ball, m; ``None`` is 0.25 m. Without a head it says nothing.

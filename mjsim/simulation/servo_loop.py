@@ -28,6 +28,9 @@ WAVE, _MOST_STEPS = 0.2, 100
 #: Steps by which sines of waves are carried on before they are computed anew, and the way of the motor in a step, in
 #: units of the way over which its bristles bend, below which a series stands for the exponential: good to 1e-9.
 _EXACT, _SHORT_WAY = 100, 0.05
+#: A law whose coefficients R sum up to less than this share of their sizes integrates: they are written with six digits
+#: or more, and what is left is rounding.
+INTEGRATES = 1e-6
 #: Turn of a wave, rad, below which it is as it was.
 _SAME_ANGLE = 1e-6
 #: Speed, rad/s, and change of the torque in a sample, share of the friction, below which an axis is at rest.
@@ -80,15 +83,16 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
     actual = np.empty(MOST_COEFFICIENTS)
     wanted = np.empty(MOST_COEFFICIENTS)
     slope = r[1] - r[0] if abs(om) > 0.0 else 0.0
-    sums = np.zeros(3)
+    sums, size = np.zeros(3), 0.0
     taps = int(p[_TAPS])
     for i in range(taps):
         actual[i] = th - i * om * step
         wanted[i] = r[0] - i * slope
         sums[0] += p[_R + i]
+        size += abs(p[_R + i])
         sums[1] += p[_S + i] * actual[i]
         sums[2] += p[_T + i] * wanted[i]
-    x = (sums[2] - sums[1]) / sums[0] if abs(sums[0]) > 1e-12 else 0.0
+    x = (sums[2] - sums[1]) / sums[0] if abs(sums[0]) > INTEGRATES * size else 0.0
     before[:] = x
     last_x, integral = x, 0.0
     if p[_RATE] > 0.0:

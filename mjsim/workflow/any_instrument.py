@@ -194,7 +194,8 @@ def check_plainly(campaign: Campaign, machine: Machine, threads: int = 2) -> Che
         row = {"name": test.name, "samples": len(time), "duration_s": round(float(time[-1] - time[0]), 4)}
         mine = [m.kind for m in found if test.name in m.tests]
         rows.append(row | instrument.facts(test, recording) | {"finding": mine or ["ok"]})
-    return CheckedPart(campaign, tuple(found), tuple(rows))
+    remarks = instrument.remarks(campaign.measured, campaign.traces, campaign.instruments[instrument.name])
+    return CheckedPart(campaign, tuple(found), tuple(rows), remarks=tuple(remarks))
 
 
 def plain_tables(result: ComparedPart, names: Collection[str]) -> dict[str, Rows]:

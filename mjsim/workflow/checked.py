@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from mjsim.campaign.model import Campaign
@@ -16,11 +16,13 @@ class CheckedPart:
         campaign: As read, the tests of this instrument alone.
         mistakes: In the order in which they are put right.
         rows: One per measured test: its name, and what the check says of it.
+        remarks: What the recordings show of themselves that is no mistake.
     """
 
     campaign: Campaign
     mistakes: tuple[Any, ...]
     rows: tuple[dict, ...]
+    remarks: tuple[Any, ...] = field(default=(), kw_only=True)
 
     @property
     def instrument(self) -> str:
@@ -37,6 +39,7 @@ class CheckedPart:
         return {
             "campaign": self.campaign.name,
             "mistakes": [m.to_json() for m in self.mistakes],
+            "signals": [r.to_json() for r in self.remarks],
             "tests": list(self.rows),
             "questions": list(self.questions),
             "not_measured": [t.name for t in self.campaign.planned],

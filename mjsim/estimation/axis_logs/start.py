@@ -20,7 +20,7 @@ _FARTHEST = 5.0
 #: Standard deviation of a phase that may be anything, rad.
 _ANYWHERE = 10.0
 #: Largest time shift, samples; its standard deviation is one sample.
-_MOST_SHIFT = 5.0
+MOST_SHIFT = 5.0
 #: Share of the recorded output that must follow from the recorded positions for them to be of the same samples, and the
 #: standard deviation of their time shift then, samples (assumed).
 _SAME_SAMPLE, _KNOWN_SHIFT = 0.999, 0.001
@@ -158,7 +158,7 @@ def nuisance_entries(machine: Machine, data: Sequence[AxisData]) -> tuple[Entry,
     for d in data:
         # a recording has the command before its delay, or behind it: nobody knows
         wide = math.hypot(1.0, late.si("delay_ms") / d.step if late is not None else 0.0)
-        limit = _MOST_SHIFT * wide * d.step
+        limit = MOST_SHIFT * wide * d.step
         out.append(Entry(SHIFT, SHIFT, 0.0, d.name, wide, scale=d.step, lower=-limit, upper=limit))
         out.append(Entry(ZERO, ZERO, 0.0, d.name, 1.0, scale=_ZERO * d.resolution))
         drive = machine.under(d.test.controller or only(machine, d.axis)).drives[d.axis]

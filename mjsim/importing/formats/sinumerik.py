@@ -4,6 +4,9 @@ The format is not published by its maker. Public readers of it agree on this: th
 ``traceDisplaySetup`` or ``traceDisplaySetup_V20`` with key, name and description. ``traceData/dataFrame`` has one
 ``dataSignal`` (id, key) for each of them, then one ``rec`` for each instant, with ``time`` in s and an attribute for
 each signal by its id. A signal that has not changed since the instant before is left out.
+
+The name of a signal ends with its address, ``[u1, 7]``: axis 7 of the NCU. ``unitsType`` is its quantity. Positions
+are in mm or °, velocities in mm/min or rpm, as the control shows them (assumed, and compared with the positions).
 """
 
 from __future__ import annotations
@@ -20,8 +23,23 @@ from mjsim.importing.formats.base import Format, register
 from mjsim.importing.reading import Options
 from mjsim.importing.table import Table
 from mjsim.io.inputs import check_rows, read_bytes
+from mjsim.units import AMPERE
 
 _ADDRESS = re.compile(r"\[([^\]]*)\]")
+_UNITS = {"posn": "mm|deg", "velo": "mm/min|rpm", "current": AMPERE}
+#: Beginnings of the names of signals, without digits for their size, and the channel that each of them is.
+_SIGNALS = {
+    "nckServoDataCmdPos": "command",
+    "measPos1": "actual",
+    "measPos2": "load",
+    "nckServoDataActPos1stEnc": "actual",
+    "nckServoDataActPos2ndEnc": "load",
+    "nckServoDataFlwErr": "lag",
+    "nckServoDataCmdVelCtrlIn": "velocity_command",
+    "nckServoDataCmdVelMot": "velocity_command",
+    "nckServoDataActVelMot": "velocity",
+    "nckServoDataActCurr": "current",
+}
 
 
 @register
@@ -46,14 +64,19 @@ class Sinumerik(Format):
             for column, signal in enumerate(signals, start=1):
                 text = record.get(signal.get("id") or "")
                 values[row, column] = values[row - 1, column] if text is None else _number(path, row, text)
+        kinds = [_channel(said.get(s.get("key"), s)) for s in signals]
         names = ("time", *(_name(said.get(s.get("key"), s)) for s in signals))
-        units = ("s", *("" for _ in signals))
-        notes = [f"SINUMERIK trace, {len(signals)} signals", "units are not in the file: mm and ° are usual"]
+        units = [_UNITS.get(s.get("unitsType") or "", "") if k[1] else "" for s, k in zip(signals, kinds, strict=True)]
+        notes = [f"SINUMERIK trace, {len(signals)} signals"]
+        notes.append("units are not in the file: mm and mm/min, ° and rpm for a rotary axis are usual")
         if len(frames) > 1:
             notes.append(f"{len(frames)} recordings in the file, the longest is taken")
-        if lost := frame.find("frameHeader"):
+        lost = frame.find("frameHeader")
+        if lost is not None:
             notes += [f"{lost.get('dropOuts')} samples lost"] if lost.get("dropOuts") not in (None, "0") else []
-        return Table(path, names, units, values, np.arange(1, len(values) + 1), (), tuple(notes))
+        lines = np.arange(1, len(values) + 1)
+        channels = (("", "time"), *kinds)
+        return Table(path, names, ("s", *units), values, lines, (), tuple(notes), channels)
 
 
 def _parsed(path: Path) -> Element:
@@ -71,6 +94,17 @@ def _name(signal: Element) -> str:
     address = _ADDRESS.search(signal.get("name") or "")
     said = signal.get("description") or signal.get("name") or signal.get("id") or ""
     return f"{said} {address[0]}"[:120] if address else said[:120]
+
+
+def _channel(signal: Element) -> tuple[str, str]:
+    """Number of the axis and channel of a signal; empty texts where its name does not say it."""
+    name = signal.get("name") or ""
+    address = _ADDRESS.search(name)
+    own = name.partition("[")[0].strip().rpartition("/")[2]
+    known = next((c for begin, c in _SIGNALS.items() if own.startswith(begin)), "")
+    if own.startswith("nckServoDataActVelMotorSide"):
+        known = ""  # turns of the motor, not of the axis
+    return (address[1].rpartition(",")[2].strip(), known) if address and known else ("", "")
 
 
 def _number(path: Path, row: int, text: str | None) -> float:

@@ -1,8 +1,11 @@
 """HEIDENHAIN TNCscope (``.sco``), as text.
 
-The format is not published by its maker. A public reader of it takes this: lines with ``%`` in front; a section
-``%[CURVE…]`` for each channel with ``%CHANNELTYPE=``, ``%AXISTYPE=``, ``%DIMENSION=``, ``%COUNT=`` and ``%CYCLETIME=``
-in µs; after ``%[DATA]`` one row for each sample, a time and the channels, each with a semicolon behind it.
+The format is not published by its maker. A public reader and recordings of an iTNC 530 agree on this: lines with ``%``
+in front; a section ``%[CURVE…]`` for each channel with ``%CHANNELTYPE=``, ``%AXISTYPE=``, ``%DIMENSION=`` and
+``%COUNT=``; after ``%[DATA]`` one row for each sample, a time in µs and the channels, each with a semicolon behind it.
+The rows follow each other by ``%SAMPLING=`` µs. ``%CYCLETIME=`` is the cycle of the part of the control that a channel
+comes from: shorter than the rows for a current, as long as a new value takes for a slow channel. Where there is no
+``%SAMPLING=``, the rows have the shortest cycle.
 """
 
 from __future__ import annotations
@@ -17,12 +20,21 @@ from mjsim.importing.reading import Options
 from mjsim.importing.table import Table
 from mjsim.io.inputs import check_rows, read_bytes
 
-_KEYS = ("CHANNELTYPE", "AXISTYPE", "DIMENSION", "COUNT", "CYCLETIME")
+_KEYS = ("CHANNELTYPE", "AXISTYPE", "DIMENSION", "COUNT", "CYCLETIME", "SAMPLING")
+_SIGNALS = {
+    "s soll": "command",
+    "s ist": "actual",
+    "s diff": "lag",
+    "v soll": "velocity_command",
+    "v ist": "velocity",
+    "i ist": "current",
+    "m ist": "torque",
+}
 
 
 @register
 class TNCscope(Format):
-    """The channels with the shortest cycle; the time is counted from it."""
+    """Channels with COUNT and SAMPLING or CYCLETIME in their sections, and rows below ``%[DATA]``."""
 
     suffixes = (".sco",)
 
@@ -31,7 +43,6 @@ class TNCscope(Format):
         check_rows(path, text.count("\n"))
         lines = text.splitlines()
         channels, begin = _channels(path, lines)
-        cycles = [_positive(path, c, "CYCLETIME") * 1e-6 for c in channels]
         rows = [(n, line) for n, line in enumerate(lines[begin:], start=begin + 1) if line.strip("; \t")]
         try:
             values = np.array([[float(c.replace(",", ".")) for c in r.rstrip("; \t").split(";")] for _, r in rows])
@@ -43,31 +54,43 @@ class TNCscope(Format):
             raise InputError(
                 f"{path}: {len(channels)} channels and rows of another length; allowed: a time and the channels"
             )
-        fastest = min(cycles)
-        chosen = [i for i, c in enumerate(cycles) if c == fastest]
+        step, chosen = _rows(path, channels)
         count = min(int(_positive(path, channels[i], "COUNT")) for i in chosen)
         values = values[:count]
-        time = np.arange(len(values)) * fastest
-        notes = [f"TNCscope, {len(chosen)} channels with {fastest * 1e3:g} ms"]
+        time = np.arange(len(values)) * step
+        notes = [f"TNCscope, {len(chosen)} channels with {step * 1e3:g} ms"]
         if len(chosen) < len(channels):
             notes.append(f"{len(channels) - len(chosen)} channels with another cycle left out")
         names = [f"{channels[i].get('CHANNELTYPE', '')} {channels[i].get('AXISTYPE', '')}".strip() for i in chosen]
         units = [channels[i].get("DIMENSION", "") for i in chosen]
+        known = [_SIGNALS.get(channels[i].get("CHANNELTYPE", "").strip().lower(), "") for i in chosen]
+        axes = [(channels[i].get("AXISTYPE", ""), k) if k else ("", "") for i, k in zip(chosen, known, strict=True)]
         table = np.column_stack([time, values[:, [i + 1 for i in chosen]]])
         numbers = np.array([n for n, _ in rows[:count]])
-        return Table(path, ("time", *names), ("s", *units), table, numbers, (), tuple(notes))
+        kinds = (("", "time"), *axes)
+        return Table(path, ("time", *names), ("s", *units), table, numbers, (), tuple(notes), kinds)
+
+
+def _rows(path: Path, channels: list[dict[str, str]]) -> tuple[float, list[int]]:
+    """Time from row to row, s, and the channels that have a value in each row."""
+    if all("SAMPLING" in c for c in channels):
+        steps = [_positive(path, c, "SAMPLING") * 1e-6 for c in channels]
+    else:
+        steps = [_positive(path, c, "CYCLETIME") * 1e-6 for c in channels]
+    fastest = min(steps)
+    return fastest, [i for i, s in enumerate(steps) if s == fastest]
 
 
 def _channels(path: Path, lines: list[str]) -> tuple[list[dict[str, str]], int]:
     """What each channel's section says, and the line behind ``%[DATA]``, from 0."""
     channels: list[dict[str, str]] = []
-    inside = False
+    inside, common = False, {}
     for number, line in enumerate(lines):
         text = line.strip().lstrip("%").strip()
         if text == "[DATA]":
             if not channels:
                 break
-            return channels, number + 1
+            return [common | c for c in channels], number + 1
         if text.startswith("["):
             inside = text.startswith("[CURVE")
             channels += [{}] if inside else []
@@ -75,6 +98,8 @@ def _channels(path: Path, lines: list[str]) -> tuple[list[dict[str, str]], int]:
             key, _, value = text.partition("=")
             if key.strip() in _KEYS:
                 channels[-1][key.strip()] = value.strip()
+        elif text.startswith("SAMPLING="):
+            common = {"SAMPLING": text.partition("=")[2].strip()}
     raise InputError(f"{path}: no %[CURVE] sections before %[DATA]; allowed: a recording of TNCscope as text")
 
 

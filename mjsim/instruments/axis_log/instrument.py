@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from mjsim.instruments.axis_log.files import LOG, LogTable, log_test, read_recording
 from mjsim.instruments.axis_log.measurement import LogTest, Recorder, Recording
 from mjsim.instruments.axis_log.mistakes import LogMistake, log_mistakes
+from mjsim.instruments.axis_log.signals import Finding, encoder_step, findings
 from mjsim.instruments.base import Channel, Instrument, Observation, register
 from mjsim.machine.chain import Chain
 from mjsim.units import DEG, UM
@@ -38,6 +40,13 @@ class AxisLog(Instrument[LogTest, Recording]):
     def data_of(self, table: Any) -> Recorder:
         return Recorder(table.sample_rate_Hz, table.resolution_um * UM, table.resolution_deg * DEG)
 
+    def known_from(self, data: Recorder, recordings: Mapping[str, Recording]) -> Recorder:
+        found: dict[str, float] = {}
+        for recording in recordings.values():
+            for axis in recording.axes:
+                found[axis] = max(found.get(axis, 0.0), encoder_step(recording, axis))
+        return replace(data, found=found)
+
     def read(self, path: Path, test: LogTest, data: Recorder) -> Recording:
         return read_recording(path, test)
 
@@ -51,6 +60,9 @@ class AxisLog(Instrument[LogTest, Recording]):
     def observe(self, test: LogTest, recording: Recording) -> Observation:
         value = np.column_stack([recording.axes[a].actual for a in test.axes])
         return Observation(recording.time, value, np.ones(value.shape, bool))
+
+    def remarks(self, tests: Sequence[LogTest], recordings: dict[str, Recording], data: Recorder) -> list[Finding]:
+        return [f for f in findings(tests, recordings, data) if not f.refused]
 
     def mistakes(self, tests: Sequence[LogTest], recordings: dict[str, Recording], data: Recorder) -> list[LogMistake]:
         return log_mistakes(tests, recordings, data.rate)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import ClassVar
 
@@ -69,6 +69,11 @@ class AxisRecord:
         force: Of the axis, N.
         control: Output of the control, V.
         current: A.
+        velocity_command: What the velocity loop got, per s.
+        velocity: Actual velocity, per s.
+        torque_share: Torque over the rated one.
+        current_share: Current over the rated one.
+        control_share: Output of the control over its largest.
     """
 
     command: np.ndarray
@@ -78,6 +83,16 @@ class AxisRecord:
     force: np.ndarray | None = None
     control: np.ndarray | None = None
     current: np.ndarray | None = None
+    velocity_command: np.ndarray | None = None
+    velocity: np.ndarray | None = None
+    torque_share: np.ndarray | None = None
+    current_share: np.ndarray | None = None
+    control_share: np.ndarray | None = None
+
+    @property
+    def channels(self) -> dict[str, np.ndarray]:
+        """Everything that was recorded, by name of the attribute."""
+        return {f.name: x for f in fields(self) if (x := getattr(self, f.name)) is not None}
 
     def motor_torque(self, gear: float) -> np.ndarray | None:
         """Recorded torque of the motor, (n,) N·m, from the force where that was recorded; nothing without both.
@@ -97,10 +112,12 @@ class Recording:
     Attributes:
         time: (n,) s, growing.
         axes: What was recorded of each axis, by letter.
+        held: Axis and channel that kept each value for several samples, and for how many.
     """
 
     time: np.ndarray
     axes: Mapping[str, AxisRecord]
+    held: Mapping[tuple[str, str], int] = field(default_factory=dict)
 
     @cached_property
     def step(self) -> float:
@@ -116,14 +133,20 @@ class Recorder:
         rate: Samples per second as stated, Hz.
         resolution: Encoder step of the linear axes, m.
         resolution_rotary: Encoder step of the rotary axes, rad.
+        found: Encoder steps that the recordings show, m or rad by axis.
     """
 
     rate: float = 1000.0
     resolution: float = 0.1e-6
     resolution_rotary: float = 1e-6
+    found: Mapping[str, float] = field(default_factory=dict)
 
     def step_of(self, chain: Chain, axis: str) -> float:
-        """Encoder step of one axis, m or rad."""
+        """Encoder step of one axis, m or rad: as stated, or as the recordings show it where that is larger."""
+        return max(self.stated_step_of(chain, axis), self.found.get(axis, 0.0))
+
+    def stated_step_of(self, chain: Chain, axis: str) -> float:
+        """Encoder step of one axis that the campaign states, m or rad."""
         return self.resolution_rotary if chain.is_rotary(axis) else self.resolution
 
 

@@ -13,6 +13,7 @@ from itertools import permutations
 import numpy as np
 
 from mjsim.instruments.axis_log.measurement import LogTest, Recording
+from mjsim.instruments.axis_log.signals import copies, impossible
 from mjsim.units import DEG, MM
 
 #: Correlation of a command with the position of another axis that must beat its own by so much (assumed).
@@ -34,7 +35,7 @@ class LogMistake:
     """One mistake in a log.
 
     Attributes:
-        kind: ``exchanged``, ``swapped_axes``, ``unit`` or ``time``.
+        kind: ``exchanged``, ``swapped_axes``, ``unit``, ``time``, ``copy`` or ``impossible``.
         test: Name of the log.
         axes: Letters that it concerns.
         sentence: What is wrong, from what it follows, and what to do.
@@ -67,6 +68,9 @@ def log_mistakes(tests: Sequence[LogTest], recordings: Mapping[str, Recording], 
             if axis not in taken:
                 out += _of_axis(test, recording, axis)
         out += _time(test, recording, rate)
+        for f in (*copies(test, recording), *impossible(test, recording)):
+            if f.refused and not taken & set(f.axes):
+                out.append(LogMistake(f.kind, f.test, f.axes, f.sentence))
     return out
 
 

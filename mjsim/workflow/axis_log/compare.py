@@ -13,12 +13,14 @@ from mjsim.estimation.axis_logs.as_given import fit_as_given
 from mjsim.estimation.axis_logs.data import AxisData, axis_data, check_controllers
 from mjsim.estimation.axis_logs.entries import SHIFT, ZERO, AxisModel
 from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter
+from mjsim.estimation.axis_logs.start import MOST_SHIFT
 from mjsim.instruments.axis_log.circle import circle_part, radial_deviation
 from mjsim.instruments.axis_log.measurement import LogTest, Recording, recorded_axes
 from mjsim.instruments.axis_log.mistakes import log_mistakes
 from mjsim.instruments.base import INSTRUMENTS, Channel
-from mjsim.machine.model import Machine
+from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
+from mjsim.simulation.stability import check_loop
 from mjsim.threads import one_blas_thread
 from mjsim.units import DEG, MM, UM
 from mjsim.workflow.comparison import ComparedChannel, ComparedPart, ComparedTest, significant
@@ -73,6 +75,7 @@ class ComparedAxis(ComparedChannel):
             f"noise_{symbol}": significant(self.noise / unit),
             "noise_source": self.noise_source,
             "shift_ms": significant(self.shift * 1e3),
+            "shift_at_limit": bool(abs(self.shift) > 0.99 * MOST_SHIFT * np.median(np.diff(self.time))),
             f"zero_{symbol}": significant(self.zero / unit),
             f"following_error_{symbol}": significant(self.following / unit),
         }
@@ -219,6 +222,7 @@ def checked_logs(campaign: Campaign, machine: Machine) -> Campaign:
 
     Raises:
         InputError: No log has a recording, one shows a mistake, or the machine lacks the controller of one.
+        SimulationError: A loop is unstable with the numbers of the machine file.
     """
     logs = campaign.of(LogTest.instrument)
     if not logs.measured:
@@ -227,7 +231,21 @@ def checked_logs(campaign: Campaign, machine: Machine) -> Campaign:
     if found:
         raise InputError(f"{campaign.folder / 'campaign.toml'}: {found[0].sentence}, or say --as-is")
     check_controllers(logs, machine)
+    refuse_unstable(logs, machine)
     return logs
+
+
+def refuse_unstable(logs: Campaign, machine: Machine) -> None:
+    """Stop where the loop of a recorded axis is unstable with the numbers of the machine file.
+
+    Raises:
+        SimulationError: Names the table, the loop and what to change.
+    """
+    for test in logs.measured:
+        plant = build(machine.under(test.controller))
+        for axis in test.axes:
+            own = f"controller.{test.controller}.{axis}" if test.controller is not None else f"drive.{axis}"
+            check_loop(plant.axes[axis], f"{machine.file or machine.name}: [{own}]", logs.traces[test.name].step)
 
 
 def overlay_logs(campaign: Campaign, machine: Machine, fits: Mapping[str, tuple[LogFitter, AxisFit]]) -> LogComparison:
