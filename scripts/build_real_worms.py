@@ -29,7 +29,7 @@ def identified(log: Path) -> EncoderPitch:
         folder = Path(scratch) / "mount"
         new_log_campaign(folder, "C")
         import_log(folder, log)
-        return identify_from_encoders(read_campaign(folder).logs, "C")
+        return identify_from_encoders(read_campaign(folder), "C")
 
 
 def main(arguments: list[str]) -> None:

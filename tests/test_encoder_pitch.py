@@ -125,6 +125,6 @@ def test_the_command_on_a_guide_log(tmp_path):
     order, amplitude, _ = effect.values["components"][0]
     assert order == pytest.approx(180, rel=0.01) and amplitude == pytest.approx(8.0 / 3600, rel=0.05)
     bare = logs_of((time, motor, motor))
-    bare.recordings["g0"].axes["C"].__dict__["load"] = None
+    bare.traces["g0"].axes["C"].__dict__["load"] = None
     with pytest.raises(InputError, match="C_load_deg"):
         identify_from_encoders(bare, "C")
