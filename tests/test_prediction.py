@@ -257,11 +257,11 @@ def test_a_longer_tool_moves_the_slide(machine):
 PROGRAM = """%
 O1
 G90 G17 G21 G94
-M128
+G43.4 H1
 G0 X0. Y0. Z0. A5. C0.
 G1 X20. Y0. Z0. A5. C10. F1000.
 X20. Y20. A5. C20.
-M129
+G49
 M30
 %
 """
@@ -270,7 +270,8 @@ M30
 def test_nc_files_with_tool_centre_control(machine, tmp_path):
     file = tmp_path / "part.nc"
     file.write_text(PROGRAM)
-    name, motion, lines = program_of(str(file), FIVE_AXIS, ZERO)
+    name, motion, lines, notes = program_of(str(file), FIVE_AXIS, ZERO)
+    assert notes == ("words that change no motion: H (1, first in line 4)",)
     assert name == "part.nc" and motion.tip and lines.tolist() == [5, 6, 7]
     result = predict(motion, machine, name, zero=ZERO, lines=lines)
     assert {b.line for b in result.blocks} == {6, 7}

@@ -9,7 +9,7 @@ import numpy as np
 
 from mjsim.ballbar.commanded import Commanded
 from mjsim.ballbar.feed import ACCELERATION, trapezoid
-from mjsim.ballbar.follow import Followed, follow
+from mjsim.ballbar.follow import Followed, follow, own_path
 from mjsim.ballbar.kinds import Kind, kind_of
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.units import DEG
@@ -118,9 +118,11 @@ def driven_by(test: BallBarTest, motion: Commanded, name: str = "NC program") ->
     """``test`` with the motion of an NC program in place of its own; every simulation of it uses that.
 
     Args:
-        motion: as :func:`mjsim.nc.read.read_nc` gives it (its ``motion``). name: of the program, for messages.
+        motion: as :func:`mjsim.nc.read.read_nc` gives it (its ``motion``); of several cutting paths the test's.
+        name: of the program, for messages.
 
     Raises:
         InputError: the program is none of this test, or has another feed.
     """
+    motion = own_path(test, motion, name)
     return follow(test, motion, Program(replace(test, commanded=None)).measured_ends, name)

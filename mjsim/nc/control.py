@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mjsim.ballbar.commanded import Commanded
-from mjsim.ballbar.follow import check_path, unwrapped
+from mjsim.ballbar.follow import check_path, own_path, unwrapped
 from mjsim.ballbar.kinds import kind_of
 from mjsim.ballbar.measurement import BallBarTest
 from mjsim.ballbar.program import Program
@@ -224,6 +224,7 @@ def feed_report(
     Raises:
         InputError: the program is none of this test, or as :func:`executed`.
     """
+    motion = own_path(test, motion, name)
     nominal = Program(replace(test, commanded=None))
     first, last = nominal.measured_ends
     check_path(test, motion, (first, last), name)
