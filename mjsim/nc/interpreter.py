@@ -31,6 +31,8 @@ from mjsim.units import MM
 _LONGEST = 120.0
 #: Where the interpreter is set to when a plane is tilted: a coordinate near it was not commanded since then, mm.
 _AWAY = -100_000.0
+#: Half a unit of the last decimal that the interpreter prints, mm and degrees: a shorter move is none.
+_PRINTED = 5.1e-5
 _CALL = re.compile(r"\s*\d+\s+N\S*\s+(\w+)\((.*)\)\s*$")
 #: Canonical calls that change no motion.
 _HARMLESS = re.compile(
@@ -279,8 +281,10 @@ class _Canon:
         elif self.silent and name == "STRAIGHT_TRAVERSE":
             pass
         elif name in ("STRAIGHT_TRAVERSE", "STRAIGHT_FEED"):
-            modal.straight(self._end(_floats(text)), name == "STRAIGHT_TRAVERSE", True)
-            self._count(name == "STRAIGHT_FEED")
+            end = self._end(_floats(text))
+            if np.abs(end - modal.at).max() > _PRINTED:
+                modal.straight(end, name == "STRAIGHT_TRAVERSE", True)
+                self._count(name == "STRAIGHT_FEED")
         elif name == "ARC_FEED":
             self._arc(_floats(text))
         elif name == "SET_FEED_RATE":
