@@ -21,7 +21,7 @@ import numpy as np
 from mjsim.campaign.machine_file import read_machine
 from mjsim.errors import InputError
 from mjsim.machine.chain import FIVE_AXIS, Chain
-from mjsim.nc.interpreter import Configuration, _with_pins, canonical, needs_interpreter
+from mjsim.nc.interpreter import Configuration, canonical, needs_interpreter
 from mjsim.nc.limits import scale
 from mjsim.nc.read import NCFile, read_nc
 
@@ -81,17 +81,25 @@ def compare(nc: NCFile, wanted: list[tuple[int, np.ndarray, tuple | None]]) -> t
     units = np.array([scale(a) for a in nc.motion.chain.letters])
     points, linear = nc.motion.points / units, nc.motion.chain.linear_columns
     at, linear_um, degrees, off, count = 0, 0.0, 0.0, 0.0, 0
-    begun = False
+    begun, last = False, np.zeros(len(units))
     for line, end, circle in wanted:
         place = points[at]
         ahead = at + 1
         if not begun:  # moves before the first feed block are left out
-            if line != nc.lines[0] or np.abs(end - points[0]).max() > 1e-3:
+            before, last = last, end
+            if line == nc.lines[1] and np.abs(before - points[0]).max() < 2e-3:
+                begun = True
+            elif line == nc.lines[0] and np.abs(end - points[0]).max() < 2e-3:
+                begun, ahead = True, 0
+            else:
                 continue
-            begun, ahead = True, 0
+        if ahead == 0:
+            pass
         elif circle is not None:
-            while ahead + 1 < len(points) and nc.lines[ahead + 1] == nc.lines[ahead] and (
-                np.abs(points[ahead] - end).max() > 2e-4
+            while (
+                ahead + 1 < len(points)
+                and nc.lines[ahead + 1] == nc.lines[ahead]
+                and (np.abs(points[ahead] - end).max() > 2e-4)
             ):
                 ahead += 1
             i, j, centre = circle

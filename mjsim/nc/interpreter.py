@@ -48,7 +48,9 @@ def needs_interpreter(text: str) -> bool:
     """Whether a program has variables, expressions, o-words or offsets that it computes itself."""
     plain = re.sub(r"\([^()]*\)|;.*", "", text)
     return bool(
-        re.search(r"#|\[|^\s*(?:N\d+\s*)?o\s*[<\d].*\b(?:sub|call)\b|\bG10\b", plain, re.MULTILINE | re.IGNORECASE)
+        re.search(
+            r"[#\[@^]|^\s*(?:N\d+\s*)?o\s*[<\d].*\b(?:sub|call)\b|G\s*10(?![.\d])", plain, re.MULTILINE | re.IGNORECASE
+        )
     )
 
 

@@ -145,6 +145,10 @@ class Modal(Track):
                 getattr(self, f"_{action}")(g, block)
         for m in block.m:
             used |= set(self.meaning.of_m(self, m)[1])
+        if special == "dwell" and self.d.name == "linuxcnc" and self._moves(block):  # dwells, then moves
+            self._dwell(block)
+            block.words.pop("P", None)
+            special = ""
         self._check_words(block, used, free, special)
         for word in _HARMLESS & set(block.words) - set(used - _HARMLESS):
             self.ignore(word)

@@ -407,11 +407,12 @@ class Track:
         if np.abs(here - there).max() < 1e-9:
             return
         self._append(here, self._rapid(here - there), False, True, line or self.number)
-        self.warn(
-            "bridge",
-            f"line {self.number}: the axes come from a place that only the control knows; taken as a straight rapid "
-            "move from the last known one, which counts for nothing",
-        )
+        if any(self.cutting):
+            self.warn(
+                "bridge",
+                f"line {self.number}: the axes come from a place that only the control knows; taken as a straight rapid "
+                "move from the last known one, which counts for nothing",
+            )
 
     def _append(self, place: np.ndarray, seconds: float, cutting: bool, stop: bool, line: int) -> None:
         self.points.append(place)
