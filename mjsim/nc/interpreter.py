@@ -33,6 +33,8 @@ _LONGEST = 120.0
 _AWAY = -100_000.0
 #: Half a unit of the last decimal that the interpreter prints, mm and degrees: a shorter move is none.
 _PRINTED = 5.1e-5
+#: Variables, expressions, polar coordinates, o-words, offsets by program.
+_BY_ITSELF = re.compile(r"[#\[@^]|^\s*(?:N\d+\s*)?o\s*[<\d].*\b(?:sub|call)\b|G\s*10(?![.\d])", re.M | re.I)
 _CALL = re.compile(r"\s*\d+\s+N\S*\s+(\w+)\((.*)\)\s*$")
 #: Canonical calls that change no motion.
 _HARMLESS = re.compile(
@@ -47,11 +49,7 @@ _TOOLS = 200
 def needs_interpreter(text: str) -> bool:
     """Whether a program has variables, expressions, o-words or offsets that it computes itself."""
     plain = re.sub(r"\([^()]*\)|;.*", "", text)
-    return bool(
-        re.search(
-            r"[#\[@^]|^\s*(?:N\d+\s*)?o\s*[<\d].*\b(?:sub|call)\b|G\s*10(?![.\d])", plain, re.MULTILINE | re.IGNORECASE
-        )
-    )
+    return bool(_BY_ITSELF.search(plain))
 
 
 def carry_out(text: str, path: Path, modal: Modal, ini: Path | None = None) -> None:

@@ -410,8 +410,8 @@ class Track:
         if any(self.cutting):
             self.warn(
                 "bridge",
-                f"line {self.number}: the axes come from a place that only the control knows; taken as a straight rapid "
-                "move from the last known one, which counts for nothing",
+                f"line {self.number}: the axes come from a place that only the control knows; taken as a straight "
+                "rapid move from the last known one, which counts for nothing",
             )
 
     def _append(self, place: np.ndarray, seconds: float, cutting: bool, stop: bool, line: int) -> None:
