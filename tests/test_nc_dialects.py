@@ -251,7 +251,8 @@ def test_paths_rapid_moves_dwells_and_stops():
     assert m.seconds[m.cutting] == pytest.approx([1.0, 1.0, 5.0, 1.0, 3.0])
     dwell = int(np.flatnonzero(nc.lines[1:] == 6)[0])
     assert m.seconds[dwell] == pytest.approx(0.5) and m.stops[[dwell - 1, dwell]].all()
-    assert m.stops[4] and m.stops[6], "the axes rest at M0, and before they go to where only the control knows"
+    assert m.stops.tolist() == [False, False, *[True] * 3, False, True, True, False], "rapid moves end in position"
+    assert read(PATHS, "linuxcnc").motion.stops.tolist() == [False, False, True, *[True] * 2, False, True, True, False]
     assert "straight rapid move" in nc.warnings[0] and {"T", "M6", "H"} <= set(nc.ignored)
     np.testing.assert_allclose(m.axes[m.paths[2][0]] / UNITS, [0, 0, 20, 0, 0], atol=1e-12)
     with pytest.raises(InputError, match=r"line 12: G91 with Z before Z has a known place"):

@@ -129,6 +129,8 @@ class Fanuc:
         words: Addresses that are allowed in every block.
         arc_words: Addresses that an arc may have beside I, J, K.
         vector_words: Addresses of a direction of the tool.
+        rapid_stops: Whether the axes come to rest at the end of a rapid move: G00 of a Fanuc ends with an in-position
+            check (B-64484EN, 4.1).
         builder: M codes from here on belong to the maker of the machine, and may call programs.
     """
 
@@ -140,6 +142,7 @@ class Fanuc:
     words: frozenset[str] = frozenset({",R", ",C"})
     arc_words: frozenset[str] = frozenset("R")
     vector_words: frozenset[str] = frozenset()
+    rapid_stops = True
     builder = 96
 
     def of_g(self, modal: Modal, g: float) -> tuple[str, str]:
@@ -199,6 +202,7 @@ class LinuxCNC(Fanuc):
         "G43 G49, G52 G92, G68.2 G53.1 G69, G73 G81 to G83 G85 G89 G80, M428 M429"
     )
     arc_words = frozenset("RP")
+    rapid_stops = False
     builder = 100
 
     def of_m(self, modal: Modal, m: float) -> tuple[str, str]:
@@ -233,6 +237,7 @@ class Siemens(Fanuc):
     )
     arc_words = frozenset({"CR", "TURN"})
     vector_words = frozenset(VECTOR)
+    rapid_stops = False
     builder = 100
     #: Words that change no motion of an ideal control.
     harmless = frozenset(
@@ -424,6 +429,7 @@ class TNC(Fanuc):
     )
     words = frozenset({"Q339"})
     arc_words = frozenset("R")
+    rapid_stops = False
     more_turns = 0
 
     def of_m(self, modal: Modal, m: float) -> tuple[str, str]:

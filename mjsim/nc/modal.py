@@ -39,8 +39,10 @@ class Meaning(Protocol):
         words: Addresses that are allowed in every block.
         arc_words: Addresses that an arc may have beside I, J, K.
         vector_words: Addresses of a direction of the tool.
+        rapid_stops: Whether the axes come to rest at the end of a rapid move.
     """
 
+    rapid_stops: bool
     allowed: str
     words: frozenset[str]
     arc_words: frozenset[str]
@@ -532,7 +534,7 @@ class Modal(Track):
                 self.named.setdefault(a, self.number)
             points = self.great_circle(end, self.turn @ vector, 1 if self.by_axes else 0)
         if rapid:
-            self.move(points, None, False, stop=self.exact)
+            self.move(points, None, False, stop=self.exact or self.meaning.rapid_stops)
             return
         start = self._filled(self.at)
         if np.array_equal(start, self._filled(points[-1])) and not np.isnan(self.at).any():
