@@ -53,10 +53,14 @@ class Commanded:
         return self._machine(self.points, self._of_point)
 
     @property
+    def cuts(self) -> np.ndarray:
+        """Whether each block is a feed block, (n,)."""
+        return np.ones(len(self.seconds), bool) if self.cutting is None else self.cutting
+
+    @property
     def paths(self) -> list[tuple[int, int]]:
         """First and last block of every stretch of feed blocks."""
-        cutting = np.ones(len(self.seconds), bool) if self.cutting is None else self.cutting
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], cutting, [False]]).astype(int)))
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], self.cuts, [False]]).astype(int)))
         return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
     def part(self, first: int, last: int) -> Commanded:

@@ -147,16 +147,18 @@ def read(
     if out:
         check_writable(out, force)
         write_whole(out, motion_csv(nc.motion), force)
+    timed = nc.motion.seconds[nc.motion.cuts] if nc.motion.cuts.any() else nc.motion.seconds
     data = {
         "file": str(file),
         "dialect": dialect,
         "feed": nc.feed,
         "tool_centre_point": bool(np.any(nc.motion.tip)),
         "paths": len(nc.motion.paths),
-        "exact_stops": 0 if nc.motion.stops is None else int(nc.motion.stops.sum()),
-        "blocks": len(nc.motion.seconds),
+        "rests": 0 if nc.motion.stops is None else int(nc.motion.stops.sum()),
+        "blocks": int(nc.motion.cuts.sum()),
+        "other_moves": int((~nc.motion.cuts).sum()),
         "duration_s": nc.motion.duration,
-        "block_ms": {"min": nc.motion.seconds.min() * 1e3, "max": nc.motion.seconds.max() * 1e3},
+        "block_ms": {"min": timed.min() * 1e3, "max": timed.max() * 1e3},
         "axes": axes_json(nc.motion),
         "unnamed_axes": list(nc.unnamed),
         "deviation": compared,
@@ -164,10 +166,11 @@ def read(
         "ignored": {word: {"first_line": line, "count": n} for word, (line, n) in nc.ignored.items()},
         "warnings": [*nc.warnings, *speed_warnings(nc.motion, limits, nc.place)],
     }
-    said = f"{len(nc.motion.seconds)} blocks, {nc.motion.duration:.3f} s, F: {nc.feed or 'none'}"
+    said = f"{data['blocks']} blocks, {nc.motion.duration:.3f} s, F: {nc.feed or 'none'}"
+    said += f", {data['other_moves']} rapid moves and dwells" if data["other_moves"] else ""
     said += f", {data['paths']} cutting paths" if data["paths"] > 1 else ""
     said += ", tool centre point" if data["tool_centre_point"] else ""
-    said += f", {data['exact_stops']} exact stops" if data["exact_stops"] else ""
+    said += f", axes at rest {data['rests']} times" if data["rests"] else ""
     _show(data, said, as_json, quiet)
     if as_json or quiet:
         return
@@ -192,7 +195,7 @@ def read(
 
 
 def axes_json(motion) -> dict:
-    """Travel and speed of each axis: from, to, min, max in mm or °; slowest, mean and fastest block in mm/min or
+    """Travel and speed of each axis: from, to, min, max in mm or °; slowest, mean and fastest feed block in mm/min or
     °/min.
     """
     import numpy as np
@@ -200,10 +203,11 @@ def axes_json(motion) -> dict:
     from mjsim.nc.limits import scale
 
     rows = {}
-    speeds = np.abs(motion.speeds())
+    cuts = motion.cuts if motion.cuts.any() else ~motion.cuts
+    speeds, seconds = np.abs(motion.speeds())[cuts], motion.seconds[cuts]
     for i, a in enumerate(motion.chain.letters):
         q, v = motion.axes[:, i] / scale(a), speeds[:, i] / scale(a) * 60.0
-        mean = float(v @ motion.seconds / motion.duration)
+        mean = float(v @ seconds / seconds.sum())
         rows[a] = {
             "from": float(q[0]),
             "to": float(q[-1]),
