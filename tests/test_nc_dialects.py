@@ -127,7 +127,7 @@ TILTS = {
     "FANUC, Euler angles": ("fanuc", "G68.2 X10. Y5. Z0. I20. J30. K-15.\nG53.1\nG43 H1 G0 X0. Y0. Z5.\n"),
     "HEIDENHAIN, Euler angles": (
         "heidenhain",
-        "CYCL DEF 7.0 DATUM SHIFT\nCYCL DEF 7.1 X+10\nCYCL DEF 7.1 X+10 Y+5\n"
+        "CYCL DEF 7.0 DATUM SHIFT\nCYCL DEF 7.1 X+10\nCYCL DEF 7.2 Y+7\nCYCL DEF 7.2 IY-2\n"
         "PLANE EULER EULPR+20 EULNU+30 EULROT-15 TURN FMAX\nL X+0 Y+0 Z+5 R0 FMAX\n",
     ),
     "Sinumerik, axis by axis": (
@@ -177,6 +177,14 @@ def test_a_frame_that_is_turned_in_its_plane():
         ("siemens", "TRANS X10\nAROT Z90\nG0 X0 Y0\nG1 X5 F600\nM30\n"),
     ):
         np.testing.assert_allclose(points(read(text, dialect))[:, :2], [[10, 0], [10, 5]], atol=1e-12)
+
+
+def test_the_zero_point_stays_shifted_behind_a_tilted_plane():
+    shift = "CYCL DEF 7.0 DATUM SHIFT\nCYCL DEF 7.1 X+10\nPLANE SPATIAL SPA+30 SPB+0 SPC+0 TURN FMAX\n"
+    nc = read(shift + "PLANE RESET TURN FMAX\nL X+0 Y+0 Z+0 A+0 FMAX\nL X+5 F600\nEND PGM\n", "heidenhain")
+    np.testing.assert_allclose(points(nc), [[10, 0, 0, 0, 0], [15, 0, 0, 0, 0]], atol=1e-9)
+    nc = read("G52 X10.\nG52 Y5.\nG68 X0. Y0. R90.\nG69\nG0 X0. Y0.\nG1 X5. F600.\nM30\n")
+    np.testing.assert_allclose(points(nc)[:, :2], [[10, 5], [15, 5]], atol=1e-12)
 
 
 VECTORS = {

@@ -358,7 +358,7 @@ class _Canon:
             turns = [rotation(int(c) - 1, v) for c, v in zip(order, angles, strict=True)]
             turn = turns[0] @ turns[1] @ turns[2]
             first, zero = (modal.base_turn, modal.base_origin) if code == "68.4" else (np.eye(3), self._zero())
-            modal._set_tilt(first @ turn, zero + first @ origin)
+            modal.set_tilt(first @ turn, zero + first @ origin)
 
     def _zero(self) -> np.ndarray:
         c, s = np.cos(np.radians(self.angle)), np.sin(np.radians(self.angle))

@@ -240,7 +240,9 @@ class Klartext:
         if not size:
             self.modal.refuse(f"{name} {shown(rest)}")
             return
-        self.modal.break_corner("round" if name == "RND" else "chamfer", self.modal._mm(Value(self._worth(size[1]))))
+        self.modal.break_corner(
+            "round" if name == "RND" else "chamfer", self.modal.millimetres(Value(self._worth(size[1])))
+        )
 
     def _tool(self, name: str, rest: str) -> None:
         """TOOL CALL: a stop; F and S for what follows; the plane of circles by the tool's axis."""
@@ -299,7 +301,7 @@ class Klartext:
             modal.refuse(f"PLANE {shown(rest)}")
             return
         if turn is not None:
-            modal._set_tilt(turn, modal.base_origin)
+            modal.set_tilt(turn, modal.local)
         sign = 1 if re.search(r"\bSEQ\s*\+", upper) else -1 if re.search(r"\bSEQ\s*-", upper) else 0
         if re.search(r"\b(MOVE|TURN)\b", upper):
             modal.orient(sign=sign, keep_tip="MOVE" in upper)
@@ -325,8 +327,10 @@ class Klartext:
         elif kind in (7, 9, 10, 19) and part == "0":
             return
         elif kind == 7:
-            block = Block(words={m[2].upper(): Value(self._worth(m[3])) for m in _AXIS.finditer(body)})
-            self.modal._shifted(block, absolute=True)
+            block = Block(g=[54.0])  # as DIN/ISO has it
+            for m in _AXIS.finditer(body):
+                block.add(m[2].upper(), self._worth(m[3]), how=INCREMENTAL if m[1] else ABSOLUTE)
+            self.modal.take(block, self.modal.number)
         elif kind == 9:
             self.modal.rest(self._worth(re.sub(r"[^\d.,+-]", "", body)))
         elif kind == 10:
@@ -339,7 +343,7 @@ class Klartext:
         elif kind == 19:
             angles = {m[2].upper(): np.radians(self._worth(m[3])) for m in _AXIS.finditer(body)}
             a, b, c = (angles.get(k, 0.0) for k in ABOUT)
-            self.modal._set_tilt(rotation(2, c) @ rotation(1, b) @ rotation(0, a), self.modal.base_origin)
+            self.modal.set_tilt(rotation(2, c) @ rotation(1, b) @ rotation(0, a), self.modal.local)
             if not angles:
                 self.modal.unset_frames()
         else:

@@ -85,7 +85,7 @@ _LINUXCNC = {
     61.1: ("set_exact", ""),
     64: ("set_path", "PQ"),
     90.1: ("set_centre", ""),
-    92.1: ("untilt", ""),
+    92.1: ("unshift", ""),
     96: ("ignored", "D"),
 }
 del _LINUXCNC[9]
@@ -345,7 +345,7 @@ class Siemens(Fanuc):
             modal.refuse(f"{name} of a rotary axis")
         turn, origin = (modal.base_turn, modal.base_origin) if name in ("ATRANS", "AROT") else (np.eye(3), np.zeros(3))
         if "TRANS" in name:
-            shift = np.array([modal._mm(words[a]) if a in words else 0.0 for a in ALONG])
+            shift = np.array([modal.millimetres(words[a]) if a in words else 0.0 for a in ALONG])
             origin = origin + turn @ shift
         else:
             angles = [words[a].number if a in words else 0.0 for a in ALONG]
@@ -409,7 +409,7 @@ def swivel(modal: Modal, arguments: list[str]) -> None:
     origin = origin + turn @ before
     for along, angle in zip(about, turned, strict=True):
         turn = turn @ rotation(along, np.radians(angle))
-    modal._set_tilt(turn, origin + turn @ after)
+    modal.set_tilt(turn, origin + turn @ after)
     direction = int(numbers[13])
     if direction not in (-1, 0, 1):
         modal.refuse(f"CYCLE800 with DIR {direction}")
@@ -456,7 +456,7 @@ class TNC(Fanuc):
             for i, w in enumerate(CENTRES):
                 if w in centre:
                     relative = centre[w].how == INCREMENTAL or (not modal.absolute and centre[w].how == "")
-                    pole[i] = modal._mm(centre[w]) + (modal.at[i] if relative else 0.0)
+                    pole[i] = modal.millimetres(centre[w]) + (modal.at[i] if relative else 0.0)
             modal.pole = pole
         if set(block.m) & {91.0, 92.0}:
             block.m = [m for m in block.m if m not in (91.0, 92.0)]

@@ -117,6 +117,7 @@ class Modal(Track):
         self.repeated: tuple[float, float, float, float] | None = None
         self.pole: np.ndarray | None = None
         self.base_turn, self.base_origin = np.eye(3), np.zeros(3)  # without a rotation in the plane (G68)
+        self.local = np.zeros(3)  # zero point beside that of the workpiece
         self.variables: dict[str, float] = {}
         self.ignored: dict[str, list[int]] = {}
 
@@ -330,18 +331,21 @@ class Modal(Track):
         self.lose(letters)
 
     def _shift(self, block: Block) -> None:
-        """G52: a zero point beside that of the workpiece, in its directions."""
-        self._shifted(block, absolute=True)
-
-    def _shifted(self, block: Block, absolute: bool) -> None:
-        shift = np.zeros(3)
+        """G52, cycle 7: a zero point beside that of the workpiece; axes that are not named keep theirs."""
+        if self.follows or not self.plain:
+            self.refuse("a shift of the zero point in turned coordinates")
         for i, a in enumerate(self.chain.linear):
             if a in block.words:
-                shift[i] = self._mm(block.words[a])
+                word = block.words[a]
+                self.local[i] = self.millimetres(word) + (self.local[i] if word.how == INCREMENTAL else 0.0)
         if any(a in block.words for a in self.chain.rotary):
             self.refuse("a shift of a rotary axis")
-        self.base_origin = self.base_turn @ shift + (0.0 if absolute else self.base_origin)
+        self.base_origin = self.local.copy()
         self.change(self.base_turn, self.base_origin)
+
+    def _unshift(self, g: float, block: Block) -> None:
+        self.local = np.zeros(3)
+        self.unset_frames()
 
     def _preset(self, block: Block) -> None:
         """G92: the place where the axes are gets other numbers from now on."""
@@ -351,10 +355,10 @@ class Modal(Track):
         origin = self.origin.copy()
         for i, a in enumerate(self.chain.letters):
             if a in block.words and i < len(self.chain.linear):
-                origin[i] += self._filled(self.at)[i] - self._mm(block.words[a])
+                origin[i] += self._filled(self.at)[i] - self.millimetres(block.words[a])
             elif a in block.words:
                 self.refuse(f"G92 of {a}")
-        self.base_origin = origin
+        self.base_origin, self.local = origin, origin.copy()
         self.change(self.base_turn, origin)
 
     def _rotate(self, block: Block) -> None:
@@ -363,7 +367,7 @@ class Modal(Track):
         at = self._filled(self.at)[:3].copy()
         for column in (i, j):
             if self.chain.letters[column] in block.words:
-                at[column] = self._mm(block.words[self.chain.letters[column]])
+                at[column] = self.millimetres(block.words[self.chain.letters[column]])
         if "R" not in block.words:
             self.refuse("G68 without R")
         turn = rotation(k, np.radians(block.words["R"].number))
@@ -379,15 +383,15 @@ class Modal(Track):
         another order with Q: 1, 2, 3 for the axes.
         """
         origin, angles = self._tilt_words(block)
-        self._set_tilt(self._euler(block, angles), origin)
+        self.set_tilt(self._euler(block, angles), self.local + origin)
 
     def _tilt_more(self, block: Block) -> None:
         """G68.4: a tilted plane that begins at the present one."""
         origin, angles = self._tilt_words(block)
-        self._set_tilt(self.base_turn @ self._euler(block, angles), self.base_turn @ origin + self.base_origin)
+        self.set_tilt(self.base_turn @ self._euler(block, angles), self.base_turn @ origin + self.base_origin)
 
     def _tilt_words(self, block: Block) -> tuple[np.ndarray, np.ndarray]:
-        origin = np.array([self._mm(block.words[a]) if a in block.words else 0.0 for a in self.chain.linear])
+        origin = np.array([self.millimetres(block.words[a]) if a in block.words else 0.0 for a in self.chain.linear])
         return origin, np.array([block.words[a].number if a in block.words else 0.0 for a in CENTRES])
 
     def _euler(self, block: Block, angles: np.ndarray) -> np.ndarray:
@@ -403,14 +407,14 @@ class Modal(Track):
         turns = [rotation(int(c) - 1, np.radians(v)) for c, v in zip(order, angles, strict=True)]
         return turns[0] @ turns[1] @ turns[2]
 
-    def _set_tilt(self, turn: np.ndarray, origin: np.ndarray) -> None:
+    def set_tilt(self, turn: np.ndarray, origin: np.ndarray) -> None:
         """A tilted plane that follows the workpiece."""
         self.base_turn, self.base_origin = np.asarray(turn, float), np.asarray(origin, float)
         self.change(self.base_turn, self.base_origin, follows=True)
 
     def unset_frames(self) -> None:
-        """Coordinates of the workpiece again."""
-        self.base_turn, self.base_origin = np.eye(3), np.zeros(3)
+        """Coordinates of the workpiece again, with its shifted zero point."""
+        self.base_turn, self.base_origin = np.eye(3), self.local.copy()
         self.change(self.base_turn, self.base_origin, follows=False)
 
     def _untilt(self, g: float, block: Block) -> None:
@@ -425,7 +429,7 @@ class Modal(Track):
 
     def _broken(self, block: Block) -> None:
         """A rounding or a chamfer as a block of its own, behind the contour whose end it breaks (HEIDENHAIN)."""
-        self.break_corner("round" if self.code == 25 else "chamfer", self._mm(block.words.get("R", Value(0.0))))
+        self.break_corner("round" if self.code == 25 else "chamfer", self.millimetres(block.words.get("R", Value(0.0))))
 
     def break_corner(self, kind: str, size: float) -> None:
         """Break the corner behind the last contour."""
@@ -442,7 +446,8 @@ class Modal(Track):
 
     # -- moves ---------------------------------------------------------------------------------------------------------
 
-    def _mm(self, value: Value) -> float:
+    def millimetres(self, value: Value) -> float:
+        """A length of the program in mm."""
         return value.number * (25.4 if self.inch else 1.0)
 
     def _f(self, block: Block) -> float:
@@ -473,7 +478,7 @@ class Modal(Track):
             if a not in block.words:
                 continue
             word = block.words[a]
-            value = self.sign[i] * (word.number if self.chain.is_rotary(a) else self._mm(word))
+            value = self.sign[i] * (word.number if self.chain.is_rotary(a) else self.millimetres(word))
             if word.how == INCREMENTAL or (not self.absolute and word.how == ""):
                 if np.isnan(end[i]):
                     raise GCodeError(f"G91 with {a} before {a} has a known place; allowed: G90 with {a} first")
@@ -584,7 +589,7 @@ class Modal(Track):
     def _corner(self, block: Block) -> tuple[str, float] | None:
         for word, kind in ((",R", "round"), ("RND", "round"), (",C", "chamfer"), ("CHR", "chamfer"), ("CHF", "length")):
             if word in block.words:
-                size = self._mm(block.words[word])
+                size = self.millimetres(block.words[word])
                 return (kind, size) if size > 0.0 else None
         return ("round", self.rounding) if self.rounding > 0.0 else None
 
@@ -659,7 +664,7 @@ class Modal(Track):
         word = block.words.get("CR") or block.words.get("R")
         p, q = start[[i, j]], end[[i, j]]
         if word is not None:
-            r, d = self._mm(word), q - p
+            r, d = self.millimetres(word), q - p
             chord = float(np.hypot(*d))
             if chord < 1e-9:
                 raise GCodeError(
@@ -690,7 +695,7 @@ class Modal(Track):
                 if self.centre_absolute:
                     out[n] = 0.0
                 continue
-            at = self._mm(given)
+            at = self.millimetres(given)
             out[n] = at if given.how == ABSOLUTE or (self.centre_absolute and given.how == "") else p[n] + at
         return out
 
@@ -718,11 +723,11 @@ class Modal(Track):
             raise GCodeError(f"a cycle before {down} has a known place; allowed: a word of {down} first")
         for key in "QP":
             if key in block.words:
-                cycle[key] = block.words[key].number if key == "P" else self._mm(block.words[key])
+                cycle[key] = block.words[key].number if key == "P" else self.millimetres(block.words[key])
         if "R" in block.words:
-            cycle["plane"] = self._mm(block.words["R"]) + (0.0 if self.absolute else cycle["initial"])
+            cycle["plane"] = self.millimetres(block.words["R"]) + (0.0 if self.absolute else cycle["initial"])
         if down in block.words:
-            cycle["depth"] = self._mm(block.words[down]) + (
+            cycle["depth"] = self.millimetres(block.words[down]) + (
                 0.0 if self.absolute else cycle.get("plane", cycle["initial"])
             )
         if "depth" not in cycle or "plane" not in cycle:
