@@ -59,7 +59,8 @@ The words:
   removes a share of its square. It counts where the error exceeds the noise of the mean.
 - Naming what a wild machine does in part is not wrong and not right, and is left out: structure
   that rings is also a delay. The angles of the slides add to straightness, squareness and scale:
-  these numbers are left out. The others are defined to a tenth, since they differ from place to place.
+  these numbers are left out. The others are defined to a tenth, since they differ from place to
+  place.
 - Intervals are 95 % (Clopper-Pearson).""".splitlines()
 
 

@@ -33,7 +33,7 @@ from mjsim.instruments.ball_bar.commanded import Commanded  # noqa: E402
 from mjsim.machine.chain import FIVE_AXIS  # noqa: E402
 from mjsim.prediction.pace import paced  # noqa: E402
 from mjsim.prediction.parts import part  # noqa: E402
-from mjsim.prediction.predict import KEPT, WARM, predict  # noqa: E402
+from mjsim.prediction.predict import WARM, predict  # noqa: E402
 from mjsim.workflow.diagnose import diagnose  # noqa: E402
 from mjsim.workflow.saved import keep, read_saved  # noqa: E402
 
@@ -129,9 +129,9 @@ def compare(case: Case, folder: Path) -> list[dict]:
         )
         motor, _ = drives.run(drive, effects, given, time)
         load = transmission.load_side(motor, WARM + time, drive, effects)
-        every = max(1, -(-len(time) // KEPT))
-        true = nearest(result.path, true_tips(load[::every], drive, effects))
-        index = np.clip(np.searchsorted(motion.knots, at[::every], side="right") - 1, 0, len(motion.seconds) - 1)
+        kept = np.searchsorted(time, result.time - 0.5 * drives.GRID)
+        true = nearest(result.path, true_tips(load[kept], drive, effects))
+        index = np.clip(np.searchsorted(motion.knots, at[kept], side="right") - 1, 0, len(motion.seconds) - 1)
         first = np.flatnonzero(np.diff(index, prepend=-1))
         block = np.maximum.reduceat(true, first)
         said = np.array([[b.normal, b.low, b.high] for b in result.blocks])

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -257,11 +258,11 @@ def test_a_longer_tool_moves_the_slide(machine):
 PROGRAM = """%
 O1
 G90 G17 G21 G94
-M128
+G43.4 H1
 G0 X0. Y0. Z0. A5. C0.
 G1 X20. Y0. Z0. A5. C10. F1000.
 X20. Y20. A5. C20.
-M129
+G49
 M30
 %
 """
@@ -270,11 +271,69 @@ M30
 def test_nc_files_with_tool_centre_control(machine, tmp_path):
     file = tmp_path / "part.nc"
     file.write_text(PROGRAM)
-    name, motion, lines = program_of(str(file), FIVE_AXIS, ZERO)
+    name, motion, lines, notes = program_of(str(file), FIVE_AXIS, ZERO)
+    assert notes == ("words that change no motion: H (1, first in line 4)",)
     assert name == "part.nc" and motion.tip and lines.tolist() == [5, 6, 7]
     result = predict(motion, machine, name, zero=ZERO, lines=lines)
     assert {b.line for b in result.blocks} == {6, 7}
     assert result.path[0] == pytest.approx(ZERO) and result.path[-1] == pytest.approx([0.06, 0.03, 0.12])
+
+
+SQUARE = "G21 G90 G94 G17 {0}\nG0 X0. Y0. Z0.\nG1 X20. F3000.\nY20.\nX0.\nY0.\nM30\n"
+
+
+def squared(machine, tmp_path, mode):
+    file = tmp_path / f"{mode}.nc"
+    file.write_text(SQUARE.format(mode))
+    name, motion, lines, _ = program_of(str(file), FIVE_AXIS, ZERO)
+    return predict(motion, machine, name, zero=ZERO, lines=lines, tolerance=50 * UM)
+
+
+def test_exact_stop_is_another_motion_than_path_mode(machine, tmp_path):
+    """In path mode a drive cuts the corner; at an exact stop it waits until the axes are in position."""
+    exact, path = (squared(machine, tmp_path, mode) for mode in ("G61", "G64"))
+    assert path.largest[0] > 100 * UM and exact.largest[0] < 0.1 * path.largest[0]
+    gain = machine.drives["X"].position_gain
+    rest = np.log(LINEAR / gain**2 / 10e-6) / gain  # from the lag of braking to 10 µm
+    assert exact.seconds - path.seconds == pytest.approx(3 * rest, abs=3 * 0.05)
+    corners = np.array([[20.0, 0.0], [20.0, 20.0], [0.0, 20.0]]) * MM + ZERO[:2]
+    inside = exact.time > 0.2
+    for corner in corners:  # the tip itself reaches the corner to 10 µm
+        tip = exact.path[:, :2] + exact.normal[:, :2]
+        assert np.linalg.norm(tip - corner, axis=1)[inside].min() < 0.5 * MM
+
+
+def test_the_nearest_point_at_a_corner():
+    """A tip that lags behind a corner on the side before it: by brute force against every point of the path."""
+    corners = np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.02, 0.02, 0.0]])
+    path = np.vstack([np.linspace(a, b, 2001) for a, b in pairwise(corners)])
+    late = np.array([1e-3, -2e-5, 0.0])
+    for i, off in ((1990, late), (2000, late), (2003, late), (2100, late * [0.0, 1.0, 1.0])):
+        tip = path[i] - off
+        found = contour(path, tip[None], np.array([i]))
+        assert found.size[0] == pytest.approx(np.linalg.norm(path - tip, axis=1).min(), abs=1e-9), i
+    apart = contour(path, path[[2003]] - late, np.array([2003]), np.array([[2001, 4001]]))
+    assert apart.size[0] == pytest.approx(1e-3 - 0.0, rel=0.1), "on its own path alone"
+
+
+def test_verdicts_count_feed_moves_path_by_path(machine, tmp_path):
+    """A rapid move over the part and a dwell count for nothing; each path has its own verdict."""
+    file = tmp_path / "two.nc"
+    file.write_text(
+        "G21 G90 G94 G17\nG0 X0. Y0. Z0.\nG1 X5. F200.\nX30.\nG0 Z40.\nG4 P300\nX0. Y30.\nG0 Z0.\nG1 X20. F3000.\n"
+        "Y40.\nG0 Z50.\nM30\n"
+    )
+    name, motion, lines, _ = program_of(str(file), FIVE_AXIS, ZERO)
+    result = predict(motion, machine, name, zero=ZERO, lines=lines, tolerance=50 * UM)
+    assert [(c.first, c.last) for c in result.cuts] == [(3, 4), (9, 10)] and set(result.cut_of) == {0, 1}
+    assert {b.line for b in result.blocks} == {3, 4, 9, 10}
+    assert result.path[:, 2].max() == pytest.approx(ZERO[2]), "no instant of the rapid moves"
+    assert result.cuts[0].largest[0] < 10 * UM < 100 * UM < result.cuts[1].largest[0] == result.largest[0]
+    assert [c.verdict for c in result.cuts] == ["cannot say with these measurements", "fails"]
+    data = result.to_json()
+    assert [p["verdict"] for p in data["paths"]] == [c.verdict for c in result.cuts]
+    with pytest.raises(InputError, match="no feed block"):
+        predict(replace(motion, cutting=np.zeros(len(motion.seconds), bool)), machine)
 
 
 def test_the_command(tmp_path, machine):
@@ -286,6 +345,15 @@ def test_the_command(tmp_path, machine):
     assert "Cutting forces are not included" in said and "cannot say with these measurements" in said
     assert (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
     assert (tmp_path / "a.csv").read_text().startswith("x_mm,y_mm,z_mm,normal_x_um")
+    turns = tmp_path / "turns.nc"
+    turns.write_text("G21 G90 G94\nG0 A5. C350.\nG43.4 H1 X0. Y0. Z0.\nG1 X1. C358. F600.\nX2. C6.\nG49\nM30\n")
+    short = json.loads(ok("predict", turns, "--machine", file, "--rollover", "--json").stdout)
+    back = json.loads(ok("predict", turns, "--machine", file, "--no-rollover", "--json").stdout)
+    assert short["duration_s"] < 1.0 < back["duration_s"] and short["notes"] == [
+        "words that change no motion: H (1, first in line 3)"
+    ]
+    mirrored = json.loads(ok("predict", turns, "--machine", file, "--reversed", "C", "--json").stdout)
+    assert "the short way" in mirrored["notes"][0]
     data = json.loads(ok("predict", "pocket", "--machine", file, "--json").stdout)
     assert data["verdict"] is None and data["cutting_forces"] == "not included" and len(data["blocks"]) > 100
     for arguments, words in (

@@ -569,7 +569,7 @@ def test_campaigns_of_other_machines_are_refused(m1, m2, cone, tmp_path):
         check_same_machine([(dataclasses.replace(a, traces={}), m1), (b, m1)])
 
 
-def test_a_predicted_part_has_its_section():
+def test_a_predicted_part_has_its_section(tmp_path):
     machine = read_machine(examples() / "hidden-backlash" / "machine.toml")
     sections = part_sections([PartRun("pocket", (0.04, 0.01, 0.12), tolerance=1e-3)], machine)
     content = _content("cone15-ccw", parts=sections)
@@ -581,4 +581,11 @@ def test_a_predicted_part_has_its_section():
     assert f"Largest deviation {said['largest_um']:.2f} µm" in text and "Cutting forces are not included" in text
     assert {b["cause"] for b in said["blocks"]} <= {c["id"] for c in said["causes"]}
     assert 'alt="square pocket with sharp corners: deviation as colour on the path' in page
+    assert "Cutting paths" not in text
     assert 'id="parts"' not in render(_content("cone15-ccw"))
+    file = tmp_path / "two.nc"
+    file.write_text("G21 G90 G94 M3\nG0 X0. Y0. Z0.\nG1 X20. F600.\nG0 Z5.\nX0.\nG1 Y20.\nM30\n")
+    sections = part_sections([PartRun(str(file), (0.04, 0.01, 0.12), tolerance=1e-3)], machine)
+    text = _plain(render(_content("cone15-ccw", parts=sections)))
+    assert "Cutting paths, each for itself" in text and "Words that change no motion: M3 (1, first in line 1)" in text
+    assert [p["first_line"] for p in sections[0].predicted["paths"]] == [3, 6]

@@ -29,6 +29,8 @@ AXES = re.compile(r"([a-z_]+\.)?([XYZABC]{1,5}|E[XYZABC]0?[XYZABC])")
 NAMES_AXES = {
     "mjsim.machine.axis": "says which letters there are",
     "mjsim.units": "says what the ampere is called",
+    "mjsim.nc.words": "AC is a word of Sinumerik for an absolute number",
+    "mjsim.nc.klartext": "C and CC are statements of HEIDENHAIN Klartext",
     "mjsim.paper": "reproduces the figures of one published machine",
     "mjsim.importing.features": "a .b5r file calls the two axes of its plane A and B, whatever they are",
 }

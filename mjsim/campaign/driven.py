@@ -67,7 +67,7 @@ def with_program(place: str, path: Path, test: BallBarTest, t: BallBarTable) -> 
         t: Its table.
     """
     nc = read_nc(
-        path, t.program_dialect or "fanuc", tuple(t.program_reversed or ()), bool(t.program_rollover), chain=test.chain
+        path, t.program_dialect or "fanuc", tuple(t.program_reversed or ()), t.program_rollover, chain=test.chain
     )
     check_travel(nc.motion, model_limits(test.chain), nc.place)
     return driven_by(test, nc.motion, str(path))

@@ -89,7 +89,7 @@ def linuxcnc(
     settings = Settings(dict(acceleration), speed, corrections)
     how = Options(dialect="linuxcnc", feed="tcp" if tool_centre else "", step_deg=step_deg)
     nc = program_of(test, how, program)
-    record = run_program(nc.text, test.chain, settings, nc.motion.tip)
+    record = run_program(nc.text, test.chain, settings, bool(np.any(nc.motion.tip)))
     held = held_against(test, nc.motion, record, settings)
     actual = None
     if drives:

@@ -50,6 +50,7 @@ def command() -> None:
 @common.campaign_argument
 @click.option("--test", "name", required=True, shell_complete=common.test_names, help="Test to write.")
 @click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The NC file.")
+@options.written_dialect
 @options.writing
 @options.signs
 @options.limits
@@ -93,9 +94,9 @@ def write(campaign, name, out, limit, max_speed, force, machine, as_json, quiet,
 
 @command.command("read", short_help="Read one as the motion that it commands.")
 @click.argument("file", type=click.Path(path_type=Path))
-@options.dialect
-@options.signs
+@options.reading
 @options.limits
+@click.option("--machine", type=click.Path(path_type=Path), help="Machine file whose axes the program moves.")
 @click.option("--campaign", type=click.Path(path_type=Path), help="Compare with a test of this campaign.")
 @click.option("--test", "name", shell_complete=common.test_names, help="That test.")
 @click.option(
@@ -106,8 +107,12 @@ def write(campaign, name, out, limit, max_speed, force, machine, as_json, quiet,
 )
 @options.force
 @common.options
-def read(file, dialect, turned, rollover, limit, max_speed, campaign, name, out, force, as_json, quiet) -> None:
+def read(
+    file, dialect, turned, rollover, skip, ini, limit, max_speed, machine, campaign, name, out, force, as_json, quiet
+) -> None:
     """Read an NC program as the motion that it commands: blocks, time, travel and speed of the axes.
+
+    Words that change no motion are listed. What changes the motion and is not understood is refused by its name.
 
     With --campaign and --test also how far it is from that test's own program, at the same angle. `program = "FILE"` in
     the test's table of campaign.toml makes every command use it.
@@ -116,6 +121,9 @@ def read(file, dialect, turned, rollover, limit, max_speed, campaign, name, out,
     Example: mjsim nc read cone.nc --campaign examples/healthy \\
                  --test cone15-x50-ccw
     """
+    import numpy as np
+
+    from mjsim.campaign.machine_file import read_machine
     from mjsim.instruments.ball_bar.follow import deviation
     from mjsim.instruments.ball_bar.program import Program, driven_by
     from mjsim.io.files import check_writable, write_whole
@@ -126,8 +134,12 @@ def read(file, dialect, turned, rollover, limit, max_speed, campaign, name, out,
         raise click.UsageError("--campaign and --test belong together")
     test = None if campaign is None else replace(options.find_test(campaign, name)[1], commanded=None)
     chain = FIVE_AXIS if test is None else test.chain
+    if machine is not None:
+        chain = read_machine(machine).chain
     limits = options.allowed(limit, max_speed, chain)
-    nc = read_nc(file, dialect, turned, rollover, chain)
+    if machine is not None and test is not None and chain != test.chain:
+        raise click.UsageError("--machine and --campaign name different axes")
+    nc = read_nc(file, chain=chain, **options.how_read(dialect, turned, rollover, skip, ini))
     check_travel(nc.motion, limits, nc.place)
     compared = None
     if test is not None:
@@ -135,26 +147,36 @@ def read(file, dialect, turned, rollover, limit, max_speed, campaign, name, out,
     if out:
         check_writable(out, force)
         write_whole(out, motion_csv(nc.motion), force)
+    timed = nc.motion.seconds[nc.motion.cuts] if nc.motion.cuts.any() else nc.motion.seconds
     data = {
         "file": str(file),
         "dialect": dialect,
         "feed": nc.feed,
-        "tool_centre_point": nc.motion.tip,
-        "blocks": len(nc.motion.seconds),
+        "tool_centre_point": bool(np.any(nc.motion.tip)),
+        "paths": len(nc.motion.paths),
+        "rests": 0 if nc.motion.stops is None else int(nc.motion.stops.sum()),
+        "blocks": int(nc.motion.cuts.sum()),
+        "other_moves": int((~nc.motion.cuts).sum()),
         "duration_s": nc.motion.duration,
-        "block_ms": {"min": nc.motion.seconds.min() * 1e3, "max": nc.motion.seconds.max() * 1e3},
+        "block_ms": {"min": timed.min() * 1e3, "max": timed.max() * 1e3},
         "axes": axes_json(nc.motion),
         "unnamed_axes": list(nc.unnamed),
         "deviation": compared,
         "csv": str(out) if out else None,
-        "warnings": speed_warnings(nc.motion, limits, nc.place),
+        "ignored": {word: {"first_line": line, "count": n} for word, (line, n) in nc.ignored.items()},
+        "warnings": [*nc.warnings, *speed_warnings(nc.motion, limits, nc.place)],
     }
-    said = f"{len(nc.motion.seconds)} blocks, {nc.motion.duration:.3f} s, F: {nc.feed}" + (
-        ", tool centre point" if nc.motion.tip else ""
-    )
+    said = f"{data['blocks']} blocks, {nc.motion.duration:.3f} s, F: {nc.feed or 'none'}"
+    said += f", {data['other_moves']} rapid moves and dwells" if data["other_moves"] else ""
+    said += f", {data['paths']} cutting paths" if data["paths"] > 1 else ""
+    said += ", tool centre point" if data["tool_centre_point"] else ""
+    said += f", axes at rest {data['rests']} times" if data["rests"] else ""
     _show(data, said, as_json, quiet)
     if as_json or quiet:
         return
+    if nc.ignored:
+        words = ", ".join(f"{w} (line {line}{f', {n} times' if n > 1 else ''})" for w, (line, n) in nc.ignored.items())
+        common.paragraph(f"words that change no motion: {words}")
     if nc.unnamed:
         common.paragraph(f"no word names {', '.join(nc.unnamed)}: taken as 0 throughout")
     if compared:
@@ -173,7 +195,7 @@ def read(file, dialect, turned, rollover, limit, max_speed, campaign, name, out,
 
 
 def axes_json(motion) -> dict:
-    """Travel and speed of each axis: from, to, min, max in mm or °; slowest, mean and fastest block in mm/min or
+    """Travel and speed of each axis: from, to, min, max in mm or °; slowest, mean and fastest feed block in mm/min or
     °/min.
     """
     import numpy as np
@@ -181,10 +203,11 @@ def axes_json(motion) -> dict:
     from mjsim.nc.limits import scale
 
     rows = {}
-    speeds = np.abs(motion.speeds())
+    cuts = motion.cuts if motion.cuts.any() else ~motion.cuts
+    speeds, seconds = np.abs(motion.speeds())[cuts], motion.seconds[cuts]
     for i, a in enumerate(motion.chain.letters):
         q, v = motion.axes[:, i] / scale(a), speeds[:, i] / scale(a) * 60.0
-        mean = float(v @ motion.seconds / motion.duration)
+        mean = float(v @ seconds / seconds.sum())
         rows[a] = {
             "from": float(q[0]),
             "to": float(q[-1]),

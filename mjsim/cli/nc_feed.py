@@ -14,8 +14,8 @@ from mjsim.cli import nc_options as options
 @common.campaign_argument
 @click.option("--test", "name", required=True, shell_complete=common.test_names, help="Test that the program is for.")
 @click.option("--program", type=click.Path(path_type=Path), help="NC file (default: what `mjsim nc` would write).")
+@options.reading
 @options.writing
-@options.signs
 @click.option(
     "--cycle-ms", type=common.NUMBER, default=0.0, show_default=True, help="Interpolation cycle; 0: continuous."
 )
@@ -76,11 +76,13 @@ def command(
     for file in (out, plot):
         if file:
             check_writable(file, force)
-    spelling = (how["dialect"], how["turned"], how["rollover"], test.chain)
+    reading = options.how_read(how["dialect"], how["turned"], how["rollover"], how.pop("skip"), how.pop("ini"))
     if program:
-        nc = read_nc(program, *spelling)
+        nc = read_nc(program, chain=test.chain, **reading)
     else:
-        nc = parse_nc(nc_program(test, options.write_options(**how)).text, Path(f"{test.name}.nc"), *spelling)
+        how["rollover"] = bool(how["rollover"])
+        text = nc_program(test, options.write_options(**how)).text
+        nc = parse_nc(text, Path(f"{test.name}.nc"), chain=test.chain, **reading)
     control = Control(cycle_ms * 1e-3, block_ms * 1e-3, whole_cycles)
     if like:
         if cycle_ms or block_ms or whole_cycles:

@@ -14,13 +14,8 @@ AXIS = click.Choice(AXES)
 ROTARY_AXIS = click.Choice(TURNING)
 
 
-dialect = click.option(
-    "--dialect",
-    type=click.Choice(["fanuc", "siemens", "linuxcnc"]),
-    default="fanuc",
-    show_default=True,
-    help="Control.",
-)
+def _dialect(names: tuple[str, ...], words: str):
+    return click.option("--dialect", type=click.Choice(names), default="fanuc", show_default=True, help=words)
 
 
 def kept(*decorators):
@@ -34,8 +29,27 @@ def kept(*decorators):
     return add
 
 
+_WRITTEN = ("fanuc", "siemens", "linuxcnc")
+_ROLLOVER = "C within 0 to 360°, the short way round."
+_turned = click.option(
+    "--reversed",
+    "turned",
+    type=ROTARY_AXIS,
+    multiple=True,
+    help="Axis whose command has the other sign (repeatable).",
+)
+#: How an NC file is read.
+reading = kept(
+    _dialect((*_WRITTEN, "heidenhain"), "Whose program an NC file is."),
+    _turned,
+    click.option("--rollover/--no-rollover", default=None, help=f"{_ROLLOVER} Default: what the feed moves imply."),
+    click.option("--skip", is_flag=True, help="Leave out blocks with /."),
+    click.option(
+        "--ini", type=click.Path(path_type=Path), help="Configuration of LinuxCNC with subprograms and tools."
+    ),
+)
+written_dialect = _dialect(_WRITTEN, "Control.")
 writing = kept(
-    dialect,
     click.option(
         "--feed-mode",
         type=click.Choice(["a11", "inverse", "tcp"]),
@@ -45,16 +59,7 @@ writing = kept(
     click.option("--decimals", type=int, help="Decimals of the positions (default: the dialect's)."),
     click.option("--feed-decimals", type=int, help="Decimals of F (default: the dialect's)."),
 )
-signs = kept(
-    click.option(
-        "--reversed",
-        "turned",
-        type=ROTARY_AXIS,
-        multiple=True,
-        help="Axis whose command has the other sign (repeatable).",
-    ),
-    click.option("--rollover", is_flag=True, help="C within 0 to 360°, the short way round."),
-)
+signs = kept(_turned, click.option("--rollover", is_flag=True, help=_ROLLOVER))
 limits = kept(
     click.option(
         "--limit",
@@ -86,6 +91,11 @@ def write_options(dialect, feed_mode, step_deg, decimals, feed_decimals, turned=
     from mjsim.nc.write import Options
 
     return Options(dialect, feed_mode or "", step_deg, decimals, feed_decimals, tuple(turned), rollover, number)
+
+
+def how_read(dialect, turned, rollover, skip, ini) -> dict:
+    """The options ``reading`` as the reader takes them."""
+    return {"dialect": dialect, "reversed": tuple(turned), "rollover": rollover, "skip": skip, "ini": ini}
 
 
 def allowed(limit, max_speed, chain: Chain = FIVE_AXIS):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from mjsim.cli import common
-from mjsim.cli.nc_options import kept
+from mjsim.cli.nc_options import how_read, kept, reading
 
 #: Of a program that is predicted.
 PART = kept(
@@ -21,17 +21,11 @@ PART = kept(
         help="Zero point of the part, mm from where the rotary centrelines meet.",
     ),
     click.option("--feed", type=common.NUMBER, default=1000.0, show_default=True, help="Of a built-in part, mm/min."),
-    click.option(
-        "--dialect",
-        type=click.Choice(("fanuc", "siemens", "linuxcnc")),
-        default="fanuc",
-        show_default=True,
-        help="Of an NC file of a part.",
-    ),
+    reading,
 )
 
 
-def part_runs(programs: tuple[str, ...], tolerance, tool, zero, feed, dialect) -> list:
+def part_runs(programs: tuple[str, ...], tolerance, tool, zero, feed, **how) -> list:
     """The programs with the values of :data:`PART`.
 
     Raises:
@@ -39,6 +33,7 @@ def part_runs(programs: tuple[str, ...], tolerance, tool, zero, feed, dialect) -
     """
     from mjsim.errors import InputError
     from mjsim.prediction.part_run import PartRun
+    from mjsim.prediction.program import Reading
     from mjsim.units import MM, UM
 
     if tolerance is not None and tolerance <= 0:
@@ -47,4 +42,4 @@ def part_runs(programs: tuple[str, ...], tolerance, tool, zero, feed, dialect) -
         raise InputError(f"--feed {feed:g}; allowed: above 0 mm/min")
     place = (zero[0] * MM, zero[1] * MM, zero[2] * MM)
     allowed = None if tolerance is None else tolerance * UM
-    return [PartRun(p, place, tool * MM, feed * MM / 60.0, dialect, allowed) for p in programs]
+    return [PartRun(p, place, tool * MM, feed * MM / 60.0, Reading(**how_read(**how)), allowed) for p in programs]

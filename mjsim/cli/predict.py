@@ -21,7 +21,7 @@ from mjsim.cli.part_options import PART, part_runs
 @common.threads_option
 @common.options
 def command(
-    program, campaign, machine, tolerance, tool, zero, feed, dialect, out, table, force, threads, as_json, quiet
+    program, campaign, machine, tolerance, tool, zero, feed, out, table, force, threads, as_json, quiet, **how
 ) -> None:
     """Predict the error that a part will have: deviation of the tool's tip from the programmed path of PROGRAM.
 
@@ -44,7 +44,7 @@ def command(
 
     if campaign is None and machine is None:
         raise InputError("no machine is given; give --campaign FOLDER or --machine FILE")
-    (run,) = part_runs((program,), tolerance, tool, zero, feed, dialect)
+    (run,) = part_runs((program,), tolerance, tool, zero, feed, **how)
     for file in (out, table):
         if file is not None:
             check_writable(file, force)
@@ -85,6 +85,20 @@ def show(data: dict) -> None:
         common.paragraph(f"Allowed {data['tolerance_um']:g} µm: {data['verdict']}. {reason}.")
         passed, failed, open_ = data["blocks_by_verdict"].values()
         common.paragraph(f"Of {len(data['blocks'])} blocks {passed} pass, {failed} fail, {open_} cannot be decided.")
+    for note in data["notes"]:
+        common.paragraph(note)
+    if len(data["paths"]) > 1:
+        rows = [
+            [
+                f"{c['first_line']} to {c['last_line']}",
+                f"{c['largest_um']:.2f}",
+                "{:.2f} to {:.2f}".format(*c["largest_ci95_um"]),
+                c.get("verdict", "").partition(" with ")[0],
+            ]
+            for c in data["paths"]
+        ]
+        click.echo()
+        common.table(["path, lines", "largest µm", "95 %", ""], rows, text=(0, 3))
     rows = [[c["id"], f"{c['rms_um']:.2f}", f"{c['at_worst_um']:+.2f}"] for c in data["by_axis"]]
     click.echo()
     common.table(["axis", "RMS µm", "at the worst place µm"], rows)

@@ -36,8 +36,8 @@ from mjsim.cli.part_options import PART, part_runs
 @common.threads_option
 @common.options
 def command(
-    campaigns, out, machine, max_effects, no_diagnose, parts, tolerance, tool, zero, feed, dialect, force, threads,
-    as_is, as_json, quiet,
+    campaigns, out, machine, max_effects, no_diagnose, parts, tolerance, tool, zero, feed, force, threads,
+    as_is, as_json, quiet, **how,
 ) -> None:  # fmt: skip
     """Write what CAMPAIGN shows as one HTML page that works offline and prints well.
 
@@ -56,7 +56,7 @@ def command(
     from mjsim.io.files import check_writable, write_whole
     from mjsim.report.write import check_same_machine, report
 
-    runs = part_runs(parts, tolerance, tool, zero, feed, dialect)
+    runs = part_runs(parts, tolerance, tool, zero, feed, **how)
     read = [read_campaign(c, as_is=as_is) for c in campaigns]
     machines = [machine_of(c, machine) for c in read]
     if runs and (len(read) > 1 or BallBarTest.instrument not in read[0].measured_parts):

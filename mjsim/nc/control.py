@@ -14,7 +14,7 @@ import numpy as np
 
 from mjsim.errors import InputError
 from mjsim.instruments.ball_bar.commanded import Commanded
-from mjsim.instruments.ball_bar.follow import check_path, unwrapped
+from mjsim.instruments.ball_bar.follow import check_path, own_path, unwrapped
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
@@ -224,6 +224,7 @@ def feed_report(
     Raises:
         InputError: the program is none of this test, or as :func:`executed`.
     """
+    motion = own_path(test, motion, name)
     nominal = Program(replace(test, commanded=None))
     first, last = nominal.measured_ends
     check_path(test, motion, (first, last), name)

@@ -104,15 +104,37 @@ _LIST = (
         cycle=1e-3,
     ),
 )
+#: Dialects that are written, and read.
 DIALECTS = {d.name: d for d in _LIST}
+#: Dialects that are read. F of HEIDENHAIN in a block of linear and rotary axes counts mm and degrees alike (assumed).
+READABLE = {
+    **DIALECTS,
+    "heidenhain": Dialect(
+        name="heidenhain",
+        title="HEIDENHAIN TNC, Klartext and DIN/ISO",
+        feeds=(),
+        decimals=4,
+        feed_decimals=3,
+        largest_inverse=0.0,
+        comment=("; ", ""),
+        upper=False,
+        units=(71, 70),
+        path=(),
+    ),
+}
 
 
-def dialect(name: str) -> Dialect:
+def dialect(name: str, reading: bool = False) -> Dialect:
     """The dialect of that name.
+
+    Args:
+        name: Of the dialect.
+        reading: Whether a program is to be read.
 
     Raises:
         InputError: there is none.
     """
-    if name not in DIALECTS:
-        raise InputError(f"unknown NC dialect {name!r}; allowed: {', '.join(DIALECTS)}")
-    return DIALECTS[name]
+    known = READABLE if reading else DIALECTS
+    if name not in known:
+        raise InputError(f"unknown NC dialect {name!r}; allowed: {', '.join(known)}")
+    return known[name]

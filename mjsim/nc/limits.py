@@ -98,9 +98,9 @@ def check_travel(motion: Commanded, limits: Limits, place: Callable[[int], str])
 
 
 def speed_warnings(motion: Commanded, limits: Limits, place: Callable[[int], str]) -> list[str]:
-    """One sentence per axis that a block moves faster than it can; the control would slow the whole block down."""
+    """One sentence per axis that a feed block moves faster than it can; the control would slow the whole block down."""
     out = []
-    speeds = np.abs(motion.speeds())
+    speeds = np.abs(motion.speeds()) * motion.cuts[:, None]
     slowed = "the control will slow these down"
     for i, axis in enumerate(limits.chain.letters if limits.speed else ()):
         fastest = int(np.argmax(speeds[:, i]))
@@ -108,7 +108,7 @@ def speed_warnings(motion: Commanded, limits: Limits, place: Callable[[int], str
             count = int((speeds[:, i] > limits.speed[i]).sum())
             out.append(
                 f"{axis} is faster than its {limits.speed[i] / scale(axis) * 60:g}{unit(axis)}/min in {count} of "
-                f"{len(speeds)} blocks "
+                f"{motion.cuts.sum()} blocks "
                 f"(up to {speeds[fastest, i] / scale(axis) * 60:.1f}{unit(axis)}/min, {place(fastest + 1)}): {slowed}"
             )
     return out

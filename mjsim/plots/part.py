@@ -30,8 +30,9 @@ def part_figure(result: Prediction) -> Figure:
     axes = figure.add_axes((0.02, 0.37, 0.82, 0.58), projection="3d")
     assert isinstance(axes, Axes3D)
     scale = Normalize(0.0, max(float(error.max()), 1e-6))
-    segments = np.stack([xyz[:-1], xyz[1:]], axis=1)
-    shade = 0.5 * (error[1:] + error[:-1])
+    joined = np.diff(result.cut_of) == 0  # nothing is drawn from path to path
+    segments = np.stack([xyz[:-1], xyz[1:]], axis=1)[joined]
+    shade = 0.5 * (error[1:] + error[:-1])[joined]
     axes.add_collection3d(Line3DCollection(list(segments), array=shade, cmap="viridis", norm=scale, linewidths=2.2))
     worst = int(np.argmax(error))
     axes.scatter(*xyz[worst : worst + 1].T, s=40, facecolors="none", edgecolors=style.SIMULATED, linewidths=1.5)

@@ -91,7 +91,7 @@ class Influence:
 
     def _through_ops(self, old: Plant, new: Plant) -> np.ndarray:
         run = self.run
-        clock = run.clock + run.time[:: run.every]
+        clock = run.clock + run.time[run.kept]
         step, zero = np.zeros_like(self.load), np.zeros((1, self.load.shape[1]))
         for plant, sign in ((new, 1.0), (old, -1.0)):
             ops = plant.op_table("", run.clock)
@@ -114,8 +114,8 @@ class Influence:
         if np.ptp(run.commands[:, i]) == 0.0:
             return np.zeros_like(self.deviation)
         if axis not in self.motors:
-            self.motors[axis] = motor_of(self.plant.axes[axis], run.time, run.commands[:, i])[:: run.every]
-        other = motor_of(plant.axes[axis], run.time, run.commands[:, i])[:: run.every]
+            self.motors[axis] = motor_of(self.plant.axes[axis], run.time, run.commands[:, i])[run.kept]
+        other = motor_of(plant.axes[axis], run.time, run.commands[:, i])[run.kept]
         return self.per_column[:, :, i] * (other - self.motors[axis])[:, None]
 
     def _through_all(self, effect: Effect, after: Effect | None) -> np.ndarray:

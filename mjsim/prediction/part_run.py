@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mjsim.errors import InputError
 from mjsim.machine.model import Machine
 from mjsim.prediction.predict import predict
-from mjsim.prediction.program import program_of
+from mjsim.prediction.program import Reading, program_of
 from mjsim.prediction.result import Prediction
 from mjsim.units import MM
 from mjsim.workflow.saved import SavedDiagnosis
@@ -22,7 +22,7 @@ class PartRun:
         zero: Zero point of the part in the work frame, (3,) m.
         tool: Tool's length less that of the spindle ball's holder, m.
         feed: Of a built-in part, m/s.
-        dialect: Of an NC file.
+        dialect: Of an NC file, or all that says how it is read.
         tolerance: Allowed deviation normal to the path, m, or ``None``.
     """
 
@@ -30,7 +30,7 @@ class PartRun:
     zero: tuple[float, float, float] = (0.0, 0.0, 0.0)
     tool: float = 0.0
     feed: float = 1000.0 * MM / 60.0
-    dialect: str = "fanuc"
+    dialect: str | Reading = "fanuc"
     tolerance: float | None = None
 
     def __post_init__(self) -> None:
@@ -49,5 +49,6 @@ class PartRun:
         Raises:
             InputError: The file cannot be read, or the program does not fit the machine.
         """
-        name, motion, lines = program_of(self.program, machine.chain, self.zero, self.feed, self.dialect)
-        return predict(motion, machine, name, saved, self.tolerance, self.tool, self.zero, lines)
+        chain = machine.chain if saved is None else saved.machine.chain
+        name, motion, lines, notes = program_of(self.program, chain, self.zero, self.feed, self.dialect)
+        return replace(predict(motion, machine, name, saved, self.tolerance, self.tool, self.zero, lines), notes=notes)

@@ -13,12 +13,12 @@ from mjsim.estimation.calibration import calibrated_effects
 from mjsim.estimation.data_sheet import data_sheet
 from mjsim.estimation.posterior import Posterior
 from mjsim.instruments.ball_bar.commanded import Commanded
-from mjsim.machine.model import Machine
+from mjsim.machine.model import Machine, build
 from mjsim.prediction.causes import Parts, across
 from mjsim.prediction.contour import Contour, contour
 from mjsim.prediction.influence import Influence, labels
-from mjsim.prediction.pace import paced
-from mjsim.prediction.result import FAILS, PASSES, UNKNOWN, Block, Prediction, judged
+from mjsim.prediction.pace import paced, rest_at_stops
+from mjsim.prediction.result import FAILS, PASSES, UNKNOWN, Block, Cut, Prediction, judged
 from mjsim.prediction.tip import Run
 from mjsim.simulation.drive import STEP
 from mjsim.simulation.stability import check_stable
@@ -26,7 +26,7 @@ from mjsim.threads import one_blas_thread
 from mjsim.units import UM
 from mjsim.workflow.saved import SavedDiagnosis
 
-#: Instants that are kept, and draws of the uncertainty.
+#: Even instants that are kept, and draws of the uncertainty.
 KEPT, DRAWS = 3000, 400
 #: Longest program, s.
 LONGEST = 3600.0
@@ -74,21 +74,27 @@ def predict(
     machine = machine if saved is None else saved.machine
     _check(motion, machine)
     posterior = prior(machine) if saved is None else saved.posterior
-    time, block_time = paced(motion, STEP)
+    built = build(machine)
+    time, block_time = paced(motion, STEP, rest_at_stops(built.axes, machine.chain))
     commands = motion.at(block_time)
+    block = np.clip(np.searchsorted(motion.knots, block_time, side="right") - 1, 0, len(motion.seconds) - 1)
+    path_of, group = _numbers(motion, lines)
+    kept = _kept(block, path_of, group)
     commands[:, 2] += tool
-    every = max(1, -(-len(time) // KEPT))
-    run = Run(machine.chain, time, commands, every, tool, np.asarray(zero, float), clock)
+    run = Run(machine.chain, time, commands, kept, tool, np.asarray(zero, float), clock)
     influence = Influence(run, machine)
     check_stable(influence.plant)
-    found = contour(influence.path, influence.path + influence.deviation)
-    index = np.clip(np.searchsorted(motion.knots, block_time[::every], side="right") - 1, 0, len(motion.seconds) - 1)
+    found = contour(run.whole_path, influence.path + influence.deviation, kept, _spans(path_of[block])[kept])
+    index = block[kept]
     columns = influence.columns(posterior)
     draws = _draws(found, columns, posterior)
+    numbers = np.arange(1, len(motion.seconds) + 1) if lines is None else lines[1:]
     worst = int(np.argmax(found.size))
     parts = Parts.of(influence, found)
     stated = bool(machine.tolerance)
-    blocks, largest = _blocks(found, draws, parts, index, lines, tolerance, stated)
+    blocks = _blocks(found, draws, parts, group[index], numbers[index], tolerance, stated)
+    largest = _largest(found, draws, slice(None))
+    cuts = _cuts(found, draws, path_of, index, numbers, tolerance, stated)
     uncertain = _uncertain(found, columns, posterior, labels(posterior, machine), worst)
     if saved is not None:
         basis = "the diagnosis"
@@ -114,6 +120,9 @@ def predict(
         uncertain,
         basis,
         float(time[-1]),
+        time[kept],
+        cuts,
+        path_of[index],
     )
 
 
@@ -128,44 +137,105 @@ def _check(motion: Commanded, machine: Machine) -> None:
             f"configuration {machine.configuration!r}: a prediction needs a tool that does not turn, and linear "
             f"axes that stand on no rotary one; allowed: rotary axes that carry the workpiece"
         )
+    if not motion.paths:
+        raise InputError("the program has no feed block; allowed: programs that cut")
     if motion.duration > LONGEST:
         raise InputError(f"the program lasts {motion.duration:.0f} s; allowed: up to {LONGEST:.0f} s")
+
+
+def _numbers(motion: Commanded, lines: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """The cutting path of every block, -1 for none, and the block of the program that it belongs to: chords of one arc
+    are one block.
+    """
+    path_of = np.full(len(motion.seconds), -1)
+    for k, (first, last) in enumerate(motion.paths):
+        path_of[first : last + 1] = k
+    if lines is None:
+        return path_of, np.arange(len(path_of))
+    new = (np.diff(lines[1:]) != 0) | (np.diff(path_of) != 0)
+    return path_of, np.concatenate([[0], np.cumsum(new)])
+
+
+def _kept(block: np.ndarray, path_of: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """Instants that are looked at: even ones, and one of each cutting block that has none of these."""
+    every = max(1, -(-len(block) // KEPT))
+    even = np.arange(0, len(block), every)
+    even = even[path_of[block[even]] >= 0]
+    first = np.flatnonzero(np.diff(group[block], prepend=-1))
+    last = np.append(first[1:], len(block)) - 1
+    middle = (first + last) // 2
+    missing = ~np.isin(group[block[middle]], group[block[even]]) & (path_of[block[middle]] >= 0)
+    return np.union1d(even, middle[missing])
+
+
+def _spans(path: np.ndarray) -> np.ndarray:
+    """First and last instant of the cutting path of each instant, (n, 2)."""
+    first = np.flatnonzero(np.diff(path, prepend=-2))
+    last = np.append(first[1:], len(path)) - 1
+    return np.repeat(np.column_stack([first, last]), last - first + 1, axis=0)
 
 
 def _draws(found: Contour, columns: np.ndarray, posterior: Posterior) -> np.ndarray:
     """Normal deviation of machines as the data allow them, (n, DRAWS) m."""
     values, vectors = np.linalg.eigh(posterior.covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    z = np.random.default_rng(_SEED).standard_normal((len(values), DRAWS))
-    moved = across(found, columns).reshape(-1, columns.shape[2]) @ (root @ z)
-    moved = moved.reshape(len(columns), 3, DRAWS) + found.normal[:, :, None]
-    return np.sqrt(np.einsum("nid,nid->nd", moved, moved))
+    z = root @ np.random.default_rng(_SEED).standard_normal((len(values), DRAWS))
+    change = across(found, columns)
+    out = np.empty((len(columns), DRAWS))
+    for part in np.array_split(np.arange(len(columns)), max(1, len(columns) // 1000)):
+        moved = change[part].reshape(-1, columns.shape[2]) @ z
+        moved = moved.reshape(len(part), 3, DRAWS) + found.normal[part][:, :, None]
+        out[part] = np.sqrt(np.einsum("nid,nid->nd", moved, moved))
+    return out
 
 
 def _blocks(
     found: Contour,
     draws: np.ndarray,
     parts: Parts,
-    index: np.ndarray,
-    lines: np.ndarray | None,
+    group: np.ndarray,
+    numbers: np.ndarray,
     tolerance: float | None,
     stated: bool,
-) -> tuple[tuple[Block, ...], tuple[float, float, float]]:
-    """Every block that has an instant, and the largest deviation of all with its interval."""
-    first = np.flatnonzero(np.diff(index, prepend=-1))
-    ends = [*first[1:], len(index)]
+) -> tuple[Block, ...]:
+    """Every cutting block with its interval; ``group`` and ``numbers`` (n,) are block and line of an instant."""
+    first = np.flatnonzero(np.diff(group, prepend=-1))
+    ends = [*first[1:], len(group)]
     size, out = found.size, []
     most = np.maximum.reduceat(draws, first, axis=0)
     low, high = np.percentile(most, (2.5, 97.5), axis=1)
     for k, (a, b) in enumerate(zip(first, ends, strict=True)):
         at = a + int(np.argmax(size[a:b]))
-        line = int(lines[index[a] + 1]) if lines is not None else int(index[a]) + 1
         cause, share = parts.main(int(at))
         ends_of = float(low[k]), float(high[k])
         verdict = "" if tolerance is None else judged(*ends_of, tolerance, stated)
-        out.append(Block(line, float(size[at]), *ends_of, float(found.along[at]), cause, share, verdict))
-    whole = np.percentile(draws.max(axis=0), (2.5, 97.5))
-    return tuple(out), (float(size.max()), float(whole[0]), float(whole[1]))
+        out.append(Block(int(numbers[a]), float(size[at]), *ends_of, float(found.along[at]), cause, share, verdict))
+    return tuple(out)
+
+
+def _largest(found: Contour, draws: np.ndarray, part: slice | np.ndarray) -> tuple[float, float, float]:
+    """Largest deviation of some instants, with its interval, m."""
+    low, high = np.percentile(draws[part].max(axis=0), (2.5, 97.5))
+    return float(found.size[part].max()), float(low), float(high)
+
+
+def _cuts(
+    found: Contour,
+    draws: np.ndarray,
+    path_of: np.ndarray,
+    index: np.ndarray,
+    numbers: np.ndarray,
+    tolerance: float | None,
+    stated: bool,
+) -> tuple[Cut, ...]:
+    """Every cutting path with its verdict; ``index`` (n,) is the block of an instant."""
+    out = []
+    for k in np.unique(path_of[index]):
+        largest = _largest(found, draws, path_of[index] == k)
+        verdict = "" if tolerance is None else judged(*largest[1:], tolerance, stated)
+        own = numbers[path_of == k]
+        out.append(Cut(int(own[0]), int(own[-1]), largest, verdict))
+    return tuple(out)
 
 
 def _uncertain(

@@ -56,6 +56,22 @@ class Cause:
 
 
 @dataclass(frozen=True)
+class Cut:
+    """One of the cutting paths of a program.
+
+    Attributes:
+        first, last: Lines of the NC file, or numbers of blocks.
+        largest: Largest normal deviation, m, and its 95 % interval.
+        verdict: As of the whole program; empty without a tolerance.
+    """
+
+    first: int
+    last: int
+    largest: tuple[float, float, float]
+    verdict: str = ""
+
+
+@dataclass(frozen=True)
 class Prediction:
     """The error that a part will have on a machine.
 
@@ -75,6 +91,10 @@ class Prediction:
         uncertain: Effects that make most of the uncertainty of the largest deviation, with their share of its variance.
         basis: What the interval follows from.
         seconds: Duration of the program as the control runs it.
+        time: Instants of the arrays, (n,) s; feed blocks alone count.
+        cuts: The cutting paths, each with its own verdict.
+        cut_of: Which of them an instant belongs to, (n,).
+        notes: Sentences on how the program was read.
     """
 
     program: str
@@ -92,6 +112,10 @@ class Prediction:
     uncertain: tuple[tuple[str, float], ...]
     basis: str
     seconds: float
+    time: np.ndarray
+    cuts: tuple[Cut, ...]
+    cut_of: np.ndarray
+    notes: tuple[str, ...] = ()
 
     @property
     def worst(self) -> Block:
@@ -139,6 +163,8 @@ class Prediction:
             "verdict": self.verdict or None,
             "reason": self.reason or None,
             "blocks_by_verdict": self.counts or None,
+            "paths": [_cut(c) for c in self.cuts],
+            "notes": list(self.notes),
             "causes": [
                 {"id": c.key, "axis": c.axis, "rms_um": _um(c.rms), "at_worst_um": _um(c.at_worst)} for c in self.causes
             ],
@@ -177,6 +203,12 @@ def _row(b: Block) -> dict:
         "cause_um": _um(b.share),
     }
     return out | ({"verdict": b.verdict} if b.verdict else {})
+
+
+def _cut(c: Cut) -> dict:
+    out = {"first_line": c.first, "last_line": c.last, "largest_um": _um(c.largest[0])}
+    out["largest_ci95_um"] = [_um(x) for x in c.largest[1:]]
+    return out | ({"verdict": c.verdict} if c.verdict else {})
 
 
 def _um(x: float) -> float:

@@ -20,7 +20,7 @@ class Run:
         chain: The machine's axes.
         time: From the program's start, all instants, (m,) s.
         commands: (m, axes) m and rad, with the slide along the tool moved by the tool's length.
-        every: Every so many instants are kept.
+        kept: Which instants are looked at, (n,).
         tool: Tool's length less that of the spindle ball's holder, m.
         zero: Zero point of the part in the work frame, (3,) m.
         clock: Start on the campaign clock, s.
@@ -29,21 +29,29 @@ class Run:
     chain: Chain
     time: np.ndarray
     commands: np.ndarray
-    every: int
+    kept: np.ndarray
     tool: float
     zero: np.ndarray
     clock: float
 
     @property
     def path(self) -> np.ndarray:
-        """Programmed places of the tip in the work frame, (n, 3) m."""
-        q = self.commands[:: self.every].copy()
+        """Programmed places of the tip in the work frame at the kept instants, (n, 3) m."""
+        return self._tips(self.commands[self.kept])
+
+    @property
+    def whole_path(self) -> np.ndarray:
+        """The same at all instants, (m, 3) m."""
+        return self._tips(self.commands)
+
+    def _tips(self, commands: np.ndarray) -> np.ndarray:
+        q = commands.copy()
         q[:, 2] -= self.tool
         return spindle_in_work(self.chain, q)
 
     def load(self, plant: Plant) -> np.ndarray:
         """Load-side positions at the kept instants, (n, width)."""
-        return np.ascontiguousarray(load_of(plant, self.time, self.commands, self.clock)[:: self.every])
+        return np.ascontiguousarray(load_of(plant, self.time, self.commands, self.clock)[self.kept])
 
     def machine_deviation(self, plant: Plant, load: np.ndarray, path: np.ndarray) -> np.ndarray:
         """Tip less its programmed place ``path`` (n, 3) at positions ``load`` (n, width), in machine axes, (n, 3) m."""

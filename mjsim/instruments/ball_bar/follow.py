@@ -104,6 +104,31 @@ class Followed:
         )
 
 
+def own_path(test: BallBarTest, motion: Commanded, name: str) -> Commanded:
+    """The cutting path of a program on which the balls keep their distance; the longest of several.
+
+    Args:
+        test: As the campaign defines it. motion: An NC program. name: Of the program's file, for messages.
+
+    Raises:
+        InputError: the axes stop within the path.
+    """
+    if motion.cutting is None and motion.stops is None:
+        return motion
+    parts = [motion.part(first, last) for first, last in motion.paths]
+    if not parts:
+        raise InputError(f"{name}: has no feed block; allowed: a program with the path of the test")
+    ball = np.asarray(test.table_ball)
+    near = [p for p in parts if np.abs(reading(test.chain, p.axes, ball, test.length)).max() <= RANGE]
+    own = max(near or parts, key=lambda p: p.duration)
+    if own.stops is not None and own.stops[:-1].any():
+        raise InputError(
+            f"{name}: the axes stop within the path (exact stop, as G61), at point {int(np.argmax(own.stops)) + 2}; "
+            "allowed for a test: path mode, as G64"
+        )
+    return replace(own, cutting=None, stops=None)
+
+
 def check_path(test: BallBarTest, motion: Commanded, span: tuple[float, float], name: str) -> np.ndarray:
     """Refuse a program that is none of this test; φ (n + 1,) rad at its points.
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from mjsim.instruments.ball_bar.commanded import Commanded
 from mjsim.instruments.ball_bar.feed import ACCELERATION, trapezoid
-from mjsim.instruments.ball_bar.follow import Followed, follow
+from mjsim.instruments.ball_bar.follow import Followed, follow, own_path
 from mjsim.instruments.ball_bar.kinds import Kind, kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.units import DEG
@@ -118,9 +118,11 @@ def driven_by(test: BallBarTest, motion: Commanded, name: str = "NC program") ->
     """``test`` with the motion of an NC program in place of its own; every simulation of it uses that.
 
     Args:
-        motion: as :func:`mjsim.nc.read.read_nc` gives it (its ``motion``). name: of the program, for messages.
+        motion: as :func:`mjsim.nc.read.read_nc` gives it (its ``motion``); of several cutting paths the test's.
+        name: of the program, for messages.
 
     Raises:
         InputError: the program is none of this test, or has another feed.
     """
+    motion = own_path(test, motion, name)
     return follow(test, motion, Program(replace(test, commanded=None)).measured_ends, name)

@@ -23,7 +23,7 @@ class BallBarTable(Table):
     feed_mm_min: Annotated[float, Field(gt=0, le=100000)]
     trace: str | None = None
     program: str | None = None
-    program_dialect: Literal["fanuc", "siemens", "linuxcnc"] | None = None
+    program_dialect: Literal["fanuc", "siemens", "linuxcnc", "heidenhain"] | None = None
     program_reversed: list[str] | None = None
     program_rollover: bool | None = None
     driven_by: str | None = None

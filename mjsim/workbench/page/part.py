@@ -9,6 +9,7 @@ import numpy as np
 from nicegui import ui
 
 from mjsim.machine.chain import COORDINATES
+from mjsim.nc.dialects import READABLE
 from mjsim.plots import style
 from mjsim.prediction.part_run import PartRun
 from mjsim.prediction.parts import PARTS
@@ -59,8 +60,10 @@ class PartDialog:
         with ui.element("div").classes("part-ask"):
             self.program = ui.select(names, value="s-shape", label="Part").props("dense").style("min-width: 230px")
             self.program.mark("part program")
-            self.file = ui.input("Path of the NC file, G-code as of FANUC").props("dense").style("min-width: 240px")
-            self.file.bind_visibility_from(self.program, "value", value=_FILE)
+            self.file = ui.input("Path of the NC file").props("dense").style("min-width: 240px")
+            self.dialect = ui.select(list(READABLE), value="fanuc", label="Control").props("dense")
+            for asked in (self.file, self.dialect):
+                asked.bind_visibility_from(self.program, "value", value=_FILE)
             x, y, z = (round(v / MM, 3) for v in self.live.bench.opened.tests[0].table_ball)
             self.zero = [ui.number(f"Zero {n}, mm", value=v, format="%.6g").props("dense").style("width: 84px")
                          for n, v in zip(COORDINATES, (x, y, z), strict=True)]  # fmt: skip
@@ -78,7 +81,8 @@ class PartDialog:
             return
         zero = tuple(float(n.value or 0.0) * MM for n in self.zero)
         allowed = float(self.allowed.value or 0.0)
-        run = PartRun(name, (zero[0], zero[1], zero[2]), tolerance=allowed * UM if allowed > 0.0 else None)
+        tolerance = allowed * UM if allowed > 0.0 else None
+        run = PartRun(name, (zero[0], zero[1], zero[2]), dialect=self.dialect.value, tolerance=tolerance)
         self.says.text = "predicting …"
         result = await self.work("predict", lambda _: self.live.bench.predict(run))
         if result is None:
@@ -96,6 +100,10 @@ class PartDialog:
             f"{verdict}Largest deviation {result.largest[0] / UM:.2f} µm{was}, 95 %: {low:.2f} to {high:.2f} µm, "
             f"from {result.basis}. Cutting forces are not included."
         )
+        if len(result.cuts) > 1:
+            failed = sum(c.verdict == FAILS for c in result.cuts)
+            self.says.text += f" {len(result.cuts)} cutting paths{f', {failed} of them fail' if failed else ''}."
+        self.says.text += "".join(f" {note[:1].upper()}{note[1:]}." for note in result.notes)
         tone = {PASSES: "good", FAILS: "problem"}.get(result.verdict, "soft")
         self.says.classes(replace=tone)
         self.left.clear()
