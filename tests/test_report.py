@@ -381,7 +381,7 @@ def test_the_answer_compares_with_the_machine_file(m1):
 
 
 def test_every_effect_of_the_catalogue_has_a_name_and_a_remedy():
-    for cls in registry.kinds().values():
+    for cls in (c for c in registry.kinds().values() if c.__module__.startswith("mjsim.effects")):
         assert answer.noun(cls) and cls.remedy is not UNKNOWN
         assert cls.remedy.kind in ("adjust", "compensate", "maintain", "share") and cls.remedy.text.endswith(".")
 
