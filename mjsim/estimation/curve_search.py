@@ -19,11 +19,9 @@ from mjsim.estimation.visibility import unabsorbed
 _FINER, _LONG = (2, 4), 300
 
 
-def best_curve_term(problem: Problem, fit: Fit, teeth: Iterable[str] = ()) -> CurveTerm | None:
+def best_curve_term(problem: Problem, fit: Fit) -> CurveTerm | None:
     """The generic term that explains most of a fit's residual, net of its coefficients' penalty; ``None`` where none is
     worth it.
-
-    ``teeth`` names rotary axes whose position is also looked at tooth by tooth.
     """
     projector, generic = Projector(fit), CurveTerms(problem, fit)
     settings = problem.settings
@@ -35,11 +33,6 @@ def best_curve_term(problem: Problem, fit: Fit, teeth: Iterable[str] = ()) -> Cu
         penalty = settings.cross_axis_penalty if net > settings.likelihood_ratio else 0.0
         if other is not None and other.gain - other.chance_gain > net + penalty:
             best = other
-    for axis in teeth:
-        best = max(
-            (t for t in (best, _best(problem, projector, generic.fine(axis))) if t),
-            key=lambda t: t.gain - t.chance_gain,
-        )
     if best is None or best.gain - best.chance_gain < settings.likelihood_ratio:
         return None
     if len(best.knots) <= _LONG:

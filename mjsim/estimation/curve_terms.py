@@ -6,8 +6,7 @@ acceleration yaws its neighbour, a float of the table lifts the work.
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -65,8 +64,7 @@ class CurveTerm:
             :data:`TABLE`, or :data:`RADIAL`.
         variable: as in the JSON of diagnose. knots: (k,) of the variable, SI. period: of the variable, SI, or ``None``.
         columns: per test (m, k) block means, m per unit of :attr:`unit`. signed: times the direction of motion.
-        gain, coefficients (k,), their inverse covariance ``precision`` (k, k): of the fit, once it is made. order: of
-            a single wave per period, whose coefficients are those of cosine and sine; 0 for a free curve. shape: what
+        gain, coefficients (k,), their inverse covariance ``precision`` (k, k): of the fit, once it is made. shape: what
             the coefficients follow, as in :mod:`mjsim.estimation.curve_shape`.
     """
 
@@ -79,7 +77,6 @@ class CurveTerm:
     gain: float = 0.0
     coefficients: np.ndarray = field(default_factory=lambda: np.zeros(0))
     precision: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-    order: int = 0
     shape: str = "free"
 
     @property
@@ -136,16 +133,6 @@ class CurveTerms:
         return [
             a for i, a in enumerate(self.chain.letters) if any(np.ptp(m.position[:, i]) > 0.0 for m in self.motions)
         ]
-
-    def whitened(self, more: Iterable[CurveTerm] = (), free: bool = True) -> Iterator[tuple[CurveTerm, np.ndarray]]:
-        """Every term but the waves of the clock where they are ``free`` curves, and ``more`` terms, with those of its
-        whitened columns (count, k) that reach a reading; without the terms that have none.
-        """
-        for term in itertools.chain(*((self.own(), self.clock(False), self.across()) if free else ()), more):
-            columns = self.problem.whiten(term.columns)
-            columns = columns[:, np.square(columns).sum(axis=0) > 1e-6]
-            if columns.shape[1]:
-                yield term, columns
 
     def own(self) -> Iterator[CurveTerm]:
         """Terms of an axis in its own direction."""

@@ -296,19 +296,3 @@ def _harmonics(time: np.ndarray, revolution: float) -> np.ndarray:
     u = (phi - phi.mean()) / max(float(np.ptp(phi)), 1e-9)
     drift = np.column_stack([u, u * np.cos(phi), u * np.sin(phi), u * u - 1.0 / 12.0])
     return np.hstack([np.ones((len(phi), 1)), np.cos(angles), np.sin(angles), drift])
-
-
-def log_evidence(fit: Fit, whitening: Whitening | None) -> float:
-    """Log evidence of a fitted model: Laplace's approximation with every free parameter marginalised.
-
-    Args:
-        fit: With proper priors of all its effects.
-        whitening: That its design was whitened with.
-    """
-    parameters = fit.parameters
-    free = ~parameters.frozen
-    precision = parameters.precision()[free]
-    normal = (fit.design.T @ fit.design)[np.ix_(free, free)] + np.diag(precision)
-    flexibility = np.linalg.slogdet(normal)[1] - np.log(precision).sum()
-    log_det = whitening.log_det if whitening is not None else 0.0
-    return -0.5 * float(fit.objective + log_det + flexibility)

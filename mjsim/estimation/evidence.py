@@ -106,10 +106,10 @@ def log_bayes_factor(information: np.ndarray, score: np.ndarray, precision: floa
         precision: of the group's prior.
     """
     w, v = np.linalg.eigh(information)
-    return float(_log_bayes_factors(np.maximum(w, 0.0), (v.T @ score) ** 2, np.array([precision]))[0])
+    return float(log_bayes_factors(np.maximum(w, 0.0), (v.T @ score) ** 2, np.array([precision]))[0])
 
 
-def _log_bayes_factors(w: np.ndarray, squares: np.ndarray, precisions: np.ndarray) -> np.ndarray:
+def log_bayes_factors(w: np.ndarray, squares: np.ndarray, precisions: np.ndarray) -> np.ndarray:
     """As :func:`log_bayes_factor` for several precisions, from eigenvalues and squared scores along the
     eigenvectors.
     """
@@ -131,9 +131,9 @@ def best_precision(information: np.ndarray, score: np.ndarray) -> tuple[float, f
         return np.inf, 0.0
     squares = (v.T @ score) ** 2
     precisions = _PRECISIONS * w[-1]
-    coarse = precisions[int(np.argmax(_log_bayes_factors(w, squares, precisions)))]
+    coarse = precisions[int(np.argmax(log_bayes_factors(w, squares, precisions)))]
     fine = coarse * _FINER
-    gains = _log_bayes_factors(w, squares, fine)
+    gains = log_bayes_factors(w, squares, fine)
     best = int(np.argmax(gains))
     return (float(fine[best]), float(gains[best])) if gains[best] > 0.0 else (np.inf, 0.0)
 

@@ -26,7 +26,7 @@ from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.hypotheses import entries_of, expected_prior, log_odds_of
 from mjsim.estimation.outcome import Found as FoundEffect
-from mjsim.estimation.outcome import Selection
+from mjsim.estimation.outcome import Selection, verdict_of
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.search import Found, Model, Search, with_curves
 from mjsim.estimation.shares import Calibration, calibrations
@@ -110,8 +110,22 @@ class _Reader:
     """Reads findings out of a search."""
 
     def __init__(self, search: Search, found: Found, progress: Progress) -> None:
-        self.search, self.found, self.model, self.progress = search, found, found.model, progress
-        self.problem, self.expected = found.model.problem, found.model.expected
+        self.search, self.found, self.progress = search, found, progress
+
+    @property
+    def model(self) -> Model:
+        """The best model so far."""
+        return self.found.model
+
+    @property
+    def problem(self) -> Problem:
+        """The tests with its whitening."""
+        return self.model.problem
+
+    @property
+    def expected(self) -> dict[str, Calibrated]:
+        """What a machine of its class has, by key."""
+        return self.model.expected
 
     def read(self, most: int | None) -> Explained:
         fit, rivals = self.model.fit, {}
@@ -122,7 +136,7 @@ class _Reader:
             best = max((m for row in rivals.values() for _, m in row), key=lambda m: m.evidence, default=self.model)
             if best.evidence <= self.model.evidence:
                 break
-            self.model, self.problem = best, best.problem  # something else in its place is the better explanation
+            # something else in its place is the better explanation
             self.found = replace(self.found, model=best, rivals=None)
         unexplained, unknown, fit = self._unknown(fit)
         rows = self._findings(fit, rivals)
@@ -138,13 +152,9 @@ class _Reader:
         named.sort(key=lambda r: (-excess[r.key], -r.gain))
         selection = Selection(self.found.start, fit, named, self.found.bank, self.found.trail)
         verdicts = self._verdicts(named, rows, unknown)
-        if named:
-            verdict = "ambiguous" if any(r.others for r in named) else "identified"
-        else:
-            verdict = "unknown" if unexplained is not None else "nothing_found"
-        sums = combinations(fit, self.problem.settings)
-        data = replace(self.problem, whitening=self.problem.whitening)
-        return Explained(data, selection, unexplained, entries, shares, sums, verdict, verdicts, self.model.sizes.rms)
+        verdict = verdict_of((bool(r.others) for r in named), unexplained is not None)
+        sums, left = combinations(fit, self.problem.settings), self.model.sizes.rms
+        return Explained(self.problem, selection, unexplained, entries, shares, sums, verdict, verdicts, left)
 
     # -- sizes ---------------------------------------------------------------------------------------------------------
 
@@ -265,13 +275,9 @@ class _Reader:
 
     def _values(self, fit: Fit) -> Iterator[tuple[Curve, tuple[np.ndarray, np.ndarray]]]:
         """Every curve of the model with its values at the knots and their standard deviations, all fitted together."""
-        model = self.model
-        alone = Fitter(model.base, fit.base).fit(fit.effects, start=fit, exact=True, iterations=0, fresh=False)
-        columns = np.hstack([c.columns * c.width for c in model.curves])
-        whitening = model.base.whitening
-        assert whitening is not None
-        for k, rows in enumerate(model.base.rows):
-            columns[rows] = whitening.of_test(k, columns[rows])
+        model, base = self.model, self.model.base
+        alone = Fitter(base, fit.base).fit(fit.effects, start=fit, exact=True, iterations=0, fresh=False)
+        columns = base.whiten_further(np.hstack([c.columns * c.width for c in model.curves]))
         cross = alone.design.T @ columns
         information = alone.linear.left_over(columns.T @ columns, cross)
         covariance = np.linalg.inv(information + np.eye(columns.shape[1]))

@@ -71,6 +71,11 @@ class Hypothesis:
     present: bool = False
 
     @property
+    def scale(self) -> np.ndarray | float:
+        """By which its columns are multiplied: a width of 1 is the limit of a tolerance, or one typical size."""
+        return 1.0 if self.beyond is None else self.beyond
+
+    @property
     def id(self) -> str:
         """Id of the effect, or what a curve is called."""
         mine = self.free or self.candidate
@@ -184,23 +189,23 @@ class Hypotheses:
         for c, at in zip(bank.candidates, bank.slices, strict=True):
             mine = have.get(c.effect.key)
             if at.stop > at.start and (mine is None or c.at_another_order(mine)):
-                rows.append((_of_candidate(c, count), np.arange(at.start, at.stop), 1.0))
+                rows.append((_of_candidate(c, count), np.arange(at.start, at.stop)))
         products = signatures.products.extended(design[0])
         linear = self._evidence(products, design, width, inside, rows, levels[:1])[0][1]
         more: list[np.ndarray] = []
         place = width + p
-        for c, columns in self._further(plain, bank, linear, [h for h, _, _ in rows], len(inside)):
-            rows.append((_of_candidate(c, count), place + np.arange(columns.shape[1]), 1.0))
+        for c, columns in self._further(plain, bank, linear, [h for h, _ in rows], len(inside)):
+            rows.append((_of_candidate(c, count), place + np.arange(columns.shape[1])))
             more.append(columns)
             place += columns.shape[1]
         for curve in curves:
             h = Hypothesis(curve.name, curve.log_odds, curve.widths, curve=curve, present=curve.present)
-            rows.append((h, place + np.arange(curve.columns.shape[1]), 1.0))
+            rows.append((h, place + np.arange(curve.columns.shape[1])))
             more.append(curve.columns)
             place += curve.columns.shape[1]
         if more:
             products = products.extended(np.hstack(more))
-        self.all = [*(h for h, _ in inside), *(h for h, _, _ in rows)]
+        self.all = [*(h for h, _ in inside), *(h for h, _ in rows)]
         #: Log evidence of the model without any of them, and the linear problem, at each level.
         self.levels = self._evidence(products, design, width, inside, rows, levels)
 
@@ -211,14 +216,14 @@ class Hypotheses:
 
     def _of_model(self, count: Mapping[str, int]):
         """What the model has: its own causes with their places in the vector, all its effects with the tolerances as
-        priors, and what expected ones have beyond their tolerance, with their columns and the limits.
+        priors, and what expected ones have beyond their tolerance with the places of that.
         """
         fit = self.fit
         parameters = fit.parameters
         index = np.arange(parameters.size)
         inside: list[tuple[Hypothesis, np.ndarray]] = []
         released: list[EffectVector] = []
-        beyond: list[tuple[Hypothesis, np.ndarray, np.ndarray | float]] = []
+        beyond: list[tuple[Hypothesis, np.ndarray]] = []
         for f in fit.effects:
             at = index[parameters[f.block.name]]
             mine = self.expected.get(f.effect.key)
@@ -238,7 +243,7 @@ class Hypotheses:
                 limit = LIMIT_DEVIATIONS * deviation[entries]
                 is_wider = f.prior is not None and bool((f.prior[1][entries] > 1.001 * deviation[entries]).any())
                 h = Hypothesis(f.effect.key, CAUSE, BEYOND, f, wave, entries, beyond=limit, present=is_wider)
-                beyond.append((h, at[entries], limit))
+                beyond.append((h, at[entries]))
         return inside, released, beyond
 
     def _further(
@@ -290,13 +295,13 @@ class Hypotheses:
             return None if c is None else lambda x: is_feasible(machine, x, c)
 
         model = LinearModel(products, residual, np.ones(products.width), np.zeros(products.width))
-        columns = [*((h, width + at, 1.0) for h, at in inside), *rows]
-        places = np.concatenate([width + always, *(at for _, at, _ in columns)])
-        scale = np.concatenate([np.ones(len(always)), *(np.broadcast_to(s, len(at)) for _, at, s in columns)])
-        ends = np.cumsum([0, *(len(at) for _, at, _ in columns)])
+        columns = [*((h, width + at) for h, at in inside), *rows]
+        places = np.concatenate([width + always, *(at for _, at in columns)])
+        scale = np.concatenate([np.ones(len(always)), *(np.broadcast_to(h.scale, len(at)) for h, at in columns)])
+        ends = np.cumsum([0, *(len(at) for _, at in columns)])
         groups = [
             Columns(h.name, np.arange(a, b), h.log_odds, h.widths, h.is_wave, bounded(h))
-            for (h, _, _), a, b in zip(columns, ends[:-1], ends[1:], strict=True)
+            for (h, _), a, b in zip(columns, ends[:-1], ends[1:], strict=True)
         ]
         out = []
         for sizes in levels:

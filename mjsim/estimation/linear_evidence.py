@@ -148,7 +148,7 @@ class LinearEvidence:
         best = max((self._improved(s) for s in first), key=self.total)
         if 0 < len(best) <= 8:
             rivals = dict.fromkeys(
-                int(g) for h in best for g in np.argsort(-self.odds(_without(best, h))[0])[:3] if int(g) not in best
+                int(g) for h in best for g in np.argsort(-self.odds(without(best, h))[0])[:3] if int(g) not in best
             )
             own = {self.hypotheses[h].name for h in best if not self.hypotheses[h].several}
             for g in rivals:
@@ -169,7 +169,7 @@ class LinearEvidence:
                 chosen[g] = float(width[g])
                 changed = True
             for h in list(chosen):
-                rest = _without(chosen, h)
+                rest = without(chosen, h)
                 odds, width = self.odds(rest)
                 g = int(np.argmax(odds))
                 if odds[g] <= 0.0:
@@ -186,7 +186,7 @@ class LinearEvidence:
         """What could stand in the place of one member: log odds, place and width of the best hypothesis of each other
         name that comes ``within`` so many nats of it, the likeliest first.
         """
-        odds, width = self.odds(_without(chosen, h))
+        odds, width = self.odds(without(chosen, h))
         out: dict[str, tuple[float, int, float]] = {}
         for g in np.argsort(-odds):
             if odds[g] < max(odds[h] - within, 0.0):
@@ -197,5 +197,6 @@ class LinearEvidence:
         return list(out.values())
 
 
-def _without(chosen: Chosen, g: int) -> Chosen:
+def without(chosen: Chosen, g: int) -> Chosen:
+    """A set without one of its hypotheses."""
     return {h: width for h, width in chosen.items() if h != g}

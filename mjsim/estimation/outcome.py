@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from mjsim.estimation.curve_terms import CurveTerm
 from mjsim.estimation.fit import Fit
 from mjsim.estimation.signatures import SignatureBank
 
@@ -17,8 +17,6 @@ class Found:
         key: Of the effect.
         gain: How far the objective falls with it.
         competing: Models with another effect in its place that the data cannot tell from it, by that effect's id.
-        rejected: How much worse the others do that were fitted in its place, by id. Where none came near enough to be
-            fitted, the best of them by its linear gain.
         probability: That it is this cause, and larger than a machine of its class may have.
         others: The same of what could stand in its place, by id.
         whole: That it is one of them.
@@ -27,7 +25,6 @@ class Found:
     key: str
     gain: float
     competing: dict[str, Fit] = field(default_factory=dict)
-    rejected: dict[str, float] = field(default_factory=dict)
     probability: float = 1.0
     others: dict[str, float] = field(default_factory=dict)
     whole: float = 1.0
@@ -48,9 +45,6 @@ class Selection:
         found: Its effects in the order of their contribution.
         bank: Signatures of all candidates.
         trail: The models that were tried.
-        first_gain: What the first effect alone explained.
-        best_curve: The generic curve that explains most at ``start``, where it was looked for.
-        complete: Whether the search ended by itself, and not because few effects do not explain the data.
     """
 
     start: Fit
@@ -58,6 +52,16 @@ class Selection:
     found: list[Found]
     bank: SignatureBank
     trail: list[dict] = field(default_factory=list)
-    first_gain: float = 0.0
-    best_curve: CurveTerm | None = None
-    complete: bool = True
+
+
+def verdict_of(is_open: Iterable[bool], has_rest: bool) -> str:
+    """``identified``, ``ambiguous``, ``unknown`` or ``nothing_found``.
+
+    Args:
+        is_open: Of every finding, whether something else may stand in its place.
+        has_rest: Whether something is left that no cause of the catalogue explains.
+    """
+    findings = list(is_open)
+    if findings:
+        return "ambiguous" if any(findings) else "identified"
+    return "unknown" if has_rest else "nothing_found"

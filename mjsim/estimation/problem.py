@@ -310,6 +310,15 @@ class Problem:
             out[:] = self.whitening.of_all(out)
         return out
 
+    def whiten_further(self, rows: np.ndarray) -> np.ndarray:
+        """Rows (count,) or (count, k) that the campaign's noise alone has whitened, as :meth:`whiten` gives them."""
+        if self.whitening is None:
+            return rows
+        out = np.empty_like(rows)
+        for k, at in enumerate(self.rows):
+            out[at] = self.whitening.of_test(k, rows[at])
+        return self.whitening.of_all(out)
+
     def whiten_test(self, k: int, columns: np.ndarray) -> np.ndarray:
         """Whitened rows of block columns (m,) or (m, k) of one test, but for what it shares with other tests."""
         rows = self.noise.whiten(self.samples[k], columns, self._kept[k])

@@ -21,7 +21,7 @@ from mjsim.estimation.disturbances import readmitted, without_disturbances
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.hypotheses import Hypotheses, Signatures, log_odds_of, with_prior_of_size
-from mjsim.estimation.linear_evidence import Chosen
+from mjsim.estimation.linear_evidence import Chosen, without
 from mjsim.estimation.nuisance import TRIGGER, TRIGGERS
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.retiming import better_triggers, retimed
@@ -63,7 +63,6 @@ class Model:
         expected: What a machine of its class has, by key.
         fit: Effects, data sheet and set-up, whitened by ``problem``.
         problem: The measured tests with the whitening of this model.
-        base: The same without what the curves add to it.
         sizes: Of the discrepancy and the noise.
         curves: Of unknown causes.
         log_odds: Prior odds of all its hypotheses, logarithm.
@@ -73,11 +72,16 @@ class Model:
     expected: dict[str, Calibrated]
     fit: Fit
     problem: Problem
-    base: Problem
     sizes: Sizes
     curves: tuple[Curve, ...] = ()
     log_odds: float = 0.0
     evidence: float = -np.inf
+
+    @property
+    def base(self) -> Problem:
+        """The tests with the same whitening, without what the curves add to it."""
+        whitening = self.problem.whitening
+        return self.problem if whitening is None else replace(self.problem, whitening=whitening.without_shared())
 
     @property
     def leaves_nothing(self) -> bool:
@@ -119,12 +123,9 @@ def with_curves(problem: Problem, curves: Sequence[Curve]) -> Problem:
     """
     if not curves:
         return problem
-    whitening = problem.whitening
-    assert whitening is not None
-    columns = np.hstack([c.columns * c.width for c in curves])
-    for k, rows in enumerate(problem.rows):
-        columns[rows] = whitening.of_test(k, columns[rows])
-    return replace(problem, whitening=whitening.beside(columns))
+    assert problem.whitening is not None
+    columns = problem.whiten_further(np.hstack([c.columns * c.width for c in curves]))
+    return replace(problem, whitening=problem.whitening.beside(columns))
 
 
 class Search:
@@ -189,20 +190,16 @@ class Search:
         effects = tuple(with_prior_of_size(f) for f in fit.effects)
         odds = sum(log_odds_of(f, self.machine) for f in effects)
         sizes = Sizes(USUAL, USUAL, np.ones(len(self.plain.tests)))
-        model = Model({}, replace(fit, effects=effects), self.plain, self.plain, sizes, (), odds)
-        sizes, evidence = self._tuned(model)
-        problem, base = self._problem(sizes, ())
-        return replace(model, problem=problem, base=base, sizes=sizes, evidence=evidence)
+        return self._tuned(Model({}, replace(fit, effects=effects), self.plain, sizes, (), odds))
 
     # -- models --------------------------------------------------------------------------------------------------------
 
-    def _problem(self, sizes: Sizes, curves: Sequence[Curve]) -> tuple[Problem, Problem]:
-        """The tests with the whitening of a model, and without its curves."""
-        base = replace(self.plain, whitening=self.discrepancy.whitening(sizes))
-        return with_curves(base, curves), base
+    def _problem(self, sizes: Sizes, curves: Sequence[Curve]) -> Problem:
+        """The tests with the whitening of a model."""
+        return with_curves(replace(self.plain, whitening=self.discrepancy.whitening(sizes)), curves)
 
-    def _tuned(self, model: Model) -> tuple[Sizes, float]:
-        """The sizes of largest evidence at a model, and that evidence with the prior odds."""
+    def _tuned(self, model: Model) -> Model:
+        """A model with the sizes of largest evidence, and that evidence with the prior odds; its fit stays."""
         parameters, fit = model.fit.parameters, model.fit
         design, residual = self.discrepancy.plain(fit, model.problem.whitening)
         columns = np.hstack([design, *(c.columns * c.width for c in model.curves)])
@@ -211,23 +208,18 @@ class Search:
         departure = np.concatenate([parameters.departure(fit.vector), np.zeros(more)])
         linear = LinearModel(Products(self.discrepancy, columns), residual, precision, departure)
         sizes, evidence = linear.tuned(model.sizes)
-        return sizes, evidence + model.log_odds
+        problem = self._problem(sizes, model.curves)
+        return replace(model, problem=problem, sizes=sizes, evidence=evidence + model.log_odds)
 
     def _settled(self, model: Model, steps: int = _STEPS) -> Model:
         """A model with the sizes of largest evidence, fitted again at them."""
-        before = model.sizes
-        sizes, evidence = self._tuned(model)
-        problem, base = self._problem(sizes, model.curves)
-        model = replace(model, problem=problem, base=base, sizes=sizes, evidence=evidence)
-        if abs(np.log((before.rms + 1e-8) / (sizes.rms + 1e-8))) < 0.2 and not steps:
+        before, model = model.sizes, self._tuned(model)
+        if abs(np.log((before.rms + 1e-8) / (model.sizes.rms + 1e-8))) < 0.2 and not steps:
             return model
-        fit = self.fitter.with_problem(problem).fit(
+        fit = self.fitter.with_problem(model.problem).fit(
             model.fit.effects, start=model.fit, exact=True, iterations=max(steps, 1), fresh=False
         )
-        model = replace(model, fit=fit)
-        sizes, evidence = self._tuned(model)
-        problem, base = self._problem(sizes, model.curves)
-        return replace(model, problem=problem, base=base, sizes=sizes, evidence=evidence)
+        return self._tuned(replace(model, fit=fit))
 
     def _anew(self, effects: Sequence[EffectVector]) -> Fit:
         """Effects fitted from the machine as given, with triggers that stand in no false minimum."""
@@ -249,7 +241,7 @@ class Search:
         effects = tuple(f if f.effect.key in known else with_prior_of_size(f) for f in fit.effects)
         odds = sum(log_odds_of(f, self.machine) for f in effects if f.effect.key not in known)
         sizes = Sizes(USUAL, USUAL, np.ones(len(self.plain.tests)))
-        return self._settled(Model(known, replace(fit, effects=effects), self.plain, self.plain, sizes, (), odds))
+        return self._settled(Model(known, replace(fit, effects=effects), self.plain, sizes, (), odds))
 
     def _retimed(self, model: Model) -> Model:
         """The model at better triggers, where it fits better there."""
@@ -302,8 +294,7 @@ class Search:
         chosen: Chosen = dict.fromkeys(hypotheses.present, 1.0)
         for _ in range(2):
             for g in list(chosen):
-                rest = {h: w for h, w in chosen.items() if h != g}
-                odds, width = hypotheses.linear.odds(rest)
+                odds, width = hypotheses.linear.odds(without(chosen, g))
                 chosen[g] = float(width[g]) if np.isfinite(odds[g]) else chosen[g]
         return chosen
 
@@ -373,13 +364,10 @@ class Search:
         _, linear, sizes = hypotheses.levels[level]
         effects, curves = hypotheses.model_of(chosen, linear)
         odds = sum(hypotheses.all[g].log_odds for g in chosen)
-        problem, base = self._problem(sizes, curves)
+        problem = self._problem(sizes, curves)
         fitter = self.fitter.with_problem(problem)
         fit = fitter.fit(effects, start=model.fit, exact=True, iterations=_STEPS, fresh=False)
-        trial = Model(model.expected, fit, problem, base, sizes, tuple(curves), odds)
-        tuned, evidence = self._tuned(trial)
-        problem, base = self._problem(tuned, curves)
-        trial = replace(trial, problem=problem, base=base, sizes=tuned, evidence=evidence)
+        trial = self._tuned(Model(model.expected, fit, problem, sizes, tuple(curves), odds))
         noise, before = self.plain.noise.rms, sizes
         for _ in range(_SETTLING):  # fitted at other sizes than it turned out to leave
             change = (trial.left + _SEEN * noise) / (before.left(noise) + _SEEN * noise)
@@ -403,7 +391,7 @@ class Search:
             if mine.name not in keys or mine.curve is not None:
                 continue
             self.progress(f"what could stand in the place of {mine.name}", 0, 1)
-            rest = {g: w for g, w in chosen.items() if g != h}
+            rest = without(chosen, h)
             for _, g, width in hypotheses.linear.rivals(chosen, h, _NEAR)[:_RIVALS]:
                 trial = self._fitted(model, hypotheses, {**rest, g: width})
                 out.setdefault(mine.name, []).append((hypotheses.all[g].id, trial))

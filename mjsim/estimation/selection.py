@@ -4,8 +4,6 @@ competing models.
 
 from __future__ import annotations
 
-import numpy as np
-
 from mjsim.estimation.candidate_groups import CandidateGroups
 from mjsim.estimation.candidate_models import CandidateModels
 from mjsim.estimation.criteria import (
@@ -90,13 +88,13 @@ class ModelSelection(CandidateModels):
                 if self._cleaned(fit):
                     return None
                 if max_effects is None and self._needs_many(fit, bank):
-                    return Selection(start, fit, [], bank, trail, self._first_gain, complete=False)
+                    return Selection(start, fit, [], bank, trail)
         fit = self.settled(self._prune(fit))
         found = []
         if fit.effects:
             fit, found = self._against_competing(fit, bank)
             fit = self.settled(fit)
-        return Selection(start, fit, found, bank, trail, self._first_gain, self._best_curve)
+        return Selection(start, fit, found, bank, trail)
 
     def _cleaned(self, fit: Fit) -> bool:
         """Leave out what happened once and what the effects of a model had hidden; whether there was such."""
@@ -245,12 +243,9 @@ class ModelSelection(CandidateModels):
             if c.effect.search.quasi_static and self.objective(trial) < self.objective(fit) + near:
                 trial = self.exact_refit(trial)
             too_small = [f for f in self._too_small(trial) if f.effect.key not in small]
-            loss, other = self.objective(trial) - self.objective(fit), c.id != mine.effect.id
-            if loss >= self.settings.indistinguishable:
-                if other and not too_small:
-                    found.rejected[c.id] = min(loss, found.rejected.get(c.id, np.inf))
-                continue
-            as_good.append((loss, c.effect, trial, too_small))
+            loss = self.objective(trial) - self.objective(fit)
+            if loss < self.settings.indistinguishable:
+                as_good.append((loss, c.effect, trial, too_small))
         better, least = None, -self.settings.better
         for loss, effect, trial in self._credible(as_good, mine.effect):
             if effect.id != mine.effect.id:
@@ -259,9 +254,6 @@ class ModelSelection(CandidateModels):
                 loss -= 2.0 * self.settings.better
             if loss < least:
                 better, least = trial, loss
-        nearest = next((r for r in rows if r[2].id != mine.effect.id), None)
-        if not (found.competing or found.rejected) and nearest is not None:
-            found.rejected[nearest[2].id] = gain - nearest[0]
         return found, better
 
     def _credible(self, rows: list[_Row], finding: Effect) -> list[tuple[float, Effect, Fit]]:

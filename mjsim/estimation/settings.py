@@ -124,8 +124,6 @@ class DiagnosisSettings:
             curves are tried as well (bank).
         cross_axis_penalty: By how much a generic curve that moves another axis must be better than one of the axis
             itself (bank).
-        notable_share: Share of what the named effects explain that a generic curve must explain for them to be doubted
-            (bank).
         testable_size: An effect is testable when three standard deviations of its size stay below so many typical sizes
             (assumed).
         few_effects: Effects after which a model that leaves something is given up: the machine is a little wrong
@@ -179,7 +177,6 @@ class DiagnosisSettings:
     overfit_gain: float = 1.15
     excess: float = 1.08
     cross_axis_penalty: float = 20.0
-    notable_share: float = 0.02
     testable_size: float = 10.0
     few_effects: int = 3
     many_needed: int = 10

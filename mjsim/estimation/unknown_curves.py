@@ -17,6 +17,7 @@ import numpy as np
 
 from mjsim.estimation.curve_terms import CurveTerm, CurveTerms
 from mjsim.estimation.curve_waves import radial_curves
+from mjsim.estimation.evidence import log_bayes_factors
 from mjsim.estimation.fit import Fit
 from mjsim.estimation.problem import Problem
 
@@ -133,25 +134,27 @@ def best_curves(problem: Problem, fit: Fit, plain: Problem, have: set[str]) -> l
         plain: The same tests whitened by the campaign's noise alone.
         have: Names of curves that the model has.
     """
-    whitening, rows = problem.whitening, problem.rows
     terms = CurveTerms(plain, fit)
+    out: dict[str, tuple[float, Curve]] = {}
 
     def judged(term: CurveTerm, root: np.ndarray) -> tuple[float, np.ndarray]:
         """Log evidence of a curve beside the model, averaged over widths; its plain columns."""
         columns = plain.whiten([c @ root for c in term.columns])
-        white = columns
-        if whitening is not None:
-            white = np.empty_like(columns)
-            for k, at in enumerate(rows):
-                white[at] = whitening.of_test(k, columns[at])
+        white = problem.whiten_further(columns)
         cross = fit.design.T @ white
         information = fit.linear.left_over(white.T @ white, cross)
         score = white.T @ fit.residual - cross.T @ fit.step
         values, vectors = np.linalg.eigh(information)
         values, square = np.maximum(values, 0.0), (vectors.T @ score) ** 2
-        prior = WIDTHS[:, None] ** -2.0
-        gain = 0.5 * (square / (values + prior) - np.log1p(values / prior)).sum(axis=1)
+        gain = log_bayes_factors(values, square, WIDTHS**-2.0)
         return float(np.logaddexp.reduce(gain)) - math.log(len(WIDTHS)), columns
+
+    def compete(term: CurveTerm, prior: str, root: np.ndarray, odds: float) -> None:
+        """Keep a curve where it is the best of its name."""
+        evidence, columns = judged(term, root)
+        curve = Curve(term, prior, root, columns, odds)
+        if evidence + odds > out.get(curve.name, (0.0,))[0] and curve.name not in have:
+            out[curve.name] = evidence + odds, curve
 
     rough: list[tuple[float, CurveTerm]] = []
     tried: dict[str, int] = {}
@@ -164,22 +167,14 @@ def best_curves(problem: Problem, fit: Fit, plain: Problem, have: set[str]) -> l
         kept = values > 10.0 * _SMALL * values[-1]
         rough.append((judged(term, vectors[:, kept] * np.sqrt(values[kept]))[0], term))
     rough.sort(key=lambda row: -row[0])
-    out: dict[str, tuple[float, Curve]] = {}
     for place, (_, coarse) in enumerate(rough[:_MOST]):
         odds = _LOG_ODDS - math.log(3 * tried[coarse.axis])
         finer = [t for n in FINER for t in terms.finer(coarse, n)] if place < _REFINED else []
         for term in (coarse, *(t for t in finer if len(t.knots) <= LONGEST)):
             for name, root in (*priors_of(term), ("steps", steps_of(term))):
-                evidence, columns = judged(term, root)
-                curve = Curve(term, name, root, columns, odds)
-                if evidence + odds > out.get(curve.name, (0.0,))[0] and curve.name not in have:
-                    out[curve.name] = evidence + odds, curve
+                compete(term, name, root, odds)
     for axis in (a for a in plain.chain.rotary if a in tried):
         odds = _LOG_ODDS - math.log(3 * tried[axis])
         for term, stretch in itertools.product(terms.fine(axis), _STRETCHES):
-            root = teeth_of(term, fit.base.drives[axis].gear, stretch)
-            evidence, columns = judged(term, root)
-            curve = Curve(term, "teeth", root, columns, odds)
-            if evidence + odds > out.get(curve.name, (0.0,))[0] and curve.name not in have:
-                out[curve.name] = evidence + odds, curve
+            compete(term, "teeth", teeth_of(term, fit.base.drives[axis].gear, stretch), odds)
     return [curve for _, curve in sorted(out.values(), key=lambda row: -row[0])]

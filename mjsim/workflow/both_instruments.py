@@ -13,6 +13,7 @@ from dataclasses import replace
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.axis_logs.shared import MOTOR_SIDE
 from mjsim.estimation.competing import CompetingModel
+from mjsim.estimation.outcome import verdict_of
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.measurement import BallBarTest
@@ -91,10 +92,8 @@ def _result(
     progress("simulating the machine that both instruments support", 0, 1)
     after = compare_bars(campaign, final, threads, progress) if final != bar.machine else bar.after
     before = compare_logs(campaign, given.before.machine, threads, progress)
-    if found:
-        verdict = "ambiguous" if any(e.alternatives or e.contradicted for e in found) else "identified"
-    else:
-        verdict = "unknown" if bar.unexplained or logs.rest else "nothing_found"
+    has_rest = bool(bar.unexplained or logs.rest)
+    verdict = verdict_of((bool(e.alternatives) or e.contradicted for e in found), has_rest)
     seen = {f"{kind}.{a}" for a in judged.axes for kind in MOTOR_SIDE if exists(f"{kind}.{a}", final)}
     named = {e.effect.id for e in found} | {a for e in found for a in e.alternatives}
     posterior = judged.model.posterior if judged.model is not None else bar.posterior

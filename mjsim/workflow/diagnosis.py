@@ -11,6 +11,7 @@ import numpy as np
 
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.combinations import Combination
+from mjsim.estimation.outcome import verdict_of
 from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.estimation.shares import Calibration
@@ -92,7 +93,7 @@ class Diagnosis:
         found = tuple(e for e in self.effects if e.found_by == BallBarTest.instrument)
         if found == self.effects:
             return self
-        verdict = self.verdict if found else "unknown" if self.unexplained else "nothing_found"
+        verdict = self.verdict if found else verdict_of((), self.unexplained is not None)
         return replace(self, effects=found, verdict=verdict)
 
     @property

@@ -19,6 +19,7 @@ from mjsim.estimation.axis_logs.selection import AxisSearch
 from mjsim.estimation.axis_logs.separability import inseparable
 from mjsim.estimation.axis_logs.together import known_together
 from mjsim.estimation.axis_logs.unexplained import unexplained_rest
+from mjsim.estimation.outcome import verdict_of
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
 from mjsim.machine.model import Machine
@@ -96,13 +97,9 @@ def log_diagnosis(
         for a, s in selections.items()
         if (r := unexplained_rest(fitters[a], s.fit, machine.drives[a].gear, settings)) is not None
     ]
-    if effects:
-        verdict = "ambiguous" if any(e.is_open for e in effects) else "identified"
-    else:
-        verdict = "unknown" if rest else "nothing_found"
     return LogDiagnosis(
         campaign,
-        verdict,
+        verdict_of((e.is_open for e in effects), bool(rest)),
         tuple(effects),
         tuple(n for a, s in selections.items() for n in sheet_of(machine, a, s)),
         tuple(i for s in selections.values() for i in inseparable(s.fit)),

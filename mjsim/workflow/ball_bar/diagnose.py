@@ -151,7 +151,7 @@ def _found(problem: Problem, selection: Selection) -> list[tuple[float, Diagnose
         free = selection.fit.effects[at]
         ci = free.interval(free.vector, selection.fit.covariance_of(free))
         where = clear_tests(problem, selection.fit, f.key)
-        found = DiagnosedEffect(free.effect, free.names, ci, 0.0, 0.0, f.alternatives, where, f.gain, f.rejected)
+        found = DiagnosedEffect(free.effect, free.names, ci, 0.0, 0.0, f.alternatives, where, f.gain)
         found = replace(found, probability=f.probability, others=f.others)
         models = [CompetingModel.of(i, fit) for i, fit in ((f.key, selection.fit), *f.competing.items())]
         out.append((f.gain, replace(found, models=tuple(models))))
