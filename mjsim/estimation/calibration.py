@@ -45,18 +45,19 @@ class Calibrated:
         """Key of the effect."""
         return self.free.effect.key
 
-    def at(self, fitted: EffectVector) -> EffectVector:
-        """The effect as it was fitted, with the tolerance as prior again, which further waves of it have as well."""
-        if fitted.names != ("components",):
-            return fitted.with_prior(self.mean, self.deviation)
-        expected = self.free.effect.values["components"]
-        rows = list(fitted.effect.values["components"])
-        orders = {round(row[0]) for row in rows}
-        rows += [row for row in expected if round(row[0]) not in orders]
-        mean = dict(zip((round(row[0]) for row in expected), self.mean.reshape(-1, 2), strict=True))
-        whole = EffectVector(fitted.effect.replaced(components=rows), fitted.names)
-        centre = np.concatenate([mean.get(round(row[0]), np.zeros(2)) for row in rows])
-        return whole.with_prior(centre, np.full(len(centre), self.deviation.max()))
+    def prior_of(self, f: EffectVector) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Prior means and deviations of a fitted effect's entries, (n,) each, and which of them the tolerance is about:
+        waves of other orders are causes of their own.
+        """
+        if f.names != ("components",) or len(self.mean) == len(f.vector):
+            return self.mean, self.deviation, np.ones(len(f.vector), bool)
+        orders = [round(row[0]) for row in self.free.effect.values["components"]]
+        means = dict(zip(orders, self.mean.reshape(-1, 2), strict=True))
+        mine = [round(row[0]) for row in f.effect.values["components"]]
+        mean = np.concatenate([means.get(n, np.zeros(2)) for n in mine])
+        own = np.repeat([n in means for n in mine], 2)
+        deviation = np.where(own, self.deviation.max(), f.prior[1] if f.prior is not None else 1.0)
+        return mean, deviation, own
 
 
 def calibrated_effects(machine: Machine) -> list[Calibrated]:

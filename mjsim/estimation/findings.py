@@ -24,7 +24,7 @@ from mjsim.estimation.curve_shape import simplest_shape
 from mjsim.estimation.curve_terms import CurveTerm, CurveTerms
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit, Fitter
-from mjsim.estimation.hypotheses import entries_of, expected_prior, log_odds_of
+from mjsim.estimation.hypotheses import entries_of, log_odds_of
 from mjsim.estimation.outcome import Found as FoundEffect
 from mjsim.estimation.outcome import Selection, verdict_of
 from mjsim.estimation.problem import Problem
@@ -212,15 +212,18 @@ class _Reader:
             best = max(best, odds + log_odds_of(f, fit.base) / len(groups))
         return 1.0 / (1.0 + math.exp(-min(best, 700.0)))
 
+    def _class_of(self, f: EffectVector) -> tuple[np.ndarray, np.ndarray]:
+        """What a machine of the class has of an effect, and how far it may be from that, (n,) typical sizes each."""
+        expected = self.expected.get(f.effect.key)
+        if expected is None:
+            return f.off, np.ones(len(f.vector)) if self.expected else np.zeros(len(f.vector))
+        mean, deviation, own = expected.prior_of(f)
+        return mean, np.where(own, LIMIT_DEVIATIONS * deviation, 1.0)
+
     def _beyond(self, fit: Fit, f: EffectVector) -> float:
         """Probability that an effect is larger than its class allows: of the number that lies farthest."""
         covariance = fit.covariance_of(f)
-        expected = self.expected.get(f.effect.key)
-        if expected is not None:
-            mean, deviation, own = expected_prior(expected, f)
-            limit = np.where(own, LIMIT_DEVIATIONS * deviation, 1.0)
-        else:
-            mean, limit = f.off, np.ones(len(f.vector)) if self.expected else np.zeros(len(f.vector))
+        mean, limit = self._class_of(f)
         best = 0.0
         for _, entries in entries_of(f):
             off, c = (f.vector - mean)[entries], covariance[np.ix_(entries, entries)]
@@ -238,11 +241,7 @@ class _Reader:
         """Size of an effect over that of its class; zero where its class has none at all."""
         if not self.expected:
             return 0.0
-        expected = self.expected.get(f.effect.key)
-        if expected is None:
-            return float(np.max([np.linalg.norm((f.vector - f.off)[at]) for _, at in entries_of(f)]))
-        mean, deviation, own = expected_prior(expected, f)
-        limit = np.where(own, LIMIT_DEVIATIONS * deviation, 1.0)
+        mean, limit = self._class_of(f)
         return float(np.max([np.linalg.norm(((f.vector - mean) / limit)[at]) for _, at in entries_of(f)]))
 
     def _in_class(self, f: EffectVector) -> Calibrated:

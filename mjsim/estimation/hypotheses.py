@@ -138,21 +138,6 @@ def entries_of(f: EffectVector) -> list[tuple[int | None, np.ndarray]]:
     return [(None, np.array(f.linear if f.linear else range(len(f.vector))))]
 
 
-def expected_prior(expected: Calibrated, f: EffectVector) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Prior means and deviations of an expected effect's entries, and which of them the tolerance is about: waves of
-    other orders are causes of their own.
-    """
-    if f.names != ("components",) or len(expected.mean) == len(f.vector):
-        return expected.mean, expected.deviation, np.ones(len(f.vector), bool)
-    orders = [round(row[0]) for row in expected.free.effect.values["components"]]
-    means = dict(zip(orders, expected.mean.reshape(-1, 2), strict=True))
-    mine = [round(row[0]) for row in f.effect.values["components"]]
-    mean = np.concatenate([means.get(n, np.zeros(2)) for n in mine])
-    own = np.repeat([n in means for n in mine], 2)
-    deviation = np.where(own, expected.deviation.max(), f.prior[1] if f.prior is not None else 1.0)
-    return mean, deviation, own
-
-
 class Hypotheses:
     """All hypotheses beside one fitted model, in one linear problem.
 
@@ -233,7 +218,7 @@ class Hypotheses:
                     odds = CAUSE - math.log(ORDERS if wave is not None else count.get(f.effect.key, 1))
                     inside.append((Hypothesis(f.effect.key, odds, WIDTHS, f, wave, entries, present=True), at[entries]))
                 continue
-            mean, deviation, own = expected_prior(mine, f)
+            mean, deviation, own = mine.prior_of(f)
             released.append(f.with_prior(mean, deviation))
             for wave, entries in entries_of(f):
                 if not own[entries].all():
@@ -360,7 +345,7 @@ class Hypotheses:
     ) -> EffectVector:
         """An effect of the model with the waves that stay, and the priors that the chosen hypotheses give it."""
         if expected is not None:
-            mean, deviation, own = expected_prior(expected, f)
+            mean, deviation, own = expected.prior_of(f)
         else:
             mean, deviation = f.prior if f.prior is not None else (f.off, np.ones(len(f.vector)))
             own = np.zeros(len(f.vector), bool)
