@@ -24,6 +24,7 @@ from mjsim.estimation.findings import explain
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.problem import Problem
+from mjsim.estimation.search import Search
 from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.estimation.spectrum import sides_of, spectral_candidates, wave
 from mjsim.estimation.vibration import Separated
@@ -60,6 +61,20 @@ def test_what_lies_beyond_its_tolerance_is_the_finding(real):
     free = next(f for f in fit.effects if f.effect.key == "backlash.A")
     low, high = free.interval(free.vector, fit.covariance_of(free))["width_deg"]
     assert low < 0.0024 < high
+
+
+def test_what_is_beyond_its_tolerance_is_proposed_before_all_else(real):
+    """Beside the machine of its class, whose play is held by its prior, the linear problem asks for more play."""
+    _, problem, machine, _ = real
+    search = Search(Fitter(problem, machine))
+    model = search._class_of(calibrated_effects(machine))
+    hypotheses = search._hypotheses(model, curves=False)
+    odds, _ = hypotheses.linear.odds({})
+    best = hypotheses.all[int(np.argmax(odds))]
+    assert best.name == "backlash.A" and best.beyond is not None
+    # and of no effect does it ask for more where the data hold it inside
+    excess = {h.name: o for h, o in zip(hypotheses.all, odds, strict=True) if h.beyond is not None}
+    assert len(excess) > 25 and sum(o > 0.0 for o in excess.values()) <= 2
 
 
 def test_sums_are_determined_where_their_numbers_are_not(real):

@@ -168,7 +168,8 @@ class Hypotheses:
         count: dict[str, int] = {}
         for c in bank.candidates:
             count[c.effect.key] = count.get(c.effect.key, 0) + 1
-        inside, released, rows = self._of_model(count)
+        inside, released, beyond = self._of_model(count)
+        rows = [(h, width + at) for h, at in beyond]  # columns of the model stand behind those of the catalogue
         self.released = replace(fit, effects=tuple(released))
         have = {f.effect.key: f.effect for f in fit.effects}
         for c, at in zip(bank.candidates, bank.slices, strict=True):
