@@ -18,7 +18,7 @@ from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.model import Machine, build
-from mjsim.progress import Progress, silent
+from mjsim.progress import Progress, counted, silent
 from mjsim.simulation.drive import STEP
 from mjsim.simulation.multibody import Simulation, simulate
 from mjsim.threads import one_blas_thread
@@ -146,14 +146,9 @@ def tell(
 def _compared(campaign: Campaign, machine: Machine, test: BallBarTest, threads: int, progress: Progress):
     """All measured tests count, so that the nuisances, and the residual, are those of ``mjsim compare``."""
     problem = checked_problem(campaign, build(machine), threads)
-    count = [0]
-
-    def done(_) -> None:
-        count[0] += 1
-        progress("simulating", count[0], len(problem.tests))
-
     progress("simulating", 0, len(problem.tests))
     whole, begin = phased_at(problem, machine)
+    done = counted(progress, "simulating", len(problem.tests))
     simulations = simulate(whole, problem.tests, threads, done)
     k = [t.name for t in problem.tests].index(test.name)
     t = overlay(problem, machine, simulations, begin).tests[k]

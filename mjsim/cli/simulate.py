@@ -41,6 +41,7 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
     from mjsim.io.files import check_writable, together
     from mjsim.plots.output import polar_of_simulation, simulation_csv, simulation_summary
     from mjsim.plots.save import encode
+    from mjsim.progress import counted
     from mjsim.simulation.multibody import simulate
 
     c = read_campaign(campaign, traces=False).of("ball_bar")
@@ -54,14 +55,8 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
     for file in targets:
         check_writable(file, force)
     with common.progress_bar(quiet) as progress:
-        count = [0]
-
-        def done(_) -> None:
-            count[0] += 1
-            progress("simulating", count[0], len(tests))
-
         progress("simulating", 0, len(tests))
-        results = simulate(m, tests, common.cores(threads), done)
+        results = simulate(m, tests, common.cores(threads), counted(progress, "simulating", len(tests)))
         with together(force) as write:
             for i, s in enumerate(results):
                 progress("writing", i, len(results))

@@ -19,7 +19,7 @@ from mjsim.errors import InputError
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.io.files import write_all
 from mjsim.machine.model import Machine
-from mjsim.progress import Progress, silent
+from mjsim.progress import Progress, counted, silent
 from mjsim.threads import one_blas_thread
 from mjsim.workflow.diagnose import diagnose
 from mjsim.workflow.saved import SavedDiagnosis, keep, read_saved
@@ -81,12 +81,7 @@ def compensate(
         left += more
     corrections = replace(corrections, left=tuple(dict.fromkeys([*left, *corrections.left])))
     result = Compensation(campaign, who, saved, tuple(worth), corrections, Forecast(()), {})
-    count = [0]
-
-    def done() -> None:
-        count[0] += 1
-        progress("simulating the corrected machine", count[0], len(tests))
-
+    done = counted(progress, "simulating the corrected machine", len(tests))
     sound = saved.machine
     for w in worth:
         if w.effect.key in result.corrected:

@@ -22,7 +22,7 @@ from mjsim.estimation.outcome import Found, Selection
 from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.estimation.visibility import clear_tests
 from mjsim.machine.effect import Effect
-from mjsim.progress import Progress, silent
+from mjsim.progress import Progress, counted, silent
 
 #: How often a competing model may take an effect's place.
 _SWAPS = 3
@@ -66,13 +66,7 @@ class ModelSelection(CandidateModels):
         start = self.start()
         bank = SignatureBank(self.problem, start)
         candidates = seeds(self.fitter.machine)
-        count = [0]
-
-        def tick() -> None:
-            count[0] += 1
-            self.progress("signatures", count[0], len(candidates))
-
-        bank.compute(candidates, tick)
+        bank.compute(candidates, counted(self.progress, "signatures", len(candidates)))
         fit, trail = start, []
         while True:
             better = self._best_extension(fit, bank, trail, len(fit.effects) < most)

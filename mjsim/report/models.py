@@ -17,7 +17,7 @@ from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.kinematics import reading
 from mjsim.machine.model import Machine, build
-from mjsim.progress import Progress, silent
+from mjsim.progress import Progress, counted, silent
 from mjsim.simulation.axes import time_grid
 from mjsim.simulation.multibody import Reading, Simulation
 from mjsim.simulation.readings import readings_of
@@ -64,13 +64,7 @@ def rigid(test: BallBarTest) -> Simulation:
 
 def run(problem: Problem, machine: Machine, stage: str, threads: int = 2, progress: Progress = silent) -> list[Reading]:
     """All tests in the multibody model, with progress."""
-    count = [0]
-
-    def done(_: BallBarTest) -> None:
-        count[0] += 1
-        progress(stage, count[0], len(problem.tests))
-
-    return readings_of(machine, problem.tests, threads, done)
+    return readings_of(machine, problem.tests, threads, counted(progress, stage, len(problem.tests)))
 
 
 def basis(problem: Problem, given: BarComparison, threads: int = 2, progress: Progress = silent) -> list[Model]:

@@ -24,8 +24,9 @@ from mjsim.threads import one_blas_thread
 from mjsim.workflow.checked import CheckedPart
 from mjsim.workflow.comparison import ComparedChannel, ComparedPart, ComparedTest, significant
 
+#: Header and cells of a table.
 Rows = list[list[str]]
-#: File of the figures.
+#: File of the figures of the first instrument; those of others have the instrument's name as well.
 FIGURES = "figures.csv"
 
 

@@ -31,9 +31,6 @@ from mjsim.workflow.ball_bar.diagnose import diagnose_bars
 from mjsim.workflow.diagnosis import Diagnosis
 from mjsim.workflow.finding import BOTH, DiagnosedEffect
 
-#: Most causes on each axis that the logs may add.
-_MOST = 8
-
 
 @one_blas_thread
 def diagnose_jointly(
@@ -61,9 +58,7 @@ def diagnose_jointly(
     given = diagnose_bars(bars, machine, max_effects, threads, progress, settings)
     judge = Judge(recorded, machine, threads, settings)
     judged = judge.of(given, {})
-    logs = diagnose_logs(
-        recorded, judged.machine, max_effects or _MOST, threads, progress, settings, judged.shared(judge.axes)
-    )
+    logs = diagnose_logs(recorded, judged.machine, max_effects, threads, progress, settings, judged.shared(judge.axes))
     bar = given
     if logs.effects:  # with what the logs have found, the ball bar is looked at again
         known = machine

@@ -40,8 +40,8 @@ class CalibratedMachine:
         machine: With the calibrated effects and the calibrated data sheet.
         calibration: One entry for each effect with a tolerance.
         shares: Share of each kind in the explained squared error.
-        before: BarComparison of the machine as given.
-        after: BarComparison of the calibrated machine.
+        before: Comparison of the machine as given.
+        after: Comparison of the calibrated machine.
         combinations: Sums of calibrated numbers that the tests determine although they leave the numbers open.
         sheet: Numbers of the data sheet that axis logs have calibrated.
     """

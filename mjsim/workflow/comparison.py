@@ -181,6 +181,6 @@ def joined(campaign: Campaign, parts: dict[str, dict]) -> dict:
     return {k: planned if k == "not_measured" else v for k, v in parts[first].items()} | rest
 
 
-def significant(x: float, digits: int = 6) -> float:
-    """A number with so many digits."""
-    return float(f"{float(x):.{digits}g}")
+def significant(x: float) -> float:
+    """A number with six digits."""
+    return float(f"{float(x):.6g}")

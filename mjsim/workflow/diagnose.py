@@ -16,8 +16,6 @@ from mjsim.workflow.diagnosis import Diagnosis
 
 #: Instruments whose recordings a diagnosis explains.
 DIAGNOSABLE = (BallBarTest.instrument, LogTest.instrument)
-#: Most causes that are looked for on each axis of a campaign of axis logs, where the user does not say.
-_MOST = 8
 
 
 def diagnose(
@@ -51,7 +49,7 @@ def diagnose(
     if len(have) == 2:
         return diagnose_jointly(campaign, machine, max_effects, threads, progress, settings)
     if LogTest.instrument in have:
-        logs = diagnose_logs(campaign, machine, max_effects or _MOST, threads, progress, settings)
+        logs = diagnose_logs(campaign, machine, max_effects, threads, progress, settings)
         return Diagnosis(
             campaign,
             logs.verdict,

@@ -46,8 +46,8 @@ class Diagnosis:
         unexplained: Something repeatable that no effect of the catalogue explains.
         not_testable: Ids that the tests could not show.
         machine: With the effects and the calibrated data sheet in it.
-        before: BarComparison of the machine as given.
-        after: BarComparison of the fitted machine.
+        before: Comparison of the machine as given.
+        after: Comparison of the fitted machine.
         rungs: The ladder between them, one effect more each. The last has the calibrated data sheet as well. From the
             third effect on they share the last rung. Where effects were calibrated, the first has all of these.
         next_test: The test that separates what is ambiguous, as in the JSON.
@@ -127,6 +127,7 @@ class Diagnosis:
         return out | {INSTRUMENTS[LogTest.instrument].beside: {k: logs[k] for k in keys}}
 
     def _bars_json(self) -> dict:
+        tests = [t.to_json() for t in self.before.tests]
         return {
             "verdict": self.verdict,
             "probabilities": self.probabilities,
@@ -137,7 +138,7 @@ class Diagnosis:
             "effects": [e.to_json(self.machine) for e in self.effects],
             "unexplained": self.unexplained.to_json() if self.unexplained else None,
             "not_testable": list(self.not_testable),
-            "samples": sum(row["samples"] for row in self.before.to_json()["tests"]),
+            "samples": sum(row["samples"] for row in tests),
             "left_out": [
                 {
                     "test": row["name"],
@@ -146,7 +147,7 @@ class Diagnosis:
                     "of": row["samples"],
                     "saturated": row["samples_saturated"],
                 }
-                for row in self.before.to_json()["tests"]
+                for row in tests
                 if row["samples_left_out"]
             ],
             "next_test": self.next_test,

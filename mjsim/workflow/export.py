@@ -12,13 +12,11 @@ from mjsim.instruments.base import INSTRUMENTS
 from mjsim.io.files import check_writable, write_all
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
-from mjsim.workflow.any_instrument import plain_tables
+from mjsim.workflow.any_instrument import FIGURES, Rows, plain_tables
 from mjsim.workflow.axis_log.tables import tables_of_logs
 from mjsim.workflow.ball_bar.tables import tables_of_bars
 from mjsim.workflow.compare import compare
 
-#: File of the figures of the first instrument; those of others have the instrument's name as well.
-FIGURES = "figures.csv"
 #: What is written of an instrument, where it is more than of any instrument.
 _TABLES = {BallBarTest.instrument: tables_of_bars, LogTest.instrument: tables_of_logs}
 
@@ -67,7 +65,7 @@ def export(
     return [Path(out) / file for file in contents]
 
 
-def as_csv(rows: list[list[str]], decimal_comma: bool) -> str:
+def as_csv(rows: Rows, decimal_comma: bool) -> str:
     """Rows as the text of a CSV file.
 
     Args:

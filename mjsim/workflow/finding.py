@@ -13,6 +13,7 @@ from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.units import DEG, UM
+from mjsim.workflow.comparison import significant
 
 #: By whom a cause is decided that both instruments support.
 BOTH = "both"
@@ -148,4 +149,4 @@ def rounded(v):
     """Numbers, and lists of them, with six digits; a text as it is."""
     if isinstance(v, (list, tuple)):
         return [rounded(x) for x in v]
-    return float(f"{float(v):.6g}") if isinstance(v, (int, float)) else v
+    return significant(v) if isinstance(v, (int, float)) else v

@@ -13,6 +13,7 @@ from mjsim.instruments.axis_log.measurement import AxisRecord, Circle, LogTest, 
 from mjsim.instruments.axis_log.signals import without_holds
 from mjsim.instruments.schema import Length, Table, Text, printable
 from mjsim.io.inputs import check_rows, read_bytes, shown
+from mjsim.io.times import check_growing
 from mjsim.machine.chain import Chain
 from mjsim.units import DEG, MM
 
@@ -202,14 +203,8 @@ def check_clock(path: Path, time: np.ndarray) -> None:
     Raises:
         InputError: names the line.
     """
+    check_growing(path, time, lambda i: i + 2)
     steps = np.diff(time)
-    back = np.flatnonzero(steps <= 0)
-    if len(back):
-        i = int(back[0])
-        raise InputError(
-            f"{path}, line {i + 3}: time_s = {time[i + 1]:g} after {time[i]:g}; allowed: times that grow from line "
-            f"to line"
-        )
     usual = float(np.median(steps))
     if steps.max() > GAP * usual:
         i = int(np.argmax(steps))

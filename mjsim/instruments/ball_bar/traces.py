@@ -10,6 +10,7 @@ import numpy as np
 from mjsim.errors import InputError
 from mjsim.instruments.ball_bar.measurement import BallBarData, Trace
 from mjsim.io.inputs import check_rows, read_bytes, shown
+from mjsim.io.times import check_growing
 from mjsim.units import UM
 
 _HEADER = ["time_s", "deviation_um"]
@@ -79,15 +80,8 @@ def _columns(path: Path, lines: list[str]) -> tuple[np.ndarray, np.ndarray]:
         raise InputError(
             f"{path}, line {line(int(np.argmax(np.abs(time))))}: time_s = {np.abs(time).max():g}; allowed: seconds"
         )
-    steps = np.diff(time)
-    back = np.flatnonzero(steps <= 0)
-    if len(back):
-        i = int(back[0])
-        raise InputError(
-            f"{path}, line {line(i + 1)}: time_s = {time[i + 1]:g} after {time[i]:g}; allowed: times that grow "
-            f"from line to line"
-        )
-    usual = float(np.median(steps))
+    check_growing(path, time, line)
+    usual = float(np.median(np.diff(time)))
     if time[-1] - time[0] > _UNEVEN * usual * len(time):
         raise InputError(
             f"{path}: {len(time)} samples in {time[-1] - time[0]:.4g} s, though every other one follows within "

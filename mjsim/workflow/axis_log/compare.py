@@ -16,13 +16,13 @@ from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter
 from mjsim.estimation.axis_logs.start import MOST_SHIFT
 from mjsim.instruments.axis_log.circle import circle_part, radial_deviation
 from mjsim.instruments.axis_log.measurement import LogTest, Recording, recorded_axes
-from mjsim.instruments.axis_log.mistakes import log_mistakes
 from mjsim.instruments.base import INSTRUMENTS, Channel
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
 from mjsim.simulation.stability import check_loop
 from mjsim.threads import one_blas_thread
 from mjsim.units import DEG, MM, UM
+from mjsim.workflow.any_instrument import refuse_mistakes
 from mjsim.workflow.comparison import ComparedChannel, ComparedPart, ComparedTest, significant
 
 
@@ -227,9 +227,7 @@ def checked_logs(campaign: Campaign, machine: Machine) -> Campaign:
     logs = campaign.of(LogTest.instrument)
     if not logs.measured:
         raise InputError(f"{campaign.folder / 'campaign.toml'}: no log has a trace; comparing needs at least one")
-    found = [] if logs.as_is else log_mistakes(logs.measured, logs.traces, logs.instrument.rate)
-    if found:
-        raise InputError(f"{campaign.folder / 'campaign.toml'}: {found[0].sentence}, or say --as-is")
+    refuse_mistakes(logs)
     check_controllers(logs, machine)
     refuse_unstable(logs, machine)
     return logs

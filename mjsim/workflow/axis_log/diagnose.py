@@ -32,13 +32,15 @@ from mjsim.workflow.finding import DiagnosedEffect
 
 #: Effects behind the motor's encoder, which a log without an encoder at the load cannot show.
 _BEHIND = ("backlash", "pitch_error", "scale_error", "worm_wear", "thermal_drift", "drive_compliance")
+#: Most causes that are looked for on each axis where the user does not say.
+_MOST = 8
 
 
 @one_blas_thread
 def diagnose_logs(
     campaign: Campaign,
     machine: Machine,
-    max_effects: int = 8,
+    max_effects: int | None = None,
     threads: int = 2,
     progress: Progress = silent,
     settings: DiagnosisSettings = DIAGNOSIS,
@@ -51,7 +53,7 @@ def diagnose_logs(
     Args:
         campaign: With at least one recording.
         machine: As given.
-        max_effects: At most so many causes on each axis.
+        max_effects: At most so many causes on each axis; without it eight.
         threads: Simulations side by side.
         progress: Called as work gets on.
         settings: What decides.
@@ -68,7 +70,9 @@ def diagnose_logs(
         for axis in recorded_axes(campaign.measured)
     }
     with ThreadPoolExecutor(max(1, min(threads, len(searches)))) as pool:
-        selections = dict(zip(searches, pool.map(lambda s: s.run(max_effects), searches.values()), strict=True))
+        selections = dict(
+            zip(searches, pool.map(lambda s: s.run(max_effects or _MOST), searches.values()), strict=True)
+        )
     return log_diagnosis(campaign, machine, {a: s.fitter for a, s in searches.items()}, selections, settings)
 
 

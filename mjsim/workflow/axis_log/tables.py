@@ -6,11 +6,8 @@ from collections.abc import Collection
 
 import numpy as np
 
+from mjsim.workflow.any_instrument import FIGURES, Rows
 from mjsim.workflow.axis_log.compare import ComparedAxis, LogComparison
-
-Rows = list[list[str]]
-#: File of the figures.
-FIGURES = "figures.csv"
 
 
 def tables_of_logs(result: LogComparison, names: Collection[str]) -> dict[str, Rows]:
@@ -26,7 +23,7 @@ def tables_of_logs(result: LogComparison, names: Collection[str]) -> dict[str, R
     return out | {FIGURES: [head, *(figure_row(t.test.name, a) for t in chosen for a in t.channels)]}
 
 
-def log_rows(a: ComparedAxis) -> list[list[str]]:
+def log_rows(a: ComparedAxis) -> Rows:
     """Header and samples: time, command, measured and simulated position, their difference, speed and torque."""
     place, unit = a.travel.size, a.travel.suffix
     fine, small = a.channel.size, a.channel.suffix

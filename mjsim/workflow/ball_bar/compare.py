@@ -28,7 +28,7 @@ from mjsim.instruments.ball_bar.program import Program
 from mjsim.instruments.ball_bar.speed import range_warning, speed_warnings
 from mjsim.instruments.base import Channel
 from mjsim.machine.model import Machine, build
-from mjsim.progress import Progress, silent
+from mjsim.progress import Progress, counted, silent
 from mjsim.simulation.drive import STEP
 from mjsim.simulation.multibody import Reading, Simulation
 from mjsim.simulation.readings import readings_of
@@ -125,7 +125,7 @@ class BarComparison(ComparedPart):
             "rms_um": _r(self.rms / UM),
             "max_um": _r(self.maximum / UM),
             "warnings": self.warnings,
-            "not_measured": [t.name for t in self.campaign.tests if t.name not in self.campaign.traces],
+            "not_measured": [t.name for t in self.campaign.planned],
             "tests": [t.to_json() for t in self.tests],
             "setups": {
                 k: {"table_ball_um": [_r(x / UM, 2) for x in v[:3]], "spindle_ball_um": [_r(x / UM, 2) for x in v[3:]]}
@@ -178,12 +178,7 @@ def compare_bars(
     with_phases, begin = phased_at(problem, machine)
     if begin is not None:
         plant, problem = build(with_phases), at_own_noise(problem, with_phases, begin)
-    count = [0]
-
-    def done(test: BallBarTest) -> None:
-        count[0] += 1
-        progress("simulating", count[0], len(problem.tests))
-
+    done = counted(progress, "simulating", len(problem.tests))
     return overlay(problem, with_phases, readings_of(plant, problem.tests, threads, done), begin)
 
 

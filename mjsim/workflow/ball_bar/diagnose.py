@@ -23,7 +23,7 @@ from mjsim.estimation.visibility import clear_tests
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.io.cache import remembered
 from mjsim.machine.model import Machine, build
-from mjsim.progress import Progress, silent
+from mjsim.progress import Progress, counted, silent
 from mjsim.simulation.readings import readings_of
 from mjsim.threads import one_blas_thread
 from mjsim.workflow.ball_bar.compare import BarComparison, overlay
@@ -89,12 +89,7 @@ def _diagnose(
     problem = data.restored()
 
     def simulated(m: Machine, stage: str, begin: np.ndarray | None = None) -> BarComparison:
-        count = [0]
-
-        def done(_: BallBarTest) -> None:
-            count[0] += 1
-            progress(stage, count[0], len(problem.tests))
-
+        done = counted(progress, stage, len(problem.tests))
         return overlay(problem, m, readings_of(m, problem.tests, threads, done), begin)
 
     given, begin = phased_at(problem, machine)

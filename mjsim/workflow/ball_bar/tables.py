@@ -12,10 +12,11 @@ from mjsim.instruments.ball_bar.iso230 import circular_figures
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import Trace
 from mjsim.units import DEG, MM, UM
+from mjsim.workflow.any_instrument import FIGURES, Rows
 from mjsim.workflow.ball_bar.compare import BarComparison, ComparedBarTest
 
-Rows = list[list[str]]
-FIGURES, PAIRS = "figures.csv", "figures-both-directions.csv"
+#: File of the figures of paths that were run both ways.
+PAIRS = "figures-both-directions.csv"
 _ISO = {"circular_error_um": "G_um", "radial_max_um": "Fmax_um", "radial_min_um": "Fmin_um"}
 
 
