@@ -56,3 +56,10 @@ def unit_of(name: str) -> tuple[float, str]:
 
 #: What the unit of a current is called; no axis.
 AMPERE = "A"
+
+
+def percent(p: float) -> str:
+    """A probability as an engineer reads it."""
+    if p > 0.9995:
+        return "over 99.9 %"
+    return f"{100.0 * p:.1f} %" if p > 0.99 else f"{100.0 * p:.0f} %" if p >= 0.01 else "below 1 %"

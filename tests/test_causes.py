@@ -192,3 +192,11 @@ def test_many_findings_are_a_table(capsys):
     assert text.count("→") == 4  # in full
     assert "order 120: 0.003 and 1 more" in text and "0.0029 to 0.0031" in text and "2.0 %" in text
     assert all(len(line) <= 80 for line in text.splitlines())
+
+
+def test_the_remedy_fits_the_axis():
+    from mjsim.cli.diagnose import remedy_text
+
+    assert "worm" in remedy_text("backlash.C") and "nut" not in remedy_text("backlash.C")
+    assert "nut" in remedy_text("backlash.X") and "worm" not in remedy_text("backlash.X")
+    assert "no remedy" in remedy_text("my_own_effect.C")

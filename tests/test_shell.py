@@ -274,3 +274,15 @@ def test_when_output_is_coloured(monkeypatch, environment, terminal, want):
     stream = io.StringIO()
     stream.isatty = lambda: terminal
     assert common.styled(stream) is want
+
+
+def test_help_and_completion_wait_for_no_solver():
+    code = (
+        "import importlib, sys\n"
+        "from mjsim.cli.main import main\n"
+        "for name in main.list_commands(None):\n"
+        "    main.get_command(None, name)\n"
+        "slow = {'scipy', 'numba', 'mujoco', 'matplotlib'} & set(sys.modules)\n"
+        "assert not slow, slow"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -213,13 +213,19 @@ def show(data: dict, campaign: str = "CAMPAIGN") -> None:
     if data["effects"] or data["calibration"]:
         click.echo("\nWhere to look:")
         for e in data["effects"][:_DETAILED]:
-            known = kinds().get(e["id"].partition(".")[0])
-            common.paragraph(f"{e['id']}: {known.remedy.text if known else UNKNOWN.text}", "  ")
+            common.paragraph(f"{e['id']}: {remedy_text(e['id'])}", "  ")
         if data["effects"] or data["calibration"]:
             which = data["effects"][0]["id"] if data["effects"] else "EFFECT"
             common.paragraph(f"mjsim explain {campaign} {which}   shows its signature, and what looks like it", "  ")
         table = "the calibration against its limits and " if data["calibration"] else ""
         common.paragraph(f"mjsim report {campaign}   shows {table}the error by cause", "  ")
+
+
+def remedy_text(effect_id: str) -> str:
+    """What can be done about a cause, as it fits its axis: a screw and a nut, or a worm and a bearing."""
+    kind, _, subject = effect_id.partition(".")
+    known = kinds().get(kind)
+    return (known.remedy.on(subject) if known else UNKNOWN).text
 
 
 def _key(e: dict) -> str:

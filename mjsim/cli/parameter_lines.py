@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mjsim.workflow.finding import percent
+from mjsim.units import percent
 
 
 def parameter_lines(parameters: dict, intervals: dict) -> list[str]:

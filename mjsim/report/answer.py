@@ -10,9 +10,9 @@ from mjsim.machine.chain import COORDINATES, is_linear, is_rotary
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.report.numbers import fixed
-from mjsim.units import UM, unit_of
+from mjsim.units import UM, percent, unit_of
 from mjsim.workflow.diagnosis import Diagnosis
-from mjsim.workflow.finding import DiagnosedEffect, percent
+from mjsim.workflow.finding import DiagnosedEffect
 
 #: Ends of names that have no article: one says "backlash of X", but "a command delay of X".
 _WITHOUT_ARTICLE = ("backlash", "friction", "inertia", "presliding", "wear", "wind-up under gravity")

@@ -12,7 +12,7 @@ from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
-from mjsim.units import DEG, UM
+from mjsim.units import DEG, UM, percent
 from mjsim.workflow.comparison import significant
 
 #: By whom a cause is decided that both instruments support.
@@ -131,13 +131,6 @@ class DiagnosedEffect:
             return None
         ends = [rounded(x) for x in known.ci95]
         return {"parameter": known.parameter, "others": list(known.others), "ci95": ends, "sentence": known.sentence}
-
-
-def percent(p: float) -> str:
-    """A probability as an engineer reads it."""
-    if p > 0.9995:
-        return "over 99.9 %"
-    return f"{100.0 * p:.1f} %" if p > 0.99 else f"{100.0 * p:.0f} %" if p >= 0.01 else "below 1 %"
 
 
 def _share(p: float | None) -> float | None:
