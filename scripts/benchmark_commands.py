@@ -25,7 +25,6 @@ from mjsim.campaign.machine_file import machine_of
 from mjsim.estimation import signatures
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.mistakes.checked_problem import trusted_problem
-from mjsim.estimation.selection import ModelSelection
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.resources import examples
 from mjsim.machine.model import build
@@ -178,15 +177,14 @@ def candidates() -> tuple[tuple[int, ...], tuple[float, ...], int]:
         campaign, n = read_campaign(folder), steps(folder)
         machine = machine_of(campaign)
         fitter = Fitter(trusted_problem(campaign, build(machine), len(os.sched_getaffinity(0))), machine)
-        selection = ModelSelection(fitter)
-        start, every = selection.start(), signatures.seeds(machine)
+        start, every = fitter.fit([], exact=False), signatures.seeds(machine)
         counts, seconds = [], []
         for share in (8, 4, 2, 1):
             some = every[::share]
             begin = time.perf_counter()
             bank = signatures.SignatureBank(fitter.problem, start)
             bank.compute(some)
-            selection.ranked_candidates(start, bank)
+            signatures.Projector(start).screen(bank)
             counts.append(len(some))
             seconds.append(time.perf_counter() - begin)
     return tuple(counts), tuple(seconds), n

@@ -12,10 +12,9 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.effects import registry
 from mjsim.errors import InputError
-from mjsim.estimation.fit import Fitter
+from mjsim.estimation.findings import explain
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.selection import ModelSelection
 from mjsim.estimation.signatures import Projector
 from mjsim.estimation.testability import not_testable
 from mjsim.estimation.vibration import separate
@@ -268,7 +267,7 @@ def test_a_diagnosis_finds_the_backlash_of_another_axis(configuration):
     problem = measured(chain, machine, machine.with_effect(registry.make("backlash.B", chain, width_deg=0.0015)))
     separated = separate(problem, machine)
     assert not separated.lines
-    _, selection = ModelSelection(Fitter(separated.problem, separated.machine)).run(2)
+    selection = explain(separated, most=2).selection
     assert [f.key for f in selection.found] == ["backlash.B"] and not selection.found[0].alternatives
     (found,) = selection.fit.effects
     low, high = found.interval(found.vector, selection.fit.covariance_of(found))["width_deg"]

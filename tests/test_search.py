@@ -67,7 +67,7 @@ def test_what_is_beyond_its_tolerance_is_proposed_before_all_else(real):
     """Beside the machine of its class, whose play is held by its prior, the linear problem asks for more play."""
     _, problem, machine, _ = real
     search = Search(Fitter(problem, machine))
-    model = search._class_of(calibrated_effects(machine))
+    model = search._begun(calibrated_effects(machine))
     hypotheses = search._hypotheses(model, curves=False)
     odds, _ = hypotheses.linear.odds({})
     best = hypotheses.all[int(np.argmax(odds))]

@@ -94,12 +94,6 @@ class CurveTerm:
         own = (self.axis,) if self.axis else ()
         return own if self.moves in (self.axis, *TABLE, RADIAL) else (*own, self.moves)
 
-    @property
-    def chance_gain(self) -> float:
-        """What chance explains at most with so many coefficients, about."""
-        n = self.columns[0].shape[1]
-        return n + 5.0 * np.sqrt(2.0 * n)
-
 
 class CurveTerms:
     """Makes generic terms for one fitted model: the variables of every test at its blocks."""

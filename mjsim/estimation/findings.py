@@ -137,7 +137,7 @@ class _Reader:
             if best.evidence <= self.model.evidence:
                 break
             # something else in its place is the better explanation
-            self.found = replace(self.found, model=best, rivals=None)
+            self.found = replace(self.found, model=best)
         unexplained, unknown, fit = self._unknown(fit)
         rows = self._findings(fit, rivals)
         self.progress("shares of the error", 0, 1)
@@ -168,8 +168,6 @@ class _Reader:
 
     def _rivals(self, fit: Fit) -> dict[str, list[tuple[str, Model]]]:
         """What could stand in the place of each finding."""
-        if self.found.rivals is not None:
-            return self.found.rivals
         large = {key for key, p in self._sizes(fit).items() if p >= FINDING}
         return self.search.rivals_of(self.model, large)
 

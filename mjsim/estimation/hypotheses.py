@@ -18,14 +18,13 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from mjsim.estimation.calibration import LIMIT_DEVIATIONS, Calibrated
-from mjsim.estimation.criteria import is_feasible
 from mjsim.estimation.discrepancy import Discrepancy, LinearModel, Products, Sizes
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit
 from mjsim.estimation.linear_evidence import Columns, LinearEvidence
 from mjsim.estimation.one_direction import one_direction_candidates
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.signatures import Candidate, SignatureBank, seeds
+from mjsim.estimation.signatures import Candidate, SignatureBank, feasible_share, seeds
 from mjsim.estimation.spectrum import spectral_candidates
 from mjsim.estimation.unknown_curves import Curve
 from mjsim.machine.model import Machine
@@ -109,19 +108,31 @@ class Signatures:
 def log_odds_of(f: EffectVector, machine: Machine) -> float:
     """Logarithm of the prior odds of an effect in a model, its waves and its choice of a seed counted."""
     if f.effect.kind == "pitch_error":
-        return len(f.effect.values["components"]) * (CAUSE - math.log(ORDERS))
+        missing = [wave for wave, _ in entries_of(f) if not _is_given(f, wave, machine)]
+        return len(missing) * (CAUSE - math.log(ORDERS))
     tried = sum(c.effect.id == f.effect.id for c in seeds(machine))
     return CAUSE - math.log(max(tried, 1)) - math.log(2.0) * bool(f.effect.direction_sign)
 
 
 def with_prior_of_size(f: EffectVector) -> EffectVector:
-    """An effect with a prior of the least width that its size asks for; shapes have one around where they are."""
-    mean, deviation = f.vector.copy(), np.full(len(f.vector), _SHAPE)
+    """An effect with a prior of the least width that its size asks for; shapes keep theirs, or have one around where
+    they are.
+    """
+    mean, deviation = f.prior or (f.vector.copy(), np.full(len(f.vector), _SHAPE))
+    deviation = deviation.copy()
     for _, entries in entries_of(f):
         mean[entries] = f.off[entries]
         size = np.abs(f.vector - f.off)[entries].max()
         deviation[entries] = WIDTHS[min(int(np.searchsorted(WIDTHS, size)), len(WIDTHS) - 1)]
     return f.with_prior(mean, deviation)
+
+
+def _is_given(f: EffectVector, wave: int | None, machine: Machine) -> bool:
+    """Whether a wave of a pitch error stands in the machine file: it is no cause that is missing there."""
+    present = machine.effect(f.effect.key)
+    if wave is None or present is None:
+        return False
+    return f.effect.values["components"][wave][0] in [row[0] for row in present.values["components"]]
 
 
 def _of_candidate(c: Candidate, count: Mapping[str, int]) -> Hypothesis:
@@ -150,6 +161,9 @@ class Hypotheses:
         curves: Of the model, and others that compete.
         levels: Sizes of the discrepancy at which the hypotheses are judged, the present ones first: what explains most
             of the data leaves much less than is there now.
+        only: Id of the one effect that is asked about; without it the whole catalogue.
+        further: Whether waves, whose orders are read off a spectrum, and effects in one direction of motion are looked
+            at as well.
     """
 
     def __init__(
@@ -161,14 +175,17 @@ class Hypotheses:
         expected: Mapping[str, Calibrated],
         curves: Sequence[Curve],
         levels: Sequence[Sizes],
+        only: str = "",
+        further: bool = True,
     ) -> None:
-        self.fit, self.expected = fit, expected
+        self.fit, self.expected, self.only = fit, expected, only
         bank = signatures.bank
         width, p = bank.matrix.shape[1], fit.parameters.size
         count: dict[str, int] = {}
         for c in bank.candidates:
             count[c.effect.key] = count.get(c.effect.key, 0) + 1
         inside, released, beyond = self._of_model(count)
+        beyond = [] if only else beyond
         rows = [(h, width + at) for h, at in beyond]  # columns of the model stand behind those of the catalogue
         self.released = replace(fit, effects=tuple(released))
         have = {f.effect.key: f.effect for f in fit.effects}
@@ -180,7 +197,8 @@ class Hypotheses:
         linear = self._evidence(products, design, width, inside, rows, levels[:1])[0][1]
         more: list[np.ndarray] = []
         place = width + p
-        for c, columns in self._further(plain, bank, linear, [h for h, _ in rows], len(inside)):
+        catalogue = [h for h, _ in rows]
+        for c, columns in self._further(plain, bank, linear, catalogue, len(inside)) if further else ():
             rows.append((_of_candidate(c, count), place + np.arange(columns.shape[1])))
             more.append(columns)
             place += columns.shape[1]
@@ -216,6 +234,8 @@ class Hypotheses:
             if mine is None:
                 released.append(f)
                 for wave, entries in entries_of(f):
+                    if _is_given(f, wave, fit.base):
+                        continue
                     odds = CAUSE - math.log(ORDERS if wave is not None else count.get(f.effect.key, 1))
                     inside.append((Hypothesis(f.effect.key, odds, WIDTHS, f, wave, entries, present=True), at[entries]))
                 continue
@@ -249,7 +269,11 @@ class Hypotheses:
         yield from one_direction_candidates(fit, bank, ranked)
         have = {f.effect.key: f.effect for f in fit.effects}
         for axis in fit.base.chain.letters:
+            if self.only.rpartition(".")[2] not in ("", axis):
+                continue
             for c, columns in spectral_candidates(plain, fit, bank, axis, _WAVES):
+                if self.only not in ("", c.id):
+                    continue
                 mine = have.get(c.effect.key)
                 waves = [] if mine is None else [round(row[0]) for row in mine.values.get("components", [])]
                 if mine is None or (waves and round(c.effect.values["components"][0][0]) not in waves):
@@ -278,7 +302,7 @@ class Hypotheses:
 
         def bounded(h: Hypothesis):
             c = h.candidate
-            return None if c is None else lambda x: is_feasible(machine, x, c)
+            return None if c is None else lambda x: feasible_share(machine, x, c) >= 1.0
 
         model = LinearModel(products, residual, np.ones(products.width), np.zeros(products.width))
         columns = [*((h, width + at) for h, at in inside), *rows]
@@ -310,6 +334,21 @@ class Hypotheses:
     def present(self) -> list[int]:
         """Places of those that are in the model."""
         return [i for i, h in enumerate(self.all) if h.present]
+
+    def is_new_and_seen(self, g: int) -> bool:
+        """Whether a hypothesis is an effect that the model does not have and that changes a reading."""
+        at = self.linear.hypotheses[g].places
+        return self.all[g].candidate is not None and bool(self.linear.information[at, at].any())
+
+    def look_alikes(self, g: int) -> list[int]:
+        """Places of what makes sense in the place of a hypothesis however small it is, though not by itself."""
+        mine = self.all[g].free or self.all[g].candidate
+        others = [(i, h.candidate.effect) for i, h in enumerate(self.all) if h.candidate is not None]
+        return [
+            i
+            for i, e in others
+            if mine is not None and e.subject == mine.effect.subject and mine.effect.kind in e.search.looks_like
+        ]
 
     def model_of(self, chosen: Mapping[int, float], linear: LinearEvidence) -> tuple[list[EffectVector], list[Curve]]:
         """Effects and curves of the model with a set of hypotheses, at their linear estimates and with their priors.
@@ -350,6 +389,8 @@ class Hypotheses:
         else:
             mean, deviation = f.prior if f.prior is not None else (f.off, np.ones(len(f.vector)))
             own = np.zeros(len(f.vector), bool)
+            for wave, entries in entries_of(f):
+                own[entries] = _is_given(f, wave, self.fit.base)
         deviation, stays = deviation.copy(), np.ones(len(deviation), bool)
         for wave, entries in entries_of(f):
             if wave in chosen:
@@ -365,9 +406,13 @@ class Hypotheses:
 
     def _added(self, free: EffectVector, x: np.ndarray, width: float) -> EffectVector:
         """A candidate at its linear estimate, with the prior of its width; shapes have one around the seed."""
-        if free.effect.kind == "pitch_error":
-            return EffectVector(free.at(x), free.names).with_prior(np.zeros(2), np.full(2, width))
         present = self.fit.base.effect(free.effect.key)
+        if free.effect.kind == "pitch_error":
+            added = EffectVector(free.at(x), free.names).with_prior(np.zeros(2), np.full(2, width))
+            if present is None or any(f.effect.key == free.effect.key for f in self.fit.effects):
+                return added
+            given = EffectVector(present, free.names)  # the waves of the machine file stay
+            return given.with_prior(given.vector, np.full(len(given.vector), width)).with_waves(added)
         vector = free.vector
         if present is not None:
             mean = EffectVector(present, free.names).vector

@@ -129,6 +129,11 @@ class LinearEvidence:
         ends = np.cumsum([0, *(len(self.hypotheses[g].places) for g in chosen)])
         return {g: x[a:b] for g, a, b in zip(chosen, ends[:-1], ends[1:], strict=True)}
 
+    def explained(self, chosen: Chosen) -> float:
+        """By how much a set, at its estimate, lowers the squared residual and the squared departures from priors."""
+        places, _ = self._columns(chosen)
+        return float(self.score[places] @ np.concatenate(list(self.estimate(chosen).values())))
+
     def best_set(self, present: Sequence[int] = (), starts: int = 4) -> Chosen:
         """The set of largest evidence that is found from nothing, from what is ``present``, and from the ``starts``
         best single hypotheses; then every rival of a member is put in beside all once, and what is not needed any more
@@ -182,14 +187,20 @@ class LinearEvidence:
                 break
         return chosen
 
-    def rivals(self, chosen: Chosen, h: int, within: float) -> list[tuple[float, int, float]]:
+    def rivals(self, chosen: Chosen, h: int, within: float, share: float) -> list[tuple[float, int, float]]:
         """What could stand in the place of one member: log odds, place and width of the best hypothesis of each other
-        name that comes ``within`` so many nats of it, the likeliest first.
+        name that comes near it, the likeliest first.
+
+        Args:
+            chosen: The set.
+            h: The member.
+            within: Log odds by which a rival may fall short of the member, nats.
+            share: The same as a share of the member's log odds, where that is more.
         """
         odds, width = self.odds(without(chosen, h))
         out: dict[str, tuple[float, int, float]] = {}
         for g in np.argsort(-odds):
-            if odds[g] < max(odds[h] - within, 0.0):
+            if odds[g] < max(odds[h] - max(within, share * odds[h]), 0.0):
                 break
             name = self.hypotheses[g].name
             if name != self.hypotheses[h].name and name not in out:

@@ -10,7 +10,8 @@ class. Both are searched, and the evidence says which it is.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+import itertools
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,12 +21,11 @@ from mjsim.estimation.discrepancy import USUAL, Discrepancy, LinearModel, Produc
 from mjsim.estimation.disturbances import readmitted, without_disturbances
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit, Fitter
-from mjsim.estimation.hypotheses import Hypotheses, Signatures, log_odds_of, with_prior_of_size
+from mjsim.estimation.hypotheses import WIDTHS, Hypotheses, Signatures, log_odds_of, with_prior_of_size
 from mjsim.estimation.linear_evidence import Chosen, without
 from mjsim.estimation.nuisance import TRIGGER, TRIGGERS
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.retiming import better_triggers, retimed
-from mjsim.estimation.selection import ModelSelection
 from mjsim.estimation.servo_fault import with_servo_fault
 from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.estimation.unknown_curves import Curve, best_curves
@@ -47,10 +47,12 @@ _LEVELS = (0.4, 0.15, 0.0)
 #: Most rounds of one search.
 _ROUNDS = 8
 #: Difference in log evidence within which another hypothesis may stand in the place of one, nats: odds of 160,000 to
-#: one; and most that are fitted there.
-_NEAR, _RIVALS = 12.0, 2
+#: one; the share of its log odds that the linear problem may be wrong by (assumed); and most that are fitted there.
+_NEAR, _ROUGH, _RIVALS = 12.0, 0.1, 2
 #: Most Gauss-Newton steps of the first fit of everything that a machine may have, and of the others.
 _FIRST, _STEPS, _AGAIN = 16, 5, 3
+#: Most waves that one pitch error is given.
+_WAVES = 12
 #: Most times that a model is fitted again at the sizes that it leaves.
 _SETTLING = 4
 
@@ -101,17 +103,58 @@ class Found:
     Attributes:
         start: The machine as given, with set-up and data sheet fitted.
         model: The best model.
-        rivals: Models with something else in the place of a cause, and its id or the curve's name, by the cause's key;
-            ``None`` where they were not looked for yet.
         bank: Signatures of the catalogue, whitened by the noise alone.
         trail: What was tried, for those who ask.
     """
 
     start: Fit
     model: Model
-    rivals: dict[str, list[tuple[str, Model]]] | None
     bank: SignatureBank
     trail: list[dict] = field(default_factory=list)
+
+
+#: What may be gained by a set of hypotheses, the set, and the level at which it is judged.
+Proposal = tuple[float, Chosen, int]
+
+
+def _singles(hypotheses: Hypotheses, here: Chosen) -> list[Proposal]:
+    """Single causes of the catalogue beside what is in the model, one for each name, the most promising first."""
+    now = hypotheses.levels[0][0] + hypotheses.linear.total(here)
+    best: dict[str, Proposal] = {}
+    for level, (none, linear, _) in enumerate(hypotheses.levels):
+        odds, width = linear.odds(here)
+        base = none + linear.total(here) - now
+        for g in [g for g in np.argsort(-odds) if hypotheses.all[g].curve is None][:_SINGLES]:
+            promise, name = base + float(odds[g]), hypotheses.all[g].name
+            if np.isfinite(promise) and promise > best.get(name, (_LEAST,))[0]:
+                best[name] = promise, {**here, int(g): float(width[g])}, level
+    return sorted(best.values(), key=lambda row: -row[0])
+
+
+def _best_at_levels(hypotheses: Hypotheses, here: Chosen, least: float = 0.0) -> list[tuple[Chosen, int, float]]:
+    """The single causes of the catalogue that do best beside what is in the model, in turn at each level, that of the
+    noise alone first: a cause that explains nearly all of the data is seen best where nothing else may.
+
+    Args:
+        hypotheses: Beside the model.
+        here: What is in it.
+        least: Log odds below which none is worth a fit.
+
+    Returns:
+        The set with each of them, the level at which it promises most, and its log odds beside the noise alone.
+    """
+    judged = [(none + linear.total(here), *linear.odds(here)) for none, linear, _ in hypotheses.levels]
+    ranked = []
+    for _, odds, _ in reversed(judged):
+        order = [int(g) for g in np.argsort(-odds) if odds[g] >= least and hypotheses.is_new_and_seen(int(g))]
+        ranked.append(order[:_FITTED])
+    out: dict[str, tuple[Chosen, int, float]] = {}
+    for row in itertools.zip_longest(*ranked):
+        for g in [g for g in row if g is not None]:
+            level = max(range(len(judged)), key=lambda i, g=g: judged[i][0] + judged[i][1][g])
+            chosen = {**here, g: float(judged[level][2][g])}
+            out.setdefault(hypotheses.all[g].name, (chosen, level, float(judged[-1][1][g])))
+    return list(out.values())[:_FITTED]
 
 
 def with_curves(problem: Problem, curves: Sequence[Curve]) -> Problem:
@@ -134,10 +177,11 @@ class Search:
     Args:
         fitter: Of the machine, on tests whitened by the campaign's noise alone.
         progress: Called as work gets on.
+        only: Id of the one effect that is looked for; without it the whole catalogue.
     """
 
-    def __init__(self, fitter: Fitter, progress: Progress = silent) -> None:
-        self.progress, self.machine = progress, fitter.machine
+    def __init__(self, fitter: Fitter, progress: Progress = silent, only: str = "") -> None:
+        self.progress, self.machine, self.only = progress, fitter.machine, only
         self.trail: list[dict] = []
         self._begin(fitter)
 
@@ -149,48 +193,26 @@ class Search:
         self._last: tuple[Model, bool, Hypotheses] | None = None
 
     def run(self, most: int | None = None) -> Found:
-        """The best model, and what could stand in the place of each of its causes.
+        """The best model.
 
         Args:
             most: Most causes of a machine that is otherwise as its file says.
         """
         if self.machine.tolerance:
-            model = self._searched(self._class_of(calibrated_effects(self.machine)))
-            return self._found(self.fitter.fit([], exact=False), model)
-        fitter, selection = ModelSelection(self.fitter, self.progress).run(most)
-        data = readmitted(fitter.problem, selection.fit.readings, selection.fit.nuisance)
-        self._begin(fitter.with_problem(data))
-        few = self._with_priors(selection.fit, data is not fitter.problem)
-        if few.leaves_nothing or most is not None:
-            again = data is not fitter.problem
-            competing = {
-                f.key: [(key, self._with_priors(fit, again)) for key, fit in f.competing.items()]
-                for f in selection.found
-            }
-            return Found(selection.start, few, competing, selection.bank, selection.trail)
-        if data is fitter.problem:
-            self._signatures = Signatures.of(self.discrepancy, selection.bank)
-        usual = self._searched(self._class_of(expected_effects(self.machine)))
-        ideal = self._searched(few)
-        return self._found(selection.start, max(usual, ideal, key=lambda m: m.evidence))
+            return self._found(self._searched(self._begun(calibrated_effects(self.machine))))
+        few = self._extended(self._begun(()), most)
+        if most is not None:
+            return self._found(few)
+        if few.leaves_nothing:
+            return self._found(self._searched(few))
+        data = self.plain
+        usual = self._searched(self._begun(expected_effects(self.machine)))
+        few = few if self.plain is data else self._settled(self._refitted(few))
+        return self._found(max(usual, self._searched(few), key=lambda m: m.evidence))
 
-    def _found(self, start: Fit, model: Model) -> Found:
-        """The outcome with what could stand in the place of each cause."""
-        return Found(start, model, None, self.signatures_at(model).bank, self.trail)
-
-    def _with_priors(self, fit: Fit, again: bool) -> Model:
-        """A model of a few causes, each with a prior of the width that its size asks for.
-
-        Args:
-            fit: The model.
-            again: Whether it was fitted to other samples.
-        """
-        if again:
-            fit = self.fitter.fit(fit.effects, start=fit, fresh=False)
-        effects = tuple(with_prior_of_size(f) for f in fit.effects)
-        odds = sum(log_odds_of(f, self.machine) for f in effects)
-        sizes = Sizes(USUAL, USUAL, np.ones(len(self.plain.tests)))
-        return self._tuned(Model({}, replace(fit, effects=effects), self.plain, sizes, (), odds))
+    def _found(self, model: Model) -> Found:
+        """The outcome, with the machine as given beside the model."""
+        return Found(self.fitter.fit([], exact=False), model, self.signatures_at(model).bank, self.trail)
 
     # -- models --------------------------------------------------------------------------------------------------------
 
@@ -227,21 +249,39 @@ class Search:
         better = retimed(self.plain, fit)
         return fit if better is None else self.fitter.fit(fit.effects, start=better, exact=False, iterations=_FIRST)
 
-    def _class_of(self, expected: Sequence[Calibrated]) -> Model:
-        """A model with everything that a machine of its class has, and with an axis that lags far behind where it must,
-        on tests without what then stands out as having happened once.
+    def _begun(self, expected: Sequence[Calibrated]) -> Model:
+        """A model with everything that is expected, and with an axis that lags far behind where it must, on tests
+        without what then stands out as having happened once.
+
+        Args:
+            expected: What a machine of the class has; nothing for one that is as its file says.
         """
-        self.progress("fitting everything that a machine of its class has", 0, 1)
+        self.progress("fitting the machine as given" if not expected else "fitting what its class has", 0, 1)
         fit = with_servo_fault(self._anew, self._anew([c.free for c in expected]), _NEAR)
-        data = without_disturbances(self.plain, fit.readings, fit.nuisance)
-        if data is not self.plain:
-            self._begin(self.fitter.with_problem(data))
-            fit = self.fitter.fit(list(fit.effects), exact=False, iterations=_FIRST)
         known = {c.key: c for c in expected}
         effects = tuple(f if f.effect.key in known else with_prior_of_size(f) for f in fit.effects)
         odds = sum(log_odds_of(f, self.machine) for f in effects if f.effect.key not in known)
         sizes = Sizes(USUAL, USUAL, np.ones(len(self.plain.tests)))
-        return self._settled(Model(known, replace(fit, effects=effects), self.plain, sizes, (), odds))
+        model = Model(known, replace(fit, effects=effects), self.plain, sizes, (), odds)
+        return self._settled(self._on_samples(model, without_disturbances))
+
+    def _on_samples(self, model: Model, chosen_by: Callable[..., Problem]) -> Model:
+        """The model fitted to those samples that a choice made at its fit leaves; itself where they are the same.
+
+        Args:
+            model: The model.
+            chosen_by: Gives the tests with the samples that count.
+        """
+        data = chosen_by(self.plain, model.fit.readings, model.fit.nuisance)
+        if data is self.plain:
+            return model
+        self._begin(self.fitter.with_problem(data))
+        return self._refitted(model)
+
+    def _refitted(self, model: Model) -> Model:
+        """A model without curves, fitted to the present samples."""
+        fit = self.fitter.fit(list(model.fit.effects), exact=False, iterations=_FIRST)
+        return replace(model, fit=fit, problem=self.plain)
 
     def _retimed(self, model: Model) -> Model:
         """The model at better triggers, where it fits better there."""
@@ -263,7 +303,7 @@ class Search:
         if known is None or np.abs(known.bank.fit.nuisance[at] - model.fit.nuisance[at]).max() * TRIGGER > block:
             self.progress("computing signatures", 0, 1)
             bank = SignatureBank(self.plain, model.fit)
-            bank.compute(seeds(self.machine))
+            bank.compute([c for c in seeds(self.machine) if self.only in ("", c.id)])
             self._signatures = known = Signatures.of(self.discrepancy, bank)
         return known
 
@@ -282,7 +322,8 @@ class Search:
         levels = [model.sizes]
         if not model.leaves_nothing:
             levels += [model.sizes.times(share) for share in _LEVELS]
-        return Hypotheses(self.plain, model.fit, design, self.signatures_at(model), model.expected, competing, levels)
+        bank = self.signatures_at(model)
+        return Hypotheses(self.plain, model.fit, design, bank, model.expected, competing, levels, self.only)
 
     def _whitened_by(self, model: Model, problem: Problem) -> Fit:
         """The fit of a model with its design and residual whitened by another problem."""
@@ -311,6 +352,55 @@ class Search:
             model = better
         return model
 
+    def with_effect(self, fit: Fit) -> Model | None:
+        """The one effect that is looked for beside a fit, at its best seed, and with all waves that gain evidence where
+        it is a pitch error; ``None`` where it changes no reading.
+
+        Args:
+            fit: The machine as given, with what it has a tolerance for.
+        """
+        known = {c.key: c for c in calibrated_effects(self.machine)}
+        sizes = Sizes(USUAL, USUAL, np.ones(len(self.plain.tests)))
+        model, found = self._settled(Model(known, fit, self.plain, sizes)), None
+        given = self.machine.effect(self.only)
+        if given is not None and given.search.scanned and not given.is_neutral:  # its own waves before any other
+            free = EffectVector(given, given.search.free_of(given.parameters_of(given.subject)))
+            free = free.with_prior(free.vector, np.full(len(free.vector), WIDTHS[-1]))
+            fit = self.fitter.fit([*fit.effects, free], start=fit, exact=False, iterations=_FIRST)
+            model = found = self._settled(Model(known, fit, self.plain, sizes))
+        for _ in range(_WAVES):
+            hypotheses = self._hypotheses(model, curves=False)
+            rows = _best_at_levels(hypotheses, self._widths(hypotheses), -np.inf)
+            trials = [self._fitted(model, hypotheses, chosen, level) for chosen, level, _ in rows]
+            best = max(trials, key=lambda m: m.evidence, default=None)
+            if best is None or (found is not None and best.evidence <= found.evidence + _LEAST):
+                break
+            model = found = best
+            if not found.fit.effects[-1].effect.search.scanned:
+                break
+        return found
+
+    def _extended(self, model: Model, most: int | None) -> Model:
+        """A model with causes of the catalogue added one after the other, while one of them gains evidence."""
+        for number in range(_ROUNDS if most is None else most):
+            self.progress("looking for one cause more", number, _ROUNDS)
+            model = self._retimed(model)
+            hypotheses = self._hypotheses(model, curves=False)
+            best = model
+            first = None
+            for chosen, level, odds in _best_at_levels(hypotheses, self._widths(hypotheses)):
+                if best.leaves_nothing and first is not None and odds < first - max(_NEAR, _ROUGH * first):
+                    continue
+                first = odds if first is None else first
+                best = max(best, self._fitted(model, hypotheses, chosen, level), key=lambda m: m.evidence)
+            if best.evidence <= model.evidence + _LEAST:
+                break
+            model = best
+            for chosen_by in (without_disturbances, readmitted):
+                other = self._on_samples(model, chosen_by)
+                model = model if other is model else self._settled(other)
+        return model
+
     def _better(self, model: Model) -> Model | None:
         """A model of larger evidence; ``None`` where no proposal has one.
 
@@ -320,8 +410,7 @@ class Search:
         hypotheses = self._hypotheses(model, curves=not model.leaves_nothing)
         here = self._widths(hypotheses)
         now = hypotheses.levels[0][0] + hypotheses.linear.total(here)
-        proposals: dict[frozenset[int], tuple[float, Chosen, int]] = {}
-        named: dict[str, tuple[float, Chosen, int]] = {}
+        proposals: dict[frozenset[int], Proposal] = {}
 
         def propose(promise: float, chosen: Chosen, level: int) -> None:
             key = frozenset(chosen)
@@ -333,17 +422,11 @@ class Search:
             propose(none + linear.total(chosen) - now, chosen, level)
             odds, width = linear.odds(here)
             base = none + linear.total(here) - now
-            order = np.argsort(-odds)
-            for g in order[:_SINGLES]:
+            for g in np.argsort(-odds)[:_SINGLES]:
                 if np.isfinite(odds[g]):
                     propose(base + float(odds[g]), {**here, int(g): float(width[g])}, level)
-            for g in [g for g in order if hypotheses.all[g].curve is None][:_SINGLES]:
-                promise, name = base + float(odds[g]), hypotheses.all[g].name
-                if np.isfinite(promise) and promise > named.get(name, (_LEAST,))[0]:
-                    named[name] = promise, {**here, int(g): float(width[g])}, level
         ranked = sorted(proposals.values(), key=lambda row: -row[0])[:_FITTED]
-        single = max(named.values(), key=lambda row: row[0], default=None)
-        first = [single] if single is not None and single[0] > _SHARE * ranked[0][0] else []
+        first = [row for row in _singles(hypotheses, here)[:1] if row[0] > _SHARE * ranked[0][0]]
         best: Model | None = None
         for promise, chosen, level in [*first, *(row for row in ranked if row[:2] not in [f[:2] for f in first])]:
             if best is not None and promise < best.evidence - model.evidence:
@@ -367,6 +450,9 @@ class Search:
         problem = self._problem(sizes, curves)
         fitter = self.fitter.with_problem(problem)
         fit = fitter.fit(effects, start=model.fit, exact=True, iterations=_STEPS, fresh=False)
+        sized = tuple(f if f.effect.key in model.expected else with_prior_of_size(f) for f in fit.effects)
+        if any((a.block.deviation != b.block.deviation).any() for a, b in zip(fit.effects, sized, strict=True)):
+            fit = fitter.fit(sized, start=fit, exact=True, iterations=_AGAIN, fresh=False)
         trial = self._tuned(Model(model.expected, fit, problem, sizes, tuple(curves), odds))
         noise, before = self.plain.noise.rms, sizes
         for _ in range(_SETTLING):  # fitted at other sizes than it turned out to leave
@@ -392,7 +478,9 @@ class Search:
                 continue
             self.progress(f"what could stand in the place of {mine.name}", 0, 1)
             rest = without(chosen, h)
-            for _, g, width in hypotheses.linear.rivals(chosen, h, _NEAR)[:_RIVALS]:
-                trial = self._fitted(model, hypotheses, {**rest, g: width})
-                out.setdefault(mine.name, []).append((hypotheses.all[g].id, trial))
+            rivals = {g: w for _, g, w in hypotheses.linear.rivals(chosen, h, _NEAR, _ROUGH)[:_RIVALS]}
+            for g in (*rivals, *(g for g in hypotheses.look_alikes(h) if g not in rivals)):
+                trial = self._fitted(model, hypotheses, {**rest, g: rivals.get(g, 1.0)})
+                if g in rivals or (trial.fit.effects[-1].vector > trial.fit.effects[-1].neutral).all():
+                    out.setdefault(mine.name, []).append((hypotheses.all[g].id, trial))
         return out

@@ -6,9 +6,9 @@ twice a log posterior density. A likelihood ratio of e^6 is therefore 12.
 Pitch errors and mistakes in a campaign have settings of their own (:mod:`mjsim.estimation.pitch.settings`,
 :mod:`mjsim.estimation.mistakes.settings`).
 
-Four sources of values: *nulls*, measured by ``scripts/null_bank.py`` on simulated machines without a missing effect;
-*bank*, chosen on the tuning half of the campaigns of ``scripts/benchmark_diagnosis.py`` and checked on the other half;
-*mistakes*, the same with ``scripts/benchmark_mistakes.py``; *assumed*, from the physics of machine and instrument.
+Four sources of values: *nulls*, measured once on simulated machines without a missing effect; *bank*, chosen on the
+tuning half of the campaigns of ``scripts/benchmark_diagnosis.py`` and checked on the other half; *mistakes*, the same
+with ``scripts/benchmark_mistakes.py``; *assumed*, from the physics of machine and instrument.
 """
 
 from __future__ import annotations
@@ -93,7 +93,6 @@ class DiagnosisSettings:
             entries each are tried; chance passes 30 once in a thousand campaigns (nulls).
         parameter_penalty: Penalty of one more free parameter when models are compared, as in BIC, where it is the
             logarithm of the number of independent residuals: 8 is that of 3,000 (bank).
-        direction_penalty: Further penalty of an effect that acts in one direction of motion only (bank).
         indistinguishable: Likelihood-ratio statistic within which a competing model cannot be told from the best one,
             and within which another axis of a vibration cannot: a likelihood ratio of e^6 (bank).
         better: Fall of the objective that makes a competing model the better one, in an effect's place (bank).
@@ -101,35 +100,11 @@ class DiagnosisSettings:
             share of one sample's noise (bank).
         setup_limit: Largest set-up error that can hide an effect, prior standard deviations: a normal distribution has
             one in 1.7 million beyond it.
-        sheet_limit: Standard deviations of the data sheet beyond which one of its numbers is wrong. It has 35 numbers:
-            the largest of a healthy machine is beyond 3 in one campaign of eleven, beyond 4 in one of 450 (normal
-            distribution).
         trigger_limit: Largest trigger shift that is believed, prior standard deviations. A model that fails badly would
             drive triggers out of the range in which they act linearly (bank).
         shortlist: Most candidates that are fitted in one step of the selection (bank).
-        close_fit: Mean square of the whitened residuals below which a model is near enough to be fitted exactly (bank).
-        close_sheet: Data-sheet deviations at which an exact fit starts at most, standard deviations (bank).
-        distorted_sheet: A data sheet that is moved by so many standard deviations is hiding an effect (bank).
-        distorted_trigger: A trigger that moves by so many standard deviations when an effect is left out was holding
-            the effect up; competing models then start where the effect's model ended (bank).
-        shape_gain: Fall of the penalised objective by which a free shape of an effect must pay (bank).
-        overfit_suspected: Free parameters from which a model is compared with one generic curve (bank).
-        overfit_many: Free parameters from which a model with misfit is believed less than one generic curve (bank).
-        most_parameters: Free parameters at which the selection ends (bank).
-        complete_fit: Mean square of the whitened residuals up to which a model explains everything (bank).
-        overfit_share: Share of what many effects explain that one generic curve must explain to be the better
-            explanation (bank).
-        overfit_gain: What that curve must explain, as a multiple of what the first effect explained (bank).
-        excess: Mean square of the whitened residuals above which something is left for sure, so that unusual generic
-            curves are tried as well (bank).
-        cross_axis_penalty: By how much a generic curve that moves another axis must be better than one of the axis
-            itself (bank).
         testable_size: An effect is testable when three standard deviations of its size stay below so many typical sizes
             (assumed).
-        few_effects: Effects after which a model that leaves something is given up: the machine is a little wrong
-            everywhere, or the cause is in no catalogue (bank).
-        many_needed: Effects that linear selection must need beside the first one for a few to be given up at once
-            (bank).
         many_effects: Effects from which the data sheet's derivatives stay those of the machine as given (assumed:
             single effects are then tiny beside the motion).
         log_odds: Logarithm of the prior odds that a cause of the catalogue is needed beside a calibrated machine. Some
@@ -156,30 +131,13 @@ class DiagnosisSettings:
 
     likelihood_ratio: float = 30.0
     parameter_penalty: float = 8.0
-    direction_penalty: float = 4.0
     indistinguishable: float = 12.0
     better: float = 2.0
     visible_share: float = 0.25
     setup_limit: float = 5.0
-    sheet_limit: float = 4.0
     trigger_limit: float = 4.0
     shortlist: int = 5
-    close_fit: float = 6.0
-    close_sheet: float = 2.0
-    distorted_sheet: float = 5.0
-    distorted_trigger: float = 1.0
-    shape_gain: float = 4.0
-    overfit_suspected: int = 5
-    overfit_many: int = 10
-    most_parameters: int = 24
-    complete_fit: float = 1.1
-    overfit_share: float = 0.7
-    overfit_gain: float = 1.15
-    excess: float = 1.08
-    cross_axis_penalty: float = 20.0
     testable_size: float = 10.0
-    few_effects: int = 3
-    many_needed: int = 10
     many_effects: int = 8
     log_odds: float = -9.0
     most_vibrations: int = 4

@@ -22,6 +22,8 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
 
 _SMALL = 0.05  # of a typical size
+#: How far beyond its bounds, in typical sizes, a linear estimate may lie.
+_SLACK = 0.02
 #: Candidates that one thread computes in a row: the more, the less the threads wait for one another.
 _TOGETHER = 8
 
@@ -70,6 +72,28 @@ def seeds(machine: Machine) -> list[Candidate]:
                     for values in hints.seeds_of(parameters, subject, machine.chain)
                 ]
     return out
+
+
+def feasible_share(machine: Machine, x: np.ndarray, c: Candidate) -> float:
+    """Up to which share of itself, 0 to 1, the linear estimate lies within the parameters' bounds; 0 where it is below
+    its least sensible size.
+    """
+    if c.effect.search.scanned:
+        return 1.0
+    free = EffectVector(c.effect, c.names)
+    if free.polar and free.amplitude is not None:
+        p = free.specs[free.amplitude]
+        return min(1.0, p.upper / max(float(np.hypot(x[0], x[1])) * p.scale, 1e-30))
+    present, share = any(e.key == c.effect.key for e in machine.effects), 1.0
+    for value, name in zip(x, (n for n in free.names if present or free.specs[n].neutral is not None), strict=False):
+        p = free.specs[name]
+        start = p.encode(c.effect.values[name] if present else p.neutral or 0.0)
+        low, high = sorted((p.encode(p.lower), p.encode(p.upper)))
+        if not low - _SLACK <= start + value <= high + _SLACK:
+            share = min(share, ((high if value > 0.0 else low) - start) / value)
+        elif c.effect.search.least and abs(p.decode(start + value) - (p.neutral or 0.0)) < c.effect.search.least:
+            return 0.0
+    return max(0.0, share)
 
 
 class SignatureBank:

@@ -17,8 +17,8 @@ HIGHEST_ROTARY, HIGHEST_LINEAR = 800, 24
 _BINS = 8192
 #: Information about an order, over that about the best known one, below which it is not looked for.
 _SEEN = 1e-6
-#: Orders of the waves of a wheel that the spectrum may not see; order 1, its eccentricity, acts as other effects do.
-_SLOW_WAVES = (2, 3)
+#: Orders of the waves of a wheel that the spectrum may not see.
+_SLOW_WAVES = (1, 2, 3)
 #: A motor's torque ripples at least about once per turn.
 _SLOWEST_RIPPLE = 0.95
 #: Of a typical size: how far a wave is moved for its columns.

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.estimation.curve_search import visible
 from mjsim.estimation.curve_shape import bends, changes, orders
 from mjsim.estimation.curve_terms import RADIAL, TABLE, CurveTerm
 from mjsim.estimation.effect_file import effect_source
 from mjsim.estimation.fit import Fit
 from mjsim.estimation.problem import Problem
+from mjsim.estimation.visibility import unabsorbed
 from mjsim.machine.chain import is_rotary
 from mjsim.units import DEG, UM
 
@@ -86,7 +86,8 @@ def describe(problem: Problem, fit: Fit, term: CurveTerm) -> Unexplained:
         fit: The model that was fitted together with the term.
         term: With its coefficients.
     """
-    parts = visible(problem, fit, term)
+    # what the nuisances cannot take up
+    parts = unabsorbed(problem, fit, [c @ term.coefficients for c in term.columns])
     explained = [c @ term.coefficients for c in term.columns]
     rms = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
     rest = problem.residual(fit.readings, fit.nuisance)

@@ -9,11 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.estimation.candidate_models import CandidateModels
 from mjsim.estimation.data_sheet import data_sheet
+from mjsim.estimation.discrepancy import Discrepancy, Sizes
+from mjsim.estimation.findings import FINDING
 from mjsim.estimation.fit import Fitter
+from mjsim.estimation.hypotheses import Hypotheses, Signatures
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.signatures import Projector, SignatureBank, seeds
+from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.estimation.vibration import Separated, separate, without_vibrations
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
@@ -30,7 +32,7 @@ class Gain:
     Attributes:
         share: Of the squared residual above the noise that it could explain, 0 to 1.
         effect: The effect at its linear estimate.
-        significant: Whether chance is ruled out as the explanation.
+        significant: Whether it is there, with 95 % probability, if nothing else is.
     """
 
     share: float
@@ -73,12 +75,12 @@ class Gains:
         self.turn = threading.Lock()
         self._separated: Separated | None = None
         self._fitter: Fitter | None = None
-        self._bank: SignatureBank | None = None
+        self._signatures: Signatures | None = None
 
     @property
     def ready(self) -> bool:
         """Whether :meth:`prepare` is done."""
-        return self._bank is not None and bool(self._bank.candidates)
+        return self._signatures is not None
 
     @property
     def problem(self) -> Problem:
@@ -114,7 +116,7 @@ class Gains:
                 self.turn.acquire()
 
             bank.compute(candidates, done)
-            self._bank = bank
+            self._signatures = Signatures.of(Discrepancy(self.problem), bank)
 
     def _fitter_of_file(self) -> Fitter:
         """The fitter of the machine file's model, made once."""
@@ -137,21 +139,23 @@ class Gains:
             waves: Look for pitch errors and torque ripples as well, whose orders are read off a spectrum.
         """
         with self.turn:
-            assert self._bank is not None and self._separated is not None
-            fitter = self.fitter(machine)
+            assert self._signatures is not None and self._separated is not None
+            problem, fitter = self.problem, self.fitter(machine)
             fit = fitter.fit([], exact=False)
-            models = CandidateModels(fitter)
-            rows = models.ranked_candidates(fit, self._bank) if waves else models.net(Projector(fit).screen(self._bank))
-            settings = self.problem.settings
+            design = self._signatures.products.discrepancy.plain(fit, None)
+            noise_alone = [Sizes(0.0, 0.0, np.ones(len(problem.tests)))]
+            beside = Hypotheses(problem, fit, design, self._signatures, {}, (), noise_alone, further=waves)
+            odds, width = beside.linear.odds({})
             lines = [line for line in self._separated.lines if machine.effect(line.effect.key) is None]
-            above = max(fit.sum_squares - self.problem.count, 0.0) + sum(line.gain for line in lines)
+            above = max(fit.sum_squares - problem.count, 0.0) + sum(line.gain for line in lines)
             out: dict[str, Gain] = {}
-            for gain, x, c in rows:
-                share = min(max(gain, 0.0) / above, 1.0) if above else 0.0
-                best = out.get(c.id)
-                if best is None or share > best.share:
-                    effect = models.extended(fit, c, x)[-1].effect
-                    out[c.id] = Gain(share, effect, gain > settings.likelihood_ratio)
+            for g in np.flatnonzero(np.isfinite(odds)):
+                chosen = {int(g): float(width[g])}
+                explained = beside.linear.explained(chosen)
+                share, key = min(explained / above, 1.0) if above else 0.0, beside.all[g].id
+                if key not in out or share > out[key].share:
+                    effect = beside.model_of(chosen, beside.linear)[0][-1].effect
+                    out[key] = Gain(share, effect, odds[g] > np.log(FINDING / (1.0 - FINDING)))
             for line in lines:
                 out[line.effect.id] = Gain(min(line.gain / above, 1.0) if above else 0.0, line.effect, True)
             return out

@@ -5,21 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from mjsim.campaign.machine_file import machine_document, machine_of, read_machine, text_without
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
-from mjsim.estimation.criteria import penalised_objective
-from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.fit import Fit, Fitter
+from mjsim.estimation.fit import Fitter
 from mjsim.estimation.mistakes.checked_problem import checked_problem, trusted_problem
-from mjsim.estimation.one_direction import one_direction_candidates
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.selection import ModelSelection
-from mjsim.estimation.signatures import Candidate, Projector, SignatureBank
-from mjsim.estimation.spectrum import spectral_candidates
+from mjsim.estimation.search import Model, Search
 from mjsim.estimation.vibration import separate
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.io.files import write_all
@@ -215,58 +208,22 @@ def best_effect(problem: Problem, machine: Machine, cls: type[Effect], subjects:
             )
         return mine[0].effect, mine[0].ci95
     fitter = Fitter(separated.problem, separated.machine)
-    best = min((fit_effect(separated.problem, fitter, cls, s) for s in subjects), key=lambda f: f.objective)
+    best = max((fit_effect(fitter, cls, s) for s in subjects), key=lambda m: m.evidence).fit
     free = best.effects[-1]
     return free.effect, free.interval(free.vector, best.covariance_of(free))
 
 
-def fit_effect(problem: Problem, fitter: Fitter, cls: type[Effect], subject: str) -> Fit:
+def fit_effect(fitter: Fitter, cls: type[Effect], subject: str) -> Model:
     """Best fit of one effect over its starting points, beside what the machine file has a tolerance for.
 
     Raises:
         InputError: the campaign cannot show it.
     """
-    effect_id, chain = f"{cls.kind}.{subject}", fitter.machine.chain
-    start = fit_within_tolerance(fitter, without=effect_id)
-    bank = SignatureBank(problem, start)
-    selection = ModelSelection(fitter)
-    silent_here = (
-        f"effect {effect_id} does not change any reading of this campaign, so it cannot be fitted; allowed: an effect "
-        "on an axis that moves in its tests"
-    )
-    names = cls.search.free_of(cls.parameters_of(subject))
-    if cls.search.scanned:
-        if subject in chain.letters and not any(np.ptp(m.commands[:, chain.index(subject)]) for m in problem.motions):
-            raise InputError(silent_here)
-        fit, base = None, start
-        present = fitter.machine.effect(effect_id)
-        if present is not None and not present.is_neutral:  # its own components first, then what they leave
-            base = fit = fitter.fit([EffectVector(present, names)], start=start, exact=False)
-        for _ in range(12):
-            rows = [
-                (*Projector(base).gain(w), c)
-                for c, w in spectral_candidates(problem, base, bank, subject)
-                if c.effect.key == effect_id
-            ]
-            gain, x, candidate = max(rows, key=lambda r: r[0], default=(0.0, None, None))
-            if gain <= 0.0 and fit is None:
-                raise InputError(silent_here)
-            if candidate is None or x is None or (fit is not None and gain < 40.0):
-                break
-            base = fit = fitter.fit(selection.extended(base, candidate, x), start=base, exact=False)
-        return fitter.fit(base.effects, start=base)
-    present = fitter.machine.effect(effect_id)
-    values = cls.search.seeds_of(cls.parameters_of(subject), subject, chain)
-    seeds = [Candidate(present, names)] if present else [Candidate(cls(subject, **v), names) for v in values]
-    if not seeds:
-        seeds = [c for c, _ in spectral_candidates(problem, start, bank, subject) if c.effect.kind == cls.kind]
-    bank.compute(seeds)
-    if not bank.matrix.any():
-        raise InputError(silent_here)
-    projector = Projector(start)
-    rows = projector.screen(bank)
-    rows += projector.rows(one_direction_candidates(start, bank, rows))
-    best = {c.effect.key: (x, c) for _, x, c in sorted(rows, key=lambda r: r[0])}
-    trials = [fitter.fit(selection.extended(start, c, x), start=start, exact=False) for x, c in best.values()]
-    trial = min(trials, key=lambda t: penalised_objective(t, problem.settings))
-    return fitter.fit(trial.effects, start=trial)
+    effect_id = f"{cls.kind}.{subject}"
+    found = Search(fitter, only=effect_id).with_effect(fit_within_tolerance(fitter, without=effect_id))
+    if found is None:
+        raise InputError(
+            f"effect {effect_id} does not change any reading of this campaign, so it cannot be fitted; allowed: an "
+            "effect on an axis that moves in its tests"
+        )
+    return found

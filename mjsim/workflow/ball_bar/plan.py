@@ -73,7 +73,7 @@ def plan_bars(
         here = Explanation.of_fit(NOTHING, fit_within_tolerance(fitter, without=ids[0]))
         pair = here.with_effect(ids[0], typical(ids[0], machine.chain)), here
     else:
-        fits = (fit_effect(problem, fitter, *registry.effect_class(i, machine.chain)) for i in between)
+        fits = (fit_effect(fitter, *registry.effect_class(i, machine.chain)).fit for i in between)
         first, second = (Explanation.of_fit(i, fit) for i, fit in zip(between, fits, strict=True))
         pair = first, second
     block = problem.samples[0].block
