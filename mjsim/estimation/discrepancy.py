@@ -44,7 +44,7 @@ USUAL = 0.3e-6
 #: Degrees of freedom of the prior of a test's noise factor: it is known as well as 30 values would tell (assumed).
 _KNOWN_NOISE = 30
 #: Largest and smallest size that is tried, m. Below the smallest nothing is seen of it.
-_LARGEST, _SMALLEST = 30e-6, 3e-9
+_LARGEST, _SMALLEST = 1e-3, 3e-9
 
 
 @dataclass(frozen=True)

@@ -194,7 +194,7 @@ class Hypotheses:
             if at.stop > at.start and (mine is None or c.at_another_order(mine)):
                 rows.append((_of_candidate(c, count), np.arange(at.start, at.stop)))
         products = signatures.products.extended(design[0])
-        linear = self._evidence(products, design, width, inside, rows, levels[:1])[0][1]
+        linear = self._evidence(products, design, width, inside, rows, levels[-1:])[0][1]
         more: list[np.ndarray] = []
         place = width + p
         catalogue = [h for h, _ in rows]

@@ -55,22 +55,26 @@ Row = tuple[float, np.ndarray, Candidate]
 
 def seeds(machine: Machine) -> list[Candidate]:
     """Starting points of the whole catalogue (and the user's effects in the machine), scanned families left out."""
-    out = []
-    for kind, cls in registry.kinds_of(machine.effects).items():
-        hints = cls.search
-        if hints.scanned or cls.for_logs:
-            continue
-        for subject in cls.subjects_of(machine.chain):
-            effect_id, parameters = f"{kind}.{subject}", cls.parameters_of(subject)
-            names = hints.free_of(parameters)
-            mine = [e for e in machine.effects if e.id == effect_id]
-            for present in mine:
-                out += [Candidate(present, names), *(Candidate(e, n) for e, n in hints.variants(present))]
-            if all(e.key != effect_id for e in mine):  # one that acts in one direction leaves room for the other
-                out += [
-                    Candidate(cls(subject, **values), names)
-                    for values in hints.seeds_of(parameters, subject, machine.chain)
-                ]
+    return [
+        c
+        for cls in registry.kinds_of(machine.effects).values()
+        if not cls.for_logs
+        for subject in cls.subjects_of(machine.chain)
+        for c in seeds_of(cls, subject, machine)
+    ]
+
+
+def seeds_of(cls: type[Effect], subject: str, machine: Machine) -> list[Candidate]:
+    """Starting points of one effect; none of a scanned family."""
+    hints, effect_id, parameters = cls.search, f"{cls.kind}.{subject}", cls.parameters_of(subject)
+    if hints.scanned:
+        return []
+    names = hints.free_of(parameters)
+    out, mine = [], [e for e in machine.effects if e.id == effect_id]
+    for present in mine:
+        out += [Candidate(present, names), *(Candidate(e, n) for e, n in hints.variants(present))]
+    if all(e.key != effect_id for e in mine):  # one that acts in one direction leaves room for the other
+        out += [Candidate(cls(subject, **v), names) for v in hints.seeds_of(parameters, subject, machine.chain)]
     return out
 
 

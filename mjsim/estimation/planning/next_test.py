@@ -79,15 +79,28 @@ class Plan:
 def plan_for(
     problem: Problem, selection: Selection, threads: int = 2, progress: Progress = silent, hidden: bool = True
 ) -> Plan | None:
-    """The next test after a search: see :func:`plan`. ``hidden``: also where nothing is ambiguous, for what is not
-    testable.
+    """The next test after a search: the first that is expected to decide between a finding and what may stand in its
+    place, or else the one that comes nearest.
+
+    Args:
+        problem: The measured tests.
+        selection: What was found in them.
+        threads: Tests that are looked at side by side.
+        progress: Called as work gets on.
+        hidden: Also where nothing is ambiguous, for what is not testable.
     """
     args = (problem.campaign, problem.noise, problem.samples[0].block, threads, progress, problem.settings.plan)
+    undecided = []
     for f in selection.found:
         for other, fit in f.competing.items():
             mine = f.key.partition("[")[0]
             pair = Explanation.of_fit(mine, selection.fit), Explanation.of_fit(other, fit)
-            return best_of((mine, other), pair, *args)
+            plan = best_of((mine, other), pair, *args)
+            if plan.decides:
+                return plan
+            undecided.append(plan)
+    if undecided:
+        return max(undecided, key=lambda plan: plan.best.deviance)
     if not hidden:
         return None
     for effect_id in not_testable(problem, Projector(selection.start), selection.bank):
