@@ -57,7 +57,7 @@ class LogBench(RecordingsBench):
             SimulationError: A drive is unstable.
         """
         machine = self.machine
-        found = log_gains(self.campaign, machine, self.opened.threads, stopped)
+        found = log_gains(self.campaign, machine, self.shared.threads, stopped)
         self.gains, self._gains_of, self.gains_complete = found, machine, True
         return found
 
@@ -95,7 +95,7 @@ class LogBench(RecordingsBench):
             model = start_model(machine, data, read_gains(machine, data))
             for effect in mine:
                 model = model.extended(effect, _entries(effect, len({d.test.setup for d in data})))
-            fitter = LogFitter(machine, data, self.opened.threads)
+            fitter = LogFitter(machine, data, self.shared.threads)
             fits.append(fitter.polished(fitter.fit(model)))
         for fit in fits:
             self.intervals |= parameter_intervals(fit)
@@ -107,7 +107,7 @@ class LogBench(RecordingsBench):
         Args:
             progress: Stage, done, total; what it raises stops the search.
         """
-        self.diagnosis = diagnose_logs(self.campaign, self.machine, threads=self.opened.threads, progress=progress)
+        self.diagnosis = diagnose_logs(self.campaign, self.machine, threads=self.shared.threads, progress=progress)
         return self.diagnosis
 
     def take_fitted(self) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -41,11 +40,7 @@ class Workbench(TriedModel):
         shared: Of the campaign; :func:`workbench` makes it.
     """
 
-    def __init__(self, shared: Shared) -> None:
-        super().__init__(shared)
-        self.diagnosis: Diagnosis | None = None
-        self._text = shared.text
-        self._lock = threading.Lock()
+    diagnosis: Diagnosis | None
 
     def update_gains(
         self, waves: bool = True, progress: Progress = silent, stopped: Callable[[], bool] = lambda: False
@@ -137,16 +132,7 @@ class Workbench(TriedModel):
             return run.on(machine)
         return run.on(machine, replace(saved_of(found), machine=machine))
 
-    def add(self, effect: Effect) -> None:
-        """Put an effect with its values into the model, such as one that a diagnosis found."""
-        self.put(f"+ {effect.key}", self.machine.with_effect(effect))
-
     # -- writing -------------------------------------------------------------------------------------------------------
-
-    @property
-    def unsaved(self) -> list[saving.Change]:
-        """Steps from the machine file to the present model."""
-        return saving.changes(self.saved, self.machine)
 
     def save_makes_worse(self) -> bool:
         """Whether the present model fits worse than the machine file's, by the drives alone."""
@@ -204,8 +190,7 @@ def workbench(campaign: Campaign | str | Path, machine: Machine | str | Path | N
         campaign = read_campaign(campaign)
     if not isinstance(machine, Machine):
         machine = machine_of(campaign, machine)
-    shared = shared_of(campaign, machine, threads)
-    return Workbench(shared) if isinstance(shared, Shared) else bench_of(shared)
+    return bench_of(shared_of(campaign, machine, threads))
 
 
 def shared_of(campaign: Campaign, machine: Machine, threads: int) -> Shared | SharedRecordings:
@@ -216,7 +201,9 @@ def shared_of(campaign: Campaign, machine: Machine, threads: int) -> Shared | Sh
     return SharedRecordings(campaign, machine, threads)
 
 
-def bench_of(shared: SharedRecordings) -> RecordingsBench:
-    """A workbench of recordings: with fits and a diagnosis where they are axis logs."""
-    logs = set(shared.opened.campaign.measured_parts) == {LogTest.instrument}
+def bench_of(shared: Shared | SharedRecordings) -> Workbench | RecordingsBench:
+    """A workbench of a campaign: with fits and a diagnosis where ball-bar tests or axis logs were measured."""
+    if isinstance(shared, Shared):
+        return Workbench(shared)
+    logs = set(shared.campaign.measured_parts) == {LogTest.instrument}
     return LogBench(shared) if logs else RecordingsBench(shared)
