@@ -11,7 +11,7 @@ from nicegui import ui
 from mjsim.machine.chain import COORDINATES
 from mjsim.nc.dialects import READABLE
 from mjsim.plots import style
-from mjsim.prediction.part_run import PartRun
+from mjsim.prediction.part_run import PartRun, Reading
 from mjsim.prediction.parts import PARTS
 from mjsim.prediction.result import FAILS, PASSES, Prediction
 from mjsim.units import MM, UM
@@ -82,7 +82,7 @@ class PartDialog:
         zero = tuple(float(n.value or 0.0) * MM for n in self.zero)
         allowed = float(self.allowed.value or 0.0)
         tolerance = allowed * UM if allowed > 0.0 else None
-        run = PartRun(name, (zero[0], zero[1], zero[2]), dialect=self.dialect.value, tolerance=tolerance)
+        run = PartRun(name, (zero[0], zero[1], zero[2]), reading=Reading(self.dialect.value), tolerance=tolerance)
         self.says.text = "predicting …"
         result = await self.work("predict", lambda _: self.live.bench.predict(run))
         if result is None:
