@@ -177,6 +177,22 @@ def cores(threads: int | None) -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def each_part(parts, data: dict):
+    """Each instrument's part with its own JSON in turn; above all but the first one a heading is printed.
+
+    Args:
+        parts: Of a check or a comparison.
+        data: Their JSON as one object.
+    """
+    from mjsim.instruments.base import INSTRUMENTS
+    from mjsim.workflow.comparison import apart
+
+    for i, (part, mine) in enumerate(apart(parts, data)):
+        if i:
+            click.echo(f"\n{INSTRUMENTS[part.instrument].test_noun}s:")
+        yield part, mine
+
+
 def print_json(data: dict) -> None:
     """One JSON object on stdout."""
     text = json.dumps(finite(data), indent=1, ensure_ascii=False, allow_nan=False)
