@@ -54,7 +54,7 @@ def command(
     from mjsim.errors import InputError
     from mjsim.instruments.ball_bar.measurement import BallBarTest
     from mjsim.io.files import check_writable, write_whole
-    from mjsim.report.write import check_same_machine, report
+    from mjsim.report.write import report
 
     runs = part_runs(parts, tolerance, tool, zero, feed, **how)
     read = [read_campaign(c, as_is=as_is) for c in campaigns]
@@ -62,8 +62,6 @@ def command(
     if runs and (len(read) > 1 or BallBarTest.instrument not in read[0].measured_parts):
         raise InputError("--part: allowed for one ball-bar campaign")
     check_writable(out, force)
-    if len(read) > 1:
-        check_same_machine(list(zip(read, machines, strict=True)))
     with common.progress_bar(quiet) as progress:
         result = report(read, machines, max_effects, not no_diagnose, common.cores(threads), progress, runs)
     write_whole(out, result.html, force=force)

@@ -69,7 +69,7 @@ def render(content: ReportContent, beside: Mapping[str, tuple[dict, list]] = Map
         raise ValueError(f"verdict must be one of {', '.join(VERDICTS)}, not '{content.verdict}'")
     return page(
         "report.html",
-        content.to_json() | {key: section for key, (section, _) in beside.items()},
+        data_of(content, beside),
         content.traces,
         ("common.js", "plot.js", "report.js"),
         beside=list(beside.values()),
@@ -90,6 +90,11 @@ def render(content: ReportContent, beside: Mapping[str, tuple[dict, list]] = Map
         iso_rows=any(test.measured is not None for test in content.tests),
         triggers=any(test.trigger_ms is not None for test in content.tests),
     )
+
+
+def data_of(content: ReportContent, beside: Mapping[str, tuple[dict, list]] = MappingProxyType({})) -> dict:
+    """Everything that :func:`render` says, as plain data; arguments as there."""
+    return content.to_json() | {key: section for key, (section, _) in beside.items()}
 
 
 def render_trend(content: TrendContent) -> str:

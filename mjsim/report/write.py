@@ -19,7 +19,7 @@ from mjsim.machine.model import Machine
 from mjsim.prediction.part_run import PartRun
 from mjsim.progress import Progress, silent
 from mjsim.report import build, page, trend
-from mjsim.report.beside import images_of, section_of
+from mjsim.report.beside import compared_section, diagnosed_section, images_of
 from mjsim.workflow.ball_bar.compare import BarComparison, compare_bars
 from mjsim.workflow.compare import compare
 from mjsim.workflow.diagnose import DIAGNOSABLE, diagnose
@@ -122,7 +122,7 @@ def _single(
             content = build.diagnosed(found.of_bars(), threads, progress, day, parts=parts)
         if found.logs is not None:
             said = [f"{e.effect.id}: {e.evidence}" for e in found.effects if e.evidence]
-            sections[LogTest.instrument] = (section_of(found.logs.after, found.logs, said), images_of(found.logs.after))
+            sections[LogTest.instrument] = (diagnosed_section(found.logs, said), images_of(found.logs.after))
     else:
         final = machine
         if bars:
@@ -132,12 +132,11 @@ def _single(
     left = [n for n in campaign.measured_parts if n not in sections and n != BallBarTest.instrument]
     if left:
         for part in compare(campaign.of(*left), final, threads, progress).parts:
-            sections[part.instrument] = (section_of(part), images_of(part))
+            sections[part.instrument] = (compared_section(part), images_of(part))
     progress("writing the page", 0, 1)
     ordered = {INSTRUMENTS[n].beside: sections[n] for n in INSTRUMENTS if n in sections}
     if content is not None:
-        data = page.finite(content.to_json() | {key: section for key, (section, _) in ordered.items()})
-        return Report(page.render(content, ordered), data)
+        return Report(page.render(content, ordered), page.finite(page.data_of(content, ordered)))
     (data, images), *others = ordered.values()
     data = data | {key: section for (key, (section, _)) in list(ordered.items())[1:]}
     verdict = page.VERDICTS.get(data["verdict"] or "")
