@@ -1,4 +1,4 @@
-"""What goes on beside a page of the workbench: its error is kept up to date, one work at a time is done for its user."""
+"""What goes on beside a page of the workbench: the error is kept up to date, and one work at a time is done."""
 
 from __future__ import annotations
 

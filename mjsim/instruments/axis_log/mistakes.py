@@ -24,8 +24,8 @@ _FACTORS |= {1.0 / 25.4: "inch against mm", -1.0: "another sign", 180.0 / np.pi:
 _FACTORS |= {np.pi / 180.0: "rad against °"}
 #: A factor is recognised within this share.
 _NEAR = 0.03
-#: Speeds, m/s and rad/s, and accelerations, m/s², that no machine tool reaches (assumed).
-_FASTEST, _HARDEST = {False: 20.0, True: 1000.0}, {False: 500.0, True: 1e5}
+#: Speeds, m/s and rad/s, that no machine tool reaches (assumed), by whether the axis is rotary.
+_FASTEST = {False: 20.0, True: 1000.0}
 #: Samples of a second: a stated rate may differ from the recorded one by this factor.
 _RATE = 1.5
 
