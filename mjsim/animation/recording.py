@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from mjsim.animation.movie import Film, Format
-from mjsim.animation.story import nice_factor
 from mjsim.campaign.model import Campaign
 from mjsim.io import files
 from mjsim.machine.model import Machine
@@ -96,7 +95,7 @@ class _Picture:
         shown = path or axes[:1]
         largest = max(float(np.abs(a.residual).max()) for a in shown)
         travel = max(float(np.ptp(a.measured)) for a in shown)
-        self.factor = float(magnify or nice_factor(_FILLS * travel / max(largest, 1e-12)))
+        self.factor = float(magnify or max(1.0, style.step_below(_FILLS * travel / max(largest, 1e-12))))
         above, below = self.figure.subplots(2, 1, height_ratios=(3.0, 1.3))
         self._lines = []
         every = max(1, len(axes[0].time) // _POINTS)
