@@ -39,10 +39,7 @@ def command(campaign, machine, fix, threads, as_json, quiet) -> None:
     result = check(campaign, read_machine(machine) if machine else None, common.cores(threads))
     files = write_corrected(result, fix) if fix and result.bars is not None and result.bars.mistakes else []
     data = result.to_json()
-    if as_json:
-        common.print_json({**data, "files": [str(f) for f in files]})
-        return
-    if quiet:
+    if common.answered({**data, "files": [str(f) for f in files]}, as_json, quiet):
         return
     for part, mine in common.each_part(result.parts, data):
         if part is result.bars:

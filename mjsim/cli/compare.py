@@ -69,10 +69,7 @@ def command(campaign, machine, out, calibrated, only, no_plots, force, threads, 
     if imported and result.of(BallBarTest.instrument):
         found = {e.id: e.values for e in m.effects}
         data["imported"] = show_features(imported, found, circles_of(c, data), silent=True)
-    if as_json:
-        common.print_json({**data, "plots": [str(p) for p in plots]})
-        return
-    if quiet:
+    if common.answered({**data, "plots": [str(p) for p in plots]}, as_json, quiet):
         return
     for part, mine in common.each_part(result.parts, data):
         if fitted:

@@ -21,10 +21,7 @@ def import_logs(campaign: Path, pairs, signals, controller, options, force, prev
         import_log(campaign, source, test, tuple(signals), controller, options, force, preview)
         for source, test in pairs
     ]
-    if as_json:
-        common.print_json({"campaign": str(campaign), "logs": [d.to_json() for d in done]})
-        return
-    if quiet:
+    if common.answered({"campaign": str(campaign), "logs": [d.to_json() for d in done]}, as_json, quiet):
         return
     for d in done:
         more = f", {len(d.tests)} logs, {d.tests[0]} to {d.tests[-1]}" if len(d.tests) > 1 else f": test {d.test}"

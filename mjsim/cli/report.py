@@ -21,11 +21,7 @@ from mjsim.cli.part_options import PART, part_runs
     help="The page to write.",
 )
 @common.machine_option
-@click.option(
-    "--max-effects",
-    type=click.IntRange(1, 20),
-    help="Look for at most so many effects; otherwise for all that the data prove.",
-)
+@common.max_effects_option
 @click.option("--no-diagnose", is_flag=True, help="Compare only; look for no missing effects.")
 @click.option(
     "--part", "parts", multiple=True, metavar="PROGRAM", help="Also predict the error of this part, as mjsim predict."

@@ -16,6 +16,7 @@ from importlib import resources
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from mjsim.io.files import finite
 from mjsim.plots import curve, ladder, overview, polar, residual, trend
 from mjsim.plots.waterfall import Fall, waterfall_figure
 from mjsim.report import numbers
@@ -196,15 +197,6 @@ def script_json(data: Any) -> str:
     for character in "<>&\u2028\u2029":
         text = text.replace(character, f"\\u{ord(character):04x}")
     return text
-
-
-def finite(value: Any) -> Any:
-    """The same data with ``None`` for numbers that JSON does not have."""
-    if isinstance(value, dict):
-        return {k: finite(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(v) for v in value]
-    return None if isinstance(value, float) and value - value != 0.0 else value
 
 
 def data_uri(figure: Figure, colours: int | None = _COLOURS) -> str:

@@ -14,6 +14,7 @@ from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.io.extras import need
+from mjsim.io.files import finite
 from mjsim.machine import model
 from mjsim.machine.model import Machine
 from mjsim.prediction.part_run import PartRun
@@ -95,7 +96,7 @@ def report(
         else:
             results.append(compare_bars(c, m, threads, told))
     content = trend.content(results)
-    return Report(page.render_trend(content), page.finite(content.to_json()))
+    return Report(page.render_trend(content), finite(content.to_json()))
 
 
 def _single(
@@ -136,12 +137,12 @@ def _single(
     progress("writing the page", 0, 1)
     ordered = {INSTRUMENTS[n].beside: sections[n] for n in INSTRUMENTS if n in sections}
     if content is not None:
-        return Report(page.render(content, ordered), page.finite(page.data_of(content, ordered)))
+        return Report(page.render(content, ordered), finite(page.data_of(content, ordered)))
     (data, images), *others = ordered.values()
     data = data | {key: section for (key, (section, _)) in list(ordered.items())[1:]}
     verdict = page.VERDICTS.get(data["verdict"] or "")
     html = page.page("recordings.html", data, None, (), verdict=verdict, images=images, beside=others)
-    return Report(html, page.finite(data))
+    return Report(html, finite(data))
 
 
 def check_same_machine(pairs: Sequence[tuple[Campaign, Machine]]) -> None:
