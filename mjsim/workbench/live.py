@@ -11,7 +11,7 @@ from mjsim.machine.effect import Effect
 from mjsim.workbench.jobs import Jobs
 from mjsim.workbench.overlay import Overlay
 from mjsim.workbench.picture import most_changed
-from mjsim.workbench.readings import MULTIBODY
+from mjsim.workbench.readings import DRIVES, MULTIBODY
 from mjsim.workbench.state import Workbench
 
 #: The page has so long to draw the shown test before the others are fitted, which takes both cores, s.
@@ -143,6 +143,11 @@ class Live(Jobs):
             if self._calm.wait(0.1):
                 time.sleep(_PAUSE)
                 self._rested = asked
+
+    @property
+    def engine(self) -> str:
+        """What the newest error was simulated with."""
+        return self.overlay.engine if self.overlay is not None else DRIVES
 
     @property
     def settled(self) -> bool:

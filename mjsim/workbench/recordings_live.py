@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from mjsim.errors import InputError, SimulationError
 from mjsim.workbench.jobs import Jobs
+from mjsim.workbench.readings import DRIVES
 from mjsim.workbench.recordings import RecordingsBench
 from mjsim.workflow.comparison import Comparison
 
@@ -18,6 +19,8 @@ class RecordingsLive(Jobs):
     bench: RecordingsBench
     overlay: Comparison | None
     other: Comparison | None
+    #: What simulates.
+    engine = DRIVES
 
     def __init__(self, bench: RecordingsBench) -> None:
         super().__init__(bench, self._quick, self._update_bars)
