@@ -15,14 +15,14 @@ from mjsim.estimation.problem import Problem
 from mjsim.instruments.ball_bar.iso230 import BidirectionalFigures, CircularFigures
 from mjsim.machine.model import Machine
 from mjsim.plots.output import conditions, polar_traces, residual_trace
+from mjsim.plots.part import part_figure
 from mjsim.prediction.part_run import PartRun
 from mjsim.progress import Progress, silent
 from mjsim.report.answer import explained, headlines
 from mjsim.report.causes import calibration_rows, waterfall
-from mjsim.report.content import BidirectionalRow, ModelRow, ReportContent, SetUpRow, TestSection, WhatIf
+from mjsim.report.content import BidirectionalRow, ModelRow, PartSection, ReportContent, SetUpRow, TestSection, WhatIf
 from mjsim.report.evidence import findings, next_test_sentence, rest_percent, untestable
 from mjsim.report.models import Model, basis, ladder, prepared
-from mjsim.report.parts import part_sections
 from mjsim.report.traces import test_traces
 from mjsim.report.whatif import what_if
 from mjsim.units import DEG, UM
@@ -122,6 +122,29 @@ def compared(
         findings=[],
         parts=part_sections(parts, given.machine, None, progress),
     )
+
+
+def part_sections(
+    parts: Sequence[PartRun], machine: Machine, result: Diagnosis | None = None, progress: Progress = silent
+) -> list[PartSection]:
+    """One section per program.
+
+    Args:
+        parts: The programs.
+        machine: Where they run, unless a diagnosis says so.
+        result: Diagnosis of the machine.
+        progress: Told what is being done.
+
+    Raises:
+        InputError: A program cannot be read or does not fit the machine.
+    """
+    saved = saved_of(result) if result is not None and result.posterior is not None else None
+    out = []
+    for k, part in enumerate(parts):
+        progress("predicting parts", k, len(parts))
+        predicted = part.on(machine if saved is None else saved.machine, saved)
+        out.append(PartSection(predicted.to_json(blocks=False), part_figure(predicted)))
+    return out
 
 
 def _content(models: list[Model], start: int, final: Machine, repairs: WhatIf | None, date: str) -> dict:
