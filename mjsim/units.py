@@ -40,18 +40,20 @@ DEG = math.pi / 180.0
 MM = 1e-3
 
 
+def suffix_of(name: str) -> str:
+    """The unit that a parameter name is or ends in, as it is written there; empty where there is none."""
+    return next((u for u in sorted(UNITS, key=len, reverse=True) if name == u or name.endswith("_" + u)), "")
+
+
 def has_unit(name: str) -> bool:
     """Whether a parameter name ends in a unit, and that is all of it: ``lag_urad_per_rad_per_s`` has another one."""
-    found = next((u for u in sorted(UNITS, key=len, reverse=True) if name == u or name.endswith("_" + u)), None)
-    return found is not None and not name.removesuffix(found).endswith("_per_")
+    found = suffix_of(name)
+    return found != "" and not name.removesuffix(found).endswith("_per_")
 
 
 def unit_of(name: str) -> tuple[float, str]:
     """Factor to SI and the shown symbol for a parameter name; dimensionless names give ``(1.0, "")``."""
-    for suffix in sorted(UNITS, key=len, reverse=True):
-        if name == suffix or name.endswith("_" + suffix):
-            return UNITS[suffix]
-    return 1.0, ""
+    return UNITS.get(suffix_of(name), (1.0, ""))
 
 
 #: What the unit of a current is called; no axis.

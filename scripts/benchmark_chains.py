@@ -60,7 +60,7 @@ def named(s) -> list[bool]:
 
 
 def figures(rows: list[dict]) -> None:
-    """Prints rates in the words of docs/diagnosis-benchmark-real.md, ideal and real machines apart."""
+    """Prints rates in the words of docs/diagnosis-benchmark.md, ideal and real machines apart."""
     from diagnosis_figures import counts, false_alarms, numbers_of, predicted, rate, recognised, right_axis, wrong_names
     from diagnosis_score import score
 

@@ -99,7 +99,7 @@ def answer(case, row: dict, heldout: bool | None = None) -> None:
 
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import read_machine
-    from mjsim.cli.common import finite
+    from mjsim.io.files import finite
     from mjsim.workflow.diagnose import diagnose
     from mjsim.workflow.diagnosis import write_effect_file
     from mjsim.workflow.edit import with_effect_file

@@ -72,17 +72,12 @@ def predictions(campaign: Campaign, machine: Machine) -> None:
     """Every log predicted by the machine that was fitted to each single one."""
     names = [t.name for t in campaign.of("axis_log").measured]
     for fitted_to in names:
-        fitted = diagnose_logs(with_logs(campaign, fitted_to), machine).machine
+        fitted = diagnose_logs(campaign.only([fitted_to]), machine).machine
         for name in names:
-            (log,) = compare_logs(with_logs(campaign, name), fitted).tests
+            (log,) = compare_logs(campaign.only([name]), fitted).tests
             axes = ", ".join(f"{a} {x.rms / UM:.2f}" for a, x in log.axes.items())
             radial = f", radial {log.circle.rms / UM:.2f}" if log.circle else ""
             print(f"fitted to {fitted_to}, held against {name}: {axes}{radial} µm RMS")
-
-
-def with_logs(campaign: Campaign, *names: str) -> Campaign:
-    """A campaign with some of its logs."""
-    return campaign.only(names)
 
 
 def parts(campaign: Campaign, cut: float) -> Campaign:

@@ -577,5 +577,5 @@ def test_only_the_command_line_and_the_workbench_import_it():
     assert {p.relative_to(ROOT / "mjsim").as_posix() for p in users} == {
         "__init__.py",
         "cli/animate.py",
-        "workbench/page/files.py",
+        "workbench/page/desk.py",
     }

@@ -14,7 +14,6 @@ from mjsim.campaign.machine_file import read_machine
 from mjsim.errors import InputError
 from mjsim.machine.chain import Placement, chain_of
 from mjsim.machine.inverse import linear_positions, pose, solutions
-from mjsim.machine.inverse_real import real_pose
 from mjsim.machine.kinematics import Geometry, reading, spindle_in_work, tool_direction
 from mjsim.machine.model import Drive, Machine, build
 from mjsim.machine.plant import Op
@@ -272,21 +271,6 @@ def test_bad_placements_are_refused(tmp_path, configuration, more, message):
     with pytest.raises(InputError, match=message) as error:
         read_machine(file)
     assert str(error.value).startswith(str(file)) and "\n" not in str(error.value)
-
-
-@EACH_FIVE
-def test_a_machine_with_errors_is_brought_to_a_pose_by_newtons_method(chain):
-    rng = np.random.default_rng(11)
-    ideal = amounts(chain, 50, 12)[:, : chain.count]
-    ideal[:, chain.rotary_columns] = rng.uniform(0.3, 0.8, (50, 2))
-    p, d = spindle_in_work(chain, ideal), tool_direction(chain, ideal)
-    location, square = errors(chain, 13, 1e-4)
-    q = real_pose(chain, p, d, Geometry(location, square))
-    off = [reading(chain, q[i : i + 1], p[i], 0.0, Geometry(location, square))[0] for i in range(50)]
-    assert np.abs(off).max() < 1e-12
-    exact = real_pose(chain, p, d, Geometry())
-    np.testing.assert_allclose(exact, pose(chain, p, d), rtol=0, atol=1e-12)
-    assert 1e-6 < np.abs(q - exact).max() < 5e-3
 
 
 @pytest.mark.parametrize("configuration", ["w-C'A'Y'bXZ-t", "w-C'bXYZB-t", "w-bXYZCA-t"])

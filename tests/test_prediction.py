@@ -22,9 +22,9 @@ from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS, chain_of
 from mjsim.prediction.contour import contour
 from mjsim.prediction.pace import LINEAR, ROTARY, paced
+from mjsim.prediction.part_run import program_of
 from mjsim.prediction.parts import PARTS, part
 from mjsim.prediction.predict import predict
-from mjsim.prediction.program import program_of
 from mjsim.units import MM, UM
 from mjsim.workflow.saved import SavedDiagnosis
 

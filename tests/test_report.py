@@ -25,6 +25,7 @@ from mjsim.plots.residual import ResidualTrace
 from mjsim.plots.trend import TrendSeries, trend_figure
 from mjsim.prediction.part_run import PartRun
 from mjsim.report import answer, numbers, trend, whatif
+from mjsim.report.build import part_sections
 from mjsim.report.content import (
     BidirectionalRow,
     Finding,
@@ -39,7 +40,6 @@ from mjsim.report.content import (
     WhatIf,
 )
 from mjsim.report.page import asset, at, render, render_trend, script_json
-from mjsim.report.parts import part_sections
 from mjsim.report.traces import kept, steps
 from mjsim.report.write import check_same_machine
 from mjsim.workflow.finding import percent

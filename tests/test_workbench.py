@@ -48,8 +48,7 @@ def test_ladder_goes_back_and_forth():
     ladder.push("two", models[1], "slider")
     ladder.push("three", models[2], "slider")  # the same slider on its way: one rung
     assert [r.label for r in ladder.rungs] == ["machine as given", "one", "three"]
-    ladder.settle()
-    ladder.push("four", models[3], "slider")
+    ladder.push("four", models[3], "another slider")
     assert len(ladder.rungs) == 4
     assert ladder.undo() and ladder.undo() and ladder.machine is models[0]
     assert ladder.redo() and ladder.machine is models[2]

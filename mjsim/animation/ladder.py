@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.animation import encode
 from mjsim.animation.board import Board
-from mjsim.animation.movie import Format
+from mjsim.animation.movie import Film, Format
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.instruments.ball_bar.measurement import BallBarTest
@@ -24,22 +23,11 @@ MOST_TESTS, STAND, CHANGE = 9, 1.5, 1.0
 
 
 @dataclass(frozen=True)
-class LadderFilm:
-    """A file that was written: frames, size (pixels), frames per second, tests shown, and each model's name and RMS
-    (m).
-    """
+class LadderFilm(Film):
+    """A video of a ladder: tests shown, and each model's name and RMS (m)."""
 
-    file: Path
-    frames: int
-    size: tuple[int, int]
-    fps: float
     tests: tuple[str, ...]
     models: tuple[tuple[str, float], ...]
-
-    @property
-    def seconds(self) -> float:
-        """Duration, s."""
-        return self.frames / self.fps
 
 
 def animate_ladder(
@@ -91,9 +79,7 @@ def animate_ladder(
         rungs.append(compare_bars(campaign, machine, threads, part))
     shown = _chosen(rungs[0], tests)
     board = Board(campaign.name, [s.label for s in steps], rungs, shown, form.size)
-    with files.whole(file, force) as neighbour, encode.writer(form.kind, neighbour, form.size, form.fps) as out:
-        encode.add_all(out, map(board.frame, places(len(steps), count)), lambda k: progress("rendering", k, count))
-        progress("writing", 0, 1)
+    form.write(file, map(board.frame, places(len(steps), count)), count, force, progress)
     return LadderFilm(
         file,
         count,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,24 +32,36 @@ ASIDE = 0.2
 
 @dataclass(frozen=True)
 class Film:
-    """A file that was written: its frames, size (pixels), frames per second, seconds of test per second, and what
-    is magnified.
+    """A file that was written.
+
+    Attributes:
+        file: The video.
+        frames: Number of its frames.
+        size: Width and height, pixels.
+        fps: Frames per second.
     """
 
     file: Path
-    test: str
     frames: int
     size: tuple[int, int]
     fps: float
-    speed: float
-    magnification: float
-    magnified: str
-    camera: str
 
     @property
     def seconds(self) -> float:
         """Duration, s."""
         return self.frames / self.fps
+
+
+@dataclass(frozen=True)
+class TestFilm(Film):
+    """A video of a ball-bar test: seconds of test per second, what is magnified, and from where it is seen."""
+
+    __test__ = False
+    test: str
+    speed: float
+    magnification: float
+    magnified: str
+    camera: str
 
 
 @dataclass(frozen=True)
@@ -91,6 +103,12 @@ class Format:
             )
         return n
 
+    def write(self, file: Path, frames: Iterable[np.ndarray], count: int, force: bool, progress: Progress) -> None:
+        """Write frames (height, width, 3) uint8 into a file that is there whole or not at all."""
+        with files.whole(file, force) as neighbour, encode.writer(self.kind, neighbour, self.size, self.fps) as out:
+            encode.add_all(out, frames, lambda k: progress("rendering", k, count))
+            progress("writing", 0, 1)
+
 
 def animate(
     campaign: Campaign,
@@ -107,7 +125,7 @@ def animate(
     force: bool = False,
     threads: int = 2,
     progress: Progress = silent,
-) -> Film:
+) -> TestFilm:
     """Write a video of one test.
 
     Args:
@@ -143,11 +161,9 @@ def animate(
         chosen, max(layout.view_width, 2 * layout.px(INSET)), max(layout.height, 2 * layout.px(INSET)), shadows
     ) as stage:
         story = tell(campaign, machine, chosen, magnify, threads, progress)
-        with files.whole(file, force) as neighbour, encode.writer(form.kind, neighbour, form.size, form.fps) as out:
-            frames = pictures(story, stage, layout, camera, np.linspace(0.0, duration, count), speed)
-            encode.add_all(out, frames, lambda k: progress("rendering", k, count))
-            progress("writing", 0, 1)
-    return Film(file, test, count, form.size, form.fps, speed, story.magnification, story.magnified, camera)
+        frames = pictures(story, stage, layout, camera, np.linspace(0.0, duration, count), speed)
+        form.write(file, frames, count, force, progress)
+    return TestFilm(file, count, form.size, form.fps, test, speed, story.magnification, story.magnified, camera)
 
 
 def _length(duration: float, longest: float, speed: float | None, seconds: float | None) -> float:
@@ -162,7 +178,7 @@ def _length(duration: float, longest: float, speed: float | None, seconds: float
 
 
 def pictures(story: Story, stage, layout: Layout, camera: str, times: np.ndarray, speed: float) -> Iterator[np.ndarray]:
-    """Frames (height, width, 3) uint8 at ``times`` (n,) s, in order; ``speed`` as :class:`Film` has it."""
+    """Frames (height, width, 3) uint8 at ``times`` (n,) s, in order; ``speed`` as :class:`TestFilm` has it."""
     from mjsim.animation.scene import BAR, FAR
     from mjsim.animation.trail import Trail
 

@@ -7,9 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.animation import encode
-from mjsim.animation.movie import Format
-from mjsim.animation.story import nice_factor
+from mjsim.animation.movie import Film, Format
 from mjsim.campaign.model import Campaign
 from mjsim.io import files
 from mjsim.machine.model import Machine
@@ -27,29 +25,11 @@ _POINTS = 3000
 
 
 @dataclass(frozen=True)
-class RecordingFilm:
-    """A file that was written.
+class RecordingFilm(Film):
+    """A video of a recording: name of the test, and how many times its size the error is drawn."""
 
-    Attributes:
-        file: The video.
-        frames: Number of its frames.
-        size: Width and height, pixels.
-        fps: Frames per second.
-        test: Name of the test.
-        magnification: How many times its size the error is drawn.
-    """
-
-    file: Path
-    frames: int
-    size: tuple[int, int]
-    fps: float
     test: str
     magnification: float
-
-    @property
-    def seconds(self) -> float:
-        """Duration, s."""
-        return self.frames / self.fps
 
 
 def animate_recording(
@@ -93,10 +73,7 @@ def animate_recording(
     length = min(float(compared.channels[0].time[-1]), form.longest) if seconds is None else seconds
     count = form.frames(length)
     picture = _Picture(compared, form.size, magnify)
-    with files.whole(file, force) as neighbour, encode.writer(form.kind, neighbour, form.size, form.fps) as out:
-        shares = np.linspace(1.0 / count, 1.0, count)
-        encode.add_all(out, map(picture.frame, shares), lambda k: progress("rendering", k, count))
-        progress("writing", 0, 1)
+    form.write(file, map(picture.frame, np.linspace(1.0 / count, 1.0, count)), count, force, progress)
     return RecordingFilm(file, count, form.size, form.fps, test, picture.factor)
 
 
@@ -118,7 +95,7 @@ class _Picture:
         shown = path or axes[:1]
         largest = max(float(np.abs(a.residual).max()) for a in shown)
         travel = max(float(np.ptp(a.measured)) for a in shown)
-        self.factor = float(magnify or nice_factor(_FILLS * travel / max(largest, 1e-12)))
+        self.factor = float(magnify or max(1.0, style.step_below(_FILLS * travel / max(largest, 1e-12))))
         above, below = self.figure.subplots(2, 1, height_ratios=(3.0, 1.3))
         self._lines = []
         every = max(1, len(axes[0].time) // _POINTS)

@@ -13,11 +13,11 @@ from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.vibration import phased_at
-from mjsim.instruments.ball_bar.iso230 import least_squares_circle
-from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.model import Machine, build
+from mjsim.plots.polar import centre_of, off_centre
+from mjsim.plots.style import step_below
 from mjsim.progress import Progress, counted, silent
 from mjsim.simulation.drive import STEP
 from mjsim.simulation.multibody import Simulation, simulate
@@ -133,7 +133,7 @@ def tell(
         traces, error = _simulated(simulation)
     largest = float(np.nanmax(np.abs(error.value)))
     if magnify is None:
-        magnify = nice_factor(FILL * test.length / max(largest, 1e-12))
+        magnify = max(1.0, step_below(FILL * test.length / max(largest, 1e-12)))
     elif not (math.isfinite(magnify) and magnify >= 1.0 and magnify * largest <= 0.9 * test.length):
         raise InputError(
             f"magnification {magnify:g}: the error is up to {largest / UM:.2f} µm and the bar "
@@ -153,9 +153,9 @@ def _compared(campaign: Campaign, machine: Machine, test: BallBarTest, threads: 
     k = [t.name for t in problem.tests].index(test.name)
     t = overlay(problem, machine, simulations, begin).tests[k]
     time = problem.samples[k].time - t.trigger
-    centre = _centre(test, t.phi[t.valid], t.measured[t.valid])
+    common = off_centre(centre_of(test, t.phi[t.valid], t.measured[t.valid]), t.phi)
     hidden = np.where(t.valid, 0.0, np.nan)
-    traces = tuple(Signal(n, time, t.phi, getattr(t, n) - centre(t.phi) + hidden) for n in ("measured", "simulated"))
+    traces = tuple(Signal(n, time, t.phi, getattr(t, n) - common + hidden) for n in ("measured", "simulated"))
     return simulations[k], traces, Signal("error", time, t.phi, t.residual + hidden)
 
 
@@ -163,24 +163,5 @@ def _simulated(s: Simulation):
     begin, end = Program(s.test).measured_span
     keep = np.flatnonzero((s.time >= begin) & (s.time <= end))[::5]
     phi, deviation = s.phi[keep], s.deviation[keep]
-    trace = Signal("simulated", s.time[keep], phi, deviation - _centre(s.test, phi, deviation)(phi))
+    trace = Signal("simulated", s.time[keep], phi, deviation - off_centre(centre_of(s.test, phi, deviation), phi))
     return (trace,), trace
-
-
-def _centre(test: BallBarTest, phi: np.ndarray, deviation: np.ndarray):
-    """Eccentricity of a circle, or the mean of an arc, as a function of φ (m)."""
-    try:
-        if not kind_of(test).goes_round:
-            raise InputError("an arc")
-        return least_squares_circle(phi, deviation).eccentricity_m
-    except InputError:
-        mean = float(deviation.mean())
-        return lambda phi: np.full(len(phi), mean)
-
-
-def nice_factor(largest: float) -> float:
-    """The largest of 1, 2, 5 x 10^k that is not above ``largest``, at least 1."""
-    if largest < 1.0:
-        return 1.0
-    decade = 10.0 ** math.floor(math.log10(largest))
-    return max(f * decade for f in (1.0, 2.0, 5.0) if f * decade <= largest * (1.0 + 1e-9))

@@ -20,8 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mjsim.batch import columns
-from mjsim.batch.arrow import pa, pq
+from mjsim.batch.arrow import integers, lists, numbers, pa, pq, texts
 from mjsim.batch.describe import describe, difference, result_columns, schema, trace_columns
 from mjsim.batch.sweep import Sweep
 from mjsim.batch.workshop import Outcome
@@ -154,17 +153,15 @@ class Folder:
     def _table(self, outcomes: list[Outcome]) -> pa.Table:
         parameters = np.array([self.sweep.parameters(o.run) for o in outcomes]).reshape(len(outcomes), -1)
         figures = np.array([o.figures for o in outcomes]).reshape(len(outcomes), -1)
-        of_run = [columns.numbers(p) for p in (*parameters.T, [o.duration for o in outcomes], *figures.T)]
-        return pa.table(
-            [*self._keys(outcomes), *of_run, columns.texts([o.error for o in outcomes])], schema=self._schema
-        )
+        of_run = [numbers(p) for p in (*parameters.T, [o.duration for o in outcomes], *figures.T)]
+        return pa.table([*self._keys(outcomes), *of_run, texts([o.error for o in outcomes])], schema=self._schema)
 
     def _trace_table(self, outcomes: list[Outcome]) -> pa.Table:
-        lists = [columns.lists([None if o.trace is None else o.trace[i] for o in outcomes]) for i in range(3)]
-        return pa.table([*self._keys(outcomes), *lists], schema=self._trace_schema)
+        traces = [lists([None if o.trace is None else o.trace[i] for o in outcomes]) for i in range(3)]
+        return pa.table([*self._keys(outcomes), *traces], schema=self._trace_schema)
 
     def _keys(self, outcomes: list[Outcome]) -> list[pa.Array]:
-        return [columns.integers([o.run for o in outcomes]), columns.texts([self._tests[o.test] for o in outcomes])]
+        return [integers([o.run for o in outcomes]), texts([self._tests[o.test] for o in outcomes])]
 
     def finish(self) -> None:
         """Make one data set of all shards: results in the order of runs, traces in the order of tests."""
@@ -216,9 +213,9 @@ def _consolidate(folder: Path, wanted: pa.Schema, tests: list[str], order: tuple
 def _gather(files: list[Path], source: np.ndarray, row: np.ndarray) -> pa.Table:
     """Row ``row[i]`` of file ``source[i]``, for every i, in that order."""
     used = np.unique(source)
-    tables = [pq.ParquetFile(files[f]).read().take(columns.integers(row[source == f])) for f in used]
+    tables = [pq.ParquetFile(files[f]).read().take(integers(row[source == f])) for f in used]
     place = np.argsort(np.concatenate([np.flatnonzero(source == f) for f in used]))
-    return pa.concat_tables(tables).take(columns.integers(place))
+    return pa.concat_tables(tables).take(integers(place))
 
 
 def _recover(folder: Path) -> None:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +13,7 @@ from mjsim.batch.arrow import pq
 from mjsim.batch.dataset import Folder
 from mjsim.batch.local import run_local
 from mjsim.batch.sweep import Sweep, read_sweep
-from mjsim.batch.workshop import Job, Outcome, Workshop
+from mjsim.batch.workshop import Outcome, Workshop
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.simulation import callback
 from mjsim.simulation.axes import TAIL
@@ -197,8 +196,3 @@ def estimate(sweep: Sweep, threads: int) -> tuple[int, float]:
         spent = time.monotonic() - begun
     total = sum(steps) * sweep.runs
     return total, spent / steps[shortest] * total / threads
-
-
-def first_jobs(sweep: Sweep, count: int) -> Iterator[Job]:
-    """The first few jobs, in the order of runs."""
-    return islice((sweep.job(run, 0) for run in range(sweep.runs)), count)

@@ -32,10 +32,7 @@ def command(campaign, effect, machine, force, threads, as_is, as_json, quiet) ->
     with common.progress_bar(quiet) as progress:
         change = add(c, effect, machine, common.cores(threads), progress, force=force)
     data = change_json(change)
-    if as_json:
-        common.print_json(data)
-        return
-    if quiet:
+    if common.answered(data, as_json, quiet):
         return
     show_change("added", data)
     common.say(

@@ -7,9 +7,8 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
-from mjsim.cli.logs import NOT_CHECKED, show_check
+from mjsim.cli.logs import NOT_CHECKED, show_check, show_findings
 from mjsim.instruments.axis_log.measurement import LogTest
-from mjsim.instruments.base import INSTRUMENTS
 
 
 @click.command("check")
@@ -40,16 +39,9 @@ def command(campaign, machine, fix, threads, as_json, quiet) -> None:
     result = check(campaign, read_machine(machine) if machine else None, common.cores(threads))
     files = write_corrected(result, fix) if fix and result.bars is not None and result.bars.mistakes else []
     data = result.to_json()
-    if as_json:
-        common.print_json({**data, "files": [str(f) for f in files]})
+    if common.answered({**data, "files": [str(f) for f in files]}, as_json, quiet):
         return
-    if quiet:
-        return
-    for i, part in enumerate(result.parts):
-        instrument = INSTRUMENTS[part.instrument]
-        mine = data if i == 0 else data[instrument.beside]
-        if i:
-            click.echo(f"\n{instrument.test_noun}s:")
+    for part, mine in common.each_part(result.parts, data):
         if part is result.bars:
             _show_bars(mine, part, fix, files)
         elif part.instrument == LogTest.instrument:
@@ -63,12 +55,7 @@ def _show_plain(data: dict) -> None:
     rows = [[t["name"], str(t["samples"]), f"{t['duration_s']:g}", ", ".join(t["finding"])] for t in data["tests"]]
     common.table(["test", "samples", "duration s", "finding"], rows, text=(0, 3))
     click.echo()
-    for m in data["mistakes"]:
-        common.paragraph(m["sentence"])
-    if not data["mistakes"]:
-        common.paragraph("No mistake found.")
-    if data["not_measured"]:
-        common.paragraph(NOT_CHECKED.format(", ".join(data["not_measured"])))
+    show_findings(data, "No mistake found.")
 
 
 def _show_bars(data: dict, part, fix: Path | None, files: list[Path]) -> None:

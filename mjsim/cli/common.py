@@ -162,6 +162,18 @@ test_option = click.option(
     shell_complete=test_names,
     help="Use this measured test only (may be given more than once).",
 )
+names_option = click.option(
+    "--test",
+    "names",
+    multiple=True,
+    shell_complete=test_names,
+    help="Only this test (may be given more than once).",
+)
+max_effects_option = click.option(
+    "--max-effects",
+    type=click.IntRange(1, 20),
+    help="Look for at most so many effects; otherwise for all that the data prove.",
+)
 as_is_option = click.option(
     "--as-is", is_flag=True, help="Do not look for a wrong unit, sign or direction first (see mjsim check)."
 )
@@ -177,8 +189,26 @@ def cores(threads: int | None) -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def each_part(parts, data: dict):
+    """Each instrument's part with its own JSON in turn; above all but the first one a heading is printed.
+
+    Args:
+        parts: Of a check or a comparison.
+        data: Their JSON as one object.
+    """
+    from mjsim.instruments.base import INSTRUMENTS
+    from mjsim.workflow.comparison import apart
+
+    for i, (part, mine) in enumerate(apart(parts, data)):
+        if i:
+            click.echo(f"\n{INSTRUMENTS[part.instrument].test_noun}s:")
+        yield part, mine
+
+
 def print_json(data: dict) -> None:
     """One JSON object on stdout."""
+    from mjsim.io.files import finite
+
     text = json.dumps(finite(data), indent=1, ensure_ascii=False, allow_nan=False)
     try:
         text.encode(getattr(sys.stdout, "encoding", None) or "utf-8")
@@ -187,13 +217,11 @@ def print_json(data: dict) -> None:
     click.echo(text)
 
 
-def finite(value):
-    """The same data with ``null`` for numbers that JSON does not have."""
-    if isinstance(value, dict):
-        return {k: finite(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(v) for v in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+def answered(data: dict, as_json: bool, quiet: bool) -> bool:
+    """Print the JSON where it is asked for; whether there is nothing more to print."""
+    if as_json:
+        print_json(data)
+    return as_json or quiet
 
 
 def styled(stream) -> bool:

@@ -8,11 +8,10 @@ import click
 
 from mjsim.cli import common
 from mjsim.cli.import_show import show_features
-from mjsim.cli.logs import show_comparison, show_sheet
+from mjsim.cli.logs import show_comparison, show_left_out, show_sheet
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.measurement import BallBarTest
-from mjsim.instruments.base import INSTRUMENTS
 from mjsim.units import DEG, UM, unit_of
 
 
@@ -70,16 +69,9 @@ def command(campaign, machine, out, calibrated, only, no_plots, force, threads, 
     if imported and result.of(BallBarTest.instrument):
         found = {e.id: e.values for e in m.effects}
         data["imported"] = show_features(imported, found, circles_of(c, data), silent=True)
-    if as_json:
-        common.print_json({**data, "plots": [str(p) for p in plots]})
+    if common.answered({**data, "plots": [str(p) for p in plots]}, as_json, quiet):
         return
-    if quiet:
-        return
-    for i, part in enumerate(result.parts):
-        instrument = INSTRUMENTS[part.instrument]
-        mine = data if i == 0 else data[instrument.beside]
-        if i:
-            click.echo(f"\n{instrument.test_noun}s:")
+    for part, mine in common.each_part(result.parts, data):
         if fitted:
             _show_calibration(mine, m, fitted)
         _SHOW.get(part.instrument, show_channels)(mine)
@@ -94,11 +86,10 @@ def command(campaign, machine, out, calibrated, only, no_plots, force, threads, 
 
 def _add_calibration(data: dict, fitted) -> None:
     """What was calibrated, in the JSON of the instrument whose tests it was fitted to."""
-    from mjsim.workflow.comparison import significant
+    from mjsim.workflow.comparison import apart, significant
     from mjsim.workflow.diagnosis import calibration_json
 
-    for i, part in enumerate(fitted.before.parts):
-        mine = data if i == 0 else data[INSTRUMENTS[part.instrument].beside]
+    for part, mine in apart(fitted.before.parts, data):
         if "rms_um" in mine:
             mine["rms_as_given_um"] = round(part.rms / UM, 4)
         if "rms_deg" in mine:
@@ -144,8 +135,7 @@ def show_channels(data: dict) -> None:
         common.paragraph(f"{t['name']}: fitted of the set-up: {fitted}")
         for who, figures in t["figures"].items():
             common.paragraph(f"{t['name']}: {who}: " + ", ".join(f"{k} {v:.4g}" for k, v in figures.items()))
-    if data["not_measured"]:
-        common.paragraph(f"Not compared, because they have no trace: {', '.join(data['not_measured'])}.")
+    show_left_out(data)
 
 
 def left_out_sentence(rows: list[dict], total: int) -> str:

@@ -100,10 +100,7 @@ def linuxcnc(
     write_whole(out, record.to_csv(actual), force)
     data = {"file": str(out), "test": name, "program": str(program) if program else None}
     data |= {"rows": len(record.told), "seconds": round(record.seconds, 2), "drives": drives, **held.to_json()}
-    if as_json:
-        common.print_json(data)
-        return
-    if quiet:
+    if common.answered(data, as_json, quiet):
         return
     common.table(["", "LinuxCNC", "model"], held.rows(), text=(0, 1, 2))
     common.paragraph(

@@ -34,11 +34,7 @@ _LONG_S = 5.0
     type=click.Path(path_type=Path, dir_okay=False),
     help="Save the machine with the effects found, the curve of what is unexplained, and the calibrated data sheet.",
 )
-@click.option(
-    "--max-effects",
-    type=click.IntRange(1, 20),
-    help="Look for at most so many effects; otherwise for all that the data prove.",
-)
+@common.max_effects_option
 @common.test_option
 @click.option("--force", is_flag=True, help="Replace the file named by --write.")
 @common.as_is_option
@@ -91,10 +87,7 @@ def command(campaign, machine, write, max_effects, only, force, threads, as_is, 
         found = {e.id: e.values for e in m.effects} | {e["id"]: e["parameters"] for e in data["effects"]}
         circles = circles_of(c, result.before.to_json())
         data["imported"] = show_features(imported, found, circles, silent=True)
-    if as_json:
-        common.print_json(data)
-        return
-    if quiet:
+    if common.answered(data, as_json, quiet):
         return
     if not result.has_bars:
         show_diagnosis(data)
@@ -155,15 +148,6 @@ def say_how_long(campaign, quiet: bool) -> Callable[[], None]:
     return done
 
 
-_SENTENCE = {
-    "identified": "Identified: the effects below are missing, and nothing else explains the data as well.",
-    "ambiguous": "Ambiguous: some effects below cannot be told from others by these tests.",
-    "unknown": "Unknown: something repeatable is left that no effect of the catalogue explains.",
-    "nothing_found": "Nothing found: the model explains the measurement down to the noise and the data sheet's "
-    "tolerances.",
-}
-
-
 #: What the final model has, for the sentence about the residual.
 _FITTED = {True: "with everything that was found and calibrated", False: "with what was found"}
 
@@ -175,7 +159,9 @@ def show(data: dict, campaign: str = "CAMPAIGN") -> None:
         data: as :meth:`mjsim.workflow.diagnosis.Diagnosis.to_json` gives it.
         campaign: its folder, for the commands that are proposed.
     """
-    common.paragraph(_SENTENCE[data["verdict"]])
+    from mjsim.workflow.diagnosis import VERDICTS
+
+    common.paragraph(VERDICTS[data["verdict"]])
     common.paragraph(
         f"residual RMS {data['rms_before_um']:.3f} µm as given, "
         f"{data['rms_after_um']:.3f} µm {_FITTED[bool(data['calibration'])]}; noise {data['noise_um']:.3f} µm"

@@ -48,10 +48,7 @@ def command(effect, machine_file, as_json, quiet) -> None:
     else:
         raise InputError(f"unknown effect {effect!r}; known kinds: {', '.join(known)}")
     data, subjects = describe(cls, subject, chain), cls.subjects_of(chain)
-    if as_json:
-        common.print_json(data)
-        return
-    if quiet:
+    if common.answered(data, as_json, quiet):
         return
     common.paragraph(
         f"{data['id'] if subject else cls.kind}: {data['title']}" + ("" if subject else f" ({', '.join(subjects)})")

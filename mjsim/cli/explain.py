@@ -54,10 +54,7 @@ def command(campaign, effect, machine, out, no_plots, force, threads, as_is, as_
     if plot is not None and result.tests:
         explanation_plot(result, plot)
     data = result.to_json() | {"plot": str(plot) if plot is not None and result.tests else None}
-    if as_json:
-        common.print_json(data)
-        return
-    if quiet:
+    if common.answered(data, as_json, quiet):
         return
     show(data)
     if data["plot"]:

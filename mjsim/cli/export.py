@@ -12,13 +12,7 @@ from mjsim.cli import common
 @click.command("export")
 @common.campaign_argument
 @common.machine_option
-@click.option(
-    "--test",
-    "names",
-    multiple=True,
-    shell_complete=common.test_names,
-    help="Only this test (may be given more than once).",
-)
+@common.names_option
 @click.option(
     "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the CSV files."
 )

@@ -84,10 +84,7 @@ def pitch_error(
         "effects": [{"id": e.id, **e.values} for r in results.values() for e in r.effects],
         "plots": [str(p) for p in plots],
     }
-    if as_json:
-        common.print_json(data)
-        return
-    if quiet:
+    if common.answered(data, as_json, quiet):
         return
     for i, (a, result) in enumerate(data["axes"].items()):
         if i:
@@ -114,10 +111,7 @@ def _from_encoders(campaign, machine, axes, write: Path | None, force: bool, as_
             found[axis] = identify_from_encoders(campaign.of(LogTest.instrument), axis)
     if write is not None:
         write_machine(machine_with_waves(machine, found), machine.file, write, force=force)
-    if as_json:
-        common.print_json({"campaign": campaign.name, "axes": {a: r.to_json() for a, r in found.items()}})
-        return
-    if quiet:
+    if common.answered({"campaign": campaign.name, "axes": {a: r.to_json() for a, r in found.items()}}, as_json, quiet):
         return
     for data in (r.to_json() for r in found.values()):
         show_encoders(data)

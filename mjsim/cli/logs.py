@@ -21,10 +21,7 @@ def import_logs(campaign: Path, pairs, signals, controller, options, force, prev
         import_log(campaign, source, test, tuple(signals), controller, options, force, preview)
         for source, test in pairs
     ]
-    if as_json:
-        common.print_json({"campaign": str(campaign), "logs": [d.to_json() for d in done]})
-        return
-    if quiet:
+    if common.answered({"campaign": str(campaign), "logs": [d.to_json() for d in done]}, as_json, quiet):
         return
     for d in done:
         more = f", {len(d.tests)} logs, {d.tests[0]} to {d.tests[-1]}" if len(d.tests) > 1 else f": test {d.test}"
@@ -47,12 +44,15 @@ def show_check(data: dict) -> None:
     ]
     common.table(["log", "axes", "samples", "rate Hz", "finding"], rows, text=(0, 1, 4))
     click.echo()
-    for m in data["mistakes"]:
-        common.paragraph(m["sentence"])
-    for f in data["signals"]:
-        common.paragraph(f["sentence"])
+    show_findings(data, "No mistake found: command and actual position, axes, units and time fit each other.")
+
+
+def show_findings(data: dict, nothing: str) -> None:
+    """What a check found, or that it found ``nothing``, and what it could not look at."""
+    for finding in [*data["mistakes"], *data.get("signals", ())]:
+        common.paragraph(finding["sentence"])
     if not data["mistakes"]:
-        common.paragraph("No mistake found: command and actual position, axes, units and time fit each other.")
+        common.paragraph(nothing)
     if data["not_measured"]:
         common.paragraph(NOT_CHECKED.format(", ".join(data["not_measured"])))
 
@@ -88,6 +88,11 @@ def show_comparison(data: dict) -> None:
                 f"circular error {r['measured_circular_error_um']:.1f} µm measured, "
                 f"{r['simulated_circular_error_um']:.1f} µm simulated"
             )
+    show_left_out(data)
+
+
+def show_left_out(data: dict) -> None:
+    """Tests that a comparison leaves out."""
     if data["not_measured"]:
         common.paragraph(f"Not compared, because they have no trace: {', '.join(data['not_measured'])}.")
 

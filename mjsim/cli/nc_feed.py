@@ -116,10 +116,7 @@ def command(
         figure = feed_figure(report.phi_deg, report.feed_mm_min, report.reading_um, data["nominal_mm_min"], title)
         pages[plot] = encoded(figure, plot)
     write_all(pages, force)
-    if as_json:
-        common.print_json(data | {"csv": str(out) if out else None, "plot": str(plot) if plot else None})
-        return
-    if quiet:
+    if common.answered(data | {"csv": str(out) if out else None, "plot": str(plot) if plot else None}, as_json, quiet):
         return
     first, second = _rows(report.to_json(), data["blocks"]), _rows(held.to_json(), None) if held else None
     if second is None:

@@ -9,6 +9,7 @@ import click
 from mjsim.cli import common
 from mjsim.machine.axis import AXES, TURNING
 from mjsim.machine.chain import FIVE_AXIS, Chain
+from mjsim.nc.dialects import DIALECTS, READABLE
 
 AXIS = click.Choice(AXES)
 ROTARY_AXIS = click.Choice(TURNING)
@@ -29,7 +30,6 @@ def kept(*decorators):
     return add
 
 
-_WRITTEN = ("fanuc", "siemens", "linuxcnc")
 _ROLLOVER = "C within 0 to 360°, the short way round."
 _turned = click.option(
     "--reversed",
@@ -40,7 +40,7 @@ _turned = click.option(
 )
 #: How an NC file is read.
 reading = kept(
-    _dialect((*_WRITTEN, "heidenhain"), "Whose program an NC file is."),
+    _dialect(tuple(READABLE), "Whose program an NC file is."),
     _turned,
     click.option("--rollover/--no-rollover", default=None, help=f"{_ROLLOVER} Default: what the feed moves imply."),
     click.option("--skip", is_flag=True, help="Leave out blocks with /."),
@@ -48,7 +48,7 @@ reading = kept(
         "--ini", type=click.Path(path_type=Path), help="Configuration of LinuxCNC with subprograms and tools."
     ),
 )
-written_dialect = _dialect(_WRITTEN, "Control.")
+written_dialect = _dialect(tuple(DIALECTS), "Control.")
 writing = kept(
     click.option(
         "--feed-mode",

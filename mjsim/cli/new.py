@@ -37,10 +37,7 @@ def campaign(folder, name, logs, as_json, quiet) -> None:
     from mjsim.campaign.new_machine import new_log_campaign
 
     files = new_campaign(folder, name) if logs is None else new_log_campaign(folder, logs, name)
-    if as_json:
-        common.print_json({"folder": str(folder), "files": [str(f) for f in files]})
-        return
-    if quiet:
+    if common.answered({"folder": str(folder), "files": [str(f) for f in files]}, as_json, quiet):
         return
     click.echo(f"{folder} has campaign.toml, machine.toml and traces/. Next:\n")
     steps = (

@@ -32,8 +32,7 @@ def part_runs(programs: tuple[str, ...], tolerance, tool, zero, feed, **how) -> 
         InputError: a tolerance or feed that is none.
     """
     from mjsim.errors import InputError
-    from mjsim.prediction.part_run import PartRun
-    from mjsim.prediction.program import Reading
+    from mjsim.prediction.part_run import PartRun, Reading
     from mjsim.units import MM, UM
 
     if tolerance is not None and tolerance <= 0:

@@ -21,11 +21,7 @@ from mjsim.cli.part_options import PART, part_runs
     help="The page to write.",
 )
 @common.machine_option
-@click.option(
-    "--max-effects",
-    type=click.IntRange(1, 20),
-    help="Look for at most so many effects; otherwise for all that the data prove.",
-)
+@common.max_effects_option
 @click.option("--no-diagnose", is_flag=True, help="Compare only; look for no missing effects.")
 @click.option(
     "--part", "parts", multiple=True, metavar="PROGRAM", help="Also predict the error of this part, as mjsim predict."
@@ -54,7 +50,7 @@ def command(
     from mjsim.errors import InputError
     from mjsim.instruments.ball_bar.measurement import BallBarTest
     from mjsim.io.files import check_writable, write_whole
-    from mjsim.report.write import check_same_machine, report
+    from mjsim.report.write import report
 
     runs = part_runs(parts, tolerance, tool, zero, feed, **how)
     read = [read_campaign(c, as_is=as_is) for c in campaigns]
@@ -62,8 +58,6 @@ def command(
     if runs and (len(read) > 1 or BallBarTest.instrument not in read[0].measured_parts):
         raise InputError("--part: allowed for one ball-bar campaign")
     check_writable(out, force)
-    if len(read) > 1:
-        check_same_machine(list(zip(read, machines, strict=True)))
     with common.progress_bar(quiet) as progress:
         result = report(read, machines, max_effects, not no_diagnose, common.cores(threads), progress, runs)
     write_whole(out, result.html, force=force)

@@ -44,8 +44,3 @@ class Posterior:
                 effects.append(EffectVector(present, f.names))
         kept += range(at, len(self.covariance))
         return Posterior(tuple(effects), self.covariance[np.ix_(kept, kept)])
-
-    @property
-    def size(self) -> int:
-        """Number of entries of the effects; the data sheet's follow them."""
-        return sum(len(f.vector) for f in self.effects)

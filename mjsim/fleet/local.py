@@ -9,10 +9,10 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from queue import SimpleQueue
+from collections.abc import Callable, Sequence
 from typing import IO
 
+from mjsim.batch.local import Crew
 from mjsim.errors import SimulationError, shortened
 from mjsim.fleet.jobs import Job, Options
 
@@ -37,49 +37,18 @@ def run_local(
         deliver: Told of each result.
         time_limit: Seconds after which a campaign is given up.
     """
-    todo, lock, stop = iter(jobs), threading.Lock(), threading.Event()
-    finished: SimpleQueue[tuple[Job, dict] | BaseException | None] = SimpleQueue()
-    processes: list[_Process] = []
-
-    def work() -> None:
-        process = _Process(options, time_limit)
-        processes.append(process)
-        try:
-            for job in _taken(todo, lock, stop):
-                finished.put((job, process.diagnose(job)))
-        except BaseException as error:  # no memory for a process: the calling thread says so
-            finished.put(error)
-        finally:
-            process.end()
-            finished.put(None)
-
-    threads = [threading.Thread(target=work, daemon=True) for _ in range(min(cores, len(jobs)))]
-    for thread in threads:
-        thread.start()
+    processes = [_Process(options, time_limit) for _ in range(min(cores, len(jobs)))]
+    crew = Crew(jobs, [p.diagnose for p in processes])
     try:
-        working = len(threads)
-        while working:
-            item = finished.get()
-            if item is None:
-                working -= 1
-            elif isinstance(item, BaseException):
-                raise item
-            else:
-                deliver(*item)
+        for job, row in crew:
+            deliver(job, row)
     finally:
-        stop.set()
+        crew.stop()
         for process in processes:
             process.end()
-
-
-def _taken(todo: Iterator[Job], lock: threading.Lock, stop: threading.Event) -> Iterator[Job]:
-    """Jobs for one thread, until there are none or all is to stop."""
-    while not stop.is_set():
-        with lock:
-            job = next(todo, None)
-        if job is None:
-            return
-        yield job
+        crew.late()
+        for process in processes:  # one that was begun meanwhile
+            process.end()
 
 
 class _Process:
@@ -90,8 +59,8 @@ class _Process:
         self._process: subprocess.Popen[str] | None = None
         self._errors: IO[str] | None = None
 
-    def diagnose(self, job: Job) -> dict:
-        """The result of one campaign; that the process has died is one as well."""
+    def diagnose(self, job: Job) -> tuple[Job, dict]:
+        """A campaign with its result; that the process has died is one as well."""
         process = self._process or self._begin()
         order = json.dumps({"folder": str(job.folder), "options": vars(self._options)})
         assert process.stdin and process.stdout
@@ -114,16 +83,16 @@ class _Process:
         finally:
             alarm.cancel()
         if line and not late.is_set():
-            return json.loads(line)
+            return job, json.loads(line)
         status = process.wait()
         self._process = None
         if late.is_set():
-            return row | {"error": f"stopped after {self._limit:g} s, the limit for one campaign"}
+            return job, row | {"error": f"stopped after {self._limit:g} s, the limit for one campaign"}
         if status < 0:
             why = f"signal {signal.Signals(-status).name}; not enough memory is the usual reason"
         else:
             why = f"status {status}: {self._last_words()}"
-        return row | {"error": shortened(f"its process ended with {why}", 400)}
+        return job, row | {"error": shortened(f"its process ended with {why}", 400)}
 
     def _last_words(self) -> str:
         """The last line that the process wrote about its end."""

@@ -15,8 +15,8 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.errors import InputError, SimulationError, shortened
 from mjsim.fleet.jobs import Options, unpack
+from mjsim.io.files import finite
 from mjsim.machine.chain import is_rotary
-from mjsim.report import page
 from mjsim.report.causes import CalibrationRow, calibration_rows
 from mjsim.report.content import plain
 from mjsim.units import unit_of
@@ -46,7 +46,7 @@ def diagnosed(folder: Path, options: Options, threads: int = 1) -> dict:
             "tests": len(campaign.measured),
         }
         result = diagnose(campaign, machine, options.max_effects, threads)
-        found = page.finite(plain(_found(result)))  # plain numbers, which JSON has
+        found = finite(plain(_found(result)))  # plain numbers, which JSON has
         return row | found | {"error": None, "seconds": round(time.monotonic() - begun, 2)}
     except (InputError, SimulationError) as error:
         what = str(error)

@@ -70,7 +70,7 @@ def rows_of(table: str, campaigns: Iterable[dict]) -> list[dict]:
         for row in c.get(table, ()):
             row = {**whose, **row}
             if "alternatives" in row:
-                row["alternatives"] = ", ".join(a if isinstance(a, str) else a["id"] for a in row["alternatives"])
+                row["alternatives"] = ", ".join(row["alternatives"])
             out.append({name: row.get(name) for name in TABLES[table]})
     return out
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mjsim.errors import InputError
-from mjsim.instruments.ball_bar.iso230 import circular_figures, least_squares_circle
+from mjsim.instruments.ball_bar.iso230 import circular_figures
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
@@ -20,7 +20,7 @@ from mjsim.plots.curve import curve_figure
 from mjsim.plots.ladder import LadderStep, ladder_figure
 from mjsim.plots.overview import overview_figure
 from mjsim.plots.pitch import PitchCurves, PitchSpectrum, curves_figure, spectrum_figure
-from mjsim.plots.polar import PolarTrace, polar_figure
+from mjsim.plots.polar import PolarTrace, centre_of, off_centre, polar_figure
 from mjsim.plots.residual import ResidualTrace, residual_figure
 from mjsim.plots.save import encoded, save
 from mjsim.plots.signature import SignatureTrace, signature_figure
@@ -90,17 +90,9 @@ def conditions(test) -> str:
 
 
 def _centred(test, phi: np.ndarray, deviation: np.ndarray, valid: np.ndarray | None = None) -> np.ndarray:
-    """Deviation in µm without eccentricity (circles) or without its mean (partial arcs); invalid samples become
-    gaps.
-    """
+    """Deviation in µm about its own centre; invalid samples become gaps."""
     good = np.ones(len(phi), bool) if valid is None else valid
-    try:
-        if not kind_of(test).goes_round:
-            raise InputError("arc")
-        out = deviation - least_squares_circle(phi[good], deviation[good]).eccentricity_m(phi)
-    except InputError:
-        out = deviation - deviation[good].mean()
-    return np.where(good, out, np.nan) / UM
+    return np.where(good, deviation - off_centre(centre_of(test, phi[good], deviation[good]), phi), np.nan) / UM
 
 
 def polar_of_simulation(s: Simulation) -> Figure:

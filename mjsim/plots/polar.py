@@ -15,6 +15,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mjsim.errors import InputError
+from mjsim.instruments.ball_bar.iso230 import least_squares_circle
+from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.plots import series, style
 
 if TYPE_CHECKING:
@@ -31,6 +35,32 @@ _LINES = {
     "simulated": {"color": style.SIMULATED, "linewidth": 0.9, "zorder": 4},
     "nominal": {"color": style.SOFT, "linewidth": 0.9, "linestyle": (0, (5, 2)), "zorder": 3.5},
 }
+
+
+def centre_of(test: BallBarTest, phi: np.ndarray, deviation: np.ndarray) -> np.ndarray:
+    """What a ball off its place adds to a reading: a, b and c of a cos φ + b sin φ + c.
+
+    A plot takes it out: of a whole circle the eccentricity (ISO 230-4), of an arc the mean.
+
+    Args:
+        test: That was run.
+        phi: (n,) rad, of valid samples.
+        deviation: (n,) m.
+
+    Returns:
+        (3,) m.
+    """
+    if kind_of(test).goes_round:
+        try:
+            return np.append(least_squares_circle(phi, deviation).centre_m, 0.0)
+        except InputError:  # a gap of the trace leaves part of the circle open
+            pass
+    return np.array([0.0, 0.0, deviation.mean() if len(deviation) else 0.0])
+
+
+def off_centre(centre: np.ndarray, phi: np.ndarray) -> np.ndarray:
+    """Reading (n,) m that a centre of :func:`centre_of` makes at φ (n,) rad."""
+    return centre[0] * np.cos(phi) + centre[1] * np.sin(phi) + centre[2]
 
 
 @dataclass(frozen=True)

@@ -91,6 +91,18 @@ def nice_step(smallest: float) -> float:
     raise ValueError(f"no step for {smallest}")
 
 
+def step_below(largest: float) -> float:
+    """The largest of 1, 2, 5 x 10^k that is not more than ``largest`` (> 0).
+
+    >>> step_below(0.0345), step_below(2.0)
+    (0.02, 2.0)
+    """
+    import math
+
+    decade = 10.0 ** math.floor(math.log10(largest) + 1e-9)
+    return max(f for f in (1.0, 2.0, 5.0) if f * decade <= largest * (1.0 + 1e-9)) * decade
+
+
 def number(value: float) -> str:
     """A number as it is printed: up to four significant digits, a true minus sign, no trailing zeros."""
     return f"{value:.4g}".replace("-", "−")

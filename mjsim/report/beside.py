@@ -29,28 +29,21 @@ _SENTENCES = {
 _NAMED = 3
 
 
-def section_of(part: ComparedPart, logs: LogDiagnosis | None = None, said: Sequence[str] = ()) -> dict:
-    """What the page says of the tests of an instrument that is no ball bar, as plain data.
-
-    Args:
-        part: Its tests, as compared with the final machine.
-        logs: The diagnosis, where it was one of axis logs.
-        said: Sentences above the tables.
-    """
-    if logs is not None:
-        return _of_diagnosis(logs) | {"said": list(said)}
-    return _of_comparison(part) | {"said": list(said)}
-
-
 def images_of(part: ComparedPart) -> list[list[tuple[str, str]]]:
     """Names and data URIs of the pictures of every test."""
     return [[(name, data_uri(figure)) for name, figure in titled_figures(t)] for t in part.tests]
 
 
-def _of_comparison(result: ComparedPart) -> dict:
+def compared_section(result: ComparedPart) -> dict:
+    """What the page says of the tests of an instrument that is no ball bar, as plain data.
+
+    Args:
+        result: The tests, as compared with the final machine.
+    """
     said = result.to_json()
     tests = [{"name": t.test.name, "axes": [_channel_row(c) for c in t.channels]} for t in result.tests]
     return {
+        "said": [],
         "title": result.campaign.name,
         "machine": result.machine.name,
         "instrument": INSTRUMENTS[result.instrument].test_noun,
@@ -79,26 +72,33 @@ def _channel_row(c: ComparedChannel) -> dict:
     return {"axis": c.channel.name} | {k: f"{v / c.channel.size:.4g} {c.channel.unit}" for k, v in numbers.items()}
 
 
-def _of_diagnosis(result: LogDiagnosis) -> dict:
-    said = result.to_json()
+def diagnosed_section(result: LogDiagnosis, said: Sequence[str]) -> dict:
+    """What the page says of axis logs that were diagnosed, as plain data.
+
+    Args:
+        result: The diagnosis.
+        said: Sentences above the tables.
+    """
+    data = result.to_json()
     nouns = [e.effect.noun or e.effect.kind.replace("_", " ") for e in result.effects[:_NAMED]]
     names = [f"{noun} of {e.effect.subject}" for noun, e in zip(nouns, result.effects, strict=False)]
     more = len(result.effects) - len(names)
     answer = ", ".join(names) + (f", and {more} smaller" if more > 0 else "")
-    return _of_comparison(result.after) | {
+    return compared_section(result.after) | {
+        "said": list(said),
         "verdict": result.verdict,
         "answer": f"{answer[:1].upper()}{answer[1:]}." if names else "No effect is missing from the machine's model.",
         "sentence": _SENTENCES[result.verdict],
-        "rms_before_um": said["rms_before_um"],
-        "effects": [_finding(e, row) for e, row in zip(result.effects, said["effects"], strict=True)],
-        "unexplained": said["unexplained"]["summary"] if said["unexplained"] else None,
+        "rms_before_um": data["rms_before_um"],
+        "effects": [_finding(e, row) for e, row in zip(result.effects, data["effects"], strict=True)],
+        "unexplained": data["unexplained"]["summary"] if data["unexplained"] else None,
         "ladders": _ladders(result),
-        "sheet": [_sheet_row(row) for row in said["data_sheet"]],
+        "sheet": [_sheet_row(row) for row in data["data_sheet"]],
         "not_separable": [
             f"{i['axis']}: only a combination of {', '.join(i['numbers'])} is known; {i['remedy']}."
-            for i in said["not_separable"]
+            for i in data["not_separable"]
         ],
-        "not_testable": said["not_testable"],
+        "not_testable": data["not_testable"],
     }
 
 

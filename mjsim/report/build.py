@@ -15,26 +15,20 @@ from mjsim.estimation.problem import Problem
 from mjsim.instruments.ball_bar.iso230 import BidirectionalFigures, CircularFigures
 from mjsim.machine.model import Machine
 from mjsim.plots.output import conditions, polar_traces, residual_trace
+from mjsim.plots.part import part_figure
 from mjsim.prediction.part_run import PartRun
 from mjsim.progress import Progress, silent
 from mjsim.report.answer import explained, headlines
 from mjsim.report.causes import calibration_rows, waterfall
-from mjsim.report.content import BidirectionalRow, ModelRow, ReportContent, SetUpRow, TestSection, WhatIf
+from mjsim.report.content import BidirectionalRow, ModelRow, PartSection, ReportContent, SetUpRow, TestSection, WhatIf
 from mjsim.report.evidence import findings, next_test_sentence, rest_percent, untestable
 from mjsim.report.models import Model, basis, ladder, prepared
-from mjsim.report.page import render
-from mjsim.report.parts import part_sections
 from mjsim.report.traces import test_traces
 from mjsim.report.whatif import what_if
 from mjsim.units import DEG, UM
 from mjsim.workflow.ball_bar.compare import BarComparison, ComparedBarTest
 from mjsim.workflow.diagnosis import Diagnosis
 from mjsim.workflow.saved import saved_of
-
-
-def build_report(result: Diagnosis, threads: int = 2, progress: Progress = silent, thorough: bool = True) -> str:
-    """The HTML page of a diagnosis; see :func:`diagnosed`."""
-    return render(diagnosed(result, threads, progress, thorough=thorough))
 
 
 def diagnosed(
@@ -63,7 +57,7 @@ def diagnosed(
     full = 3 if thorough else 1
     repairs = what_if(problem, result.after, result.before.machine, keys, threads, progress, full, inside)
     repairs = _opened(repairs, {e.effect.key: e.alternatives for e in result.effects})
-    base = _content(models, start, problem, result.machine, repairs, date)
+    base = _content(models, start, result.machine, repairs, date)
     rest = rest_percent(result)
     return ReportContent(
         **{
@@ -119,7 +113,7 @@ def compared(
     """Everything the page says about a campaign that was compared with its machine and not diagnosed."""
     models = basis(problem, given, threads, progress)
     repairs = what_if(problem, given, given.machine, (), threads, progress)
-    base = _content(models, len(models) - 1, problem, given.machine, repairs, date)
+    base = _content(models, len(models) - 1, given.machine, repairs, date)
     return ReportContent(
         **base,
         title=f"{given.campaign.name}: ball-bar comparison",
@@ -130,9 +124,30 @@ def compared(
     )
 
 
-def _content(
-    models: list[Model], start: int, problem: Problem, final: Machine, repairs: WhatIf | None, date: str
-) -> dict:
+def part_sections(
+    parts: Sequence[PartRun], machine: Machine, result: Diagnosis | None = None, progress: Progress = silent
+) -> list[PartSection]:
+    """One section per program.
+
+    Args:
+        parts: The programs.
+        machine: Where they run, unless a diagnosis says so.
+        result: Diagnosis of the machine.
+        progress: Told what is being done.
+
+    Raises:
+        InputError: A program cannot be read or does not fit the machine.
+    """
+    saved = saved_of(result) if result is not None and result.posterior is not None else None
+    out = []
+    for k, part in enumerate(parts):
+        progress("predicting parts", k, len(parts))
+        predicted = part.on(machine if saved is None else saved.machine, saved)
+        out.append(PartSection(predicted.to_json(blocks=False), part_figure(predicted)))
+    return out
+
+
+def _content(models: list[Model], start: int, final: Machine, repairs: WhatIf | None, date: str) -> dict:
     before, after = models[start].comparison, models[-1].comparison
     c, m = before.campaign, before.machine
     text = machine_document(final, m.path) if m.path else repr(final)

@@ -15,7 +15,8 @@ from mjsim.io.files import check_writable, write_whole
 from mjsim.io.resources import examples
 from mjsim.plots.output import ladder_plot, overview_plot
 from mjsim.progress import Progress, silent
-from mjsim.report.build import build_report
+from mjsim.report.build import diagnosed
+from mjsim.report.page import render
 from mjsim.report.write import need_report
 from mjsim.workflow import history as ladder
 from mjsim.workflow.ball_bar.compare import BarComparison, compare_bars
@@ -103,5 +104,5 @@ def walk(folder: Path, threads: int = 2, progress: Progress = silent) -> Demo:
     except InputError as error:
         return Demo(folder, result, steps, picture, None, str(error))
     report = folder / "report.html"
-    write_whole(report, build_report(result, threads, progress, thorough=False), force=True)
+    write_whole(report, render(diagnosed(result, threads, progress, thorough=False)), force=True)
     return Demo(folder, result, steps, picture, report)

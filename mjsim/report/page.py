@@ -16,6 +16,7 @@ from importlib import resources
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from mjsim.io.files import finite
 from mjsim.plots import curve, ladder, overview, polar, residual, trend
 from mjsim.plots.waterfall import Fall, waterfall_figure
 from mjsim.report import numbers
@@ -69,7 +70,7 @@ def render(content: ReportContent, beside: Mapping[str, tuple[dict, list]] = Map
         raise ValueError(f"verdict must be one of {', '.join(VERDICTS)}, not '{content.verdict}'")
     return page(
         "report.html",
-        content.to_json() | {key: section for key, (section, _) in beside.items()},
+        data_of(content, beside),
         content.traces,
         ("common.js", "plot.js", "report.js"),
         beside=list(beside.values()),
@@ -90,6 +91,11 @@ def render(content: ReportContent, beside: Mapping[str, tuple[dict, list]] = Map
         iso_rows=any(test.measured is not None for test in content.tests),
         triggers=any(test.trigger_ms is not None for test in content.tests),
     )
+
+
+def data_of(content: ReportContent, beside: Mapping[str, tuple[dict, list]] = MappingProxyType({})) -> dict:
+    """Everything that :func:`render` says, as plain data; arguments as there."""
+    return content.to_json() | {key: section for key, (section, _) in beside.items()}
 
 
 def render_trend(content: TrendContent) -> str:
@@ -191,15 +197,6 @@ def script_json(data: Any) -> str:
     for character in "<>&\u2028\u2029":
         text = text.replace(character, f"\\u{ord(character):04x}")
     return text
-
-
-def finite(value: Any) -> Any:
-    """The same data with ``None`` for numbers that JSON does not have."""
-    if isinstance(value, dict):
-        return {k: finite(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(v) for v in value]
-    return None if isinstance(value, float) and value - value != 0.0 else value
 
 
 def data_uri(figure: Figure, colours: int | None = _COLOURS) -> str:

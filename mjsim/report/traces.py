@@ -6,12 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mjsim.errors import InputError
-from mjsim.instruments.ball_bar.iso230 import least_squares_circle
-from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import is_rotary
 from mjsim.plots.output import residual_trace
+from mjsim.plots.polar import centre_of
 from mjsim.plots.residual import reversal_angles
 from mjsim.units import DEG, MM, UM
 from mjsim.workflow.ball_bar.compare import ComparedBarTest
@@ -44,7 +42,7 @@ def test_traces(models: list[ComparedBarTest], start: int, noise: float) -> dict
         "phi": steps(_whole(t.phi[keep] / DEG, 100.0)),
         "measured": steps(measured),
         "models": [steps(_whole(m.simulated[keep] / UM, 1e3)) for m in models],
-        "centre": [_centre(t, x) for x in traces],
+        "centre": [_whole(centre_of(t.test, t.phi[t.valid], x[t.valid]) / UM, 1e3) for x in traces],
         "full": bool(trace.full_circle()),
         "events": [[axis, round(angle, 2)] for axis, angle in reversal_angles(trace)],
         "axes": _positions(t),
@@ -65,16 +63,6 @@ def kept(phi: np.ndarray, signal: np.ndarray, per_turn: int = PER_TURN) -> np.nd
         part = signal[begin : begin + stretch]
         keep |= {begin + int(np.argmin(part)), begin + int(np.argmax(part))}
     return np.array(sorted(keep))
-
-
-def _centre(t: ComparedBarTest, deviation: np.ndarray) -> list[int]:
-    good = t.valid
-    if kind_of(t.test).goes_round:
-        try:
-            return _whole(np.append(least_squares_circle(t.phi[good], deviation[good]).centre_m, 0.0) / UM, 1e3)
-        except InputError:
-            pass
-    return _whole(np.array([0.0, 0.0, deviation[good].mean()]) / UM, 1e3)
 
 
 def _positions(t: ComparedBarTest) -> dict:

@@ -16,13 +16,13 @@ from mjsim.errors import InputError
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import GRID_STEPS
 from mjsim.estimation.vibration import phased
-from mjsim.instruments.ball_bar.iso230 import least_squares_circle
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import AxisPlant
 from mjsim.machine.remedy import Remedy
+from mjsim.plots.polar import centre_of, off_centre
 from mjsim.progress import Progress, silent
 from mjsim.report.content import RepairRow, WhatIf
 from mjsim.report.models import SIMULATION, WITHIN, run
@@ -271,10 +271,5 @@ def _errors(tests: tuple[BallBarTest, ...], readings: list[tuple[np.ndarray, np.
 
 def about_circle(test: BallBarTest, phi: np.ndarray, reading: np.ndarray) -> np.ndarray:
     """Readings (n,) m less their least-squares circle; less their mean for a test that does not go round."""
-    if kind_of(test).goes_round:
-        try:
-            circle = least_squares_circle(phi, reading)
-            return reading - circle.eccentricity_m(phi) - circle.radius_error_m
-        except InputError:
-            pass
-    return reading - reading.mean()
+    rest = reading - off_centre(centre_of(test, phi, reading), phi)
+    return rest - rest.mean()

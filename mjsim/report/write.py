@@ -14,12 +14,13 @@ from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.io.extras import need
+from mjsim.io.files import finite
 from mjsim.machine import model
 from mjsim.machine.model import Machine
 from mjsim.prediction.part_run import PartRun
 from mjsim.progress import Progress, silent
 from mjsim.report import build, page, trend
-from mjsim.report.beside import images_of, section_of
+from mjsim.report.beside import compared_section, diagnosed_section, images_of
 from mjsim.workflow.ball_bar.compare import BarComparison, compare_bars
 from mjsim.workflow.compare import compare
 from mjsim.workflow.diagnose import DIAGNOSABLE, diagnose
@@ -95,7 +96,7 @@ def report(
         else:
             results.append(compare_bars(c, m, threads, told))
     content = trend.content(results)
-    return Report(page.render_trend(content), page.finite(content.to_json()))
+    return Report(page.render_trend(content), finite(content.to_json()))
 
 
 def _single(
@@ -122,7 +123,7 @@ def _single(
             content = build.diagnosed(found.of_bars(), threads, progress, day, parts=parts)
         if found.logs is not None:
             said = [f"{e.effect.id}: {e.evidence}" for e in found.effects if e.evidence]
-            sections[LogTest.instrument] = (section_of(found.logs.after, found.logs, said), images_of(found.logs.after))
+            sections[LogTest.instrument] = (diagnosed_section(found.logs, said), images_of(found.logs.after))
     else:
         final = machine
         if bars:
@@ -132,17 +133,16 @@ def _single(
     left = [n for n in campaign.measured_parts if n not in sections and n != BallBarTest.instrument]
     if left:
         for part in compare(campaign.of(*left), final, threads, progress).parts:
-            sections[part.instrument] = (section_of(part), images_of(part))
+            sections[part.instrument] = (compared_section(part), images_of(part))
     progress("writing the page", 0, 1)
     ordered = {INSTRUMENTS[n].beside: sections[n] for n in INSTRUMENTS if n in sections}
     if content is not None:
-        data = page.finite(content.to_json() | {key: section for key, (section, _) in ordered.items()})
-        return Report(page.render(content, ordered), data)
+        return Report(page.render(content, ordered), finite(page.data_of(content, ordered)))
     (data, images), *others = ordered.values()
     data = data | {key: section for (key, (section, _)) in list(ordered.items())[1:]}
     verdict = page.VERDICTS.get(data["verdict"] or "")
     html = page.page("recordings.html", data, None, (), verdict=verdict, images=images, beside=others)
-    return Report(html, page.finite(data))
+    return Report(html, finite(data))
 
 
 def check_same_machine(pairs: Sequence[tuple[Campaign, Machine]]) -> None:

@@ -12,6 +12,8 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.machine.parameter import Parameter
 from mjsim.machine.subjects import axis_of_subject
+from mjsim.plots.style import step_below
+from mjsim.units import suffix_of
 
 #: A slider covers the whole range of a parameter where that is at most so many typical sizes.
 _WHOLE = 800.0
@@ -130,17 +132,7 @@ def slider(p: Parameter, value: float) -> Slider:
         low, high = max(p.lower, off - _REACH * p.scale), min(p.upper, off + _REACH * p.scale)
     if math.isfinite(value):
         low, high = min(low, value), max(high, value)
-    return Slider(low, high, nice((high - low) / _STEPS), p.lower, p.upper)
-
-
-def nice(step: float) -> float:
-    """The nearest 1, 2, 5 x 10^k at or below ``step``.
-
-    >>> nice(0.0345)
-    0.02
-    """
-    decade = 10.0 ** math.floor(math.log10(step) + 1e-9)
-    return max(f for f in (1.0, 2.0, 5.0) if f * decade <= step * (1 + 1e-9)) * decade
+    return Slider(low, high, step_below((high - low) / _STEPS), p.lower, p.upper)
 
 
 def limits(p: Parameter) -> str:
@@ -169,11 +161,4 @@ def _largest(rows: Iterable[list[float]]) -> list[list[float]]:
 
 def spoken(p: Parameter) -> str:
     """A parameter's name without its unit, in words."""
-    unit = next((u for u in _endings(p.name)), "")
-    return p.name.removesuffix(f"_{unit}").replace("_", " ") if unit else p.name.replace("_", " ")
-
-
-def _endings(name: str) -> list[str]:
-    from mjsim.units import UNITS
-
-    return [u for u in sorted(UNITS, key=len, reverse=True) if name.endswith(f"_{u}")]
+    return p.name.removesuffix(f"_{suffix_of(p.name)}").replace("_", " ")

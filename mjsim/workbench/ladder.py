@@ -96,10 +96,6 @@ class Ladder:
             raise IndexError(f"the ladder has the rungs 0 to {len(self.rungs) - 1}, not {place}")
         self.place = place
 
-    def settle(self) -> None:
-        """End the merging of changes: the next one gets a rung of its own."""
-        self.rungs[self.place] = replace(self.present, merge=None)
-
     def note(self, machine: Machine, rms: float, engine: str) -> None:
         """Write the error of a model to its rungs.
 

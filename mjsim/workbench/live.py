@@ -6,14 +6,12 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
 
-from mjsim.errors import InputError, SimulationError
 from mjsim.machine.effect import Effect
-from mjsim.workbench.jobs import Jobs, Stopped
+from mjsim.workbench.jobs import Jobs
 from mjsim.workbench.overlay import Overlay
 from mjsim.workbench.picture import most_changed
-from mjsim.workbench.readings import MULTIBODY
+from mjsim.workbench.readings import DRIVES, MULTIBODY
 from mjsim.workbench.state import Workbench
 
 #: The page has so long to draw the shown test before the others are fitted, which takes both cores, s.
@@ -33,65 +31,33 @@ class Live(Jobs):
         bench: The workbench. After a change of its model, call :meth:`changed`.
     """
 
+    bench: Workbench
+    overlay: Overlay | None
+    other: Overlay | None
+
     def __init__(self, bench: Workbench) -> None:
-        super().__init__()
-        self.bench = bench
-        #: Counts whatever a page may want to draw again: traces, and bars of the effects.
-        self.version, self.bars = 0, 0
-        #: The newest error, and the one of another model that is drawn beside it, with its name.
-        self.overlay: Overlay | None = None
-        self.other: Overlay | None = None
-        self.other_name = "before"
+        super().__init__(bench, self._quick, self._full, self._update_bars)
         #: Tests that are simulated first.
         self.shown: list[str] = [t.name for t in bench.opened.tests[:1]]
-        #: What went wrong, in one sentence; empty where nothing did.
-        self.error = ""
-        #: How far the signatures of the catalogue are, 0 to 1.
         self.signatures = 1.0 if bench.shared.gains is None or bench.shared.gains.ready else 0.0
-        self._asked, self._rested, self._ended = 0, 0, False
-        self._wake = [threading.Event() for _ in range(3)]
+        self._asked, self._rested = 0, 0
         self._calm = threading.Event()
-        for wake, work in zip(self._wake, (self._quick, self._full, self._update_bars), strict=True):
-            threading.Thread(target=self._loop, args=(wake, work), daemon=True).start()
-        self.changed()
+        self.begin()
 
     def changed(self) -> None:
         """The model is another one: compute its error."""
         self._asked += 1
         self._calm.clear()
-        self._wake[0].set()
+        super().changed()
+
+    def failed(self) -> None:
+        """No better error comes."""
+        self._calm.set()
 
     def show(self, name: str) -> None:
         """Simulate this test first from now on."""
         self.shown = [name]
-        self._wake[1].set()
-
-    def close(self) -> None:
-        """End the threads."""
-        self._ended = True
-        self._stop_job.set()
-        for wake in self._wake:
-            wake.set()
-
-    # -- threads -------------------------------------------------------------------------------------------------------
-
-    def _loop(self, wake: threading.Event, work: Callable[[], None]) -> None:
-        while not self._ended:
-            wake.wait()
-            wake.clear()
-            if self._ended:
-                return
-            try:
-                work()
-            except Stopped:
-                pass
-            except (InputError, SimulationError) as error:
-                self.error = str(error)
-                self.version += 1
-                self._calm.set()
-            except RuntimeError:
-                if not self._ended:  # a program that ends starts no more work
-                    raise
+        self.wake[1].set()
 
     def _quick(self) -> None:
         asked, now = self._asked, self.overlay
@@ -102,7 +68,7 @@ class Live(Jobs):
         self.error = ""
         self._publish(result)
         if asked == self._asked:
-            self._wake[1].set()
+            self.wake[1].set()
 
     def _full(self) -> None:
         """The shown tests first, then the others, a few at a time, until the model changes."""
@@ -114,7 +80,7 @@ class Live(Jobs):
         chunks += [rest[i : i + opened.threads] for i in range(0, len(rest), opened.threads)]
         last = 0.0
         for i, names in enumerate(chunks):
-            if asked != self._asked or self._ended:
+            if asked != self._asked or self.ended:
                 return
             self.bench.shared.readings.multibody(machine, names)
             now = time.monotonic()
@@ -125,7 +91,7 @@ class Live(Jobs):
                 last = now
         if asked == self._asked:
             self._calm.set()
-            self._wake[2].set()
+            self.wake[2].set()
 
     def _publish(self, result: Overlay) -> None:
         if result.machine is not self.bench.machine:
@@ -143,8 +109,8 @@ class Live(Jobs):
             InputError: The effect acts on what the machine does not have.
         """
         now = self.bench.quick()
-        self.other, self.other_name = self.bench.quick(self.bench.machine.with_effect(effect)), f"with {effect.key}"
-        self.version += 1
+        super().preview(effect)
+        assert self.other is not None
         return most_changed(now, self.other)[0]
 
     def _update_bars(self) -> None:
@@ -155,17 +121,16 @@ class Live(Jobs):
 
             def progress(_: str, done: int, total: int) -> None:
                 self._rest()  # a change of the model goes first, and what the user waits for
-                while self.job is not None and self.job.alone and not self._ended:
-                    time.sleep(0.05)
+                self.wait_for_job()
                 self.signatures = done / total
                 self.bars += 1
 
-            gains.prepare(progress, lambda: self._ended)
+            gains.prepare(progress, lambda: self.ended)
         self.signatures = 1.0
         self._rest()
         asked = self._asked
         for waves in (False, True):
-            self.bench.update_gains(waves, stopped=lambda: self._ended or asked != self._asked)
+            self.bench.update_gains(waves, stopped=lambda: self.ended or asked != self._asked)
             self.bars += 1
             if asked != self._asked:
                 return
@@ -173,11 +138,16 @@ class Live(Jobs):
     def _rest(self) -> None:
         """Wait while the user changes the model: until it is simulated and no other change has come."""
         limit = time.monotonic() + _PATIENCE
-        while self._rested != self._asked and time.monotonic() < limit and not self._ended:
+        while self._rested != self._asked and time.monotonic() < limit and not self.ended:
             asked = self._asked
             if self._calm.wait(0.1):
                 time.sleep(_PAUSE)
                 self._rested = asked
+
+    @property
+    def engine(self) -> str:
+        """What the newest error was simulated with."""
+        return self.overlay.engine if self.overlay is not None else DRIVES
 
     @property
     def settled(self) -> bool:

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
+from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
+from mjsim.estimation.axis_logs.as_given import fit_as_given
+from mjsim.estimation.axis_logs.candidates import Catalogue
 from mjsim.estimation.axis_logs.data import axis_data
 from mjsim.estimation.axis_logs.entries import Entry
 from mjsim.estimation.axis_logs.fit import LogFitter
 from mjsim.estimation.axis_logs.gains import read_gains
+from mjsim.estimation.axis_logs.promise import linear_step
 from mjsim.estimation.axis_logs.start import start_model
+from mjsim.estimation.axis_logs.waves import strongest_orders
+from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import recorded_axes
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
@@ -18,7 +26,7 @@ from mjsim.threads import one_blas_thread
 from mjsim.workbench import catalogue
 from mjsim.workbench import save as saving
 from mjsim.workbench.gains import Gain
-from mjsim.workbench.log_gains import log_gains
+from mjsim.workbench.jobs import Stopped
 from mjsim.workbench.recordings import RecordingsBench
 from mjsim.workflow.axis_log.diagnose import diagnose_logs, merged
 from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
@@ -57,7 +65,7 @@ class LogBench(RecordingsBench):
             SimulationError: A drive is unstable.
         """
         machine = self.machine
-        found = log_gains(self.campaign, machine, self.opened.threads, stopped)
+        found = log_gains(self.campaign, machine, self.shared.threads, stopped)
         self.gains, self._gains_of, self.gains_complete = found, machine, True
         return found
 
@@ -95,7 +103,7 @@ class LogBench(RecordingsBench):
             model = start_model(machine, data, read_gains(machine, data))
             for effect in mine:
                 model = model.extended(effect, _entries(effect, len({d.test.setup for d in data})))
-            fitter = LogFitter(machine, data, self.opened.threads)
+            fitter = LogFitter(machine, data, self.shared.threads)
             fits.append(fitter.polished(fitter.fit(model)))
         for fit in fits:
             self.intervals |= parameter_intervals(fit)
@@ -107,7 +115,7 @@ class LogBench(RecordingsBench):
         Args:
             progress: Stage, done, total; what it raises stops the search.
         """
-        self.diagnosis = diagnose_logs(self.campaign, self.machine, threads=self.opened.threads, progress=progress)
+        self.diagnosis = diagnose_logs(self.campaign, self.machine, threads=self.shared.threads, progress=progress)
         return self.diagnosis
 
     def take_fitted(self) -> None:
@@ -169,4 +177,44 @@ def _wave_entries(effect: Effect) -> list[Entry]:
         scale = size or 1e-3
         out += [Entry(effect.id, f"{part}{order}", v, scale=scale, deviation=_WIDE, centre=0.0)
                 for part, v in (("cosine", size), ("sine", 0.0))]  # fmt: skip
+    return out
+
+
+@one_blas_thread
+def log_gains(
+    campaign: Campaign,
+    machine: Machine,
+    threads: int = 2,
+    stopped: Callable[[], bool] = lambda: False,
+    settings: DiagnosisSettings = DIAGNOSIS,
+) -> dict[str, Gain]:
+    """What each effect could explain of the residual of its axis, alone, by the effect's id.
+
+    Args:
+        campaign: With axis logs.
+        machine: The model.
+        threads: Simulations side by side.
+        stopped: Asked after every effect.
+        settings: What decides whether chance explains as much.
+
+    Raises:
+        Stopped: It was stopped.
+        SimulationError: A drive is unstable.
+    """
+    out: dict[str, Gain] = {}
+    for axis in recorded_axes(campaign.measured):
+        fitter = LogFitter(machine, axis_data(campaign, axis, machine), threads)
+        fit = fit_as_given(fitter, machine)
+        noise = float(np.sum(np.square(fitter.noise)))
+        now = float(fit.mean_squares.sum())
+        for candidate in Catalogue(machine, fitter.data).missing(fit.model, strongest_orders(fitter, fit)):
+            if stopped():
+                raise Stopped
+            step = linear_step(fitter, fit, candidate)
+            left = float(sum(r @ r / len(r) for r in step.left))
+            share = min(max((now - left) / (now - noise), 0.0), 1.0) if now > noise else 0.0
+            best = out.get(candidate.effect.id)
+            if best is None or share > best.share:
+                significant = step.gain(fit, fitter, settings.parameter_penalty).largest > settings.likelihood_ratio
+                out[candidate.effect.id] = Gain(share, step.effect, significant)
     return out

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 
-from mjsim.campaign.machine_file import machine_of
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.kept_changes import KeptChanges
 from mjsim.estimation.mistakes.checked_problem import checked_problem
@@ -38,20 +36,18 @@ class OpenCampaign:
 
     @classmethod
     @one_blas_thread
-    def of(cls, campaign: Campaign, machine: Machine | str | Path | None = None, threads: int = 2) -> OpenCampaign:
+    def of(cls, campaign: Campaign, machine: Machine, threads: int = 2) -> OpenCampaign:
         """Prepare a campaign.
 
         Args:
             campaign: As it was read; it needs no traces.
-            machine: A model or the file of one; the campaign's own where it is missing.
+            machine: The model.
             threads: Tests that are worked on side by side.
 
         Raises:
-            InputError: The machine file is wrong, or the traces show a mistake.
+            InputError: The traces show a mistake.
         """
         campaign = campaign.of(BallBarTest.instrument)
-        if not isinstance(machine, Machine):
-            machine = machine_of(campaign, machine)
         problem = checked_problem(campaign, build(machine), threads) if campaign.measured else None
         motions = {t.name: AxesMotion(t) for t in campaign.tests}
         background = None

@@ -8,14 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
-from mjsim.errors import InputError
 from mjsim.estimation.nuisance_fit import fit_nuisance
 from mjsim.estimation.samples import GRID
 from mjsim.instruments.ball_bar.events import reversals
-from mjsim.instruments.ball_bar.iso230 import least_squares_circle
-from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.model import Machine
+from mjsim.plots.polar import centre_of, off_centre
 from mjsim.workbench.opened import OpenCampaign
 from mjsim.workbench.readings import DRIVES, MULTIBODY, Simulated
 
@@ -59,13 +57,7 @@ class Trace:
         the first that there is, as in the plots of ``mjsim compare``.
         """
         base = self.simulated if self.measured is None else self.measured
-        eccentric = np.full(len(base), float(base[self.valid].mean()) if self.valid.any() else 0.0)
-        if kind_of(self.test).goes_round:
-            try:
-                circle = least_squares_circle(self.phi[self.valid], base[self.valid])
-                eccentric = circle.eccentricity_m(self.phi)
-            except InputError:  # a gap of the trace leaves part of the circle open
-                pass
+        eccentric = off_centre(centre_of(self.test, self.phi[self.valid], base[self.valid]), self.phi)
         measured = None if self.measured is None else np.where(self.valid, self.measured - eccentric, np.nan)
         return measured, self.simulated - eccentric
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from mjsim.campaign.machine_file import machine_document
 from mjsim.campaign.model import Campaign
@@ -25,21 +23,6 @@ from mjsim.workflow.compare import compare
 from mjsim.workflow.comparison import Comparison
 
 
-@dataclass(frozen=True)
-class OpenRecordings:
-    """A campaign with its machine.
-
-    Attributes:
-        campaign: As it was read.
-        machine: The model in the machine file.
-        threads: Simulations side by side.
-    """
-
-    campaign: Campaign
-    machine: Machine
-    threads: int
-
-
 class SharedRecordings:
     """What all workbenches of one campaign share.
 
@@ -53,7 +36,7 @@ class SharedRecordings:
     """
 
     def __init__(self, campaign: Campaign, machine: Machine, threads: int = 2) -> None:
-        self.opened = OpenRecordings(campaign, machine, threads)
+        self.campaign, self.machine, self.threads = campaign, machine, threads
         self.first = compare(campaign, machine, threads)
         self.text = read_text(machine.path) if machine.path else ""
 
@@ -65,13 +48,11 @@ class RecordingsBench(ChangedModel):
         shared: Of the campaign.
     """
 
+    diagnosis: LogDiagnosis | None
+
     def __init__(self, shared: SharedRecordings) -> None:
-        super().__init__(shared.opened.campaign, shared.opened.machine)
-        self.shared, self.opened = shared, shared.opened
-        self._text = shared.text
-        self._lock = threading.Lock()
-        self.noise_rms = shared.first.noise
-        self.diagnosis: LogDiagnosis | None = None
+        super().__init__(shared.campaign, shared.machine, shared.text)
+        self.shared = shared
 
     @property
     def can_fit(self) -> bool:
@@ -111,8 +92,8 @@ class RecordingsBench(ChangedModel):
 
     @property
     def noise(self) -> float:
-        """Largest noise of a linear axis, m; 0 before the first comparison."""
-        return self.noise_rms
+        """Largest noise of a linear axis, m; 0 where there is none."""
+        return self.shared.first.noise
 
     def quick(self, machine: Machine | None = None) -> Comparison:
         """The present model (or another one) laid over all recordings; some 20 ms for a recording of 4 s.
@@ -122,23 +103,13 @@ class RecordingsBench(ChangedModel):
             SimulationError: A drive is unstable.
         """
         machine = machine or self.machine
-        result = compare(self.campaign, machine, self.opened.threads)
+        result = compare(self.campaign, machine, self.shared.threads)
         self.ladder.note(machine, result.rms, DRIVES)
-        self.noise_rms = result.noise
         return result
 
     def update_gains(self, stopped: Callable[[], bool] = lambda: False) -> dict[str, Gain]:
         """What each effect could explain is not known of any instrument; ``stopped`` is asked now and then."""
         return {}
-
-    def add(self, effect: Effect) -> None:
-        """Put an effect with its values into the model, such as one that a diagnosis found."""
-        self.put(f"+ {effect.key}", self.machine.with_effect(effect))
-
-    @property
-    def unsaved(self) -> list[saving.Change]:
-        """Steps from the machine file to the present model."""
-        return saving.changes(self.saved, self.machine)
 
     def save_makes_worse(self) -> bool:
         """Whether the present model fits worse than the machine file's."""

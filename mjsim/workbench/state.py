@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import machine_of
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
+from mjsim.estimation.effect_vector import EffectVector
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.io.toml import read_text
@@ -20,7 +20,7 @@ from mjsim.machine.model import Machine
 from mjsim.prediction.part_run import PartRun
 from mjsim.prediction.result import Prediction
 from mjsim.progress import Progress, silent
-from mjsim.workbench import fitting
+from mjsim.threads import one_blas_thread
 from mjsim.workbench import save as saving
 from mjsim.workbench.gains import Gain, Gains
 from mjsim.workbench.jobs import Stopped
@@ -31,6 +31,7 @@ from mjsim.workbench.recordings import RecordingsBench, SharedRecordings
 from mjsim.workbench.tried import Shared, TriedModel
 from mjsim.workflow.diagnose import diagnose
 from mjsim.workflow.diagnosis import Diagnosis
+from mjsim.workflow.edit import best_effect, resolve_effect
 from mjsim.workflow.saved import saved_of
 
 
@@ -41,11 +42,7 @@ class Workbench(TriedModel):
         shared: Of the campaign; :func:`workbench` makes it.
     """
 
-    def __init__(self, shared: Shared) -> None:
-        super().__init__(shared)
-        self.diagnosis: Diagnosis | None = None
-        self._text = shared.text
-        self._lock = threading.Lock()
+    diagnosis: Diagnosis | None
 
     def update_gains(
         self, waves: bool = True, progress: Progress = silent, stopped: Callable[[], bool] = lambda: False
@@ -88,7 +85,7 @@ class Workbench(TriedModel):
         known = self.gains.get(effect_id)
         if present is None and known is not None and known.significant:
             present = known.effect
-        done = fitting.fit(gains, machine, [present]) if present else fitting.fit_new(gains, machine, effect_id)
+        done = fit(gains, machine, [present]) if present else fit_new(gains, machine, effect_id)
         self.intervals |= done.intervals
         self.put(f"fit {effect_id}", done.machine)
         effect = self.effect(effect_id)
@@ -102,7 +99,7 @@ class Workbench(TriedModel):
             InputError: There is none.
         """
         gains, free = self._need_gains(), self.need_changed_effects()
-        done = fitting.fit(gains, self.machine, free)
+        done = fit(gains, self.machine, free)
         self.intervals |= done.intervals
         self.put("fit all", done.machine)
         return self.changed_effects()
@@ -137,16 +134,7 @@ class Workbench(TriedModel):
             return run.on(machine)
         return run.on(machine, replace(saved_of(found), machine=machine))
 
-    def add(self, effect: Effect) -> None:
-        """Put an effect with its values into the model, such as one that a diagnosis found."""
-        self.put(f"+ {effect.key}", self.machine.with_effect(effect))
-
     # -- writing -------------------------------------------------------------------------------------------------------
-
-    @property
-    def unsaved(self) -> list[saving.Change]:
-        """Steps from the machine file to the present model."""
-        return saving.changes(self.saved, self.machine)
 
     def save_makes_worse(self) -> bool:
         """Whether the present model fits worse than the machine file's, by the drives alone."""
@@ -204,8 +192,7 @@ def workbench(campaign: Campaign | str | Path, machine: Machine | str | Path | N
         campaign = read_campaign(campaign)
     if not isinstance(machine, Machine):
         machine = machine_of(campaign, machine)
-    shared = shared_of(campaign, machine, threads)
-    return Workbench(shared) if isinstance(shared, Shared) else bench_of(shared)
+    return bench_of(shared_of(campaign, machine, threads))
 
 
 def shared_of(campaign: Campaign, machine: Machine, threads: int) -> Shared | SharedRecordings:
@@ -216,7 +203,85 @@ def shared_of(campaign: Campaign, machine: Machine, threads: int) -> Shared | Sh
     return SharedRecordings(campaign, machine, threads)
 
 
-def bench_of(shared: SharedRecordings) -> RecordingsBench:
-    """A workbench of recordings: with fits and a diagnosis where they are axis logs."""
-    logs = set(shared.opened.campaign.measured_parts) == {LogTest.instrument}
+def bench_of(shared: Shared | SharedRecordings) -> Workbench | RecordingsBench:
+    """A workbench of a campaign: with fits and a diagnosis where ball-bar tests or axis logs were measured."""
+    if isinstance(shared, Shared):
+        return Workbench(shared)
+    logs = set(shared.campaign.measured_parts) == {LogTest.instrument}
     return LogBench(shared) if logs else RecordingsBench(shared)
+
+
+# -- fits of effects ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Effects at their best values.
+
+    Attributes:
+        machine: The model with them.
+        intervals: 95 % intervals by the effect's key and the parameter's name, in the units of the names.
+    """
+
+    machine: Machine
+    intervals: dict[str, dict]
+
+
+def names_of(effect: Effect) -> tuple[str, ...]:
+    """Names of the parameters of an effect that a fit sets free."""
+    return effect.search.free_of(effect.parameters_of(effect.subject))
+
+
+@one_blas_thread
+def fit(gains: Gains, machine: Machine, effects: list[Effect]) -> Fitted:
+    """Fit some effects together with set-up, instrument and data sheet; of these, only the effects enter the model.
+
+    Args:
+        gains: Of the campaign.
+        machine: The model; it need not have the effects.
+        effects: Where the fit starts.
+
+    Raises:
+        InputError: None of them changes a reading of this campaign.
+    """
+    usual = [e for e in effects if e.kind != "vibration"]
+    intervals: dict[str, dict] = {}
+    for e in effects:
+        if e.kind == "vibration":
+            machine, intervals[e.key] = _fit_from_file(gains, machine, e.id)
+    if usual:
+        with gains.turn:
+            fitter = gains.fitter(machine)
+            free = [EffectVector(e, names_of(e)) for e in usual]
+            near = fitter.fit(free, exact=False)
+            result = fitter.fit(near.effects, start=near)
+        for f in result.effects:
+            machine = machine.with_effect(f.effect)
+            intervals[f.effect.key] = f.interval(f.vector, result.covariance_of(f))
+    return Fitted(machine, intervals)
+
+
+@one_blas_thread
+def fit_new(gains: Gains, machine: Machine, effect_id: str) -> Fitted:
+    """Fit an effect that the model lacks, from all its starting points, as ``mjsim add`` does.
+
+    Args:
+        gains: Of the campaign.
+        machine: The model.
+        effect_id: ``kind.SUBJECT``.
+
+    Raises:
+        InputError: There is no such effect, or it changes no reading of this campaign.
+    """
+    machine, intervals = _fit_from_file(gains, machine, effect_id)
+    return Fitted(machine, {effect_id: intervals})
+
+
+def _fit_from_file(gains: Gains, machine: Machine, effect_id: str) -> tuple[Machine, dict]:
+    cls, subjects, _ = resolve_effect(effect_id, machine.chain)
+    problem = gains.opened.background
+    if problem is None:
+        raise InputError(f"effect {effect_id}: nothing to fit; no test of the campaign has a trace")
+    with gains.turn:
+        effect, intervals = best_effect(problem, machine, cls, subjects)
+    return machine.with_effect(effect), intervals

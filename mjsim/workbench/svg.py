@@ -48,7 +48,7 @@ def polar(
         if values is not None:
             parts.append(f'<path class="{name}" d="{_path(trace.phi, values / (step * UM), small)}"/>')
     if not small:
-        parts += _marks(trace, reversals or {})
+        parts += _marks(reversals or {})
         parts.append(f'<text class="scale" x="96" y="97">1 div.: {style.number(step)} µm</text>')
     title = escape(f"{trace.test.name}: polar plot, {trace.engine}")
     box = "-87 -87 174 174" if small else "-100 -100 200 200"
@@ -82,7 +82,7 @@ def _path(angle: np.ndarray, divisions: np.ndarray, small: bool) -> str:
     return "".join("M" + "L".join(points[p[0] : p[-1] + 1]) for p in pieces if len(p) and there[p[0]])
 
 
-def _marks(trace: Trace, reversals: Mapping[str, np.ndarray]) -> list[str]:
+def _marks(reversals: Mapping[str, np.ndarray]) -> list[str]:
     """Ticks and letters where axes reverse, and the angles of the four quadrants."""
     places: list[tuple[float, str]] = []
     for axis, angles in reversals.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,6 +13,7 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.units import UM
 from mjsim.workbench import catalogue
+from mjsim.workbench import save as saving
 from mjsim.workbench.gains import Gain, Gains
 from mjsim.workbench.ladder import Ladder
 from mjsim.workbench.opened import OpenCampaign
@@ -39,10 +41,15 @@ class ChangedModel:
     Args:
         campaign: What was measured.
         machine: The model to begin with.
+        text: What the machine file had when it was read.
     """
 
-    def __init__(self, campaign: Campaign, machine: Machine) -> None:
+    def __init__(self, campaign: Campaign, machine: Machine, text: str) -> None:
         self.campaign = campaign
+        #: What the last diagnosis found; ``None`` before the first.
+        self.diagnosis: Any = None
+        self._text = text
+        self._lock = threading.Lock()
         #: The model that the machine file has.
         self.saved = machine
         self.ladder = Ladder(machine)
@@ -143,6 +150,15 @@ class ChangedModel:
         self.intervals.pop(effect.key, None)
         self.put(f"{changed.key}: {catalogue.words(changed)}", machine, (effect.id, *sorted(values)))
 
+    def add(self, effect: Effect) -> None:
+        """Put an effect with its values into the model, such as one that a diagnosis found."""
+        self.put(f"+ {effect.key}", self.machine.with_effect(effect))
+
+    @property
+    def unsaved(self) -> list[saving.Change]:
+        """Steps from the machine file to the present model."""
+        return saving.changes(self.saved, self.machine)
+
     def put(self, label: str, machine: Machine, merge: tuple | None = None) -> None:
         """Make another model the present one.
 
@@ -186,7 +202,7 @@ class TriedModel(ChangedModel):
     """
 
     def __init__(self, shared: Shared) -> None:
-        super().__init__(shared.opened.campaign, shared.opened.machine)
+        super().__init__(shared.opened.campaign, shared.opened.machine, shared.text)
         self.shared, self.opened = shared, shared.opened
 
     @property

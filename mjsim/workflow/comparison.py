@@ -181,6 +181,16 @@ def joined(campaign: Campaign, parts: dict[str, dict]) -> dict:
     return {k: planned if k == "not_measured" else v for k, v in parts[first].items()} | rest
 
 
+def apart(parts: Sequence[Any], data: dict) -> list[tuple[Any, dict]]:
+    """Each instrument's part with its own keys of what :func:`joined` has made of all of them.
+
+    Args:
+        parts: In the order of their answers.
+        data: Of :func:`joined`.
+    """
+    return [(p, data if i == 0 else data[INSTRUMENTS[p.instrument].beside]) for i, p in enumerate(parts)]
+
+
 def significant(x: float) -> float:
     """A number with six digits."""
     return float(f"{float(x):.6g}")

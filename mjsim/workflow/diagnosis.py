@@ -30,6 +30,15 @@ from mjsim.workflow.finding import DiagnosedEffect, rounded
 if TYPE_CHECKING:
     import pandas as pd
 
+#: What each verdict says.
+VERDICTS = {
+    "identified": "Identified: the effects below are missing, and nothing else explains the data as well.",
+    "ambiguous": "Ambiguous: some effects below cannot be told from others by these tests.",
+    "unknown": "Unknown: something repeatable is left that no effect of the catalogue explains.",
+    "nothing_found": "Nothing found: the model explains the measurement down to the noise and the data sheet's "
+    "tolerances.",
+}
+
 
 @dataclass(frozen=True)
 class Diagnosis:

@@ -85,7 +85,6 @@ class EncoderPitch:
         left: RMS of what is left, rad.
         position: (n,) rad.
         difference: Load less motor without drift, slow waves, play and latency, (n,) rad.
-        fitted: Sum of the waves, (n,) rad.
         orders: Orders looked at, (m,).
         explained: What a wave of each order would explain beside the drift alone, over the noise there, (m,).
         limit: That a wave has to exceed, (m,).
@@ -103,7 +102,6 @@ class EncoderPitch:
     left: float
     position: np.ndarray
     difference: np.ndarray
-    fitted: np.ndarray
     orders: np.ndarray
     explained: np.ndarray
     limit: np.ndarray
@@ -207,7 +205,7 @@ def identify_from_encoders(logs: Campaign, axis: str) -> EncoderPitch:
     slow = tuple(w for w in made if w not in told)
     return EncoderPitch(
         axis, tuple(recorded), told, slow, worm, family, arc, float(np.median(rates)), float(drift_only.std()),
-        float(rest.std()), x, rest + sines, sines, grid, first[1], first[2],
+        float(rest.std()), x, rest + sines, grid, first[1], first[2],
     )  # fmt: skip
 
 

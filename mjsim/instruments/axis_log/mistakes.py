@@ -7,13 +7,12 @@ and follows.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
 
 from mjsim.instruments.axis_log.measurement import LogTest, Recording
-from mjsim.instruments.axis_log.signals import copies, impossible
+from mjsim.instruments.axis_log.signals import LogMistake, copies, impossible
 from mjsim.units import DEG, MM
 
 #: Correlation of a command with the position of another axis that must beat its own by so much (assumed).
@@ -24,36 +23,10 @@ _FACTORS |= {1.0 / 25.4: "inch against mm", -1.0: "another sign", 180.0 / np.pi:
 _FACTORS |= {np.pi / 180.0: "rad against °"}
 #: A factor is recognised within this share.
 _NEAR = 0.03
-#: Speeds, m/s and rad/s, and accelerations, m/s², that no machine tool reaches (assumed).
-_FASTEST, _HARDEST = {False: 20.0, True: 1000.0}, {False: 500.0, True: 1e5}
+#: Speeds, m/s and rad/s, that no machine tool reaches (assumed), by whether the axis is rotary.
+_FASTEST = {False: 20.0, True: 1000.0}
 #: Samples of a second: a stated rate may differ from the recorded one by this factor.
 _RATE = 1.5
-
-
-@dataclass(frozen=True)
-class LogMistake:
-    """One mistake in a log.
-
-    Attributes:
-        kind: ``exchanged``, ``swapped_axes``, ``unit``, ``time``, ``copy`` or ``impossible``.
-        test: Name of the log.
-        axes: Letters that it concerns.
-        sentence: What is wrong, from what it follows, and what to do.
-    """
-
-    kind: str
-    test: str
-    axes: tuple[str, ...]
-    sentence: str
-
-    @property
-    def tests(self) -> tuple[str, ...]:
-        """Name of the log, as of other instruments' mistakes."""
-        return (self.test,)
-
-    def to_json(self) -> dict:
-        """Plain data."""
-        return {"kind": self.kind, "tests": [self.test], "axes": list(self.axes), "sentence": self.sentence}
 
 
 def log_mistakes(tests: Sequence[LogTest], recordings: Mapping[str, Recording], rate: float) -> list[LogMistake]:

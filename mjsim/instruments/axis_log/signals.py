@@ -43,27 +43,45 @@ _UNITS = {"torque": "N·m", "force": "N", "control": "V", "current": AMPERE}
 
 
 @dataclass(frozen=True)
-class Finding:
-    """Something that a recording shows of itself.
+class LogMistake:
+    """One mistake in a log.
 
     Attributes:
-        kind: ``held``, ``step``, ``clock``, ``limit``, ``copy``, ``impossible`` or ``not used``.
+        kind: ``exchanged``, ``swapped_axes``, ``unit``, ``time``, ``copy`` or ``impossible``.
         test: Name of the log.
         axes: Letters that it concerns.
-        sentence: What was found, with its numbers, and what is done about it.
-        refused: Whether a comparison with a model would be wrong.
+        sentence: What is wrong, from what it follows, and what to do.
     """
 
     kind: str
     test: str
     axes: tuple[str, ...]
     sentence: str
+
+    @property
+    def tests(self) -> tuple[str, ...]:
+        """Name of the log, as of other instruments' mistakes."""
+        return (self.test,)
+
+    def to_json(self) -> dict:
+        """Plain data."""
+        return {"kind": self.kind, "tests": [self.test], "axes": list(self.axes), "sentence": self.sentence}
+
+
+@dataclass(frozen=True)
+class Finding(LogMistake):
+    """Something that a recording shows of itself: ``held``, ``step``, ``clock``, ``limit``, ``copy``, ``impossible`` or
+    ``not used``.
+
+    Attributes:
+        refused: Whether a comparison with a model would be wrong.
+    """
+
     refused: bool = False
 
     def to_json(self) -> dict:
         """Plain data."""
-        found = {"kind": self.kind, "tests": [self.test], "axes": list(self.axes), "sentence": self.sentence}
-        return found | {"refused": self.refused}
+        return super().to_json() | {"refused": self.refused}
 
 
 def findings(tests: Sequence[LogTest], recordings: Mapping[str, Recording], recorder: Recorder) -> list[Finding]:

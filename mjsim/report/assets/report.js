@@ -19,7 +19,7 @@
     const angle = phi.map((p) => t.full ? ((p % 360) + 360) % 360 : p);
     const models = t.models.map((m, k) => centred(m, t.centre[k + 1]));
     const residual = t.models.map((m) => m.map((v, i) => t.measured[i] === null ? null : (t.measured[i] - v) / 1e3));
-    return { ...t, phi, angle, polar: phi, measured: centred(t.measured, t.centre[0]), models, residual };
+    return { ...t, phi, angle, measured: centred(t.measured, t.centre[0]), models, residual };
   };
   const extent = (...lists) => lists.reduce((m, x) => x.reduce((a, v) => v === null ? a : [Math.min(a[0], v), Math.max(a[1], v)], m), [0, 0]);
 
@@ -54,7 +54,7 @@
     const inner = Math.min(12, Math.max(5, Math.ceil(-range[0] / step) + 1)), outer = Math.min(12, Math.max(4, Math.ceil(range[1] / step)));
     const rim = (inner + outer) * step;
     const line = (name, values, colour, width, dash) => {
-      const spots = values.map((v, i) => v === null ? [null, null] : at(Math.max(0, v + inner * step), t.polar[i]));
+      const spots = values.map((v, i) => v === null ? [null, null] : at(Math.max(0, v + inner * step), t.phi[i]));
       const text = (i) => [name, `${fixed(t.angle[i], 1)}°, ${fixed(values[i], 2)} µm`, ...t.text[i]];
       return { name, x: spots.map((s) => s[0]), y: spots.map((s) => s[1]), colour, width, dash, text };
     };

@@ -15,6 +15,7 @@ from mjsim.workbench.live import Live
 from mjsim.workbench.page.effects import EffectsPanel
 from mjsim.workbench.page.findings import JobPanel
 from mjsim.workbench.page.ladder import LadderPanel
+from mjsim.workbench.readings import MULTIBODY
 from mjsim.workbench.recordings_live import RecordingsLive
 
 #: The page looks for news so often, s.
@@ -32,6 +33,8 @@ class BaseDesk:
 
     #: Keys and what they do, for the user, a bar between them.
     keys: ClassVar[tuple[str, ...]] = ()
+    #: The error is that of the noise within this factor.
+    good: ClassVar[float] = 1.25
     effects: EffectsPanel
     ladder: LadderPanel
     findings: JobPanel
@@ -112,6 +115,21 @@ class BaseDesk:
         self.live.changed()
         self.effects.draw()
         self.ladder.draw()
+        self._draw_buttons()
+
+    def draw_error(self) -> None:
+        """Draw the error of the newest model, and what went wrong."""
+        now, noise = self.live.overlay, self.live.bench.noise
+        self.problem.text = self.live.error
+        if now is None:
+            return
+        self.noise.text = self.noise_words()
+        self.rms.text = "–" if now.rms is None else f"{now.rms / UM:.3f} µm"
+        good = now.rms is not None and noise is not None and now.rms < self.good * noise
+        self.rms.classes(**({"add": "good"} if good else {"remove": "good"}))
+        self.engine.text = self.live.engine
+        whole = self.live.engine == MULTIBODY and self.live.settled
+        self.engine.classes(**({"add": "multibody"} if whole else {"remove": "multibody"}))
         self._draw_buttons()
 
     def _draw_buttons(self) -> None:

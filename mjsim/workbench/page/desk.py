@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import math
+import tempfile
 import time as clock
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from nicegui import ui
 
-from mjsim.units import UM
+from mjsim.io.extras import need
+from mjsim.progress import Progress
 from mjsim.workbench.bodies import MachineBodies
 from mjsim.workbench.live import Live
 from mjsim.workbench.page.base import BaseDesk
 from mjsim.workbench.page.effects import EffectsPanel
-from mjsim.workbench.page.files import report_of, video_of
 from mjsim.workbench.page.findings import FindingsPanel
 from mjsim.workbench.page.ladder import LadderPanel
 from mjsim.workbench.page.machine import MachinePanel
 from mjsim.workbench.page.part import PartDialog
 from mjsim.workbench.page.traces import Traces
+from mjsim.workbench.state import Workbench
 
 #: The polar plot moves at once and the residual so much later, s, when the page has it.
 _LATER = 0.06
@@ -102,7 +105,7 @@ class Desk(BaseDesk):
         live = self.live
         if live.version != self._version:
             self._version = live.version
-            self._draw_error()
+            self.draw_error()
             self.traces.draw_polar()
             now = clock.monotonic()
             self._chart_at, self._rest_at = now + _LATER, now + (2 * _LATER if live.settled else _REST)
@@ -118,21 +121,6 @@ class Desk(BaseDesk):
             self._bars = live.bars
             self.effects.draw()
         self.findings.tick()
-
-    def _draw_error(self) -> None:
-        now = self.live.overlay
-        self.problem.text = self.live.error
-        if now is None:
-            return
-        if now.rms is not None:
-            self.rms.text = f"{now.rms / UM:.3f} µm"
-            good = self.live.bench.noise is not None and now.rms < 1.25 * self.live.bench.noise
-            self.rms.classes(**({"add": "good"} if good else {"remove": "good"}))
-        else:
-            self.rms.text = "–"
-        self.engine.text = now.engine
-        self.engine.classes(**({"add": "multibody"} if self.live.settled else {"remove": "multibody"}))
-        self._draw_buttons()
 
     def _part(self) -> None:
         self.part.open(bool(self.dark.value))
@@ -156,3 +144,30 @@ class Desk(BaseDesk):
         """What does not take its colours from the page."""
         self.traces.dark = dark
         self.machine.darken(dark)
+
+
+def report_of(bench: Workbench, progress: Progress) -> bytes:
+    """The report of the present model, without a new diagnosis.
+
+    Raises:
+        InputError: The extra "report" is not installed, or nothing was measured.
+    """
+    from mjsim.report.write import report  # slow to load
+
+    result = report(bench.campaign, bench.machine, diagnosed=False, threads=bench.opened.threads, progress=progress)
+    return result.html.encode()
+
+
+def video_of(bench: Workbench, name: str, progress: Progress) -> bytes:
+    """A video of one test with the present model, MP4.
+
+    Raises:
+        InputError: The extra "video" is not installed, or there is no OpenGL.
+    """
+    need("video", "video", "av", "PIL")
+    from mjsim.animation.movie import animate  # not above: its import needs the extra
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "film.mp4"
+        animate(bench.campaign, name, file, bench.machine, threads=bench.opened.threads, progress=progress)
+        return file.read_bytes()

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from nicegui import ui
 
 from mjsim.machine.effect import Effect
-from mjsim.units import UM
+from mjsim.machine.sheet_names import sheet_name
+from mjsim.units import DEG, UM
 from mjsim.workbench import catalogue
 from mjsim.workbench.live import Live
 from mjsim.workbench.recordings_live import RecordingsLive
-from mjsim.workflow.diagnosis import Diagnosis
+from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
+from mjsim.workflow.diagnosis import VERDICTS, Diagnosis
 from mjsim.workflow.finding import DiagnosedEffect
-
-VERDICTS = {
-    "identified": "Identified: the effects below are missing, and nothing else explains the data as well.",
-    "ambiguous": "Ambiguous: some effects below cannot be told from others by these tests.",
-    "unknown": "Unknown: something repeatable is left that no effect of the catalogue explains.",
-    "nothing_found": "Nothing found: the model explains the measurement down to the noise.",
-}
 
 
 class JobPanel:
@@ -63,6 +59,13 @@ class JobPanel:
 
     def draw(self) -> None:
         """Draw the answer of the last diagnosis."""
+        self.cards.clear()
+        if self.live.bench.diagnosis is not None:
+            with self.cards:
+                self.answer(self.live.bench.diagnosis)
+
+    def answer(self, result: Any) -> None:
+        """Draw an answer."""
 
     def verdict(self, verdict: str, residual: str) -> None:
         """Draw the card with the verdict and what is left."""
@@ -83,14 +86,33 @@ class JobPanel:
             others = ", ".join(f"{name} ({worse} by {less:.3g})" for name, less in near)
             ui.label(f"was tried in its place: {others}").classes("soft")
 
-    def buttons(self, found: DiagnosedEffect) -> None:
-        """Draw the buttons of a finding."""
+    def card(self, found: DiagnosedEffect, error: str, worse: str = "worse", tests: bool = True) -> None:
+        """Draw a finding.
+
+        Args:
+            found: The finding.
+            error: What it does to the error, in words.
+            worse: What of a competitor is larger.
+            tests: Say in which tests it shows.
+        """
         effect = found.effect
-        with ui.element("div").style("display: flex; gap: 6px"):
-            shown = ui.button("show it in the traces", on_click=lambda: self.on_preview(effect))
-            shown.props("dense flat no-caps").mark(f"show {effect.id}")
-            add = ui.button("add", on_click=lambda: self._add(found))
-            add.props("dense no-caps unelevated").mark(f"add {effect.id}")
+        with ui.element("div").classes("card").mark(f"finding {effect.id}"):
+            ui.label(f"{effect.key}: {catalogue.words(effect)}").classes("head")
+            for p in effect.parameters_of(effect.subject):
+                ci = found.ci95.get(p.name)
+                if ci and p.kind != "components":
+                    ui.label(f"{catalogue.spoken(p)} 95 %: {ci[0]:.4g} to {ci[1]:.4g} {p.unit}".rstrip())
+            if found.together is not None:
+                ui.label(found.together.sentence).classes("soft")
+            ui.label(f"RMS {error}")
+            self.doubts(found, worse)
+            if tests and found.tests:
+                ui.label(f"shows in {', '.join(found.tests[:4])}{' …' if len(found.tests) > 4 else ''}").classes("soft")
+            with ui.element("div").style("display: flex; gap: 6px"):
+                shown = ui.button("show it in the traces", on_click=lambda: self.on_preview(effect))
+                shown.props("dense flat no-caps").mark(f"show {effect.id}")
+                add = ui.button("add", on_click=lambda: self._add(found))
+                add.props("dense no-caps unelevated").mark(f"add {effect.id}")
 
     def _add(self, found: DiagnosedEffect) -> None:
         self.live.bench.add(found.effect)
@@ -103,39 +125,21 @@ class FindingsPanel(JobPanel):
 
     live: Live
 
-    def draw(self) -> None:
-        """Draw the answer of the last diagnosis."""
-        result = self.live.bench.diagnosis
-        self.cards.clear()
-        if result is None:
-            return
-        with self.cards:
-            words = f"residual RMS {result.before.rms / UM:.3f} → {result.after.rms / UM:.3f} µm, "
-            self.verdict(result.verdict, f"{words}noise {result.noise / UM:.3f} µm")
-            for found in result.effects:
-                self._card(found, result)
-            if result.unexplained is not None:
-                with ui.element("div").classes("card").mark("unknown"):
-                    ui.label(f"Unknown cause: {', '.join(result.unexplained.axes)} axis").classes("head")
-                    ui.label(result.unexplained.summary)
-                    ui.label(f"shows in {', '.join(result.unexplained.tests)}").classes("soft")
-            self._next_test(result)
-
-    def _card(self, found: DiagnosedEffect, result: Diagnosis) -> None:
-        effect = found.effect
-        with ui.element("div").classes("card").mark(f"finding {effect.id}"):
-            ui.label(f"{effect.key}: {catalogue.words(effect)}").classes("head")
-            for name, ci in found.ci95.items():
-                if name != "components" and name in effect.values:
-                    p = next(p for p in effect.parameters_of(effect.subject) if p.name == name)
-                    ui.label(f"{catalogue.spoken(p)} 95 %: {ci[0]:.4g} to {ci[1]:.4g} {p.unit}".rstrip())
-            share = result.shares.get(effect.key) or result.shares.get(effect.id)
+    def answer(self, result: Diagnosis) -> None:
+        """Draw an answer."""
+        words = f"residual RMS {result.before.rms / UM:.3f} → {result.after.rms / UM:.3f} µm, "
+        self.verdict(result.verdict, f"{words}noise {result.noise / UM:.3f} µm")
+        for found in result.effects:
+            share = result.shares.get(found.effect.key) or result.shares.get(found.effect.id)
             explained = f", {100 * share:.0f} % of what is explained" if share else ""
-            ui.label(f"RMS {found.rms_before / UM:.3f} → {found.rms_after / UM:.3f} µm{explained}")
-            self.doubts(found, "χ² worse")
-            if found.tests:
-                ui.label(f"shows in {', '.join(found.tests[:4])}{' …' if len(found.tests) > 4 else ''}").classes("soft")
-            self.buttons(found)
+            error = f"{found.rms_before / UM:.3f} → {found.rms_after / UM:.3f} µm{explained}"
+            self.card(found, error, "χ² worse")
+        if result.unexplained is not None:
+            with ui.element("div").classes("card").mark("unknown"):
+                ui.label(f"Unknown cause: {', '.join(result.unexplained.axes)} axis").classes("head")
+                ui.label(result.unexplained.summary)
+                ui.label(f"shows in {', '.join(result.unexplained.tests)}").classes("soft")
+        self._next_test(result)
 
     def _next_test(self, result: Diagnosis) -> None:
         following = result.next_test
@@ -148,3 +152,44 @@ class FindingsPanel(JobPanel):
             differ = f"they differ by {following['difference_um']:.2f} µm RMS in it"
             ui.label(f"It separates {one} from {other}: {differ}.{enough}")
             ui.label(following["reason"]).classes("soft")
+
+
+class LogFindingsPanel(JobPanel):
+    """Draws progress and findings of axis logs; arguments as of :class:`JobPanel`."""
+
+    live: RecordingsLive
+
+    def answer(self, result: LogDiagnosis) -> None:
+        """Draw an answer."""
+        self.verdict(result.verdict, f"residual RMS {result.before.rms / UM:.3f} → {result.after.rms / UM:.3f} µm")
+        for found in result.effects:
+            rotary = result.machine.chain.is_rotary(found.effect.subject)
+            unit, symbol = (DEG, "°") if rotary else (UM, "µm")
+            error = f"{found.rms_before / unit:.4g} → {found.rms_after / unit:.4g} {symbol}"
+            self.card(found, error, tests=False)
+        rest = result.to_json()["unexplained"]
+        if rest:
+            with ui.element("div").classes("card").mark("unknown"):
+                ui.label("Unknown cause").classes("head")
+                ui.label(rest["summary"])
+        self._sheet(result)
+
+    def _sheet(self, result: LogDiagnosis) -> None:
+        """The numbers of the drives that the recordings know."""
+        rows = [n for n in result.sheet if n.known]
+        with ui.element("div").classes("card plain").mark("sheet"):
+            ui.label("The fitted machine").classes("head")
+            for n in rows[:8]:
+                where = f" ({n.controller})" if n.controller else ""
+                name, unit = sheet_name(n.name)
+                ui.label(f"{n.axis} {name}{where}: {n.found:.4g}, stated {n.stated:.4g} {unit}".rstrip())
+            for i in result.inseparable[:3]:
+                ui.label(
+                    f"{i.axis}: only a combination of {', '.join(x.rpartition('.')[2] for x in i.labels)} is known"
+                ).classes("soft")
+            take = ui.button("take it: all causes, and these numbers", on_click=self._take)
+            take.props("dense flat no-caps").mark("take")
+
+    def _take(self) -> None:
+        self.live.bench.take_fitted()
+        self.on_change()

@@ -11,11 +11,11 @@ from nicegui import ui
 from mjsim.machine.chain import COORDINATES
 from mjsim.nc.dialects import READABLE
 from mjsim.plots import style
-from mjsim.prediction.part_run import PartRun
+from mjsim.prediction.part_run import PartRun, Reading
 from mjsim.prediction.parts import PARTS
 from mjsim.prediction.result import FAILS, PASSES, Prediction
 from mjsim.units import MM, UM
-from mjsim.workbench.lines import pairs, thinned
+from mjsim.workbench.lines import COLOURS, chart, pairs, thinned
 from mjsim.workbench.live import Live
 
 _FILE = "NC file"
@@ -24,8 +24,6 @@ _POINTS, _PARTS = 1500, 700
 #: The path is drawn so large, whatever its size.
 _SIZE = 2.0
 _ROWS = 6
-#: Colours of the chart, light and dark: ink, grid, allowed deviation.
-_INK = {False: ("#1a1a1a", "#dedede", "#0072b2"), True: ("#e8eaed", "#3a4049", "#5db2ea")}
 _LINE, _BEFORE, _BAND = "#d9480f", "#8a8a8a", "rgba(0,114,178,0.25)"
 
 
@@ -82,7 +80,7 @@ class PartDialog:
         zero = tuple(float(n.value or 0.0) * MM for n in self.zero)
         allowed = float(self.allowed.value or 0.0)
         tolerance = allowed * UM if allowed > 0.0 else None
-        run = PartRun(name, (zero[0], zero[1], zero[2]), dialect=self.dialect.value, tolerance=tolerance)
+        run = PartRun(name, (zero[0], zero[1], zero[2]), reading=Reading(self.dialect.value), tolerance=tolerance)
         self.says.text = "predicting …"
         result = await self.work("predict", lambda _: self.live.bench.predict(run))
         if result is None:
@@ -143,9 +141,7 @@ class PartDialog:
             ui.label(f"{style.micrometres(most / UM)} normal to the path")
 
     def _chart(self, result: Prediction, before: Prediction | None) -> dict:
-        ink, grid, edge = _INK[self._dark]
-        axis = {"axisLine": {"lineStyle": {"color": ink}}, "splitLine": {"lineStyle": {"color": grid}}}
-        axis |= {"axisLabel": {"color": ink, "fontSize": 11}, "nameTextStyle": {"color": ink}, "nameLocation": "middle"}
+        edge = COLOURS[self._dark][3]
         look = {"type": "line", "showSymbol": False, "animation": False}
         at = thinned(np.arange(len(result.blocks)), result.sizes, _PARTS)[0]
         place, value = at + 1, result.sizes[at] / UM
@@ -168,15 +164,9 @@ class PartDialog:
             }  # fmt: skip
         series.append({**look, **main, "data": pairs(place, value)})
         most = max(float(ends[1].max()), (result.tolerance or 0.0) / UM)
-        return {
-            "animation": False,
-            "grid": {"left": 48, "right": 10, "top": 12, "bottom": 36},
-            "xAxis": {**axis, "type": "value", "name": "block", "nameGap": 22, "min": 1, "max": len(result.blocks)},
-            "yAxis": {**axis, "type": "value", "name": "normal to the path, µm", "nameGap": 32, "min": 0,
-                      "max": _rounded_up(1.05 * most)},
-            "tooltip": {"trigger": "axis", "confine": True, "textStyle": {"fontSize": 11}},
-            "series": series,
-        }  # fmt: skip
+        x = {"name": "block", "nameGap": 22, "min": 1, "max": len(result.blocks)}
+        y = {"name": "normal to the path, µm", "nameGap": 32, "min": 0, "max": _rounded_up(1.05 * most)}
+        return chart(self._dark, (48, 10, 12, 36), x, y) | {"series": series}
 
     @staticmethod
     def _table(head: str, rows: Any) -> None:

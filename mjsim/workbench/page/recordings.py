@@ -5,18 +5,13 @@ from __future__ import annotations
 import numpy as np
 from nicegui import ui
 
-from mjsim.workbench.lines import pairs, thinned
+from mjsim.workbench.lines import COLOURS, chart, pairs, thinned
 from mjsim.workbench.recordings_live import RecordingsLive
 from mjsim.workflow.axis_log.compare import ComparedAxis
 from mjsim.workflow.comparison import ComparedChannel, Comparison
 
 #: Parts of a line, and points of a cloud.
 _PARTS, _POINTS = 900, 1500
-#: Ink, grid, simulated, backwards, before, band, measured; light and dark.
-_COLOURS = {
-    False: ("#1a1a1a", "#dedede", "#d9480f", "#0072b2", "#a8adb5", "rgba(0,114,178,0.13)", "#222222"),
-    True: ("#e8eaed", "#3a4049", "#ff8a4c", "#5db2ea", "#6d7580", "rgba(93,178,234,0.18)", "#f2f2f2"),
-}
 _REST, _FOLLOWING, _BOTH = "measured − simulated", "command − position", "measured and simulated"
 
 
@@ -89,10 +84,10 @@ class RecordingTraces:
         charts = [(self.over_time, self._of_time(shown, before))]
         if isinstance(shown, ComparedAxis):
             charts += [(self.over_position, self._of_position(shown)), (self.torque, self._of_torque(shown))]
-        for chart, options in charts:
-            chart.options.clear()
-            chart.options.update(options)
-            chart.update()
+        for drawn, options in charts:
+            drawn.options.clear()
+            drawn.options.update(options)
+            drawn.update()
         for name, (button, words) in self._buttons.items():
             mine = self._channel(now, name)
             assert mine is not None
@@ -102,23 +97,16 @@ class RecordingTraces:
     # -- charts --------------------------------------------------------------------------------------------------------
 
     def _empty(self, x: str = "", y: str = "") -> dict:
-        ink, grid = _COLOURS[self.dark][:2]
-        axis = {"axisLine": {"lineStyle": {"color": ink}, "onZero": False}, "splitLine": {"lineStyle": {"color": grid}}}
-        axis |= {"axisLabel": {"color": ink, "fontSize": 11}, "nameTextStyle": {"color": ink, "fontSize": 12}}
-        axis |= {"type": "value", "nameLocation": "middle", "scale": True}
-        return {
-            "animation": False,
-            "grid": {"left": 62, "right": 14, "top": 28, "bottom": 40},
+        ink = COLOURS[self.dark][0]
+        open_ended = {"scale": True, "axisLine": {"lineStyle": {"color": ink}, "onZero": False}}
+        ends = (open_ended | {"name": x, "nameGap": 24}, open_ended | {"name": y, "nameGap": 44})
+        return chart(self.dark, (62, 14, 28, 40), *ends) | {
             "legend": {"top": 0, "textStyle": {"color": ink, "fontSize": 11}, "itemHeight": 8},
-            "xAxis": {**axis, "name": x, "nameGap": 24},
-            "yAxis": {**axis, "name": y, "nameGap": 44},
-            "tooltip": {"trigger": "axis", "confine": True, "textStyle": {"fontSize": 11}},
             "dataZoom": [{"type": "inside", "filterMode": "none"}],
-            "series": [],
         }
 
     def _of_time(self, axis: ComparedChannel, before: ComparedChannel | None) -> dict:
-        _, _, now, _, grey, band, measured = _COLOURS[self.dark]
+        _, _, now, _, grey, band, measured = COLOURS[self.dark]
         unit, symbol = axis.channel.size, axis.channel.unit
         out = self._empty("time in s", f"{self.what.value} in {symbol}")
         if self.what.value == _BOTH:
@@ -140,7 +128,7 @@ class RecordingTraces:
         return out
 
     def _of_position(self, axis: ComparedAxis) -> dict:
-        _, _, now, back, *_ = _COLOURS[self.dark]
+        _, _, now, back, *_ = COLOURS[self.dark]
         unit, symbol, travel, place = axis.channel.size, axis.channel.unit, axis.travel.size, axis.travel.unit
         out = self._empty(f"position in {place}", f"rest in {symbol}")
         keep = _spread(len(axis.time))
@@ -151,7 +139,7 @@ class RecordingTraces:
         return out
 
     def _of_torque(self, axis: ComparedAxis) -> dict:
-        _, _, now, _, _, _, measured = _COLOURS[self.dark]
+        _, _, now, _, _, _, measured = COLOURS[self.dark]
         travel, place = axis.travel.size, axis.travel.unit
         out = self._empty(f"velocity in {place}/s", "motor torque in N·m")
         keep = _spread(len(axis.time))

@@ -11,19 +11,17 @@ from mjsim.machine.effect import Effect
 from mjsim.units import UM
 from mjsim.workbench.page.base import BaseDesk
 from mjsim.workbench.page.effects import EffectsPanel
+from mjsim.workbench.page.findings import LogFindingsPanel
 from mjsim.workbench.page.ladder import LadderPanel
-from mjsim.workbench.page.log_findings import LogFindingsPanel
 from mjsim.workbench.page.recordings import RecordingTraces
 from mjsim.workbench.recordings_live import RecordingsLive
-
-#: The error is that of the noise within this factor.
-_GOOD = 1.5
 
 
 class RecordingsDesk(BaseDesk):
     """Builds the page and keeps it up to date; arguments as of :class:`BaseDesk`."""
 
     live: RecordingsLive
+    good = 1.5
     keys: ClassVar[tuple[str, ...]] = (
         "Ctrl+Z, Ctrl+Y | undo, redo",
         "P, N | recording before, next recording",
@@ -68,23 +66,11 @@ class RecordingsDesk(BaseDesk):
             self.effects.draw()
         if self.live.version != self._version:
             self._version = self.live.version
-            self.problem.text = self.live.error
-            self._draw_error()
+            self.draw_error()
             self.traces.draw_shown()
             self.ladder.draw()
             self.effects.draw()
         self.findings.tick()
-
-    def _draw_error(self) -> None:
-        now = self.live.overlay
-        if now is None:
-            return
-        self.noise.text = self.noise_words()
-        self.rms.text = f"{now.rms / UM:.3f} µm"
-        good = now.rms < _GOOD * now.noise
-        self.rms.classes(**({"add": "good"} if good else {"remove": "good"}))
-        self.engine.text = "drives alone"
-        self._draw_buttons()
 
     def redraw(self) -> None:
         """The charts, which have colours of their own."""

@@ -75,10 +75,8 @@ class Tabs:
 
     def _of(self, tab: str) -> Live | RecordingsLive:
         if tab not in self._live:
-            shared = self._shared
-            self._live[tab] = (
-                Live(Workbench(shared)) if isinstance(shared, Shared) else RecordingsLive(bench_of(shared))
-            )
+            bench = bench_of(self._shared)
+            self._live[tab] = Live(bench) if isinstance(bench, Workbench) else RecordingsLive(bench)
         self._live.move_to_end(tab)
         while len(self._live) > _TABS:
             self._live.popitem(last=False)[1].close()

@@ -8,7 +8,7 @@ from nicegui import ui
 from mjsim.units import UM
 from mjsim.workbench import svg
 from mjsim.workbench.axis_data import ANGLE, Abscissa, abscissa, choices
-from mjsim.workbench.lines import pairs, thinned
+from mjsim.workbench.lines import COLOURS, chart, pairs, thinned
 from mjsim.workbench.live import Live
 from mjsim.workbench.overlay import Overlay, Trace, reversals_of
 
@@ -16,11 +16,6 @@ from mjsim.workbench.overlay import Overlay, Trace, reversals_of
 _PARTS = 700
 #: Reversals so near each other have one mark, rad.
 _TOGETHER = 0.05
-#: Colours of the chart, light and dark: ink, grid, residual, backwards, before, band.
-_COLOURS = {
-    False: ("#1a1a1a", "#dedede", "#d9480f", "#0072b2", "#a8adb5", "rgba(0,114,178,0.13)"),
-    True: ("#e8eaed", "#3a4049", "#ff8a4c", "#5db2ea", "#6d7580", "rgba(93,178,234,0.18)"),
-}
 
 
 class Traces:
@@ -169,22 +164,12 @@ class Traces:
     # -- the chart -----------------------------------------------------------------------------------------------------
 
     def _options(self, trace: Trace | None) -> dict:
-        ink, grid, now, back, before, _ = _COLOURS[self.dark]
-        axis = {"axisLine": {"lineStyle": {"color": ink}}, "splitLine": {"lineStyle": {"color": grid}}}
-        axis |= {"axisLabel": {"color": ink, "fontSize": 11}, "nameTextStyle": {"color": ink, "fontSize": 12}}
-        axis |= {"type": "value", "nameLocation": "middle"}
+        now, back, before = COLOURS[self.dark][2:5]
         look = {"type": "line", "showSymbol": False, "symbol": "circle", "animation": False}
         series = [{**look, "lineStyle": {"width": w, "color": c}, "itemStyle": {"color": c}, "data": []}
                   for c, w in ((before, 1.0), (now, 1.2), (back, 1.2))]  # fmt: skip
-        out = {
-            "animation": False,
-            "grid": {"left": 54, "right": 14, "top": 38, "bottom": 40},
-            "xAxis": {**axis, "nameGap": 24, "name": ""},
-            "yAxis": {**axis, "nameGap": 36, "name": ""},
-            "tooltip": {"trigger": "axis", "textStyle": {"fontSize": 11}, "confine": True},
-            "dataZoom": [{"type": "inside", "filterMode": "none"}],
-            "series": series,
-        }
+        out = chart(self.dark, (54, 14, 38, 40), {"nameGap": 24}, {"nameGap": 36})
+        out |= {"dataZoom": [{"type": "inside", "filterMode": "none"}], "series": series}
         if trace is not None:
             self._fill(out, trace)
         return out
@@ -218,7 +203,7 @@ class Traces:
         self._mark(out["series"][1], trace, across, measured)
 
     def _mark(self, series: dict, trace: Trace, across: Abscissa, measured: bool) -> None:
-        _, _, _, turn, _, band = _COLOURS[self.dark]
+        turn, _, band = COLOURS[self.dark][3:6]
         noise = self.live.bench.noise
         if noise is not None and measured:
             ends = [{"yAxis": -2 * noise / UM}, {"yAxis": 2 * noise / UM}]
