@@ -152,6 +152,17 @@ def test_the_shape_of_a_cause_is_fitted_to_the_end(hidden, name, close):
     assert found.effect.values[name] == pytest.approx(hidden.values[name], abs=close)
 
 
+def test_the_waves_of_the_machine_file_stay_where_another_is_missing():
+    problem, machine = healthy("cone45-centre-ccw", "rotary-a-tangential-ccw", "rotary-a-tangential-cw")
+    known = registry.make("pitch_error.A", components=[[72.0, 0.002, 30.0]])
+    hide(problem, machine, known.replaced(components=[[72.0, 0.002, 30.0], [180.0, 0.0006, -40.0]]))
+    (found,) = Search(Fitter(problem, machine.with_effect(known))).run(1).model.fit.effects
+    waves = {round(order): (size, phase) for order, size, phase in found.effect.values["components"]}
+    assert waves.keys() == {72, 180}
+    assert waves[72] == pytest.approx((0.002, 30.0), rel=0.02)
+    assert waves[180] == pytest.approx((0.0006, -40.0), rel=0.05)
+
+
 def test_a_data_sheet_far_off_does_not_end_a_fit():
     """Linear columns may move a sheet so far that the drives are unstable; the fit starts from the printed one."""
     campaign = read_campaign(examples() / "healthy")
