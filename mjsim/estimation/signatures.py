@@ -62,6 +62,8 @@ def seeds(machine: Machine) -> list[Candidate]:
             effect_id, parameters = f"{kind}.{subject}", cls.parameters_of(subject)
             names = hints.free_of(parameters)
             mine = [e for e in machine.effects if e.id == effect_id]
+            if hints.within_tolerance and not mine and kind not in machine.tolerance:
+                continue
             for present in mine:
                 out += [Candidate(present, names), *(Candidate(e, n) for e, n in hints.variants(present))]
             if all(e.key != effect_id for e in mine):  # one that acts in one direction leaves room for the other

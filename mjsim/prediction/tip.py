@@ -55,9 +55,7 @@ class Run:
 
     def machine_deviation(self, plant: Plant, load: np.ndarray, path: np.ndarray) -> np.ndarray:
         """Tip less its programmed place ``path`` (n, 3) at positions ``load`` (n, width), in machine axes, (n, 3) m."""
-        out = bar_vector(self.chain, load, path, plant.geometry)
-        out[:, 2] -= self.tool
-        return out
+        return bar_vector(self.chain, load, path, plant.geometry, (0.0, 0.0, -self.tool))
 
     def set_up(self, plant: Plant, at_zero: np.ndarray, path: np.ndarray) -> np.ndarray:
         """Where the workpiece's points ``path`` (n, 3) lie on the real table, (n, 3) m.
@@ -73,5 +71,5 @@ class Run:
         corners = np.vstack([np.zeros(3), np.eye(3)])
         placed = table_ball(self.chain, np.repeat(at_zero, 4, axis=0), corners, plant.geometry)
         turn = (placed[1:] - placed[0]).T
-        probed = spindle_ball(self.chain, at_zero, plant.geometry)[0] - self.zero - [0.0, 0.0, self.tool]
+        probed = spindle_ball(self.chain, at_zero, plant.geometry, (0.0, 0.0, -self.tool))[0] - self.zero
         return (path + probed - placed[0]) @ np.linalg.inv(turn).T
