@@ -27,6 +27,7 @@ def volumetric_figure(error: VolumetricError, title: str) -> Figure:
     import mpl_toolkits.mplot3d  # noqa: F401  (registers the projection)
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
+    from matplotlib.ticker import MaxNLocator
 
     parts = [("as it is", error.shift, error.sizes())]
     if error.corrected_shift is not None and (after := error.corrected_sizes()) is not None:
@@ -47,8 +48,9 @@ def volumetric_figure(error: VolumetricError, title: str) -> Figure:
         axes.scatter(*(places + arrows).T, c=colours, s=7, depthshade=False)
         for letter, name in zip(error.grid.chain.linear, "xyz", strict=True):
             getattr(axes, f"set_{name}label")(f"{letter}, mm", fontsize=style.SMALL, color=style.INK)
+            getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(4))
         axes.tick_params(labelsize=style.SMALL - 1)
-        axes.set_box_aspect(np.ptp(places, axis=0) / np.ptp(places, axis=0).max(), zoom=0.82)
+        axes.set_box_aspect(np.ptp(places, axis=0) / np.ptp(places, axis=0).max(), zoom=0.95)
         text = f"{label}: RMS {rms / UM:.2g} µm, at most {largest / UM:.2g} µm"
         figure.text(0.01 + width * (k + 0.5), 0.87, text, ha="center", fontsize=style.TEXT, color=style.INK)
     bar = figure.colorbar(look, cax=figure.add_axes((0.9, 0.2, 0.014, 0.55)))
