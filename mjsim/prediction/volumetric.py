@@ -9,7 +9,7 @@ tip, and the turn ω of the tool against the workpiece, follow from the errors o
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -361,6 +361,7 @@ def volume_of(
     if control is not None:
         made = compensate(campaign, machine, control, threads=threads, progress=progress)
         saved, how = made.saved, made.control.arithmetic(chain)
+        how = replace(how, tool=tool)
         error = volumetric_error(saved.machine, grid, saved.posterior, made.corrections, how)
     elif tests.measured:
         saved = read_saved(campaign, machine)
