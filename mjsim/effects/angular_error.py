@@ -16,7 +16,7 @@ _REFERENCE = 0.1
 class AngularError(Effect):
     kind = "angular_error"
     subjects = angular_errors
-    title = "Angular error of a linear axis (roll, pitch, yaw)"
+    title = "Angular error of a linear axis"
     noun = "angular error"
     parameters = (
         Parameter("linear_urad", "turn over 100 mm of travel", -2000.0, 2000.0, neutral=0.0, scale=10.0),
@@ -25,8 +25,8 @@ class AngularError(Effect):
         ),
     )
     definition = (
-        "the slide of the last letter's axis turns by linear·(x/0.1 m) + quadratic·(x/0.1 m)² about the second "
-        "letter's coordinate (A: X, B: Y, C: Z) and its functional point, with everything that it carries"
+        "roll, pitch, yaw: the slide of the last letter's axis turns by linear·(x/0.1 m) + quadratic·(x/0.1 m)² about "
+        "the second letter's coordinate (A: X, B: Y, C: Z) and its functional point, with everything that it carries"
     )
     source = "ISO 230-1 (angular error motion, functional point), polynomial form assumed"
     signature = (

@@ -150,13 +150,8 @@ class Control(ABC):
             terms = list(group)
             out, source = terms[0].out, terms[0].source
             if out not in chain.letters and not self.components:
-                left += [
-                    Left(
-                        t.key,
-                        f"{self.title} has no table, as far as mjsim knows, for what an axis does to all it carries",
-                    )
-                    for t in terms
-                ]
+                reason = f"mjsim writes no table of {self.title} for what an axis does to all that it carries"
+                left += [Left(t.key, reason) for t in terms]
                 continue
             if out != source and not self.crossed:
                 left += [Left(t.key, f"{self.title} has no table of one axis by another") for t in terms]
