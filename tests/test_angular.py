@@ -12,6 +12,7 @@ from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS, Placement, chain_of
 from mjsim.machine.kinematics import spindle_ball, table_ball
 from mjsim.machine.model import build
+from mjsim.simulation.axes import AxesMotion
 from mjsim.simulation.multibody import simulate
 from mjsim.simulation.transmission import transmit
 
@@ -121,6 +122,19 @@ def test_axial_error_motion_of_a_tilted_axis_follows_its_centreline():
     at = chain.count + len(chain.motions) - len(chain.angular)
     moved = table_ball(chain, q[:, :at], np.zeros(3)) - table_ball(chain, q[:, : chain.count], np.zeros(3))
     np.testing.assert_allclose(moved[0], 1e-3 * np.array([0.0, 1.0, 1.0]) / np.sqrt(2.0), atol=1e-18)
+
+
+def test_both_engines_give_the_same_reading(m1, bare, cone):
+    """All eleven errors at once. A slide that turns loads the drives a little, as a table that wobbles does."""
+    machine = replace(bare(m1), functional_points=(("X", (0.1, -0.1, 0.2)), ("Z", (0.05, 0.1, 0.3))))
+    turns = [make(f"angular_error.{name}", linear_urad=30.0, quadratic_urad=-20.0) for name in FIVE_AXIS.angular]
+    runs = [make(f"axial_error_motion.{a}", amplitude_um=3.0, order=2) for a in FIVE_AXIS.rotary]
+    machine = machine.with_effects([*turns, *runs])
+    test = replace(cone(15, 10, (50, 20, 155), 6000.0, sensitive="parallel"), chain=machine.chain)
+    (multibody,) = simulate(machine, [test])
+    alone = AxesMotion(test)
+    assert np.abs(alone.reading(build(machine)) - multibody.deviation).max() < 1e-9
+    assert np.ptp(multibody.deviation - alone.reading(build(replace(machine, effects=())))) > 5e-6
 
 
 def test_a_machine_file_states_functional_points(tmp_path):
