@@ -162,7 +162,7 @@ class VolumetricError:
         title = " ".join(f"{name}: error of the tool; mm, um, urad".split())
         out = ["# vtk DataFile Version 3.0", title.encode("ascii", "replace").decode()[:255], "ASCII"]
         out += ["DATASET RECTILINEAR_GRID", "DIMENSIONS " + " ".join(map(str, grid.shape))]
-        for letter, places in zip("XYZ", grid.ends, strict=True):
+        for letter, places in zip(COORDINATES, grid.ends, strict=True):
             out += [f"{letter}_COORDINATES {len(places)} double", " ".join(f"{x / MM:.9g}" for x in places)]
         out.append(f"POINT_DATA {len(self.shift)}")
         for field, values, unit, scale in self._vectors():
