@@ -97,12 +97,17 @@ def command(
         common.print_json({"campaign": c.name, "machine": m.name, **data})
         return
     if volumetric and not quiet:
-        click.echo(f"Error of the tool, {data['basis']}, {data['places']} places:")
-        rows = [[k, f"{data[k]['rms_um']:.2f}", f"{data[k]['largest_um']:.2f}"]
-                for k in ("as_it_is", "corrected") if k in data]  # fmt: skip
-        common.table(["", "RMS µm", "largest µm"], [[r[0].replace("_", " "), *r[1:]] for r in rows])
-        common.paragraph(f"Expanded uncertainty of a component (k = 2): at most {data['largest_U95_um']:.2f} µm.")
+        show_map(data)
     common.say(f"{len(data['files'])} files written to {out}", quiet)
+
+
+def show_map(data: dict) -> None:
+    """What a map of the volume says, as text."""
+    click.echo(f"Error of the tool, {data['basis']}, {data['places']} places:")
+    states = [k for k in ("as_it_is", "corrected") if k in data]
+    rows = [[k.replace("_", " "), f"{data[k]['rms_um']:.2f}", f"{data[k]['largest_um']:.2f}"] for k in states]
+    common.table(["", "RMS µm", "largest µm"], rows)
+    common.paragraph(f"Expanded uncertainty of a component (k = 2): at most {data['largest_U95_um']:.2f} µm.")
 
 
 def _map(campaign, machine, out, force, threads, progress, control, ranges, step, rotary, tool) -> dict:
@@ -120,17 +125,16 @@ def _map(campaign, machine, out, force, threads, progress, control, ranges, step
     places, stand = STEP if step is None else step * MM, {a: x * DEG for a, x in rotary}
     length = 0.0 if tool is None else tool * MM
     found = volume_of(campaign, machine, control, spans, places, stand, length, threads, progress)
-    title = f"{machine.name}: error of the tool over the volume"
-    contents = (found.error.csv_text(), found.error.vtk_text(machine.name), None)
-    files = dict(zip(names, contents, strict=True))
-    files[names[2]] = encode(volumetric_figure(found.error, title), "png")
-    write_all(files, force)
+    picture = encode(volumetric_figure(found.error, f"{machine.name}: error of the tool over the volume"), "png")
+    write_all(
+        dict(zip(names, (found.error.csv_text(), found.error.vtk_text(machine.name), picture), strict=True)), force
+    )
     parts = {"as_it_is": found.error.sizes(), "corrected": found.error.corrected_sizes()}
     sizes = {k: {"rms_um": v[0] / UM, "largest_um": v[1] / UM} for k, v in parts.items() if v is not None}
     return {
         "basis": found.basis,
         "places": len(found.error.shift),
         **sizes,
-        "largest_U95_um": float(found.error.uncertainty.max()) / UM,
+        "largest_U95_um": found.error.largest_uncertainty / UM,
         "files": [str(n) for n in names],
     }

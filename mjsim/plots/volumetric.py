@@ -50,7 +50,7 @@ def volumetric_figure(error: VolumetricError, title: str) -> Figure:
             getattr(axes, f"set_{name}label")(f"{letter}, mm", fontsize=style.SMALL, color=style.INK)
             getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(4))
         axes.tick_params(labelsize=style.SMALL - 1)
-        axes.set_box_aspect(np.ptp(places, axis=0) / np.ptp(places, axis=0).max(), zoom=0.95)
+        axes.set(box_aspect=np.ptp(places, axis=0) / np.ptp(places, axis=0).max())
         text = f"{label}: RMS {rms / UM:.2g} µm, at most {largest / UM:.2g} µm"
         figure.text(0.01 + width * (k + 0.5), 0.87, text, ha="center", fontsize=style.TEXT, color=style.INK)
     bar = figure.colorbar(look, cax=figure.add_axes((0.9, 0.2, 0.014, 0.55)))

@@ -185,6 +185,11 @@ class VolumetricError:
         """RMS over the volume and largest length of the shift, m."""
         return _sizes(self.shift)
 
+    @property
+    def largest_uncertainty(self) -> float:
+        """Largest expanded uncertainty of a component of the shift, m; 0 where none is known."""
+        return 0.0 if self.uncertainty is None else float(self.uncertainty.max())
+
     def corrected_sizes(self) -> tuple[float, float] | None:
         """The same with the corrections; ``None`` without."""
         return None if self.corrected_shift is None else _sizes(self.corrected_shift)

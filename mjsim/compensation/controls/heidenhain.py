@@ -20,6 +20,8 @@ from mjsim.units import DEG, MM
 #: Points that one table gets at most (assumed; the manuals name 256 for the iTNC).
 _MOST = 256
 _WIDTH = 14
+#: Columns of a COM file for the component errors of its axis: along three coordinates and about them.
+_COLUMNS = "C1 C2 C3 C4 C5 C6".split()
 
 
 class Heidenhain(Control):
@@ -79,7 +81,7 @@ class Heidenhain(Control):
         lines = []
         for source in dict.fromkeys(t.source for t in tables):
             mine = [t for t in tables if t.source == source]
-            columns = [f"C{(*COORDINATES, *TURNING).index(t.out[1]) + 1}_{t.out}" for t in mine]
+            columns = [f"{_COLUMNS[(*COORDINATES, *TURNING).index(t.out[1])]}_{t.out}" for t in mine]
             rows = [["NR", "AXISPOS", *columns]]
             for n, x in enumerate(mine[0].positions / scale(chain, source)):
                 values = [f"{-t.forward[n] / scale(chain, t.out) + 0.0:+.6f}" for t in mine]
