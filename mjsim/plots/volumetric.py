@@ -32,13 +32,13 @@ def volumetric_figure(error: VolumetricError, title: str) -> Figure:
     parts = [("as it is", error.shift, error.sizes())]
     if error.corrected_shift is not None and (after := error.corrected_sizes()) is not None:
         parts.append(("with the corrections", error.corrected_shift, after))
-    figure = style.new_figure(0.6 + 4.2 * len(parts), 4.6)
+    figure = style.new_figure(0.9 + 4.2 * len(parts), 4.6)
     style.heading(figure, title)
     at, distance = _chosen(error)
     places = error.grid.points[at, :3] / MM
     most = max(float(np.linalg.norm(values[at], axis=1).max()) for _, values, _ in parts) or UM
     look = ScalarMappable(Normalize(0.0, most / UM), "viridis")
-    width = 0.88 / len(parts)
+    width = 0.86 / len(parts)
     for k, (label, values, (rms, largest)) in enumerate(parts):
         axes = figure.add_axes((0.01 + width * k, 0.06, width - 0.02, 0.78), projection="3d")
         arrows = values[at] * (_LONGEST * distance / most)
@@ -53,7 +53,7 @@ def volumetric_figure(error: VolumetricError, title: str) -> Figure:
         axes.set(box_aspect=np.ptp(places, axis=0) / np.ptp(places, axis=0).max())
         text = f"{label}: RMS {rms / UM:.2g} µm, at most {largest / UM:.2g} µm"
         figure.text(0.01 + width * (k + 0.5), 0.87, text, ha="center", fontsize=style.TEXT, color=style.INK)
-    bar = figure.colorbar(look, cax=figure.add_axes((0.9, 0.2, 0.014, 0.55)))
+    bar = figure.colorbar(look, cax=figure.add_axes((0.93, 0.2, 0.012, 0.55)))
     bar.set_label("length of the error, µm", fontsize=style.SMALL, color=style.INK)
     bar.ax.tick_params(labelsize=style.SMALL)
     return figure
