@@ -37,6 +37,8 @@ PAGE, IMAGES = DOCS / "effects.md", DOCS / "images" / "effects"
 #: Kind -> two panels, each a subject and a test (a key of :func:`tests`). A kind that is not listed has its first
 #: subject on both tests.
 PANELS = {
+    "angular_error": [("EAY", "circle"), ("EBX", "cone")],
+    "axial_error_motion": [("A", "cone"), ("C", "wide cone")],
     "axis_location": [("EB0A", "cone"), ("EA0C", "cone")],
     "backlash": [("X", "circle"), ("A", "cone")],
     "drive_compliance": [("X", "circle"), ("C", "cone")],
@@ -60,6 +62,8 @@ PANELS = {
 }
 #: Values of parameters that have neither a default nor a size that switches the effect off.
 SHAPES = {
+    "angular_error": {"quadratic_urad": 0.0},
+    "axial_error_motion": {"order": 2.0},
     "pitch_error.X": {"components": [[1.0, 1.0, 0.0]]},
     "pitch_error.C": {"components": [[72.0, 0.001, 0.0]]},
     "radial_error_motion": {"order": 2.0},

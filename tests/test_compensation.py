@@ -215,9 +215,26 @@ def test_sizes_below_their_uncertainty_and_ambiguous_effects_are_left(machine):
     assert "not observable" in reasons["scale_error.Y"]
 
 
-def test_forms_that_no_control_has_are_listed(machine):
-    wanted, left = wanted_of(machine, [effect("radial_error_motion.C", amplitude_um=2.0, order=2.0)])
-    assert left == ["radial_error_motion.C"] and not wanted.terms
+def test_component_errors_go_to_controls_that_know_the_arm(machine):
+    """A table that wobbles and a slide that turns: KinematicsComp of HEIDENHAIN takes them, others do not."""
+    hidden = [
+        effect("radial_error_motion.C", amplitude_um=2.0, order=2.0),
+        effect("angular_error.EBX", linear_urad=20.0, quadratic_urad=5.0),
+    ]
+    wanted, left = wanted_of(machine, hidden)
+    assert not left and {t.out for t in wanted.terms} == {"EXC", "EYC", "EBX"}
+    ranges = {a: (-0.2, 0.2) for a in FIVE_AXIS.linear} | {"A": (-1.0, 1.0), "C": (0.0, 6.0)}
+    made = control("heidenhain").corrections(wanted, ranges)
+    assert not made.left and {t.out for t in made.tables} == {"EXC", "EYC", "EBX"}
+    text = control("heidenhain").files(made)["kinematicscomp.txt"]
+    head, *rows, end = next(p for p in text.split("BEGIN ") if p.startswith("X.COM")).splitlines()[1:]
+    assert head.split() == ["NR", "AXISPOS", "C5_EBX"] and end == "[END]"
+    x, error = np.array([r.split()[1:] for r in rows], float).T
+    want = np.degrees(20e-6 * x / 100.0 + 5e-6 * (x / 100.0) ** 2)
+    np.testing.assert_allclose(error, want, atol=1.5e-6)
+    for name in ("linuxcnc", "sinumerik", "fanuc"):
+        others = control(name).corrections(wanted, ranges)
+        assert not others.tables and {x.key for x in others.left} == {e.key for e in hidden}
 
 
 def test_nothing_to_correct_is_said(machine, tests):

@@ -13,7 +13,7 @@ from mjsim.effects import registry
 from mjsim.effects.registry import make
 from mjsim.errors import InputError
 from mjsim.io.resources import examples
-from mjsim.machine.chain import FIVE_AXIS
+from mjsim.machine.chain import FIVE_AXIS, chain_of
 from mjsim.machine.effect import Effect, Parameter
 from mjsim.machine.model import build
 from mjsim.simulation.axes import AxesMotion
@@ -21,6 +21,8 @@ from mjsim.simulation.multibody import simulate
 
 DEG, UM = math.pi / 180.0, 1e-6
 IDS = registry.all_ids()
+#: Functional points that no ball is in line with: an angular error needs an arm to be seen.
+AWAY = tuple((a, (0.1, -0.2, 0.15)) for a in FIVE_AXIS.linear)
 
 
 def typical(effect_id, off=False, direction=None):
@@ -43,12 +45,13 @@ def typical(effect_id, off=False, direction=None):
 @pytest.fixture(scope="module")
 def short(cone):
     """A fast cone test that moves all five axes, reverses four of them and sees Z."""
-    return cone(15, 10, (60, 30, 155), feed=20000, sensitive="parallel", name="short", started=40.0)
+    test = cone(15, 10, (60, 30, 155), feed=20000, sensitive="parallel", name="short", started=40.0)
+    return replace(test, chain=chain_of(FIVE_AXIS.configuration, functional_points=AWAY))
 
 
 @pytest.fixture(scope="module")
 def empty(m1, bare):
-    return bare(m1)
+    return replace(bare(m1), functional_points=AWAY)
 
 
 @pytest.fixture(scope="module")
@@ -262,7 +265,8 @@ def test_the_catalogue_holds_what_is_required():
         "worm_wear": rotary,
         "gravity_windup": {"A"}, "scale_error": linear, "thermal_drift": linear, "squareness": {"XY", "YZ", "ZX"},
         "straightness": {"EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ"}, "radial_error_motion": {"C"},
-        "tilt_error_motion": {"C"},
+        "tilt_error_motion": {"C"}, "axial_error_motion": rotary,
+        "angular_error": {f"E{about}{a}" for about in "ABC" for a in linear},
         "vibration": linear, "drive_compliance": every,
         "axis_location": {"EX0C", "EY0C", "EA0C", "EB0C", "EY0A", "EZ0A", "EB0A", "EC0A"},
     }  # fmt: skip

@@ -81,7 +81,22 @@ def catalogue(machine="M1"):
     yield "tilt_error_motion.C", {"amplitude_urad": 30.0, "order": 3, "phase_deg": 50.0}, "rotary-c-axial"
 
 
+def volumetric():
+    """What shows from one place to another, and is in no bank: the same kind of list."""
+    yield "axial_error_motion.C", {"amplitude_um": 3.0, "order": 2, "phase_deg": 50.0}, "rotary-c-axial"
+    yield "axial_error_motion.A", {"amplitude_um": 3.0, "order": 2, "phase_deg": 50.0}, "cone"
+    for subject, test in (
+        ("EAX", "circle-zx"),
+        ("EBX", "circle-zx"),
+        ("EAY", "circle-yz"),
+        ("EBY", "circle-xy"),
+        ("ECY", "cone"),
+    ):
+        yield f"angular_error.{subject}", {"linear_urad": 30.0, "quadratic_urad": 20.0}, test
+
+
 CATALOGUE = list(catalogue())
+EVERY = [*CATALOGUE, *volumetric()]
 
 
 @pytest.fixture(scope="module")
@@ -144,9 +159,9 @@ def test_nominal_readings_agree(both, machine, name):
     assert rms(theirs - ours) < 0.05
 
 
-@pytest.mark.parametrize("number", range(len(CATALOGUE)), ids=[f"{e[0]}-{i}" for i, e in enumerate(CATALOGUE)])
+@pytest.mark.parametrize("number", range(len(EVERY)), ids=[f"{e[0]}-{i}" for i, e in enumerate(EVERY)])
 def test_every_effect_agrees(both, number):
-    name, parameters, test = CATALOGUE[number]
+    name, parameters, test = EVERY[number]
     bare = both("M1", test)
     planted = both("M1", test, [{"id": name, **parameters}])
     theirs, ours = planted[0] - bare[0], planted[1] - bare[1]

@@ -2,6 +2,8 @@
 4 matrices here.
 """
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.kinematics import Geometry, bar_vector, reading, rotation, table_ball, work_to_machine
 from mjsim.machine.model import build
 from mjsim.machine.sensitivity import sensitivity
-from mjsim.simulation import mjmodel
+from mjsim.simulation import bar, mjmodel
 
 BALL = np.array([0.083, -0.047, 0.155])
 LENGTH = 0.1
@@ -77,6 +79,13 @@ def everywhere(machine):
     return machine.with_effect(make("tilt_error_motion.C", amplitude_urad=1.0, order=2))
 
 
+def turned_slides(machine):
+    """The same with angular errors and axial error motions about functional points of their own."""
+    points = (("X", (0.1, -0.2, 0.3)), ("Y", (-0.1, 0.05, -0.07)), ("Z", (0.05, 0.02, 0.4)))
+    machine = replace(everywhere(machine), functional_points=points)
+    return machine.with_effect(make("angular_error.ECZ", linear_urad=1.0))
+
+
 def sites(model, q, names):
     """Distance of the two sites less the bar's length at joint poses ``q`` (n, len(names)), joints set by name."""
     model.body("table_fixture").pos[:] = BALL
@@ -99,6 +108,23 @@ def test_mujoco_agrees_with_every_geometric_effect_on(machine, bare):
     got = sites(mjmodel.build_model(plant), q, names)
     want = reading(FIVE_AXIS, q, BALL, LENGTH, plant.geometry)
     assert np.abs(got - want).max() < NM
+
+
+def test_three_ways_to_the_reading_agree_on_slides_that_turn(m1, bare):
+    """MuJoCo's joints, the compiled chain and the written-out one, with all 24 columns, and with fewer of them."""
+    plant = build(turned_slides(bare(m1)))
+    chain, model = plant.chain, mjmodel.build_model(plant)
+    assert plant.width == len(chain.columns) == 24
+    rng = np.random.default_rng(43)
+    half = np.concatenate([[0.25, 0.25, 0.25, 1.2, 6.0], np.full(19, 2e-3)])
+    q = rng.uniform(-half, half, size=(200, 24))
+    for width in chain.widths:
+        q[:, width:] = 0.0
+        want = reading(chain, q[:, :width], BALL, LENGTH, plant.geometry)
+        assert np.abs(sites(model, q, chain.columns) - want).max() < 1e-14
+        compiled = bar.reading(chain, np.ascontiguousarray(q[:, :width]), BALL, LENGTH, plant.geometry)
+        assert np.abs(compiled - want).max() < 1e-15
+        q = rng.uniform(-half, half, size=(200, 24))
 
 
 def test_mujoco_agrees_on_the_ideal_machine(machine, bare):

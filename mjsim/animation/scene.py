@@ -37,7 +37,7 @@ def cameras() -> list[str]:
 
 def scene_of(chain: Chain) -> mujoco.MjSpec:
     """The machine of a chain in its scene."""
-    if chain == FIVE_AXIS:
+    if chain.nominal == FIVE_AXIS:
         return mujoco.MjSpec.from_file(str(scene_file()))
     return mujoco.MjSpec.from_string(whole_scene(chain))
 

@@ -1,4 +1,4 @@
-"""The axes that a machine file describes: ``configuration``, ``[axis.B]`` and ``tool_length_mm``."""
+"""The axes that a machine file describes: ``configuration``, ``[axis.B]``, ``[axis.X]`` and ``tool_length_mm``."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from mjsim.campaign.schema import AxisTable, PlacementTable
 from mjsim.errors import InputError
 from mjsim.io.inputs import shown
 from mjsim.io.toml import check, parse
+from mjsim.machine.axis import TURNING, Vector
 from mjsim.machine.chain import FIVE_AXIS, Chain, Placement, chain_of
 from mjsim.units import MM
 
@@ -30,8 +31,14 @@ def chain_of_file(path: Path, data: dict) -> Chain:
         )
     given = check(path, PlacementTable, {k: v for k, v in data.items() if k in PlacementTable.model_fields})
     placements, length = placed(given)
+    points = functional_points(given)
+    for letter, _ in points:
+        if letter in TURNING:
+            raise InputError(
+                f"{path}: [axis.{letter}] functional_point_mm; allowed: direction and offset_mm, as {letter} turns"
+            )
     try:
-        chain = chain_of(configuration, placements, length, given.singular_pass)
+        chain = chain_of(configuration, placements, length, given.singular_pass, points)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     if chain.swivelling and length is None:
@@ -49,8 +56,22 @@ def chain_of_file(path: Path, data: dict) -> Chain:
 
 def placed(table: Any) -> tuple[tuple[tuple[str, Placement], ...], float | None]:
     """Placements of the rotary axes, and the tool's length, m, of a machine file's table."""
-    placements = tuple((letter, _placement(one)) for letter, one in sorted(table.axis.items()))
+    placements = tuple(
+        (letter, _placement(one))
+        for letter, one in sorted(table.axis.items())
+        if one.functional_point_mm is None or one.model_fields_set != {"functional_point_mm"}
+    )
     return placements, None if table.tool_length_mm is None else table.tool_length_mm * MM
+
+
+def functional_points(table: Any) -> tuple[tuple[str, Vector], ...]:
+    """Functional points of the linear axes of a machine file's table, m."""
+    out: list[tuple[str, Vector]] = []
+    for letter, one in sorted(table.axis.items()):
+        if one.functional_point_mm is not None:
+            x, y, z = (v * MM for v in one.functional_point_mm)
+            out.append((letter, (x, y, z)))
+    return tuple(out)
 
 
 def _placement(table: AxisTable) -> Placement:

@@ -12,7 +12,7 @@ import numpy as np
 import tomlkit
 from tomlkit.items import AoT, InlineTable, Table
 
-from mjsim.campaign.chain_file import chain_of_file, placed
+from mjsim.campaign.chain_file import chain_of_file, functional_points, placed
 from mjsim.campaign.controllers import edit_controllers, read_controllers
 from mjsim.campaign.model import Campaign
 from mjsim.campaign.schema import machine_table
@@ -90,7 +90,8 @@ def read_machine(path: str | Path, text: str | None = None) -> Machine:
     tolerance, configuration = table.tolerance, table.configuration
     machine = Machine(table.name, drives, tuple(effects), path, configuration, files, tolerance, controllers, factor)
     placements, tool_length = placed(table)
-    return replace(machine, placements=placements, tool_length=tool_length, singular=table.singular_pass)
+    machine = replace(machine, placements=placements, tool_length=tool_length, singular=table.singular_pass)
+    return replace(machine, functional_points=functional_points(table))
 
 
 def _effect(path: Path, number: int, entry: dict[str, Any], files: dict[str, str], chain: Chain) -> Effect:

@@ -92,14 +92,15 @@ class DriveTable(Table):
 
 
 class AxisTable(Table):
-    """Where a rotary axis is, if not where its letter says."""
+    """Where a rotary axis is, if not where its letter says; the functional point of a linear one."""
 
     direction: Annotated[list[Number], Field(min_length=3, max_length=3)] | None = None
     offset_mm: Annotated[list[Length], Field(min_length=3, max_length=3)] = Field(default=[0.0, 0.0, 0.0])
+    functional_point_mm: Annotated[list[Length], Field(min_length=3, max_length=3)] | None = None
 
 
 class PlacementTable(Table):
-    """The keys of a machine file that say where its rotary axes are."""
+    """The keys of a machine file that say where its rotary axes are, and the functional points of its linear ones."""
 
     configuration: str = FIVE_AXIS.configuration
     tool_length_mm: ToolLength | None = None

@@ -8,6 +8,9 @@ import click
 
 from mjsim.cli import common
 
+#: Options that say more of a map of the volume, and their names in messages.
+_OF_MAP = {"control": "--control", "ranges": "--range", "step": "--step", "rotary": "--rotary", "tool": "--tool-length"}
+
 
 @click.command("export")
 @common.campaign_argument
@@ -17,29 +20,115 @@ from mjsim.cli import common
     "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the CSV files."
 )
 @click.option("--decimal-comma", is_flag=True, help="Semicolons and decimal commas, for spreadsheets that expect them.")
+@click.option("--volumetric", is_flag=True, help="Write the error of the tool over the volume instead.")
+@click.option(
+    "--control",
+    type=click.Choice(("linuxcnc", "sinumerik", "heidenhain", "fanuc", "csv")),
+    help="With --volumetric: also with the corrections of this control.",
+)
+@click.option(
+    "--range",
+    "ranges",
+    type=(str, common.NUMBER, common.NUMBER),
+    multiple=True,
+    metavar="AXIS LOW HIGH",
+    help="With --volumetric: places along a linear axis, mm (default: those of the tests).",
+)
+@click.option("--step", type=click.FloatRange(0.1, 1000.0), help="With --volumetric: distance of places, mm (25).")
+@click.option(
+    "--rotary",
+    type=(str, common.NUMBER),
+    multiple=True,
+    metavar="AXIS DEG",
+    help="With --volumetric: where a rotary axis stands (0).",
+)
+@click.option(
+    "--tool-length",
+    "tool",
+    type=click.FloatRange(-1000.0, 1000.0),
+    help="With --volumetric: of the tool less that of the spindle ball's holder, mm (0).",
+)
 @click.option("--force", is_flag=True, help="Replace files that exist.")
 @common.as_is_option
 @common.threads_option
 @common.options
-def command(campaign, machine, names, out, decimal_comma, force, threads, as_is, as_json, quiet) -> None:
+def command(
+    campaign, machine, names, out, decimal_comma, volumetric, force, threads, as_is, as_json, quiet, **of_map
+) -> None:
     """Write the compared traces and their figures as CSV.
 
     <test>.csv has time_s, phi_deg, measured_um, simulated_um, residual_um and valid (0: missing or left out);
     figures.csv the ISO 230-4 figures of both traces per test, figures-both-directions.csv G(b) and D.
     Of axis logs, <test>-<axis>.csv has command, measured and simulated position, speed and torque.
 
+    With --volumetric it writes volumetric.csv, .vtk and .png: the error of the tool over the volume, as the diagnosis
+    knows the machine, with expanded uncertainty (k = 2), and with the corrections of a control.
+
     \b
-    Example: mjsim export examples/hidden-backlash --out tables
+    Examples:
+      mjsim export examples/hidden-backlash --out tables
+      mjsim export my-campaign --volumetric --range X -150 150 --control csv --out map
     """
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import machine_of
+    from mjsim.errors import InputError
     from mjsim.workflow.export import export
 
     c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)
+    given = [option for name, option in _OF_MAP.items() if of_map[name] not in (None, ())]
+    if given and not volumetric:
+        raise InputError(f"{given[0]}; allowed: with --volumetric")
     with common.progress_bar(quiet) as progress:
-        files = export(c, m, out, names, decimal_comma, force, common.cores(threads), progress)
+        if volumetric:
+            if names or decimal_comma:
+                raise InputError("--volumetric has no tests and no decimal comma; leave --test and --decimal-comma out")
+            data = _map(c, m, Path(out), force, common.cores(threads), progress, **of_map)
+        else:
+            files = export(c, m, out, names, decimal_comma, force, common.cores(threads), progress)
+            data = {"files": [str(f) for f in files]}
     if as_json:
-        common.print_json({"campaign": c.name, "machine": m.name, "files": [str(f) for f in files]})
+        common.print_json({"campaign": c.name, "machine": m.name, **data})
         return
-    common.say(f"{len(files)} files written to {out}", quiet)
+    if volumetric and not quiet:
+        show_map(data)
+    common.say(f"{len(data['files'])} files written to {out}", quiet)
+
+
+def show_map(data: dict) -> None:
+    """What a map of the volume says, as text."""
+    click.echo(f"Error of the tool, {data['basis']}, {data['places']} places:")
+    states = [k for k in ("as_it_is", "corrected") if k in data]
+    rows = [[k.replace("_", " "), f"{data[k]['rms_um']:.2f}", f"{data[k]['largest_um']:.2f}"] for k in states]
+    common.table(["", "RMS µm", "largest µm"], rows)
+    common.paragraph(f"Expanded uncertainty of a component (k = 2): at most {data['largest_U95_um']:.2f} µm.")
+
+
+def _map(campaign, machine, out, force, threads, progress, control, ranges, step, rotary, tool) -> dict:
+    """Write the map of the volume; what is said of it."""
+    from mjsim.io.files import check_writable, write_all
+    from mjsim.plots.save import encode
+    from mjsim.plots.volumetric import volumetric_figure
+    from mjsim.prediction.volumetric import STEP, volume_of
+    from mjsim.units import DEG, MM, UM
+
+    names = [out / f"volumetric.{kind}" for kind in ("csv", "vtk", "png")]
+    for name in names:
+        check_writable(name, force)
+    spans = {a: (low * MM, high * MM) for a, low, high in ranges}
+    places, stand = STEP if step is None else step * MM, {a: x * DEG for a, x in rotary}
+    length = 0.0 if tool is None else tool * MM
+    found = volume_of(campaign, machine, control, spans, places, stand, length, threads, progress)
+    picture = encode(volumetric_figure(found.error, f"{machine.name}: error of the tool over the volume"), "png")
+    write_all(
+        dict(zip(names, (found.error.csv_text(), found.error.vtk_text(machine.name), picture), strict=True)), force
+    )
+    parts = {"as_it_is": found.error.sizes(), "corrected": found.error.corrected_sizes()}
+    sizes = {k: {"rms_um": v[0] / UM, "largest_um": v[1] / UM} for k, v in parts.items() if v is not None}
+    return {
+        "basis": found.basis,
+        "places": len(found.error.shift),
+        **sizes,
+        "largest_U95_um": found.error.largest_uncertainty / UM,
+        "files": [str(n) for n in names],
+    }

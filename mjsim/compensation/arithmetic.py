@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from mjsim.compensation.tables import Corrections, Table
-from mjsim.machine.kinematics import Geometry, bar_vector, spindle_in_work
+from mjsim.machine.kinematics import Geometry, bar_vector, machine_to_work, spindle_ball
 
 #: Command change in one cycle below which an axis counts as standing, m or rad.
 _STILL = 1e-13
@@ -37,11 +37,13 @@ class Arithmetic:
             them.
         ramp: Ramp of changes; ``None`` carries them out within a cycle.
         transforms: Whether the control computes the linear axes from the tool tip, with its kinematic data.
+        tool: Length of the tool less that of the spindle ball's holder, as the control knows it, m.
     """
 
     stepwise: bool = False
     ramp: Ramp | None = None
     transforms: bool = True
+    tool: float = 0.0
 
 
 def directions(command: np.ndarray) -> np.ndarray:
@@ -85,10 +87,18 @@ def corrected(commands: np.ndarray, corrections: Corrections, how: Arithmetic, s
         (n, axes) m and rad.
     """
     chain, out = corrections.chain, commands.copy()
-    if corrections.kinematics and how.transforms:
-        linear = chain.linear_columns
-        tip = spindle_in_work(chain, commands)
-        out[:, linear] -= bar_vector(chain, commands, tip, Geometry(location=corrections.kinematics))
+    components = [t for t in corrections.tables if t.out not in chain.letters]
+    if (corrections.kinematics or components) and how.transforms:
+        q = commands
+        if components:  # where the control believes that the axes err: the other way than it corrects
+            q = np.hstack([commands, np.zeros((len(commands), len(chain.motions)))])
+            for t in components:
+                source = commands[:, chain.index(t.source)]
+                q[:, chain.columns.index(t.out)] = -lookup(t, source, directions(source))
+        tip = (0.0, 0.0, -how.tool)
+        work = machine_to_work(chain, commands, spindle_ball(chain, commands, None, tip))
+        location = Geometry(location=corrections.kinematics)
+        out[:, chain.linear_columns] -= bar_vector(chain, q, work, location, tip)
     signs = {a: directions(out[:, chain.index(a)]) for a in chain.letters}
     for axis in chain.letters:
         i = chain.index(axis)

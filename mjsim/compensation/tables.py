@@ -25,10 +25,10 @@ _TURN = 2.0 * math.pi
 
 @dataclass(frozen=True)
 class Table:
-    """Correction of one axis as a function of the commanded position of one axis.
+    """Correction of one axis, or of one component error, as a function of the commanded position of one axis.
 
     Attributes:
-        out: Letter of the corrected axis.
+        out: Letter of the corrected axis, or the name of a component error (ISO 230-1) of the source.
         source: Letter of the axis on whose position the correction depends.
         positions: Rising positions of the source, (n,) m or rad.
         forward: What is added to the command of ``out`` while the source moves towards larger positions, (n,) m or
@@ -106,8 +106,8 @@ class Grid:
 
 
 def scale(chain: Chain, axis: str) -> float:
-    """SI per unit of a control's file: mm or degree."""
-    return DEG if chain.is_rotary(axis) else MM
+    """SI per unit of a control's file, mm or degree, of an axis or a component error."""
+    return DEG if chain.is_rotary(axis) or any(m.rotation for m in chain.motions if m.name == axis) else MM
 
 
 def ranges_of(tests: Iterable[BallBarTest], chain: Chain) -> dict[str, tuple[float, float]]:

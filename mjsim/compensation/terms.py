@@ -18,11 +18,11 @@ from mjsim.machine.plant import BUMP, PLAY, POLYNOMIAL, SCALE, SETTLE, SINE
 
 @dataclass(frozen=True)
 class Term:
-    """Error of one axis as a function of the position of one axis.
+    """Error of one axis, or of what one axis carries, as a function of the position of one axis.
 
     Attributes:
         key: Of the effect that makes it.
-        out: Letter of the axis that is wrong.
+        out: Letter of the axis that is wrong, or the name of a component error (ISO 230-1) of the source.
         source: Letter of the axis on whose position it depends.
         code: Operation of the plant: ``SINE``, ``BUMP``, ``POLYNOMIAL`` or ``SCALE``.
         parameters: Of the operation, SI.
@@ -103,9 +103,8 @@ def wanted_of(machine: Machine, effects: list[Effect]) -> tuple[Wanted, list[str
         before = len(terms), len(out.keys)
         whole = True
         for op in plant.ops:
-            if op.out >= chain.count or op.source >= chain.count or op.code not in (
-                SINE, BUMP, POLYNOMIAL, SCALE, PLAY, SETTLE,
-            ):  # fmt: skip
+            component = op.out >= chain.count and op.code not in (SINE, POLYNOMIAL, SCALE)
+            if component or op.source >= chain.count or op.code not in (SINE, BUMP, POLYNOMIAL, SCALE, PLAY, SETTLE):
                 whole = False
             elif op.code == PLAY:
                 axis = chain.letters[op.out]
@@ -116,7 +115,7 @@ def wanted_of(machine: Machine, effects: list[Effect]) -> tuple[Wanted, list[str
                 out.thermal[axis] = (op.parameters[0], op.parameters[1])
                 out.keys[f"thermal {axis}"] = effect.key
             else:
-                terms.append(Term(effect.key, chain.letters[op.out], chain.letters[op.source], op.code, op.parameters))
+                terms.append(Term(effect.key, chain.columns[op.out], chain.letters[op.source], op.code, op.parameters))
         for name, value in plant.geometry.location.items():
             out.location[name] = value
             out.keys[name] = effect.key

@@ -124,7 +124,10 @@ def _at_mean(
     if present is not None:
         return present, names
     values = {p.name: p.neutral for p in cls.parameters_of(subject) if p.leading}
-    if any(p.name == "order" for p in cls.parameters_of(subject)):
+    order = next((p for p in cls.parameters_of(subject) if p.name == "order"), None)
+    if order is not None and order.lower > 0.0:  # it does not go round
+        values["order"] = float(_ORDERS[0])
+    elif order is not None:
         visible = visible_orders(machine.chain, subject, "amplitude_urad" in values)
         values["order"] = float(next((k for k in _ORDERS if k in visible), _ORDERS[0]))
     return cls(subject, **values), names

@@ -51,6 +51,9 @@ def combinations(
 ) -> tuple[Combination, ...]:
     """Sums of the single numbers with a prior that a fit determines, the best determined first.
 
+    Effects with several numbers, as straightness errors, take part where angular errors are fitted: at one place of the
+    ball these are the same.
+
     Args:
         fit: A finished fit.
         settings: What counts as open and as determined.
@@ -59,13 +62,24 @@ def combinations(
     """
     from scipy.sparse.csgraph import connected_components  # slow to load
 
-    free = [f for f in fit.effects if f.prior is not None and len(f.vector) == 1 and not f.specs[f.names[0]].inverse]
-    if wanted is not None:
-        free = [f for f in free if f.effect.key in wanted]
+    several = any(f.effect.search.within_tolerance for f in fit.effects)
+    index = np.arange(fit.parameters.size)
+    free: list[tuple[EffectVector, str]] = []
+    place: list[int] = []
+    deviation: list[float] = []
+    for f in fit.effects:
+        if f.prior is None or (wanted is not None and f.effect.key not in wanted):
+            continue
+        if f.polar or f.names == ("components",) or (len(f.names) > 1 and not several):
+            continue
+        for name, at, own in zip(f.names, index[fit.parameters[f.block.name]], f.prior[1], strict=True):
+            if not f.specs[name].inverse:
+                free.append((f, name))
+                place.append(int(at))
+                deviation.append(float(own) if wanted is None else wanted[f.effect.key])
     if len(free) < 2:
         return ()
-    at = np.concatenate([np.arange(fit.parameters.size)[fit.parameters[f.block.name]] for f in free])
-    prior = np.array([f.prior[1][0] if wanted is None else wanted[f.effect.key] for f in free if f.prior is not None])
+    at, prior = np.array(place), np.array(deviation)
     covariance = fit.covariance[np.ix_(at, at)] / np.outer(prior, prior)
     width = np.sqrt(np.diag(covariance))
     tied = np.abs(covariance / np.outer(width, width)) > settings.tied_numbers
@@ -81,7 +95,7 @@ def combinations(
 
 
 def _determined(
-    free: list[EffectVector], covariance: np.ndarray, prior: np.ndarray, settings: DiagnosisSettings
+    free: list[tuple[EffectVector, str]], covariance: np.ndarray, prior: np.ndarray, settings: DiagnosisSettings
 ) -> Iterator[tuple[float, Combination]]:
     """The sums of one group that are determined, each with its width in prior standard deviations."""
     for direction in np.linalg.eigh(covariance)[1].T:
@@ -93,14 +107,14 @@ def _determined(
             yield width, _in_units([free[i] for i in used], factor[used] / prior[used], width)
 
 
-def _in_units(free: list[EffectVector], factor: np.ndarray, width: float) -> Combination:
-    """A sum of the entries of effects, (n,) ``factor`` each, in the units of their parameters."""
-    scale = np.array([f.specs[f.names[0]].scale for f in free])
+def _in_units(free: list[tuple[EffectVector, str]], factor: np.ndarray, width: float) -> Combination:
+    """A sum of numbers of effects, (n,) ``factor`` each, in the units of their parameters."""
+    scale = np.array([f.specs[name].scale for f, name in free])
     of_number = factor / scale
     first = int(np.argmax(np.abs(factor)))
     of_number, unit = of_number / of_number[first], 1.0 / of_number[first]
     order = sorted(range(len(free)), key=lambda i: i != first)
-    terms = tuple(Term(free[i].effect.id, free[i].names[0], float(of_number[i])) for i in order)
-    value = float(sum(t.factor * free[i].effect.values[t.name] for t, i in zip(terms, order, strict=True)))
+    terms = tuple(Term(free[i][0].effect.id, free[i][1], float(of_number[i])) for i in order)
+    value = float(sum(t.factor * free[i][0].effect.values[t.name] for t, i in zip(terms, order, strict=True)))
     half = 1.96 * width * abs(unit)
     return Combination(terms, value, (value - half, value + half))

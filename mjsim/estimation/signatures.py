@@ -55,11 +55,13 @@ Row = tuple[float, np.ndarray, Candidate]
 
 def seeds(machine: Machine) -> list[Candidate]:
     """Starting points of the whole catalogue (and the user's effects in the machine), scanned families left out."""
+    given = {e.id for e in machine.effects}
     return [
         c
-        for cls in registry.kinds_of(machine.effects).values()
+        for kind, cls in registry.kinds_of(machine.effects).items()
         if not cls.for_logs
         for subject in cls.subjects_of(machine.chain)
+        if f"{kind}.{subject}" in given or kind in machine.tolerance or not cls.search.within_tolerance
         for c in seeds_of(cls, subject, machine)
     ]
 

@@ -7,6 +7,7 @@ import numpy as np
 from mjsim.effects import registry
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.signatures import Projector, SignatureBank
+from mjsim.machine.chain import Chain
 
 #: Sensitivity below which an axis is not seen: linear, and rotary (m/rad).
 _SEEN = (0.02, 1e-3)
@@ -31,11 +32,16 @@ def detection_limits(projector: Projector, bank: SignatureBank) -> dict[str, flo
 def not_testable(problem: Problem, projector: Projector, bank: SignatureBank) -> list[str]:
     """Ids that the set-up, the axes that move, or the other parameters hide in this campaign."""
     limits = detection_limits(projector, bank)
-    waves = [i for i in registry.all_ids(problem.chain) if i not in limits]
+    waves = [i for i in registry.all_ids(problem.chain) if i not in limits and _is_scanned(i, problem.chain)]
     return sorted(
         [i for i, limit in limits.items() if limit > problem.settings.testable_size]
         + [i for i in waves if not _shows(problem, i)]
     )
+
+
+def _is_scanned(effect_id: str, chain: Chain) -> bool:
+    """Whether an effect is read off a spectrum."""
+    return registry.effect_class(effect_id, chain)[0].search.scanned
 
 
 def _shows(problem: Problem, effect_id: str) -> bool:

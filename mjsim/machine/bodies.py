@@ -56,7 +56,7 @@ def model_spec(chain: Chain) -> mujoco.MjSpec:
     import mujoco
 
     check_model(chain)
-    if chain == FIVE_AXIS:
+    if chain.nominal == FIVE_AXIS:
         return mujoco.MjSpec.from_file(str(model_file()))
     return mujoco.MjSpec.from_string(machine_xml(chain))
 

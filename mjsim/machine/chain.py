@@ -6,10 +6,11 @@ A axis' centreline about Z, ``EXC`` the radial error motion of C along X.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 
-from mjsim.machine.axis import ABOUT, ALONG, COORDINATES, Axis, Placement, axis_of, is_linear, is_rotary
+from mjsim.errors import InputError
+from mjsim.machine.axis import ABOUT, ALONG, COORDINATES, Axis, Placement, Vector, axis_of, is_linear, is_rotary
 from mjsim.machine.configuration import parse
 from mjsim.machine.geometric_errors import ErrorMotion, LocationError, Squareness, location_errors_of
 
@@ -53,6 +54,8 @@ class Chain:
         tool_length: from the head's pivot to the spindle ball, m; 0 where no head turns.
         singular: what the control does where the first rotary axis would have to turn infinitely fast, as the tool is
             parallel to it: ``cross`` or ``refuse``.
+        stated_points: functional points that a machine file states, by letter of the linear axis;
+            :meth:`functional_point` gives that of any linear axis.
     """
 
     configuration: str
@@ -60,6 +63,21 @@ class Chain:
     tool: tuple[Axis, ...] = field(repr=False)
     tool_length: float = field(default=0.0, repr=False)
     singular: str = field(default=SINGULAR[0], repr=False)
+    stated_points: tuple[tuple[str, Vector], ...] = field(default=(), repr=False)
+
+    def functional_point(self, letter: str) -> Vector:
+        """Point of a linear axis' slide about which its angular errors turn what it carries, with all axes at 0, m.
+
+        Where none is stated it is the point of the centreline of the rotary table that the workpiece lies on, and the
+        origin of the work frame without such a table.
+        """
+        table = self.turning[0].point if self.turning else (0.0, 0.0, 0.0)
+        return dict(self.stated_points).get(letter, table)
+
+    @cached_property
+    def nominal(self) -> Chain:
+        """The same axes without stated functional points: bodies and programs do not depend on these."""
+        return replace(self, stated_points=()) if self.stated_points else self
 
     @cached_property
     def placements(self) -> tuple[tuple[str, Placement], ...]:
@@ -168,9 +186,9 @@ class Chain:
 
     @cached_property
     def motions(self) -> tuple[ErrorMotion, ...]:
-        """Error motions of the rotary axes, radial and tilt of every axis from the workpiece to the tool.
-
-        Straightness errors come last that act across a rotary axis, so that no linear axis moves the same way.
+        """Error motions of the axes: radial and tilt of every rotary axis from the workpiece to the tool, then
+        straightness errors that act across a rotary axis, so that no linear axis moves the same way, then axial error
+        motions, and angular errors of the linear axes last.
         """
         rotary = (*self.turning, *reversed(self.swivelling))
         out = [
@@ -179,7 +197,31 @@ class Chain:
             for letters in (ALONG, ABOUT)
             for i in a.across
         ]
-        return (*out, *self._crosswise)
+        axial = [ErrorMotion(f"E{ALONG[a.along]}{a.letter}", a.letter, a.along, False, True) for a in rotary]
+        return (*out, *self._crosswise, *axial, *self._angular)
+
+    @cached_property
+    def _angular(self) -> list[ErrorMotion]:
+        """Angular errors of the linear axes, three of each."""
+        return [ErrorMotion(f"E{about}{a}", a, i, True) for a in self.linear for i, about in enumerate(ABOUT)]
+
+    @cached_property
+    def angular(self) -> tuple[str, ...]:
+        """Angular errors of the linear axes: ``E``, about which coordinate (A, B or C), axis."""
+        return tuple(m.name for m in self._angular)
+
+    @cached_property
+    def widths(self) -> tuple[int, ...]:
+        """Numbers of columns that motions are computed with: models of as few sorts as possible are compiled."""
+        straight = self.count + len(self.motions) - len(self.rotary) - len(self.angular)
+        turning = (min(self.count + 4 * k, straight) for k in range(-(-(straight - self.count) // 4) + 1))
+        axial = straight + len(self.rotary)
+        slides = (axial + 3 * k for k in range(1, len(self.linear) + 1))
+        return tuple(dict.fromkeys((*turning, axial, *slides)))
+
+    def slides_turn(self, width: int) -> bool:
+        """Whether motions of ``width`` columns have angular errors of linear axes among them."""
+        return width > len(self.columns) - len(self.angular)
 
     @cached_property
     def _crosswise(self) -> list[ErrorMotion]:
@@ -209,7 +251,7 @@ class Chain:
         return name if name in [m.name for m in self.motions] else name[1]
 
     def error_motion(self, letter: str) -> tuple[str, ...]:
-        """Radial and tilt error motion of a rotary axis, two columns each."""
+        """Radial and tilt error motion of a rotary axis, two columns each, and its axial error motion, one."""
         return tuple(m.name for m in self.motions if m.axis == letter)
 
     @cached_property
@@ -255,6 +297,7 @@ def chain_of(
     placements: tuple[tuple[str, Placement], ...] = (),
     tool_length: float | None = None,
     singular: str = SINGULAR[0],
+    functional_points: tuple[tuple[str, Vector], ...] = (),
 ) -> Chain:
     """The kinematic chain that a configuration describes.
 
@@ -264,6 +307,7 @@ def chain_of(
         placements: letters of rotary axes that are tilted or offset, each with its placement.
         tool_length: from the head's pivot to the spindle ball, m; ``None`` is 0.25 m. Without a head it says nothing.
         singular: one of :data:`SINGULAR`.
+        functional_points: of linear axes, by letter, in machine coordinates with all axes at 0, m.
 
     Raises:
         InputError: it is none, or a kind of machine that mjsim cannot compute.
@@ -273,7 +317,15 @@ def chain_of(
     """
     length = TOOL_LENGTH if tool_length is None else tool_length
     work, tool = parse(configuration, dict(placements), length)
-    return Chain(configuration, work, tool, length if any(a.rotary for a in tool) else 0.0, singular)
+    linear = sorted(a.letter for a in (*work, *tool) if not a.rotary)
+    for letter, _ in functional_points:
+        if letter not in linear:
+            raise InputError(
+                f"axis {letter!r} cannot have a functional point in {configuration!r}; allowed: "
+                f"{', '.join(linear) or 'none, as no axis is linear'}"
+            )
+    tool_length = length if any(a.rotary for a in tool) else 0.0
+    return Chain(configuration, work, tool, tool_length, singular, functional_points)
 
 
 #: The machine whose model ships.

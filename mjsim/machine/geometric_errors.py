@@ -33,12 +33,14 @@ class ErrorMotion(NamedTuple):
         axis: letter of the axis.
         along: coordinate along which it is displaced or about which it is tilted: 0, 1 or 2.
         rotation: whether it is a tilt.
+        axial: whether it is a displacement along the centreline of a rotary axis.
     """
 
     name: str
     axis: str
     along: int
     rotation: bool
+    axial: bool = False
 
 
 class Squareness(NamedTuple):

@@ -39,6 +39,8 @@ class SearchHints:
         looks_like: kinds of effects on the same axis in whose place it makes sense below ``least`` as well.
         tolerances: relative standard deviation that the data sheet allows a parameter; within four of them there is no
             effect.
+        within_tolerance: whether it is looked for only where the machine file states its tolerance, or has it already:
+            what no single place of the ball can tell from other effects needs an expected size.
         variants: function of the effect that the user's machine has already: other ways in which it may be wrong.
         shapes: function of the effect found and the one that the user's machine has (or ``None``): other shapes that
             are tried before a second effect is believed.
@@ -51,6 +53,7 @@ class SearchHints:
     least: float = 0.0
     looks_like: tuple[str, ...] = ()
     tolerances: Mapping[str, float] = field(default_factory=dict)
+    within_tolerance: bool = False
     variants: Callable[[Any], Starts] = _none
     shapes: Callable[[Any, Any], Starts] = _none
 

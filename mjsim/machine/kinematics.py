@@ -184,7 +184,8 @@ def table_ball(chain: Chain, q: np.ndarray, point: np.ndarray, geometry: Geometr
     """Table-ball centre relative to the spindle ball at X = Y = Z = 0, with all location errors and error motions.
 
     Each rotary axis turns the point about its centreline; then its location errors act, ``R p + shift``. Its error
-    motion acts between: displacement, then tilt about both coordinates, the first one outermost.
+    motion acts between: displacement, then tilt about both coordinates, the first one outermost. A linear axis turns
+    the point about its functional point, which its angular errors leave in place, and then moves it.
 
     Args:
         chain: the machine's axes.
@@ -195,13 +196,24 @@ def table_ball(chain: Chain, q: np.ndarray, point: np.ndarray, geometry: Geometr
     Returns:
         (n, 3) m.
     """
-    return carried_really(chain, work_side(chain), q, point, geometry, -1.0)
+    side = chain.work if chain.slides_turn(q.shape[1]) else work_side(chain)
+    return carried_really(chain, side, q, point, geometry, -1.0)
 
 
-def spindle_ball(chain: Chain, q: np.ndarray, geometry: Geometry | None = None) -> np.ndarray:
-    """Spindle-ball centre, as :func:`table_ball`; linear axes on the table's side count as if they were here, (n, 3)
-    m.
+def spindle_ball(
+    chain: Chain, q: np.ndarray, geometry: Geometry | None = None, tip: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> np.ndarray:
+    """Spindle-ball centre, as :func:`table_ball`, (n, 3) m; linear axes on the table's side count as if they were here,
+    unless there are angular errors.
+
+    Args:
+        chain: the machine's axes.
+        q: (n, axes) axis positions, or with error motions behind, m and rad.
+        geometry: location errors and squareness; ``None`` is the ideal machine.
+        tip: where the tool's tip is instead, seen from the spindle ball with all axes at 0, m.
     """
+    if chain.slides_turn(q.shape[1]):
+        return carried_really(chain, chain.tool[::-1], q, np.array(tip), geometry, 1.0)
     spindle = grounded(chain, q)
     angles = geometry.squareness if geometry is not None else {}
     for error in chain.squareness if angles else ():
@@ -211,8 +223,8 @@ def spindle_ball(chain: Chain, q: np.ndarray, geometry: Geometry | None = None) 
         if motion.axis in chain.linear and motion.axis not in chain.carried:
             spindle[:, motion.along] += q[:, chain.columns.index(motion.name)]
     if chain.swivelling:
-        spindle += carried_really(chain, tool_side(chain), q, np.zeros(3), geometry, 1.0)
-    return spindle
+        return spindle + carried_really(chain, tool_side(chain), q, np.array(tip), geometry, 1.0)
+    return spindle + np.array(tip) if any(tip) else spindle
 
 
 def _present(chain: Chain, q: np.ndarray) -> tuple[ErrorMotion, ...]:
@@ -229,15 +241,21 @@ def carried_really(
     for axis in side:
         mine = [m for m in motions if m.axis == axis.letter]
         at = q[:, chain.index(axis.letter)]
+        by = {m.name: q[:, chain.columns.index(m.name)] for m in mine}
         if not axis.rotary:
+            if turns := [m for m in mine if m.rotation]:
+                centre = chain.functional_point(axis.letter)
+                p = _moved(axis, [x - c for x, c in zip(p, centre, strict=True)], turns, by)
+                p = [x + c for x, c in zip(p, centre, strict=True)]
             direction = axis.direction if geometry is None else geometry.slide(chain, axis.letter)
             p = [x + sign * at * u for x, u in zip(p, direction, strict=True)]
             for m in mine:
-                p[m.along] = p[m.along] + sign * q[:, chain.columns.index(m.name)]
+                if not m.rotation:
+                    p[m.along] = p[m.along] + sign * by[m.name]
             continue
         p = turn_about(axis, [x - c for x, c in zip(p, axis.point, strict=True)], at)
         if mine:
-            p = _moved(p, mine, {m.name: q[:, chain.columns.index(m.name)] for m in mine})
+            p = _moved(axis, p, mine, by)
         if geometry is not None and geometry.location:
             shift, turn = geometry.displacement(chain, axis.letter)
             p = list((np.column_stack(p) @ turn.T + shift).T)
@@ -245,13 +263,15 @@ def carried_really(
     return np.column_stack(p)
 
 
-def _moved(point: list, motions: list[ErrorMotion], by: dict[str, np.ndarray]) -> list:
-    """A point behind a rotary axis after the axis' error motion ``by`` name, (n,) m or rad: displacements, then tilts,
-    the one about the first coordinate outermost.
+def _moved(axis: Axis, point: list, motions: list[ErrorMotion], by: dict[str, np.ndarray]) -> list:
+    """A point behind an ``axis`` after its error motion ``by`` name, (n,) m or rad: displacements, then tilts, the one
+    about the first coordinate outermost.
     """
     p = list(point)
     for m in motions:
-        if not m.rotation:
+        if m.axial:
+            p = [x + by[m.name] * u for x, u in zip(p, axis.unit, strict=True)]
+        elif not m.rotation:
             p[m.along] = p[m.along] + by[m.name]
     for m in reversed(motions):
         if m.rotation:
@@ -259,7 +279,13 @@ def _moved(point: list, motions: list[ErrorMotion], by: dict[str, np.ndarray]) -
     return p
 
 
-def bar_vector(chain: Chain, q: np.ndarray, point: np.ndarray, geometry: Geometry | None = None) -> np.ndarray:
+def bar_vector(
+    chain: Chain,
+    q: np.ndarray,
+    point: np.ndarray,
+    geometry: Geometry | None = None,
+    tip: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> np.ndarray:
     """Vector from the table ball to the spindle ball in machine axes.
 
     Args:
@@ -267,11 +293,12 @@ def bar_vector(chain: Chain, q: np.ndarray, point: np.ndarray, geometry: Geometr
         q: (n, axes) axis positions on the load side, or with error motions behind, m and rad.
         point: (3,) or (n, 3) table-ball centre in the work frame while the rotary axes are at 0, m.
         geometry: location errors and squareness; ``None`` is the ideal machine.
+        tip: as :func:`spindle_ball`.
 
     Returns:
         (n, 3) m.
     """
-    return spindle_ball(chain, q, geometry) - table_ball(chain, q, point, geometry)
+    return spindle_ball(chain, q, geometry, tip) - table_ball(chain, q, point, geometry)
 
 
 def reading(

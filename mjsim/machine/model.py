@@ -61,6 +61,7 @@ class Machine:
         placements: rotary axes that are tilted or offset: letter and placement.
         tool_length: from the head's pivot to the spindle ball, m; ``None`` is that of the chain.
         singular: what the control does at a singular direction, one of :data:`mjsim.machine.chain.SINGULAR`.
+        functional_points: of linear axes, by letter, in machine coordinates with all axes at 0, m.
         tolerance: Limits (two standard deviations) of what a machine of this class may have without being at fault, by
             kind of effect and unit, as in the machine file.
         controllers: By name what ran on each axis (axis logs). Where the drives have no gains of their own they stand
@@ -80,11 +81,12 @@ class Machine:
     placements: tuple[tuple[str, Placement], ...] = ()
     tool_length: float | None = None
     singular: str = SINGULAR[0]
+    functional_points: tuple[tuple[str, tuple[float, float, float]], ...] = ()
 
     @property
     def chain(self) -> Chain:
         """The axes and their order."""
-        return chain_of(self.configuration, self.placements, self.tool_length, self.singular)
+        return chain_of(self.configuration, self.placements, self.tool_length, self.singular, self.functional_points)
 
     @property
     def file(self) -> Path:

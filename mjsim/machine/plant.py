@@ -114,10 +114,11 @@ class Plant:
 
     @property
     def width(self) -> int:
-        """Columns of a motion: the axes, and error motions up to the last one that an effect has, in fours."""
-        count = self.chain.count
-        more = max((op.out + 1 - count for op in self.ops), default=0)
-        return min(count + 4 * -(-max(0, more) // 4), len(self.chain.columns))
+        """Columns of a motion: the axes, and error motions up to the last one that an effect has, one of
+        :attr:`~mjsim.machine.chain.Chain.widths`.
+        """
+        needed = max((op.out + 1 for op in self.ops), default=0)
+        return next(w for w in self.chain.widths if w >= needed)
 
     def whole_inertia(self) -> np.ndarray:
         """J·gear² of every axis, (axes,) kg and kg·m²: motor and moving bodies together."""

@@ -32,7 +32,9 @@ def visible_orders(chain: Chain, axis: str, rotation: bool) -> tuple[int, ...]:
         rotation: whether it is a tilt; otherwise it is radial.
     """
     orders = tuple(k for k in range(-MOST_ORDERS, MOST_ORDERS + 1) if k)
-    at = [i for i, m in enumerate(chain.motions, chain.count) if m.axis == axis and m.rotation == rotation]
+    at = [
+        i for i, m in enumerate(chain.motions, chain.count) if m.axis == axis and m.rotation == rotation and not m.axial
+    ]
     if not chain.is_rotary(axis):
         return orders
     rng = np.random.default_rng(_SEED)

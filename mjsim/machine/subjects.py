@@ -40,6 +40,11 @@ def straightness_errors(chain: Chain) -> tuple[str, ...]:
     return chain.straightness
 
 
+def angular_errors(chain: Chain) -> tuple[str, ...]:
+    """Angular errors of the linear axes, as EAX: about the X coordinate, of the X axis."""
+    return chain.angular
+
+
 def location_errors(chain: Chain) -> tuple[str, ...]:
     """Location errors of the rotary axes, as EC0A: about Z, of the A axis."""
     return tuple(e.name for e in chain.location_errors)

@@ -63,7 +63,7 @@ def model_limits(chain: Chain = FIVE_AXIS) -> Limits:
     """Joint ranges of the machine model; a joint without a range turns without end. Without limits where there is
     no model.
     """
-    if chain != FIVE_AXIS:
+    if chain.nominal != FIVE_AXIS:
         return Limits((-np.inf,) * chain.count, (np.inf,) * chain.count, chain=chain)
     root = ET.parse(model_file()).getroot()
     ranges = {j.get("name"): j.get("range") for j in root.iter("joint")}

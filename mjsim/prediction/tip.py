@@ -55,9 +55,7 @@ class Run:
 
     def machine_deviation(self, plant: Plant, load: np.ndarray, path: np.ndarray) -> np.ndarray:
         """Tip less its programmed place ``path`` (n, 3) at positions ``load`` (n, width), in machine axes, (n, 3) m."""
-        out = bar_vector(self.chain, load, path, plant.geometry)
-        out[:, 2] -= self.tool
-        return out
+        return bar_vector(self.chain, load, path, plant.geometry, (0.0, 0.0, -self.tool))
 
     def set_up(self, plant: Plant, at_zero: np.ndarray, path: np.ndarray) -> np.ndarray:
         """Where the workpiece's points ``path`` (n, 3) lie on the real table, (n, 3) m.
@@ -70,8 +68,32 @@ class Run:
             at_zero: Positions of the load side there, (1, width).
             path: Programmed places.
         """
-        corners = np.vstack([np.zeros(3), np.eye(3)])
-        placed = table_ball(self.chain, np.repeat(at_zero, 4, axis=0), corners, plant.geometry)
-        turn = (placed[1:] - placed[0]).T
-        probed = spindle_ball(self.chain, at_zero, plant.geometry)[0] - self.zero - [0.0, 0.0, self.tool]
-        return (path + probed - placed[0]) @ np.linalg.inv(turn).T
+        return on_real_table(plant, at_zero, path, self.zero, self.tool)
+
+
+def on_real_table(
+    plant: Plant,
+    at_zero: np.ndarray,
+    points: np.ndarray,
+    zero: np.ndarray,
+    tool: float,
+    axes: np.ndarray | None = None,
+) -> np.ndarray:
+    """Where the workpiece's ``points`` (n, 3) lie on the real table, (n, 3) m, as :meth:`Run.set_up` says.
+
+    Args:
+        plant: The machine's numbers.
+        at_zero: Positions of the load side where the zero point is probed, (1, width).
+        points: Of the workpiece, in the work frame.
+        zero: Zero point in the work frame, (3,) m.
+        tool: Tool's length less that of the spindle ball's holder, m.
+        axes: Directions that the control gives to its X, Y and Z there, with which the part is aligned, one a column,
+            (3, 3); ``None`` is those of the machine.
+    """
+    corners = np.vstack([np.zeros(3), np.eye(3)])
+    placed = table_ball(plant.chain, np.repeat(at_zero, 4, axis=0), corners, plant.geometry)
+    turn = (placed[1:] - placed[0]).T
+    probed = spindle_ball(plant.chain, at_zero, plant.geometry, (0.0, 0.0, -tool))[0] - zero
+    if axes is not None:
+        points = zero + (points - zero) @ axes.T
+    return (points + probed - placed[0]) @ np.linalg.inv(turn).T

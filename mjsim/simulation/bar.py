@@ -17,13 +17,15 @@ from mjsim.machine.kinematics import Geometry
 
 #: How an axis of a side acts: about a coordinate through the origin, about any centreline, or along a line.
 _TURN, _TILTED, _SLIDE = range(3)
-#: Most error motions of one axis.
-_MOTIONS = 4
+#: Most error motions of one axis: three tilts and two displacements of a slide, or the five of a rotary axis.
+_MOTIONS = 5
 # A row of numbers for each axis: how it acts, its column, the coordinate of its letter, its unit vector and centre; the
 # shift and the rotation matrix of its frame; the direction of a slide; then of its error motions the sign of what is
-# moved, their columns (-1: none), their coordinates, and whether they are tilts.
+# moved, their columns (-1: none), their coordinates, and how they act. The centre of a slide is its functional point.
 _HOW, _COLUMN, _ALONG, _UNIT, _CENTRE, _SHIFT, _MATRIX, _LINE = 0, 1, 2, 3, 6, 9, 12, 21
-_SIGN, _MOTION, _MOTION_ALONG, _TILT = 24, 25, 25 + _MOTIONS, 25 + 2 * _MOTIONS
+_SIGN, _MOTION, _MOTION_ALONG, _MOTION_HOW = 24, 25, 25 + _MOTIONS, 25 + 2 * _MOTIONS
+#: How an error motion acts: along a coordinate, about one, or along the centreline.
+_DISPLACE, _TILT, _AXIAL = range(3)
 _SIZE = 25 + 3 * _MOTIONS
 
 
@@ -32,11 +34,11 @@ def reading(chain: Chain, q: np.ndarray, point: np.ndarray, length: float, geome
     square = np.zeros((3, 3))
     for error in chain.squareness:
         square[error.along, chain.index(error.axis)] = error.sign * geometry.squareness.get(error.name, 0.0)
-    on_ground = np.array([0.0 if a in chain.carried else 1.0 for a in chain.linear])
     width, out = q.shape[1], np.empty(len(q))
+    on_ground = np.array([0.0 if a in chain.carried or chain.slides_turn(width) else 1.0 for a in chain.linear])
     work, tool = (_side(chain, side, width).copy() for side in (False, True))
-    _displace(work, chain, False, geometry)
-    _displace(tool, chain, True, geometry)
+    _displace(work, chain, False, width, geometry)
+    _displace(tool, chain, True, width, geometry)
     _reading(
         np.ascontiguousarray(q), np.asarray(point, float), length, square, on_ground, _crosswise(chain, width),
         len(work), np.vstack([work, tool]), out,
@@ -44,32 +46,34 @@ def reading(chain: Chain, q: np.ndarray, point: np.ndarray, length: float, geome
     return out
 
 
-def _axes(chain: Chain, tool: bool) -> list[Axis]:
-    """What turns on one side, from its far end to the bed."""
+def _axes(chain: Chain, tool: bool, width: int) -> list[Axis]:
+    """What turns on one side, from its far end to the bed, for motions of ``width`` columns."""
     side = reversed(chain.tool) if tool else chain.work
-    return [a for a in side if a.rotary or a.letter in chain.carried]
+    return [a for a in side if a.rotary or a.letter in chain.carried or chain.slides_turn(width)]
 
 
 @cache
 def _side(chain: Chain, tool: bool, width: int) -> np.ndarray:
     """Rows of the axes of one side, (axes, _SIZE), without errors, for motions of ``width`` columns."""
-    axes = _axes(chain, tool)
+    axes = _axes(chain, tool, width)
     out = np.zeros((len(axes), _SIZE))
     out[:, _MOTION : _MOTION + _MOTIONS] = -1.0
     for row, a in zip(out, axes, strict=True):
         row[_HOW] = _SLIDE if not a.rotary else _TILTED if a.tilted or any(a.point) else _TURN
         row[[_COLUMN, _ALONG]] = chain.index(a.letter), a.along
-        row[_UNIT : _UNIT + 3], row[_CENTRE : _CENTRE + 3] = a.unit, a.point
+        centre = a.point if a.rotary else chain.functional_point(a.letter)
+        row[_UNIT : _UNIT + 3], row[_CENTRE : _CENTRE + 3] = a.unit, centre
         row[_SIGN] = 1.0 if a.rotary or tool else -1.0  # a slide moves the table, the error the spindle ball
         mine = [m for m in chain.motions[: width - chain.count] if m.axis == a.letter]
         for k, m in enumerate(mine):
-            row[[_MOTION + k, _MOTION_ALONG + k, _TILT + k]] = chain.columns.index(m.name), m.along, m.rotation
+            how = _TILT if m.rotation else _AXIAL if m.axial else _DISPLACE
+            row[[_MOTION + k, _MOTION_ALONG + k, _MOTION_HOW + k]] = chain.columns.index(m.name), m.along, how
     return out
 
 
-def _displace(rows: np.ndarray, chain: Chain, tool: bool, geometry: Geometry) -> None:
+def _displace(rows: np.ndarray, chain: Chain, tool: bool, width: int, geometry: Geometry) -> None:
     """Give the ``rows`` of one side their location errors and directions."""
-    for row, a in zip(rows, _axes(chain, tool), strict=True):
+    for row, a in zip(rows, _axes(chain, tool, width), strict=True):
         if a.rotary:
             shift, turn = geometry.displacement(chain, a.letter)
             row[_SHIFT : _SHIFT + 3], row[_MATRIX : _MATRIX + 9] = shift, turn.ravel()
@@ -83,7 +87,7 @@ def _crosswise(chain: Chain, width: int) -> np.ndarray:
     rows = [
         (chain.columns.index(m.name), m.along)
         for m in chain.motions[: width - chain.count]
-        if m.axis in chain.linear and m.axis not in chain.carried
+        if m.axis in chain.linear and m.axis not in chain.carried and not chain.slides_turn(width)
     ]
     return np.array(rows, int).reshape(-1, 2)
 
@@ -134,7 +138,12 @@ def _reading(q, point, length, square, on_ground, crosswise, on_work, axes, out)
                 x, y, z = 0.0, 0.0, 0.0
             how, at, sign = axes[k, _HOW], q[n, int(axes[k, _COLUMN])], axes[k, _SIGN]
             cx, cy, cz = axes[k, _CENTRE], axes[k, _CENTRE + 1], axes[k, _CENTRE + 2]
-            if how == _SLIDE:  # a linear axis that stands on a rotary one
+            if how == _SLIDE:  # a linear axis that stands on a rotary one, or turns what it carries
+                for i in range(_MOTIONS - 1, -1, -1):
+                    if axes[k, _MOTION + i] >= 0.0 and axes[k, _MOTION_HOW + i] == _TILT:
+                        angle, along = q[n, int(axes[k, _MOTION + i])], axes[k, _MOTION_ALONG + i]
+                        x, y, z = _turned(along, angle, x - cx, y - cy, z - cz)
+                        x, y, z = x + cx, y + cy, z + cz
                 x, y, z = x + at * axes[k, _LINE], y + at * axes[k, _LINE + 1], z + at * axes[k, _LINE + 2]
             elif how == _TURN:
                 x, y, z = _turned(axes[k, _ALONG], at, x, y, z)
@@ -143,11 +152,18 @@ def _reading(q, point, length, square, on_ground, crosswise, on_work, axes, out)
                 x, y, z = _about(u, v, w, at, x - cx, y - cy, z - cz)
             if axes[k, _MOTION] >= 0.0:  # error motions: displacements, then tilts, the first one outermost
                 for i in range(_MOTIONS):
-                    if axes[k, _MOTION + i] >= 0.0 and axes[k, _TILT + i] == 0.0:
+                    if axes[k, _MOTION + i] >= 0.0 and axes[k, _MOTION_HOW + i] == _DISPLACE:
                         moved, along = sign * q[n, int(axes[k, _MOTION + i])], axes[k, _MOTION_ALONG + i]
                         x, y, z = _moved(along, moved, x, y, z)
+                    elif axes[k, _MOTION + i] >= 0.0 and axes[k, _MOTION_HOW + i] == _AXIAL:
+                        moved = q[n, int(axes[k, _MOTION + i])]
+                        x, y, z = (
+                            x + moved * axes[k, _UNIT],
+                            y + moved * axes[k, _UNIT + 1],
+                            z + moved * axes[k, _UNIT + 2],
+                        )
                 for i in range(_MOTIONS - 1, -1, -1):
-                    if axes[k, _MOTION + i] >= 0.0 and axes[k, _TILT + i] == 1.0:
+                    if how != _SLIDE and axes[k, _MOTION + i] >= 0.0 and axes[k, _MOTION_HOW + i] == _TILT:
                         x, y, z = _turned(axes[k, _MOTION_ALONG + i], q[n, int(axes[k, _MOTION + i])], x, y, z)
             if how != _SLIDE:
                 m = _MATRIX

@@ -34,7 +34,7 @@ NUMERIC = "mjsim"
 # header of the block
 STEP_, N_OPS, CLOCK, N_JOINTS, N_CONTROLS, N_AXES = range(6)
 #: Most axes, and most joints: the axes and error motions.
-MAX_AXES, MAX_JOINTS = 6, 24
+MAX_AXES, MAX_JOINTS = 6, 32
 JOINTS = 8
 START = JOINTS + MAX_JOINTS
 SUBSTEPS_ = START + MAX_AXES

@@ -68,10 +68,12 @@ def compiled(structure: Structure, step: float = STEP) -> tuple[mujoco.MjModel, 
     )
     _strip(spec)
     if width > chain.count:
-        _add_error_joints(spec, chain, width - chain.count)
+        _add_error_joints(spec, chain, width)
     _set_controls(spec, chain, ("", " own effects") if own_effects else ("",))
     model = spec.compile()
     model.actuator_gainprm[:] = 0.0
+    if chain.slides_turn(width):
+        _place_functional_points(model, chain, width)
     return model, own_inertia(model, chain)
 
 
@@ -137,24 +139,42 @@ def _balanced(model: mujoco.MjModel) -> bool:
     return bool((model.body_gravcomp[model.body_weldid != 0] == 1.0).all())
 
 
-def _add_error_joints(spec: mujoco.MjSpec, chain: Chain, count: int) -> None:
-    """Joints for the first ``count`` error motions, on the side of their axis towards the bed: tilt outermost, then
-    displacement; the axis itself stays innermost.
+def _add_error_joints(spec: mujoco.MjSpec, chain: Chain, width: int) -> None:
+    """Joints for the error motions of motions of ``width`` columns.
+
+    Those of a rotary axis are on its side towards the bed: tilt outermost, then displacement; the axis itself stays
+    innermost. A slide carries the functional point about which it turns, so that its tilts are innermost.
     """
     slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
-    motions = chain.motions[:count]
+    motions = chain.motions[: width - chain.count]
     for axis in dict.fromkeys(m.axis for m in motions):
         old = spec.joint(axis)
         body = old.parent
         kept = {k: getattr(old, k) for k in ("axis", "armature", "type")}  # before it is deleted
         spec.delete(old)
         mine = [m for m in motions if m.axis == axis]
-        work = chain.axis(axis) in chain.work
-        for m in sorted(mine, key=lambda m: not m.rotation):
+        rotary, work = chain.is_rotary(axis), chain.axis(axis) in chain.work
+        tilts, moves = ([m for m in mine if m.rotation == kind] for kind in (True, False))
+        for m in (*(tilts if rotary else ()), *moves):
             # a slide that carries the table: the error is that of the spindle ball relative to it
-            sign = -1.0 if work and not chain.is_rotary(axis) else 1.0
-            body.add_joint(name=m.name, type=hinge if m.rotation else slide, axis=sign * np.eye(3)[m.along])
+            sign = -1.0 if work and not rotary else 1.0
+            direction = chain.axis(axis).direction if m.axial else np.eye(3)[m.along]
+            body.add_joint(name=m.name, type=hinge if m.rotation else slide, axis=sign * direction)
         body.add_joint(name=axis, **kept)
+        for m in () if rotary else tilts:
+            body.add_joint(name=m.name, type=hinge, axis=np.eye(3)[m.along])
+
+
+def _place_functional_points(model: mujoco.MjModel, chain: Chain, width: int) -> None:
+    """Put the joints of the slides' angular errors where they turn about, in the compiled model: only there is known
+    where a body is.
+    """
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    origin = data.site("spindle_ball").xpos  # of the machine frame
+    for m in (m for m in chain.motions[: width - chain.count] if m.name in chain.angular):
+        joint = model.joint(m.name)
+        joint.pos[:] = origin + chain.functional_point(m.axis) - data.xpos[int(joint.bodyid[0])]
 
 
 def _displace_axes(model: mujoco.MjModel, chain: Chain, geometry: Geometry) -> None:

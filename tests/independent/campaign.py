@@ -30,7 +30,7 @@ class Case:
         outliers, gaps: knocks and missing stretches per campaign. noise_um: RMS of a sample. seed: of everything drawn.
         category, half: for the bank.
         within: small errors of a real machine, tables as in machine.toml. tolerance_stated: whether the machine file
-            has limits for them.
+            has limits for them. volumetric_stated: whether it has them for angular errors and axial error motions too.
     """
 
     name: str
@@ -46,6 +46,7 @@ class Case:
     half: str = "tune"
     within: tuple[dict, ...] = ()
     tolerance_stated: bool = False
+    volumetric_stated: bool = False
 
     def catalogue(self) -> list[dict]:
         return [h for h in self.hidden if isinstance(h, dict)]
@@ -152,7 +153,8 @@ def write_files(case: Case, folder: Path | str) -> None:
     case, model = case.resolved(), nominal(case.machine)
     if case.tolerance_stated:
         first = {k: model[k] for k in ("name", "configuration")}
-        model = first | {"tolerance": real_machines.TOLERANCE} | model
+        limits = real_machines.TOLERANCE | (real_machines.VOLUMETRIC if case.volumetric_stated else {})
+        model = first | {"tolerance": limits} | model
     write_folder(folder, case.name, model, list(case.tests), measure(case))
 
 

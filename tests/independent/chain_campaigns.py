@@ -14,7 +14,7 @@ from . import drives, measurement, real_machines, structure, wild
 from .campaign import Cause, write_folder
 from .chains import CHAINS, ChainProgram, Kinematics
 from .heldout import write_truth
-from .kinematics import DEG, MICRO
+from .kinematics import DEG, MICRO, axial
 from .machines import FRICTION_TOLERANCE, TOLERANCE, by_id, nominal, with_hidden
 from .programs import Program
 from .simulate import cubic, motion
@@ -39,6 +39,7 @@ class ChainCase:
         plan: tests without name, start and trace; empty: those of :meth:`tests`. stated: whether the machine file of a
             real machine states its limits. target_um: RMS to scale the signatures of unlisted causes to.
         nature: what the true machine does beside the catalogue, tables as of :mod:`.wild`.
+        points: functional points of slides, mm, which the machine file states.
         spread: how many times the usual tolerance a number of the data sheet is off by. level: how many times their
             limits the small errors of a kind are drawn from.
         category, half: for the bank.
@@ -57,6 +58,7 @@ class ChainCase:
     stated: bool = True
     target_um: float = 0.0
     nature: tuple[dict, ...] = ()
+    points: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     spread: dict[str, float] = field(default_factory=dict)
     level: dict[str, float] = field(default_factory=dict)
     category: str = ""
@@ -106,6 +108,8 @@ class ChainCase:
             out["tool_length_mm"] = length * 1e3
         if directions:
             out["axis"] = {a: {"direction": list(d)} for a, d in directions.items()}
+        for a, point in self.points.items():
+            out.setdefault("axis", {})[a] = {"functional_point_mm": list(point)}
         if self.real and self.stated:
             out["tolerance"] = {k: dict(v) for k, v in real_machines.TOLERANCE.items()}
         frictions = by_id(known["effect"])
@@ -126,7 +130,8 @@ class ChainCase:
                 factor = max(1.0 + self.spread.get(key, 1.0) * sd * rng.standard_normal(), LEAST)
                 effects[f"friction.{axis}"][key] *= factor
         planted = [*(self.small() if self.real else []), *self.catalogue()]
-        return drive, with_hidden(effects, real_machines.merged(planted)) | by_id(self.nature)
+        points = {f"functional_point.{a}": {"mm": list(point)} for a, point in self.points.items()}
+        return drive, with_hidden(effects, real_machines.merged(planted)) | by_id(self.nature) | points
 
     def small(self) -> list[dict]:
         """Errors inside the limits, as on any real machine."""
@@ -258,6 +263,10 @@ def reading(
             arg = e["order"] * at[axis] + e.get("phase_deg", 0.0) * DEG
             wobble[f"E{first}{axis}"] = MICRO * e[key] * np.cos(arg)
             wobble[f"E{second}{axis}"] = MICRO * e[key] * np.sin(arg)
+    for axis in (a for a in machine.axes if a in "ABC"):
+        for k, share in zip("XYZ", machine.direction(axis), strict=True):
+            if share:  # along the centreline, wherever it points
+                wobble[f"E{k}{axis}"] = wobble.get(f"E{k}{axis}", 0.0) + share * axial(effects, axis, at[axis])
     bar = case.kinematics(location).bar(at, wobble, program.ball + ball, np.zeros(3) + tip)
     bar += structure.turn_by_slides(machine, effects, at, program.ball)
     bar += cubic(instants / drives.GRID, structure.ring_modes(machine, effects, on_grid, program.ball, drives.GRID))

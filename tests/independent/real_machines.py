@@ -25,6 +25,8 @@ TOLERANCE: dict[str, dict[str, float]] = {
     "radial_error_motion": {"um": 1.0},
     "tilt_error_motion": {"urad": 8.0},
 }
+#: Limits of what shows away from the tested places. Not every machine file states them.
+VOLUMETRIC: dict[str, dict[str, float]] = {"angular_error": {"urad": 12.0}, "axial_error_motion": {"um": 1.0}}
 _SHIFTS = ("EX0C", "EY0C", "EY0A", "EZ0A")
 _TILTS = ("EA0C", "EB0C", "EB0A", "EC0A")
 #: No small error is larger than this share of its limit.
@@ -83,6 +85,28 @@ def small_errors(
         a, b = draw(t[kind][unit] / np.sqrt(2.0)), draw(t[kind][unit] / np.sqrt(2.0))
         phase = float(np.degrees(np.arctan2(b, a)))
         out.append({"id": f"{kind}.C", key: float(np.hypot(a, b)), "order": 2.0, "phase_deg": phase})
+    return out
+
+
+def volumetric_errors(axes: str, rng: np.random.Generator) -> list[dict]:
+    """Angular errors of all slides and axial error motions of all rotary axes within their limits, as ``[[effect]]``
+    tables.
+    """
+    urad, um = VOLUMETRIC["angular_error"]["urad"], VOLUMETRIC["axial_error_motion"]["um"]
+
+    def draw(limit: float) -> float:
+        return float(np.clip(0.5 * limit * rng.standard_normal(), -_INSIDE * limit, _INSIDE * limit))
+
+    out = [
+        {"id": f"angular_error.E{about}{a}", "linear_urad": draw(urad), "quadratic_urad": draw(urad)}
+        for a in axes
+        if a in "XYZ"
+        for about in "ABC"
+    ]
+    for a in (a for a in axes if a in "ABC"):
+        x, y = draw(um / np.sqrt(2.0)), draw(um / np.sqrt(2.0))
+        wave = {"amplitude_um": float(np.hypot(x, y)), "order": 2.0, "phase_deg": float(np.degrees(np.arctan2(y, x)))}
+        out.append({"id": f"axial_error_motion.{a}"} | wave)
     return out
 
 

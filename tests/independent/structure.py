@@ -5,6 +5,7 @@ Every function takes the machine's ideal kinematics: these errors are micrometre
 tables of the true machine's effects, as those of the catalogue, under names that mjsim does not know:
 
     slide_angles.X      {"A": [linear, quadratic, cubic], "B": ..., "C": ..., "point_mm": [x, y, z]}   µrad at 100 mm
+    functional_point.X  {"mm": [x, y, z]}   about which the angular errors of the catalogue turn; at 0 without it
     structural_mode.tool, structural_mode.table
                         {"frequency_Hz", "damping_ratio", "along": [x, y, z], "share"}
     egg.spindle, egg.table
@@ -34,9 +35,13 @@ def turn_by_slides(machine: Kinematics, effects: dict, q: dict[str, np.ndarray],
     """
     out = np.zeros((len(next(iter(q.values()))), 3))
     for name, e in effects.items():
-        if not name.startswith("slide_angles."):
+        kind, axis = name.split(".")[0], name[-1]
+        if kind == "angular_error":
+            mine = [e["linear_urad"], e.get("quadratic_urad", 0.0)]
+            point = effects.get(f"functional_point.{axis}", {"mm": [0.0, 0.0, 0.0]})["mm"]
+            e = {"A": [0.0], "B": [0.0], "C": [0.0], name[-2]: mine, "point_mm": point}
+        elif kind != "slide_angles":
             continue
-        axis = name.split(".")[1]
         side = axis in machine.sides[1]
         chain = machine.sides[side]  # from the ball to the bed
         outside = {a: v for a, v in q.items() if a not in chain[chain.index(axis) :]}

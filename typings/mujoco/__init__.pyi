@@ -82,6 +82,7 @@ class _Body(_View):
 
 class _Joint(_View):
     axis: np.ndarray
+    pos: np.ndarray
     qposadr: np.ndarray
     dofadr: np.ndarray
     bodyid: np.ndarray

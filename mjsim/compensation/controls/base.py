@@ -42,6 +42,8 @@ class Control(ABC):
         directed: Whether tables may have values for each direction.
         directions_of_axes: Whether the kinematic data take the direction of a rotary axis, not only its place.
         most_cross: Most tables of one axis by another.
+        components: Whether it has tables for the component errors of an axis, which turn and displace what it carries
+            and act over the arm to the tool.
         pulses: Whether it has a friction compensation whose numbers follow from the model.
         thermal_tool: What takes a drift with time out, as the beginning of a sentence; empty where nothing does.
     """
@@ -53,6 +55,7 @@ class Control(ABC):
     directions_of_axes: ClassVar[bool] = True
     most_cross: ClassVar[int] = 1000
     gains: ClassVar[bool] = True
+    components: ClassVar[bool] = False
     pulses: ClassVar[bool] = False
     thermal_tool: ClassVar[str] = ""
     location_decimals: ClassVar[int] = 6
@@ -141,11 +144,15 @@ class Control(ABC):
         cross = 0
 
         def pair(t: Term) -> tuple[bool, int, int]:
-            return t.out != t.source, chain.index(t.out), chain.index(t.source)
+            return t.out != t.source, chain.columns.index(t.out), chain.index(t.source)
 
         for _, group in groupby(sorted(wanted.terms, key=pair), key=pair):
             terms = list(group)
             out, source = terms[0].out, terms[0].source
+            if out not in chain.letters and not self.components:
+                reason = f"mjsim writes no table of {self.title} for what an axis does to all that it carries"
+                left += [Left(t.key, reason) for t in terms]
+                continue
             if out != source and not self.crossed:
                 left += [Left(t.key, f"{self.title} has no table of one axis by another") for t in terms]
                 continue

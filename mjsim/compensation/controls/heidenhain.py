@@ -1,7 +1,7 @@
 """HEIDENHAIN TNC: compensation tables (*.COM with config.cma), machine parameters, rows for the kinematics table.
 
 Source: HEIDENHAIN technical manuals iTNC 530 HSCI and MANUALplus 620 (nonlinear axis-error compensation, machine
-kinematics).
+kinematics). KinematicsComp, which takes component errors: iTNC 530 HSCI, pages 666 to 686.
 """
 
 from __future__ import annotations
@@ -13,12 +13,15 @@ import numpy as np
 from mjsim.compensation.controls.base import Control
 from mjsim.compensation.tables import Corrections, Grid, Table, rounded, scale
 from mjsim.compensation.terms import Wanted
+from mjsim.machine.axis import COORDINATES, TURNING
 from mjsim.machine.chain import Chain
 from mjsim.units import DEG, MM
 
 #: Points that one table gets at most (assumed; the manuals name 256 for the iTNC).
 _MOST = 256
 _WIDTH = 14
+#: Columns of a COM file for the component errors of its axis: along three coordinates and about them.
+_COLUMNS = "C1 C2 C3 C4 C5 C6".split()
 
 
 class Heidenhain(Control):
@@ -26,6 +29,7 @@ class Heidenhain(Control):
 
     name = "heidenhain"
     title = "HEIDENHAIN"
+    components = True
     thermal_tool = "let the PLC take it out (compensation of thermal expansion), or "
 
     def grid(self, chain: Chain, out: str, source: str) -> Grid:
@@ -46,8 +50,9 @@ class Heidenhain(Control):
 
     def files(self, corrections: Corrections) -> dict[str, str]:
         chain = corrections.chain
-        sources = [a for a in chain.letters if any(t.source == a for t in corrections.tables)]
-        out = {f"{a}.COM": self._com(chain, a, [t for t in corrections.tables if t.source == a]) for a in sources}
+        plain = [t for t in corrections.tables if t.out in chain.letters]
+        sources = [a for a in chain.letters if any(t.source == a for t in plain)]
+        out = {f"{a}.COM": self._com(chain, a, [t for t in plain if t.source == a]) for a in sources}
         if sources:
             rows = [["NR", "ACTIVE", *sources], ["0", "*", *(f"{a}.COM" for a in sources)]]
             out["config.cma"] = _lines("config.cma", rows)
@@ -56,6 +61,8 @@ class Heidenhain(Control):
         data += [f"MP_kvFactor {a}: set {g * 0.06:.6f}" for a, g in corrections.gains.items()]
         if data:
             out["parameters.txt"] = "\n".join([*data, ""])
+        if components := [t for t in corrections.tables if t.out not in chain.letters]:
+            out["kinematicscomp.txt"] = self._components(chain, components)
         if corrections.kinematics:
             out["kinematics.tab"] = self._kinematics_table(corrections)
         return out
@@ -68,6 +75,19 @@ class Heidenhain(Control):
             values = [f"{-t.forward[n] / scale(chain, t.out) + 0.0:+.6f}" for t in tables]
             rows.append([str(n), f"{x + 0.0:+.4f}", back, *values])
         return _lines(f"{source}.COM", rows)
+
+    def _components(self, chain: Chain, tables: list[Table]) -> str:
+        """Component errors by the position of their axis, in the columns that the manual recommends (page 680)."""
+        lines = []
+        for source in dict.fromkeys(t.source for t in tables):
+            mine = [t for t in tables if t.source == source]
+            columns = [f"{_COLUMNS[(*COORDINATES, *TURNING).index(t.out[1])]}_{t.out}" for t in mine]
+            rows = [["NR", "AXISPOS", *columns]]
+            for n, x in enumerate(mine[0].positions / scale(chain, source)):
+                values = [f"{-t.forward[n] / scale(chain, t.out) + 0.0:+.6f}" for t in mine]
+                rows.append([str(n), f"{x + 0.0:+.4f}", *values])
+            lines.append(_lines(f"{source}.COM", rows))
+        return "".join(lines)
 
     def _kinematics_table(self, corrections: Corrections) -> str:
         """Rows of the transformation chain, from the table to the bed: what goes before each rotary axis."""
@@ -96,6 +116,9 @@ class Heidenhain(Control):
             "that is corrected by the position of its axis.",
             "Values are errors in mm and degrees at AXISPOS; BACKLASH has those of the negative direction.",
             "parameters.txt: type the values into the machine parameters.",
+            "kinematicscomp.txt: component errors for KinematicsComp (a software option), mm and degrees at AXISPOS. "
+            "The machine builder enters them in the columns C1 to C6 of the COM file of that axis, with a Trans row "
+            "in COMPTAB for each of them before its MachAxis row.",
             "kinematics.tab: add the Trans rows before the MachAxis row of the same rotary axis, as KinematicsOpt "
             "(cycle 451) does. They act with M128 or FUNCTION TCPM only.",
         ]

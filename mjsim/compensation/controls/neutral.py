@@ -5,7 +5,7 @@ from __future__ import annotations
 from mjsim.compensation.controls.base import Control
 from mjsim.compensation.tables import Corrections, Grid, scale
 from mjsim.machine.chain import Chain
-from mjsim.units import MM, UM
+from mjsim.units import DEG, MM, UM
 
 
 class Neutral(Control):
@@ -13,6 +13,7 @@ class Neutral(Control):
 
     name = "csv"
     title = "a CSV file"
+    components = True
     pulses = True
 
     def grid(self, chain: Chain, out: str, source: str) -> Grid:
@@ -49,6 +50,8 @@ class Neutral(Control):
         return [
             "values.csv and tables.csv: values of a table are added to the command of the corrected axis at the "
             "position of the other one, on a straight line between the points.",
+            "A row that corrects a component error (ISO 230-1, such as a turn of a slide) holds the negative of that "
+            "error: for controls with a volumetric compensation, which know the arm to the tool.",
             "A backlash is the full width: half of it is added in the direction of motion.",
             "A friction pulse is added to the speed set-point where the axis reverses, in the new direction, and "
             "decays as exp(-t / friction pulse time).",
@@ -56,4 +59,4 @@ class Neutral(Control):
 
 
 def _unit(chain: Chain, axis: str) -> str:
-    return "deg" if chain.is_rotary(axis) else "mm"
+    return "deg" if scale(chain, axis) == DEG else "mm"
