@@ -24,7 +24,7 @@ def penalised_objective(fit: Fit, settings: DiagnosisSettings) -> float:
     """Objective of a model plus the penalties of its effects' free parameters and chosen directions: the lower the
     better.
     """
-    directed = sum(f.effect.direction_sign != 0.0 for f in fit.effects)
+    directed = sum(bool(f.effect.values.get("direction")) for f in fit.effects)
     return fit.objective + settings.parameter_penalty * parameter_count(fit) + settings.direction_penalty * directed
 
 

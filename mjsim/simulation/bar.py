@@ -21,10 +21,11 @@ _TURN, _TILTED, _SLIDE = range(3)
 _MOTIONS = 4
 # A row of numbers for each axis: how it acts, its column, the coordinate of its letter, its unit vector and centre; the
 # shift and the rotation matrix of its frame; the direction of a slide; then of its error motions the sign of what is
-# moved, their columns (-1: none), their coordinates, and whether they are tilts.
+# moved, their columns (-1: none), their coordinates, and whether they are tilts; last the sense of a rotary axis.
 _HOW, _COLUMN, _ALONG, _UNIT, _CENTRE, _SHIFT, _MATRIX, _LINE = 0, 1, 2, 3, 6, 9, 12, 21
 _SIGN, _MOTION, _MOTION_ALONG, _TILT = 24, 25, 25 + _MOTIONS, 25 + 2 * _MOTIONS
-_SIZE = 25 + 3 * _MOTIONS
+_CCW = 25 + 3 * _MOTIONS
+_SIZE = _CCW + 1
 
 
 def reading(chain: Chain, q: np.ndarray, point: np.ndarray, length: float, geometry: Geometry) -> np.ndarray:
@@ -60,6 +61,7 @@ def _side(chain: Chain, tool: bool, width: int) -> np.ndarray:
         row[_HOW] = _SLIDE if not a.rotary else _TILTED if a.tilted or any(a.point) else _TURN
         row[[_COLUMN, _ALONG]] = chain.index(a.letter), a.along
         row[_UNIT : _UNIT + 3], row[_CENTRE : _CENTRE + 3] = a.unit, a.point
+        row[_CCW] = a.ccw
         row[_SIGN] = 1.0 if a.rotary or tool else -1.0  # a slide moves the table, the error the spindle ball
         mine = [m for m in chain.motions[: width - chain.count] if m.axis == a.letter]
         for k, m in enumerate(mine):
@@ -137,7 +139,7 @@ def _reading(q, point, length, square, on_ground, crosswise, on_work, axes, out)
             if how == _SLIDE:  # a linear axis that stands on a rotary one
                 x, y, z = x + at * axes[k, _LINE], y + at * axes[k, _LINE + 1], z + at * axes[k, _LINE + 2]
             elif how == _TURN:
-                x, y, z = _turned(axes[k, _ALONG], at, x, y, z)
+                x, y, z = _turned(axes[k, _ALONG], axes[k, _CCW] * at, x, y, z)
             else:
                 u, v, w = axes[k, _UNIT], axes[k, _UNIT + 1], axes[k, _UNIT + 2]
                 x, y, z = _about(u, v, w, at, x - cx, y - cy, z - cz)
