@@ -133,6 +133,11 @@ class Chain:
         return axis.sense(axis in self.work)
 
     @cached_property
+    def senses(self) -> str:
+        """The senses of all rotary axes as a text: ``A iso, C opposite``; empty where no axis turns."""
+        return ", ".join(f"{a} {self.sense(a)}" for a in self.rotary)
+
+    @cached_property
     def counter_clockwise(self) -> Chain:
         """The same axes where each of them counts counter-clockwise of what it carries, seen against its coordinate."""
         work, tool = (

@@ -148,6 +148,7 @@ def _content(
     return {
         "summary": [
             ("Machine", f"{m.name}, configuration {m.configuration}"),
+            *([("Sense of the rotary axes (ISO 841)", m.chain.senses)] if m.chain.rotary else []),
             ("Campaign", f"{c.name}: {len(before.tests)} measured tests in {len(setups)} set-ups"),
             (
                 "Instrument",
