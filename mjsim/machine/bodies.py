@@ -66,7 +66,7 @@ def counted(spec: mujoco.MjSpec, chain: Chain) -> mujoco.MjSpec:
     for axis in chain.axes:
         if axis.ccw < 0.0:
             joint = spec.joint(axis.letter)
-            joint.axis, joint.range = -joint.axis, axis.ends(*joint.range)
+            joint.axis, joint.range = -joint.axis, np.array(axis.ends(*joint.range))
     return spec
 
 
