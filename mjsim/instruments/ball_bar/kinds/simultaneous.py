@@ -164,4 +164,4 @@ def _usual_turn(chain: Chain, axis: Axis) -> tuple[float, float]:
     low, high = (0.0, 360 * DEG) if axis.letter in chain.round_axes else (-20 * DEG, 90 * DEG)
     if axis in chain.tool:
         low, high = (-90 * DEG, 90 * DEG) if axis.vertical else (-60 * DEG, 60 * DEG)
-    return axis.ccw * low, axis.ccw * high
+    return axis.ccw * low + 0.0, axis.ccw * high  # no minus before a zero
