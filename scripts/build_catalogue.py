@@ -258,6 +258,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "campaign"
         new_campaign(folder)
+        file = folder / "machine.toml"  # the numbers of the effects below are those of the examples' sense
+        file.write_text(
+            file.read_text(encoding="utf-8").replace('sense = "iso"', 'sense = "opposite"'), encoding="utf-8"
+        )
         campaign = read_campaign(folder)
         machine, known = read_machine(campaign.machine_file), tests(campaign)
         for cls in (c for c in shipped().values() if not c.for_logs):

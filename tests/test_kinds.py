@@ -40,7 +40,7 @@ def test_the_bar_keeps_its_length(tests, kind):
     program = Program(test)
     q = program.path(np.linspace(*program.ends, 721))
     assert q.shape == (721, 5)
-    assert np.abs(reading(FIVE_AXIS, q, np.array(test.table_ball), test.length)).max() < 1e-12
+    assert np.abs(reading(test.chain, q, np.array(test.table_ball), test.length)).max() < 1e-12
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -100,7 +100,7 @@ def test_the_feed_is_the_one_on_the_circle(tests, kind):
     elif kind == "rotary":
         arc = np.hypot(*test.table_ball[:2]) * 0.1
     else:
-        arc = np.linalg.norm(np.diff(machine_to_work(FIVE_AXIS, q, q[:, :3]), axis=0), axis=1).sum()
+        arc = np.linalg.norm(np.diff(machine_to_work(test.chain, q, q[:, :3]), axis=0), axis=1).sum()
     assert KINDS[kind].radius(test) * 0.1 == pytest.approx(arc, rel=1e-6)
 
 

@@ -26,7 +26,7 @@ from mjsim.linuxcnc.configuration import Settings, check_settings, kinematics, w
 from mjsim.linuxcnc.held import held_against
 from mjsim.linuxcnc.record import Record
 from mjsim.linuxcnc.run import _Busy, _starved, run_program
-from mjsim.machine.chain import FIVE_AXIS, chain_of
+from mjsim.machine.chain import FIVE_AXIS, Placement, chain_of
 from mjsim.nc.control import block_times, linuxcnc
 from mjsim.nc.read import parse_nc
 from mjsim.nc.write import Options, nc_program
@@ -303,6 +303,26 @@ def test_tool_centre_point_of_another_chain(there, cone):
     held = held_against(test, written.motion, record, Settings())
     assert np.abs(held.record.reading).max() < 1.5e-6
     assert held.lasted == pytest.approx(held.model.duration, rel=0.01)
+
+
+@pytest.mark.parametrize("feed", ["inverse", "tcp"])
+def test_both_senses_of_the_axes(there, cone, feed):
+    """The joints differ by the sign of what turns and by nothing else, with tool centre point control as well."""
+    iso = chain_of(FIVE_AXIS.configuration, tuple((a, Placement(sense="iso")) for a in FIVE_AXIS.rotary))
+    try:
+        kinematics(iso, feed == "tcp")
+    except InputError as error:
+        pytest.skip(str(error))
+    told, readings = [], []
+    for chain in (FIVE_AXIS, iso):
+        test = replace(cone, chain=chain)
+        written = nc_program(test, Options(dialect="linuxcnc", feed=feed, step_deg=0.5))
+        record = run_program(written.text, chain, Settings(), tip=feed == "tcp")
+        told.append(record.told[record.feed])
+        readings.append(held_against(test, written.motion, record, Settings()).record.reading)
+    np.testing.assert_allclose(told[1], told[0] * [1, 1, 1, -1, -1], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(readings[1], readings[0], rtol=0, atol=1e-12)
+    assert np.abs(readings[0]).max() < 10e-6
 
 
 def test_what_linuxcnc_refuses_is_one_sentence(there):

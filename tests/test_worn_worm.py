@@ -17,6 +17,7 @@ import mjsim
 from mjsim.campaign.machine_file import read_machine, write_machine
 from mjsim.effects.registry import make
 from mjsim.errors import InputError
+from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.model import build
 from mjsim.simulation.axes import AxesMotion
 from mjsim.simulation.multibody import simulate
@@ -203,7 +204,7 @@ def test_flanks_worn_differently_at_one_place(measured):
     effects = [e.effect for e in mjsim.diagnose(*measured("unequal", deep, shallow)).effects]
     assert {e.id for e in effects} == {"worm_wear.A"} and len(effects) == 2
     for true, way in ((deep, -1.0), (shallow, 1.0)):
-        depth = sum(e.values["depth_deg"] for e in effects if e.direction_sign in (0.0, way))
+        depth = sum(e.values["depth_deg"] for e in effects if e.direction_sign(FIVE_AXIS) in (0.0, way))
         assert depth == pytest.approx(true["depth_deg"], rel=0.1)
 
 

@@ -16,6 +16,7 @@ from mjsim.errors import InputError
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.io.resources import scene_file
+from mjsim.machine.bodies import counted
 from mjsim.machine.chain import FIVE_AXIS, Chain
 from mjsim.machine.modelling.scene import whole_scene
 
@@ -37,8 +38,8 @@ def cameras() -> list[str]:
 
 def scene_of(chain: Chain) -> mujoco.MjSpec:
     """The machine of a chain in its scene."""
-    if chain.nominal == FIVE_AXIS:
-        return mujoco.MjSpec.from_file(str(scene_file()))
+    if chain.counter_clockwise.nominal == FIVE_AXIS:
+        return counted(mujoco.MjSpec.from_file(str(scene_file())), chain)
     return mujoco.MjSpec.from_string(whole_scene(chain))
 
 

@@ -77,9 +77,9 @@ def functional_points(table: Any) -> tuple[tuple[str, Vector], ...]:
 def _placement(table: AxisTable) -> Placement:
     x, y, z = (v * MM for v in table.offset_mm)
     if table.direction is None:
-        return Placement(None, (x, y, z))
+        return Placement(None, (x, y, z), table.sense)
     a, b, c = table.direction
-    return Placement((a, b, c), (x, y, z))
+    return Placement((a, b, c), (x, y, z), table.sense)
 
 
 def chain_in(folder: Path, machine: object) -> Chain:

@@ -8,7 +8,7 @@ from pathlib import Path
 from mjsim.campaign.new import TEMPLATE, check_new_folder
 from mjsim.errors import InputError
 from mjsim.io.files import check_writable, write_all
-from mjsim.machine.chain import Axis, Chain, Placement, chain_of
+from mjsim.machine.chain import COORDINATES, SENSES, Axis, Chain, Placement, chain_of
 from mjsim.machine.modelling.mjcf import machine_xml
 from mjsim.machine.modelling.scene import scene_xml
 from mjsim.units import MM
@@ -68,7 +68,7 @@ def new_log_campaign(folder: str | Path, configuration: str, name: str | None = 
         InputError: the configuration is none, or the folder holds something already.
     """
     folder = Path(folder)
-    chain = chain_of(configuration)
+    chain = chain_of(configuration, with_senses(configuration))
     name = check_new_folder(folder, name, "campaign")
     campaign = (TEMPLATE / "logs.toml").read_text(encoding="utf-8")
     contents = {
@@ -113,14 +113,35 @@ def machine_text(chain: Chain, name: str) -> str:
     return "".join(out).rstrip() + "\n"
 
 
+def with_senses(
+    configuration: str, placements: tuple[tuple[str, Placement], ...] = ()
+) -> tuple[tuple[str, Placement], ...]:
+    """Placements in which every rotary axis has a sense: that of ISO 841 where neither sense nor direction is stated.
+
+    Args:
+        configuration: axes from the workpiece to the tool.
+        placements: what is stated.
+    """
+    stated = dict(placements)
+    for letter in chain_of(configuration, placements).rotary:
+        one = stated.get(letter, Placement())
+        if one.sense is None and one.direction is None:
+            stated[letter] = one._replace(sense=SENSES[0])
+    return tuple(sorted(stated.items()))
+
+
 def _axis_table(chain: Chain, axis: Axis) -> str:
-    """Where a rotary axis is; commented out where it is at its nominal place."""
+    """In which sense a rotary axis counts, and where it is; that is commented out at its nominal place."""
     pivot = chain.tool_length if axis in chain.tool else 0.0
     offset = [round(v / MM, 9) + 0.0 for v in (axis.point[0], axis.point[1], axis.point[2] - pivot)]
     away = "# " if not axis.tilted and not any(offset) else ""
     start = "the pivot of the head" if axis in chain.tool else "the origin of the work frame"
+    own, carried = chain.sense(axis.letter), "tool" if axis in chain.tool else "workpiece"
+    sense, other = f'sense = "{own}"', SENSES[own == SENSES[0]]
+    way, coordinate = "counter-clockwise" if axis.ccw > 0.0 else "clockwise", COORDINATES[axis.along]
     return (
-        f"{away}[axis.{axis.letter}]\n"
+        f"[axis.{axis.letter}]\n"
+        f'{sense:<38} # {axis.letter}+ turns the {carried} {way}, seen against {coordinate}+; or "{other}"; CHANGE\n'
         f"{away}direction = [{', '.join(f'{v:.10g}' for v in axis.unit)}]    # of its centreline, all axes at 0\n"
         f"{away}offset_mm = [{', '.join(f'{v:g}' for v in offset)}]    # of the centreline from {start}\n\n"
     )
@@ -138,7 +159,7 @@ def new_machine(
     Args:
         folder: new, or empty.
         configuration: axes from the workpiece to the tool.
-        placements: rotary axes that are tilted or offset.
+        placements: rotary axes that are tilted or offset, or whose sense is stated; the others count as ISO 841 says.
         tool_length: from the pivot of the head to the ball, m.
         name: of the machine; the folder's when missing.
 
@@ -149,7 +170,7 @@ def new_machine(
         InputError: the configuration is none, or the folder holds something already.
     """
     folder = Path(folder)
-    chain = chain_of(configuration, placements, tool_length)
+    chain = chain_of(configuration, with_senses(configuration, placements), tool_length)
     if tool_length is not None and not chain.swivelling:
         raise InputError(
             f"tool length {tool_length / MM:g} mm: the head of {configuration!r} does not turn; leave it out"

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, create_model
 from mjsim.instruments.ball_bar.tables import AcceptanceTable
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.instruments.schema import Length, Number, Table, Text, one_of
-from mjsim.machine.chain import FIVE_AXIS, SINGULAR, Chain
+from mjsim.machine.chain import FIVE_AXIS, SENSES, SINGULAR, Chain
 from mjsim.machine.control import MOST_COEFFICIENTS
 
 #: From the pivot of a head to the ball, mm (assumed bounds).
@@ -92,8 +92,9 @@ class DriveTable(Table):
 
 
 class AxisTable(Table):
-    """Where a rotary axis is, if not where its letter says; the functional point of a linear one."""
+    """Where a rotary axis is, if not where its letter says, and in which sense it counts; points of slides."""
 
+    sense: Annotated[str, AfterValidator(one_of(lambda: SENSES))] | None = None
     direction: Annotated[list[Number], Field(min_length=3, max_length=3)] | None = None
     offset_mm: Annotated[list[Length], Field(min_length=3, max_length=3)] = Field(default=[0.0, 0.0, 0.0])
     functional_point_mm: Annotated[list[Length], Field(min_length=3, max_length=3)] | None = None

@@ -36,36 +36,49 @@ def command() -> None:
     metavar="AXIS X Y Z",
     help="Offset of a rotary axis from its nominal place, mm. Repeatable.",
 )
+@click.option(
+    "--sense",
+    "senses",
+    type=(str, str),
+    multiple=True,
+    metavar="AXIS iso|opposite",
+    help="In which sense a rotary axis counts: as ISO 841 says (default), or the other way. Repeatable.",
+)
 @click.option("--tool-length", type=float, help="From the pivot of a turning head to the ball, mm (default 250).")
 @click.option(
     "-o", "--out", "folder", required=True, type=click.Path(path_type=Path, file_okay=False), help="New folder."
 )
 @click.option("--name", help="Name of the machine (default: the folder's).")
 @common.options
-def new(configuration, directions, offsets, tool_length, folder, name, as_json, quiet) -> None:
+def new(configuration, directions, offsets, senses, tool_length, folder, name, as_json, quiet) -> None:
     """Write machine.toml and a MuJoCo model of a machine with these axes, ready to edit.
 
     \b
     Example: mjsim machine new --configuration "w-C'B'Y'bXZ-t" --direction B 0 1 1 -o nutating
     """
-    from mjsim.campaign.new_machine import new_machine
+    from mjsim.campaign.new_machine import new_machine, with_senses
     from mjsim.errors import InputError
-    from mjsim.machine.chain import Placement, chain_of
+    from mjsim.machine.chain import SENSES, Placement, chain_of
     from mjsim.units import MM
 
     if tool_length is not None and not 0 < tool_length <= 5000:
         raise InputError(f"--tool-length {tool_length:g}; allowed: above 0 to 5000 mm")
     turned, moved = ({a: (x, y, z) for a, x, y, z in given} for given in (directions, offsets))
+    sense = dict(senses)
+    for axis, word in sense.items():
+        if word not in SENSES:
+            raise InputError(f"--sense {axis} {word}; allowed: {' or '.join(SENSES)}")
     placements = tuple(
-        (a, Placement(turned.get(a), tuple(v * MM for v in moved.get(a, (0.0, 0.0, 0.0)))))
-        for a in sorted({*turned, *moved})
+        (a, Placement(turned.get(a), tuple(v * MM for v in moved.get(a, (0.0, 0.0, 0.0))), sense.get(a)))
+        for a in sorted({*turned, *moved, *sense})
     )
     length = None if tool_length is None else tool_length * MM
     files = new_machine(folder, configuration, placements, length, name)
-    chain = chain_of(configuration, placements, length)
+    chain = chain_of(configuration, with_senses(configuration, placements), length)
     if as_json:
         common.print_json(
             {"folder": str(folder), "files": [str(f) for f in files], "axes": list(chain.letters)}
+            | {"sense": {a: chain.sense(a) for a in chain.rotary}}
             | {"location_errors": [e.name for e in chain.location_errors]}
         )
         return

@@ -24,6 +24,7 @@ def summary(result: Compensation) -> str:
         f"verdict of the diagnosis: {result.saved.verdict}",
         "",
         "These corrections come on top of those that were active while the tests were measured.",
+        *([f"Positions of the rotary axes count in this sense: {c.chain.senses} (ISO 841)."] if c.chain.rotary else []),
         "Check the sign on your machine with one value before you load everything.",
         "",
         "Corrected:",

@@ -50,4 +50,6 @@ class PitchError(Effect):
             if amplitude:
                 wave = order if rotary else order * plant.axes[self.subject].gear
                 size = amplitude * (DEG if rotary else UM)
-                plant.add_op("pitch_error", SINE, self.subject, size, wave, math.radians(phase), self.direction_sign)
+                plant.add_op(
+                    "pitch_error", SINE, self.subject, size, wave, math.radians(phase), self.direction_sign(plant.chain)
+                )

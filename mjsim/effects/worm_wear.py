@@ -11,8 +11,8 @@ from mjsim.machine.subjects import rotary_axes
 
 def _seeds(subject, chain):
     """A grid over the places and widths that a cradle or a turning table can show."""
-    centres = range(0, 360, 10) if subject in chain.round_axes else range(-20, 101, 4)
-    return [{"depth_deg": 0.001, "centre_deg": float(c), "width_deg": w} for w in (2.0, 5.0, 12.0) for c in centres]
+    centres, way = range(0, 360, 10) if subject in chain.round_axes else range(-20, 101, 4), chain.axis(subject).ccw
+    return [{"depth_deg": 0.001, "centre_deg": way * c, "width_deg": w} for w in (2.0, 5.0, 12.0) for c in centres]
 
 
 @register
@@ -34,7 +34,7 @@ class WormWear(Effect):
     definition = (
         "x − depth·exp(−½((x − centre)/width)²), repeating every 360°; with a direction only while the axis turns "
         "that way "
-        "(CCW: its coordinate grows), blended over 0.05° of travel after a reversal"
+        "(CCW: it turns what it carries counter-clockwise), blended over 0.05° of travel after a reversal"
     )
     source = "paper section 3.1 (deflection blamed on the worm gear); Gaussian shape and blending assumed"
     signature = (
@@ -47,4 +47,4 @@ class WormWear(Effect):
 
     def apply(self, plant):
         shape = self.si("depth_deg"), self.si("centre_deg"), self.si("width_deg")
-        plant.add_op("worm_wear", BUMP, self.subject, *shape, self.direction_sign)
+        plant.add_op("worm_wear", BUMP, self.subject, *shape, self.direction_sign(plant.chain))

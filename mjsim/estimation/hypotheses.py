@@ -111,7 +111,7 @@ def log_odds_of(f: EffectVector, machine: Machine) -> float:
         missing = [wave for wave, _ in entries_of(f) if not _is_given(f, wave, machine)]
         return len(missing) * (CAUSE - math.log(ORDERS))
     tried = sum(c.effect.id == f.effect.id for c in seeds(machine))
-    return CAUSE - math.log(max(tried, 1)) - math.log(2.0) * bool(f.effect.direction_sign)
+    return CAUSE - math.log(max(tried, 1)) - math.log(2.0) * bool(f.effect.values.get("direction"))
 
 
 def with_prior_of_size(f: EffectVector) -> EffectVector:
@@ -138,7 +138,7 @@ def _is_given(f: EffectVector, wave: int | None, machine: Machine) -> bool:
 def _of_candidate(c: Candidate, count: Mapping[str, int]) -> Hypothesis:
     """The hypothesis that an effect is there which the model does not have."""
     tried = ORDERS if c.effect.kind == "pitch_error" else count.get(c.effect.key, 1)
-    odds = CAUSE - math.log(tried) - math.log(2.0) * bool(c.effect.direction_sign)
+    odds = CAUSE - math.log(tried) - math.log(2.0) * bool(c.effect.values.get("direction"))
     return Hypothesis(c.effect.key, odds, WIDTHS, candidate=c)
 
 

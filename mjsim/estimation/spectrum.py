@@ -56,7 +56,8 @@ def orders(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: in
     gathered, variance = (np.sum(parts, axis=0) for parts in zip(*problem.map(one), strict=True))
     per_direction = {"": (gathered.sum(axis=0), variance.sum(axis=0))}
     if rotary and all(v.any() for v in variance):
-        per_direction |= {"CCW": (gathered[0], variance[0]), "CW": (gathered[1], variance[1])}
+        up, down = ("CCW", "CW") if problem.chain.axis(axis).ccw > 0.0 else ("CW", "CCW")
+        per_direction |= {up: (gathered[0], variance[0]), down: (gathered[1], variance[1])}
     out = {}
     for name, (g, v) in per_direction.items():
         seen = v > _SEEN * v.max()  # the others pass faster than the blocks can follow

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from mjsim.errors import InputError
-from mjsim.machine.chain import Chain
+from mjsim.machine.chain import SENSES, Chain
 from mjsim.machine.reach import usual_speed
 from mjsim.nc.control import Control, linuxcnc
 from mjsim.nc.limits import model_limits, scale
@@ -26,6 +26,8 @@ JOINT_ACCELERATION = 1e6
 _ENDLESS = 36_000.0
 #: Where the kinematics are, and how those with tool centre point control of a tilting and a round table are called.
 _MODULES, _TIP = Path("/usr/lib/linuxcnc/modules"), "{letters}-trt-kins"
+#: Pin that makes them count as ISO 841 says; without it they do the opposite.
+_PIN = "conventional-directions"
 _SWITCH = {
     "428": "o<428remap>sub\n  M68 E3 Q1\n  M66 E0 L0\no<428remap>endsub\n",
     "429": "o<429remap>sub\n  M68 E3 Q0\n  M66 E0 L0\no<429remap>endsub\n",
@@ -116,7 +118,29 @@ def kinematics(chain: Chain, tip: bool) -> str:
             f"LinuxCNC has no kinematics with tool centre point control for the configuration {chain.configuration!r}; "
             f"allowed: a round table on a tilting one"
         )
+    if conventional(chain) and _PIN.encode() not in (_MODULES / f"{name}.so").read_bytes():
+        raise InputError(
+            f"LinuxCNC: {name} of this version has no pin {_PIN}, so that it counts the axes of a table against "
+            f"ISO 841; allowed: LinuxCNC 2.10 or later, a program without tool centre point control, or a machine with "
+            'sense = "opposite"'
+        )
     return f"{name} sparm=identityfirst"
+
+
+def conventional(chain: Chain) -> bool:
+    """Whether both rotary axes count as ISO 841 says: LinuxCNC's kinematics have one switch for the two.
+
+    Raises:
+        InputError: one of them does and the other does not.
+    """
+    senses = {a: chain.sense(a) for a in chain.rotary}
+    if len(set(senses.values())) > 1:
+        raise InputError(
+            f"LinuxCNC counts both axes of a table in one sense; found: "
+            f"{', '.join(f'{a} {s}' for a, s in senses.items())}; allowed: one sense for both, or a program without "
+            "tool centre point control"
+        )
+    return SENSES[0] in senses.values()
 
 
 def _corrections(work: Path, folder: Path | None) -> dict[int, list[str]]:
@@ -189,6 +213,8 @@ def _hal(chain: Chain, tip: bool) -> str:
         "net prepare iocontrol.0.tool-prepare => iocontrol.0.tool-prepared",
         "net change iocontrol.0.tool-change => iocontrol.0.tool-changed",
     ]
+    if tip and conventional(chain):
+        out.append(f"setp {_TIP.format(letters=''.join(chain.letters).lower())}.{_PIN} 1")
     if tip:
         out.append("net switch motion.analog-out-03 => motion.switchkins-type")
     return "\n".join(out) + "\n"

@@ -23,6 +23,9 @@ _LEAST_COSINE = 0.5
 Vector = tuple[float, float, float]
 _ZERO: Vector = (0.0, 0.0, 0.0)
 _UNITS: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+#: In which sense a rotary axis counts: as ISO 841 says, or the other way. ISO 841 names the motion of the tool against
+#: the workpiece: an axis of the head is positive counter-clockwise of what it carries, an axis of the table clockwise.
+SENSES = ("iso", "opposite")
 
 
 class Placement(NamedTuple):
@@ -33,10 +36,13 @@ class Placement(NamedTuple):
             coordinate that its letter names.
         offset: of a point of the centreline, m. On the workpiece's side it counts from the origin of the work frame,
             on the tool's side from the head's pivot, which lies one tool length above the spindle ball.
+        sense: one of :data:`SENSES`. ``None`` leaves it to the direction, about which the axis turns what it carries
+            counter-clockwise.
     """
 
     direction: Vector | None = None
     offset: Vector = _ZERO
+    sense: str | None = None
 
 
 class Axis(NamedTuple):
@@ -47,7 +53,9 @@ class Axis(NamedTuple):
         along: coordinate that its letter names: 0, 1 or 2. A linear axis moves along it, a rotary one turns about it
             unless it is tilted.
         rotary: whether it turns.
-        unit: unit vector along which it moves or about which it turns, in machine coordinates with all axes at 0.
+        unit: unit vector along which it moves or about which it turns, in machine coordinates with all axes at 0. A
+            positive position turns what the axis carries counter-clockwise about it, so that the sense of the axis
+            stands here and nowhere else.
         point: a point of the centreline of a rotary axis with all axes at 0, m; the spindle ball is then at the origin.
     """
 
@@ -75,8 +83,40 @@ class Axis(NamedTuple):
 
     @property
     def tilted(self) -> bool:
-        """Whether it points elsewhere than its letter says."""
-        return self.unit != _UNITS[self.along]
+        """Whether it is not parallel to the coordinate of its letter."""
+        return any(self.unit[i] != 0.0 for i in self.across)
+
+    @property
+    def ccw(self) -> float:
+        """+1 where its position grows while it turns what it carries counter-clockwise, seen against the coordinate of
+        its letter; −1 where it falls.
+        """
+        return 1.0 if self.unit[self.along] > 0.0 else -1.0
+
+    @property
+    def centreline(self) -> np.ndarray:
+        """Unit vector along the centreline, (3,): to the positive side of the coordinate of its letter, whatever the sense
+        of the axis. Errors along it are counted so (ISO 230-7).
+        """
+        return self.ccw * self.direction
+
+    @property
+    def turned(self) -> Axis:
+        """The same axis, counted the other way."""
+        x, y, z = (-v if v else 0.0 for v in self.unit)
+        return self._replace(unit=(x, y, z))
+
+    def sense(self, on_table: bool) -> str:
+        """One of :data:`SENSES`.
+
+        Args:
+            on_table: whether it carries the workpiece.
+        """
+        return SENSES[0] if (self.ccw < 0.0) == on_table else SENSES[1]
+
+    def ends(self, low: float, high: float) -> tuple[float, float]:
+        """Lower and higher position of a range that counts counter-clockwise of what the axis carries."""
+        return (low, high) if self.ccw > 0.0 else (-high, -low)
 
     @property
     def vertical(self) -> bool:
@@ -84,13 +124,14 @@ class Axis(NamedTuple):
         return abs(self.unit[2]) > 1.0 - 1e-9
 
 
-def axis_of(letter: str, placement: Placement | None = None, pivot: float = 0.0) -> Axis:
+def axis_of(letter: str, placement: Placement | None = None, pivot: float = 0.0, on_table: bool = True) -> Axis:
     """The axis that ISO 841 names ``letter``.
 
     Args:
         letter: of the axis.
-        placement: direction and offset of a rotary axis; ``None`` is the nominal one.
+        placement: direction, offset and sense of a rotary axis; ``None`` is the nominal one.
         pivot: height of the point from which the offset counts, m.
+        on_table: whether it carries the workpiece.
 
     Raises:
         InputError: there is no such axis, or it cannot be placed so.
@@ -103,7 +144,20 @@ def axis_of(letter: str, placement: Placement | None = None, pivot: float = 0.0)
         return Axis(letter, along, False, _UNITS[along])
     placement = placement or Placement()
     x, y, z = placement.offset
-    return Axis(letter, along, True, _unit(letter, along, placement.direction), (x, y, z + pivot))
+    unit = _unit(letter, along, placement.direction)
+    axis = Axis(letter, along, True, unit, (x, y, z + pivot))
+    if placement.sense in (None, axis.sense(on_table)):
+        return axis
+    if placement.direction is None:
+        return axis.turned
+    way, other = ("counter-clockwise", "clockwise") if axis.ccw > 0.0 else ("clockwise", "counter-clockwise")
+    where = "table" if on_table else "head"
+    raise InputError(
+        f"axis {letter}: direction = {[float(d) for d in placement.direction]} means that it turns what it carries "
+        f"{way}, seen against {ALONG[along]}, and sense = {placement.sense!r} of an axis of the {where} means {other}; "
+        f"allowed: direction = {[-float(d) or 0.0 for d in placement.direction]}, sense = {axis.sense(on_table)!r}, or "
+        "one of the two keys alone"
+    )
 
 
 def _unit(letter: str, along: int, direction: Vector | None) -> Vector:
@@ -116,7 +170,7 @@ def _unit(letter: str, along: int, direction: Vector | None) -> Vector:
             f"axis {letter}: direction = {[float(d) for d in direction]}; allowed: within 60° of {ALONG[along]}, "
             f"whose rotation {letter} names"
         )
-    x, y, z = (float(d) / length for d in direction)
+    x, y, z = (float(d) / length or 0.0 for d in direction)  # no minus before a zero
     return x, y, z
 
 

@@ -56,9 +56,18 @@ def model_spec(chain: Chain) -> mujoco.MjSpec:
     import mujoco
 
     check_model(chain)
-    if chain.nominal == FIVE_AXIS:
-        return mujoco.MjSpec.from_file(str(model_file()))
+    if chain.counter_clockwise.nominal == FIVE_AXIS:
+        return counted(mujoco.MjSpec.from_file(str(model_file())), chain)
     return mujoco.MjSpec.from_string(machine_xml(chain))
+
+
+def counted(spec: mujoco.MjSpec, chain: Chain) -> mujoco.MjSpec:
+    """A model whose rotary joints count counter-clockwise, changed so that they count as the axes of ``chain`` do."""
+    for axis in chain.axes:
+        if axis.ccw < 0.0:
+            joint = spec.joint(axis.letter)
+            joint.axis, joint.range = -joint.axis, np.array(axis.ends(*joint.range))
+    return spec
 
 
 @cache

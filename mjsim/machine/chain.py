@@ -10,7 +10,18 @@ from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 
 from mjsim.errors import InputError
-from mjsim.machine.axis import ABOUT, ALONG, COORDINATES, Axis, Placement, Vector, axis_of, is_linear, is_rotary
+from mjsim.machine.axis import (
+    ABOUT,
+    ALONG,
+    COORDINATES,
+    SENSES,
+    Axis,
+    Placement,
+    Vector,
+    axis_of,
+    is_linear,
+    is_rotary,
+)
 from mjsim.machine.configuration import parse
 from mjsim.machine.geometric_errors import ErrorMotion, LocationError, Squareness, location_errors_of
 
@@ -18,6 +29,7 @@ __all__ = [
     "CHAINS",
     "COORDINATES",
     "FIVE_AXIS",
+    "SENSES",
     "SINGULAR",
     "TOOL_LENGTH",
     "Axis",
@@ -44,7 +56,8 @@ class Chain:
 
     Arrays of axis positions have one column per axis: the linear axes X, Y, Z, then the rotary ones in the order of
     their letters (:attr:`letters`). A linear position is that of the spindle relative to the table, whichever of the
-    two moves. A rotary axis turns what it carries by its position about its direction.
+    two moves. A rotary axis turns what it carries by its position about its direction. Positions are those of the
+    control, in whichever sense it counts.
 
     Attributes:
         configuration: e.g. ``"w-C'A'Y'bXZ-t"``: workpiece, axes that carry it (marked by '), bed, axes that carry the
@@ -81,13 +94,14 @@ class Chain:
 
     @cached_property
     def placements(self) -> tuple[tuple[str, Placement], ...]:
-        """Rotary axes that are tilted or offset, with their placements; :func:`chain_of` takes them."""
+        """Rotary axes that are tilted, offset or count clockwise, as :func:`chain_of` takes them."""
         out = []
         for axis in (a for a in self.axes if a.rotary):
             x, y, z = axis.point
             offset = (x, y, z - self.tool_length if axis in self.tool else z)
-            if axis.tilted or any(offset):
-                out.append((axis.letter, Placement(axis.unit if axis.tilted else None, offset)))
+            sense = self.sense(axis.letter) if axis.ccw < 0.0 and not axis.tilted else None
+            if axis.tilted or any(offset) or sense:
+                out.append((axis.letter, Placement(axis.unit if axis.tilted else None, offset, sense)))
         return tuple(out)
 
     @cached_property
@@ -141,6 +155,24 @@ class Chain:
     def is_rotary(self, letter: str) -> bool:
         """Whether an axis of this machine turns; subjects that are no axis do not."""
         return letter in self.rotary
+
+    def sense(self, letter: str) -> str:
+        """In which sense a rotary axis counts, one of :data:`SENSES`."""
+        axis = self.axis(letter)
+        return axis.sense(axis in self.work)
+
+    @cached_property
+    def senses(self) -> str:
+        """The senses of all rotary axes as a text: ``A iso, C opposite``; empty where no axis turns."""
+        return ", ".join(f"{a} {self.sense(a)}" for a in self.rotary)
+
+    @cached_property
+    def counter_clockwise(self) -> Chain:
+        """The same axes where each of them counts counter-clockwise of what it carries, seen against its coordinate."""
+        work, tool = (
+            tuple(a if a.ccw > 0.0 or not a.rotary else a.turned for a in side) for side in (self.work, self.tool)
+        )
+        return replace(self, work=work, tool=tool)
 
     @cached_property
     def turning(self) -> tuple[Axis, ...]:
@@ -304,7 +336,7 @@ def chain_of(
     Args:
         configuration: axes from the workpiece to the tool, e.g. ``"w-C'A'Y'bXZ-t"``, or axes alone, e.g.
             ``"XY"``.
-        placements: letters of rotary axes that are tilted or offset, each with its placement.
+        placements: letters of rotary axes whose direction, offset or sense is stated, each with its placement.
         tool_length: from the head's pivot to the spindle ball, m; ``None`` is 0.25 m. Without a head it says nothing.
         singular: one of :data:`SINGULAR`.
         functional_points: of linear axes, by letter, in machine coordinates with all axes at 0, m.

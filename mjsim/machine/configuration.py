@@ -24,7 +24,7 @@ def parse(
     Args:
         configuration: axes from the workpiece to the tool, those that carry the workpiece marked by '; or axes
             alone, of which the linear ones carry the tool and the others the workpiece.
-        placements: rotary axes that are tilted or offset, by letter.
+        placements: rotary axes whose direction, offset or sense is stated, by letter.
         tool_length: from the head's pivot to the spindle ball, m.
 
     Raises:
@@ -49,7 +49,7 @@ def parse(
             raise InputError(f"axis {letter!r} cannot be placed in {configuration!r}; allowed: {turning}")
     return (
         tuple(axis_of(a, placements.get(a)) for a in work),
-        tuple(axis_of(a, placements.get(a), tool_length) for a in tool),
+        tuple(axis_of(a, placements.get(a), tool_length, on_table=False) for a in tool),
     )
 
 

@@ -92,10 +92,15 @@ class Effect(ABC):
         """Parameters for one subject (units can differ between linear and rotary axes)."""
         return cls.parameters
 
-    @property
-    def direction_sign(self) -> float:
-        """+1 where the effect acts only while its axis turns CCW (its coordinate grows), −1 for CW, 0 for both."""
-        return {"CCW": 1.0, "CW": -1.0}.get(self.values.get("direction", ""), 0.0)
+    def direction_sign(self, chain: Chain) -> float:
+        """Sign of the velocity at which the effect acts: +1, −1, or 0 where it acts in both directions.
+
+        Args:
+            chain: the machine's axes. CCW is how the axis turns what it carries; its sense says whether its position
+                grows then.
+        """
+        ccw = {"CCW": 1.0, "CW": -1.0}.get(self.values.get("direction", ""), 0.0)
+        return ccw * chain.axis(self.subject).ccw if ccw else 0.0
 
     @property
     def id(self) -> str:

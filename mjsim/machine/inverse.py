@@ -26,7 +26,7 @@ _FLAT = 0.05
 def aim(chain: Chain, direction: np.ndarray) -> np.ndarray:
     """Rotary positions that bring work-frame directions onto the spindle; eq. A.6 and A.7 for the paper's machine.
 
-    Of the two ways there are, a table that tilts about a horizontal axis never gets a negative tilt. Any other machine
+    Of the two ways there are, a table that tilts about a horizontal axis never tilts clockwise. Any other machine
     begins the way that turns its axes least and goes on without a jump. Where the first axis' position is arbitrary,
     the neighbour's value is kept.
 
@@ -80,7 +80,7 @@ def is_tilting_table(chain: Chain) -> bool:
     if chain.swivelling or len(chain.turning) != 2:
         return False
     table, tilt = chain.turning
-    return table.unit == (0.0, 0.0, 1.0) and not tilt.tilted and not tilt.vertical
+    return table.vertical and not table.tilted and not tilt.tilted and not tilt.vertical
 
 
 def _tilting_table(chain: Chain, direction: np.ndarray) -> np.ndarray:
@@ -88,15 +88,15 @@ def _tilting_table(chain: Chain, direction: np.ndarray) -> np.ndarray:
     x, y, z = direction.T
     turning, tilting = chain.turning
     # what tilts upwards lies horizontally at a right angle to the tilting axis: vertical × tilting axis
-    ahead = np.cross([0.0, 0.0, 1.0], tilting.direction)
+    ahead = np.cross([0.0, 0.0, 1.0], tilting.ccw * tilting.direction)
     table = np.arctan2(ahead[1] * x, ahead[1] * y) if ahead[1] else np.arctan2(-ahead[0] * y, ahead[0] * x)
     pole = np.hypot(x, y) < _POLE
     if pole.any() and not pole.all():
         at = np.flatnonzero(~pole)
         table = table[at[np.searchsorted(at, np.arange(len(table))).clip(0, len(at) - 1)]]
     q = np.zeros((len(x), chain.count))
-    q[:, chain.index(tilting.letter)] = np.arccos(np.clip(z, -1.0, 1.0))
-    q[:, chain.index(turning.letter)] = np.unwrap(table)
+    q[:, chain.index(tilting.letter)] = tilting.ccw * np.arccos(np.clip(z, -1.0, 1.0))
+    q[:, chain.index(turning.letter)] = turning.ccw * np.unwrap(table)
     return q
 
 
@@ -149,7 +149,9 @@ def solutions(chain: Chain, direction: np.ndarray) -> np.ndarray:
         InputError: the axes do not reach a direction.
     """
     (first, s1), (second, s2) = serial(chain)
-    d1, d2, up = s1 * first.direction, s2 * second.direction, np.array([0.0, 0.0, 1.0])
+    # counted counter-clockwise, so that both ways come in one order whatever the sense of the axes is
+    d1, d2 = (s * a.ccw * a.direction for s, a in ((s1, first), (s2, second)))
+    up = np.array([0.0, 0.0, 1.0])
     # direction = exp(θ1 d1) v and v = exp(θ2 d2) up: v lies on both circles, so on a line across d1 and d2
     c, reach, wanted = float(d1 @ d2), float(d2 @ up), direction @ d1
     normal = np.cross(d1, d2)
@@ -164,8 +166,8 @@ def solutions(chain: Chain, direction: np.ndarray) -> np.ndarray:
     along = np.sqrt(np.maximum(square, 0.0))
     for way, sign in enumerate((1.0, -1.0)):
         v = a[:, None] * d1 + b[:, None] * d2 + (sign * along)[:, None] * normal
-        out[way, :, 1] = _angle(d2, np.tile(up, (len(v), 1)), v)
-        out[way, :, 0] = _angle(d1, v, direction)
+        out[way, :, 1] = second.ccw * _angle(d2, np.tile(up, (len(v), 1)), v)
+        out[way, :, 0] = first.ccw * _angle(d1, v, direction)
     return out
 
 

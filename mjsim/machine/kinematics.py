@@ -74,7 +74,7 @@ def _turned(point: list, along: int, angle: np.ndarray | float) -> list:
 def turn_about(axis: Axis, vector: list, angle: np.ndarray) -> list:
     """Vectors [x, y, z], (n,) each, turned by ``angle`` (n,) rad about the direction of a rotary axis."""
     if not axis.tilted:
-        return _turned(vector, axis.along, angle)
+        return _turned(vector, axis.along, axis.ccw * angle)
     (a, b, c), (x, y, z) = axis.unit, vector  # Rodrigues
     cos, sin = np.cos(angle), np.sin(angle)
     along = (a * x + b * y + c * z) * (1.0 - cos)
@@ -270,7 +270,7 @@ def _moved(axis: Axis, point: list, motions: list[ErrorMotion], by: dict[str, np
     p = list(point)
     for m in motions:
         if m.axial:
-            p = [x + by[m.name] * u for x, u in zip(p, axis.unit, strict=True)]
+            p = [x + by[m.name] * u for x, u in zip(p, axis.centreline, strict=True)]
         elif not m.rotation:
             p[m.along] = p[m.along] + by[m.name]
     for m in reversed(motions):

@@ -29,7 +29,7 @@ def _travel(chain: Chain, axis: Axis) -> tuple[float, float]:
         return _ALONG_SPINDLE if axis.along == 2 else _ACROSS
     if axis.letter in chain.round_axes:
         return _ROUND
-    return _SWIVEL if axis in chain.tool or axis.tilted else _TILT
+    return axis.ends(*(_SWIVEL if axis in chain.tool or axis.tilted else _TILT))
 
 
 def usual_speed(chain: Chain) -> np.ndarray:

@@ -63,12 +63,12 @@ def model_limits(chain: Chain = FIVE_AXIS) -> Limits:
     """Joint ranges of the machine model; a joint without a range turns without end. Without limits where there is
     no model.
     """
-    if chain.nominal != FIVE_AXIS:
+    if chain.counter_clockwise.nominal != FIVE_AXIS:
         return Limits((-np.inf,) * chain.count, (np.inf,) * chain.count, chain=chain)
     root = ET.parse(model_file()).getroot()
     ranges = {j.get("name"): j.get("range") for j in root.iter("joint")}
-    ends = [tuple(map(float, text.split())) if (text := ranges[a]) else (-np.inf, np.inf) for a in chain.letters]
-    return Limits(tuple(e[0] for e in ends), tuple(e[1] for e in ends))
+    ends = [a.ends(*map(float, text.split())) if (text := ranges[a.letter]) else (-np.inf, np.inf) for a in chain.axes]
+    return Limits(tuple(e[0] for e in ends), tuple(e[1] for e in ends), chain=chain)
 
 
 def check_travel(motion: Commanded, limits: Limits, place: Callable[[int], str]) -> None:

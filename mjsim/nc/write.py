@@ -13,7 +13,7 @@ from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.files import write_whole
-from mjsim.machine.chain import Chain
+from mjsim.machine.chain import SENSES, Chain
 from mjsim.machine.kinematics import spindle_in_work
 from mjsim.nc.dialects import FEEDS, Dialect, dialect
 from mjsim.nc.limits import Limits, check_travel, model_limits, scale, speed_warnings
@@ -38,7 +38,7 @@ class Options:
             usual one.
         step_deg: angle φ from block to block, degrees. decimals, feed_decimals: of positions and of F; ``None``: the
             dialect's.
-        reversed: rotary axes whose command on the machine has the other sign.
+        reversed: rotary axes that this program counts in the other sense than the machine file says.
         rollover: the table axis written within 0 to 360°, short way round.
         number: program number (fanuc).
         whole_cycles: whether the step is made so much shorter that a control that rounds block times down to its
@@ -243,7 +243,7 @@ def _comment_lines(
 ) -> list[str]:
     x, y, z = (f"{v / MM:g}" for v in test.table_ball)
     kind = kind_of(test).words(test).translate(_PLAIN).encode("ascii", "replace").decode()
-    signs = ", ".join(f"{a}{'-' if a in o.reversed else '+'}" for a in test.chain.rotary)
+    senses = ", ".join(f"{a} {_sense(test.chain, a, o)}" for a in test.chain.rotary)
     axes, table = test.chain.letters, " and ".join(test.chain.round_axes)
     said = {
         "a11": f"path of {' '.join(axes)}, mm and deg alike, per min",
@@ -261,13 +261,20 @@ def _comment_lines(
         f"{abs(phi[1] - phi[0]) / DEG:.6g} deg, "
         f"{decimals} decimals, {motion.duration:.3f} s",
         f"{_zero_point(test.chain)}. {' '.join(test.chain.linear)}: spindle ball centre, {where}",
-        f"F: {said}. rotary signs {signs}, {table} {'0 to 360' if o.rollover else 'unwrapped'}",
+        f"F: {said}. {table} {'0 to 360' if o.rollover else 'unwrapped'}",
+        *([f"sense of the rotary axes, iso is that of ISO 841: {senses}"] if senses else []),
         "not tried on a real control: run it clear of everything first",
     ]
     begin, end = d.comment
     plain = [t.encode("ascii", "replace").decode().replace("(", "[").replace(")", "]") for t in lines]
     out = [f"{begin}{t.upper() if d.upper else t}{end}" for t in plain]
     return ["%", f"O{o.number:04d}", *out] if d.name == "fanuc" else out
+
+
+def _sense(chain: Chain, letter: str, o: Options) -> str:
+    """In which sense the words of an axis count."""
+    own = chain.sense(letter)
+    return SENSES[own == SENSES[0]] if letter in o.reversed else own
 
 
 def _zero_point(chain: Chain) -> str:

@@ -163,6 +163,7 @@ def _content(models: list[Model], start: int, final: Machine, repairs: WhatIf | 
     return {
         "summary": [
             ("Machine", f"{m.name}, configuration {m.configuration}"),
+            *([("Sense of the rotary axes (ISO 841)", m.chain.senses)] if m.chain.rotary else []),
             ("Campaign", f"{c.name}: {len(before.tests)} measured tests in {len(setups)} set-ups"),
             (
                 "Instrument",

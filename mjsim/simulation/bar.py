@@ -21,12 +21,14 @@ _TURN, _TILTED, _SLIDE = range(3)
 _MOTIONS = 5
 # A row of numbers for each axis: how it acts, its column, the coordinate of its letter, its unit vector and centre; the
 # shift and the rotation matrix of its frame; the direction of a slide; then of its error motions the sign of what is
-# moved, their columns (-1: none), their coordinates, and how they act. The centre of a slide is its functional point.
+# moved, their columns (-1: none), their coordinates, and how they act; last the sense of a rotary axis. The centre of a
+# slide is its functional point.
 _HOW, _COLUMN, _ALONG, _UNIT, _CENTRE, _SHIFT, _MATRIX, _LINE = 0, 1, 2, 3, 6, 9, 12, 21
 _SIGN, _MOTION, _MOTION_ALONG, _MOTION_HOW = 24, 25, 25 + _MOTIONS, 25 + 2 * _MOTIONS
 #: How an error motion acts: along a coordinate, about one, or along the centreline.
 _DISPLACE, _TILT, _AXIAL = range(3)
-_SIZE = 25 + 3 * _MOTIONS
+_CCW = 25 + 3 * _MOTIONS
+_SIZE = _CCW + 1
 
 
 def reading(chain: Chain, q: np.ndarray, point: np.ndarray, length: float, geometry: Geometry) -> np.ndarray:
@@ -63,6 +65,7 @@ def _side(chain: Chain, tool: bool, width: int) -> np.ndarray:
         row[[_COLUMN, _ALONG]] = chain.index(a.letter), a.along
         centre = a.point if a.rotary else chain.functional_point(a.letter)
         row[_UNIT : _UNIT + 3], row[_CENTRE : _CENTRE + 3] = a.unit, centre
+        row[_CCW] = a.ccw
         row[_SIGN] = 1.0 if a.rotary or tool else -1.0  # a slide moves the table, the error the spindle ball
         mine = [m for m in chain.motions[: width - chain.count] if m.axis == a.letter]
         for k, m in enumerate(mine):
@@ -146,7 +149,7 @@ def _reading(q, point, length, square, on_ground, crosswise, on_work, axes, out)
                         x, y, z = x + cx, y + cy, z + cz
                 x, y, z = x + at * axes[k, _LINE], y + at * axes[k, _LINE + 1], z + at * axes[k, _LINE + 2]
             elif how == _TURN:
-                x, y, z = _turned(axes[k, _ALONG], at, x, y, z)
+                x, y, z = _turned(axes[k, _ALONG], axes[k, _CCW] * at, x, y, z)
             else:
                 u, v, w = axes[k, _UNIT], axes[k, _UNIT + 1], axes[k, _UNIT + 2]
                 x, y, z = _about(u, v, w, at, x - cx, y - cy, z - cz)
@@ -156,7 +159,7 @@ def _reading(q, point, length, square, on_ground, crosswise, on_work, axes, out)
                         moved, along = sign * q[n, int(axes[k, _MOTION + i])], axes[k, _MOTION_ALONG + i]
                         x, y, z = _moved(along, moved, x, y, z)
                     elif axes[k, _MOTION + i] >= 0.0 and axes[k, _MOTION_HOW + i] == _AXIAL:
-                        moved = q[n, int(axes[k, _MOTION + i])]
+                        moved = axes[k, _CCW] * q[n, int(axes[k, _MOTION + i])]
                         x, y, z = (
                             x + moved * axes[k, _UNIT],
                             y + moved * axes[k, _UNIT + 1],

@@ -158,7 +158,7 @@ def _add_error_joints(spec: mujoco.MjSpec, chain: Chain, width: int) -> None:
         for m in (*(tilts if rotary else ()), *moves):
             # a slide that carries the table: the error is that of the spindle ball relative to it
             sign = -1.0 if work and not rotary else 1.0
-            direction = chain.axis(axis).direction if m.axial else np.eye(3)[m.along]
+            direction = chain.axis(axis).centreline if m.axial else np.eye(3)[m.along]
             body.add_joint(name=m.name, type=hinge if m.rotation else slide, axis=sign * direction)
         body.add_joint(name=axis, **kept)
         for m in () if rotary else tilts:

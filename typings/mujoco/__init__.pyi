@@ -168,6 +168,7 @@ class MjData:
 
 class _SpecJoint:
     axis: np.ndarray
+    range: np.ndarray
     armature: float
     @property
     def parent(self) -> _SpecBody: ...

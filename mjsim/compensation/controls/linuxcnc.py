@@ -5,7 +5,7 @@ from __future__ import annotations
 from mjsim.compensation.arithmetic import Arithmetic, Ramp, sticks
 from mjsim.compensation.controls.base import Control, table_and_tilt
 from mjsim.compensation.tables import Corrections, Grid, Table, scale
-from mjsim.machine.chain import Chain
+from mjsim.machine.chain import SENSES, Chain
 from mjsim.machine.reach import usual_speed
 from mjsim.units import MM
 
@@ -82,6 +82,7 @@ class LinuxCNC(Control):
         chain, k = corrections.chain, corrections.kinematics
         table, tilt = table_and_tilt(chain)
         letters = "".join(chain.linear + chain.rotary).lower()
+        senses = [chain.sense(a) for a in (table, tilt)]
         at = chain.axis(tilt).along
         across = 1 - at  # horizontal, at a right angle to the tilting axis
         names = {(e.axis, e.along): e.name for e in chain.location_errors if not e.rotation}
@@ -99,6 +100,10 @@ class LinuxCNC(Control):
             f"setp {letters}-trt-kins.{xyz[across]}-offset {offset / MM:.6f}",
             f"setp {letters}-trt-kins.{xyz[2]}-offset {of(tilt, 2) / MM:.6f}",
         ]
+        if senses[0] != senses[1]:
+            lines.append("# these kinematics count both axes in one sense, and this machine does not")
+        elif senses[0] == SENSES[0]:
+            lines.append(f"setp {letters}-trt-kins.conventional-directions 1")
         return "\n".join(lines) + "\n"
 
     def where(self) -> list[str]:

@@ -55,9 +55,7 @@ def turn_directions(problem: Problem, axis: str, teeth: float) -> list[TurnDirec
     """The directions in which tangential tests of an axis turned it, CW before CCW."""
     out = []
     for direction in ("CW", "CCW"):
-        mine = [
-            k for k, t in enumerate(problem.tests) if tangential(t, axis) and (t.stop > t.start) == (direction == "CCW")
-        ]
+        mine = [k for k, t in enumerate(problem.tests) if tangential(t, axis) and kind_of(t).way(t) == direction]
         if not mine:
             continue
         arcs = {k: _arc(problem, k, axis) for k in mine}

@@ -131,7 +131,11 @@ class PitchModel:
             {a: np.ascontiguousarray(m.motor(a, plant.axes[a], GRID_STEPS)) for a in p.chain.rotary} for m in p.motions
         ]
         self.share = [
-            {(a, w): _shares(x, BLEND, sign) for a, x in q.items() for w, sign in (("CCW", 1.0), ("CW", -1.0))}
+            {
+                (a, w): _shares(x, BLEND, sign * p.chain.axis(a).ccw)
+                for a, x in q.items()
+                for w, sign in (("CCW", 1.0), ("CW", -1.0))
+            }
             for q in self.position
         ]
 

@@ -115,8 +115,8 @@ def test_of(file: Path, t: BallBarTable, chain: Chain) -> BallBarTest:
         chain=chain,
         more=more,
         **given,
-        **kind.derived(given),
     )
+    test = kind.completed(test)
     if wrong := kind.wrong(test):
         raise InputError(f"{place}: {wrong}")
     _check_duration(place, test)

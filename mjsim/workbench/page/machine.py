@@ -57,7 +57,9 @@ class MachinePanel:
         self._coming: Posed | None = None
         with ui.element("div").classes("panel machine").mark("machine"):
             with ui.element("div").classes("title").style("z-index: 1"):
-                ui.label("Machine")
+                chain = live.bench.machine.chain
+                turns = f"; sense of the rotary axes (ISO 841): {chain.senses}" if chain.rotary else ""
+                ui.label("Machine").tooltip(f"{live.bench.machine.name}, {chain.configuration}{turns}")
                 self.about = ui.label().classes("soft").mark("magnified")
             if bodies is None:
                 ui.label(f"There is no model in 3D of {live.bench.machine.configuration}.").classes("soft q-pa-md")

@@ -143,9 +143,13 @@ class Kind(ABC):
         """The same path in the other direction."""
         return replace(test, direction="CW" if test.direction == "CCW" else "CCW")
 
-    def derived(self, given: dict[str, Any]) -> dict[str, Any]:
-        """Attributes of :class:`BallBarTest` that follow from the ones ``given`` in the file."""
-        return {}
+    def way(self, test: BallBarTest) -> str:
+        """``CCW`` or ``CW``: in which direction the test runs."""
+        return test.direction
+
+    def completed(self, test: BallBarTest) -> BallBarTest:
+        """A test with the attributes that follow from those in its file."""
+        return test
 
     def wrong(self, test: BallBarTest) -> str:
         """What is wrong with a test whose keys are right one by one; empty where nothing is."""
@@ -203,10 +207,15 @@ class Arc(Kind):
         return test.start, test.stop
 
     def turned(self, test: BallBarTest) -> BallBarTest:
-        return replace(test, start=test.stop, stop=test.start, direction="CCW" if test.start > test.stop else "CW")
+        back = replace(test, start=test.stop, stop=test.start)
+        return replace(back, direction=self.way(back))
 
-    def derived(self, given: dict[str, Any]) -> dict[str, Any]:
-        return {"direction": "CCW" if given["stop"] > given["start"] else "CW", "revolutions": 1}
+    def completed(self, test: BallBarTest) -> BallBarTest:
+        return replace(test, direction=self.way(test), revolutions=1)
+
+    def way(self, test: BallBarTest) -> str:
+        """``CCW`` where φ grows, ``CW`` where it falls."""
+        return "CCW" if test.stop > test.start else "CW"
 
     def ending(self, test: BallBarTest, stop: float) -> BallBarTest:
         """The same path as far as the command ``stop``, rad."""
@@ -234,6 +243,14 @@ class Arc(Kind):
                 "as both ends of the turn are left out"
             )
         return ""
+
+
+class Turn(Arc):
+    """An arc of which φ is the command of the rotary axis ``axis``."""
+
+    def way(self, test: BallBarTest) -> str:
+        """``CCW`` where the axis turns what it carries counter-clockwise, ``CW`` where clockwise."""
+        return "CCW" if (test.stop - test.start) * test.chain.axis(test.axis).ccw > 0.0 else "CW"
 
 
 def number_name(value: float) -> str:

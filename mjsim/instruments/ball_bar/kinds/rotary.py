@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mjsim.instruments.ball_bar.kinds.base import FROM, TO, Arc, Key, place_name, register
+from mjsim.instruments.ball_bar.kinds.base import FROM, TO, Key, Turn, place_name, register
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.chain import Axis, Chain
 from mjsim.machine.inverse import linear_positions
@@ -23,7 +23,7 @@ _NEAREST = 1e-3
 
 
 @register
-class Rotary(Arc):
+class Rotary(Turn):
     name = "rotary"
     keys = (_AXIS, FROM, TO, _SENSITIVE)
     moves_on_table = False
@@ -31,7 +31,7 @@ class Rotary(Arc):
     def path(self, test: BallBarTest, phi: np.ndarray) -> np.ndarray:
         OT = np.asarray(test.table_ball)
         turning = test.chain.axis(test.axis)
-        axis, across = turning.direction, _across(test)
+        axis, across = turning.ccw * turning.direction, _across(test)  # the bar stands where it stands in any sense
         radial = across / np.linalg.norm(across)
         bar = {"radial": radial, "axial": axis, "tangential": np.cross(axis, radial)}[test.sensitive]
         q = np.zeros((len(phi), test.chain.count))
@@ -78,8 +78,7 @@ class Rotary(Arc):
         return super().cannot(chain) or ("" if chain.rotary else "it turns a rotary axis, and the machine has none")
 
     def short_name(self, test: BallBarTest) -> str:
-        way = "cw" if test.stop < test.start else "ccw"
-        return f"rotary-{test.axis.lower()}-{test.sensitive}-{way}-{place_name(test)}"
+        return f"rotary-{test.axis.lower()}-{test.sensitive}-{self.way(test).lower()}-{place_name(test)}"
 
     def proposals(self, chain: Chain, length: float, height: float) -> Iterator[BallBarTest]:
         turn = {a.letter: _first_turn(chain, a) for a in (*chain.turning, *chain.swivelling)}
@@ -99,12 +98,13 @@ def _across(test: BallBarTest) -> np.ndarray:
     ball = np.zeros(3) if axis in test.chain.tool else np.asarray(test.table_ball)
     away = ball - axis.centre
     if not axis.tilted:
-        return away * (1.0 - axis.direction)
+        return away * (1.0 - np.abs(axis.direction))
     return away - (away @ axis.direction) * axis.direction
 
 
 def _first_turn(chain: Chain, axis: Axis) -> tuple[float, float, float]:
     """X of the table ball, m, and the ends of the first turn of an axis that a plan looks at, rad."""
     if axis.letter in chain.round_axes:
-        return 0.1, 0.0, 2 * np.pi
-    return (0.0, -60 * DEG, 60 * DEG) if axis in chain.tool else (0.0, -20 * DEG, 90 * DEG)
+        return 0.1, 0.0, axis.ccw * 2 * np.pi
+    low, high = (-60 * DEG, 60 * DEG) if axis in chain.tool else (-20 * DEG, 90 * DEG)
+    return 0.0, axis.ccw * low, axis.ccw * high

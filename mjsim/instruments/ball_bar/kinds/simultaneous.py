@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from mjsim.errors import InputError
-from mjsim.instruments.ball_bar.kinds.base import FROM, TO, Angle, Arc, Key, number_name, place_name, register
+from mjsim.instruments.ball_bar.kinds.base import FROM, TO, Angle, Key, Turn, number_name, place_name, register
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.chain import COORDINATES, Axis, Chain
 from mjsim.machine.inverse import linear_positions
@@ -35,7 +35,7 @@ _STEP = 1e-5
 
 
 @register
-class Simultaneous(Arc):
+class Simultaneous(Turn):
     """φ is the command of ``axis``; the other rotary axis turns in proportion. The spindle ball rests in the frame of
     the workpiece, and so does the bar.
     """
@@ -105,11 +105,10 @@ class Simultaneous(Arc):
         )
 
     def short_name(self, test: BallBarTest) -> str:
-        way = "cw" if test.stop < test.start else "ccw"
         axes = f"{test.axis}{_second(test)}".lower()
         turns = test.stop - test.start, float(test.more["second_stop"]) - float(test.more["second_start"])
         ends = "-".join(number_name(round(v / DEG)) for v in turns)
-        return f"simultaneous-{axes}-{ends}-{test.sensitive.lower()}-{way}-{place_name(test)}"
+        return f"simultaneous-{axes}-{ends}-{test.sensitive.lower()}-{self.way(test).lower()}-{place_name(test)}"
 
     def proposals(self, chain: Chain, length: float, height: float) -> Iterator[BallBarTest]:
         if self.cannot(chain):
@@ -162,6 +161,7 @@ def _fastest(chain: Chain, axis: str, start: float, stop: float, ball, length: f
 
 def _usual_turn(chain: Chain, axis: Axis) -> tuple[float, float]:
     """Ends of the turn of an axis that a plan looks at, rad."""
+    low, high = (0.0, 360 * DEG) if axis.letter in chain.round_axes else (-20 * DEG, 90 * DEG)
     if axis in chain.tool:
-        return (-90 * DEG, 90 * DEG) if axis.vertical else (-60 * DEG, 60 * DEG)
-    return (0.0, 2 * np.pi) if axis.letter in chain.round_axes else (-20 * DEG, 90 * DEG)
+        low, high = (-90 * DEG, 90 * DEG) if axis.vertical else (-60 * DEG, 60 * DEG)
+    return axis.ccw * low + 0.0, axis.ccw * high  # no minus before a zero
