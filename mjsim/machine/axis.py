@@ -95,7 +95,7 @@ class Axis(NamedTuple):
 
     @property
     def centreline(self) -> np.ndarray:
-        """Unit vector along the centreline, (3,): to the positive side of the coordinate of its letter, whatever the sense
+        """Unit vector along the centreline, (3,): to the positive side of the coordinate of its letter, in either sense
         of the axis. Errors along it are counted so (ISO 230-7).
         """
         return self.ccw * self.direction
