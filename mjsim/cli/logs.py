@@ -106,7 +106,7 @@ def change_of(e: dict) -> str:
 _SENTENCE = {
     "identified": "Identified: the effects below are missing, and nothing else explains the logs as well.",
     "ambiguous": "Ambiguous: some effects below cannot be told from others by these logs.",
-    "unknown": "Unknown: something is left that no effect of the catalogue explains.",
+    "unknown": "Unknown: more is left than a sound machine leaves, and no effect of the catalogue explains it.",
     "nothing_found": "Nothing found: the model explains the logs within the data sheet's tolerances.",
 }
 
@@ -114,6 +114,11 @@ _SENTENCE = {
 def show_diagnosis(data: dict) -> None:
     """A diagnosis' JSON as text."""
     common.paragraph(_SENTENCE[data["verdict"]])
+    is_first = data["unexplained"] and data["verdict"] == "unknown"
+    if is_first:
+        common.paragraph(data["unexplained"]["summary"])
+        if data["effects"]:
+            common.paragraph("The effects below describe a part of the error. The unknown cause may look like them.")
     if any(_symbol(a) == "um" for t in data["tests"] for a in t["axes"]):
         common.paragraph(
             f"residual RMS {data['rms_before_um']:.2f} µm as given, {data['rms_after_um']:.2f} µm with what was found; "
@@ -125,7 +130,7 @@ def show_diagnosis(data: dict) -> None:
     show_effects(data)
     click.echo()
     show_sheet(data)
-    if data["unexplained"]:
+    if data["unexplained"] and not is_first:
         click.echo()
         common.paragraph(data["unexplained"]["summary"])
     if data["not_testable"]:

@@ -2,7 +2,8 @@
 
 What a model fails to explain counts as noise: a recording's residuals are divided by their own RMS (never below the
 noise), and counted by how many independent ones they are worth, from their correlation. So priors keep their weight
-while a model is poor, and intervals are those of correlated residuals.
+while a model is poor, and intervals are those of correlated residuals. How much the final model leaves,
+and how probable that makes it, is the subject of :mod:`mjsim.estimation.axis_logs.discrepancy`.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from mjsim.estimation.axis_logs.data import AxisData
 from mjsim.estimation.axis_logs.derivatives import LOST, AxisRuns, columns
 from mjsim.estimation.axis_logs.descent import FALL, Descended, Priors, descend, mean_logs
+from mjsim.estimation.axis_logs.discrepancy import LogDiscrepancy, allowed_in, discrepancy_of
 from mjsim.estimation.axis_logs.entries import PHASE, SHIFT, START_TORQUE, ZERO, AxisModel
 from mjsim.estimation.axis_logs.likelihood import Gain, independent_count
 from mjsim.machine.model import Machine, build
@@ -42,6 +44,7 @@ class AxisFit:
         independent: How many independent residuals each test's are worth.
         weight: One over the standard deviation that each test's block means are given, 1/axis units.
         noise: RMS of each test's noise, axis units.
+        discrepancy: What the model leaves beside the noise; of the final model alone.
     """
 
     model: AxisModel
@@ -50,6 +53,7 @@ class AxisFit:
     independent: tuple[float, ...]
     weight: tuple[float, ...]
     noise: tuple[float, ...]
+    discrepancy: LogDiscrepancy | None = None
 
     @property
     def mean_squares(self) -> np.ndarray:
@@ -87,7 +91,7 @@ class LogFitter:
     """
 
     def __init__(self, machine: Machine, data: Sequence[AxisData], threads: int = 2) -> None:
-        self.data = tuple(data)
+        self.machine, self.data = machine, tuple(data)
         self._commands = [
             sampled(build(machine.under(d.test.controller)).axes[d.axis], d.time, d.record.command) for d in self.data
         ]
@@ -193,12 +197,15 @@ class LogFitter:
         )
 
     def polished(self, fit: AxisFit, steps: int = 3) -> AxisFit:
-        """A fit after some steps with central derivatives, which it keeps.
+        """A fit after some steps with central derivatives, which it keeps, and what it leaves.
 
         Along combinations that only the priors fix, one-sided derivatives lead astray.
         """
         fit = self.fit(fit.model, steps, 1, central=True)
-        return replace(fit, design=self.columns(fit.model, fit.model.vector, fit.residual, central=True))
+        design = self.columns(fit.model, fit.model.vector, fit.residual, central=True)
+        allowed = allowed_in(self.machine, fit.model, design, self.data)
+        left = discrepancy_of(fit.model, fit.residual, design, self.data, allowed)
+        return replace(fit, design=design, discrepancy=left)
 
     def _carried(self, model: AxisModel, residual, former: AxisFit) -> tuple[np.ndarray, ...]:
         """Derivatives at the start of a model: those of a similar one, and new ones for what that one has not."""

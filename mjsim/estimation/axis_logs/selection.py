@@ -15,6 +15,7 @@ from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter, gain, misfits
 from mjsim.estimation.axis_logs.found import AxisSelection, FoundCause
 from mjsim.estimation.axis_logs.gains import read_gains
 from mjsim.estimation.axis_logs.likelihood import Gain
+from mjsim.estimation.axis_logs.probability import probability_of
 from mjsim.estimation.axis_logs.promise import linear_step
 from mjsim.estimation.axis_logs.start import start_model
 from mjsim.estimation.axis_logs.trials import Trial, ahead, taken
@@ -257,4 +258,5 @@ class AxisSearch:
                 rejected[other.effect.id] = round(worse, 1)
         shows = without.mean_squares > (1.0 + _SHOWS) * fit.mean_squares
         tests = tuple(d.name for d, there in zip(self.fitter.data, shows, strict=True) if there)
-        return FoundCause(candidate.key, candidate.effect.id, own, tuple(competing), rejected, tests, competing)
+        p = probability_of(candidate, fit, without, self.fitter.data)
+        return FoundCause(candidate.key, candidate.effect.id, own, tuple(competing), rejected, tests, competing, p)

@@ -101,9 +101,10 @@ def log_diagnosis(
         for a, s in selections.items()
         if (r := unexplained_rest(fitters[a], s.fit, machine.drives[a].gear, settings)) is not None
     ]
+    probable = [e for e in effects if e.probability is None or e.probability >= 0.5]
     return LogDiagnosis(
         campaign,
-        verdict_of((e.is_open for e in effects), bool(rest)),
+        "unknown" if any(r.is_beyond for r in rest) else verdict_of((e.is_open for e in probable), bool(rest)),
         tuple(effects),
         tuple(n for a, s in selections.items() for n in sheet_of(machine, a, s)),
         tuple(i for s in selections.values() for i in inseparable(s.fit)),
@@ -186,6 +187,7 @@ def effects_of(selection: AxisSelection) -> list[DiagnosedEffect]:
             cause.rejected,
             found_by=LogTest.instrument,
             together=known_together(fit, effect.id, _order_of(cause)),
+            probability=cause.probability,
         )
         former = out.get(effect.id)
         if former is None or former.gain < mine.gain:
