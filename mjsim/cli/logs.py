@@ -133,8 +133,16 @@ def show_diagnosis(data: dict) -> None:
     if data["unexplained"] and not is_first:
         click.echo()
         common.paragraph(data["unexplained"]["summary"])
+    for e in data["encoders"]:
+        symbol, unit = ("um", "µm") if "rms_after_um" in e else ("deg", "°")
+        common.paragraph(
+            f"load less motor encoder of {e['axis']}: residual RMS {e[f'rms_before_{symbol}']:.3g} {unit} as given, "
+            f"{e[f'rms_after_{symbol}']:.3g} {unit} with what was found"
+        )
     if data["not_testable"]:
-        common.paragraph(f"not testable with an encoder on the motor alone: {', '.join(data['not_testable'])}")
+        common.paragraph(f"not testable with these encoders: {', '.join(data['not_testable'])}")
+    for f in data["signals"]:
+        common.paragraph(f["sentence"])
 
 
 def show_drive(data: dict) -> None:

@@ -191,11 +191,11 @@ class Catalogue:
         ripple, cogging = (model.machine.effect(f"{kind}.{self.axis}") for kind in ("torque_ripple", "cogging"))
         if ripple is None:
             made = [self._make("torque_ripple", amplitude_Nm=size, order=o, phase_deg=0.0) for o in orders]
-            return [Candidate(e, _wave(e, size)) for e in made]
+            return [Candidate(e, wave_entries(e, size)) for e in made]
         there = [ripple.values["order"], *([row[0] for row in cogging.values["components"]] if cogging else [])]
         fresh = [o for o in orders if not near(o, there)] if len(there) <= _MOST_WAVES else []
         made = [(o, self._make("cogging", components=[[o, size, 0.0]])) for o in fresh]
-        return [Candidate(e, _wave(e, size, f" {o:g}"), order=o) for o, e in made]
+        return [Candidate(e, wave_entries(e, size, f" {o:g}"), order=o) for o, e in made]
 
     def _friction(self) -> list[Candidate]:
         out = []
@@ -238,13 +238,13 @@ class Catalogue:
             out.append(Candidate(e, tuple(replace(self._linear(e, n, 0.05), deviation=20.0) for n in names)))
         for order in dict.fromkeys([1.0, *orders]):
             e = self._make("friction_ripple", amplitude_ratio=0.05, order=order)
-            out.append(Candidate(e, _wave(e, 0.05)))
+            out.append(Candidate(e, wave_entries(e, 0.05)))
         e = self._make("elastic_presliding", share_ratio=0.5)
         out.append(Candidate(e, (self._linear(e, "share_ratio", 0.1),)))
         return out
 
 
-def _wave(effect: Effect, size: float, order: str = "") -> tuple[Entry, Entry]:
+def wave_entries(effect: Effect, size: float, order: str = "") -> tuple[Entry, Entry]:
     """The two parts of a wave as entries: the motion is linear in them, unlike in amplitude and phase."""
     cosine = Entry(effect.id, f"cosine{order}", size, scale=size, deviation=_WAVES, centre=0.0)
     return cosine, replace(cosine, name=f"sine{order}", value=0.0)

@@ -74,9 +74,7 @@ def allowed_in(
         design: Derivatives of the modelled block means, (blocks, p) per recording.
         data: The recordings.
     """
-    tolerance = machine.tolerance or TYPICAL_TOLERANCE
-    limits, pitch = tolerance.get("friction", {}), tolerance.get("pitch_error", {})
-    most = pitch.get("deg", 0.0) * DEG if machine.chain.is_rotary(model.axis) else pitch.get("um", 0.0) * UM
+    limits, most = (machine.tolerance or TYPICAL_TOLERANCE).get("friction", {}), pitch_limit(machine, model.axis)
     place, out = model.place(f"friction.{model.axis}.coulomb_Nm"), []
     for d, columns in zip(data, design, strict=True):
         friction = 0.0
@@ -87,6 +85,12 @@ def allowed_in(
             friction = float(np.sqrt(np.mean(moved**2)))
         out.append(float(np.hypot(d.resolution, min(friction, most))))
     return tuple(out)
+
+
+def pitch_limit(machine: Machine, axis: str) -> float:
+    """Pitch error that an axis of a sound machine may have, axis units."""
+    pitch = (machine.tolerance or TYPICAL_TOLERANCE).get("pitch_error", {})
+    return pitch.get("deg", 0.0) * DEG if machine.chain.is_rotary(axis) else pitch.get("um", 0.0) * UM
 
 
 def discrepancy_of(

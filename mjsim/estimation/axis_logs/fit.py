@@ -203,9 +203,12 @@ class LogFitter:
         """
         fit = self.fit(fit.model, steps, 1, central=True)
         design = self.columns(fit.model, fit.model.vector, fit.residual, central=True)
-        allowed = allowed_in(self.machine, fit.model, design, self.data)
-        left = discrepancy_of(fit.model, fit.residual, design, self.data, allowed)
+        left = discrepancy_of(fit.model, fit.residual, design, self.data, self.allowed(fit.model, design))
         return replace(fit, design=design, discrepancy=left)
+
+    def allowed(self, model: AxisModel, design: Sequence[np.ndarray]) -> tuple[float, ...]:
+        """RMS that a sound machine may leave in each recording, axis units."""
+        return allowed_in(self.machine, model, design, self.data)
 
     def _carried(self, model: AxisModel, residual, former: AxisFit) -> tuple[np.ndarray, ...]:
         """Derivatives at the start of a model: those of a similar one, and new ones for what that one has not."""

@@ -15,14 +15,17 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import ndtr
 
+from mjsim.campaign.tolerance import TYPICAL_TOLERANCE, unit_of_size
 from mjsim.estimation.axis_logs.candidates import Candidate
 from mjsim.estimation.axis_logs.data import AxisData
 from mjsim.estimation.axis_logs.discrepancy import discrepancy_of
+from mjsim.estimation.axis_logs.entries import Entry
 from mjsim.estimation.axis_logs.fit import AxisFit
 from mjsim.estimation.axis_logs.together import deviation_along, leading_number
 from mjsim.estimation.axis_logs.trifles import OF_SHEET, WITHIN
 from mjsim.estimation.hypotheses import CAUSE
-from mjsim.machine.model import TOLERANCE
+from mjsim.machine.effect import Effect
+from mjsim.machine.model import TOLERANCE, Machine
 
 
 def probability_of(candidate: Candidate, fit: AxisFit, without: AxisFit, data: Sequence[AxisData]) -> float:
@@ -39,17 +42,29 @@ def probability_of(candidate: Candidate, fit: AxisFit, without: AxisFit, data: S
     odds = fit.discrepancy.evidence - less.evidence + CAUSE
     there = 1.0 / (1.0 + math.exp(-np.clip(odds, -700.0, 700.0)))
     share = min(fit.rms / max(without.rms, 1e-30), 1.0)
-    return there * _large(candidate, fit) * (1.0 - share * fit.discrepancy.probability)
+    return there * beyond_class(candidate, fit) * (1.0 - share * fit.discrepancy.probability)
 
 
-def _large(candidate: Candidate, fit: AxisFit) -> float:
-    """Probability that a cause that is there is larger than the data sheet's tolerance: nothing else has one."""
+def beyond_class(candidate: Candidate, fit: AxisFit) -> float:
+    """Probability that a cause that is there is larger than a machine of its class may have: than the tolerance of the
+    data sheet, or that of the machine.
+    """
     effect = fit.model.machine.effect(candidate.effect.id)
     assert effect is not None
     lead = leading_number(fit.model, effect, candidate.order)
-    if lead is None or effect.kind not in OF_SHEET:
+    limit = 0.0 if lead is None else _limit_of(fit.model.machine, effect, fit.model.entries[int(np.argmax(lead[0]))])
+    if lead is None or limit == 0.0:
         return 1.0
     direction, _, distance = lead
-    limit = WITHIN * TOLERANCE[OF_SHEET[effect.kind]]
     spread = max(deviation_along(fit.covariance, direction, []), 1e-12)
+    # both ends of what a sound machine may have
     return float(ndtr((distance - limit) / spread) + ndtr((-distance - limit) / spread))
+
+
+def _limit_of(machine: Machine, effect: Effect, entry: Entry) -> float:
+    """What a machine of its class may have of an effect, in units of the vector; zero where nothing says so."""
+    if effect.kind in OF_SHEET:
+        return WITHIN * TOLERANCE[OF_SHEET[effect.kind]]
+    limits = (machine.tolerance or TYPICAL_TOLERANCE).get(effect.kind, {})
+    unit = unit_of_size(effect.parameters_of(effect.subject)[0], effect.subject)
+    return limits.get(unit, 0.0) / entry.scale if not entry.log else 0.0

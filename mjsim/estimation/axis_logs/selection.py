@@ -67,16 +67,20 @@ class AxisSearch:
         shared: Sequence[Entry] = (),
     ) -> None:
         self.machine, self.settings, self.progress, self.shared = machine, settings, progress, tuple(shared)
-        self.fitter = LogFitter(machine, data, threads)
         # one fit does not keep all cores busy; of its own, as these fits wait for the simulations of the fitter's
         self._fits = Workers(threads)
-        self.catalogue = Catalogue(machine, data)
         self.axis = data[0].axis
+        self._prepare(machine, data, threads)
+
+    def _prepare(self, machine: Machine, data: Sequence[AxisData], threads: int) -> None:
+        """What fits, what is looked for, and what recorded outputs say."""
+        self.fitter = LogFitter(machine, data, threads)
+        self.catalogue = Catalogue(machine, data)
         self.gains = read_gains(machine, data)
 
     def run(self, max_effects: int = 8) -> AxisSelection:
         """Search with at most ``max_effects`` causes."""
-        given = fit_as_given(self.fitter, self.machine)
+        given = self.as_given()
         if all(np.ptp(d.record.command) <= d.resolution for d in self.fitter.data):  # it stood still all the time
             return AxisSelection(self.axis, given, given, (given,), self.fitter.polished(given), ())
         fit = sheet = self.sheet()
@@ -106,6 +110,14 @@ class AxisSearch:
         causes = self._fits.map(judged, enumerate(lesser.items()))
         kept = tuple(sorted((c for c in causes if c.gain > 0.0), key=lambda c: -c.gain))
         return AxisSelection(self.axis, given, sheet, tuple(ladder), fit, kept, tuple(self.gains), tuple(order))
+
+    def as_given(self) -> AxisFit:
+        """The machine as it is."""
+        return fit_as_given(self.fitter, self.machine)
+
+    def orders(self, fit: AxisFit) -> list[float]:
+        """Orders of waves over the motor's angle that stand out of what a fit leaves."""
+        return strongest_orders(self.fitter, fit)
 
     def sheet(self) -> AxisFit:
         """The data sheet fitted within its priors."""
@@ -157,7 +169,7 @@ class AxisSearch:
             sheet: Also start from the printed data sheet: one that was bent to stand for what is missing hides it.
         """
         best: dict[str, tuple[Gain, Candidate, AxisModel]] = {}
-        orders, bases = strongest_orders(self.fitter, fit), [fit]
+        orders, bases = self.orders(fit), [fit]
         if sheet:
             bases.append(self.fitter.evaluated(fit.model.as_printed()))
         for base in bases:

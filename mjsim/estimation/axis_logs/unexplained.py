@@ -36,6 +36,7 @@ class UnexplainedRest:
         allowed: RMS that a sound machine may leave there.
         probability: That more than this is left.
         worst: Test, time, s, and position of the largest residual, axis units.
+        between: Whether it is left of the difference of two encoders.
     """
 
     axis: str
@@ -48,6 +49,7 @@ class UnexplainedRest:
     allowed: float
     probability: float
     worst: tuple[str, float, float]
+    between: bool = False
 
     @property
     def is_beyond(self) -> bool:

@@ -30,7 +30,6 @@ _LARGEST = {"torque": 1e4, "force": 1e6, "control": 1e3, "current": 1e3}
 _LARGEST |= dict.fromkeys(("torque_share", "current_share", "control_share"), 10.0)
 #: Channels whose values the diagnosis does not use yet, and why.
 NOT_USED = {
-    "load": "its difference to the motor's encoder is looked at by identify pitch-error alone",
     "velocity_command": "gains are taken from the motion",
     "velocity": "the position says the same",
     "control": "it is no torque without the constants of amplifier and motor; record the torque in N m",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from mjsim.estimation.axis_logs.fit import AxisFit
 from mjsim.estimation.axis_logs.found import AxisSelection
 from mjsim.estimation.axis_logs.separability import Inseparable
 from mjsim.estimation.axis_logs.unexplained import UnexplainedRest
+from mjsim.instruments.axis_log.signals import Finding
 from mjsim.machine.model import Machine
 from mjsim.units import DEG, MM, UM
 from mjsim.workflow.axis_log.compare import LogComparison
@@ -73,6 +74,8 @@ class LogDiagnosis:
         before: Comparison of the machine as given.
         after: Comparison of the fitted machine.
         selections: The searches, by axis.
+        between: The searches between the two encoders of an axis, by axis.
+        signals: What the recorded channels are like, and which of them were not used.
     """
 
     campaign: Campaign
@@ -86,6 +89,8 @@ class LogDiagnosis:
     before: LogComparison
     after: LogComparison
     selections: Mapping[str, AxisSelection]
+    between: Mapping[str, AxisSelection] = field(default_factory=dict)
+    signals: tuple[Finding, ...] = ()
 
     @property
     def probabilities(self) -> dict[str, float]:
@@ -100,7 +105,7 @@ class LogDiagnosis:
 
     @property
     def _fits(self) -> list[AxisFit]:
-        return [s.fit for s in self.selections.values()]
+        return [s.fit for s in (*self.selections.values(), *self.between.values())]
 
     def to_json(self) -> dict:
         """The JSON of ``mjsim diagnose``: keys as for ball-bar tests, and the data sheet."""
@@ -113,6 +118,8 @@ class LogDiagnosis:
             "rms_after_um": rounded(self.after.rms / UM),
             **self._rotary(),
             "effects": [e.to_json(self.machine) for e in self.effects],
+            "signals": [f.to_json() for f in self.signals],
+            "encoders": [self._encoders_json(a, s) for a, s in self.between.items()],
             "unexplained": self._rest_json(rest) if rest else None,
             "not_testable": list(self.not_testable),
             "data_sheet": [s.to_json() for s in self.sheet],
@@ -129,6 +136,13 @@ class LogDiagnosis:
         if before is None or after is None:
             return {}
         return {"rms_before_deg": rounded(before / DEG), "rms_after_deg": rounded(after / DEG)}
+
+    def _encoders_json(self, axis: str, s: AxisSelection) -> dict:
+        """How well the transmission explains the difference of the two encoders of an axis."""
+        rotary = self.machine.chain.is_rotary(axis)
+        unit, symbol = (DEG, "deg") if rotary else (UM, "um")
+        numbers = {"rms_before": s.given.rms, "rms_after": s.fit.rms}
+        return {"axis": axis} | {f"{k}_{symbol}": rounded(v / unit) for k, v in numbers.items()}
 
     def _rest_json(self, rest: UnexplainedRest) -> dict:
         rotary = self.machine.chain.is_rotary(rest.axis)
@@ -157,7 +171,8 @@ class LogDiagnosis:
         """What is left, where, and how much a sound machine would leave."""
         unit, travel, small, large = (DEG, DEG, "°", "°") if rotary else (UM, MM, "µm", "mm")
         name, time, place = rest.worst
-        said = f"On {rest.axis}, {rest.left / unit:.3g} {small} RMS are left"
+        place_of = "Between the encoders of" if rest.between else "On"
+        said = f"{place_of} {rest.axis}, {rest.left / unit:.3g} {small} RMS are left"
         if rest.is_beyond:
             said += f", and a sound machine leaves at most {rest.allowed / unit:.2g} {small}"
         said += f". The largest error is at {time:.3f} s of {name}, at {place / travel:.4g} {large}. "
