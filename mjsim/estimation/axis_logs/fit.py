@@ -132,10 +132,20 @@ class LogFitter:
         """Modelled samples of recording ``k``, (n,) axis units: the simulated motion with the nuisances."""
         d = self.data[k]
         motion = self.motion(model, vector, k, axes)
-        shift, zero = (model.nuisance(vector, n, d.name) for n in (SHIFT, ZERO))
+        shift, zero = self._late(model, vector, d, axes), model.nuisance(vector, ZERO, d.name)
         if not shift and self._commands[k].as_recorded:
             return motion.position + zero
         return motion.at(d.time - shift) + zero
+
+    def _late(self, model: AxisModel, vector: np.ndarray, d: AxisData, axes: AxisRuns | None) -> float:
+        """Time, s, by which a recording is late: by its clock, and by a delay of the command that is fitted.
+
+        A delay that the machine file has is none of the second kind. Its recording may have the command behind it.
+        """
+        shift = model.nuisance(vector, SHIFT, d.name)
+        if not any(e.owner == f"servo_delay.{model.axis}" for e in model.entries):
+            return shift
+        return shift + (axes or self.axes(model, vector))[d.test.controller].delay
 
     def means(self, axes: AxisRuns, model: AxisModel, vector: np.ndarray, k: int) -> np.ndarray:
         """Modelled block means of recording ``k``, (blocks,) axis units.
@@ -149,7 +159,7 @@ class LogFitter:
         d = self.data[k]
         if not self._commands[k].as_recorded:
             return d.means(self.positions(model, vector, k, axes))
-        shift, zero = (model.nuisance(vector, n, d.name) for n in (SHIFT, ZERO))
+        shift, zero = self._late(model, vector, d, axes), model.nuisance(vector, ZERO, d.name)
         axis, start = self._under(axes, model, vector, k)
         return block_means(axis, self._commands[k], start, shift, d.block)[: d.blocks] + zero
 

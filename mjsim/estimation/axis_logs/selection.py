@@ -75,8 +75,8 @@ class AxisSearch:
     def _prepare(self, machine: Machine, data: Sequence[AxisData], threads: int) -> None:
         """What fits, what is looked for, and what recorded outputs say."""
         self.fitter = LogFitter(machine, data, threads)
-        self.catalogue = Catalogue(machine, data)
         self.gains = read_gains(machine, data)
+        self.catalogue = Catalogue(machine, data, self.gains)
 
     def run(self, max_effects: int = 8) -> AxisSelection:
         """Search with at most ``max_effects`` causes."""

@@ -9,6 +9,7 @@ import numpy as np
 from mjsim.estimation.axis_logs.candidates import FRICTION, Candidate
 from mjsim.estimation.axis_logs.entries import AxisModel
 from mjsim.estimation.axis_logs.fit import AxisFit
+from mjsim.estimation.axis_logs.start import MOST_SHIFT
 from mjsim.machine.model import TOLERANCE
 
 #: Kinds whose ratio is that of a number of the data sheet.
@@ -39,6 +40,8 @@ def is_trifle(model: AxisModel, candidate: Candidate) -> bool:
         return True
     if effect.kind in OF_SHEET:
         return abs(math.log(effect.values["ratio"])) < WITHIN * TOLERANCE[OF_SHEET[effect.kind]]
+    if effect.kind == "servo_delay":  # a recorder may be so late
+        return abs(effect.values["delay_ms"]) <= MOST_SHIFT * candidate.entries[0].scale
     if effect.kind == "friction_direction":
         return abs(effect.values["share_ratio"]) < _DIRECTION
     friction = model.machine.effect(f"{FRICTION}.{model.axis}")

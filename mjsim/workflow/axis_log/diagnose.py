@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import pairwise
@@ -16,6 +16,7 @@ from mjsim.estimation.axis_logs.encoders import BETWEEN, EncoderFitter, EncoderS
 from mjsim.estimation.axis_logs.entries import CONTROLLER, Entry
 from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter
 from mjsim.estimation.axis_logs.found import AxisSelection, FoundCause
+from mjsim.estimation.axis_logs.gains import unused
 from mjsim.estimation.axis_logs.selection import AxisSearch
 from mjsim.estimation.axis_logs.separability import inseparable
 from mjsim.estimation.axis_logs.together import known_together
@@ -23,7 +24,7 @@ from mjsim.estimation.axis_logs.unexplained import unexplained_rest
 from mjsim.estimation.outcome import verdict_of
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
-from mjsim.instruments.axis_log.signals import findings
+from mjsim.instruments.axis_log.signals import Finding, findings, not_used_because
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
@@ -131,8 +132,18 @@ def log_diagnosis(
         after,
         selections,
         between,
-        tuple(f for f in findings(campaign.measured, campaign.traces, campaign.instrument) if not f.refused),
+        tuple(_signals(campaign, machine, fitters, selections)),
     )
+
+
+def _signals(
+    campaign: Campaign, machine: Machine, fitters: Mapping[str, LogFitter], selections: Mapping[str, AxisSelection]
+) -> Iterator[Finding]:
+    """What the recorded channels are like, and which of them this diagnosis did not use."""
+    yield from (f for f in findings(campaign.measured, campaign.traces, campaign.instrument) if not f.refused)
+    for axis, s in selections.items():
+        for (test, name), why in unused(machine, fitters[axis].data, s.gains).items():
+            yield not_used_because(test, axis, name, why)
 
 
 def hidden_effects(campaign: Campaign, machine: Machine) -> list[str]:
