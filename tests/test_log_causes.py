@@ -81,4 +81,22 @@ def test_a_channel_that_says_nothing_is_named_with_the_reason(diagnosed):
         return np.gradient(command, control.sample) + 0.02 * random
 
     said = [f.sentence for f in diagnosed(control, velocity=strange).signals if f.kind == "not used"]
-    assert len(said) == 1 and "velocity command of X is recorded and not used" in said[0] and "following error" in said[0]
+    assert len(said) == 1 and "velocity command of X is recorded and not used" in said[0]
+    assert "following error" in said[0]
+
+
+@pytest.mark.parametrize(("share", "gain"), [(0.3, 0.06), (0.5, 0.1)])
+def test_a_friction_that_grows_with_the_torque(tmp_path, share, gain):
+    """A screw of bad efficiency is no friction that rises with the speed."""
+    axis, control = Axis(coulomb=0.05, loss=share), Control(velocity_gain=gain, integral_time=0.04, feedforward=1.0)
+    command = to_and_fro(control.sample)
+    actual, _ = record(axis, control, command, 0.02e-6)
+    (tmp_path / "strokes.csv").write_text(csv(command, actual))
+    (tmp_path / "campaign.toml").write_text(CAMPAIGN)
+    (tmp_path / "machine.toml").write_text(machine_toml(axis, control, False, 0.05))
+    result = diagnose_logs(read_campaign(tmp_path), read_machine(tmp_path / "machine.toml"))
+    assert [e.effect.id for e in result.effects] == ["torque_loss.X"] and result.verdict == "identified"
+    (found,) = result.effects
+    low, high = found.ci95["share_ratio"]
+    assert low < share < high and found.effect.values["share_ratio"] == pytest.approx(share, rel=0.05)
+    assert result.after.rms < 0.2e-6

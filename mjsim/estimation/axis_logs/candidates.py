@@ -252,6 +252,8 @@ class Catalogue:
             e = self._make("rest_friction", excess_ratio=0.3, way_rad=way * self.gear, rest_s=_REST)
             rest = replace(self._log(e, "rest_s"), deviation=_REST_WIDE)
             out.append(Candidate(e, (self._linear(e, "excess_ratio", 0.1), self._log(e, "way_rad"), rest)))
+        e = self._make("torque_loss", share_ratio=0.1)
+        out.append(Candidate(e, (self._linear(e, "share_ratio", 0.1),)))
         e = self._make("viscous_direction", share_ratio=0.05)
         out.append(Candidate(e, (self._linear(e, "share_ratio", 0.05),)))
         e = self._make("friction_direction", share_ratio=0.05)
