@@ -111,7 +111,7 @@ def change_of(e: dict) -> str:
 _SENTENCE = {
     "identified": "Identified: the effects below are missing, and nothing else explains the logs as well.",
     "ambiguous": "Ambiguous: some effects below cannot be told from others by these logs.",
-    "unknown": "Unknown: something is left that no effect of the catalogue explains.",
+    "unknown": "Unknown: more is left than a sound machine leaves, and no effect of the catalogue explains it.",
     "nothing_found": "Nothing found: the model explains the logs within the data sheet's tolerances.",
 }
 
@@ -119,6 +119,11 @@ _SENTENCE = {
 def show_diagnosis(data: dict) -> None:
     """A diagnosis' JSON as text."""
     common.paragraph(_SENTENCE[data["verdict"]])
+    is_first = data["unexplained"] and data["verdict"] == "unknown"
+    if is_first:
+        common.paragraph(data["unexplained"]["summary"])
+        if data["effects"]:
+            common.paragraph("The effects below describe a part of the error. The unknown cause may look like them.")
     if any(_symbol(a) == "um" for t in data["tests"] for a in t["axes"]):
         common.paragraph(
             f"residual RMS {data['rms_before_um']:.2f} µm as given, {data['rms_after_um']:.2f} µm with what was found; "
@@ -130,11 +135,19 @@ def show_diagnosis(data: dict) -> None:
     show_effects(data)
     click.echo()
     show_sheet(data)
-    if data["unexplained"]:
+    if data["unexplained"] and not is_first:
         click.echo()
         common.paragraph(data["unexplained"]["summary"])
+    for e in data["encoders"]:
+        symbol, unit = ("um", "µm") if "rms_after_um" in e else ("deg", "°")
+        common.paragraph(
+            f"load less motor encoder of {e['axis']}: residual RMS {e[f'rms_before_{symbol}']:.3g} {unit} as given, "
+            f"{e[f'rms_after_{symbol}']:.3g} {unit} with what was found"
+        )
     if data["not_testable"]:
-        common.paragraph(f"not testable with an encoder on the motor alone: {', '.join(data['not_testable'])}")
+        common.paragraph(f"not testable with these encoders: {', '.join(data['not_testable'])}")
+    for f in data["signals"]:
+        common.paragraph(f["sentence"])
 
 
 def show_drive(data: dict) -> None:

@@ -230,13 +230,7 @@ class LinearModel:
 
     def _solved(self, sizes: Sizes) -> tuple[float, np.ndarray]:
         """Log evidence without the prior of the sizes, and the step of the parameters, (p,)."""
-        gram, score, square, log_det = self.normal(sizes)
-        factor = cho_factor(gram + np.diag(self.precision), lower=True)
-        pull = score - self.precision * self.departure
-        step = cho_solve(factor, pull)
-        square = square + self.precision @ self.departure**2 - pull @ step
-        flexibility = 2.0 * np.log(np.diag(factor[0])).sum() - np.log(self.precision).sum()
-        return -0.5 * float(square + log_det + flexibility), step
+        return marginalised(*self.normal(sizes), self.precision, self.departure)
 
     def log_evidence(self, sizes: Sizes) -> float:
         """Log evidence of the data with the prior of the sizes."""
@@ -280,6 +274,32 @@ class LinearModel:
             across = rest[at] @ rest[at] - np.square(basis.T @ rest[at]).sum()
             out[k] = math.sqrt((_KNOWN_NOISE + across) / (_KNOWN_NOISE + len(rest[at]) - basis.shape[1]))
         return out
+
+
+def marginalised(
+    gram: np.ndarray,
+    score: np.ndarray,
+    square: float,
+    log_det: float,
+    precision: np.ndarray,
+    departure: np.ndarray,
+) -> tuple[float, np.ndarray]:
+    """Log evidence of a linear model with its parameters marginalised, and their step, (p,).
+
+    Args:
+        gram: Products of the columns with the inverse covariance between them, (p, p).
+        score: Those of the columns with the residual, (p,).
+        square: That of the residual with itself.
+        log_det: Logarithm of the covariance's determinant.
+        precision: Prior precisions of the parameters, (p,).
+        departure: How far they are from their prior means, (p,).
+    """
+    factor = cho_factor(gram + np.diag(precision), lower=True)
+    pull = score - precision * departure
+    step = cho_solve(factor, pull)
+    square = square + precision @ departure**2 - pull @ step
+    flexibility = 2.0 * np.log(np.diag(factor[0])).sum() - np.log(precision).sum()
+    return -0.5 * float(square + log_det + flexibility), step
 
 
 def _spectrum(corner: float, exponent: float) -> np.ndarray:

@@ -43,7 +43,8 @@ class AxisPlant:
     of the viscous friction (shares by direction), ``friction_ripple`` (share of the level, order, phase), ``waves``
     (further ripples of the torque), ``by_position`` (change of the level per rad and rad² of the motor), ``rising``
     friction (N·m, rad/s at which it saturates), ``resting`` friction (share of the level that a rest adds, way after
-    which it is gone, rad, time in which it forms, s), ``hold`` (share of the level up to which the bristles are
+    which it is gone, rad, time in which it forms, s), ``torque_loss`` (growth of the level per torque of the motor),
+    ``hold`` (share of the level up to which the bristles are
     elastic), and ``control``.
     """
 
@@ -72,6 +73,7 @@ class AxisPlant:
     waves: tuple[tuple[float, float, float], ...] = ()
     viscous_share: float = 0.0
     resting: tuple[float, float, float] = (0.0, 1.0, 1.0)
+    torque_loss: float = 0.0
     control: Control = field(default_factory=Control)
 
     def key(self) -> tuple:

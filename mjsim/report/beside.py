@@ -22,7 +22,7 @@ from mjsim.workflow.finding import DiagnosedEffect
 _SENTENCES = {
     "identified": "These effects are missing from the model, and nothing else explains the logs as well.",
     "ambiguous": "Some of these effects cannot be told from others by these logs.",
-    "unknown": "Something is left that no effect of the catalogue explains.",
+    "unknown": "More is left than a sound machine leaves, and no effect of the catalogue explains it.",
     "nothing_found": "The model explains the logs within the tolerances of the data sheet.",
 }
 #: Findings that the first box names.

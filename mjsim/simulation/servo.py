@@ -11,7 +11,7 @@ no sampling time is continuous: r, y and their rates are then those of the middl
 :mod:`mjsim.simulation.drive`: the linear part exact, the LuGre bristle by its own exponential at the mid velocity, with
 
     g(ω, θ) = Tc [1 + (static_ratio − 1) exp(−(ω/ω_s)²)] (1 + asymmetry·sign ω) (1 + linear·θ + quadratic·θ²)
-              · (1 + a sin(order·θ + phase)) (1 + excess·s),   ds/dt = (1 − s)/rest − s |ω|/way
+              · (1 + a sin(order·θ + phase)) (1 + excess·s) (1 + loss·|u|/Tc),   ds/dt = (1 − s)/rest − s |ω|/way
 
 and beside the bristle a friction torque that rises and saturates, Tr (1 − exp(−|ω|/ω_r)) sign ω, a share of the
 viscous torque that does not turn with the direction, and torques that vary with θ.

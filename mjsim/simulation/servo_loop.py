@@ -15,9 +15,9 @@ from mjsim.simulation.servo_filters import filters
 # parameters of one axis
 _J, _C, _CONSTANT, _COULOMB, _SIGMA0, _SIGMA1, _STATIC, _STRIBECK, _ASYMMETRY, _RISE, _RISE_AT = range(11)
 _CLIP, _DELAY, _ANTI_WINDUP, _RATE, _GAIN, _HOLD, _LINEAR, _QUADRATIC = range(11, 19)
-_WAVE, _TAPS, _EVEN, _EXCESS, _WAY, _REST = range(19, 25)
-_R, _S, _T = 25, 25 + MOST_COEFFICIENTS, 25 + 2 * MOST_COEFFICIENTS
-_SIZE = 25 + 3 * MOST_COEFFICIENTS
+_WAVE, _TAPS, _EVEN, _EXCESS, _WAY, _REST, _LOSS = range(19, 26)
+_R, _S, _T = 26, 26 + MOST_COEFFICIENTS, 26 + 2 * MOST_COEFFICIENTS
+_SIZE = 26 + 3 * MOST_COEFFICIENTS
 #: Longest delay, samples of the control, and outputs that are kept, a power of two.
 MOST_DELAY = 200
 _RING = 256
@@ -45,6 +45,7 @@ def parameters(axis: AxisPlant, step: float) -> np.ndarray:
     if p.coulomb > 0.0:
         s0 = p.coulomb / p.presliding
         out[[_COULOMB, _SIGMA0, _SIGMA1]] = p.coulomb, s0, 0.3 * math.sqrt(s0 * p.inertia)
+        out[_LOSS] = p.torque_loss / p.coulomb
     out[[_ASYMMETRY, _RISE, _RISE_AT, _HOLD]] = p.asymmetry, *p.rising, p.hold
     out[[_LINEAR, _QUADRATIC]] = p.by_position
     out[_WAVE] = p.friction_ripple[0]
@@ -102,12 +103,13 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
     z, place = 0.0, _place(p, turned, th)
     speed_part, rising = _at_speed(p, om)
     rested = 1.0 if om == 0.0 else _rested(p, 1.0, om, 1e9)  # share of the friction of a long rest
-    aged = 1.0 + p[_EXCESS] * rested
+    aged, loaded = 1.0 + p[_EXCESS] * rested, 1.0 + p[_LOSS] * abs(first)  # factors on the level: of rest, and torque
     if tc > 0.0:
         z = (first - p[_CONSTANT] - wave) * of_s0
-        z = min(max(z, -tc * aged * of_s0), tc * aged * of_s0)
+        most = tc * aged * loaded * of_s0
+        z = min(max(z, -most), most)
         if om != 0.0:  # it slides already
-            z = math.copysign(_level(p, om, speed_part * place * aged) * of_s0, om)
+            z = math.copysign(_level(p, om, speed_part * place * aged * loaded) * of_s0, om)
     outputs = np.full(_RING, first)
     whole = min(int(p[_DELAY]), MOST_DELAY - 1)
     part = min(max(p[_DELAY] - whole, 0.0), 1.0)
@@ -140,8 +142,9 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
             tau = (1.0 - part) * here + part * earlier
         torque[k] = tau
         split = False
+        loaded = 1.0 + p[_LOSS] * abs(tau)
         if tc > 0.0:
-            level = _level(p, om, speed_part * place * aged)
+            level = _level(p, om, speed_part * place * aged * loaded)
             end = om + step * of_j * (tau - p[_C] * om - p[_CONSTANT] - s0 * z)
             # where the bristles slide, and the axis does not turn back within a sample, friction is constant
             slides = z * om > 0.0 and abs(abs(z) * s0 - level) < SLIDING * level and end * om > 0.0
@@ -180,7 +183,7 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
                 now = f + p[_EVEN] * abs(om) + math.copysign(rising, om)
                 if tc > 0.0:
                     place = _place(p, turned, middle)
-                    g = _level(p, om, speed_part * place * aged)
+                    g = _level(p, om, speed_part * place * aged * loaded)
                     slip = abs(om) * s0 * z / g
                     now += s0 * z + s1 * (om - (slip * _slip(p, z, om, g) if p[_HOLD] != 0.0 else slip))
                 mid = om + 0.5 * h * (of_j * (tau - now) - rate * om)
@@ -191,7 +194,7 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
                     rested = _rested(p, rested, mid, h)
                     aged = 1.0 + p[_EXCESS] * 0.5 * (earlier_rested + rested)
                 if tc > 0.0:
-                    g = _level(p, mid, speed_part * place * aged)
+                    g = _level(p, mid, speed_part * place * aged * loaded)
                     way = g * of_s0
                     if p[_HOLD] != 0.0:
                         way /= _slip(p, z, mid, g)

@@ -89,6 +89,7 @@ def _result(
     before = compare_logs(campaign, given.before.machine, threads, progress)
     has_rest = bool(bar.unexplained or logs.rest)
     verdict = verdict_of((bool(e.alternatives) or e.contradicted for e in found), has_rest)
+    verdict = "unknown" if any(r.is_beyond for r in logs.rest) else verdict
     seen = {f"{kind}.{a}" for a in judged.axes for kind in MOTOR_SIDE if exists(f"{kind}.{a}", final)}
     named = {e.effect.id for e in found} | {a for e in found for a in e.alternatives}
     posterior = judged.model.posterior if judged.model is not None else bar.posterior

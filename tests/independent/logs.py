@@ -2,7 +2,7 @@
 
 x = Kpp (r − y) + ratio·Δr/h − Δy/h,   u = Kvp [x + (1/Ti) Σ ½(x + x₋₁) h]      every sample h, held
 J dω/dt = u − C (ω + share |ω|) − c − a sin(n θ + φ) − F,     F = σ0 z + σ1 dz/dt,  dz/dt = ω − |ω| σ0 z / g
-g is multiplied by 1 + excess·s after a rest:  ds/dt = (1 − s)/rest − s |ω|/way,  s = 1 at the start
+g grows by loss·|u|, and times 1 + excess·s after a rest:  ds/dt = (1 − s)/rest − s |ω|/way,  s = 1 at the start
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ class Axis:
     excess: float = 0.0
     way: float = 1.0
     rest: float = 1.0
+    loss: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class Control:
 
 @njit(cache=True)
 def _run(r, h, steps, axis, control, th, u_start, error, resolution, position, torque):
-    j, c, tc, pre, static, stribeck, constant, ripple, phase, order, even, excess, way, rest = axis
+    j, c, tc, pre, static, stribeck, constant, ripple, phase, order, even, excess, way, rest, loss = axis
     kpp, kvp, of_ti, ff, delay = control
     s0 = tc / pre if tc > 0.0 else 0.0
     dt = h / steps
@@ -73,7 +74,7 @@ def _run(r, h, steps, axis, control, th, u_start, error, resolution, position, t
         u = held[(k - int(delay)) % 64] if k >= delay else u_start
         position[k], torque[k] = y, u
         for _ in range(steps):
-            level = tc * (1.0 + excess * rested)
+            level = tc * (1.0 + excess * rested) + loss * abs(u)
             a, rate = _rates(om, z, th, u, j, c, level, s0, static, stribeck, constant, ripple, phase, order, even)
             b, mid = _rates(
                 om + 0.5 * dt * a,
@@ -124,6 +125,7 @@ def record(
         axis.excess,
         axis.way,
         axis.rest,
+        axis.loss,
     )
     of_ti = 0.0 if np.isinf(control.integral_time) else 1.0 / control.integral_time
     law = (control.position_gain, control.velocity_gain, of_ti, control.feedforward, float(control.delay_samples))

@@ -10,8 +10,9 @@ import numpy as np
 
 from mjsim.effects import registry
 from mjsim.estimation.axis_logs.data import AxisData
-from mjsim.estimation.axis_logs.entries import AxisModel, Entry
-from mjsim.estimation.axis_logs.start import only, typical_torque
+from mjsim.estimation.axis_logs.entries import SHIFT, AxisModel, Entry
+from mjsim.estimation.axis_logs.gains import GainsRead
+from mjsim.estimation.axis_logs.start import nuisance_entries, only, typical_torque
 from mjsim.estimation.axis_logs.waves import near
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
@@ -33,6 +34,8 @@ _REST, _REST_WIDE = 10.0, 2.0
 
 #: Prior standard deviation of the two parts of a wave, in starting sizes of a tenth of what is usual (assumed).
 _WAVES = 30.0
+#: Delays of the command from which fits start, ms.
+_DELAYS_MS = (5.0, 40.0)
 #: Most waves of cogging beside a torque ripple (assumed).
 _MOST_WAVES = 3
 #: Least motor speed that is taken for a motion, rad/s.
@@ -112,10 +115,11 @@ class Catalogue:
     Args:
         machine: As given.
         data: Recordings of the axis.
+        gains: Read back from what the controls recorded of themselves.
     """
 
-    def __init__(self, machine: Machine, data: Sequence[AxisData]) -> None:
-        self.machine, self.axis = machine, data[0].axis
+    def __init__(self, machine: Machine, data: Sequence[AxisData], gains: Sequence[GainsRead] = ()) -> None:
+        self.machine, self.axis, self.gains = machine, data[0].axis, gains
         self.torque = typical_torque(machine, data)
         gear = machine.drives[self.axis].gear
         speeds = [np.abs(np.diff(d.record.command)).max() / d.step for d in data]
@@ -123,6 +127,9 @@ class Catalogue:
         ran = {d.test.controller or only(machine, self.axis) for d in data}
         self.drives = [machine.under(name).drives[self.axis] for name in ran]
         self.setups = len({d.test.setup for d in data})
+        self.step = max(d.step for d in data)
+        # a delay begins with recordings that are in time: only together are the two known
+        self.shifts = [e for e in nuisance_entries(machine, data) if e.owner == SHIFT]
         self.gear, self.rotary = gear, machine.chain.is_rotary(self.axis)
 
     def missing(self, model: AxisModel, orders: Sequence[float] = (1.0,)) -> list[Candidate]:
@@ -170,15 +177,32 @@ class Catalogue:
         for samples in (0.5, 4.0):
             e = self._make("loop_delay", delay_ms=1e3 * samples * sample)
             out.append(Candidate(e, (self._linear(e, "delay_ms", 1e3 * sample),)))
+        if self.machine.effect(f"servo_delay.{self.axis}") is None:
+            for delay in _DELAYS_MS:
+                e = self._make("servo_delay", delay_ms=delay)
+                out.append(Candidate(e, (self._linear(e, "delay_ms", 1e3 * self.step), *self.shifts)))
         if any(d.control.law is None for d in self.drives):
             e = self._make("velocity_feedforward", ratio=0.02)
             out.append(Candidate(e, (self._linear(e, "ratio", 0.02),)))
         if self.machine.factor is None:
             for kind in ("inertia", "viscous_friction", "velocity_gain", "servo_gain"):
-                for ratio in (0.7, 1.4):
+                known = self._position_gain() if kind == "servo_gain" else None
+                for ratio in (0.7, 1.4) if known is None else (known[0],):
                     e = self._make(kind, ratio=ratio)
-                    out.append(Candidate(e, (self._log(e, "ratio"),)))
+                    entry = self._log(e, "ratio")
+                    if known is not None:
+                        entry = replace(entry, deviation=known[1], centre=ratio)
+                    out.append(Candidate(e, (entry,)))
         return out
+
+    def _position_gain(self) -> tuple[float, float] | None:
+        """Position gain over the stated one where a recorded velocity set-point says it, and how well it is known."""
+        for g in self.gains:
+            if set(g.values) == {"position_gain"}:
+                stated = self.machine.under(g.controller).drives[self.axis].position_gain
+                p = next(p for p in self._make("servo_gain", ratio=1.0).parameters_of(self.axis) if p.name == "ratio")
+                return min(max(g.values["position_gain"] / stated, p.lower), p.upper), g.deviations["position_gain"]
+        return None
 
     def _forces(self) -> list[Candidate]:
         """Torques beside the ordinary friction."""
@@ -191,11 +215,11 @@ class Catalogue:
         ripple, cogging = (model.machine.effect(f"{kind}.{self.axis}") for kind in ("torque_ripple", "cogging"))
         if ripple is None:
             made = [self._make("torque_ripple", amplitude_Nm=size, order=o, phase_deg=0.0) for o in orders]
-            return [Candidate(e, _wave(e, size)) for e in made]
+            return [Candidate(e, wave_entries(e, size)) for e in made]
         there = [ripple.values["order"], *([row[0] for row in cogging.values["components"]] if cogging else [])]
         fresh = [o for o in orders if not near(o, there)] if len(there) <= _MOST_WAVES else []
         made = [(o, self._make("cogging", components=[[o, size, 0.0]])) for o in fresh]
-        return [Candidate(e, _wave(e, size, f" {o:g}"), order=o) for o, e in made]
+        return [Candidate(e, wave_entries(e, size, f" {o:g}"), order=o) for o, e in made]
 
     def _friction(self) -> list[Candidate]:
         out = []
@@ -228,6 +252,8 @@ class Catalogue:
             e = self._make("rest_friction", excess_ratio=0.3, way_rad=way * self.gear, rest_s=_REST)
             rest = replace(self._log(e, "rest_s"), deviation=_REST_WIDE)
             out.append(Candidate(e, (self._linear(e, "excess_ratio", 0.1), self._log(e, "way_rad"), rest)))
+        e = self._make("torque_loss", share_ratio=0.1)
+        out.append(Candidate(e, (self._linear(e, "share_ratio", 0.1),)))
         e = self._make("viscous_direction", share_ratio=0.05)
         out.append(Candidate(e, (self._linear(e, "share_ratio", 0.05),)))
         e = self._make("friction_direction", share_ratio=0.05)
@@ -238,13 +264,13 @@ class Catalogue:
             out.append(Candidate(e, tuple(replace(self._linear(e, n, 0.05), deviation=20.0) for n in names)))
         for order in dict.fromkeys([1.0, *orders]):
             e = self._make("friction_ripple", amplitude_ratio=0.05, order=order)
-            out.append(Candidate(e, _wave(e, 0.05)))
+            out.append(Candidate(e, wave_entries(e, 0.05)))
         e = self._make("elastic_presliding", share_ratio=0.5)
         out.append(Candidate(e, (self._linear(e, "share_ratio", 0.1),)))
         return out
 
 
-def _wave(effect: Effect, size: float, order: str = "") -> tuple[Entry, Entry]:
+def wave_entries(effect: Effect, size: float, order: str = "") -> tuple[Entry, Entry]:
     """The two parts of a wave as entries: the motion is linear in them, unlike in amplitude and phase."""
     cosine = Entry(effect.id, f"cosine{order}", size, scale=size, deviation=_WAVES, centre=0.0)
     return cosine, replace(cosine, name=f"sine{order}", value=0.0)

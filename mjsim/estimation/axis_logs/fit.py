@@ -2,7 +2,8 @@
 
 What a model fails to explain counts as noise: a recording's residuals are divided by their own RMS (never below the
 noise), and counted by how many independent ones they are worth, from their correlation. So priors keep their weight
-while a model is poor, and intervals are those of correlated residuals.
+while a model is poor, and intervals are those of correlated residuals. How much the final model leaves,
+and how probable that makes it, is the subject of :mod:`mjsim.estimation.axis_logs.discrepancy`.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from mjsim.estimation.axis_logs.data import AxisData
 from mjsim.estimation.axis_logs.derivatives import LOST, AxisRuns, columns
 from mjsim.estimation.axis_logs.descent import FALL, Descended, Priors, descend, mean_logs
+from mjsim.estimation.axis_logs.discrepancy import LogDiscrepancy, allowed_in, discrepancy_of
 from mjsim.estimation.axis_logs.entries import PHASE, SHIFT, START_TORQUE, ZERO, AxisModel
 from mjsim.estimation.axis_logs.likelihood import Gain, independent_count
 from mjsim.machine.model import Machine, build
@@ -42,6 +44,7 @@ class AxisFit:
         independent: How many independent residuals each test's are worth.
         weight: One over the standard deviation that each test's block means are given, 1/axis units.
         noise: RMS of each test's noise, axis units.
+        discrepancy: What the model leaves beside the noise; of the final model alone.
     """
 
     model: AxisModel
@@ -50,6 +53,7 @@ class AxisFit:
     independent: tuple[float, ...]
     weight: tuple[float, ...]
     noise: tuple[float, ...]
+    discrepancy: LogDiscrepancy | None = None
 
     @property
     def mean_squares(self) -> np.ndarray:
@@ -87,7 +91,7 @@ class LogFitter:
     """
 
     def __init__(self, machine: Machine, data: Sequence[AxisData], threads: int = 2) -> None:
-        self.data = tuple(data)
+        self.machine, self.data = machine, tuple(data)
         self._commands = [
             sampled(build(machine.under(d.test.controller)).axes[d.axis], d.time, d.record.command) for d in self.data
         ]
@@ -128,10 +132,20 @@ class LogFitter:
         """Modelled samples of recording ``k``, (n,) axis units: the simulated motion with the nuisances."""
         d = self.data[k]
         motion = self.motion(model, vector, k, axes)
-        shift, zero = (model.nuisance(vector, n, d.name) for n in (SHIFT, ZERO))
+        shift, zero = self._late(model, vector, d, axes), model.nuisance(vector, ZERO, d.name)
         if not shift and self._commands[k].as_recorded:
             return motion.position + zero
         return motion.at(d.time - shift) + zero
+
+    def _late(self, model: AxisModel, vector: np.ndarray, d: AxisData, axes: AxisRuns | None) -> float:
+        """Time, s, by which a recording is late: by its clock, and by a delay of the command that is fitted.
+
+        A delay that the machine file has is none of the second kind. Its recording may have the command behind it.
+        """
+        shift = model.nuisance(vector, SHIFT, d.name)
+        if not any(e.owner == f"servo_delay.{model.axis}" for e in model.entries):
+            return shift
+        return shift + (axes or self.axes(model, vector))[d.test.controller].delay
 
     def means(self, axes: AxisRuns, model: AxisModel, vector: np.ndarray, k: int) -> np.ndarray:
         """Modelled block means of recording ``k``, (blocks,) axis units.
@@ -145,7 +159,7 @@ class LogFitter:
         d = self.data[k]
         if not self._commands[k].as_recorded:
             return d.means(self.positions(model, vector, k, axes))
-        shift, zero = (model.nuisance(vector, n, d.name) for n in (SHIFT, ZERO))
+        shift, zero = self._late(model, vector, d, axes), model.nuisance(vector, ZERO, d.name)
         axis, start = self._under(axes, model, vector, k)
         return block_means(axis, self._commands[k], start, shift, d.block)[: d.blocks] + zero
 
@@ -193,12 +207,18 @@ class LogFitter:
         )
 
     def polished(self, fit: AxisFit, steps: int = 3) -> AxisFit:
-        """A fit after some steps with central derivatives, which it keeps.
+        """A fit after some steps with central derivatives, which it keeps, and what it leaves.
 
         Along combinations that only the priors fix, one-sided derivatives lead astray.
         """
         fit = self.fit(fit.model, steps, 1, central=True)
-        return replace(fit, design=self.columns(fit.model, fit.model.vector, fit.residual, central=True))
+        design = self.columns(fit.model, fit.model.vector, fit.residual, central=True)
+        left = discrepancy_of(fit.model, fit.residual, design, self.data, self.allowed(fit.model, design))
+        return replace(fit, design=design, discrepancy=left)
+
+    def allowed(self, model: AxisModel, design: Sequence[np.ndarray]) -> tuple[float, ...]:
+        """RMS that a sound machine may leave in each recording, axis units."""
+        return allowed_in(self.machine, model, design, self.data)
 
     def _carried(self, model: AxisModel, residual, former: AxisFit) -> tuple[np.ndarray, ...]:
         """Derivatives at the start of a model: those of a similar one, and new ones for what that one has not."""

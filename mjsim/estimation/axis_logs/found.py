@@ -20,6 +20,7 @@ class FoundCause:
         rejected: How much worse others do in its place, by id.
         tests: Where it shows.
         competing: Fits with an alternative in its place, by id.
+        probability: That it is this cause, and larger than a machine of its class may have.
     """
 
     key: str
@@ -29,6 +30,7 @@ class FoundCause:
     rejected: dict[str, float] = field(default_factory=dict)
     tests: tuple[str, ...] = ()
     competing: dict[str, AxisFit] = field(default_factory=dict)
+    probability: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,11 @@
-"""Gains of a controller read back from its recorded output: command, actual position and torque of the same samples.
+"""Gains of a controller read back from what it recorded of itself, without any mechanics: whatever the machine does.
 
-The control law is computed on what was recorded, without any mechanics, so that its gains follow whatever the machine
-does. How many samples the control takes for a velocity follows as well.
+From its output: command, actual position and torque of the same samples. The control law is computed on what was
+recorded. How many samples the control takes for a velocity follows as well.
+
+From its velocity set-point, which is the position gain times the following error, and the feedforward:
+
+    v = Kpp (r − y) + ratio · dr/dt + zero
 """
 
 from __future__ import annotations
@@ -73,10 +77,14 @@ def _output(axis: AxisPlant, record_step: float, command: np.ndarray, actual: np
 
 
 def read_gains(machine: Machine, data: Sequence[AxisData]) -> list[GainsRead]:
-    """Gains of every controller whose output was recorded; none where the law does not explain the output."""
+    """Gains of every controller whose velocity set-point or output was recorded; none where the law does not explain
+    them. What a velocity set-point says of a position gain comes first.
+    """
     out = []
     for controller in dict.fromkeys(d.test.controller for d in data):
         mine = [d for d in data if d.test.controller == controller]
+        if (of_velocity := _of_velocity(machine, controller, mine)) is not None:
+            out.append(of_velocity)
         drive = machine.under(controller).drives[data[0].axis]
         mine = [d for d in mine if d.record.motor_torque(drive.gear) is not None and _same_rate(machine, d)]
         best = None
@@ -87,6 +95,58 @@ def read_gains(machine: Machine, data: Sequence[AxisData]) -> list[GainsRead]:
                 break
         if best is not None and best.explained > _EXPLAINED:
             out.append(best)
+    return out
+
+
+def _of_velocity(machine: Machine, controller: str | None, data: Sequence[AxisData]) -> GainsRead | None:
+    """The position gain by which a velocity set-point follows from the following error; nothing where it does not."""
+    data = [d for d in data if d.record.velocity_command is not None]
+    control = machine.under(controller).drives[data[0].axis].control if data else None
+    if control is None or control.law is not None:
+        return None
+    best = None
+    for delay in _DELAYS:
+        columns, wanted = [], []
+        for d in data:
+            v = d.record.velocity_command
+            assert v is not None
+            error, rate = d.record.command - d.record.actual, np.gradient(d.record.command, d.time)
+            columns.append(np.column_stack([error, rate, np.ones(len(v))])[: len(v) - delay])
+            wanted.append(v[delay:])
+        design, v = np.vstack(columns), np.concatenate(wanted)
+        if not design[:, 0].any():
+            return None
+        size = np.maximum(np.sqrt(np.mean(design**2, axis=0)), 1e-30)
+        fit = np.linalg.lstsq(design / size, v, rcond=1e-6)[0] / size
+        left = float(np.mean((v - design @ fit) ** 2))
+        explained = 1.0 - left / max(float(v.var()), 1e-30)
+        if best is None or explained > best[0]:
+            spread = np.sqrt(np.linalg.pinv(design.T @ design)[0, 0] * left * 10.0)  # as few values are independent
+            best = explained, float(fit[0]), float(spread)
+    assert best is not None
+    explained, gain, spread = best
+    if explained < _EXPLAINED or gain <= 0.0:
+        return None
+    deviation = max(spread / gain, _LEAST)
+    return GainsRead(
+        controller, {"position_gain": gain}, {"position_gain": deviation}, control.velocity_samples, explained
+    )
+
+
+def unused(machine: Machine, data: Sequence[AxisData], gains: Sequence[GainsRead]) -> dict[tuple[str, str], str]:
+    """Why a recorded torque or velocity set-point says nothing about the gains, by log and channel."""
+    out = {}
+    of_output = {g.controller for g in gains if "velocity_gain" in g.values}
+    of_velocity = {g.controller for g in gains if set(g.values) == {"position_gain"}}
+    for d in data:
+        drive = machine.under(d.test.controller).drives[d.axis]
+        if d.record.motor_torque(drive.gear) is not None and d.test.controller not in of_output:
+            why = "the control law of the machine file does not give it"
+            if not _same_rate(machine, d):
+                why = "it was not recorded once at every sample of the control (sample_time_s)"
+            out[d.name, "torque" if d.record.torque is not None else "force"] = why
+        if d.record.velocity_command is not None and d.test.controller not in of_velocity:
+            out[d.name, "velocity_command"] = "it is not the following error times a gain, and a feedforward"
     return out
 
 

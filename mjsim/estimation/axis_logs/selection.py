@@ -15,6 +15,7 @@ from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter, gain, misfits
 from mjsim.estimation.axis_logs.found import AxisSelection, FoundCause
 from mjsim.estimation.axis_logs.gains import read_gains
 from mjsim.estimation.axis_logs.likelihood import Gain
+from mjsim.estimation.axis_logs.probability import probability_of
 from mjsim.estimation.axis_logs.promise import linear_step
 from mjsim.estimation.axis_logs.start import start_model
 from mjsim.estimation.axis_logs.trials import Trial, ahead, taken
@@ -66,16 +67,20 @@ class AxisSearch:
         shared: Sequence[Entry] = (),
     ) -> None:
         self.machine, self.settings, self.progress, self.shared = machine, settings, progress, tuple(shared)
-        self.fitter = LogFitter(machine, data, threads)
         # one fit does not keep all cores busy; of its own, as these fits wait for the simulations of the fitter's
         self._fits = Workers(threads)
-        self.catalogue = Catalogue(machine, data)
         self.axis = data[0].axis
+        self._prepare(machine, data, threads)
+
+    def _prepare(self, machine: Machine, data: Sequence[AxisData], threads: int) -> None:
+        """What fits, what is looked for, and what recorded outputs say."""
+        self.fitter = LogFitter(machine, data, threads)
         self.gains = read_gains(machine, data)
+        self.catalogue = Catalogue(machine, data, self.gains)
 
     def run(self, max_effects: int = 8) -> AxisSelection:
         """Search with at most ``max_effects`` causes."""
-        given = fit_as_given(self.fitter, self.machine)
+        given = self.as_given()
         if all(np.ptp(d.record.command) <= d.resolution for d in self.fitter.data):  # it stood still all the time
             return AxisSelection(self.axis, given, given, (given,), self.fitter.polished(given), ())
         fit = sheet = self.sheet()
@@ -105,6 +110,14 @@ class AxisSearch:
         causes = self._fits.map(judged, enumerate(lesser.items()))
         kept = tuple(sorted((c for c in causes if c.gain > 0.0), key=lambda c: -c.gain))
         return AxisSelection(self.axis, given, sheet, tuple(ladder), fit, kept, tuple(self.gains), tuple(order))
+
+    def as_given(self) -> AxisFit:
+        """The machine as it is."""
+        return fit_as_given(self.fitter, self.machine)
+
+    def orders(self, fit: AxisFit) -> list[float]:
+        """Orders of waves over the motor's angle that stand out of what a fit leaves."""
+        return strongest_orders(self.fitter, fit)
 
     def sheet(self) -> AxisFit:
         """The data sheet fitted within its priors."""
@@ -156,7 +169,7 @@ class AxisSearch:
             sheet: Also start from the printed data sheet: one that was bent to stand for what is missing hides it.
         """
         best: dict[str, tuple[Gain, Candidate, AxisModel]] = {}
-        orders, bases = strongest_orders(self.fitter, fit), [fit]
+        orders, bases = self.orders(fit), [fit]
         if sheet:
             bases.append(self.fitter.evaluated(fit.model.as_printed()))
         for base in bases:
@@ -257,4 +270,5 @@ class AxisSearch:
                 rejected[other.effect.id] = round(worse, 1)
         shows = without.mean_squares > (1.0 + _SHOWS) * fit.mean_squares
         tests = tuple(d.name for d, there in zip(self.fitter.data, shows, strict=True) if there)
-        return FoundCause(candidate.key, candidate.effect.id, own, tuple(competing), rejected, tests, competing)
+        p = probability_of(candidate, fit, without, self.fitter.data)
+        return FoundCause(candidate.key, candidate.effect.id, own, tuple(competing), rejected, tests, competing, p)

@@ -67,7 +67,7 @@ def sampled_as_read(machine: Machine, axis: str, gains: Sequence[GainsRead]) -> 
 def _read_back(entry: Entry, gains: Sequence[GainsRead]) -> Entry:
     """An entry of the data sheet with what the recorded output says about it.
 
-    A reading that contradicts the data sheet is left out: its cause is looked for.
+    A reading that contradicts the data sheet is left out: its cause is looked for, with what was read.
     """
     for g in gains:
         if entry.name in g.values and entry.owner in (DRIVE, CONTROLLER) and entry.where == (g.controller or ""):

@@ -62,26 +62,26 @@ def known_together(fit: AxisFit, effect_id: str, order: float | None = None) -> 
     """
     effect = fit.model.machine.effect(effect_id)
     assert effect is not None
-    lead = _leading(fit.model, effect, order)
+    lead = leading_number(fit.model, effect, order)
     if lead is None:
         return None
     direction, name, distance = lead
     covariance = fit.covariance
-    if abs(distance) > _95 * _deviation(covariance, direction, []):
+    if abs(distance) > _95 * deviation_along(covariance, direction, []):
         return None
     entries, held = fit.model.entries, []
     able = [j for j, e in enumerate(entries) if e.owner not in NUISANCES and not direction[j]]
-    while abs(distance) <= _95 * _deviation(covariance, direction, held) and len(held) < min(_MOST, len(able)):
+    while abs(distance) <= _95 * deviation_along(covariance, direction, held) and len(held) < min(_MOST, len(able)):
         held.append(
-            min((j for j in able if j not in held), key=lambda j: _deviation(covariance, direction, [*held, j]))
+            min((j for j in able if j not in held), key=lambda j: deviation_along(covariance, direction, [*held, j]))
         )
-    known = abs(distance) > _95 * _deviation(covariance, direction, held)
-    spread = _95 * _deviation(covariance, direction, held if known else [])
+    known = abs(distance) > _95 * deviation_along(covariance, direction, held)
+    spread = _95 * deviation_along(covariance, direction, held if known else [])
     value, ends = _in_unit(fit.model, direction, spread)
     return KnownTogether(name, value, tuple(_words(entries[j], effect_id) for j in held) if known else (), ends)
 
 
-def _leading(model: AxisModel, effect: Effect, order: float | None) -> tuple[np.ndarray, str, float] | None:
+def leading_number(model: AxisModel, effect: Effect, order: float | None) -> tuple[np.ndarray, str, float] | None:
     """Direction of the leading number in the vector, its name, and how far it is from the value that means no cause."""
     suffix, direction = (f" {order:g}" if order is not None else ""), np.zeros(len(model.entries))
     places = [model.place(f"{effect.id}.{part}{suffix}") for part in ("cosine", "sine")]
@@ -102,7 +102,7 @@ def _leading(model: AxisModel, effect: Effect, order: float | None) -> tuple[np.
     return None
 
 
-def _deviation(covariance: np.ndarray, direction: np.ndarray, held: list[int]) -> float:
+def deviation_along(covariance: np.ndarray, direction: np.ndarray, held: list[int]) -> float:
     """Standard deviation along a direction where the entries ``held`` are known."""
     own = float(direction @ covariance @ direction)
     if held:

@@ -9,6 +9,7 @@ import numpy as np
 from mjsim.estimation.axis_logs.candidates import FRICTION, Candidate
 from mjsim.estimation.axis_logs.entries import AxisModel
 from mjsim.estimation.axis_logs.fit import AxisFit
+from mjsim.estimation.axis_logs.start import MOST_SHIFT
 from mjsim.machine.model import TOLERANCE
 
 #: Kinds whose ratio is that of a number of the data sheet.
@@ -20,7 +21,7 @@ OF_SHEET = {
     "viscous_friction": "viscous",
 }
 #: Standard deviations of the data sheet within which such a number is as stated.
-_WITHIN = 2.0
+WITHIN = 2.0
 #: Share of the Coulomb friction below which a torque that does not turn with the direction is a trifle (assumed: a
 #: bearing drags a little more one way).
 _DIRECTION = 0.02
@@ -38,7 +39,9 @@ def is_trifle(model: AxisModel, candidate: Candidate) -> bool:
     if effect is None:
         return True
     if effect.kind in OF_SHEET:
-        return abs(math.log(effect.values["ratio"])) < _WITHIN * TOLERANCE[OF_SHEET[effect.kind]]
+        return abs(math.log(effect.values["ratio"])) < WITHIN * TOLERANCE[OF_SHEET[effect.kind]]
+    if effect.kind == "servo_delay":  # a recorder may be so late
+        return abs(effect.values["delay_ms"]) <= MOST_SHIFT * candidate.entries[0].scale
     if effect.kind == "friction_direction":
         return abs(effect.values["share_ratio"]) < _DIRECTION
     friction = model.machine.effect(f"{FRICTION}.{model.axis}")

@@ -27,11 +27,16 @@ class UnexplainedRest:
 
     Attributes:
         axis: Letter.
-        variable: On which it depends.
+        variable: On which it depends; empty where it depends on none of those that are looked at.
         period: Of a wave over the position, axis units; nothing where it is none.
-        rms: Of the part that depends on it, axis units.
+        rms: Of the part that depends on it, axis units; of all that is left where it depends on nothing.
         share: Of the mean square of the rest.
         tests: Where it shows.
+        left: RMS of all that is left beside the noise, in the recording that shows most of it, axis units.
+        allowed: RMS that a sound machine may leave there.
+        probability: That more than this is left.
+        worst: Test, time, s, and position of the largest residual, axis units.
+        between: Whether it is left of the difference of two encoders.
     """
 
     axis: str
@@ -40,15 +45,30 @@ class UnexplainedRest:
     rms: float
     share: float
     tests: tuple[str, ...]
+    left: float
+    allowed: float
+    probability: float
+    worst: tuple[str, float, float]
+    between: bool = False
+
+    @property
+    def is_beyond(self) -> bool:
+        """Whether more is left than a sound machine leaves, more probably than not."""
+        return self.probability >= 0.5
 
 
 def unexplained_rest(
     fitter: LogFitter, fit: AxisFit, gear: float, settings: DiagnosisSettings = DIAGNOSIS
 ) -> UnexplainedRest | None:
-    """The variable that explains most of the rest of one axis, or nothing where chance does as well."""
+    """What the final model leaves on one axis, and the variable that explains most of it.
+
+    Nothing where it is no more than a sound machine leaves, and no variable explains it better than chance.
+    """
     data = fitter.data
     noisy = [float(np.sqrt(m)) > 3.0 * d.noise.rms for m, d in zip(fit.mean_squares, data, strict=True)]
-    if not any(noisy):
+    assert fit.discrepancy is not None
+    beyond = fit.discrepancy.probability >= 0.5
+    if not any(noisy) and not beyond:
         return None
     residual = [r / max(float(np.sqrt(r @ r / len(r))), 1e-30) for r in fit.residual]
     total = sum(r @ r for r in residual)
@@ -66,17 +86,24 @@ def unexplained_rest(
     if wave is not None and (best is None or wave[0] * count > best[0]):
         share, period, parts = wave
         return _described(fitter, fit, "position", period, share, parts)
-    if best is None:
-        return None
-    _, name, parts = best
-    share = 1.0 - sum((r - p) @ (r - p) for r, p in zip(residual, parts, strict=True)) / total
-    return _described(fitter, fit, name, None, float(share), parts) if share > _SHARE else None
+    if best is not None:
+        _, name, parts = best
+        share = 1.0 - sum((r - p) @ (r - p) for r, p in zip(residual, parts, strict=True)) / total
+        if share > _SHARE:
+            return _described(fitter, fit, name, None, float(share), parts)
+    return _described(fitter, fit, "", None, 1.0, residual) if beyond else None
 
 
 def _described(fitter, fit: AxisFit, variable: str, period: float | None, share: float, parts) -> UnexplainedRest:
     sizes = np.array([np.sqrt(m * np.mean(p**2)) for m, p in zip(fit.mean_squares, parts, strict=True)])
     tests = tuple(d.name for d, s in zip(fitter.data, sizes, strict=True) if s > 0.5 * sizes.max())
-    return UnexplainedRest(fit.model.axis, variable, period, float(np.sqrt(np.mean(sizes**2))), float(share), tests)
+    rms, at = float(np.sqrt(np.mean(sizes**2))), fit.discrepancy
+    assert at is not None
+    k = int(np.argmax(np.array(at.left) / at.allowed))
+    sized, d = (at.left[k], at.allowed[k], at.probability), fitter.data[k]
+    block = int(np.argmax(np.abs(fit.residual[k])))
+    worst = d.name, float(d.means(d.time)[block]), float(d.means(d.record.actual)[block])
+    return UnexplainedRest(fit.model.axis, variable, period, rms, float(share), tests, *sized, worst)
 
 
 def _variables(d: AxisData, motion) -> dict[str, np.ndarray]:

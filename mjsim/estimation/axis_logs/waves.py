@@ -52,6 +52,20 @@ def strongest_orders(fitter: LogFitter, fit: AxisFit, most: int = 3) -> list[flo
     return list(dict.fromkeys(_whole(float(order), turns) for order in best))
 
 
+def orders_over(angle: np.ndarray, values: np.ndarray, most: int = 3) -> list[float]:
+    """Orders of the waves over a motor's angle (n,) rad that explain most of some values (n,), the strongest first."""
+    rate = np.abs(np.gradient(angle))
+    moves = rate > _STANDS * rate.max()
+    if moves.sum() < _CELLS:
+        return []
+    s = _spectrum(angle[moves], values[moves], 1.0)
+    orders = np.arange(0.5, min(_HIGHEST, s.highest), min(0.25, 0.25 / max(s.turns, 1e-9)))
+    orders = orders[orders * s.turns >= _COVERED]
+    share = np.concatenate([[0.0], np.interp(orders, s.orders, s.share), [0.0]])
+    peak = np.flatnonzero((share[1:-1] >= share[:-2]) & (share[1:-1] >= share[2:]))
+    return [_whole(float(orders[i]), s.turns) for i in peak[np.argsort(-share[1:-1][peak])][:most]]
+
+
 @dataclass(frozen=True)
 class _Spectrum:
     """Share of a torque's mean square that one wave explains.

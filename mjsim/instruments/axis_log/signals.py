@@ -28,10 +28,8 @@ _SAME = 1e-6
 #: Largest values of drives of machine tools (assumed): N·m, N, V, A, shares.
 _LARGEST = {"torque": 1e4, "force": 1e6, "control": 1e3, "current": 1e3}
 _LARGEST |= dict.fromkeys(("torque_share", "current_share", "control_share"), 10.0)
-#: Channels whose values the diagnosis does not use yet, and why.
+#: Channels whose values the diagnosis never uses, and why.
 NOT_USED = {
-    "load": "its difference to the motor's encoder is looked at by identify pitch-error alone",
-    "velocity_command": "gains are taken from the motion",
     "velocity": "the position says the same",
     "control": "it is no torque without the constants of amplifier and motor; record the torque in N m",
     "current": "it is no torque without the torque constant of the motor; record the torque in N m",
@@ -328,16 +326,17 @@ def _of_motion(recording: Recording, axis: str, name: str) -> float:
 def not_used(test: LogTest, recording: Recording) -> list[Finding]:
     """Channels that the diagnosis does not use, with the reason."""
     return [
-        Finding(
-            "not used",
-            test.name,
-            (axis,),
-            f"{test.name}: the {_words(name)} of {axis} is recorded and not used by diagnose: {NOT_USED[name]}",
-        )
+        not_used_because(test.name, axis, name, NOT_USED[name])
         for axis in test.axes
         for name in recording.axes[axis].channels
         if name in NOT_USED
     ]
+
+
+def not_used_because(test: str, axis: str, name: str, why: str) -> Finding:
+    """The sentence that a channel of a log is not used."""
+    said = f"{test}: the {_words(name)} of {axis} is recorded and not used by diagnose: {why}"
+    return Finding("not used", test, (axis,), said)
 
 
 def _words(name: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import pairwise
@@ -12,9 +12,11 @@ import numpy as np
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.axis_logs.data import axis_data
+from mjsim.estimation.axis_logs.encoders import BETWEEN, EncoderFitter, EncoderSearch, encoder_data
 from mjsim.estimation.axis_logs.entries import CONTROLLER, Entry
 from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter
 from mjsim.estimation.axis_logs.found import AxisSelection, FoundCause
+from mjsim.estimation.axis_logs.gains import unused
 from mjsim.estimation.axis_logs.selection import AxisSearch
 from mjsim.estimation.axis_logs.separability import inseparable
 from mjsim.estimation.axis_logs.together import known_together
@@ -22,6 +24,7 @@ from mjsim.estimation.axis_logs.unexplained import unexplained_rest
 from mjsim.estimation.outcome import verdict_of
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
+from mjsim.instruments.axis_log.signals import Finding, findings, not_used_because
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
@@ -69,11 +72,17 @@ def diagnose_logs(
         )
         for axis in recorded_axes(campaign.measured)
     }
-    with ThreadPoolExecutor(max(1, min(threads, len(searches)))) as pool:
-        selections = dict(
-            zip(searches, pool.map(lambda s: s.run(max_effects or _MOST), searches.values()), strict=True)
-        )
-    return log_diagnosis(campaign, machine, {a: s.fitter for a, s in searches.items()}, selections, settings)
+    loads = {a: recorded for a, s in searches.items() if (recorded := encoder_data(s.fitter.data))}
+    beside = {a: EncoderSearch(machine, recorded, threads, settings, progress) for a, recorded in loads.items()}
+    every = [*searches.values(), *beside.values()]
+    with ThreadPoolExecutor(max(1, min(threads, len(every)))) as pool:
+        found = list(pool.map(lambda s: s.run(max_effects or _MOST), every))
+    selections, between = (
+        dict(zip(searches, found, strict=False)),
+        dict(zip(beside, found[len(searches) :], strict=True)),
+    )
+    fitters = {a: s.fitter for a, s in searches.items()}
+    return log_diagnosis(campaign, machine, fitters, selections, settings, between)
 
 
 def log_diagnosis(
@@ -82,6 +91,7 @@ def log_diagnosis(
     fitters: Mapping[str, LogFitter],
     selections: Mapping[str, AxisSelection],
     settings: DiagnosisSettings = DIAGNOSIS,
+    between: Mapping[str, AxisSelection] | None = None,
 ) -> LogDiagnosis:
     """What the searches of all axes come to.
 
@@ -91,19 +101,27 @@ def log_diagnosis(
         fitters: Of the axes, by letter.
         selections: What was found, by letter.
         settings: What decides.
+        between: What was found between the two encoders of an axis, by letter.
     """
-    fitted = merged(machine, [s.fit for s in selections.values()])
+    between = between or {}
+    fitted = merged(machine, [s.fit for s in (*between.values(), *selections.values())])
     before = overlay_logs(campaign, machine, {a: (fitters[a], s.given) for a, s in selections.items()})
     after = overlay_logs(campaign, fitted, {a: (fitters[a], s.fit) for a, s in selections.items()})
-    effects = sorted((e for s in selections.values() for e in effects_of(s)), key=lambda e: -e.gain)
+    every = (*selections.values(), *between.values())
+    effects = sorted((e for s in every for e in effects_of(s)), key=lambda e: -e.gain)
     rest = [
         r
         for a, s in selections.items()
         if (r := unexplained_rest(fitters[a], s.fit, machine.drives[a].gear, settings)) is not None
     ]
+    for a, s in between.items():
+        own = EncoderFitter(machine, encoder_data(fitters[a].data), 1)
+        if (r := unexplained_rest(own, s.fit, machine.drives[a].gear, settings)) is not None:
+            rest.append(replace(r, between=True))
+    probable = [e for e in effects if e.probability is None or e.probability >= 0.5]
     return LogDiagnosis(
         campaign,
-        verdict_of((e.is_open for e in effects), bool(rest)),
+        "unknown" if any(r.is_beyond for r in rest) else verdict_of((e.is_open for e in probable), bool(rest)),
         tuple(effects),
         tuple(n for a, s in selections.items() for n in sheet_of(machine, a, s)),
         tuple(i for s in selections.values() for i in inseparable(s.fit)),
@@ -113,13 +131,26 @@ def log_diagnosis(
         before,
         after,
         selections,
+        between,
+        tuple(_signals(campaign, machine, fitters, selections)),
     )
 
 
+def _signals(
+    campaign: Campaign, machine: Machine, fitters: Mapping[str, LogFitter], selections: Mapping[str, AxisSelection]
+) -> Iterator[Finding]:
+    """What the recorded channels are like, and which of them this diagnosis did not use."""
+    yield from (f for f in findings(campaign.measured, campaign.traces, campaign.instrument) if not f.refused)
+    for axis, s in selections.items():
+        for (test, name), why in unused(machine, fitters[axis].data, s.gains).items():
+            yield not_used_because(test, axis, name, why)
+
+
 def hidden_effects(campaign: Campaign, machine: Machine) -> list[str]:
-    """Ids of effects behind the encoders of the recorded axes, where no encoder at the load was recorded."""
+    """Ids of effects behind the encoders of the recorded axes that no recorded encoder at the load shows."""
     loads = {a for t in campaign.measured for a in t.axes if campaign.traces[t.name].axes[a].load is not None}
-    hidden = [f"{kind}.{a}" for a in recorded_axes(campaign.measured) if a not in loads for kind in _BEHIND]
+    axes = recorded_axes(campaign.measured)
+    hidden = [f"{kind}.{a}" for a in axes for kind in _BEHIND if a not in loads or kind not in BETWEEN]
     return [h for h in hidden if exists(h, machine)]
 
 
@@ -159,7 +190,7 @@ def merged(machine: Machine, fits: list[AxisFit]) -> Machine:
 
 def _order_of(cause: FoundCause) -> float | None:
     """Order of the wave that a cause is one of several of."""
-    several = cause.effect_id.partition(".")[0] == "cogging"
+    several = cause.effect_id.partition(".")[0] in ("cogging", "pitch_error")
     return float(cause.key.rpartition(" ")[2]) if several else None
 
 
@@ -186,6 +217,7 @@ def effects_of(selection: AxisSelection) -> list[DiagnosedEffect]:
             cause.rejected,
             found_by=LogTest.instrument,
             together=known_together(fit, effect.id, _order_of(cause)),
+            probability=cause.probability,
         )
         former = out.get(effect.id)
         if former is None or former.gain < mine.gain:

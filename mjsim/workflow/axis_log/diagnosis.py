@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from mjsim.campaign.model import Campaign
+from mjsim.estimation.axis_logs.fit import AxisFit
 from mjsim.estimation.axis_logs.found import AxisSelection
 from mjsim.estimation.axis_logs.separability import Inseparable
 from mjsim.estimation.axis_logs.unexplained import UnexplainedRest
+from mjsim.instruments.axis_log.signals import Finding
 from mjsim.machine.model import Machine
 from mjsim.units import DEG, MM, UM
 from mjsim.workflow.axis_log.compare import LogComparison
@@ -70,6 +74,8 @@ class LogDiagnosis:
         before: Comparison of the machine as given.
         after: Comparison of the fitted machine.
         selections: The searches, by axis.
+        between: The searches between the two encoders of an axis, by axis.
+        signals: What the recorded channels are like, and which of them were not used.
     """
 
     campaign: Campaign
@@ -83,17 +89,37 @@ class LogDiagnosis:
     before: LogComparison
     after: LogComparison
     selections: Mapping[str, AxisSelection]
+    between: Mapping[str, AxisSelection] = field(default_factory=dict)
+    signals: tuple[Finding, ...] = ()
+
+    @property
+    def probabilities(self) -> dict[str, float]:
+        """Of the four verdicts: unknown where an axis leaves more than a sound machine; findings are taken for
+        independent of each other.
+        """
+        known = float(np.prod([1.0 - f.discrepancy.probability for f in self._fits if f.discrepancy is not None]))
+        nothing = known * float(np.prod([1.0 - (e.probability or 0.0) for e in self.effects]))
+        is_open = any(e.is_open for e in self.effects)
+        named = {"identified": 0.0, "ambiguous": 0.0, "ambiguous" if is_open else "identified": known - nothing}
+        return {k: round(p, 4) for k, p in ({"nothing_found": nothing} | named | {"unknown": 1.0 - known}).items()}
+
+    @property
+    def _fits(self) -> list[AxisFit]:
+        return [s.fit for s in (*self.selections.values(), *self.between.values())]
 
     def to_json(self) -> dict:
         """The JSON of ``mjsim diagnose``: keys as for ball-bar tests, and the data sheet."""
-        rest = max(self.rest, key=lambda r: r.rms, default=None)
+        rest = max(self.rest, key=lambda r: (r.is_beyond, r.rms), default=None)
         return {
             "verdict": self.verdict,
+            "probabilities": self.probabilities,
             "noise_um": rounded(self.before.noise / UM),
             "rms_before_um": rounded(self.before.rms / UM),
             "rms_after_um": rounded(self.after.rms / UM),
             **self._rotary(),
             "effects": [e.to_json(self.machine) for e in self.effects],
+            "signals": [f.to_json() for f in self.signals],
+            "encoders": [self._encoders_json(a, s) for a, s in self.between.items()],
             "unexplained": self._rest_json(rest) if rest else None,
             "not_testable": list(self.not_testable),
             "data_sheet": [s.to_json() for s in self.sheet],
@@ -111,22 +137,52 @@ class LogDiagnosis:
             return {}
         return {"rms_before_deg": rounded(before / DEG), "rms_after_deg": rounded(after / DEG)}
 
+    def _encoders_json(self, axis: str, s: AxisSelection) -> dict:
+        """How well the transmission explains the difference of the two encoders of an axis."""
+        rotary = self.machine.chain.is_rotary(axis)
+        unit, symbol = (DEG, "deg") if rotary else (UM, "um")
+        numbers = {"rms_before": s.given.rms, "rms_after": s.fit.rms}
+        return {"axis": axis} | {f"{k}_{symbol}": rounded(v / unit) for k, v in numbers.items()}
+
     def _rest_json(self, rest: UnexplainedRest) -> dict:
         rotary = self.machine.chain.is_rotary(rest.axis)
         period = None if rest.period is None else rounded(rest.period / (DEG if rotary else MM))
-        where = f" with a period of {period:g} {'°' if rotary else 'mm'}" if period is not None else ""
-        size = f"{rest.rms / (DEG if rotary else UM):.3g} {'°' if rotary else 'µm'}"
+        unit, travel, symbol = (DEG, DEG, "deg") if rotary else (UM, MM, "um")
         return {
             "axes": [rest.axis],
-            "variable": rest.variable,
+            "variable": rest.variable or None,
             "period": period,
-            ("rms_deg" if rotary else "rms_um"): rounded(rest.rms / (DEG if rotary else UM)),
+            f"rms_{symbol}": rounded(rest.rms / unit),
             "share": rounded(rest.share),
             "tests": list(rest.tests),
-            "summary": f"On {rest.axis}, {size} RMS depend on {rest.variable.replace('_', ' ')}{where} and on no cause "
-            f"of the catalogue ({100 * rest.share:.0f} % of what is left).",
+            f"left_{symbol}": rounded(rest.left / unit),
+            f"allowed_{symbol}": rounded(rest.allowed / unit),
+            "probability": round(rest.probability, 4),
+            "worst": {
+                "test": rest.worst[0],
+                "time_s": rounded(rest.worst[1]),
+                f"position_{'deg' if rotary else 'mm'}": rounded(rest.worst[2] / travel),
+            },
+            "summary": self._rest_sentence(rest, rotary),
             "effect_file": None,
         }
+
+    def _rest_sentence(self, rest: UnexplainedRest, rotary: bool) -> str:
+        """What is left, where, and how much a sound machine would leave."""
+        unit, travel, small, large = (DEG, DEG, "°", "°") if rotary else (UM, MM, "µm", "mm")
+        name, time, place = rest.worst
+        place_of = "Between the encoders of" if rest.between else "On"
+        said = f"{place_of} {rest.axis}, {rest.left / unit:.3g} {small} RMS are left"
+        if rest.is_beyond:
+            said += f", and a sound machine leaves at most {rest.allowed / unit:.2g} {small}"
+        said += f". The largest error is at {time:.3f} s of {name}, at {place / travel:.4g} {large}. "
+        if not rest.variable:
+            return said + "It follows none of position, direction, speed, acceleration, torque and time."
+        period = f" with a period of {rest.period / travel:.4g} {large}" if rest.period is not None else ""
+        return said + (
+            f"{rest.rms / unit:.3g} {small} depend on {rest.variable.replace('_', ' ')}{period} and on no cause of the "
+            f"catalogue ({100 * rest.share:.0f} % of what is left)."
+        )
 
     def _next(self) -> dict | None:
         for e in self.effects:

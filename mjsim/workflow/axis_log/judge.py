@@ -124,7 +124,7 @@ class Judge:
             fit = fitter.polished(self.fit(axis, judged.model, {axis: s.fit}))
             kept = {e.owner for e in fit.model.entries}
             selections[axis] = replace(s, fit=fit, found=tuple(c for c in s.found if c.effect_id in kept))
-        return log_diagnosis(logs.campaign, judged.machine, self.fitters, selections, self.settings)
+        return log_diagnosis(logs.campaign, judged.machine, self.fitters, selections, self.settings, logs.between)
 
 
 def _without(machine: Machine, effect: Effect, given: Machine) -> Machine:

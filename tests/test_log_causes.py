@@ -1,0 +1,102 @@
+"""Causes and channels of real drives in axis logs: dead time, and a recorded velocity set-point."""
+
+import numpy as np
+import pytest
+
+from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import read_machine
+from mjsim.workflow.axis_log.diagnose import diagnose_logs
+from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
+
+FRICTION = Axis(coulomb=0.12)
+
+
+@pytest.fixture
+def diagnosed(tmp_path):
+    def make(control, stated=None, late=0.0, velocity=None, torque=None, letter="X"):
+        """The diagnosis of one recording; ``stated`` is the control of the machine file."""
+        command = to_and_fro(control.sample)
+        wait = round(late / control.sample)
+        told = np.concatenate([np.full(wait, command[0]), command[: len(command) - wait]])
+        actual, torques = record(FRICTION, control, told, 0.02e-6)
+        text = csv(command, actual, None if torque is None else torque * torques, control.sample)
+        if velocity is not None:
+            rows = text.splitlines()
+            set_point = velocity(command, actual, control)
+            text = "\n".join(
+                [rows[0] + ",X_velocity_command_mm_per_s"]
+                + [f"{row},{1e3 * v:.7f}" for row, v in zip(rows[1:], set_point, strict=True)]
+            )
+        campaign = CAMPAIGN.replace("1000.0", f"{1.0 / control.sample}")
+        machine = machine_toml(FRICTION, stated or control, False, 0.12)
+        for name, content in (("strokes.csv", text + "\n"), ("campaign.toml", campaign), ("machine.toml", machine)):
+            for was in ("X_", ".X", '"X"'):
+                content = content.replace(was, was.replace("X", letter))
+            (tmp_path / name).write_text(content)
+        return diagnose_logs(read_campaign(tmp_path), read_machine(tmp_path / "machine.toml"))
+
+    return make
+
+
+@pytest.mark.parametrize(("letter", "late", "sample"), [("X", 0.040, 1e-3), ("Y", 0.012, 1e-3), ("Z", 0.025, 5e-4)])
+def test_a_dead_time_is_no_feedforward(diagnosed, letter, late, sample):
+    result = diagnosed(Control(sample=sample), late=late, letter=letter)
+    assert result.verdict == "identified" and [e.effect.id for e in result.effects] == [f"servo_delay.{letter}"]
+    (found,) = result.effects
+    low, high = found.ci95["delay_ms"]
+    assert low < 1e3 * late < high and found.effect.values["delay_ms"] == pytest.approx(1e3 * late, abs=1.0)
+    assert found.probability > 0.99 and result.after.rms < 0.2e-6
+
+
+def test_a_recorder_may_be_a_few_samples_late(diagnosed):
+    assert diagnosed(Control(), late=0.003).verdict == "nothing_found"
+
+
+def set_point(command, actual, control):
+    return control.position_gain * (command - actual) + control.feedforward * np.gradient(command, control.sample)
+
+
+def test_a_velocity_set_point_says_the_position_gain(diagnosed):
+    control = Control(integral_time=0.04, feedforward=1.0)
+    result = diagnosed(control, velocity=set_point)
+    (row,) = (s for s in result.sheet if s.name == "position_gain")
+    assert row.source == "recorded output" and row.found == pytest.approx(45.0, rel=0.003)
+    assert not any(f.kind == "not used" for f in result.signals)
+
+
+@pytest.mark.parametrize("gain", [30.0, 60.0])
+def test_a_wrong_position_gain_is_that_of_the_set_point(diagnosed, gain):
+    result = diagnosed(Control(position_gain=gain), stated=Control(position_gain=45.0), velocity=set_point)
+    (found,) = result.effects
+    assert found.effect.id == "servo_gain.X"
+    assert found.effect.values["ratio"] == pytest.approx(gain / 45.0, rel=0.003)
+
+
+def test_a_channel_that_says_nothing_is_named_with_the_reason(diagnosed):
+    """A velocity set-point of another loop, and a torque that does not follow from the stated law."""
+    control = Control(integral_time=0.04, feedforward=1.0)
+
+    def strange(command, actual, control):
+        random = np.random.default_rng(2).normal(size=len(command))
+        return np.gradient(command, control.sample) + 0.02 * random
+
+    said = [f.sentence for f in diagnosed(control, velocity=strange).signals if f.kind == "not used"]
+    assert len(said) == 1 and "velocity command of X is recorded and not used" in said[0]
+    assert "following error" in said[0]
+
+
+@pytest.mark.parametrize(("share", "gain"), [(0.3, 0.06), (0.5, 0.1)])
+def test_a_friction_that_grows_with_the_torque(tmp_path, share, gain):
+    """A screw of bad efficiency is no friction that rises with the speed."""
+    axis, control = Axis(coulomb=0.05, loss=share), Control(velocity_gain=gain, integral_time=0.04, feedforward=1.0)
+    command = to_and_fro(control.sample)
+    actual, _ = record(axis, control, command, 0.02e-6)
+    (tmp_path / "strokes.csv").write_text(csv(command, actual))
+    (tmp_path / "campaign.toml").write_text(CAMPAIGN)
+    (tmp_path / "machine.toml").write_text(machine_toml(axis, control, False, 0.05))
+    result = diagnose_logs(read_campaign(tmp_path), read_machine(tmp_path / "machine.toml"))
+    assert [e.effect.id for e in result.effects] == ["torque_loss.X"] and result.verdict == "identified"
+    (found,) = result.effects
+    low, high = found.ci95["share_ratio"]
+    assert low < share < high and found.effect.values["share_ratio"] == pytest.approx(share, rel=0.05)
+    assert result.after.rms < 0.2e-6
