@@ -46,9 +46,8 @@ def command(campaign, machine, host, port, no_browser, as_is, threads, as_json, 
         raise InputError("--host is empty; allowed: an address of this computer, such as 127.0.0.1")
     if campaign is None and (machine is not None or as_is):
         raise click.UsageError("--machine and --as-is need a CAMPAIGN")
-    if campaign is not None:
-        c = read_campaign(campaign, as_is=as_is)
-        m = machine_of(c, machine)
+    c = None if campaign is None else read_campaign(campaign, as_is=as_is)
+    m = None if c is None else machine_of(c, machine)
 
     def say(address: str) -> None:
         if host not in (LOOPBACK, "localhost", "::1"):
@@ -61,7 +60,7 @@ def command(campaign, machine, host, port, no_browser, as_is, threads, as_json, 
         else:
             click.echo(f"{address}\nCtrl-C ends it" if not quiet else address)
 
-    if campaign is None:
+    if c is None or m is None:
         from mjsim.workbench.start.server import serve_start
 
         serve_start(host, port, not no_browser, common.cores(threads), say)

@@ -10,7 +10,7 @@ import io
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -48,6 +48,7 @@ from mjsim.workflow.check import check
 INSTRUMENTS = {BallBarTest.instrument: "a ball bar", LogTest.instrument: "the control (axis logs)"}
 #: Endings of NC programs, and of the files that are written for each control.
 PROGRAMS = (".nc", ".ngc", ".tap", ".mpf", ".spf", ".h", ".cnc", ".eia", ".min")
+_DIALECT = {".mpf": "siemens", ".spf": "siemens", ".ngc": "linuxcnc", ".h": "heidenhain"}
 _ENDING = {"fanuc": ".nc", "siemens": ".mpf", "linuxcnc": ".ngc"}
 #: Largest file that may be dropped, bytes.
 LARGEST = 200_000_000
@@ -94,6 +95,7 @@ class Draft:
         self.files: dict[str, Dropped] = {}
         self.said: list[str] = []
         self.instrument = BallBarTest.instrument
+        self._force = not self.existing  # what was written earlier is not replaced
         if self.existing:
             self.instrument = next(iter(read_campaign(self.folder, traces=False).instruments))
 
@@ -151,7 +153,7 @@ class Draft:
             if (self.folder / "campaign.toml").is_file():
                 self._look(read_text(self.folder / "campaign.toml"))
             else:
-                self._put_campaign([])
+                self._begin_campaign()
         except InputError:
             if before is None:
                 file.unlink()
@@ -177,18 +179,17 @@ class Draft:
         Raises:
             InputError: A number is not possible, or files of the other instrument are there.
         """
-        if name != self.instrument and any(f.test for f in self.files.values()):
+        if name != self.instrument and self.tests:
             raise InputError(
-                f"The campaign has files of {INSTRUMENTS[self.instrument]} already; begin another campaign for "
-                f"{INSTRUMENTS[name]}."
+                f"The campaign has tests for {INSTRUMENTS[self.instrument]} already; take them out, or begin another "
+                f"campaign for {INSTRUMENTS[name]}."
             )
-        before, self.instrument = self.instrument, name
-        try:
-            if self.machine is not None and (name != before or numbers):
-                self._put_campaign(self.tests if name == BallBarTest.instrument else [], numbers)
-        except InputError:
-            self.instrument = before
-            raise
+        if name != self.instrument:
+            self.instrument = name
+            if self.machine is not None:
+                self._begin_campaign()
+        if numbers and self.machine is not None:
+            self._edit(lambda document: document["instrument"].update(numbers))
 
     @property
     def campaign(self) -> Campaign | None:
@@ -212,13 +213,21 @@ class Draft:
             InputError: No machine is chosen, or it cannot run one.
         """
         self._machine()
-        there = {t["name"] for t in self.tests}
-        self._put_campaign([*self.tests, *(t for t in tables if t["name"] not in there)])
+        new = [t for t in tables if t["name"] not in {t["name"] for t in self.tests}]
+        if new:
+            self._edit(lambda document: _append(document, new))
 
     def remove_test(self, name: str) -> None:
         """Take a test and its trace out."""
-        kept = [t for t in self.tests if t["name"] != name]
-        self._put_campaign(kept)
+
+        def take_out(document: Any) -> None:
+            places = [i for i, t in enumerate(document["test"]) if t["name"] == name]
+            for place in reversed(places):
+                del document["test"][place]
+            if not len(document["test"]):
+                del document["test"]
+
+        self._edit(take_out)
         for dropped in self.files.values():
             if dropped.test == name:
                 dropped.test = ""
@@ -233,28 +242,27 @@ class Draft:
         Raises:
             InputError: A limit is not possible.
         """
-        document = tomlkit.parse(read_text(self.folder / "campaign.toml"))
-        document.pop("acceptance", None)
-        if limits:
-            rows = [dict(tests=[t], figure=figure, um=um, source=source) for t, figure, um, source in limits]
-            document["acceptance"] = {"instrument_um": instrument_um, "limit": rows}
-        text = tomlkit.dumps(document)
-        self._look(text)
+        rows = [{"tests": [t], "figure": f, "um": um, "source": source} for t, f, um, source in limits]
+
+        def put(document: Any) -> None:
+            document.pop("acceptance", None)
+            if rows:
+                document["acceptance"] = {"instrument_um": instrument_um, "limit": rows}
+
+        self._edit(put)
+
+    def _begin_campaign(self) -> None:
+        """A campaign.toml without a test, for the instrument that is chosen."""
+        bar = self.instrument == BallBarTest.instrument
+        text = planned_text("new", []) if bar else log_campaign_text("new")
         write_whole(self.folder / "campaign.toml", text, force=True)
 
-    def _put_campaign(self, tests: Sequence[dict[str, Any]], numbers: dict[str, float] | None = None) -> None:
-        """Write campaign.toml with these tests; what stands in it besides stays."""
+    def _edit(self, change: Callable[[Any], None]) -> None:
+        """Change campaign.toml, whose comments and order stay; nothing is written where no command would read it."""
         file = self.folder / "campaign.toml"
-        there = parse(file) if file.is_file() else {}
-        if self.instrument == BallBarTest.instrument:
-            known = there.get("instrument", {})
-            kept = {k: v for k, v in known.items() if k != "kind"} if known.get("kind") == self.instrument else {}
-            text = planned_text(there.get("name", "new"), tests, kept | (numbers or {}))
-        else:
-            text = log_campaign_text(there.get("name", "new"))
-            text += "".join("\n[[test]]\n" + tomlkit.dumps(t) for t in tests)
-        if "acceptance" in there:
-            text += "\n" + tomlkit.dumps({"acceptance": there["acceptance"]})
+        document = tomlkit.parse(read_text(file))
+        change(document)
+        text = tomlkit.dumps(document)
         self._look(text)
         write_whole(file, text, force=True)
 
@@ -284,10 +292,14 @@ class Draft:
         plain = Path(name).name
         if len(data) > LARGEST:
             raise InputError(f"{plain}: {len(data) / 1e6:.0f} MB; allowed: up to {LARGEST / 1e6:.0f} MB")
+        if plain in ("", ".", ".."):
+            raise InputError(f"{name!r} is no name of a file")
         path = self._drop / plain
         path.write_bytes(data)
         try:
             if path.suffix.lower() == ".toml":
+                if self.existing:
+                    raise InputError(f"{plain}: the campaign is there already; allowed: traces and recordings of it")
                 return self._drop_toml(path)
             self._machine()
             if path.suffix.lower() in PROGRAMS:
@@ -323,10 +335,11 @@ class Draft:
         kept = self.folder / "programs" / path.name
         kept.parent.mkdir(exist_ok=True)
         shutil.copyfile(path, kept)
+        keys = {"program": f"programs/{path.name}"}
+        if path.suffix.lower() in _DIALECT:
+            keys["program_dialect"] = _DIALECT[path.suffix.lower()]
         try:
-            self._put_campaign(
-                [t | {"program": f"programs/{path.name}"} if t["name"] == name else t for t in self.tests]
-            )
+            self._edit(lambda document: _named_table(document, name).update(keys))
         except InputError:
             kept.unlink()
             raise
@@ -334,8 +347,8 @@ class Draft:
 
     def _drop_b5r(self, path: Path) -> str:
         read = read_features(self.folder, [path])
-        made = import_traces(self.folder, [path], force=True, check=False)
-        import_features(self.folder, [path], True)
+        made = import_traces(self.folder, [path], force=self._force, check=False)
+        import_features(self.folder, [path], self._force)
         for trace in made:
             self._keep(path, trace)
         runs = ", ".join(t.test.name for t in made) or "none: no test fits its header"
@@ -373,7 +386,7 @@ class Draft:
         """
         dropped = self.files[file]
         try:
-            (made,) = import_traces(self.folder, [dropped.path], test, keys, options, force=True, check=False)
+            (made,) = import_traces(self.folder, [dropped.path], test, keys, options, self._force, check=False)
         except InputError as error:
             dropped.problem = self.plain(error)
             raise InputError(dropped.problem) from None
@@ -386,7 +399,7 @@ class Draft:
         """
         dropped = self.files[file]
         try:
-            made = import_log(self.folder, dropped.path, None, signals, None, options, force=True)
+            made = import_log(self.folder, dropped.path, None, signals, None, options, self._force)
         except InputError as error:
             dropped.problem = self.plain(error)
             raise InputError(dropped.problem) from None
@@ -491,3 +504,18 @@ def guessed_keys(path: Path, header: tuple[str, ...]) -> dict[str, Any]:
         elif word.upper() in FIVE_AXIS.planes:
             out["plane"] = word.upper()
     return out | test_keys(header)
+
+
+def _append(document: Any, tables: Sequence[dict[str, Any]]) -> None:
+    """Put tables of tests at the end of campaign.toml."""
+    if "test" not in document:
+        document.append("test", tomlkit.aot())
+    for table in tables:
+        if len(document["test"]):
+            document["test"][-1].add(tomlkit.nl())
+        document["test"].append(tomlkit.item(table))
+
+
+def _named_table(document: Any, name: str) -> Any:
+    """The table of a test."""
+    return next(t for t in document["test"] if t["name"] == name)

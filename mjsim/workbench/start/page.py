@@ -570,16 +570,16 @@ class StartPage:
                     button.props("no-caps")
                     return
                 folder = ui.input("New folder", value=str(Path.cwd() / "my-campaign")).classes("wide").mark("folder")
-                button = ui.button("write and open", on_click=lambda: self._write(folder.value, said, True))
+                button = ui.button("write and open", on_click=lambda: self._write(folder.value or "", said, True))
                 button.props("no-caps").mark("write and open")
-                later = ui.button("write, measure later", on_click=lambda: self._write(folder.value, said, False))
+                later = ui.button("write, measure later", on_click=lambda: self._write(folder.value or "", said, False))
                 later.props("flat no-caps").mark("write")
             ui.label(
                 "campaign.toml, machine.toml and traces, as mjsim new writes them. Nothing is written before."
             ).classes("said")
 
     async def _write(self, target: str, said: ui.label, then_open: bool) -> None:
-        folder = await self._try(said, lambda: self.draft.write(target or ""))
+        folder = await self._try(said, lambda: self.draft.write(target))
         if folder is None:
             return
         if then_open:
