@@ -4,13 +4,16 @@ import io
 import shutil
 import zipfile
 
+import numpy as np
 import pytest
 import tomlkit
-from commands import cut, snapshot
+from commands import cut, run, snapshot
+from test_import_b5r_runs import document, one
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.errors import InputError
+from mjsim.importing.reading import Options
 from mjsim.io.resources import examples
 from mjsim.workbench.start import recent as opened
 from mjsim.workbench.start.draft import Draft, guessed_keys
@@ -65,7 +68,7 @@ def test_the_tests_of_a_campaign_file_wait_for_their_traces(draft, tmp_path):
     for name in names:
         data = (source / "traces" / f"{name}.csv.gz").read_bytes()
         assert draft.drop(f"{name}.csv.gz", data) == f"{name}.csv.gz: the trace of {name}."
-    assert {t.name for t in draft.campaign.measured} == set(names)
+    assert {t.name for t in read_campaign(draft.folder).measured} == set(names)
     draft.remove_test(names[0])
     assert [t["name"] for t in draft.tests] == names[1:]
     for name in names[1:]:
@@ -161,6 +164,36 @@ def test_traces_of_a_campaign_that_is_there(tmp_path):
     assert folder.is_dir()
 
 
+def test_runs_of_another_system_become_tests(draft):
+    """Plane, length and feed come from its header; where the ball sat is asked for. Later it goes to the tests."""
+    phi = np.linspace(0.0, 4.0 * np.pi, 720, endpoint=False)
+    runs = [one(way, 5.0 + np.cos(2.0 * sign * phi), "0.002") for way, sign in (("CCW", 1.0), ("CW", -1.0))]
+    file = document(*runs, feed="1000").encode()
+    assert draft.drop("xy.b5r", file).endswith("how were its runs made?")
+    keys = draft.files["xy.b5r"].keys
+    assert keys["plane"] == "XY" and keys["bar_length_mm"] == 100.0 and keys["feed_mm_min"] == 1000.0
+    draft.bring_in("xy.b5r", "xy", CIRCLE)
+    assert [(t["name"], t["direction"]) for t in draft.tests] == [("xy-ccw", "CCW"), ("xy-cw", "CW")]
+    assert {f.test for f in draft.files.values()} == {"xy-ccw", "xy-cw"}
+    assert "runs of xy-ccw, xy-cw" in draft.drop("again.b5r", file)
+
+
+def test_a_log_whose_header_says_nothing(draft):
+    """It is kept and asked about; with its columns named it is a recording."""
+    draft.choose_instrument("axis_log")
+    time = np.arange(4000) / 1000.0
+    rows = np.column_stack([time, 10.0 * np.sin(3.0 * time), 10.0 * np.sin(3.0 * time - 0.02)])
+    text = "a,b,c\n" + "\n".join(",".join(f"{v:.6f}" for v in row) for row in rows)
+    with pytest.raises(InputError, match="no column of the time"):
+        draft.drop("run.csv", text.encode())
+    assert not draft.tests and draft.files["run.csv"].problem
+    options = Options(time="1", time_unit="s")
+    draft.bring_in_log("run.csv", ("X_command=2:mm", "X_actual=3:mm"), options)
+    dropped = draft.files["run.csv"]
+    assert dropped.test == "run" and not dropped.problem and "X command in mm" in dropped.columns
+    assert [t.name for t in read_campaign(draft.folder).measured] == ["run"] and draft.tests[0]["axes"] == ["X"]
+
+
 def test_a_file_name_and_a_header_suggest_keys(tmp_path):
     (tmp_path / "Cone_CW.txt").write_text("")
     assert guessed_keys(tmp_path / "Cone_CW.txt", ()) == {"kind": "cone_frustum", "direction": "CW"}
@@ -181,3 +214,9 @@ def test_campaigns_opened_last_are_remembered(tmp_path, monkeypatch):
     monkeypatch.setenv("MJSIM_CACHE", "off")
     opened.remember(folders[0])
     assert opened.recent() == []
+
+
+@pytest.mark.parametrize("option", [["--as-is"], ["--machine", "machine.toml"]])
+def test_options_of_a_campaign_need_one(option):
+    result = run("open", "--no-browser", *option)
+    assert result.exit_code == 2 and "need a CAMPAIGN" in result.stderr

@@ -49,10 +49,12 @@ def command(campaign, machine, host, port, no_browser, as_is, threads, as_json, 
     c = None if campaign is None else read_campaign(campaign, as_is=as_is)
     m = None if c is None else machine_of(c, machine)
 
+    could = "write campaigns on this computer" if campaign is None else "change the machine file"
+
     def say(address: str) -> None:
         if host not in (LOOPBACK, "localhost", "::1"):
             click.echo(
-                f"mjsim: warning: {host} is open to the network; whoever has the address can change the machine file",
+                f"mjsim: warning: {host} is open to the network; whoever has the address can {could}",
                 err=True,
             )
         if as_json:

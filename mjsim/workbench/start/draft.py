@@ -25,6 +25,7 @@ from mjsim.campaign.new import check_new_folder, planned_text
 from mjsim.campaign.new_machine import check_position_gain, log_campaign_text, machine_text
 from mjsim.errors import InputError
 from mjsim.importing.b5r import looks_like_xml
+from mjsim.importing.b5r_runs import read_recorded
 from mjsim.importing.features import import_features, read_features
 from mjsim.importing.formats import read_any
 from mjsim.importing.header import test_keys
@@ -193,12 +194,12 @@ class Draft:
 
     @property
     def campaign(self) -> Campaign | None:
-        """The campaign as far as it is there; ``None`` before it has a test."""
+        """The campaign as far as it is there, without its traces; ``None`` before it has a test."""
         file = self.folder / "campaign.toml"
         if not file.is_file():
             return None
         data = parse(file)
-        return campaign_from(file, data, spans=False) if data.get("test") else None
+        return campaign_from(file, data, traces=False) if data.get("test") else None
 
     @property
     def tests(self) -> list[dict[str, Any]]:
@@ -347,12 +348,18 @@ class Draft:
 
     def _drop_b5r(self, path: Path) -> str:
         read = read_features(self.folder, [path])
-        made = import_traces(self.folder, [path], force=self._force, check=False)
+        made = import_traces(self.folder, [path], force=self._force, check=False) if self.tests else []
         import_features(self.folder, [path], self._force)
         for trace in made:
             self._keep(path, trace)
-        runs = ", ".join(t.test.name for t in made) or "none: no test fits its header"
-        return f"{path.name}: {sum(len(i.features) for i in read.values())} features; runs of {runs}."
+        said = f"{path.name}: {sum(len(i.features) for i in read.values())} features"
+        recorded = read_recorded(path)
+        if made or not recorded.runs:
+            return f"{said}; runs of {', '.join(t.test.name for t in made) or 'no test'}."
+        runs = " and ".join(r.direction for r in recorded.runs)
+        keys = {"kind": "circular"} | recorded.keys
+        self.files[path.name] = Dropped(path, f"runs {runs}, which become a test each", keys)
+        return f"{said}; how were its runs made?"
 
     def _drop_trace(self, path: Path) -> str:
         table = read_any(path, Options())
@@ -372,25 +379,28 @@ class Draft:
 
     def bring_in(
         self, file: str, test: str, keys: dict[str, Any] | None = None, options: Options | None = None
-    ) -> ImportedTrace:
+    ) -> list[ImportedTrace]:
         """Bring a dropped trace into the draft.
 
         Args:
             file: Its name.
             test: Name of its test.
-            keys: Of the ``[[test]]`` table of a test that is not there yet.
+            keys: Of the ``[[test]]`` table of a test that is not there yet; of each run of a ``.b5r`` file.
             options: How the file is read, where its header does not say.
 
         Raises:
             InputError: What is missing or wrong; nothing has changed.
         """
         dropped = self.files[file]
+        if looks_like_xml(dropped.path) and keys is not None:  # each of its runs is a test, in its own direction
+            keys, test = {k: v for k, v in keys.items() if k != "direction"}, ""
         try:
-            (made,) = import_traces(self.folder, [dropped.path], test, keys, options, self._force, check=False)
+            made = import_traces(self.folder, [dropped.path], test or None, keys, options, self._force, check=False)
         except InputError as error:
             dropped.problem = self.plain(error)
             raise InputError(dropped.problem) from None
-        self._keep(dropped.path, made)
+        for trace in made:
+            self._keep(dropped.path, trace)
         return made
 
     def bring_in_log(self, file: str, signals: tuple[str, ...] = (), options: Options | None = None) -> ImportedLog:

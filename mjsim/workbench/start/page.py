@@ -23,7 +23,7 @@ from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.units import DEG, MM, UM
 from mjsim.workbench.start.draft import INSTRUMENTS, Draft, Dropped
 from mjsim.workbench.start.preview import preview_of_series, preview_of_trace
-from mjsim.workbench.start.recent import recent
+from mjsim.workbench.start.recent import recent, remember
 from mjsim.workbench.start.trace_form import TraceForm
 
 #: Units of a position gain, and each in 1/s.
@@ -84,7 +84,7 @@ class StartPage:
                 button.props('flat dense aria-label="light or dark"')
             self.body = ui.element("div").classes("start-body")
         with self.body:
-            if draft is None:
+            if self.draft.machine is None:
                 self._home()
             else:
                 self._steps()
@@ -582,13 +582,12 @@ class StartPage:
         folder = await self._try(said, lambda: self.draft.write(target))
         if folder is None:
             return
+        self.draft.close()
         if then_open:
+            self.draft = Draft()  # who comes back begins another one
             await self._open(lambda: folder, said)
             return
-        from mjsim.workbench.start.recent import remember
-
         remember(folder)
-        self.draft.close()
         self.draft = Draft(folder)
         self._begin()
 
