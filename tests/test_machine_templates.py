@@ -11,7 +11,7 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.machine_templates import FACTOR, LAYOUTS, SIZES, TEMPLATES
 from mjsim.campaign.new_machine import machine_text
-from mjsim.estimation.data_sheet import calibrated, data_sheet, sheet_of
+from mjsim.estimation.data_sheet import calibrated, data_sheet, sheet_block, sheet_of
 from mjsim.estimation.planning.whole_campaign import CampaignPlanner
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.model import TOLERANCE, build
@@ -70,6 +70,14 @@ def test_a_factor_widens_all_but_the_position_gain():
     assert wide["inertia"].ratio(2.0) == pytest.approx(2.0) and wide["inertia"].ratio(-2.0) == pytest.approx(0.5)
     assert wide["inertia"].step * wide["inertia"].sd <= 0.1
     assert {p.name: p.sd for p in data_sheet(FIVE_AXIS)} == TOLERANCE and not any(p.wide for p in data_sheet(FIVE_AXIS))
+
+
+def test_a_wide_number_stays_within_three_standard_deviations(three_axes):
+    """So that a cause that the model lacks cannot drive a drive to where it is unstable; data sheets have no bound."""
+    block = sheet_block(three_axes, np.zeros(len(sheet_of(three_axes)), bool))
+    wide = np.array([p.wide for p in sheet_of(three_axes)])
+    assert (block.upper[wide] == 3.0).all() and (block.lower[wide] == -3.0).all() and np.isinf(block.upper[~wide]).all()
+    assert sheet_of(three_axes)[int(np.argmax(wide))].ratio(9.0) == pytest.approx(FACTOR**1.5)
 
 
 def test_a_wide_data_sheet_moves_the_machine(three_axes):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -21,8 +21,8 @@ _LINEAR = 0.1
 #: A setting that everybody can read in the control: a stated factor does not widen it for ball-bar tests. There it also
 #: is what a servo fault is told by.
 _READ = "position_gain"
-#: No number is further from the printed one than this, as a logarithm: a drive that is far off is unstable anyway.
-_FARTHEST = 5.0
+#: Standard deviations within which a number stays that is known within a factor only: beyond them is one of 370.
+_FARTHEST = 3.0
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class SheetParameter:
     def ratio(self, deviation: float) -> float:
         """The number over the printed one, ``deviation`` standard deviations from it."""
         if self.wide:
-            return math.exp(min(max(self.sd * deviation, -_FARTHEST), _FARTHEST))
+            return math.exp(self.sd * min(max(deviation, -_FARTHEST), _FARTHEST))
         return max(1.0 + self.sd * deviation, 0.05)
 
 
@@ -82,14 +82,17 @@ def sheet_of(machine: Machine) -> tuple[SheetParameter, ...]:
 DATA_SHEET = "data sheet"
 
 
-def sheet_block(chain: Chain, frozen: np.ndarray) -> Block:
+def sheet_block(machine: Machine, frozen: np.ndarray) -> Block:
     """The data sheet as a block of the parameter vector, in standard deviations of its tolerances.
 
     Args:
-        chain: The machine's axes.
+        machine: As its file says.
         frozen: Numbers that stay as printed, (sheet,) bool.
     """
-    return Block.normal(DATA_SHEET, [p.label for p in data_sheet(chain)], frozen=frozen)
+    sheet = sheet_of(machine)
+    limit = np.array([_FARTHEST if p.wide else np.inf for p in sheet])
+    block = Block.normal(DATA_SHEET, [p.label for p in sheet], frozen=frozen)
+    return replace(block, lower=-limit, upper=limit)
 
 
 def calibrated(machine: Machine, sheet_deviation: np.ndarray) -> Machine:

@@ -82,7 +82,7 @@ class Fit:
     @cached_property
     def parameters(self) -> Parameters:
         """Nuisances, data sheet, a block per effect. What a poor model lacks drives effects to bounds: it has none."""
-        sheet = sheet_block(self.base.chain, self.frozen_sheet)
+        sheet = sheet_block(self.base, self.frozen_sheet)
         near = self.sum_squares < _GOOD_START * len(self.residual)
         return self.nuisances.with_blocks(sheet, *(f.block if near else f.block.unbounded for f in self.effects))
 

@@ -212,5 +212,5 @@ def competing_of(explanation: Explanation) -> CompetingModel:
 def _lasting(machine: Machine, effects: tuple[EffectVector, ...]) -> Parameters:
     """Blocks of what a new set-up does not change."""
     length = Block.normal(BAR_LENGTH, ("length",))
-    sheet = sheet_block(machine.chain, np.zeros(len(data_sheet(machine.chain)), bool))
+    sheet = sheet_block(machine, np.zeros(len(data_sheet(machine.chain)), bool))
     return Parameters((length, sheet, *(f.block for f in effects)))
