@@ -1,4 +1,6 @@
-"""Pictures of machines of many chains for the documentation: one contact sheet, and frames of a head-table machine."""
+"""Pictures of machines of many chains: one contact sheet and frames of a head-table machine for the documentation,
+and one for each layout of the machine templates (alone with --templates).
+"""
 
 from __future__ import annotations
 
@@ -14,6 +16,7 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from mjsim.campaign.machine_templates import LAYOUTS
 from mjsim.campaign.new_machine import new_machine
 from mjsim.cli.main import main as command
 from mjsim.instruments.ball_bar.kinds import KINDS
@@ -106,7 +109,18 @@ def picture(chain) -> np.ndarray:
     return image
 
 
+def pictures_of_templates() -> None:
+    """One small picture for each layout, for the start page."""
+    folder = IMAGES.parent.parent / "mjsim" / "workbench" / "start" / "pictures"
+    for layout in LAYOUTS:
+        image = Image.fromarray(picture(chain_of(layout.configuration, layout.placements)))
+        image.resize((240, 198)).save(folder / f"{layout.name}.jpg", quality=80, optimize=True)
+
+
 def main() -> None:
+    pictures_of_templates()
+    if "--templates" in sys.argv:
+        return
     columns, caption = 4, 44
     rows = -(-len(MACHINES) // columns)
     sheet = Image.new("RGB", (columns * SIZE[0], rows * (SIZE[1] + caption)), "white")

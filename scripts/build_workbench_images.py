@@ -1,9 +1,10 @@
 """Pictures and film of the workbench for the documentation, taken from the real page in headless Chromium.
 
-    .venv/bin/python scripts/build_workbench_images.py [--film] [--all FOLDER]
+    .venv/bin/python scripts/build_workbench_images.py [--film] [--all FOLDER] [--start]
 
-Writes docs/images/workbench-*.png; with --film also docs/images/workbench.gif, the mission in some 20 s. With --all the
-page is also taken in other sizes and in the dark, into a folder, to be looked at.
+Writes docs/images/workbench-*.png and start-page.png, with --start the latter alone; with --film also
+docs/images/workbench.gif, the mission in some 20 s. With --all the pages are also taken in other sizes and in the dark,
+into a folder, to be looked at.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from pathlib import Path
 from PIL import Image
 from workbench_page import Opened, slider_of
 
+from mjsim.io.resources import examples
+
 IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
 #: Size of the film, pixels, and its pictures' time, ms.
 FILM, FRAME = (1024, 640), 500
@@ -28,7 +31,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--film", action="store_true", help="make the GIF as well")
     parser.add_argument("--all", type=Path, help="folder for pictures in other sizes and in the dark")
+    parser.add_argument("--start", action="store_true", help="the start page alone")
     options = parser.parse_args()
+    start_page(IMAGES / "start-page.png")
+    _small(IMAGES / "start-page.png")
+    if options.start:
+        return 0
     with tempfile.TemporaryDirectory() as folder:
         mission(Path(folder), options.film)
     if options.all:
@@ -40,7 +48,32 @@ def main() -> int:
                     slider_of(opened, "A", "backlash.A")
                     name = f"{size[0]}x{size[1]}-{'dark' if dark else 'light'}.png"
                     opened.page.screenshot(path=options.all / name)
+                start_page(options.all / f"start-{name}", size, dark)
     return 0
+
+
+def start_page(path: Path, size: tuple[int, int] = (1280, 800), dark: bool = False) -> None:
+    """A new campaign: a plan for a machine of three axes, a trace of it, and one that does not fit."""
+    with Opened(None, size, dark) as opened:
+        page = opened.page
+        page.get_by_role("button", name="new campaign").click()
+        page.get_by_label("three-axes", exact=True).click()
+        page.get_by_text("believed within a factor").wait_for()
+        page.get_by_role("button", name="10 minutes").click()
+        page.get_by_text("Tells from everything else").wait_for()
+        page.get_by_role("button", name="take over these tests").click()
+        page.get_by_text("Tests without a trace:").wait_for()
+        traces = [examples() / "healthy" / "traces" / f"{n}.csv.gz" for n in ("circle-xy-ccw", "cone15-centre-ccw")]
+        page.locator("input[type=file]").set_input_files(traces)
+        page.locator(f"[data-file='{traces[1].name}']").wait_for()
+        page.get_by_label(f"use {traces[1].name}").click()
+        page.locator(".ask").first.wait_for()
+        page.get_by_text("check: no mistake found").or_(page.locator(".problem", has_text="cone15")).first.wait_for()
+        page.locator(".start").evaluate("e => e.scrollTop = e.scrollHeight")
+        page.get_by_text("Nothing measured yet").evaluate("e => e.scrollIntoView({block: 'start'})")
+        page.locator(".start").evaluate("e => e.scrollTop -= 110")
+        page.wait_for_timeout(500)
+        page.screenshot(path=path)
 
 
 def mission(folder: Path, film: bool) -> None:

@@ -24,7 +24,7 @@ class Opened:
     """``mjsim open`` on a copy of an example, and its page; a context manager.
 
     Args:
-        example: Name of the example.
+        example: Name of the example; ``None`` for the start page.
         size: Of the page, pixels.
         dark: The browser asks for a dark page.
         video: Folder of a recording of the page; none is made where it is missing.
@@ -34,7 +34,7 @@ class Opened:
 
     def __init__(
         self,
-        example: str = "hidden-backlash",
+        example: str | None = "hidden-backlash",
         size: tuple[int, int] = (1280, 800),
         dark: bool = False,
         video: Path | None = None,
@@ -43,13 +43,15 @@ class Opened:
 
     def __enter__(self) -> Opened:
         self._folder = tempfile.TemporaryDirectory()
-        self.campaign = Path(self._folder.name) / self.example
-        shutil.copytree(examples() / self.example, self.campaign)
+        self.campaign = Path(self._folder.name) / (self.example or "none")
+        if self.example is not None:
+            shutil.copytree(examples() / self.example, self.campaign)
         self._playwright = sync_playwright().start()
         browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))))
         self._browser = self._playwright.chromium.launch(executable_path=browser, args=FLAGS)
         start = "from mjsim.cli.main import main; main()"
-        command = [sys.executable, "-c", start, "open", str(self.campaign), "--no-browser", "--json"]
+        campaign = [] if self.example is None else [str(self.campaign)]
+        command = [sys.executable, "-c", start, "open", *campaign, "--no-browser", "--json"]
         #: When the command was started, s: the browser runs by then, as a user's does.
         self.started = time.monotonic()
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)

@@ -35,8 +35,9 @@ MACHINES = {"M1": "hidden-backlash", "M2": "two-candidates"}
 
 #: Files that take longest for their number of tests: begun first, so that all workers end together.
 LONG = (
-    "test_joint_selection", "test_estimation", "test_examples", "test_workbench_browser", "test_worn_worm",
-    "test_single_revolutions", "test_one_curve", "test_bank", "test_own_effects", "test_mistakes", "test_joint",
+    "test_joint_selection", "test_estimation", "test_examples", "test_workbench_browser", "test_start_browser",
+    "test_worn_worm", "test_single_revolutions", "test_one_curve",
+    "test_bank", "test_own_effects", "test_mistakes", "test_joint",
     "test_workbench", "test_batch", "test_pitch", "test_report_browser", "test_paper", "test_docs", "test_figures",
     "test_oracle_drives", "test_chain_campaigns", "test_planning", "test_vibration", "test_upkeep", "test_model",
     "test_cli", "test_log_plan", "test_extras", "test_convergence", "test_drive", "test_writing",

@@ -33,9 +33,9 @@ PATIENCE = 240_000
 
 
 @contextmanager
-def opened(campaign, *options):
+def opened(*arguments):
     """A running ``mjsim open``: its process and its address."""
-    command = [sys.executable, "-c", START, "open", str(campaign), "--no-browser", "--json", *options]
+    command = [sys.executable, "-c", START, "open", *map(str, arguments), "--no-browser", "--json"]
     # NiceGUI behaves otherwise where it finds itself in a test
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST")}
     pipe = subprocess.PIPE

@@ -10,7 +10,7 @@ import numpy as np
 from mjsim.campaign.machine_file import DRIVE_KEYS
 from mjsim.effects import registry
 from mjsim.errors import InputError
-from mjsim.estimation.data_sheet import calibrated, data_sheet
+from mjsim.estimation.data_sheet import calibrated, sheet_of
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import FRICTION_PARAMETERS, Machine
 
@@ -82,21 +82,21 @@ def _changed(machine: Machine, key: str, changes: dict[str, float]) -> Effect:
 def sheet_columns(machine: Machine) -> list[Target]:
     """The data sheet's numbers that an ensemble draws, as columns: all that ``machine`` has."""
     out = []
-    for p in data_sheet(machine.chain):
+    for p in sheet_of(machine):
         if p.name in FRICTION_PARAMETERS:
             friction, key = machine.effect(f"friction.{p.axis}"), FRICTION_PARAMETERS[p.name]
             if friction is not None and not friction.is_neutral:
                 unit = next(q.unit for q in friction.parameters if q.name == key)
                 out.append(
                     Target(
-                        f"{friction.key}.{key}", "effect", friction.key, key, unit, f"data sheet, ± {100 * p.sd:g} %"
+                        f"{friction.key}.{key}", "effect", friction.key, key, unit, f"data sheet, ± {100 * p.sd:.3g} %"
                     )
                 )
         else:
             key = DRIVE_KEYS[p.name]
             out.append(
                 Target(
-                    f"drive.{p.axis}.{key}", "drive", p.axis, key, DRIVE_UNITS[key], f"data sheet, ± {100 * p.sd:g} %"
+                    f"drive.{p.axis}.{key}", "drive", p.axis, key, DRIVE_UNITS[key], f"data sheet, ± {100 * p.sd:.3g} %"
                 )
             )
     return out

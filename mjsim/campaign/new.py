@@ -4,13 +4,33 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
+
+import tomlkit
 
 from mjsim.errors import InputError
 from mjsim.io.files import check_writable, write_all
 
 #: Folder of the files that a new campaign begins with.
 TEMPLATE = Path(__file__).resolve().parent / "template"
+#: A campaign of planned tests, before its tables.
+_PLANNED = """# A ball-bar campaign: the tests of one machine, in the order of measuring.
+# Keys end in their unit. docs/campaign-format.md explains every key.
+# When a test is measured: mjsim import FILE --campaign FOLDER --test NAME
+
+name = {name}
+machine = "machine.toml"
+
+[instrument]
+kind = "ball_bar"
+resolution_um = {resolution_um:g}
+range_mm = {range_mm:g}
+sample_rate_Hz = {sample_rate_Hz:g}
+"""
+#: Numbers of an ordinary ball bar.
+BALL_BAR = {"resolution_um": 0.1, "range_mm": 1.0, "sample_rate_Hz": 200.0}
 _FILES = {"campaign.toml": "campaign.toml", "machine.toml": "machine.toml", "README.md": "traces/README.md"}
 
 
@@ -33,6 +53,50 @@ def new_campaign(folder: str | Path, name: str | None = None) -> list[Path]:
     texts = {place: (TEMPLATE / source).read_text(encoding="utf-8") for source, place in _FILES.items()}
     contents = {
         folder / place: text.replace('"@NAME@"', json.dumps(name, ensure_ascii=False)) for place, text in texts.items()
+    }
+    write_all(contents)
+    return list(contents)
+
+
+def planned_text(name: str, tests: Sequence[dict[str, Any]], instrument: dict[str, float] | None = None) -> str:
+    """A campaign.toml of tests that are not measured yet.
+
+    Args:
+        name: of the campaign.
+        tests: their tables, in the order of measuring; there may be none yet.
+        instrument: numbers of the ball bar, as in its table; an ordinary one's when missing.
+    """
+    text = _PLANNED.format(name=json.dumps(name, ensure_ascii=False), **(BALL_BAR | (instrument or {})))
+    return text + "".join("\n[[test]]\n" + tomlkit.dumps(t).rstrip() + "\n" for t in tests)
+
+
+def new_planned_campaign(
+    folder: str | Path,
+    machine_file: str,
+    tests: Sequence[dict[str, Any]],
+    name: str | None = None,
+) -> list[Path]:
+    """Start a campaign of planned tests: campaign.toml, machine.toml and a folder for the traces; all, or nothing.
+
+    Args:
+        folder: new, or empty.
+        machine_file: text of the machine file.
+        tests: tables of the tests.
+        name: of the campaign; the folder's when missing.
+
+    Returns:
+        The files.
+
+    Raises:
+        InputError: the folder holds something already, or cannot be written.
+    """
+    folder = Path(folder)
+    name = check_new_folder(folder, name, "campaign")
+    check_writable(folder / "campaign.toml")
+    contents = {
+        folder / "campaign.toml": planned_text(name, tests),
+        folder / "machine.toml": machine_file,
+        folder / "traces" / "README.md": (TEMPLATE / "README.md").read_text(encoding="utf-8"),
     }
     write_all(contents)
     return list(contents)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from mjsim.campaign.machine_templates import FACTOR, MachineTemplate
 from mjsim.campaign.new import TEMPLATE, check_new_folder
 from mjsim.errors import InputError
 from mjsim.io.files import check_writable, write_all
@@ -32,8 +33,25 @@ inertia_kgm2 = 0.004
 viscous_Nms_per_rad = 0.004
 gravity_Nm = 0.0
 """
-_FRICTION = '[[effect]]\nid = "friction.{axis}"\ncoulomb_Nm = {coulomb}\npresliding_rad = {presliding}\n'
+_FRICTION = (
+    '[[effect]]\nid = "friction.{axis}"\ncoulomb_Nm = {coulomb}{source}\npresliding_rad = {presliding}{source}\n'
+)
 
+
+#: Drives of a template: every number is typical, none is the machine's.
+_OF_TEMPLATE = """[drive.{axis}]
+{gear:<38} # {meaning}; CHANGE
+position_gain_per_s = {position_gain:<16g} # Kpp, as set in the control (1 m/min/mm is 16.7 1/s); CHANGE
+velocity_gain_Nms_per_rad = {velocity_gain:<10g} # assumed
+integral_time_s = {integral_time:<20g} # assumed
+inertia_kgm2 = {inertia:<23g} # assumed
+viscous_Nms_per_rad = {viscous:<16g} # assumed
+gravity_Nm = {gravity:<25g} # assumed
+"""
+_MEANING = {
+    "lead_mm": "travel in one turn of the motor, from the drawing",
+    "worm_teeth": "turns of the motor in one turn of the axis, from the drawing",
+}
 
 #: What a machine file of axis logs has besides.
 _OF_LOGS = """
@@ -70,9 +88,8 @@ def new_log_campaign(folder: str | Path, configuration: str, name: str | None = 
     folder = Path(folder)
     chain = chain_of(configuration, with_senses(configuration))
     name = check_new_folder(folder, name, "campaign")
-    campaign = (TEMPLATE / "logs.toml").read_text(encoding="utf-8")
     contents = {
-        folder / "campaign.toml": campaign.replace('"@NAME@"', json.dumps(name, ensure_ascii=False)),
+        folder / "campaign.toml": log_campaign_text(name),
         folder / "machine.toml": machine_text(chain, name) + _OF_LOGS.format(axis=chain.letters[0]),
         folder / "traces" / "README.md": "Recordings of the axes. `mjsim import FILE --log` writes them here.\n",
     }
@@ -81,17 +98,32 @@ def new_log_campaign(folder: str | Path, configuration: str, name: str | None = 
     return list(contents)
 
 
-def machine_text(chain: Chain, name: str) -> str:
-    """A commented machine file for a chain; its numbers are typical of a small machining centre.
+def log_campaign_text(name: str) -> str:
+    """A commented campaign.toml of axis logs that has no test yet."""
+    text = (TEMPLATE / "logs.toml").read_text(encoding="utf-8")
+    return text.replace('"@NAME@"', json.dumps(name, ensure_ascii=False))
+
+
+def machine_text(
+    chain: Chain, name: str, template: MachineTemplate | None = None, position_gain: float | None = None
+) -> str:
+    """A commented machine file for a chain; its numbers are typical of a small machining centre, or of a template.
 
     Args:
         chain: the axes.
         name: of the machine.
+        template: what the numbers are typical of; they are then believed within a factor only.
+        position_gain: of all axes, 1/s, where the user knows it.
     """
-    out = [
-        "# The model of the machine: its axes, its drives, and the effects that are already known.\n"
+    where = (
         "# The numbers are typical of a small machining centre. Take yours from the parameters of the control\n"
         "# and from the data sheets of the motors.\n\n"
+        if template is None
+        else f"# From the template {template.name}: {template.layout.words};\n# {template.size.words}.\n"
+        "# No number is measured. What you know of your machine belongs in place of what is marked CHANGE.\n\n"
+    )
+    out = [
+        f"# The model of the machine: its axes, its drives, and the effects that are already known.\n{where}"
         f"name = {json.dumps(name, ensure_ascii=False)}\n"
         f'configuration = "{chain.configuration}"\n'
     ]
@@ -99,17 +131,31 @@ def machine_text(chain: Chain, name: str) -> str:
         length = f"tool_length_mm = {chain.tool_length / MM:g}"
         out.append(f"{length:<38} # from the pivot of the head to the ball; CHANGE\n")
     out.append("\n")
+    if template is not None:
+        out.append(
+            f"# The assumed numbers are believed within this factor, so that a diagnosis fits them. Take it out once\n"
+            f"# they come from data sheets (which are believed within some per cent).\n"
+            f"[identify]\nfactor = {FACTOR:g}\n\n"
+        )
     for axis in (a for a in chain.axes if a.rotary):
         out.append(_axis_table(chain, axis))
     for axis in chain.axes:
         lifts = not axis.rotary and axis.along == 2
-        out.append((_ROTARY if axis.rotary else _LINEAR).format(axis=axis.letter, gravity="3.0" if lifts else "0.0"))
+        if template is None:
+            text = _ROTARY if axis.rotary else _LINEAR
+            out.append(text.format(axis=axis.letter, gravity="3.0" if lifts else "0.0"))
+        else:
+            out.append(_template_drive(template, axis, lifts, position_gain))
         out.append("\n")
     out.append("# Effects that are in the model. Every machine has friction.\n")
     out.append("# `mjsim effects --machine FILE` lists all that this machine can have.\n\n")
     for axis in chain.axes:
         numbers = {"coulomb": 0.4, "presliding": 0.006} if axis.rotary else {"coulomb": 1.0, "presliding": 0.003}
-        out.append(_FRICTION.format(axis=axis.letter, **numbers) + "\n")
+        if template is not None:
+            typical = template.drive(axis.letter)
+            numbers = {"coulomb": typical.coulomb, "presliding": typical.presliding}
+        source = "" if template is None else "  # assumed"
+        out.append(_FRICTION.format(axis=axis.letter, source=source, **numbers) + "\n")
     return "".join(out).rstrip() + "\n"
 
 
@@ -128,6 +174,17 @@ def with_senses(
         if one.sense is None and one.direction is None:
             stated[letter] = one._replace(sense=SENSES[0])
     return tuple(sorted(stated.items()))
+
+
+def _template_drive(template: MachineTemplate, axis: Axis, lifts: bool, position_gain: float | None) -> str:
+    """The table of one drive, with a source behind each number."""
+    typical = dict(vars(template.drive(axis.letter)))
+    key = "worm_teeth" if axis.rotary else "lead_mm"
+    gear = f"{key} = {typical.pop('gear'):g}"
+    gravity = typical.pop("lifted") if lifts else 0.0
+    if position_gain is not None:
+        typical["position_gain"] = position_gain
+    return _OF_TEMPLATE.format(axis=axis.letter, gear=gear, meaning=_MEANING[key], gravity=gravity, **typical)
 
 
 def _axis_table(chain: Chain, axis: Axis) -> str:
@@ -153,6 +210,8 @@ def new_machine(
     placements: tuple[tuple[str, Placement], ...] = (),
     tool_length: float | None = None,
     name: str | None = None,
+    template: MachineTemplate | None = None,
+    position_gain: float | None = None,
 ) -> list[Path]:
     """Write machine.toml and the model of a machine; all of it, or nothing.
 
@@ -162,6 +221,8 @@ def new_machine(
         placements: rotary axes that are tilted or offset, or whose sense is stated; the others count as ISO 841 says.
         tool_length: from the pivot of the head to the ball, m.
         name: of the machine; the folder's when missing.
+        template: what its numbers are typical of.
+        position_gain: of all its axes, 1/s, where a template is given.
 
     Returns:
         The files: machine.toml, and machine.xml and scene.xml where a ball bar can be held.
@@ -176,10 +237,25 @@ def new_machine(
             f"tool length {tool_length / MM:g} mm: the head of {configuration!r} does not turn; leave it out"
         )
     name = check_new_folder(folder, name, "machine")
-    contents = {folder / "machine.toml": machine_text(chain, name)}
+    contents = {folder / "machine.toml": machine_text(chain, name, template, position_gain)}
     if chain.spatial:
         contents[folder / "machine.xml"] = machine_xml(chain, "machine")
         contents[folder / "scene.xml"] = scene_xml(chain, "machine.xml")
     check_writable(folder / "machine.toml")
     write_all(contents)
     return list(contents)
+
+
+def check_position_gain(gain: float | None) -> None:
+    """Refuse a position gain that no control has.
+
+    Args:
+        gain: 1/s, or ``None``.
+
+    Raises:
+        InputError: it is out of bounds.
+    """
+    if gain is not None and not 1.0 <= gain <= 1000.0:
+        raise InputError(
+            f"position gain {gain:g}; allowed: 1 to 1000 1/s (1 m/min/mm is 16.7 1/s; a Fanuc control counts in 0.01/s)"
+        )

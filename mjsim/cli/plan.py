@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import click
 
 from mjsim.cli import common
@@ -12,8 +14,21 @@ _INSTRUMENTS = {"axis_log": "axis log", "ball_bar": "ball bar"}
 
 
 @click.command("plan")
-@common.campaign_argument
+@click.argument("campaign", type=click.Path(path_type=Path), required=False)
 @common.machine_option
+@click.option("--new", "whole", is_flag=True, help="Propose all tests of a new campaign, of --machine or --template.")
+@click.option("--template", "template_name", help="With --new: a machine template (mjsim machine templates).")
+@click.option(
+    "--position-gain",
+    type=float,
+    help="With --new and --template: position gain of all axes, as set in the control, 1/s.",
+)
+@click.option(
+    "--minutes", help="With --new: machine time, a number or full (default): 10 and 30 are usual.", default=None
+)
+@click.option(
+    "-o", "--out", type=click.Path(path_type=Path, file_okay=False), help="With --new: new folder for the campaign."
+)
 @click.option(
     "--between",
     nargs=2,
@@ -25,7 +40,9 @@ _INSTRUMENTS = {"axis_log": "axis log", "ball_bar": "ball bar"}
 @common.as_is_option
 @common.threads_option
 @common.options
-def command(campaign, machine, between, threads, as_is, as_json, quiet) -> None:
+def command(
+    campaign, machine, whole, template_name, position_gain, minutes, out, between, threads, as_is, as_json, quiet
+) -> None:
     """Say which test to measure next: the one that best separates the effects that the data of CAMPAIGN cannot tell
     apart.
 
@@ -36,9 +53,27 @@ def command(campaign, machine, between, threads, as_is, as_json, quiet) -> None:
     reversals, with the torque or a second velocity gain where positions are not enough. Where it has ball-bar tests as
     well, both instruments are compared.
 
+    With --new, no campaign is there yet: the tests are chosen that tell most of the machine in some minutes, and it is
+    said what they can and cannot tell.
+
     \b
     Example: mjsim plan examples/two-candidates --between servo_gain.C servo_delay.C
+             mjsim plan --new --template trunnion-a-medium --minutes 10
+             mjsim plan --new --machine my-machine/machine.toml --minutes 30 -o my-campaign
     """
+    if whole:
+        if campaign is not None or between is not None or as_is:
+            raise click.UsageError("--new has no CAMPAIGN, --between or --as-is")
+        if (machine is None) == (template_name is None):
+            raise click.UsageError("--new needs either --machine or --template")
+        if machine is not None and position_gain is not None:
+            raise click.UsageError("--position-gain needs --template")
+        _plan_new(machine, template_name, position_gain, minutes, out, threads, as_json, quiet)
+        return
+    if campaign is None:
+        raise click.UsageError("Missing argument 'CAMPAIGN' (or --new)")
+    if template_name is not None or minutes is not None or out is not None or position_gain is not None:
+        raise click.UsageError("--template, --position-gain, --minutes and --out need --new")
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import machine_of
     from mjsim.instruments.axis_log.measurement import LogTest
@@ -65,6 +100,76 @@ def command(campaign, machine, between, threads, as_is, as_json, quiet) -> None:
         show_recordings(result.to_json()["recordings"])
     else:
         show_recording(result.to_json(), str(c.folder))
+
+
+def _plan_new(machine, template_name, position_gain, minutes, out, threads, as_json, quiet) -> None:
+    """The tests of a new campaign."""
+    from mjsim.campaign.machine_file import read_machine
+    from mjsim.campaign.machine_templates import template_named
+    from mjsim.campaign.new import check_new_folder, new_planned_campaign
+    from mjsim.campaign.new_machine import check_position_gain, machine_text
+    from mjsim.estimation.planning.whole_campaign import CampaignPlanner
+    from mjsim.io.toml import read_text
+
+    time = _minutes(minutes)
+    check_position_gain(position_gain)
+    if out is not None:
+        check_new_folder(out, None, "campaign")
+    if template_name is not None:
+        template = template_named(template_name)
+        text = machine_text(template.chain, template.name, template, position_gain)
+        m = read_machine(Path("machine.toml"), text)
+    else:
+        m, text = read_machine(machine), read_text(machine)
+    with common.progress_bar(quiet) as progress:
+        plan = CampaignPlanner(m, common.cores(threads), progress).plan(time)
+    data = plan.to_json()
+    files = [] if out is None else new_planned_campaign(out, text, data["tests"])
+    if as_json:
+        common.print_json(data | {"files": [str(f) for f in files]})
+        return
+    if quiet:
+        return
+    show_new(data)
+    if out is not None:
+        click.echo(f"\n{out} has campaign.toml and machine.toml. Next:\n")
+        click.echo(f"  mjsim nc {out} --test {plan.tests[0].name} -o {plan.tests[0].name}.nc   (and the others)")
+        click.echo(f"  mjsim import FILE --campaign {out} --test NAME")
+        click.echo(f"  mjsim diagnose {out}")
+
+
+def _minutes(text: str | None) -> float | None:
+    """Minutes of a plan; ``None`` for a full one."""
+    from mjsim.errors import InputError
+
+    if text is None or text == "full":
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 < value <= 1000.0:
+        raise InputError(f"--minutes {text[:40]!r}; allowed: a number from 1 to 1000, or full")
+    return value
+
+
+def show_new(data: dict) -> None:
+    """The tests of a new campaign, and what they tell."""
+    from mjsim.estimation.planning.whole_campaign import told_sentences
+
+    setups = len({t["setup"] for t in data["tests"]})
+    common.paragraph(
+        f"{len(data['tests'])} tests in {setups} set-up{'s' if setups > 1 else ''}, {data['minutes']:.0f} minutes with "
+        "handling."
+    )
+    rows = [
+        [t["name"], t["setup"], " ".join(f"{x:g}" for x in t["table_ball_mm"]), f"{t['started_s'] / 60:.0f}"]
+        for t in data["tests"]
+    ]
+    common.table(["test", "set-up", "table ball mm", "begins min"], rows, text=(0, 1, 2))
+    click.echo()
+    for sentence in told_sentences(data):
+        common.paragraph(sentence)
 
 
 def show(result, campaign) -> None:

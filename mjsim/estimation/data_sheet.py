@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -15,47 +16,91 @@ from mjsim.machine.model import FRICTION_PARAMETERS, TOLERANCE, Machine
 #: Share of a number of an effect by which it has to move for the drive to be another one: more than the friction of a
 #: sound machine is off its data sheet (assumed).
 _MOVED = 0.25
+#: Relative change of a number over which its derivatives are taken as the same.
+_LINEAR = 0.1
+#: A setting that everybody can read in the control: a stated factor does not widen it for ball-bar tests. There it also
+#: is what a servo fault is told by.
+_READ = "position_gain"
+#: Standard deviations within which a number stays that is known within a factor only: beyond them is one of 370.
+_FARTHEST = 3.0
 
 
 @dataclass(frozen=True)
 class SheetParameter:
-    """One number of the data sheet: ``axis``, ``name`` as in :data:`TOLERANCE`, relative standard deviation ``sd``."""
+    """One number of the data sheet.
+
+    Attributes:
+        axis: Letter.
+        name: As in :data:`TOLERANCE`.
+        sd: Relative standard deviation; of the logarithm where the number is wide.
+        wide: Whether it is known within a factor only, so that it is fitted as a logarithm.
+    """
 
     axis: str
     name: str
     sd: float
+    wide: bool = False
 
     @property
     def label(self) -> str:
+        """Name and axis."""
         return f"{self.name}.{self.axis}"
+
+    @property
+    def step(self) -> float:
+        """Standard deviations over which the derivative with respect to it is taken."""
+        return min(1.0, _LINEAR / self.sd)
+
+    def ratio(self, deviation: float) -> float:
+        """The number over the printed one, ``deviation`` standard deviations from it."""
+        if self.wide:
+            return math.exp(self.sd * min(max(deviation, -_FARTHEST), _FARTHEST))
+        return max(1.0 + self.sd * deviation, 0.05)
 
 
 @cache
-def data_sheet(chain: Chain) -> tuple[SheetParameter, ...]:
-    """The numbers of a machine's data sheet, axis by axis."""
-    return tuple(SheetParameter(a, n, sd) for a in chain.letters for n, sd in TOLERANCE.items())
+def data_sheet(chain: Chain, factor: float | None = None) -> tuple[SheetParameter, ...]:
+    """The numbers of a machine's data sheet, axis by axis.
+
+    Args:
+        chain: Axes of the machine.
+        factor: Within which the numbers are believed, two standard deviations; ``None``: as those of a data sheet.
+    """
+    spread = 0.0 if factor is None else 0.5 * math.log(factor)
+    wide = {n: n != _READ and spread > sd for n, sd in TOLERANCE.items()}
+    return tuple(
+        SheetParameter(a, n, spread if wide[n] else sd, wide[n]) for a in chain.letters for n, sd in TOLERANCE.items()
+    )
+
+
+def sheet_of(machine: Machine) -> tuple[SheetParameter, ...]:
+    """The numbers of a machine's data sheet, as far as the machine believes in them."""
+    return data_sheet(machine.chain, machine.factor)
 
 
 #: Name of the data sheet's block in the parameter vector.
 DATA_SHEET = "data sheet"
 
 
-def sheet_block(chain: Chain, frozen: np.ndarray) -> Block:
+def sheet_block(machine: Machine, frozen: np.ndarray) -> Block:
     """The data sheet as a block of the parameter vector, in standard deviations of its tolerances.
 
     Args:
-        chain: The machine's axes.
+        machine: As its file says.
         frozen: Numbers that stay as printed, (sheet,) bool.
     """
-    return Block.normal(DATA_SHEET, [p.label for p in data_sheet(chain)], frozen=frozen)
+    sheet = sheet_of(machine)
+    limit = np.array([_FARTHEST if p.wide else np.inf for p in sheet])
+    block = Block.normal(DATA_SHEET, [p.label for p in sheet], frozen=frozen)
+    return replace(block, lower=-limit, upper=limit)
 
 
 def calibrated(machine: Machine, sheet_deviation: np.ndarray) -> Machine:
     """``machine`` with its data sheet moved by ``sheet_deviation`` (sheet,) standard deviations."""
-    for p, t in zip(data_sheet(machine.chain), sheet_deviation, strict=True):
+    for p, t in zip(sheet_of(machine), sheet_deviation, strict=True):
         if t == 0.0:
             continue
-        factor = max(1.0 + p.sd * t, 0.05)
+        factor = p.ratio(t)
         if p.name in FRICTION_PARAMETERS:
             friction = machine.effect(f"friction.{p.axis}")
             if friction is not None and not friction.is_neutral:

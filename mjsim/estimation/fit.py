@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mjsim.estimation.data_sheet import DATA_SHEET, calibrated, data_sheet, is_another_drive, sheet_block
+from mjsim.estimation.data_sheet import DATA_SHEET, calibrated, data_sheet, is_another_drive, sheet_block, sheet_of
 from mjsim.estimation.design import Design
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.least_squares import LeastSquares
@@ -82,7 +82,7 @@ class Fit:
     @cached_property
     def parameters(self) -> Parameters:
         """Nuisances, data sheet, a block per effect. What a poor model lacks drives effects to bounds: it has none."""
-        sheet = sheet_block(self.base.chain, self.frozen_sheet)
+        sheet = sheet_block(self.base, self.frozen_sheet)
         near = self.sum_squares < _GOOD_START * len(self.residual)
         return self.nuisances.with_blocks(sheet, *(f.block if near else f.block.unbounded for f in self.effects))
 
@@ -125,6 +125,7 @@ class Fitter:
     def __init__(self, problem: Problem, machine: Machine) -> None:
         self.problem, self.machine = problem, machine
         self._grids = problem.sheet_grids(machine)
+        self._grids_at = np.zeros(len(sheet_of(machine)))
 
     def with_problem(self, problem: Problem) -> Fitter:
         """The same for a problem with other samples of the same tests."""
@@ -222,9 +223,14 @@ class Fitter:
 
     def _sheet_columns(self, fit: Fit) -> tuple[list[np.ndarray], np.ndarray]:
         """Data-sheet columns per test and whitened, at the fit's triggers; simulated anew for axes whose drives the
-        effects change (of many effects, only where they change a drive much).
+        effects change (of many effects, only where they change a drive much), and of all where numbers that are
+        known within a factor only have moved on.
         """
         p, few = self.problem, len(fit.effects) < self.problem.settings.many_effects
+        far = np.abs(fit.sheet_deviation - self._grids_at)
+        if any(n.wide and d > n.step for n, d in zip(sheet_of(self.machine), far, strict=True)):
+            self._grids = p.sheet_grids(calibrated(self.machine, fit.sheet_deviation))
+            self._grids_at = fit.sheet_deviation
         of_drives = [f.effect for f in fit.effects if not f.effect.search.quasi_static]
         axes = {effect.subject for effect in of_drives if few or is_another_drive(self.machine, effect)}
         sheet = p.sample_grids(self._grids, fit.nuisance)

@@ -14,7 +14,7 @@ import numpy as np
 
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
-from mjsim.estimation.data_sheet import calibrated, data_sheet
+from mjsim.estimation.data_sheet import calibrated, data_sheet, sheet_of
 from mjsim.estimation.design import Design
 from mjsim.estimation.kept_changes import KeptChanges
 from mjsim.estimation.noise import Noise, estimate_noise
@@ -33,25 +33,29 @@ from mjsim.simulation.stability import check_stable
 from mjsim.threads import Workers
 
 
-def sheet_plants(machine: Machine, axes: Iterable[str]) -> dict[int, Plant]:
-    """Plants with one number of some axes' data sheet moved by its standard deviation, by its place in the data
-    sheet.
+def sheet_plants(machine: Machine, axes: Iterable[str]) -> dict[int, tuple[Plant, float]]:
+    """Plants with one number of some axes' data sheet moved, and by how many standard deviations, by its place in the
+    data sheet.
     """
-    sheet = data_sheet(machine.chain)
-    return {j: build(calibrated(machine, np.eye(len(sheet))[j])) for j, p in enumerate(sheet) if p.axis in axes}
+    sheet = sheet_of(machine)
+    moves = np.diag([p.step for p in sheet])
+    return {j: (build(calibrated(machine, moves[j])), p.step) for j, p in enumerate(sheet) if p.axis in axes}
 
 
-def sheet_grid(motion: AxesMotion, sens: BarSensitivity, base: Plant, moved: dict[int, Plant]) -> np.ndarray:
-    """Changes of one test's reading from ``base`` to each of ``moved``, (sheet, n) m on the GRID; zero for the
-    others. Single precision is enough for them, and a diagnosis keeps them all.
+def sheet_grid(
+    motion: AxesMotion, sens: BarSensitivity, base: Plant, moved: dict[int, tuple[Plant, float]]
+) -> np.ndarray:
+    """Derivatives of one test's reading with respect to the data sheet, from ``base`` to each of ``moved``, (sheet, n)
+    m per standard deviation on the GRID; zero for the others. Single precision is enough for them, and a diagnosis
+    keeps them all.
     """
     sheet = data_sheet(base.chain)
     out = np.zeros((len(sheet), len(motion.time[::GRID_STEPS])), np.float32)
-    for j, plant in moved.items():
+    for j, (plant, step) in moved.items():
         axis = sheet[j].axis
         i = base.chain.index(axis)
         if motion.moves[i]:
-            out[j] = sens.axes[:, i] * motion.motor_change(axis, base.axes[axis], plant.axes[axis], GRID_STEPS)
+            out[j] = sens.axes[:, i] * motion.motor_change(axis, base.axes[axis], plant.axes[axis], GRID_STEPS) / step
     return out
 
 

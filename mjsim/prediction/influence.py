@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mjsim.estimation.data_sheet import calibrated, data_sheet
+from mjsim.estimation.data_sheet import calibrated, data_sheet, sheet_of
 from mjsim.estimation.posterior import Posterior
 from mjsim.machine.effect import Effect
 from mjsim.machine.kinematics import machine_to_work
@@ -133,10 +133,10 @@ class Influence:
             for j in range(len(f.vector)):
                 effect, change = f.nudged(j, _NUDGE)
                 out.append(self.change(present if present is not None else f.effect, effect) / change)
-        sheet = data_sheet(self.run.chain)
+        sheet = sheet_of(self.machine)
         for j, p in enumerate(sheet):
-            moved = build(calibrated(self.machine, np.eye(len(sheet))[j]))
-            out.append(self.through_motor(p.axis, moved))
+            moved = build(calibrated(self.machine, p.step * np.eye(len(sheet))[j]))
+            out.append(self.through_motor(p.axis, moved) / p.step)
         return np.stack(out, axis=2)
 
 

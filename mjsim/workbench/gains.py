@@ -50,7 +50,8 @@ class NearFitter(Fitter):
     """
 
     def __init__(self, other: Fitter, machine: Machine) -> None:
-        self.problem, self.machine, self._grids = other.problem, machine, other._grids
+        self.problem, self.machine = other.problem, machine
+        self._grids, self._grids_at = other._grids, other._grids_at
         was, now = build(other.machine), build(machine)
         changed = [a for a in machine.chain.letters if was.axes[a].key() != now.axes[a].key()]
         if changed:

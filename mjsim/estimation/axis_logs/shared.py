@@ -18,7 +18,7 @@ from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter, gain, misfits
 from mjsim.estimation.axis_logs.gains import GainsRead
 from mjsim.estimation.axis_logs.start import start_model
 from mjsim.estimation.competing import CompetingModel
-from mjsim.estimation.data_sheet import data_sheet
+from mjsim.estimation.data_sheet import sheet_of
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.machine.model import FRICTION_PARAMETERS
 
@@ -73,7 +73,7 @@ def shared_entries(model: CompetingModel, axis: str, sheet: bool = True) -> tupl
     if sheet:
         drive, sd = model.machine.drives[axis], np.sqrt(np.maximum(np.diag(covariance)[at:], 0.0))
         known = {e.label for e in out}
-        for p, deviation in zip(data_sheet(model.machine.chain), sd, strict=True):
+        for p, deviation in zip(sheet_of(model.machine), sd, strict=True):
             if p.axis != axis:
                 continue
             if p.name in FRICTION_PARAMETERS:

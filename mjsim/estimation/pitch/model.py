@@ -146,7 +146,7 @@ class PitchModel:
 
     def start(self, nuisance: np.ndarray) -> State:
         """A state without terms."""
-        sheet = sheet_block(self.machine.chain, np.zeros(len(data_sheet(self.machine.chain)), bool))
+        sheet = sheet_block(self.machine, np.zeros(len(data_sheet(self.machine.chain)), bool))
         nuisances = Nuisances.of_tests(self.problem.tests, self.settings.trigger_limit)
         return State(nuisances, nuisance.copy(), sheet.mean, sheet)
 

@@ -91,7 +91,7 @@ class Separation:
 
 
 @dataclass(frozen=True)
-class _Unmeasured:
+class Unmeasured:
     """A test that was not measured yet: its reading is sampled at every instant of the grid.
 
     Attributes:
@@ -105,7 +105,7 @@ class _Unmeasured:
     changes: KeptChanges = field(default_factory=KeptChanges)
 
     @property
-    def samples(self) -> tuple[_Unmeasured]:
+    def samples(self) -> tuple[Unmeasured]:
         """The reading as it is."""
         return (self,)
 
@@ -150,8 +150,8 @@ class Separator:
         columns = [blocks(c) for c in self._columns(motion, b)]
         J = np.column_stack(columns)
         root = self._prior_root(len(columns))  # in units of it the prior is a unit normal
-        whitened = self._whitened(np.column_stack([d, J @ root]))
-        dw, Jw = whitened[:, 0], whitened[:, 1:]
+        rows = whitened(self.noise, np.column_stack([d, J @ root]))
+        dw, Jw = rows[:, 0], rows[:, 1:]
         adapted = ridge_solution(Jw.T @ Jw, Jw.T @ dw, 1.0)
         rest = dw - Jw @ adapted
         return Separation(test, float(max(dw @ rest, 0.0)), float(np.sqrt(np.mean((d - J @ root @ adapted) ** 2))))
@@ -180,7 +180,7 @@ class Separator:
         yield -np.gradient(base, motion.time[GRID_STEPS]) * TRIGGER
         yield np.full(len(base), LENGTH)
         yield from sheet_grid(motion, sens, plant, self._moved)[list(self._moved)]
-        linear = Linearisation(_Unmeasured((motion,), (sens,)), other.machine, np.zeros(0))
+        linear = Linearisation(Unmeasured((motion,), (sens,)), other.machine, np.zeros(0))
         for f in other.effects:
             cheap = linear.columns(f)
             if cheap is not None:
@@ -191,13 +191,15 @@ class Separator:
                 there = motion.reading(build(other.machine.with_effect(effect)), GRID_STEPS)
                 yield (there - base) / change if abs(change) > 1e-9 else np.zeros(len(base))
 
-    def _whitened(self, columns: np.ndarray) -> np.ndarray:
-        taps = self.noise.taps
-        p = len(taps) - 1
-        out = np.zeros_like(columns[p:])
-        for k, t in enumerate(taps):
-            out += t * columns[p - k : len(columns) - k]
-        return out
+
+def whitened(noise: Noise, columns: np.ndarray) -> np.ndarray:
+    """Block means (m, k) of one test without a gap in units of the noise, (m - order, k)."""
+    taps = noise.taps
+    p = len(taps) - 1
+    out = np.zeros_like(columns[p:])
+    for k, t in enumerate(taps):
+        out += t * columns[p - k : len(columns) - k]
+    return out
 
 
 def competing_of(explanation: Explanation) -> CompetingModel:
@@ -210,5 +212,5 @@ def competing_of(explanation: Explanation) -> CompetingModel:
 def _lasting(machine: Machine, effects: tuple[EffectVector, ...]) -> Parameters:
     """Blocks of what a new set-up does not change."""
     length = Block.normal(BAR_LENGTH, ("length",))
-    sheet = sheet_block(machine.chain, np.zeros(len(data_sheet(machine.chain)), bool))
+    sheet = sheet_block(machine, np.zeros(len(data_sheet(machine.chain)), bool))
     return Parameters((length, sheet, *(f.block for f in effects)))

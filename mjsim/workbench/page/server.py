@@ -44,9 +44,9 @@ class Server:
         self._tabs: asyncio.Task[Tabs] | None = None
         app.get(f"/{self.token}/meshes/{{name}}")(self._mesh)
         ui.page(f"/{self.token}", title=f"{campaign.name} – mjsim", response_timeout=30)(self._page)
-        app.on_startup(self._open)
 
-    def _open(self) -> None:
+    def open(self) -> None:
+        """Begin to open the campaign, beside the page; the server runs already."""
         self._tabs = asyncio.create_task(asyncio.to_thread(self._opened))
 
     def _opened(self) -> Tabs:
@@ -119,11 +119,28 @@ def serve(
         InputError: The port is taken.
     """
     server = Server(campaign, machine, threads)
+    app.on_startup(server.open)
+    run_server(server.token, server.close, host, port, browser, say)
+
+
+def run_server(
+    token: str, close: Callable[[], None], host: str, port: int, browser: bool, say: Callable[[str], None]
+) -> None:
+    """Serve the pages that are there until Ctrl-C.
+
+    Args:
+        token: Path of the page that the user begins with.
+        close: Ends what goes on in the background.
+        host, port, browser, say: As :func:`serve`.
+
+    Raises:
+        InputError: The port is taken.
+    """
     port = _free_port(host, port)
     shown = f"[{host}]" if ":" in host else host
     if host in _EVERYWHERE:
         shown = socket.gethostname()
-    address = f"http://{shown}:{port}/{server.token}"
+    address = f"http://{shown}:{port}/{token}"
 
     async def started() -> None:
         while not await _listens(_EVERYWHERE.get(host, host), port):
@@ -133,7 +150,7 @@ def serve(
             webbrowser.open(address)
 
     app.on_startup(started)
-    app.on_shutdown(server.close)
+    app.on_shutdown(close)
     ui.run(
         host=host,
         port=port,
