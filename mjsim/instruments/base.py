@@ -87,11 +87,13 @@ class Stops:
         route: Commanded positions one after another, from which play follows, (m, axes) m and rad.
         clock: Campaign clock at them, (m,) s.
         at: Rows of the route that are measured, (n, k): a reading is the mean of its k.
+        away: How far from the position of a reading the machine stands in it, (n, axes) m and rad.
     """
 
     route: np.ndarray
     clock: np.ndarray
     at: np.ndarray
+    away: np.ndarray
 
 
 @dataclass(frozen=True)

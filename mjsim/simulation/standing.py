@@ -23,7 +23,8 @@ def standing(plant: Plant, stops: Stops, name: str = "") -> np.ndarray:
         name: Of the test.
 
     Returns:
-        (n, axes), or with error motions behind where the plant has some, m and rad.
+        (n, axes), or with error motions behind where the plant has some, m and rad: the commanded positions with the
+        errors of the places where the machine stood.
     """
     ops = plant.op_table(name)
     ops = ops[ops[:, 0] != VIBRATE]  # a centre is the mean of many touches
@@ -36,4 +37,6 @@ def standing(plant: Plant, stops: Stops, name: str = "") -> np.ndarray:
         time = np.arange(len(q), dtype=float)
         axes = q[:, : plant.chain.count]
         axes += added(plant, 0.0, time, axes, 1.0, (0.0, 0.0, 0.0))
-    return q[stops.at].mean(axis=1)
+    out = q[stops.at].mean(axis=1)
+    out[:, : plant.chain.count] -= stops.away
+    return out

@@ -40,7 +40,7 @@ def draw(rng: np.random.Generator, family: str = "paper") -> dict:
     for a in ("X", "Y", "Z", *rotary):
         size = CLASS["pitch_deg"] * DEG if a in rotary else CLASS["pitch_um"] * MICRO
         out["waves"][a] = [(n, normal(size), normal(size)) for n in (1, 2)]
-    for a in rotary:
+    for a in "C":  # the tolerance speaks of the axis that goes round
         out["motion"][a] = [normal(CLASS["radial"] * MICRO) for _ in range(2)], [
             normal(CLASS["tilt"] * MICRO) for _ in range(2)
         ]

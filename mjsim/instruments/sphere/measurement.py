@@ -152,16 +152,21 @@ def stops_of(test: SphereTest, points: Points) -> Stops:
     move nobody knows.
     """
     chain, n = test.chain, len(points.position)
+    # the linear axes stand where the centre was found, which may be a millimetre from where it was looked for
+    away = np.zeros((n, chain.count))
+    if not chain.carried:
+        away[:, chain.linear_columns] = points.deviation
+    stand = points.position + away
     route, clock, at = [], [], []
     for sign in (1.0, -1.0):
         lead = np.zeros((n, chain.count))
         lead[:, chain.linear_columns] = sign * LEAD_LINEAR
         lead[:, chain.rotary_columns] = np.where(points.side == 0, sign, points.side) * LEAD_ROTARY
-        both = np.stack([points.position - lead, points.position], axis=1).reshape(2 * n, -1)
+        both = np.stack([stand - lead, stand], axis=1).reshape(2 * n, -1)
         at.append(len(route) * 2 * n + 1 + 2 * np.arange(n))
         route.append(both)
         clock.append(np.repeat(points.time if points.timed else np.zeros(n), 2))
-    return Stops(np.vstack(route), test.started + np.concatenate(clock), np.stack(at, axis=1))
+    return Stops(np.vstack(route), test.started + np.concatenate(clock), np.stack(at, axis=1), away)
 
 
 def sides_of(angles: np.ndarray) -> np.ndarray:
