@@ -13,6 +13,7 @@ from mjsim.cli.compare import calibration_sentence, left_out_sentence, percent, 
 from mjsim.cli.import_show import show_features
 from mjsim.cli.logs import change_of, show_beside, show_diagnosis
 from mjsim.cli.parameter_lines import finding_lines
+from mjsim.cli.points import show_points
 from mjsim.effects.registry import kinds
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.kinds import kind_of
@@ -96,10 +97,14 @@ def command(campaign, machine, write, max_effects, only, force, threads, as_is, 
         return
     if quiet:
         return
-    if not result.has_bars:
+    points = result.at_rest
+    if not result.has_bars and points is None:
         show_diagnosis(data)
     else:
         show(data, str(campaign))
+        if points is not None:
+            fitted = {row["id"]: row for row in [*data["calibration"], *data["effects"]]}
+            show_points(data[INSTRUMENTS[points.after.instrument].beside], fitted)
         if result.logs is not None:
             show_beside(data[INSTRUMENTS[LogTest.instrument].beside])
     for axis in _identifiable(c, data):

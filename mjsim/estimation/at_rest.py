@@ -209,42 +209,52 @@ class Known:
 
     Attributes:
         keys: Of the effects, in the order of the entries.
-        mean: (k,) typical sizes.
-        root: Upper factor of the precision, (k, k).
+        root: Its square and nothing else is the information, (rows, k).
+        value: ``root`` times what it has found, (rows,).
     """
 
     keys: tuple[str, ...]
-    mean: np.ndarray
     root: np.ndarray
+    value: np.ndarray
 
     @classmethod
     def of(cls, posterior: Posterior | None, effects: Sequence[EffectVector]) -> Known | None:
-        """Of a posterior; what it says of effects that are not among ``effects`` is marginalised."""
+        """What the data of another instrument say by themselves: its posterior without its priors. Effects that are not
+        among ``effects`` are marginalised.
+        """
         if posterior is None:
             return None
         have = {f.effect.key: f for f in effects}
-        keys, places, mean, at = [], [], [], 0
+        keys, places, at = [], [], 0
+        mean, vector, precision = [], [], []
         for f in posterior.effects:
             n = len(f.vector)
             mine = have.get(f.effect.key)
             if mine is not None and mine.names == f.names and len(mine.vector) == n:
                 keys.append(f.effect.key)
                 places += range(at, at + n)
-                mean.append(f.vector)
+                vector.append(f.vector)
+                block = f.block
+                mean.append(block.mean)
+                precision.append(np.where(block.informative, 1.0, 0.0) / block.deviation**2)
             at += n
         if not keys:
             return None
         covariance = posterior.covariance[np.ix_(places, places)]
-        root = np.linalg.cholesky(np.linalg.inv(0.5 * (covariance + covariance.T))).T
-        return cls(tuple(keys), np.concatenate(mean), root)
+        whole, own = np.linalg.inv(0.5 * (covariance + covariance.T)), np.concatenate(precision)
+        values, vectors = np.linalg.eigh(whole - np.diag(own))
+        kept = values > 1e-6 * max(float(values.max()), 1.0)
+        root = np.sqrt(values[kept])[:, None] * vectors[:, kept].T
+        right = whole @ np.concatenate(vector) - own * np.concatenate(mean)
+        return cls(tuple(keys), root, (vectors[:, kept].T @ right) / np.sqrt(values[kept]))
 
     def rows(self, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
-        """Columns of everything (k, p), and residual (k,), both whitened."""
+        """Columns of everything (rows, p), and residual (rows,), both whitened."""
         index = np.arange(fit.parameters.size)
         at = np.concatenate([index[fit.parameters[f"effect {k}"]] for k in self.keys])
-        columns = np.zeros((len(at), fit.parameters.size))
+        columns = np.zeros((len(self.root), fit.parameters.size))
         columns[:, at] = self.root
-        return columns, self.root @ (self.mean - fit.vector[at])
+        return columns, self.value - self.root @ fit.vector[at]
 
 
 @dataclass(frozen=True)
@@ -367,16 +377,26 @@ class _Search:
 
     @cached_property
     def expected(self) -> dict[str, Calibrated]:
-        """What a machine of its class has and these values show, by key; also what another instrument has found."""
-        base = self.problem.readings(self.machine)
-        out = {}
-        for c in expected_effects(self.machine):
-            if not c.free.effect.search.quasi_static:
-                continue
-            columns = self.problem.columns_of(self.machine, c.free, base)
-            if np.sqrt((columns**2).mean(axis=0)).max() > _VISIBLE:
-                out[c.key] = c
-        return out
+        """What a machine of its class has and these values show, by key."""
+        return {c.key: c for c in expected_effects(self.machine) if self._shows(c.free)}
+
+    def _shows(self, f: EffectVector) -> bool:
+        """Whether an effect changes anything in the values."""
+        if not f.effect.search.quasi_static:
+            return False
+        machine = self.machine.with_effect(f.effect)
+        columns = self.problem.columns_of(machine, f, self.problem.readings(machine))
+        return bool(np.sqrt((columns**2).mean(axis=0)).max() > _VISIBLE)
+
+    @cached_property
+    def first(self) -> list[EffectVector]:
+        """What is in the model from the start: what the class has, and what another instrument has found."""
+        out = {c.key: c.free for c in self.expected.values()}
+        for f in self.problem.known.effects if self.problem.known else ():
+            if self._shows(f):
+                mine = self.expected.get(f.effect.key)
+                out[f.effect.key] = f if mine is None else f.with_prior(*mine.prior_of(f)[:2])
+        return list(out.values())
 
     @cached_property
     def candidates(self) -> list[Candidate]:
@@ -406,8 +426,7 @@ class _Search:
             if any(f.effect.key == e.key for f in effects):
                 base = base.without(e.key)
         told = Known.of(p.known, effects) if known else None
-        free = [f.with_prior(f.vector, np.full(len(f.vector), 1e3)) if told and f.effect.key in told.keys else f for f in effects]  # fmt: skip
-        fit = Fit(base, tuple(free), p.nuisances, nuisance, np.zeros(numbers), np.ones(numbers, bool))
+        fit = Fit(base, tuple(effects), p.nuisances, nuisance, np.zeros(numbers), np.ones(numbers, bool))
         factor = p.factor(sizes)
         now, columns, rest = self._evaluated(fit, factor, told)
         for _ in range(_STEPS):
@@ -420,10 +439,8 @@ class _Search:
             now, columns, rest = trial, more, left
         log_det = 2.0 * float(np.log(np.diag(factor)).sum() - np.log(p.noise).sum())
         precision = now.linear.parameters.precision()
-        counted = ~now.parameters.frozen
         flexibility = 2.0 * np.log(np.diag(now.linear.factor)).sum() - np.log(precision).sum()
         evidence = -0.5 * (now.objective + log_det + float(flexibility)) + log_odds + _log_prior(sizes, p)
-        assert counted.any()
         return RestModel(now, columns, rest, sizes, log_odds, evidence)
 
     def _evaluated(self, fit: Fit, factor: np.ndarray, told: Known | None) -> tuple[Fit, np.ndarray, np.ndarray]:
@@ -459,6 +476,8 @@ class _Search:
         for f in fit.effects:
             at = index[fit.parameters[f.block.name]]
             mine = self.expected.get(f.effect.key)
+            if mine is None and f.effect.key in {k.effect.key for k in (p.known.effects if p.known else ())}:
+                continue  # another instrument has found it: it stays
             if mine is None:
                 for _, entries in entries_of(f):
                     odds = log_odds_of(f, self.machine) / len(entries_of(f))
@@ -504,9 +523,9 @@ class _Search:
         inside = np.concatenate(own) if own else np.zeros(0, int)
         always = np.setdiff1d(index[~parameters.frozen], inside)
         # the causes of the model are hypotheses too: the residual is that without them
-        off = np.zeros(parameters.size)
+        off, ours = np.zeros(parameters.size), {o.name for o in options if o.present and not o.beyond}
         for f in fit.effects:
-            if f.effect.key not in self.expected:
+            if f.effect.key in ours:
                 off[index[parameters[f.block.name]]] = f.vector - f.off
         rest = model.rest + model.columns[:, inside] @ off[inside]
         factor = p.factor(sizes)
@@ -541,8 +560,7 @@ class _Search:
         effects = []
         for f in fit.effects:
             mine = self.expected.get(f.effect.key)
-            told = f.prior is not None and float(f.prior[1].max()) >= 1e3
-            effects.append(f if mine is None or told else f.with_prior(*mine.prior_of(f)[:2]))
+            effects.append(f if mine is None else f.with_prior(*mine.prior_of(f)[:2]))
         released = replace(fit, effects=tuple(effects))
         return released.parameters.precision()[always], released.parameters.departure(released.vector)[always]
 
@@ -551,6 +569,7 @@ class _Search:
         estimate = linear.estimate(dict(chosen)) if chosen else {}
         wide: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
         kept = set()
+        found_before = {f.effect.key for f in self.problem.known.effects} if self.problem.known else set()
         for g, width in chosen.items():
             o = options[g]
             if o.beyond:
@@ -566,7 +585,7 @@ class _Search:
                 for entries, width in wide.get(f.effect.key, ()):
                     deviation[entries] = np.hypot(deviation[entries], width)
                 effects.append(f.with_prior(mean, deviation))
-            elif f.effect.key in kept:
+            elif f.effect.key in kept or f.effect.key in found_before:
                 effects.append(f)
         for g, width in chosen.items():
             o = options[g]
@@ -592,7 +611,7 @@ class _Search:
         self.progress("fitting set-up and what a machine of its class has", 0, 1)
         start = self.fitted([], (0.0, 0.0), known=False)
         noise = float(np.median(p.noise))
-        model = self.fitted([c.free for c in self.expected.values()], (0.0, 0.0))
+        model = self.fitted(self.first, (0.0, 0.0))
         options, linear, chosen, weights = self._looked(model)
         for number in range(_ROUNDS):
             self.progress("looking for what explains the rest", number, _ROUNDS)

@@ -57,18 +57,24 @@ class PlainTest(ComparedTest):
 
     def to_json(self) -> dict:
         """Plain numbers in the units of the channels."""
-        first = self.channels[0]
+        first, alike = self.channels[0], _alike(self)
+        rms, largest = float(np.sqrt(np.mean([c.rms**2 for c in alike]))), max(c.maximum for c in alike)
         return {
             "name": self.test.name,
             "kind": self.test.instrument,
             "setup": self.test.setup,
             "samples": len(first.time),
-            f"rms_{first.channel.suffix}": significant(first.rms / first.channel.size),
-            f"max_{first.channel.suffix}": significant(first.maximum / first.channel.size),
+            f"rms_{first.channel.suffix}": significant(rms / first.channel.size),
+            f"max_{first.channel.suffix}": significant(largest / first.channel.size),
             "channels": [_channel_json(c) for c in self.channels],
             "set_up": {k: significant(v) for k, v in self.set_up.items()},
             "figures": {who: {k: significant(v) for k, v in f.items()} for who, f in self.figures.items()},
         }
+
+
+def _alike(t: PlainTest) -> list[ComparedChannel]:
+    """Channels of a test with the unit of its first one."""
+    return [c for c in t.channels if c.channel.suffix == t.channels[0].channel.suffix]
 
 
 def _channel_json(c: ComparedChannel) -> dict:
@@ -93,8 +99,8 @@ class PlainComparison(ComparedPart):
 
     @property
     def rms(self) -> float:
-        """RMS of the residuals of the first channel, SI."""
-        return float(np.sqrt(np.mean([t.channels[0].rms ** 2 for t in self.tests])))
+        """RMS of the residuals of all channels with the unit of the first one, SI."""
+        return float(np.sqrt(np.mean([c.rms**2 for t in self.tests for c in _alike(t)])))
 
     @property
     def noise(self) -> float:

@@ -1,0 +1,57 @@
+"""What a probed sphere shows, as text."""
+
+from __future__ import annotations
+
+import click
+
+from mjsim.cli import common
+
+_SOURCES = {"repeated points": "from repeated points", "stated": "as stated", "assumed": "assumed: nobody states it"}
+
+
+def show_points(data: dict, found: dict[str, dict]) -> None:
+    """The part of a diagnosis that is of a probed sphere.
+
+    Args:
+        data: Its JSON.
+        found: Parameters and 95 % intervals of all fitted effects, by id: dicts with ``parameters`` and ``ci95``.
+    """
+    click.echo()
+    common.paragraph(
+        f"probed sphere: residual RMS {data['rms_before_um']:.3f} µm as given, {data['rms_after_um']:.3f} µm with what "
+        f"was fitted; noise of one centre {data['noise_um']:.3f} µm, {_SOURCES[data['noise_source']]}"
+    )
+    if data["left_um"] > 0.0:
+        common.paragraph(
+            f"What is in no model is {data['left_um']:.2f} µm; the probability that it is more than the noise is "
+            f"{100.0 * data['misfit']:.0f} %. The intervals have grown by it."
+        )
+        if data["misfit"] >= 0.5:
+            common.paragraph(
+                "Either the probe repeats worse than the noise says (measure some points twice, or state repeatability_um), or the machine "
+                "has errors that are in no model: trust the numbers within their intervals, and look for the cause."
+            )
+    if data["joint"]:
+        common.paragraph(data["joint"])
+    rows = []
+    for row in data["classical"]:
+        known = found.get(row["id"])
+        name = next(iter(known["ci95"])) if known else None
+        if known is None or name is None:
+            continue
+        low, high = known["ci95"][name]
+        unit = "µrad" if name.endswith("urad") else "µm"
+        rows.append([row["id"], unit, f"{known['parameters'][name]:+.1f}", f"{low:+.1f} to {high:+.1f}", f"{row['value']:+.1f}"])  # fmt: skip
+    if rows:
+        click.echo()
+        common.table(["location error", "unit", "fitted", "95 % interval", "from circles"], rows, text=(0, 1, 3))
+        common.paragraph(
+            "From circles: centre and direction of each axis as the cycles of controls compute them, with linear axes "
+            "and probe taken for perfect."
+        )
+    click.echo()
+    common.table(
+        ["set-up and probe", "value", "95 % interval"],
+        [[r["name"], f"{r['value']:+.1f}", f"{r['ci95'][0]:+.1f} to {r['ci95'][1]:+.1f}"] for r in data["set_up"]],
+        text=(0, 2),
+    )
