@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import click
 
 from mjsim.cli import common
@@ -55,3 +57,33 @@ def show_points(data: dict, found: dict[str, dict]) -> None:
         [[r["name"], f"{r['value']:+.1f}", f"{r['ci95'][0]:+.1f} to {r['ci95'][1]:+.1f}"] for r in data["set_up"]],
         text=(0, 2),
     )
+
+
+def import_all(campaign: Path, pairs, signals, sphere, options, force, preview, as_json, quiet) -> None:
+    """``mjsim import --points``."""
+    from mjsim.importing.points import import_points
+
+    done = [import_points(campaign, f, test, tuple(signals), sphere, options, force, preview) for f, test in pairs]
+    if as_json:
+        common.print_json({"campaign": str(campaign), "points": [d.to_json() for d in done]})
+        return
+    if quiet:
+        return
+    for d in done:
+        data = d.to_json()
+        common.paragraph(
+            f"{d.source.name} → {d.target}: test {data['test']}, {data['points']} points, deviations up to "
+            f"{data['largest_um']:g} µm"
+        )
+        common.table(
+            ["column", "is", "unit"], [[str(c["column"]), c["is"], c["unit"] or "–"] for c in data["columns"]], text=(1, 2)
+        )
+        click.echo()
+        for line in data["first_rows"]:
+            click.echo(f"  {line}")
+        for note in d.notes:
+            common.paragraph(note, "  ")
+        for question in d.questions:
+            common.paragraph(f"look at this: {question}")
+    if preview:
+        common.say("preview: nothing was written", quiet)
