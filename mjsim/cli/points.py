@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
+from mjsim.machine.chain import is_rotary
 
 _SOURCES = {"repeated points": "from repeated points", "stated": "as stated", "assumed": "assumed: nobody states it"}
 
@@ -87,3 +88,55 @@ def import_all(campaign: Path, pairs, signals, sphere, options, force, preview, 
             common.paragraph(f"look at this: {question}")
     if preview:
         common.say("preview: nothing was written", quiet)
+
+
+def show_plan(planned, campaign: str) -> None:
+    """Positions to probe as text: what they bring, the table, what to do next."""
+    data = planned.to_json()
+    rows = []
+    for row in data["location_errors"]:
+        unit = "µrad" if is_rotary(row["id"].partition(".")[2][1]) else "µm"
+        rows.append([row["id"], unit, f"± {row['class_half_width95']:g}", f"± {row['half_width95']:g}"])
+    common.paragraph(
+        f"{data['points']} points, each from a stated side, some with the spindle turned. With a noise of "
+        f"{planned.noise * 1e6:g} µm for one centre, the location errors will be known so (95 %):"
+    )
+    common.table(["location error", "unit", "today", "after"], rows, text=(0, 1, 2, 3))
+    click.echo("\n[[test]]")
+    for key, value in data["test"].items():
+        if isinstance(value, list) and value and isinstance(value[0], list):
+            lines = [str(value[i : i + 8])[1:-1] for i in range(0, len(value), 8)]
+            click.echo(f"{key} = [\n  " + ",\n  ".join(lines) + ",\n]")
+        else:
+            click.echo(f"{key} = {value!r}".replace("'", '"'))
+    name = data["test"]["name"]
+    click.echo("\nNext:")
+    for number, step in enumerate(
+        (
+            f"Paste the table above into {campaign}/campaign.toml.",
+            f"mjsim nc {campaign} --test {name} -o {name}.csv   writes the positions as a table.",
+            "Probe the sphere at each of them; write dx_um, dy_um, dz_um beside it.",
+            f"mjsim import FILE --campaign {campaign} --points --test {name}",
+            f"mjsim diagnose {campaign}",
+        ),
+        start=1,
+    ):
+        click.echo(f"  {number}. {step}")
+
+
+def write_positions(test, out: Path, campaign, force: bool, as_json: bool, quiet: bool) -> None:
+    """``mjsim nc`` of a probed sphere: the table of the positions, to which what was found is added."""
+    from mjsim.errors import InputError
+    from mjsim.instruments.sphere.files import positions_text
+    from mjsim.io.files import write_whole
+
+    if not test.angles:
+        raise InputError(
+            f'{campaign.folder / "campaign.toml"}: [[test]] "{test.name}" has no angles_deg; `mjsim plan '
+            f"{campaign.folder} --points 30` proposes some"
+        )
+    write_whole(out, positions_text(test), force=force)
+    if as_json:
+        common.print_json({"file": str(out), "test": test.name, "points": len(test.angles)})
+    else:
+        common.say(f"{len(test.angles)} positions written to {out}; add the columns dx_um, dy_um, dz_um", quiet)

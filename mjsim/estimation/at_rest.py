@@ -695,7 +695,8 @@ class _Search:
                 if options[g].id != options[h].id:
                     rivals.setdefault(options[h].name, []).append((options[g].id, trial))
         rows = of_class.findings(fit, rivals, model.evidence)
-        named = sorted((r for r in rows if r.whole >= FINDING), key=lambda r: -r.gain)[:most]
+        coarse = {f.effect.key for f in fit.effects if not self._resolves(f)}
+        named = sorted((r for r in rows if r.whole >= FINDING and r.key not in coarse), key=lambda r: -r.gain)[:most]
         excess = {f.effect.key: of_class.excess(f) for f in fit.effects}
         named.sort(key=lambda r: (-excess[r.key], -r.gain))
         keys = {r.key for r in named}
@@ -707,6 +708,7 @@ class _Search:
             taken = np.linalg.lstsq(self.problem.columns, part, rcond=1e-8)[0]
             parts[f.effect.key] = part - self.problem.columns @ taken
         entries, shares = calibrations_of(parts, fit, inside, self.settings.observable)
+        entries = tuple(replace(c, observable=c.observable and c.effect.effect.key not in coarse) for c in entries)
         # a number that the values do not show is no more beyond its limit than on any machine of the class
         shown = {c.effect.effect.key for c in entries if c.observable} | keys
         verdicts = of_class.verdicts(named, [r for r in rows if r.key in shown], 0.0)
@@ -719,11 +721,26 @@ class _Search:
             model, start, tuple(named), entries, shares, sums, verdict, verdicts, misfit, hidden
         )
 
+    def _resolves(self, f: EffectVector) -> bool:
+        """Whether the places are close enough to tell the waves of a pitch error from those of other orders: at least
+        two of them in each period (sampling theorem). Otherwise their waves stand for the noise that they make.
+        """
+        if f.names != ("components",):
+            return True
+        machine, axis = self.machine, f.effect.subject
+        i = machine.chain.index(axis)
+        stood = np.concatenate([s.route[s.at[:, 0], i] for s in self.problem.stops.values()])
+        turns = np.ptp(stood) / (2.0 * math.pi) * (1.0 if machine.chain.is_rotary(axis) else machine.drives[axis].gear)
+        finest = max(row[0] for row in f.effect.values["components"])
+        return len(np.unique(np.round(stood, 5))) >= 2.0 * finest * turns
+
     def _hidden(self, options: Sequence[Option], model: RestModel) -> tuple[str, ...]:
         """Ids of effects that change nothing here, or nothing that everything else could not change as well."""
         limits: dict[str, float] = {}
         fit, factor = model.fit, self.problem.factor(model.sizes)
         for o in options:
+            if not self._resolves(o.free):
+                continue
             if o.beyond or o.present:
                 limits[o.id] = 0.0
                 continue

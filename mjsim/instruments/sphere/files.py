@@ -37,6 +37,7 @@ class SphereTable(Table):
     tool_length_mm: Annotated[float, Field(gt=0, le=5000)] | None = None
     angles_deg: Annotated[list[list[Angle]], Field(max_length=1000)] = Field(default=[])
     spindle_deg: Annotated[list[Number], Field(max_length=1000)] = Field(default=[])
+    approach: Annotated[list[list[Literal[-1, 1]]], Field(max_length=1000)] = Field(default=[])
     started_s: Clock = 0.0
 
 
@@ -63,17 +64,25 @@ def sphere_test(file: Path, t: SphereTable, chain: Chain) -> SphereTest:
                 f"{place}: angles_deg has the row {row}; allowed: {len(chain.rotary)} numbers a row, the angles of "
                 f"{', '.join(chain.rotary)}"
             )
-    if t.spindle_deg and len(t.spindle_deg) != len(t.angles_deg):
-        raise InputError(
-            f"{place}: spindle_deg has {len(t.spindle_deg)} numbers for {len(t.angles_deg)} rows of angles_deg; "
-            "allowed: one for each row, or none"
-        )
+    for key, values in (("spindle_deg", t.spindle_deg), ("approach", t.approach)):
+        if values and len(values) != len(t.angles_deg):
+            raise InputError(
+                f"{place}: {key} has {len(values)} entries for {len(t.angles_deg)} rows of angles_deg; allowed: one for "
+                "each row, or none"
+            )
+    for row in t.approach:
+        if len(row) != len(chain.rotary):
+            raise InputError(
+                f"{place}: approach has the row {row}; allowed: {len(chain.rotary)} numbers a row, 1 or -1 for each of "
+                f"{', '.join(chain.rotary)}"
+            )
     if t.tool_length_mm is not None and chain.swivelling:
         chain = chain_of(chain.configuration, chain.placements, t.tool_length_mm * MM, chain.singular)
     x, y, z = (v * MM for v in t.sphere_mm)
     angles = tuple(tuple(a * DEG for a in row) for row in t.angles_deg)
     spindle = tuple(a * DEG for a in t.spindle_deg)
-    return SphereTest(t.name, (x, y, z), t.setup or t.name, t.trace, chain, angles, spindle, t.started_s)
+    approach = tuple(tuple(row) for row in t.approach)
+    return SphereTest(t.name, (x, y, z), t.setup or t.name, t.trace, chain, angles, spindle, approach, t.started_s)
 
 
 def columns_of(chain: Chain) -> dict[str, float]:
@@ -201,3 +210,12 @@ def trace_text(test: SphereTest, points: Points) -> str:
             forms.append(form)
     rows = [",".join(f % v for f, v in zip(forms, row, strict=True)) for row in np.column_stack(columns)]
     return "\n".join([",".join(names), *rows, ""])
+
+
+def positions_text(test: SphereTest) -> str:
+    """The planned positions as a table: a trace without what is to be found."""
+    head, *rows = trace_text(test, test.planned).splitlines()
+    names = head.split(",")
+    kept = [i for i, n in enumerate(names) if n not in DEVIATIONS]
+    lines = [",".join(row.split(",")[i] for i in kept) for row in (head, *rows)]
+    return "\n".join([*lines, ""])

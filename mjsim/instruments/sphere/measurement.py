@@ -31,6 +31,8 @@ class SphereTest:
         chain: Axes of the machine, with the tool length of the probe where a head turns.
         angles: Positions of the rotary axes that are planned, one row a point, rad; may be empty.
         spindle: Angle of the spindle in each planned point, rad; empty: 0 in all.
+        approach: Direction of the last move of every rotary axis in each planned point, +1 or -1; empty: by their
+            order.
         started: Campaign clock at its first point's time 0, s.
     """
 
@@ -44,12 +46,23 @@ class SphereTest:
     chain: Chain = FIVE_AXIS
     angles: tuple[tuple[float, ...], ...] = ()
     spindle: tuple[float, ...] = ()
+    approach: tuple[tuple[int, ...], ...] = ()
     started: float = 0.0
 
     @property
     def kind(self) -> str:
         """As in campaign.toml."""
         return self.instrument
+
+    @property
+    def planned(self) -> Points:
+        """The planned points, with no deviation."""
+        n = len(self.angles)
+        angles = np.array(self.angles, float).reshape(n, len(self.chain.rotary))
+        side = np.array(self.approach, float) if self.approach else sides_of(angles)
+        spindle = np.array(self.spindle) if self.spindle else np.zeros(n)
+        time = POINT_TIME * np.arange(n)
+        return Points(self.centred(angles), np.zeros((n, 3)), side, spindle, time, False, np.ones(n))
 
     def centred(self, angles: np.ndarray) -> np.ndarray:
         """Axis positions (n, axes), m and rad, at which an ideal machine's tool centre point is in the sphere's centre.

@@ -27,7 +27,9 @@ _POOR = 6.0
 #: Sizes of errors that deviations of a real machine may be made of: sphere (m), location (m and rad), squareness (rad).
 _SPHERE, _SHIFT, _TILT, _SQUARE = 1e-3, 50e-6, 200e-6, 200e-6
 #: Deviations that no unit but a wrong one makes, m: below the noise of any probe, beyond any machine.
-_TINY, _HUGE = 0.02 * UM, 50.0 * MM
+_TINY, _HUGE = 0.02 * UM, 5.0 * MM
+#: A sphere farther from its nominal place than so many standard deviations, m, is somewhere else.
+_FAR = 4.0 * MM
 
 
 def sphere_mistakes(tests: Sequence[SphereTest], recordings: dict[str, Points], probe: Probe) -> list[Mistake]:
@@ -97,10 +99,8 @@ def _other_positions(test: SphereTest, q: np.ndarray) -> Iterator[tuple[str, Sph
 
 def _with_offset(test: SphereTest, q: np.ndarray, away: np.ndarray) -> Iterator[tuple[str, SphereTest, np.ndarray]]:
     """The sphere somewhere else on the table, and positions without the tool's length."""
-    chain, h = test.chain, 1e-3
-    columns = [(bar_vector(chain, q, np.array(test.sphere) + h * e) - away) / h for e in np.eye(3)]
-    design = np.stack(columns, axis=2).reshape(-1, 3)
-    x = -np.linalg.lstsq(design, away.ravel(), rcond=None)[0]
+    chain = test.chain
+    x = np.linalg.lstsq(_sphere_columns(test, q), away.ravel(), rcond=None)[0]
     moved = replace(test, sphere=tuple(float(v) for v in np.array(test.sphere) + x))
     place = ", ".join(f"{v / MM:.1f}" for v in moved.sphere)
     yield f"the sphere is at [{place}] mm; correct sphere_mm", moved, q
@@ -116,6 +116,13 @@ def _with_offset(test: SphereTest, q: np.ndarray, away: np.ndarray) -> Iterator[
     )
 
 
+def _sphere_columns(test: SphereTest, q: np.ndarray) -> np.ndarray:
+    """Derivatives of the deviations by the place of the sphere, (3n, 3)."""
+    h, ball = 1e-3, np.array(test.sphere)
+    at = bar_vector(test.chain, q, ball)
+    return np.stack([(at - bar_vector(test.chain, q, ball + h * e)) / h for e in np.eye(3)], axis=2).reshape(-1, 3)
+
+
 def _with_tool(chain: Chain, length: float) -> Chain:
     return chain_of(chain.configuration, chain.placements, length, chain.singular)
 
@@ -126,6 +133,13 @@ def _size_mistake(test: SphereTest, points: Points) -> Mistake | None:
     said = f"{test.name}: the deviations are up to {largest / UM:.3g} µm"
     if spread < _TINY:
         return Mistake("unit", (test.name,), f"{said}, less than any probe repeats; write them in µm, not in mm")
+    columns = _sphere_columns(test, points.position)
+    away = np.linalg.lstsq(columns, points.deviation.ravel(), rcond=None)[0]
+    rest = points.deviation.ravel() - columns @ away
+    if np.linalg.norm(away) > _FAR and np.sqrt(np.mean(rest**2)) < _SHARE * largest:
+        place = ", ".join(f"{(v + x) / MM:.2f}" for v, x in zip(test.sphere, away, strict=True))
+        sentence = f"{said}, as of a sphere at [{place}] mm; correct sphere_mm, or the unit of the deviations"
+        return Mistake("sphere", (test.name,), sentence)
     if largest > _HUGE:
         return Mistake("unit", (test.name,), f"{said}, more than any machine has; write them in µm, not in nm")
     return None
