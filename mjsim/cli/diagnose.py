@@ -101,7 +101,7 @@ def command(campaign, machine, write, max_effects, only, force, threads, as_is, 
     if not result.has_bars and points is None:
         show_diagnosis(data)
     else:
-        show(data, str(campaign))
+        show(data, str(campaign), result.has_bars)
         if points is not None:
             fitted = {row["id"]: row for row in [*data["calibration"], *data["effects"]]}
             show_points(data[INSTRUMENTS[points.after.instrument].beside], fitted)
@@ -173,12 +173,13 @@ _SENTENCE = {
 _FITTED = {True: "with everything that was found and calibrated", False: "with what was found"}
 
 
-def show(data: dict, campaign: str = "CAMPAIGN") -> None:
+def show(data: dict, campaign: str = "CAMPAIGN", explained: bool = True) -> None:
     """A diagnosis' JSON as text: what matters first, then the calibration, then where to look.
 
     Args:
         data: as :meth:`mjsim.workflow.diagnosis.Diagnosis.to_json` gives it.
         campaign: its folder, for the commands that are proposed.
+        explained: whether ``mjsim explain`` knows the campaign: it needs ball-bar tests.
     """
     common.paragraph(_SENTENCE[data["verdict"]])
     common.paragraph(
@@ -219,7 +220,7 @@ def show(data: dict, campaign: str = "CAMPAIGN") -> None:
         click.echo("\nWhere to look:")
         for e in data["effects"][:_DETAILED]:
             common.paragraph(f"{e['id']}: {remedy_text(e['id'])}", "  ")
-        if data["effects"] or data["calibration"]:
+        if explained:
             which = data["effects"][0]["id"] if data["effects"] else "EFFECT"
             common.paragraph(f"mjsim explain {campaign} {which}   shows its signature, and what looks like it", "  ")
         table = "the calibration against its limits and " if data["calibration"] else ""

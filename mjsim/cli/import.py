@@ -19,11 +19,19 @@ from mjsim.cli.import_show import model_effects, runs_json, show_features, show_
 @click.option("--log", "as_log", is_flag=True, help="The files are axis logs: command and actual positions.")
 @click.option("--points", "as_points", is_flag=True, help="The files are points of a probed sphere.")
 @click.option(
-    "--sphere", nargs=3, type=common.NUMBER, metavar="X Y Z", default=None,
+    "--sphere",
+    nargs=3,
+    type=common.NUMBER,
+    metavar="X Y Z",
+    default=None,
     help="With --points, for a new test: centre of the sphere, mm in the work frame.",
 )
 @click.option(
-    "--signal", "signals", multiple=True, metavar="AXIS_SIGNAL=COLUMN:UNIT", help="With --log or --points: a column, X_actual=3:mm, dx=5:um."
+    "--signal",
+    "signals",
+    multiple=True,
+    metavar="AXIS_SIGNAL=COLUMN:UNIT",
+    help="With --log or --points: a column, X_actual=3:mm, dx=5:um.",
 )
 @click.option(
     "--file-axis", "axes", multiple=True, metavar="NAME=LETTER", help="With --log: what the file calls an axis, 7=C."
@@ -37,7 +45,21 @@ from mjsim.cli.import_show import model_effects, runs_json, show_features, show_
 @click.option("--force", is_flag=True, help="Replace traces that are there.")
 @common.options
 def command(
-    files, campaign, as_log, as_points, sphere, signals, axes, controller, preview, no_check, show, force, as_json, quiet, **given
+    files,
+    campaign,
+    as_log,
+    as_points,
+    sphere,
+    signals,
+    axes,
+    controller,
+    preview,
+    no_check,
+    show,
+    force,
+    as_json,
+    quiet,
+    **given,
 ) -> None:
     """Bring measurement FILES of other systems into a campaign.
 

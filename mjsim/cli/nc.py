@@ -61,8 +61,8 @@ def command() -> None:
 def write(campaign, name, out, limit, max_speed, force, machine, as_json, quiet, **how) -> None:
     """Write a test of CAMPAIGN as an NC program; of a probed sphere, the table of its positions."""
     from mjsim.campaign.machine_file import machine_of
-    from mjsim.instruments.sphere.measurement import SphereTest
     from mjsim.instruments.ball_bar.speed import speed_warnings as ordinary_speed_warnings
+    from mjsim.instruments.sphere.measurement import SphereTest
     from mjsim.io.files import check_writable
     from mjsim.nc.dialects import FEEDS
     from mjsim.nc.write import write_nc

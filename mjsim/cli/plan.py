@@ -26,11 +26,19 @@ _INSTRUMENTS = {"axis_log": "axis log", "ball_bar": "ball bar"}
     "--points", type=click.IntRange(4, 500), metavar="N", help="Propose N positions at which to probe a sphere."
 )
 @click.option(
-    "--sphere", nargs=3, type=common.NUMBER, metavar="X Y Z", default=None,
+    "--sphere",
+    nargs=3,
+    type=common.NUMBER,
+    metavar="X Y Z",
+    default=None,
     help="With --points: centre of the sphere, mm in the work frame.",
 )
 @click.option(
-    "--range", "ranges", type=(str, common.NUMBER, common.NUMBER), multiple=True, metavar="AXIS LOW HIGH",
+    "--range",
+    "ranges",
+    type=(str, common.NUMBER, common.NUMBER),
+    multiple=True,
+    metavar="AXIS LOW HIGH",
     help="With --points: travel of a rotary axis, degrees.",
 )
 @common.as_is_option

@@ -31,8 +31,9 @@ def show_points(data: dict, found: dict[str, dict]) -> None:
         )
         if data["misfit"] >= 0.5:
             common.paragraph(
-                "Either the probe repeats worse than the noise says (measure some points twice, or state repeatability_um), or the machine "
-                "has errors that are in no model: trust the numbers within their intervals, and look for the cause."
+                "Either the probe repeats worse than the noise says (measure some points twice, or state "
+                "repeatability_um), or the machine has errors that are in no model: trust the numbers within their "
+                "intervals, and look for the cause."
             )
     if data["joint"]:
         common.paragraph(data["joint"])
@@ -44,7 +45,9 @@ def show_points(data: dict, found: dict[str, dict]) -> None:
             continue
         low, high = known["ci95"][name]
         unit = "µrad" if name.endswith("urad") else "µm"
-        rows.append([row["id"], unit, f"{known['parameters'][name]:+.1f}", f"{low:+.1f} to {high:+.1f}", f"{row['value']:+.1f}"])  # fmt: skip
+        rows.append(
+            [row["id"], unit, f"{known['parameters'][name]:+.1f}", f"{low:+.1f} to {high:+.1f}", f"{row['value']:+.1f}"]
+        )
     if rows:
         click.echo()
         common.table(["location error", "unit", "fitted", "95 % interval", "from circles"], rows, text=(0, 1, 3))
@@ -77,7 +80,9 @@ def import_all(campaign: Path, pairs, signals, sphere, options, force, preview, 
             f"{data['largest_um']:g} µm"
         )
         common.table(
-            ["column", "is", "unit"], [[str(c["column"]), c["is"], c["unit"] or "–"] for c in data["columns"]], text=(1, 2)
+            ["column", "is", "unit"],
+            [[str(c["column"]), c["is"], c["unit"] or "–"] for c in data["columns"]],
+            text=(1, 2),
         )
         click.echo()
         for line in data["first_rows"]:

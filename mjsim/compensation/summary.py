@@ -17,7 +17,9 @@ def summary(result: Compensation) -> str:
     """Text of ``corrections.txt``."""
     c, who = result.corrections, result.control
     done, measured = result.corrected, result.campaign.measured_parts
-    kinds = [f"{len(p.measured)} {INSTRUMENTS[n].noun} tests".replace("ball bar", "ball-bar") for n, p in measured.items()]
+    kinds = [
+        f"{len(p.measured)} {INSTRUMENTS[n].noun} tests".replace("ball bar", "ball-bar") for n, p in measured.items()
+    ]
     out = [
         f"Corrections for {who.title}, written by mjsim",
         f"campaign: {result.campaign.name}, machine: {result.saved.machine.name}",

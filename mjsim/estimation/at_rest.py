@@ -17,9 +17,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -28,7 +27,7 @@ from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.estimation.calibration import LIMIT_DEVIATIONS, Calibrated, expected_effects
 from mjsim.estimation.combinations import Combination, combinations
-from mjsim.estimation.data_sheet import DATA_SHEET, data_sheet
+from mjsim.estimation.data_sheet import data_sheet
 from mjsim.estimation.design import Design
 from mjsim.estimation.discrepancy import USUAL
 from mjsim.estimation.effect_vector import EffectVector
@@ -47,7 +46,7 @@ from mjsim.instruments.base import INSTRUMENTS, Stops
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
 from mjsim.simulation.standing import standing
-from mjsim.units import DEG, UM
+from mjsim.units import DEG
 
 #: Distance over which the smooth discrepancy is correlated, m and rad (assumed: a third of a small machine's travel).
 _NEAR_LINEAR, _NEAR_ROTARY = 0.15, 45.0 * DEG
@@ -355,11 +354,11 @@ def explain_at_rest(
         progress: Called as work gets on.
         settings: What counts as testable and as open.
     """
-    return _Search(problem, machine, progress, settings).run(most)
+    return RestSearch(problem, machine, progress, settings).run(most)
 
 
 @dataclass
-class _Search:
+class RestSearch:
     """One search.
 
     Attributes:
@@ -371,9 +370,8 @@ class _Search:
 
     problem: RestProblem
     machine: Machine
-    progress: Progress
-    settings: DiagnosisSettings
-    _columns: dict[Any, np.ndarray] = field(default_factory=dict)
+    progress: Progress = silent
+    settings: DiagnosisSettings = DIAGNOSIS
 
     @cached_property
     def expected(self) -> dict[str, Calibrated]:
@@ -455,7 +453,11 @@ class _Search:
         if told is not None:
             more, off = told.rows(fit)
             white, residual = np.vstack([white, more]), np.append(residual, off)
-        design = Design([(np.arange(p.nuisances.size), white[:, : p.nuisances.size])], p.nuisances.size, white[:, p.nuisances.size :])  # fmt: skip
+        design = Design(
+            [(np.arange(p.nuisances.size), white[:, : p.nuisances.size])],
+            p.nuisances.size,
+            white[:, p.nuisances.size :],
+        )
         squares = float(residual @ residual)
         made = replace(fit, residual=residual, design=design, sum_squares=squares, readings=(base,))
         made = replace(made, objective=squares + made.parameters.penalty(made.vector))
@@ -482,7 +484,11 @@ class _Search:
                 for _, entries in entries_of(f):
                     odds = log_odds_of(f, self.machine) / len(entries_of(f))
                     scale = np.ones(len(entries))
-                    out.append(Option(f.effect.key, odds, WIDTHS, model.columns[:, at[entries]], scale, f, entries, False, True))  # fmt: skip
+                    out.append(
+                        Option(
+                            f.effect.key, odds, WIDTHS, model.columns[:, at[entries]], scale, f, entries, False, True
+                        )
+                    )
                 continue
             _, deviation, _ = mine.prior_of(f)
             for _, entries in entries_of(f):
@@ -497,7 +503,11 @@ class _Search:
                 continue
             free = EffectVector(c.effect, c.names)
             entries = np.arange(len(free.vector)) if free.names == ("components",) else np.array(free.linear)
-            columns = np.column_stack([(p.readings(machine.with_effect(free.only(int(j), 1.0))) - base) for j in entries]) if free.is_linear else self._seeded(machine, free, entries, base)  # fmt: skip
+            columns = (
+                np.column_stack([(p.readings(machine.with_effect(free.only(int(j), 1.0))) - base) for j in entries])
+                if free.is_linear
+                else self._seeded(machine, free, entries, base)
+            )
             if np.sqrt((columns**2).mean(axis=0)).max() < _VISIBLE:
                 continue
             odds = CAUSE - math.log(ORDERS if c.effect.kind == "pitch_error" else count[c.effect.key])
@@ -515,7 +525,9 @@ class _Search:
             out.append(self.problem.readings(machine.with_effect(free.at(vector))) - base)
         return np.column_stack(out)
 
-    def _linear(self, model: RestModel, options: Sequence[Option], sizes: tuple[float, float]) -> tuple[float, LinearEvidence]:
+    def _linear(
+        self, model: RestModel, options: Sequence[Option], sizes: tuple[float, float]
+    ) -> tuple[float, LinearEvidence]:
         """Log evidence of none of the hypotheses at some sizes of the discrepancy, and the linear problem of all."""
         p, fit = self.problem, model.fit
         parameters, index = fit.parameters, np.arange(fit.parameters.size)
@@ -534,7 +546,12 @@ class _Search:
         both = np.hstack([model.columns[:, always], *(o.columns for o in options)])
         white, residual = _whiten(factor, both), _whiten(factor, rest)
         if len(extra):
-            right = [extra[:, index[parameters[o.free.block.name]][o.entries]] * o.scale if o.beyond or o.present else np.zeros((len(extra), len(o.entries))) for o in options]  # fmt: skip
+            right = [
+                extra[:, index[parameters[o.free.block.name]][o.entries]] * o.scale
+                if o.beyond or o.present
+                else np.zeros((len(extra), len(o.entries)))
+                for o in options
+            ]
             white = np.vstack([white, np.hstack([extra[:, always], *right])])
             residual = np.append(residual, off_known)
         precision, departure = self._class_prior(fit, always)
@@ -550,9 +567,16 @@ class _Search:
         left = gram[n:, n:] - cross.T @ cross
         ends = np.cumsum([0, *(len(o.entries) for o in options)])
         groups = [
-            Columns(o.name, np.arange(a, b), o.log_odds, o.widths, o.free.effect.kind == "pitch_error" or o.beyond, _possible(o))
+            Columns(
+                o.name,
+                np.arange(a, b),
+                o.log_odds,
+                o.widths,
+                o.free.effect.kind == "pitch_error" or o.beyond,
+                _possible(o),
+            )
             for o, a, b in zip(options, ends[:-1], ends[1:], strict=True)
-        ]  # fmt: skip
+        ]
         return none, LinearEvidence(0.5 * (left + left.T), score[n:] - cross.T @ reached, groups)
 
     def _class_prior(self, fit: Fit, always: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -564,7 +588,9 @@ class _Search:
         released = replace(fit, effects=tuple(effects))
         return released.parameters.precision()[always], released.parameters.departure(released.vector)[always]
 
-    def _with(self, model: RestModel, options: Sequence[Option], chosen: Chosen, linear: LinearEvidence) -> list[EffectVector]:
+    def _with(
+        self, model: RestModel, options: Sequence[Option], chosen: Chosen, linear: LinearEvidence
+    ) -> list[EffectVector]:
         """Effects of the model with a set of hypotheses, at their linear estimates."""
         estimate = linear.estimate(dict(chosen)) if chosen else {}
         wide: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
@@ -616,10 +642,14 @@ class _Search:
         for number in range(_ROUNDS):
             self.progress("looking for what explains the rest", number, _ROUNDS)
             before = sorted(options[g].name for g in chosen)
-            model = self.fitted(self._with(model, options, chosen, linear), self._sizes, self._odds(options, chosen), model.fit)
+            model = self.fitted(
+                self._with(model, options, chosen, linear), self._sizes, self._odds(options, chosen), model.fit
+            )
             options, linear, chosen, weights = self._looked(model)
             if sorted(options[g].name for g in chosen) == before:
-                model = self.fitted(self._with(model, options, chosen, linear), self._sizes, self._odds(options, chosen), model.fit)  # fmt: skip
+                model = self.fitted(
+                    self._with(model, options, chosen, linear), self._sizes, self._odds(options, chosen), model.fit
+                )
                 break
         misfit = sum(w for sizes, w in weights.items() if math.hypot(*sizes) > (_SEEN - 1e-9) * noise)
         return self._read(model, start, options, linear, chosen, misfit, most)
@@ -628,7 +658,9 @@ class _Search:
     def _odds(options: Sequence[Option], chosen: Chosen) -> float:
         return sum(options[g].log_odds for g in chosen)
 
-    def _looked(self, model: RestModel) -> tuple[list[Option], LinearEvidence, Chosen, dict[tuple[float, float], float]]:
+    def _looked(
+        self, model: RestModel
+    ) -> tuple[list[Option], LinearEvidence, Chosen, dict[tuple[float, float], float]]:
         """The hypotheses beside a model, their linear problem and the best set at the likeliest sizes of the
         discrepancy; and the probability of all sizes.
         """
@@ -691,7 +723,9 @@ class _Search:
             rest = without(chosen, h)
             for _, g, width in linear.rivals(chosen, h, _NEAR)[:_RIVALS]:
                 other = {**rest, g: width}
-                trial = self.fitted(self._with(model, options, other, linear), model.sizes, self._odds(options, other), fit)
+                trial = self.fitted(
+                    self._with(model, options, other, linear), model.sizes, self._odds(options, other), fit
+                )
                 if options[g].id != options[h].id:
                     rivals.setdefault(options[h].name, []).append((options[g].id, trial))
         rows = of_class.findings(fit, rivals, model.evidence)
@@ -717,9 +751,7 @@ class _Search:
         verdicts = Verdicts(**clear | {"unknown": misfit})
         hidden = self._hidden(options, model)
         sums = combinations(fit, self.settings)
-        return RestExplained(
-            model, start, tuple(named), entries, shares, sums, verdict, verdicts, misfit, hidden
-        )
+        return RestExplained(model, start, tuple(named), entries, shares, sums, verdict, verdicts, misfit, hidden)
 
     def _resolves(self, f: EffectVector) -> bool:
         """Whether the places are close enough to tell the waves of a pitch error from those of other orders: at least
@@ -744,7 +776,9 @@ class _Search:
             if o.beyond or o.present:
                 limits[o.id] = 0.0
                 continue
-            white = np.vstack([_whiten(factor, o.columns), np.zeros((len(fit.residual) - self.problem.count, o.columns.shape[1]))])  # fmt: skip
+            white = np.vstack(
+                [_whiten(factor, o.columns), np.zeros((len(fit.residual) - self.problem.count, o.columns.shape[1]))]
+            )
             left = np.diag(fit.linear.left_over(white.T @ white, fit.design.T @ white))
             power = float(np.max(np.where(left > 1e-7 * (white**2).sum(axis=0), left, 0.0)))
             limits[o.id] = min(3.0 / math.sqrt(power) if power > 0.0 else math.inf, limits.get(o.id, math.inf))
@@ -762,7 +796,9 @@ def _log_prior(sizes: tuple[float, float], problem: RestProblem) -> float:
     noise = float(np.median(problem.noise))
 
     def log_mass(size: float) -> float:
-        low, high = (0.0, 0.5 * noise / math.sqrt(2.0)) if size == 0.0 else (size / math.sqrt(2.0), size * math.sqrt(2.0))
+        low, high = (
+            (0.0, 0.5 * noise / math.sqrt(2.0)) if size == 0.0 else (size / math.sqrt(2.0), size * math.sqrt(2.0))
+        )
         return math.log(2.0 / math.pi * (math.atan(high / USUAL) - math.atan(low / USUAL)))
 
     return log_mass(sizes[0]) + log_mass(sizes[1])

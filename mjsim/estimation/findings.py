@@ -354,6 +354,7 @@ class _Reader:
         beyond = float(np.max((size - limit) / spread))
         return (1.0 if limit == 0.0 else 0.5 * float(erfc(-beyond / math.sqrt(2.0)))), beyond
 
+
 def _with_enough_knots(problem: Problem, fit: Fit, term: CurveTerm) -> CurveTerm:
     """A curve with the number of knots of largest evidence in the simplest shape: a step lies between two of them."""
     terms = CurveTerms(problem, fit)

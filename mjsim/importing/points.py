@@ -36,6 +36,8 @@ from mjsim.units import DEG, MM, UM
 #: Words of headers for what was found, before or behind the letter of a coordinate, lower case.
 _FOUND = ("measured", "meas", "actual", "act", "ist", "centre", "center", "m")
 _OFF = ("d", "delta", "δ", "dev", "deviation", "diff", "error", "err", "abw", "abweichung")
+#: The same for what was commanded.
+_NOMINAL = ("nominal", "nom", "soll", "command", "cmd")
 _SAID = re.compile(r"([^=]+)=([^:]+)(?::(.+))?")
 
 
@@ -148,7 +150,9 @@ def import_points(
     if not preview:
         check_writable(target, force)
         out = trace_text(made, points).encode()
-        write_all({target: gzip.compress(out, mtime=0) if target.suffix == ".gz" else out, file: text.encode()}, force=True)
+        write_all(
+            {target: gzip.compress(out, mtime=0) if target.suffix == ".gz" else out, file: text.encode()}, force=True
+        )
     found = sphere_mistakes([made], {name: points}, Probe())
     asked = tuple(m.sentence for m in found)
     return ImportedPoints(source, target, made, columns, points, (*table.notes, *notes, *more), asked, known is None)
@@ -160,7 +164,11 @@ def _names(chain: Chain) -> dict[str, tuple[str, str]]:
     for c in COORDINATES:
         out[f"d{c.lower()}"] = "deviation", "um"
         out[f"{c.lower()}_measured"] = "deviation", "mm"
-    return out | {f"from_{a}": ("", "") for a in chain.rotary} | {"spindle": ("angle", "deg"), "run": ("", ""), "time": ("time", "s")}  # fmt: skip
+    return (
+        out
+        | {f"from_{a}": ("", "") for a in chain.rotary}
+        | {"spindle": ("angle", "deg"), "run": ("", ""), "time": ("time", "s")}
+    )
 
 
 def _guess(name: str, chain: Chain) -> str:
@@ -177,7 +185,7 @@ def _guess(name: str, chain: Chain) -> str:
         if c in word and parts in _FOUND:
             return f"{c}_measured"
     parts = word.split("_")
-    if len(parts) == 2 and parts[0].upper() in chain.letters and parts[1] in ("nominal", "nom", "soll", "command", "cmd"):
+    if len(parts) == 2 and parts[0].upper() in chain.letters and parts[1] in _NOMINAL:
         return parts[0].upper()
     return ""
 
@@ -197,7 +205,10 @@ def _columns(table: Table, chain: Chain, signals: tuple[str, ...]) -> tuple[tupl
         if unit and (not quantity or unit_named(unit, quantity) is None):
             allowed = ", ".join(QUANTITIES[quantity]) if quantity else "none: it is a number"
             raise InputError(f"--signal {shown(said)}: unit {unit!r}; allowed: {allowed}")
-        unit = unit_named(unit, quantity) or "" if unit else unit_of_column(table.names[place], table.units[place], quantity) or "" if quantity else ""  # fmt: skip
+        if unit:
+            unit = unit_named(unit, quantity) or ""
+        elif quantity:
+            unit = unit_of_column(table.names[place], table.units[place], quantity) or ""
         out[name] = PointColumn(name, place, unit or names[name][1])
         taken.add(place)
     notes, unused = [], []
@@ -282,4 +293,5 @@ def _with_test(text: str, name: str, trace: str, sphere_mm, new: bool, has_instr
     end = "" if text.endswith("\n") else "\n"
     instrument = "" if has_instrument else '\n[instrument]\nkind = "sphere"\n'
     place = ", ".join(f"{v:g}" for v in sphere_mm)
-    return f'{text}{end}{instrument}\n[[test]]\nname = "{name}"\nkind = "sphere"\ntrace = "{trace}"\nsphere_mm = [{place}]\n'
+    test = f'name = "{name}"\nkind = "sphere"\ntrace = "{trace}"\nsphere_mm = [{place}]\n'
+    return f"{text}{end}{instrument}\n[[test]]\n{test}"

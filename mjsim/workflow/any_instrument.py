@@ -43,12 +43,14 @@ class PlainTest(ComparedTest):
         shown: Measured and simulated, channel by channel.
         set_up: What was fitted of its set-up, by name with the unit.
         figures: Of measured and of simulated, by name with the unit.
+        recording: As its instrument has read it.
     """
 
     test: Any
     shown: tuple[ComparedChannel, ...]
     set_up: dict[str, float]
     figures: dict[str, dict[str, float]]
+    recording: Any
 
     @property
     def channels(self) -> tuple[ComparedChannel, ...]:
@@ -160,7 +162,7 @@ def compare_plainly(
         recording = campaign.traces[test.name]
         figures = {k: f for k, v in both.items() if (f := instrument.figures_of(test, recording, observed.time, v))}
         numbers = dict(zip(set_up.names, map(float, fitted[test.name]), strict=True))
-        tests.append(PlainTest(test, channels, numbers, figures))
+        tests.append(PlainTest(test, channels, numbers, figures, recording))
     return PlainComparison(campaign, machine, tuple(tests))
 
 
@@ -191,8 +193,10 @@ def _fit(rows: list[tuple[Any, Observation, np.ndarray, Nuisances]]) -> dict[str
     not known better either.
     """
     places: dict[tuple[str, str], int] = {}
-    own = {t.name: [places.setdefault(("" if k in n.shared else t.setup, k), len(places)) for k in n.names]
-           for t, _, _, n in rows}  # fmt: skip
+    own = {
+        t.name: [places.setdefault(("" if k in n.shared else t.setup, k), len(places)) for k in n.names]
+        for t, _, _, n in rows
+    }
     spread = np.zeros(len(places))
     blocks = []
     for t, o, _, n in rows:

@@ -216,9 +216,15 @@ def _joined(
     # axis logs: the points have a unit and a comparison of their own, and come first
     assert bars.logs is not None and LogTest.instrument in campaign.measured_parts
     return replace(
-        chosen, before=rest.before, after=rest.after, noise=rest.noise, probabilities=found.verdicts.to_json(),
-        shares=found.shares, rungs=(rest.before, rest.after), discrepancy=rest.left,
-    )  # fmt: skip
+        chosen,
+        before=rest.before,
+        after=rest.after,
+        noise=rest.noise,
+        probabilities=found.verdicts.to_json(),
+        shares=found.shares,
+        rungs=(rest.before, rest.after),
+        discrepancy=rest.left,
+    )
 
 
 def _both(first: Posterior | None, second: Posterior) -> Posterior:

@@ -102,7 +102,9 @@ def plan_points(
     every = _candidates(blank, farthest or {})
     problem, columns, precision, wanted, scale = _linear(campaign, machine, every)
     chosen = _greedy(columns, precision, wanted, scale, problem, count)
-    order = sorted(chosen, key=lambda i: (every.approach[i][-1], *(every.approach[i][-1] * a for a in every.angles[i][::-1])))
+    order = sorted(
+        chosen, key=lambda i: (every.approach[i][-1], *(every.approach[i][-1] * a for a in every.angles[i][::-1]))
+    )
     test = replace(
         every,
         angles=tuple(every.angles[i] for i in order),

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import tomlkit
 
-from . import machines
+from . import campaign, layouts, machines, real_machines
 from .chains import CHAINS, Kinematics
 from .kinematics import DEG, MICRO
 
@@ -31,19 +31,25 @@ def draw(rng: np.random.Generator, family: str = "paper") -> dict:
     out = {
         "location": {n: MICRO * normal(CLASS["turn" if n[1] in "ABC" else "shift"]) for n in names.split()},
         "square": {n: MICRO * normal(CLASS["square"]) for n in ("XY", "YZ", "ZX")},
-        "straight": {f"E{j}{i}": MICRO * np.array([normal(CLASS["straight"]), normal(CLASS["straight"])]) for i in "XYZ" for j in "XYZ" if i != j},
+        "straight": {
+            f"E{j}{i}": MICRO * np.array([normal(CLASS["straight"]), normal(CLASS["straight"])])
+            for i in "XYZ"
+            for j in "XYZ"
+            if i != j
+        },
         "scale": {i: MICRO * normal(CLASS["scale"]) for i in "XYZ"},
         "waves": {},
         "play": {a: abs(normal(CLASS["play_deg"])) * DEG for a in rotary},
         "motion": {},
-    }  # fmt: skip
+    }
     for a in ("X", "Y", "Z", *rotary):
         size = CLASS["pitch_deg"] * DEG if a in rotary else CLASS["pitch_um"] * MICRO
         out["waves"][a] = [(n, normal(size), normal(size)) for n in (1, 2)]
     for a in "C":  # the tolerance speaks of the axis that goes round
-        out["motion"][a] = [normal(CLASS["radial"] * MICRO) for _ in range(2)], [
-            normal(CLASS["tilt"] * MICRO) for _ in range(2)
-        ]
+        out["motion"][a] = (
+            [normal(CLASS["radial"] * MICRO) for _ in range(2)],
+            [normal(CLASS["tilt"] * MICRO) for _ in range(2)],
+        )
     return out
 
 
@@ -177,7 +183,7 @@ def write(
     """
     rng = np.random.default_rng(seed)
     machine = machines.nominal("M1")
-    errors = errors or draw(rng)
+    errors = draw(rng) if errors is None else errors
     periods = {a: machine["drive"][a]["lead_mm"] * 1e-3 for a in "XYZ"}
     periods |= {a: 2 * np.pi / machine["drive"][a]["worm_teeth"] for a in "AC"}
     probed = Probed(errors, periods=periods)
@@ -195,18 +201,49 @@ def write(
     lines = [",".join([*(f"{v:.4f}" for v in row), f"{s:.0f}"]) for row, s in zip(table, spindle, strict=True)]
     (folder / "traces" / "points.csv").write_text("\n".join([head, *lines, ""]))
     if tolerance:
-        machine["tolerance"] = {
-            "axis_location": {"um": 12.0, "urad": 30.0},
-            "squareness": {"urad": 24.0},
-            "straightness": {"um": 1.6},
-            "scale_error": {"ppm": 20.0},
-            "pitch_error": {"um": 0.6, "deg": 0.0014},
-            "backlash": {"um": 0.8, "deg": 0.0008},
-            "radial_error_motion": {"um": 1.0},
-            "tilt_error_motion": {"urad": 8.0},
-        }
+        machine["tolerance"] = real_machines.TOLERANCE
     (folder / "machine.toml").write_text(tomlkit.dumps(machine))
     probe = {"kind": "sphere"} | ({"repeatability_um": stated} if stated else {})
     test = {"name": "points", "kind": "sphere", "trace": "traces/points.csv", "sphere_mm": [110.0, 20.0, 90.0]}
     (folder / "campaign.toml").write_text(tomlkit.dumps({"name": "probed", "instrument": probe, "test": [test]}))
+    return errors
+
+
+def tables(errors: dict) -> list[dict]:
+    """Errors of the paper's machine as ``[[effect]]`` tables, for its ball-bar tests."""
+    teeth = {a: machines.nominal("M1")["drive"][a]["worm_teeth"] for a in "AC"}
+    out = []
+    for n, v in errors["location"].items():
+        out.append({"id": f"axis_location.{n}", ("value_urad" if n[1] in "ABC" else "value_um"): v / MICRO})
+    out += [{"id": f"squareness.{n}", "angle_urad": v / MICRO} for n, v in errors["square"].items()]
+    for n, (two, three) in errors["straight"].items():
+        out.append({"id": f"straightness.{n}", "quadratic_um": two / MICRO, "cubic_um": three / MICRO})
+    out += [{"id": f"scale_error.{n}", "ppm": v / MICRO} for n, v in errors["scale"].items()]
+    out += [{"id": f"backlash.{n}", "width_deg": v / DEG} for n, v in errors["play"].items()]
+    for n, rows in errors["waves"].items():
+        unit, times = (DEG, teeth[n]) if n in "AC" else (MICRO, 1)
+        waves = [
+            [float(k * times), float(np.hypot(c, s)) / unit, float(np.degrees(np.arctan2(s, c)))] for k, c, s in rows
+        ]
+        out.append({"id": f"pitch_error.{n}", "components": waves})
+    for n, (radial, tilt) in errors["motion"].items():
+        for kind, key, (c, s) in (("radial", "amplitude_um", radial), ("tilt", "amplitude_urad", tilt)):
+            size, phase = float(np.hypot(c, s)) / MICRO, float(np.degrees(np.arctan2(s, c)))
+            out.append({"id": f"{kind}_error_motion.{n}", "order": 2.0, key: size, "phase_deg": phase})
+    return out
+
+
+def write_with_bar(folder: Path | str, seed: int, layout: str = "short", **how) -> dict:
+    """A campaign of both: the points of :func:`write`, and ball-bar tests of the same machine."""
+    errors = how.pop("errors", None) or draw(np.random.default_rng(seed))
+    folder = Path(folder)
+    write(folder, seed, errors, **how)
+    probed = tomlkit.parse((folder / "campaign.toml").read_text())
+    tests = tuple(layouts.layout(layout))
+    case = campaign.Case("both", "M1", tests, seed=seed, within=tuple(tables(errors)), tolerance_stated=True)
+    campaign.write_files(case, folder)
+    both = tomlkit.parse((folder / "campaign.toml").read_text()).unwrap()
+    both["instrument"] = {"bar": both["instrument"], "probe": probed.unwrap()["instrument"]}
+    both["test"] = [*both["test"], *probed.unwrap()["test"]]
+    (folder / "campaign.toml").write_text(tomlkit.dumps(both))
     return errors

@@ -67,8 +67,8 @@ def sphere_test(file: Path, t: SphereTable, chain: Chain) -> SphereTest:
     for key, values in (("spindle_deg", t.spindle_deg), ("approach", t.approach)):
         if values and len(values) != len(t.angles_deg):
             raise InputError(
-                f"{place}: {key} has {len(values)} entries for {len(t.angles_deg)} rows of angles_deg; allowed: one for "
-                "each row, or none"
+                f"{place}: {key} has {len(values)} entries for {len(t.angles_deg)} rows of angles_deg; allowed: one "
+                "for each row, or none"
             )
     for row in t.approach:
         if len(row) != len(chain.rotary):
@@ -202,7 +202,10 @@ def trace_text(test: SphereTest, points: Points) -> str:
     values = np.column_stack([points.position, points.deviation]) / np.array(list(need.values()))
     columns = [*values.T, *points.side.T]
     forms = ["%.6f"] * test.chain.count + ["%.4f"] * 3 + ["%.0f"] * len(test.chain.rotary)
-    more = (("spindle_deg", points.spindle / DEG, "%.4f", points.spindle.any()), ("time_s", points.time, "%.3f", points.timed))
+    more = (
+        ("spindle_deg", points.spindle / DEG, "%.4f", points.spindle.any()),
+        ("time_s", points.time, "%.3f", points.timed),
+    )
     for name, column, form, present in (*more, ("run", points.run, "%.0f", points.run.max() > 1)):
         if present:
             names.append(name)

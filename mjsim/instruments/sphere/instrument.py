@@ -63,7 +63,9 @@ class SphereProbe(Instrument[SphereTest, Points]):
         out: dict[str, Any] = {"points": len(angles)}
         for i, letter in enumerate(test.chain.rotary):
             out[f"{letter}_deg"] = [round(float(angles[:, i].min()), 3), round(float(angles[:, i].max()), 3)]
-        return out | {"both_sides": [a for a, s in zip(test.chain.rotary, recording.side.T, strict=True) if np.ptp(s) > 1]}
+        return out | {
+            "both_sides": [a for a, s in zip(test.chain.rotary, recording.side.T, strict=True) if np.ptp(s) > 1]
+        }
 
     def channels(self, test: SphereTest) -> tuple[Channel, ...]:
         return tuple(Channel(f"d{c}") for c in _LOWER)
@@ -86,7 +88,9 @@ class SphereProbe(Instrument[SphereTest, Points]):
     def noise(self, test: SphereTest, recording: Points, data: Probe) -> np.ndarray:
         return np.full(3, data.noise)
 
-    def figures_of(self, test: SphereTest, recording: Points, time: np.ndarray, reading: np.ndarray) -> dict[str, float]:
+    def figures_of(
+        self, test: SphereTest, recording: Points, time: np.ndarray, reading: np.ndarray
+    ) -> dict[str, float]:
         """Range per direction about the sphere's place (ISO 10791-6), and centre and direction of every rotary axis."""
         columns = sphere_columns(test, recording).reshape(-1, 3)
         rest = reading - (columns @ np.linalg.lstsq(columns, reading.ravel(), rcond=None)[0]).reshape(-1, 3)

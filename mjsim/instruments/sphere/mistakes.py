@@ -26,8 +26,8 @@ _SHARE = 0.2
 _POOR = 6.0
 #: Sizes of errors that deviations of a real machine may be made of: sphere (m), location (m and rad), squareness (rad).
 _SPHERE, _SHIFT, _TILT, _SQUARE = 1e-3, 50e-6, 200e-6, 200e-6
-#: Deviations that no unit but a wrong one makes, m: below the noise of any probe, beyond any machine.
-_TINY, _HUGE = 0.02 * UM, 5.0 * MM
+#: Deviations that no unit but a wrong one makes, m: beyond any machine.
+_HUGE = 5.0 * MM
 #: A sphere farther from its nominal place than so many standard deviations, m, is somewhere else.
 _FAR = 4.0 * MM
 
@@ -36,7 +36,7 @@ def sphere_mistakes(tests: Sequence[SphereTest], recordings: dict[str, Points], 
     """Mistakes of all tests, the positions' first."""
     out = []
     for t in tests:
-        found = _position_mistake(t, recordings[t.name]) or _size_mistake(t, recordings[t.name])
+        found = _position_mistake(t, recordings[t.name]) or _size_mistake(t, recordings[t.name], probe)
         found = found or _deviation_mistake(t, recordings[t.name], probe)
         if found:
             out.append(found)
@@ -109,8 +109,8 @@ def _with_offset(test: SphereTest, q: np.ndarray, away: np.ndarray) -> Iterator[
     last[:, chain.linear_columns.stop - 1] -= constant
     letter = chain.linear[-1]
     yield (
-        f"{letter} is {abs(constant) / MM:.1f} mm too {'large' if constant > 0 else 'small'} everywhere, such as by the "
-        f"length of the probe; write where the tip is",
+        f"{letter} is {abs(constant) / MM:.1f} mm too {'large' if constant > 0 else 'small'} everywhere, such as "
+        f"by the length of the probe; write where the tip is",
         test,
         last,
     )
@@ -127,12 +127,13 @@ def _with_tool(chain: Chain, length: float) -> Chain:
     return chain_of(chain.configuration, chain.placements, length, chain.singular)
 
 
-def _size_mistake(test: SphereTest, points: Points) -> Mistake | None:
+def _size_mistake(test: SphereTest, points: Points, probe: Probe) -> Mistake | None:
     """Deviations in another unit."""
     largest, spread = float(np.abs(points.deviation).max()), float(np.abs(np.diff(points.deviation, axis=0)).max())
     said = f"{test.name}: the deviations are up to {largest / UM:.3g} µm"
-    if spread < _TINY:
-        return Mistake("unit", (test.name,), f"{said}, less than any probe repeats; write them in µm, not in mm")
+    if spread < probe.noise:
+        sentence = f"{said}, and change by less than one probed centre repeats; write them in µm, not in mm"
+        return Mistake("unit", (test.name,), sentence)
     columns = _sphere_columns(test, points.position)
     away = np.linalg.lstsq(columns, points.deviation.ravel(), rcond=None)[0]
     rest = points.deviation.ravel() - columns @ away
@@ -147,7 +148,7 @@ def _size_mistake(test: SphereTest, points: Points) -> Mistake | None:
 
 def _deviation_mistake(test: SphereTest, points: Points, probe: Probe) -> Mistake | None:
     """Deviations with other axes or single signs."""
-    chain, q, n = test.chain, points.position, len(points.position)
+    q, n = points.position, len(points.position)
     design = _geometry_columns(test, q)
     if 3 * n < 2 * design.shape[1]:
         return None
@@ -155,7 +156,11 @@ def _deviation_mistake(test: SphereTest, points: Points, probe: Probe) -> Mistak
 
     def left(d: np.ndarray) -> float:
         """What the geometry of a plausible machine leaves, with its priors, RMS m."""
-        x = np.linalg.lstsq(np.vstack([design / probe.noise, prior]), np.append(d.ravel() / probe.noise, np.zeros(len(prior))), rcond=None)[0]  # fmt: skip
+        x = np.linalg.lstsq(
+            np.vstack([design / probe.noise, prior]),
+            np.append(d.ravel() / probe.noise, np.zeros(len(prior))),
+            rcond=None,
+        )[0]
         rest = d.ravel() - design @ x
         return float(np.sqrt((rest @ rest + probe.noise**2 * (x @ x)) / len(rest)))
 
@@ -170,7 +175,11 @@ def _deviation_mistake(test: SphereTest, points: Points, probe: Probe) -> Mistak
                 continue  # all three signs together are a sphere on the other side: nobody can tell
             rest = left(points.deviation[:, order] * signs)
             if rest < best:
-                moved = [f"{names[k]} is {'minus ' if s < 0 else ''}{names[o]}" for k, (o, s) in enumerate(zip(order, signs, strict=True)) if o != k or s < 0]  # fmt: skip
+                moved = [
+                    f"{names[k]} is {'minus ' if s < 0 else ''}{names[o]}"
+                    for k, (o, s) in enumerate(zip(order, signs, strict=True))
+                    if o != k or s < 0
+                ]
                 best, words = rest, ", ".join(moved)
     if best > _SHARE * as_is:
         return None
