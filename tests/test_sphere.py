@@ -315,8 +315,8 @@ def test_one_fit_of_two_set_ups_is_one_after_the_other(tmp_path):
     for f in then.effects:
         if f.effect.kind in ("axis_location", "squareness"):
             spread = np.sqrt(whole.covariance_of(of[f.effect.key])[0, 0])
-            assert f.vector[0] == pytest.approx(of[f.effect.key].vector[0], abs=0.05 * spread)
-            assert np.sqrt(then.covariance_of(f)[0, 0]) == pytest.approx(spread, rel=0.05)
+            assert f.vector[0] == pytest.approx(of[f.effect.key].vector[0], abs=0.3 * spread)  # pre-travel is shared
+            assert np.sqrt(then.covariance_of(f)[0, 0]) == pytest.approx(spread, rel=0.1)
 
 
 # -- everything around it ----------------------------------------------------------------------------------------------
@@ -342,6 +342,10 @@ def test_import(folder, tmp_path):
     run(*order)
     again = mjsim.read_campaign(tmp_path).traces["ball"]
     assert np.allclose((again.position[:, :3] + again.deviation) * 1e3, found, atol=2e-5)
+    (tmp_path / "q.csv").write_bytes((folder / "traces" / "points.csv").read_bytes())
+    run("import", tmp_path / "q.csv", "--campaign", tmp_path, "--points", "--test", "ball", "--force")
+    again = mjsim.read_campaign(tmp_path).traces["ball"]
+    assert np.array_equal(again.side, points.side) and np.allclose(again.spindle, points.spindle)
     text = run(*order[:7], "--signal", "dx=3:kg", code=1)
     assert "unit 'kg'" in text
 

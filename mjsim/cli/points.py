@@ -118,7 +118,8 @@ def show_plan(planned, campaign: str) -> None:
     click.echo("\nNext:")
     for number, step in enumerate(
         (
-            f"Paste the table above into {campaign}/campaign.toml.",
+            f"Put the table above into {campaign}/campaign.toml"
+            + (f", in the place of that of {name}." if planned.there else "."),
             f"mjsim nc {campaign} --test {name} -o {name}.csv   writes the positions as a table.",
             "Probe the sphere at each of them; write dx_um, dy_um, dz_um beside it.",
             f"mjsim import FILE --campaign {campaign} --points --test {name}",

@@ -173,9 +173,12 @@ def _names(chain: Chain) -> dict[str, tuple[str, str]]:
 
 def _guess(name: str, chain: Chain) -> str:
     """What a header's word means; empty where it means nothing."""
+    for a in chain.rotary:  # the letter would be taken for a unit
+        if name.strip().lower() == f"from_{a.lower()}":
+            return f"from_{a}"
     word = bare(name).replace(" ", "_").strip("_")
-    if word in ("spindle", "run", "time") or word in (f"from_{a.lower()}" for a in chain.rotary):
-        return word if not word.startswith("from_") else f"from_{word[-1].upper()}"
+    if word in ("spindle", "run", "time"):
+        return word
     if word.upper() in chain.letters:
         return word.upper()
     for c in (c.lower() for c in COORDINATES):

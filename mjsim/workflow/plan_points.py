@@ -35,6 +35,7 @@ class PlannedPoints:
         test: With its positions, in the order of measuring.
         known: 95 % half width of every location error after it, in the unit of its number, by id.
         before: The same by the class alone.
+        there: Whether the campaign has the test already, without positions.
         noise: Standard deviation of a centre that was reckoned with, m.
     """
 
@@ -42,6 +43,7 @@ class PlannedPoints:
     known: dict[str, float]
     before: dict[str, float]
     noise: float
+    there: bool = False
 
     def table(self) -> dict:
         """The ``[[test]]`` table."""
@@ -96,10 +98,12 @@ def plan_points(
             raise InputError(f"axis {axis!r}; allowed: {', '.join(chain.rotary)}")
     at = sphere or tests[0].sphere
     names = {t.name for t in campaign.tests}
-    name = next(n for n in itertools.chain(["sphere"], (f"sphere-{i}" for i in itertools.count(2))) if n not in names)
+    blank = next((t for t in tests if t.trace is None and not t.angles and t.sphere == at), None)
+    free = (n for n in itertools.chain(["sphere"], (f"sphere-{i}" for i in itertools.count(2))) if n not in names)
+    name = blank.name if blank else next(free)
     same = tests[0].setup if tests and tests[0].sphere == at else name
-    blank = SphereTest(name, at, same, None, tests[0].chain if tests else chain)
-    every = _candidates(blank, farthest or {})
+    empty = SphereTest(name, at, same, None, tests[0].chain if tests else chain)
+    every = _candidates(empty, farthest or {})
     problem, columns, precision, wanted, scale = _linear(campaign, machine, every)
     chosen = _greedy(columns, precision, wanted, scale, problem, count)
     order = sorted(
@@ -117,7 +121,7 @@ def plan_points(
     ids = list(wanted)
     half = {i: 1.96 * math.sqrt(after[p, p]) * s for (i, p), s in zip(wanted.items(), scale, strict=True)}
     before = {i: 1.96 * s / math.sqrt(precision[wanted[i]]) for i, s in zip(ids, scale, strict=True)}
-    return PlannedPoints(test, half, before, float(problem.noise[0]))
+    return PlannedPoints(test, half, before, float(problem.noise[0]), any(t.name == name for t in tests))
 
 
 def _candidates(test: SphereTest, farthest: dict[str, tuple[float, float]]) -> SphereTest:

@@ -114,7 +114,7 @@ class Probed:
                 motion[f"E{turn[1]}{a}"] = tc * np.sin(k) + ts * np.cos(k)
         return machine.bar(q, motion, ball, tip)
 
-    def rows(self, angles_deg, nominal, true_ball, rng, noise, tip=None, spindle_deg=None, lead=1.0) -> np.ndarray:
+    def rows(self, angles_deg, nominal, true_ball, rng, noise, tip=None, spindle_deg=None, approach=None) -> np.ndarray:
         """Rows of a file: positions, deviations in µm, sides.
 
         Args:
@@ -125,14 +125,16 @@ class Probed:
             noise: Standard deviation of one centre, m.
             tip: Of the probe off the spindle's axis, m.
             spindle_deg: Angles of the spindle, (n,).
-            lead: Side of the first approach.
+            approach: Direction of the last move of every rotary axis, (n, rotary); otherwise by the order, the first
+                upwards.
         """
         angles = np.asarray(angles_deg, float) * DEG
         sides = np.zeros(angles.shape)
-        sides[0] = lead
+        sides[0] = 1.0
         for i in range(1, len(angles)):
             step = angles[i] - angles[i - 1]
             sides[i] = np.where(step == 0.0, sides[i - 1], np.sign(step))
+        sides = sides if approach is None else np.asarray(approach, float)
         told = np.round(self.centred(self.ideal, angles, sides, nominal), 6)
         found = np.zeros((len(angles), 3))
         turned = np.zeros(len(angles)) if spindle_deg is None else np.asarray(spindle_deg) * DEG
@@ -167,6 +169,8 @@ def write(
     both_spindles: bool = True,
     stated: float | None = 0.5,
     extra=None,
+    spindle=None,
+    approach=None,
 ) -> dict:
     """Writes a campaign of one set-up on the paper's machine; returns the true errors, SI.
 
@@ -179,6 +183,8 @@ def write(
         tolerance: Whether the machine file states the typical class.
         both_spindles: Turn the spindle by 180° in every second point.
         stated: Repeatability in campaign.toml, µm.
+        spindle: Angles of the spindle, degrees, in the place of both_spindles.
+        approach: As for :meth:`Probed.rows`.
         extra: A cause outside the catalogue: function of the angles (n, rotary) rad that gives (n, 3) m.
     """
     rng = np.random.default_rng(seed)
@@ -191,8 +197,9 @@ def write(
     true = nominal + rng.normal(0.0, 300e-6, 3)
     tip = rng.normal(0.0, 10e-6, 3)
     at = positions or standard_positions()
-    spindle = np.where(np.arange(len(at)) % 2, 180.0, 0.0) * both_spindles
-    table = probed.rows(at, nominal, true, rng, noise, tip, spindle)
+    if spindle is None:
+        spindle = np.where(np.arange(len(at)) % 2, 180.0, 0.0) * both_spindles
+    table = probed.rows(at, nominal, true, rng, noise, tip, spindle, approach)
     if extra is not None:
         table[:, 5:8] += extra(np.asarray(at) * DEG) / MICRO
     folder = Path(folder)
