@@ -36,8 +36,9 @@ from mjsim.estimation.fit import Fit
 from mjsim.estimation.hypotheses import BEYOND, CAUSE, ORDERS, WIDTHS, entries_of, log_odds_of
 from mjsim.estimation.least_squares import LeastSquares
 from mjsim.estimation.linear_evidence import Chosen, Columns, LinearEvidence, without
+from mjsim.estimation.nuisance import Nuisances
 from mjsim.estimation.outcome import Found, verdict_of
-from mjsim.estimation.parameters import Block, Parameters
+from mjsim.estimation.parameters import Block
 from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.estimation.shares import Calibration, calibrations_of
@@ -92,7 +93,7 @@ class RestProblem:
     value: np.ndarray
     noise: np.ndarray
     columns: np.ndarray
-    nuisances: Parameters
+    nuisances: Nuisances
     units: np.ndarray
     smooth: np.ndarray
     same: np.ndarray
@@ -128,7 +129,8 @@ class RestProblem:
             own = tuple(name for name in n.names if name not in n.shared)
             blocks.setdefault(f"set-up {t.setup}", own)
             blocks.setdefault(instrument.noun, n.shared)
-        nuisances = Parameters(tuple(Block.normal(name, labels) for name, labels in blocks.items() if labels))
+        # a fit asks for no more of the ball bar's blocks than that they are blocks
+        nuisances = Nuisances(tuple(Block.normal(name, labels) for name, labels in blocks.items() if labels))
         units, parts = np.zeros(nuisances.size), []
         for t, n in rows:
             part = np.zeros((n.columns.shape[0] * n.columns.shape[1], nuisances.size))

@@ -10,7 +10,7 @@ of ISO 14253-1: with a probability of 95 %.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
@@ -135,7 +135,7 @@ class ClassSizes:
         return out
 
     def findings(
-        self, fit: Fit, rivals_of: Mapping[str, list[tuple[str, Alternative]]], evidence: float
+        self, fit: Fit, rivals_of: Mapping[str, Sequence[tuple[str, Alternative]]], evidence: float
     ) -> list[FoundEffect]:
         """Every effect of a model with the probability that it is larger than its class allows.
 

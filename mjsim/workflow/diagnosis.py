@@ -25,7 +25,6 @@ from mjsim.machine.model import Machine
 from mjsim.units import UM
 from mjsim.workflow.any_instrument import PlainComparison
 from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
-from mjsim.workflow.ball_bar.compare import BarComparison
 from mjsim.workflow.finding import DiagnosedEffect, rounded
 
 if TYPE_CHECKING:
@@ -115,7 +114,7 @@ class Diagnosis:
     machine: Machine
     before: Any
     after: Any
-    rungs: tuple[BarComparison, ...] = ()
+    rungs: tuple[Any, ...] = ()
     next_test: dict | None = None
     trail: list = field(default_factory=list)
     calibration: tuple[Calibration, ...] = ()
