@@ -6,7 +6,8 @@ import datetime
 from functools import cache
 from typing import Annotated, Any, TypeVar
 
-from pydantic import AfterValidator, Field, create_model
+from pydantic import AfterValidator, Field, create_model, model_validator
+from pydantic_core import PydanticCustomError
 
 from mjsim.instruments.ball_bar.tables import AcceptanceTable
 from mjsim.instruments.base import INSTRUMENTS
@@ -24,6 +25,18 @@ class InstrumentTable(Table):
     resolution_deg: Annotated[float, Field(ge=1e-9, le=1)] = 1e-4
     range_mm: Annotated[float, Field(ge=0.001, le=100)] = 1.0
     sample_rate_Hz: Annotated[float, Field(ge=1e-3, le=1e6)] = 200.0
+    repeatability_um: Annotated[float, Field(ge=0.01, le=1000)] | None = None
+    probe_offset_um: Annotated[float, Field(ge=0.01, le=1000)] | None = None
+
+    @model_validator(mode="after")
+    def _own_keys(self) -> InstrumentTable:
+        mine = INSTRUMENTS[self.kind].own_keys
+        others = {key for i in INSTRUMENTS.values() for key in i.own_keys if key not in mine}
+        for key in sorted(others & self.model_fields_set):
+            owner = next(name for name, i in INSTRUMENTS.items() if key in i.own_keys)
+            words = "allowed: {key} only with kind = {owner}"
+            raise PydanticCustomError("own_key", words, {"key": key, "owner": repr(owner)})  # pyright: ignore
+        return self
 
 
 class CampaignTable(Table):

@@ -13,6 +13,7 @@ from mjsim.cli.compare import calibration_sentence, left_out_sentence, percent, 
 from mjsim.cli.import_show import show_features
 from mjsim.cli.logs import change_of, show_beside, show_diagnosis
 from mjsim.cli.parameter_lines import finding_lines
+from mjsim.cli.points import show_points
 from mjsim.effects.registry import kinds
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.kinds import kind_of
@@ -89,10 +90,14 @@ def command(campaign, machine, write, max_effects, only, force, threads, as_is, 
         data["imported"] = show_features(imported, found, circles, silent=True)
     if common.answered(data, as_json, quiet):
         return
-    if not result.has_bars:
+    points = result.at_rest
+    if not result.has_bars and points is None:
         show_diagnosis(data)
     else:
-        show(data, str(campaign))
+        show(data, str(campaign), result.has_bars)
+        if points is not None:
+            fitted = {row["id"]: row for row in [*data["calibration"], *data["effects"]]}
+            show_points(data[INSTRUMENTS[points.after.instrument].beside], fitted)
         if result.logs is not None:
             show_beside(data[INSTRUMENTS[LogTest.instrument].beside])
     for axis in _identifiable(c, data):
@@ -152,12 +157,13 @@ def say_how_long(campaign, quiet: bool) -> Callable[[], None]:
 _FITTED = {True: "with everything that was found and calibrated", False: "with what was found"}
 
 
-def show(data: dict, campaign: str = "CAMPAIGN") -> None:
+def show(data: dict, campaign: str = "CAMPAIGN", explained: bool = True) -> None:
     """A diagnosis' JSON as text: what matters first, then the calibration, then where to look.
 
     Args:
         data: as :meth:`mjsim.workflow.diagnosis.Diagnosis.to_json` gives it.
         campaign: its folder, for the commands that are proposed.
+        explained: whether ``mjsim explain`` knows the campaign: it needs ball-bar tests.
     """
     from mjsim.workflow.diagnosis import VERDICTS
 
@@ -200,7 +206,7 @@ def show(data: dict, campaign: str = "CAMPAIGN") -> None:
         click.echo("\nWhere to look:")
         for e in data["effects"][:_DETAILED]:
             common.paragraph(f"{e['id']}: {remedy_text(e['id'])}", "  ")
-        if data["effects"] or data["calibration"]:
+        if explained:
             which = data["effects"][0]["id"] if data["effects"] else "EFFECT"
             common.paragraph(f"mjsim explain {campaign} {which}   shows its signature, and what looks like it", "  ")
         table = "the calibration against its limits and " if data["calibration"] else ""

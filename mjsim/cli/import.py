@@ -17,8 +17,21 @@ from mjsim.cli.import_show import model_effects, runs_json, show_features, show_
 @import_options.columns
 @import_options.angles
 @click.option("--log", "as_log", is_flag=True, help="The files are axis logs: command and actual positions.")
+@click.option("--points", "as_points", is_flag=True, help="The files are points of a probed sphere.")
 @click.option(
-    "--signal", "signals", multiple=True, metavar="AXIS_SIGNAL=COLUMN:UNIT", help="With --log: a column, X_actual=3:mm."
+    "--sphere",
+    nargs=3,
+    type=common.NUMBER,
+    metavar="X Y Z",
+    default=None,
+    help="With --points, for a new test: centre of the sphere, mm in the work frame.",
+)
+@click.option(
+    "--signal",
+    "signals",
+    multiple=True,
+    metavar="AXIS_SIGNAL=COLUMN:UNIT",
+    help="With --log or --points: a column, X_actual=3:mm, dx=5:um.",
 )
 @click.option(
     "--file-axis", "axes", multiple=True, metavar="NAME=LETTER", help="With --log: what the file calls an axis, 7=C."
@@ -32,7 +45,21 @@ from mjsim.cli.import_show import model_effects, runs_json, show_features, show_
 @click.option("--force", is_flag=True, help="Replace traces that are there.")
 @common.options
 def command(
-    files, campaign, as_log, signals, axes, controller, preview, no_check, show, force, as_json, quiet, **given
+    files,
+    campaign,
+    as_log,
+    as_points,
+    sphere,
+    signals,
+    axes,
+    controller,
+    preview,
+    no_check,
+    show,
+    force,
+    as_json,
+    quiet,
+    **given,
 ) -> None:
     """Bring measurement FILES of other systems into a campaign.
 
@@ -50,6 +77,9 @@ def command(
     found by words such as soll, ist, command and actual beside the letter of an axis. --signal says it otherwise:
     command, actual, load (second encoder), lag (command less actual), velocity_command, velocity, torque, force,
     current, control.
+
+    With --points, FILES have one row for each measured centre of a sphere: angles of the rotary axes, and dx, dy, dz
+    (measured less commanded) or x_measured, y_measured, z_measured. --signal names columns that the header does not.
 
     \b
     Example: mjsim import run1.csv --campaign my-machine --test circle-xy-ccw
@@ -81,8 +111,18 @@ def command(
         pairs = [(f, t or name) for f, t in map(_file_and_test, files)]
         import_logs(campaign, pairs, signals, controller, options, force, preview, as_json, quiet)
         return
-    if signals or controller or axes:
-        raise click.UsageError("--signal, --file-axis and --controller need --log")
+    if controller or axes or (signals and not as_points):
+        raise click.UsageError("--signal needs --log or --points, --file-axis and --controller need --log")
+    if as_points:
+        from mjsim.cli.points import import_all
+
+        if keys:
+            raise click.UsageError(f"{import_options.options()[next(iter(keys))]} has no meaning with --points")
+        pairs = [(f, t or name) for f, t in map(_file_and_test, files)]
+        import_all(campaign, pairs, signals, sphere or None, options, force, preview, as_json, quiet)
+        return
+    if sphere:
+        raise click.UsageError("--sphere needs --points")
     pairs = [_file_and_test(f) for f in files]
     other = list(dict.fromkeys(f for f, _ in pairs if looks_like_xml(f)))
     if name and any(test for _, test in pairs):

@@ -113,12 +113,12 @@ def allowed(limit, max_speed, chain: Chain = FIVE_AXIS):
     return model_limits(chain).changed({a: (low, high) for a, low, high in limit}, dict(max_speed))
 
 
-def find_test(campaign: Path, name: str):
-    """The campaign and its test of that name."""
+def find_test(campaign: Path, name: str, *more: str):
+    """The campaign and its test of that name: a ball-bar test, or one of ``more`` instruments."""
     from mjsim.campaign.files import read_campaign
     from mjsim.errors import InputError
 
-    c = read_campaign(campaign, traces=False).of("ball_bar")
+    c = read_campaign(campaign, traces=False).of("ball_bar", *more)
     for t in c.tests:
         if t.name == name:
             return c, t

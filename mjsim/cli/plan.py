@@ -37,11 +37,44 @@ _INSTRUMENTS = {"axis_log": "axis log", "ball_bar": "ball bar"}
     shell_complete=common.effect_ids,
     help="Two effects to separate; or one effect and the word nothing.",
 )
+@click.option(
+    "--points", type=click.IntRange(4, 500), metavar="N", help="Propose N positions at which to probe a sphere."
+)
+@click.option(
+    "--sphere",
+    nargs=3,
+    type=common.NUMBER,
+    metavar="X Y Z",
+    default=None,
+    help="With --points: centre of the sphere, mm in the work frame.",
+)
+@click.option(
+    "--range",
+    "ranges",
+    type=(str, common.NUMBER, common.NUMBER),
+    multiple=True,
+    metavar="AXIS LOW HIGH",
+    help="With --points: travel of a rotary axis, degrees.",
+)
 @common.as_is_option
 @common.threads_option
 @common.options
 def command(
-    campaign, machine, whole, template_name, position_gain, minutes, out, between, threads, as_is, as_json, quiet
+    campaign,
+    machine,
+    whole,
+    template_name,
+    position_gain,
+    minutes,
+    out,
+    between,
+    points,
+    sphere,
+    ranges,
+    threads,
+    as_is,
+    as_json,
+    quiet,
 ) -> None:
     """Say which test to measure next: the one that best separates the effects that the data of CAMPAIGN cannot tell
     apart.
@@ -55,6 +88,9 @@ def command(
 
     With --new, no campaign is there yet: the tests are chosen that tell most of the machine in some minutes, and it is
     said what they can and cannot tell.
+
+    With --points, the answer is a [[test]] with the positions at which to probe a sphere: those after which the
+    location errors of the rotary axes are known best.
 
     \b
     Example: mjsim plan examples/two-candidates --between servo_gain.C servo_delay.C
@@ -79,8 +115,24 @@ def command(
     from mjsim.instruments.axis_log.measurement import LogTest
     from mjsim.workflow.plan import plan
 
+    if (sphere or ranges) and points is None:
+        raise click.UsageError("--sphere and --range need --points")
     c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)
+    if points is not None:
+        from mjsim.cli.points import show_plan
+        from mjsim.units import DEG, MM
+        from mjsim.workflow.plan_points import plan_points
+
+        if between is not None:
+            raise click.UsageError("--points and --between exclude each other")
+        ends = {a: (low * DEG, high * DEG) for a, low, high in ranges}
+        planned = plan_points(c, m, points, tuple(v * MM for v in sphere) if sphere else None, ends)
+        if as_json:
+            common.print_json(planned.to_json())
+        elif not quiet:
+            show_plan(planned, str(campaign))
+        return
     with common.progress_bar(quiet) as progress:
         result = plan(c, m, between, common.cores(threads), progress)
     recorded = LogTest.instrument in c.measured_parts

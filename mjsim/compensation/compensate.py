@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mjsim.campaign.model import Campaign
 from mjsim.compensation.controls import Control, Settings, control
-from mjsim.compensation.forecast import Forecast, forecast
+from mjsim.compensation.forecast import Forecast, forecast, forecast_at_rest
 from mjsim.compensation.quadrant import tuned
 from mjsim.compensation.result import Compensation
 from mjsim.compensation.summary import summary
@@ -17,6 +17,7 @@ from mjsim.compensation.terms import wanted_of
 from mjsim.compensation.worth import Left, worth_typing
 from mjsim.errors import InputError
 from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.sphere.measurement import SphereTest
 from mjsim.io.files import write_all
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, counted, silent
@@ -57,7 +58,9 @@ def compensate(
     """
     who = control(control_name, settings)
     bars = campaign.of(BallBarTest.instrument)
-    bars.need_traces("a correction needs measured tests")
+    points = campaign.of(SphereTest.instrument)
+    if not bars.measured and not points.measured:
+        bars.need_traces("a correction needs measured tests of a ball bar or a probed sphere")
     tests = bars.measured
     if saved is None:
         saved = read_saved(campaign, machine)
@@ -68,7 +71,7 @@ def compensate(
     left += [Left(k, "no table or offset of a control has this form") for k in beyond]
     worth = [w for w in worth if w.effect.key not in beyond]
     chain = saved.machine.chain
-    covered = ranges_of(tests, chain)
+    covered = ranges_of(tests, chain, [points.traces[t.name].position for t in points.measured])
     for axis, (low, high) in (ranges or {}).items():
         if axis not in covered or not low < high:
             raise InputError(
@@ -77,6 +80,7 @@ def compensate(
         covered[axis] = (low, high)
     corrections = who.corrections(wanted, covered)
     if friction:
+        bars.need_traces("friction shows in ball-bar tests only")
         corrections, more = _with_pulses(who, corrections, saved, tests, progress)
         left += more
     corrections = replace(corrections, left=tuple(dict.fromkeys([*left, *corrections.left])))
@@ -88,7 +92,11 @@ def compensate(
             sound = sound.without(w.effect.key)
     for axis in corrections.pulses:
         sound = sound.without(f"friction.{axis}")
-    expected = forecast(saved.machine, sound, tests, corrections, who.arithmetic(chain), threads, done)
+    how = who.arithmetic(chain)
+    expected = forecast(saved.machine, sound, tests, corrections, how, threads, done) if tests else Forecast(())
+    if points.measured:
+        more = forecast_at_rest(saved.machine, sound, points, corrections, how)
+        expected = Forecast((*expected.tests, *more.tests))
     result = replace(result, forecast=expected)
     files = who.files(corrections)
     return replace(result, files={"corrections.txt": summary(result), **files})

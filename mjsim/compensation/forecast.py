@@ -7,20 +7,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from mjsim.campaign.model import Campaign
 from mjsim.compensation.arithmetic import Arithmetic, corrected
 from mjsim.compensation.tables import Corrections
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
+from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant
 from mjsim.machine.sensitivity import sensitivity
 from mjsim.simulation.axes import load_of, time_grid
 from mjsim.simulation.bar import reading
 from mjsim.simulation.drive import STEP
+from mjsim.simulation.standing import standing
 
 #: Every so many steps of a reading are judged.
 _EVERY = 5
@@ -32,7 +36,7 @@ class TestForecast:
 
     Attributes:
         test: The test.
-        phi: (n,) rad.
+        phi: (n,) rad; of points, their numbers.
         before: Of the machine as it is, (n,) m.
         after: With the corrections, (n,) m.
         perfect: Without the errors that are corrected, (n,) m.
@@ -40,7 +44,7 @@ class TestForecast:
 
     __test__ = False
 
-    test: BallBarTest
+    test: Any
     phi: np.ndarray
     before: np.ndarray
     after: np.ndarray
@@ -114,6 +118,35 @@ def forecast(
 
     with ThreadPoolExecutor(max(1, min(threads, len(tests)))) as pool:
         return Forecast(tuple(pool.map(one, tests)))
+
+
+def forecast_at_rest(
+    machine: Machine, sound: Machine, points: Campaign, corrections: Corrections, how: Arithmetic
+) -> Forecast:
+    """:func:`forecast` of tests that were measured while the machine stood still.
+
+    Args:
+        machine: As diagnosed.
+        sound: The same without the errors that are corrected.
+        points: The measured tests of one instrument.
+        corrections: What the control is told.
+        how: How it uses that.
+    """
+    plant, ideal = build(machine), build(sound)
+    out = []
+    for test in points.measured:
+        instrument, recording = INSTRUMENTS[test.instrument], points.traces[test.name]
+        stops, time = instrument.stops(test, recording), instrument.observe(test, recording).time
+        assert stops is not None
+        set_up = instrument.nuisances_of(test, recording, time, points.instrument)
+        columns = (set_up.columns * set_up.spread).reshape(-1, len(set_up.names))
+        moved = replace(stops, route=corrected(stops.route, corrections, how, STEP))
+        rows = [
+            _about_set_up(instrument.reading(test, standing(p, s, test.name), p.geometry).ravel(), columns)
+            for p, s in ((plant, stops), (plant, moved), (ideal, stops))
+        ]
+        out.append(TestForecast(test, np.arange(len(rows[0]), dtype=float), *rows))
+    return Forecast(tuple(out))
 
 
 def _reading(plant: Plant, test: BallBarTest, time: np.ndarray, commands: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from textwrap import wrap
 from mjsim.compensation.result import Compensation
 from mjsim.compensation.tables import Corrections
 from mjsim.compensation.worth import Worth, unit_text
-from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.base import INSTRUMENTS
 from mjsim.units import DEG, MM, UM
 
 _WIDTH = 100
@@ -16,11 +16,14 @@ _WIDTH = 100
 def summary(result: Compensation) -> str:
     """Text of ``corrections.txt``."""
     c, who = result.corrections, result.control
-    done, tests = result.corrected, result.campaign.of(BallBarTest.instrument).measured
+    done, measured = result.corrected, result.campaign.measured_parts
+    kinds = [
+        f"{len(p.measured)} {INSTRUMENTS[n].noun} tests".replace("ball bar", "ball-bar") for n, p in measured.items()
+    ]
     out = [
         f"Corrections for {who.title}, written by mjsim",
         f"campaign: {result.campaign.name}, machine: {result.saved.machine.name}",
-        f"data: {len(tests)} ball-bar tests, noise {result.saved.noise / UM:.3f} µm; "
+        f"data: {', '.join(kinds)}, noise {result.saved.noise / UM:.3f} µm; "
         f"verdict of the diagnosis: {result.saved.verdict}",
         "",
         "These corrections come on top of those that were active while the tests were measured.",

@@ -110,9 +110,17 @@ def scale(chain: Chain, axis: str) -> float:
     return DEG if chain.is_rotary(axis) or any(m.rotation for m in chain.motions if m.name == axis) else MM
 
 
-def ranges_of(tests: Iterable[BallBarTest], chain: Chain) -> dict[str, tuple[float, float]]:
-    """Lowest and highest commanded position of every axis in the tests, m and rad: where errors were measured."""
-    ends = []
+def ranges_of(
+    tests: Iterable[BallBarTest], chain: Chain, points: Sequence[np.ndarray] = ()
+) -> dict[str, tuple[float, float]]:
+    """Lowest and highest commanded position of every axis, m and rad: where errors were measured.
+
+    Args:
+        tests: Ball-bar tests.
+        chain: The machine's axes.
+        points: Positions (n, axes) at which the machine stood, m and rad.
+    """
+    ends = [(q.min(axis=0), q.max(axis=0)) for q in points]
     for test in tests:
         program = Program(test)
         q = program.commands(np.linspace(0.0, program.duration, 1441))

@@ -10,9 +10,10 @@ of ISO 14253-1: with a probability of 95 %.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 from scipy.special import erfc
@@ -106,59 +107,26 @@ def explain(separated: Separated, progress: Progress = silent, most: int | None 
     return _Reader(search, search.run(most), progress).read(most)
 
 
-class _Reader:
-    """Reads findings out of a search."""
-
-    def __init__(self, search: Search, found: Found, progress: Progress) -> None:
-        self.search, self.found, self.progress = search, found, progress
+class Alternative(Protocol):
+    """A model with something else in the place of a cause."""
 
     @property
-    def model(self) -> Model:
-        """The best model so far."""
-        return self.found.model
-
+    def fit(self) -> Fit: ...
     @property
-    def problem(self) -> Problem:
-        """The tests with its whitening."""
-        return self.model.problem
+    def evidence(self) -> float: ...
 
-    @property
-    def expected(self) -> dict[str, Calibrated]:
-        """What a machine of its class has, by key."""
-        return self.model.expected
 
-    def read(self, most: int | None) -> Explained:
-        fit, rivals = self.model.fit, {}
-        for _ in range(_SWAPS):
-            fitter = Fitter(self.problem, self.model.fit.base)
-            fit = fitter.fit(self.model.fit.effects, start=self.model.fit, exact=True, iterations=3, fresh=False)
-            rivals = self._rivals(fit)
-            best = max((m for row in rivals.values() for _, m in row), key=lambda m: m.evidence, default=self.model)
-            if best.evidence <= self.model.evidence:
-                break
-            # something else in its place is the better explanation
-            self.found = replace(self.found, model=best)
-        unexplained, unknown, fit = self._unknown(fit)
-        rows = self._findings(fit, rivals)
-        self.progress("shares of the error", 0, 1)
-        named = [r for r in rows if r.whole >= FINDING]
-        named = sorted(named, key=lambda r: -r.gain)[:most]
-        excess = {f.effect.key: self._excess(f) for f in fit.effects}
-        keys = {r.key for r in named}
-        inside = [self._in_class(f) for f in fit.effects if f.effect.key not in keys]
-        entries, shares = calibrations(self.problem, fit, inside)
-        explained = self.found.start.sum_squares - fit.sum_squares
-        named = [replace(r, gain=max(shares.get(r.key, 0.0) * explained, 0.0)) for r in named]
-        named.sort(key=lambda r: (-excess[r.key], -r.gain))
-        selection = Selection(self.found.start, fit, named, self.found.bank, self.found.trail)
-        verdicts = self._verdicts(named, rows, unknown)
-        verdict = verdict_of((bool(r.others) for r in named), unexplained is not None)
-        sums, left = combinations(fit, self.problem.settings), self.model.sizes.rms
-        return Explained(self.problem, selection, unexplained, entries, shares, sums, verdict, verdicts, left)
+class ClassSizes:
+    """Sizes of fitted effects against what a machine of its class may have.
 
-    # -- sizes ---------------------------------------------------------------------------------------------------------
+    Args:
+        expected: What a machine of the class has, by key.
+    """
 
-    def _sizes(self, fit: Fit) -> dict[str, float]:
+    def __init__(self, expected: Mapping[str, Calibrated]) -> None:
+        self.expected = expected
+
+    def sizes(self, fit: Fit) -> dict[str, float]:
         """Probability of every effect of the model, by key, that it is there and larger than its class allows."""
         out = {f.effect.key: self._beyond(fit, f) for f in fit.effects}
         for f in fit.effects:
@@ -166,21 +134,24 @@ class _Reader:
                 out[f.effect.key] *= self._there(fit, f)
         return out
 
-    def _rivals(self, fit: Fit) -> dict[str, list[tuple[str, Model]]]:
-        """What could stand in the place of each finding."""
-        large = {key for key, p in self._sizes(fit).items() if p >= FINDING}
-        return self.search.rivals_of(self.model, large)
+    def findings(
+        self, fit: Fit, rivals_of: Mapping[str, Sequence[tuple[str, Alternative]]], evidence: float
+    ) -> list[FoundEffect]:
+        """Every effect of a model with the probability that it is larger than its class allows.
 
-    def _findings(self, fit: Fit, rivals_of: Mapping[str, list[tuple[str, Model]]]) -> list[FoundEffect]:
-        """Every effect of the model with the probability that it is larger than its class allows."""
-        size = self._sizes(fit)
+        Args:
+            fit: The model.
+            rivals_of: Models with something else in the place of a cause, and its id, by the cause's key.
+            evidence: Log evidence of the model.
+        """
+        size = self.sizes(fit)
         out = []
         for f in fit.effects:
             key, large = f.effect.key, size[f.effect.key]
             rivals = rivals_of.get(key, [])
-            logs = np.array([0.0, *(m.evidence - self.model.evidence for _, m in rivals)])
+            logs = np.array([0.0, *(m.evidence - evidence for _, m in rivals)])
             shares = np.exp(logs - np.logaddexp.reduce(logs))
-            others: dict[str, tuple[float, Model]] = {}
+            others: dict[str, tuple[float, Alternative]] = {}
             for (effect_id, m), share in zip(rivals, shares[1:], strict=True):
                 if share > others.get(effect_id, (0.0,))[0] and effect_id != f.effect.id:
                     others[effect_id] = float(share), m
@@ -235,20 +206,100 @@ class _Reader:
                     )
         return min(best, 1.0)
 
-    def _excess(self, f: EffectVector) -> float:
+    def excess(self, f: EffectVector) -> float:
         """Size of an effect over that of its class; zero where its class has none at all."""
         if not self.expected:
             return 0.0
         mean, limit = self._class_of(f)
         return float(np.max([np.linalg.norm(((f.vector - mean) / limit)[at]) for _, at in entries_of(f)]))
 
-    def _in_class(self, f: EffectVector) -> Calibrated:
+    def in_class(self, f: EffectVector) -> Calibrated:
         """What a machine of the class may have of an effect, also where no tolerance says so."""
         expected = self.expected.get(f.effect.key)
         if expected is not None:
             return expected
         sizes = {n: f.specs[n].scale for n in f.names if f.specs[n].neutral is not None or n == "components"}
         return Calibrated(f, f.off, np.ones(len(f.vector)), sizes or {f.names[0]: 1.0})
+
+    @staticmethod
+    def verdicts(named: list[FoundEffect], rows: list[FoundEffect], unknown: float) -> Verdicts:
+        """Probabilities of the four verdicts; findings are taken for independent of each other.
+
+        Args:
+            named: Findings.
+            rows: All effects of the model.
+            unknown: Probability of a cause that is in no catalogue.
+        """
+        keys = {r.key for r in named}
+        sure = float(np.prod([1.0 - r.whole for r in named]))  # that none of the findings is one
+        small = float(np.prod([1.0 - r.whole for r in rows if r.key not in keys]))
+        clear = float(np.prod([r.probability / r.whole for r in named]))
+        rest = sure * (1.0 - unknown)
+        identified = (1.0 - sure) * clear + rest * (1.0 - small)
+        return Verdicts(rest * small, identified, (1.0 - sure) * (1.0 - clear), sure * unknown)
+
+
+class _Reader:
+    """Reads findings out of a search."""
+
+    def __init__(self, search: Search, found: Found, progress: Progress) -> None:
+        self.search, self.found, self.progress = search, found, progress
+
+    @property
+    def model(self) -> Model:
+        """The best model so far."""
+        return self.found.model
+
+    @property
+    def problem(self) -> Problem:
+        """The tests with its whitening."""
+        return self.model.problem
+
+    @property
+    def expected(self) -> dict[str, Calibrated]:
+        """What a machine of its class has, by key."""
+        return self.model.expected
+
+    @property
+    def of_class(self) -> ClassSizes:
+        """Sizes against what a machine of its class has."""
+        return ClassSizes(self.expected)
+
+    def read(self, most: int | None) -> Explained:
+        fit, rivals = self.model.fit, {}
+        for _ in range(_SWAPS):
+            fitter = Fitter(self.problem, self.model.fit.base)
+            fit = fitter.fit(self.model.fit.effects, start=self.model.fit, exact=True, iterations=3, fresh=False)
+            rivals = self._rivals(fit)
+            best = max((m for row in rivals.values() for _, m in row), key=lambda m: m.evidence, default=self.model)
+            if best.evidence <= self.model.evidence:
+                break
+            # something else in its place is the better explanation
+            self.found = replace(self.found, model=best)
+        unexplained, unknown, fit = self._unknown(fit)
+        rows = self.of_class.findings(fit, rivals, self.model.evidence)
+        self.progress("shares of the error", 0, 1)
+        named = [r for r in rows if r.whole >= FINDING]
+        named = sorted(named, key=lambda r: -r.gain)[:most]
+        excess = {f.effect.key: self.of_class.excess(f) for f in fit.effects}
+        keys = {r.key for r in named}
+        inside = [self.of_class.in_class(f) for f in fit.effects if f.effect.key not in keys]
+        entries, shares = calibrations(self.problem, fit, inside)
+        explained = self.found.start.sum_squares - fit.sum_squares
+        named = [replace(r, gain=max(shares.get(r.key, 0.0) * explained, 0.0)) for r in named]
+        named.sort(key=lambda r: (-excess[r.key], -r.gain))
+        selection = Selection(self.found.start, fit, named, self.found.bank, self.found.trail)
+        verdicts = self.of_class.verdicts(named, rows, unknown)
+        verdict = verdict_of((bool(r.others) for r in named), unexplained is not None)
+        sums, left = combinations(fit, self.problem.settings), self.model.sizes.rms
+        return Explained(self.problem, selection, unexplained, entries, shares, sums, verdict, verdicts, left)
+
+    # -- sizes ---------------------------------------------------------------------------------------------------------
+
+    def _rivals(self, fit: Fit) -> dict[str, list[tuple[str, Model]]]:
+        """What could stand in the place of each finding."""
+        large = {key for key, p in self.of_class.sizes(fit).items() if p >= FINDING}
+        return self.search.rivals_of(self.model, large)
 
     # -- unknown causes ------------------------------------------------------------------------------------------------
 
@@ -300,23 +351,6 @@ class _Reader:
                 limit = next(iter(expected.limits.values())) * (DEG if is_rotary(moves) else UM)
         beyond = float(np.max((size - limit) / spread))
         return (1.0 if limit == 0.0 else 0.5 * float(erfc(-beyond / math.sqrt(2.0)))), beyond
-
-    @staticmethod
-    def _verdicts(named: list[FoundEffect], rows: list[FoundEffect], unknown: float) -> Verdicts:
-        """Probabilities of the four verdicts; findings are taken for independent of each other.
-
-        Args:
-            named: Findings.
-            rows: All effects of the model.
-            unknown: Probability of a cause that is in no catalogue.
-        """
-        keys = {r.key for r in named}
-        sure = float(np.prod([1.0 - r.whole for r in named]))  # that none of the findings is one
-        small = float(np.prod([1.0 - r.whole for r in rows if r.key not in keys]))
-        clear = float(np.prod([r.probability / r.whole for r in named]))
-        rest = sure * (1.0 - unknown)
-        identified = (1.0 - sure) * clear + rest * (1.0 - small)
-        return Verdicts(rest * small, identified, (1.0 - sure) * (1.0 - clear), sure * unknown)
 
 
 def _with_enough_knots(problem: Problem, fit: Fit, term: CurveTerm) -> CurveTerm:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,8 +65,22 @@ def calibrations(
         One entry per calibrated effect, and shares that sum to 1: of each finding by its key, and of the calibrated
         effects together by ``kind.*``.
     """
-    expected = {c.key: c for c in calibrated}
     parts = dict(zip((f.effect.key for f in fit.effects), parts_of(problem, fit, fit.effects), strict=True))
+    return calibrations_of(parts, fit, calibrated, problem.settings.observable)
+
+
+def calibrations_of(
+    parts: Mapping[str, np.ndarray], fit: Fit, calibrated: Sequence[Calibrated], observable: float
+) -> tuple[tuple[Calibration, ...], dict[str, float]]:
+    """:func:`calibrations` from what each effect adds to the readings.
+
+    Args:
+        parts: What the set-up cannot take up of it, by key, (m,) m.
+        fit: The final model.
+        calibrated: Its effects that stay inside their tolerance.
+        observable: Share of the prior's standard deviation below which a number is known from the tests.
+    """
+    expected = {c.key: c for c in calibrated}
     entries = []
     shares: dict[str, float] = {}
     total = sum(parts.values())
@@ -84,7 +98,7 @@ def calibrations(
                 f,
                 f.interval(f.vector, covariance),
                 next(iter(expected[key].limits.values())),
-                bool(ratio.min() < problem.settings.observable),
+                bool(ratio.min() < observable),
                 float(np.sqrt(np.mean(parts[key] ** 2))),
             )
         )

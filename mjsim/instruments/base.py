@@ -80,6 +80,23 @@ class Observation:
 
 
 @dataclass(frozen=True)
+class Stops:
+    """Where a machine comes from and stands, for an instrument that measures while it stands still.
+
+    Attributes:
+        route: Commanded positions one after another, from which play follows, (m, axes) m and rad.
+        clock: Campaign clock at them, (m,) s.
+        at: Rows of the route that are measured, (n, k): a reading is the mean of its k.
+        away: How far from the position of a reading the machine stands in it, (n, axes) m and rad.
+    """
+
+    route: np.ndarray
+    clock: np.ndarray
+    at: np.ndarray
+    away: np.ndarray
+
+
+@dataclass(frozen=True)
 class Nuisances:
     """What a set-up does to a reading, linearly.
 
@@ -87,11 +104,13 @@ class Nuisances:
         names: Of the numbers, with their unit.
         columns: Derivatives of the reading, (n, channels, numbers) SI per unit.
         spread: Prior standard deviations, (numbers,) units.
+        shared: Names of numbers that belong to the instrument: they are the same in all set-ups.
     """
 
     names: tuple[str, ...]
     columns: np.ndarray
     spread: np.ndarray
+    shared: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -126,6 +145,7 @@ class Instrument(ABC, Generic[T, R]):
         test_noun: What one of its tests is called in sentences.
         beside: JSON key of its answer in a campaign whose first answer is another instrument's.
         order: Place of its answer in a campaign of several instruments.
+        own_keys: Keys of its ``[instrument]`` table that no other instrument has.
     """
 
     name: ClassVar[str]
@@ -133,6 +153,7 @@ class Instrument(ABC, Generic[T, R]):
     test_noun: ClassVar[str]
     beside: ClassVar[str]
     order: ClassVar[int] = 9
+    own_keys: ClassVar[tuple[str, ...]] = ()
 
     # -- in a campaign -------------------------------------------------------------------------------------------------
 
@@ -207,6 +228,10 @@ class Instrument(ABC, Generic[T, R]):
         """What the axes were told, (n, axes) m and rad at ``time`` (n,) s."""
         raise NotImplementedError
 
+    def stops(self, test: T, recording: R) -> Stops | None:
+        """Where the machine stands while it is measured; ``None`` where it moves as :meth:`command` says."""
+        return None
+
     def reading(self, test: T, position: np.ndarray, geometry: Geometry) -> np.ndarray:
         """What an ideal instrument shows.
 
@@ -229,6 +254,10 @@ class Instrument(ABC, Generic[T, R]):
         sizes = np.array([c.size for c in channels])
         return Nuisances(names, columns * sizes, np.full(count, 1e6))
 
+    def nuisances_of(self, test: T, recording: R, time: np.ndarray, data: Any) -> Nuisances:
+        """:meth:`nuisances` where they depend on the recording or on the numbers of the instrument."""
+        return self.nuisances(test, time)
+
     def noise(self, test: T, recording: R, data: Any) -> np.ndarray:
         """Standard deviation of one sample, (channels,) SI."""
         raise NotImplementedError
@@ -236,6 +265,10 @@ class Instrument(ABC, Generic[T, R]):
     def figures(self, test: T, time: np.ndarray, reading: np.ndarray) -> dict[str, float]:
         """Figures of a standard of a reading (n, channels); a name ends in its unit."""
         return {}
+
+    def figures_of(self, test: T, recording: R, time: np.ndarray, reading: np.ndarray) -> dict[str, float]:
+        """:meth:`figures` where they depend on the recording."""
+        return self.figures(test, time, reading)
 
     def mistakes(self, tests: Sequence[T], recordings: dict[str, R], data: Any) -> Sequence[Any]:
         """What the recordings show to be wrong with units, signs, order and clocks."""

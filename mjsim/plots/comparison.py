@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 from mjsim.campaign.model import Campaign
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.sphere.measurement import SphereTest
 from mjsim.plots import style
 from mjsim.plots.logs import log_figures, log_files
 from mjsim.plots.output import bar_plot_files, bar_plots
+from mjsim.plots.points import points_figure
 from mjsim.plots.save import save
 from mjsim.progress import Progress, silent
 from mjsim.workflow.comparison import ComparedTest, Comparison
@@ -61,7 +63,10 @@ def _files(test: Any) -> list[str]:
 
 def titled_figures(t: Any) -> Iterator[tuple[str, Figure]]:
     """The figures of one test that is no ball-bar test, with their titles, in the order of its files."""
-    return log_figures(t) if t.test.instrument == LogTest.instrument else iter([(t.test.name, channels_figure(t))])
+    if t.test.instrument == LogTest.instrument:
+        return log_figures(t)
+    draw = points_figure if t.test.instrument == SphereTest.instrument else channels_figure
+    return iter([(t.test.name, draw(t))])
 
 
 def channels_figure(t: ComparedTest) -> Figure:

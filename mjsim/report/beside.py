@@ -17,6 +17,7 @@ from mjsim.units import DEG, UM
 from mjsim.workflow.axis_log.compare import ComparedAxis
 from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
 from mjsim.workflow.comparison import ComparedChannel, ComparedPart
+from mjsim.workflow.diagnosis import Diagnosis
 from mjsim.workflow.finding import DiagnosedEffect
 
 _SENTENCES = {
@@ -25,8 +26,51 @@ _SENTENCES = {
     "unknown": "More is left than a sound machine leaves, and no effect of the catalogue explains it.",
     "nothing_found": "The model explains the logs within the tolerances of the data sheet.",
 }
+_OF_POINTS = {
+    "identified": "These effects are larger than a machine of its class may have.",
+    "ambiguous": "Some of these effects cannot be told from others by these points.",
+    "unknown": "More is left than the noise, and no effect of the catalogue explains it.",
+    "nothing_found": "The points agree with a machine of its class.",
+}
 #: Findings that the first box names.
 _NAMED = 3
+
+
+def section_of_points(found: Diagnosis) -> dict:
+    """What the page says of a probed sphere, with what was found, as plain data."""
+    rest = found.at_rest
+    assert rest is not None
+    said = rest.to_json()
+    mine = [e for e in found.effects if not found.has_bars or e.found_by == rest.after.instrument]
+    names = [f"{e.effect.noun or e.effect.kind.replace('_', ' ')} {e.effect.subject}" for e in mine[:_NAMED]]
+    more = f", and {len(mine) - len(names)} smaller" if len(mine) > len(names) else ""
+    answer = ", ".join(names) + more
+    fitted = {c.effect.effect.id: (c.effect.effect.values, c.ci95) for c in found.calibration}
+    fitted |= {e.effect.id: (e.effect.values, e.ci95) for e in found.effects}
+    located = []
+    for row in said["classical"]:
+        values, ends = fitted.get(row["id"], ({}, {}))
+        for name, (low, high) in list(ends.items())[:1]:
+            unit = "µrad" if name.endswith("urad") else "µm"
+            located.append(
+                [row["id"], unit, f"{values[name]:+.1f}", f"{low:+.1f} to {high:+.1f}", f"{row['value']:+.1f}"]
+            )
+    left = (
+        f"{said['left_um']:.2f} µm are in no model; the probability that this is more than the noise is "
+        f"{100 * said['misfit']:.0f} %."
+    )
+    return compared_section(rest.after) | {
+        "verdict": None if found.has_bars else found.verdict,
+        "answer": f"{answer[:1].upper()}{answer[1:]}."
+        if names
+        else "Nothing is larger than a machine of its class may have.",
+        "sentence": _OF_POINTS[found.verdict],
+        "rms_before_um": said["rms_before_um"],
+        "noise_source": said["noise_source"],
+        "effects": [_finding(e, e.to_json(found.machine)) for e in mine],
+        "located": located,
+        "said": [left, said["joint"]] if said["joint"] else [left],
+    }
 
 
 def images_of(part: ComparedPart) -> list[list[tuple[str, str]]]:

@@ -20,7 +20,7 @@ from mjsim.machine.model import Machine
 from mjsim.prediction.part_run import PartRun
 from mjsim.progress import Progress, silent
 from mjsim.report import build, page, trend
-from mjsim.report.beside import compared_section, diagnosed_section, images_of
+from mjsim.report.beside import compared_section, diagnosed_section, images_of, section_of_points
 from mjsim.workflow.ball_bar.compare import BarComparison, compare_bars
 from mjsim.workflow.compare import compare
 from mjsim.workflow.diagnose import DIAGNOSABLE, diagnose
@@ -121,6 +121,9 @@ def _single(
         final = found.machine
         if bars:
             content = build.diagnosed(found.of_bars(), threads, progress, day, parts=parts)
+        if found.at_rest is not None:
+            part = found.at_rest.after
+            sections[part.instrument] = (section_of_points(found), images_of(part))
         if found.logs is not None:
             said = [f"{e.effect.id}: {e.evidence}" for e in found.effects if e.evidence]
             sections[LogTest.instrument] = (diagnosed_section(found.logs, said), images_of(found.logs.after))

@@ -81,10 +81,10 @@ def own_effects(plant: Plant, test: BallBarTest, time: np.ndarray) -> np.ndarray
     ops = plant.op_table(test.name, test.started)
     if len(ops):
         q = transmit(ops, q, test.started + time)
-    return _added(plant, test.started, time, q[:, : plant.chain.count], step, test.table_ball)
+    return added(plant, test.started, time, q[:, : plant.chain.count], step, test.table_ball)
 
 
-def _added(
+def added(
     plant: Plant,
     started: float,
     time: np.ndarray,
@@ -92,6 +92,7 @@ def _added(
     step: float,
     ball: tuple[float, float, float],
 ) -> np.ndarray:
+    """What effects in plain Python add to the axis positions ``q`` (n, axes), m and rad."""
     motion = MotionTracker(step, started, plant, ball).follow(time, q.copy())
     total = np.zeros_like(q)
     for effect in plant.python_effects:
@@ -178,7 +179,7 @@ class AxesMotion:
             q = transmit(ops, q, clock)
         if plant.python_effects:
             axes = q[:, : plant.chain.count]
-            axes += _added(plant, self.test.started, time, axes, STEP, self.test.table_ball)
+            axes += added(plant, self.test.started, time, axes, STEP, self.test.table_ball)
         if self.light:
             for name in ("time", "commands"):
                 vars(self).pop(name, None)
@@ -230,7 +231,7 @@ def load_of(
         q = transmit(ops, q, started + time)
     if plant.python_effects:
         axes = q[:, : plant.chain.count]
-        axes += _added(plant, started, time, axes, float(time[1] - time[0]), ball)
+        axes += added(plant, started, time, axes, float(time[1] - time[0]), ball)
     return q
 
 

@@ -16,10 +16,12 @@ from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.instruments.base import INSTRUMENTS, Nuisances, Observation
 from mjsim.machine.model import Machine, build
+from mjsim.machine.plant import Plant
 from mjsim.progress import Progress, silent
 from mjsim.simulation.axes import load_of
 from mjsim.simulation.drive import STEP
 from mjsim.simulation.stability import check_stable
+from mjsim.simulation.standing import standing
 from mjsim.threads import one_blas_thread
 from mjsim.workflow.checked import CheckedPart
 from mjsim.workflow.comparison import ComparedChannel, ComparedPart, ComparedTest, significant
@@ -28,6 +30,8 @@ from mjsim.workflow.comparison import ComparedChannel, ComparedPart, ComparedTes
 Rows = list[list[str]]
 #: File of the figures of the first instrument; those of others have the instrument's name as well.
 FIGURES = "figures.csv"
+#: How often the size of what is left is taken anew in the fit of a set-up.
+_ROUNDS = 4
 
 
 @dataclass(frozen=True)
@@ -39,12 +43,14 @@ class PlainTest(ComparedTest):
         shown: Measured and simulated, channel by channel.
         set_up: What was fitted of its set-up, by name with the unit.
         figures: Of measured and of simulated, by name with the unit.
+        recording: As its instrument has read it.
     """
 
     test: Any
     shown: tuple[ComparedChannel, ...]
     set_up: dict[str, float]
     figures: dict[str, dict[str, float]]
+    recording: Any
 
     @property
     def channels(self) -> tuple[ComparedChannel, ...]:
@@ -53,18 +59,24 @@ class PlainTest(ComparedTest):
 
     def to_json(self) -> dict:
         """Plain numbers in the units of the channels."""
-        first = self.channels[0]
+        first, alike = self.channels[0], _alike(self)
+        rms, largest = float(np.sqrt(np.mean([c.rms**2 for c in alike]))), max(c.maximum for c in alike)
         return {
             "name": self.test.name,
             "kind": self.test.instrument,
             "setup": self.test.setup,
             "samples": len(first.time),
-            f"rms_{first.channel.suffix}": significant(first.rms / first.channel.size),
-            f"max_{first.channel.suffix}": significant(first.maximum / first.channel.size),
+            f"rms_{first.channel.suffix}": significant(rms / first.channel.size),
+            f"max_{first.channel.suffix}": significant(largest / first.channel.size),
             "channels": [_channel_json(c) for c in self.channels],
             "set_up": {k: significant(v) for k, v in self.set_up.items()},
             "figures": {who: {k: significant(v) for k, v in f.items()} for who, f in self.figures.items()},
         }
+
+
+def _alike(t: PlainTest) -> list[ComparedChannel]:
+    """Channels of a test with the unit of its first one."""
+    return [c for c in t.channels if c.channel.suffix == t.channels[0].channel.suffix]
 
 
 def _channel_json(c: ComparedChannel) -> dict:
@@ -89,8 +101,8 @@ class PlainComparison(ComparedPart):
 
     @property
     def rms(self) -> float:
-        """RMS of the residuals of the first channel, SI."""
-        return float(np.sqrt(np.mean([t.channels[0].rms ** 2 for t in self.tests])))
+        """RMS of the residuals of all channels with the unit of the first one, SI."""
+        return float(np.sqrt(np.mean([c.rms**2 for t in self.tests for c in _alike(t)])))
 
     @property
     def noise(self) -> float:
@@ -136,37 +148,71 @@ def compare_plainly(
     for i, test in enumerate(campaign.measured):
         progress("simulating", i, len(campaign.measured))
         observed = instrument.observe(test, campaign.traces[test.name])
-        time = np.arange(int(np.ceil(observed.time[-1] / STEP)) + 2) * STEP
-        moved = load_of(plant, time, instrument.command(test, time), name=test.name)
-        shown = instrument.reading(test, moved, plant.geometry)
-        shown = np.column_stack([np.interp(observed.time, time, column) for column in shown.T])
-        seen.append((test, observed, shown, instrument.nuisances(test, observed.time)))
-    fitted = {setup: _fit([row for row in seen if row[0].setup == setup]) for setup in {t.setup for t, *_ in seen}}
+        shown = shown_by(plant, test, campaign.traces[test.name], observed.time)
+        set_up = instrument.nuisances_of(test, campaign.traces[test.name], observed.time, campaign.instrument)
+        seen.append((test, observed, shown, set_up))
+    fitted = _fit(seen)
     tests = []
     for test, observed, shown, set_up in seen:
-        simulated = shown + set_up.columns @ fitted[test.setup]
+        simulated = shown + set_up.columns @ fitted[test.name]
         noise = instrument.noise(test, campaign.traces[test.name], campaign.instrument)
         columns = zip(instrument.channels(test), observed.value.T, simulated.T, observed.valid.T, noise, strict=True)
         channels = tuple(ComparedChannel(c, observed.time, m, s, v, float(n)) for c, m, s, v, n in columns)
         both = {"measured": observed.value, "simulated": simulated}
-        figures = {k: f for k, v in both.items() if (f := instrument.figures(test, observed.time, v))}
-        numbers = dict(zip(set_up.names, map(float, fitted[test.setup]), strict=True))
-        tests.append(PlainTest(test, channels, numbers, figures))
+        recording = campaign.traces[test.name]
+        figures = {k: f for k, v in both.items() if (f := instrument.figures_of(test, recording, observed.time, v))}
+        numbers = dict(zip(set_up.names, map(float, fitted[test.name]), strict=True))
+        tests.append(PlainTest(test, channels, numbers, figures, recording))
     return PlainComparison(campaign, machine, tuple(tests))
 
 
-def _fit(rows: list[tuple[Any, Observation, np.ndarray, Nuisances]]) -> np.ndarray:
-    """Numbers of one set-up, by least squares over its tests; a prior counts as one more measurement of its number.
+def shown_by(plant: Plant, test: Any, recording: Any, time: np.ndarray) -> np.ndarray:
+    """What an ideal instrument shows of a machine in one test, (n, channels) SI.
+
+    Args:
+        plant: The machine's numbers.
+        test: What is run.
+        recording: What was recorded.
+        time: Of the samples, (n,) s.
+    """
+    instrument = INSTRUMENTS[test.instrument]
+    stops = instrument.stops(test, recording)
+    if stops is not None:
+        return instrument.reading(test, standing(plant, stops, test.name), plant.geometry)
+    fine = np.arange(int(np.ceil(time[-1] / STEP)) + 2) * STEP
+    moved = load_of(plant, fine, instrument.command(test, fine), name=test.name)
+    shown = instrument.reading(test, moved, plant.geometry)
+    return np.column_stack([np.interp(time, fine, column) for column in shown.T])
+
+
+def _fit(rows: list[tuple[Any, Observation, np.ndarray, Nuisances]]) -> dict[str, np.ndarray]:
+    """Numbers of all set-ups by name of the test, by least squares over all tests; a prior counts as one more
+    measurement of its number.
 
     A residual counts as much as the spread of all of them says: what the model does not explain is no noise, but it is
     not known better either.
     """
-    spread = rows[0][3].spread
-    design = np.vstack([n.columns[o.valid] * spread for _, o, _, n in rows])
+    places: dict[tuple[str, str], int] = {}
+    own = {
+        t.name: [places.setdefault(("" if k in n.shared else t.setup, k), len(places)) for k in n.names]
+        for t, _, _, n in rows
+    }
+    spread = np.zeros(len(places))
+    blocks = []
+    for t, o, _, n in rows:
+        spread[own[t.name]] = n.spread
+        block = np.zeros((int(o.valid.sum()), len(places)))
+        block[:, own[t.name]] = n.columns[o.valid] * n.spread
+        blocks.append(block)
+    design = np.vstack(blocks)
     rest = np.concatenate([(o.value - shown)[o.valid] for _, o, shown, _ in rows])
-    size = max(float(np.std(rest)), 1e-12)
-    whole = np.vstack([design / size, np.eye(len(spread))])
-    return np.linalg.lstsq(whole, np.concatenate([rest / size, np.zeros(len(spread))]), rcond=None)[0] * spread
+    left, x = rest, np.zeros(len(places))
+    for _ in range(_ROUNDS):
+        size = max(float(np.std(left)), 1e-12)
+        whole = np.vstack([design / size, np.eye(len(places))])
+        x = np.linalg.lstsq(whole, np.concatenate([rest / size, np.zeros(len(places))]), rcond=None)[0]
+        left = rest - design @ x
+    return {name: (x * spread)[at] for name, at in own.items()}
 
 
 def refuse_mistakes(campaign: Campaign) -> None:

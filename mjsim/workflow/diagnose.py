@@ -7,15 +7,17 @@ from mjsim.errors import InputError
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.sphere.measurement import SphereTest
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
+from mjsim.workflow.at_rest import diagnose_at_rest
 from mjsim.workflow.axis_log.diagnose import diagnose_logs
 from mjsim.workflow.ball_bar.diagnose import diagnose_bars
 from mjsim.workflow.both_instruments import diagnose_jointly
 from mjsim.workflow.diagnosis import Diagnosis
 
 #: Instruments whose recordings a diagnosis explains.
-DIAGNOSABLE = (BallBarTest.instrument, LogTest.instrument)
+DIAGNOSABLE = (BallBarTest.instrument, LogTest.instrument, SphereTest.instrument)
 
 
 def diagnose(
@@ -44,8 +46,14 @@ def diagnose(
     if unable := sorted(have - set(DIAGNOSABLE)):
         raise InputError(
             f"{campaign.folder / 'campaign.toml'}: no diagnosis works with tests of the instrument {unable[0]!r}; "
-            f"allowed: {' and '.join(DIAGNOSABLE)}"
+            f"allowed: {', '.join(DIAGNOSABLE)}"
         )
+    if SphereTest.instrument in have:
+        others = [name for name in campaign.measured_parts if name != SphereTest.instrument]
+        beside = None
+        if others:
+            beside = diagnose(campaign.of(*others), machine, max_effects, threads, progress, settings)
+        return diagnose_at_rest(campaign, machine, max_effects, threads, progress, settings, beside)
     if len(have) == 2:
         return diagnose_jointly(campaign, machine, max_effects, threads, progress, settings)
     if LogTest.instrument in have:

@@ -23,8 +23,8 @@ from mjsim.io import files
 from mjsim.io.extras import need
 from mjsim.machine.model import Machine
 from mjsim.units import UM
+from mjsim.workflow.any_instrument import PlainComparison
 from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
-from mjsim.workflow.ball_bar.compare import BarComparison
 from mjsim.workflow.finding import DiagnosedEffect, rounded
 
 if TYPE_CHECKING:
@@ -38,6 +38,48 @@ VERDICTS = {
     "nothing_found": "Nothing found: the model explains the measurement down to the noise and the data sheet's "
     "tolerances.",
 }
+
+
+@dataclass(frozen=True)
+class AtRest:
+    """What points show that were measured while the machine stood still.
+
+    Attributes:
+        before: Comparison of the machine as given.
+        after: Comparison of the fitted machine.
+        noise: Standard deviation of one value, m.
+        noise_source: ``repeated points``, ``stated`` or ``assumed``.
+        left: Standard deviation of what is in no model, m.
+        misfit: Probability that this is more than the noise.
+        set_up: Fitted numbers of set-ups and instrument, and their 95 % intervals, by name with its unit.
+        classical: What circles through the points give by themselves, by id of the effect, in the unit of its number.
+        joint: How the answer came about beside another instrument; empty where there is one alone.
+    """
+
+    before: PlainComparison
+    after: PlainComparison
+    noise: float
+    noise_source: str
+    left: float
+    misfit: float
+    set_up: dict[str, tuple[float, tuple[float, float]]]
+    classical: dict[str, float]
+    joint: str = ""
+
+    def to_json(self) -> dict:
+        """Plain numbers."""
+        return {
+            "noise_um": _r(self.noise / UM),
+            "noise_source": self.noise_source,
+            "left_um": _r(self.left / UM),
+            "misfit": round(self.misfit, 4),
+            "rms_before_um": _r(self.before.rms / UM),
+            "rms_after_um": _r(self.after.rms / UM),
+            "set_up": [{"name": k, "value": rounded(v), "ci95": rounded(ci)} for k, (v, ci) in self.set_up.items()],
+            "classical": [{"id": k, "value": rounded(v)} for k, v in self.classical.items()],
+            "joint": self.joint,
+            "tests": [t.to_json() for t in self.after.tests],
+        }
 
 
 @dataclass(frozen=True)
@@ -69,6 +111,7 @@ class Diagnosis:
         settings: What has decided.
         probabilities: Of the four verdicts by the ball-bar tests; empty where none was measured.
         discrepancy: RMS in a ball-bar test of what repeats and is in no model, m.
+        at_rest: What was measured while the machine stood still; ``None`` where nothing was.
     """
 
     campaign: Campaign
@@ -80,7 +123,7 @@ class Diagnosis:
     machine: Machine
     before: Any
     after: Any
-    rungs: tuple[BarComparison, ...] = ()
+    rungs: tuple[Any, ...] = ()
     next_test: dict | None = None
     trail: list = field(default_factory=list)
     calibration: tuple[Calibration, ...] = ()
@@ -91,6 +134,7 @@ class Diagnosis:
     settings: DiagnosisSettings = DIAGNOSIS
     probabilities: dict[str, float] = field(default_factory=dict)
     discrepancy: float = 0.0
+    at_rest: AtRest | None = None
 
     @property
     def has_bars(self) -> bool:
@@ -125,10 +169,12 @@ class Diagnosis:
 
     def to_json(self) -> dict:
         """The JSON of ``mjsim diagnose``: µm, degrees and the units of the parameters' names."""
-        if not self.has_bars:
+        if not self.has_bars and self.at_rest is None:
             assert self.logs is not None
             return self.logs.to_json()
         out = self._bars_json()
+        if self.at_rest is not None:
+            out |= {INSTRUMENTS[self.at_rest.after.instrument].beside: self.at_rest.to_json()}
         if self.logs is None:
             return out
         logs = self.logs.to_json()
@@ -157,7 +203,7 @@ class Diagnosis:
                     "saturated": row["samples_saturated"],
                 }
                 for row in tests
-                if row["samples_left_out"]
+                if row.get("samples_left_out")
             ],
             "next_test": self.next_test,
             **calibration_json(self.calibration, self.explained_shares, self.combinations),

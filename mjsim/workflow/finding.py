@@ -100,7 +100,7 @@ class DiagnosedEffect:
 
     def to_json(self, machine: Machine) -> dict:
         """As one of ``effects`` in the JSON of ``mjsim diagnose``; ``machine`` has its axis."""
-        by_log, axis = self.found_by != BallBarTest.instrument, self.effect.subject
+        by_log, axis = self.found_by == LogTest.instrument, self.effect.subject
         turns = by_log and axis in machine.chain.letters and machine.chain.is_rotary(axis)
         unit, symbol = (DEG, "deg") if turns else (UM, "um")
         digits = rounded if by_log or self.decided_by else lambda x: round(float(x), 4)

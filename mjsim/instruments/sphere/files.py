@@ -1,0 +1,224 @@
+"""Sphere tests of a campaign: their ``[[test]]`` tables, and the CSV files with one row a point."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import AfterValidator, Field
+
+from mjsim.errors import InputError
+from mjsim.instruments.schema import Clock, Length, Number, Table, printable
+from mjsim.instruments.sphere.measurement import POINT_TIME, Points, SphereTest, sides_of
+from mjsim.io.inputs import check_rows, read_bytes, shown
+from mjsim.io.times import check_growing
+from mjsim.machine.chain import COORDINATES, Chain, chain_of
+from mjsim.units import DEG, MM, UM
+
+#: Fewest points of a test.
+FEWEST = 3
+#: Columns of the measured deviations.
+DEVIATIONS = tuple(f"d{c.lower()}_um" for c in COORDINATES)
+#: Columns that a file may have besides those of axes, deviations and sides.
+MORE = ("time_s", "run", "spindle_deg")
+
+Angle = Annotated[float, Field(ge=-100_000, le=100_000, allow_inf_nan=False)]
+
+
+class SphereTable(Table):
+    """A ``[[test]]`` table of a sphere."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=100)]
+    kind: Literal["sphere"]
+    sphere_mm: Annotated[list[Length], Field(min_length=3, max_length=3)]
+    trace: str | None = None
+    setup: Annotated[str, Field(max_length=200), AfterValidator(printable)] | None = None
+    tool_length_mm: Annotated[float, Field(gt=0, le=5000)] | None = None
+    angles_deg: Annotated[list[list[Angle]], Field(max_length=1000)] = Field(default=[])
+    spindle_deg: Annotated[list[Number], Field(max_length=1000)] = Field(default=[])
+    approach: Annotated[list[list[Literal[-1, 1]]], Field(max_length=1000)] = Field(default=[])
+    started_s: Clock = 0.0
+
+
+def sphere_test(file: Path, t: SphereTable, chain: Chain) -> SphereTest:
+    """The test that a ``[[test]]`` table describes.
+
+    Args:
+        file: Where it stands.
+        t: The table.
+        chain: Axes of the machine.
+
+    Raises:
+        InputError: The machine lacks axes, or a list has another length than it needs.
+    """
+    place = f'{file}: [[test]] "{t.name}"'
+    if not chain.spatial or not chain.rotary:
+        raise InputError(
+            f"{place}: the machine has the axes {', '.join(chain.letters)}; allowed for a sphere: a machine with "
+            f"{', '.join(COORDINATES)} and at least one rotary axis"
+        )
+    for row in t.angles_deg:
+        if len(row) != len(chain.rotary):
+            raise InputError(
+                f"{place}: angles_deg has the row {row}; allowed: {len(chain.rotary)} numbers a row, the angles of "
+                f"{', '.join(chain.rotary)}"
+            )
+    for key, values in (("spindle_deg", t.spindle_deg), ("approach", t.approach)):
+        if values and len(values) != len(t.angles_deg):
+            raise InputError(
+                f"{place}: {key} has {len(values)} entries for {len(t.angles_deg)} rows of angles_deg; allowed: one "
+                "for each row, or none"
+            )
+    for row in t.approach:
+        if len(row) != len(chain.rotary):
+            raise InputError(
+                f"{place}: approach has the row {row}; allowed: {len(chain.rotary)} numbers a row, 1 or -1 for each of "
+                f"{', '.join(chain.rotary)}"
+            )
+    if t.tool_length_mm is not None and chain.swivelling:
+        chain = chain_of(chain.configuration, chain.placements, t.tool_length_mm * MM, chain.singular)
+    x, y, z = (v * MM for v in t.sphere_mm)
+    angles = tuple(tuple(a * DEG for a in row) for row in t.angles_deg)
+    spindle = tuple(a * DEG for a in t.spindle_deg)
+    approach = tuple(tuple(row) for row in t.approach)
+    return SphereTest(t.name, (x, y, z), t.setup or t.name, t.trace, chain, angles, spindle, approach, t.started_s)
+
+
+def columns_of(chain: Chain) -> dict[str, float]:
+    """Columns that every file must have, each with its SI unit."""
+    axes = {f"{a}_deg" if chain.is_rotary(a) else f"{a}_mm": DEG if chain.is_rotary(a) else MM for a in chain.letters}
+    return axes | dict.fromkeys(DEVIATIONS, UM)
+
+
+def read_points(path: Path, test: SphereTest) -> Points:
+    """Read the CSV of one test, plain or compressed (``.csv.gz``).
+
+    Args:
+        path: The file.
+        test: What it is to hold.
+
+    Raises:
+        InputError: Names the file, the line or column, what was found and what is allowed.
+    """
+    data = read_bytes(path, "the trace is missing (named in campaign.toml)")
+    try:
+        text = data.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is not text; allowed: a CSV file") from None
+    first, _, body = text.partition("\n")
+    names = [n.strip() for n in first.split(",")]
+    check_rows(path, body.count("\n"))
+    _check_header(path, names, test)
+    table = _numbers(path, body, names)
+    if len(table) < FEWEST:
+        raise InputError(f"{path}: {len(table)} points; allowed: at least {FEWEST}")
+    return points_of(path, names, table, test)
+
+
+def points_of(path: Path, names: list[str], table: np.ndarray, test: SphereTest) -> Points:
+    """Points from a table of numbers.
+
+    Args:
+        path: Of the file, for messages.
+        names: Of the columns, as in a trace.
+        table: (n, columns) in the units of the names.
+        test: What it is of.
+
+    Raises:
+        InputError: A clock runs backwards, or a side is neither +1 nor -1.
+    """
+    chain, column = test.chain, {n: table[:, i] for i, n in enumerate(names)}
+    need = columns_of(chain)
+    position = np.column_stack([column[n] * need[n] for n in list(need)[: chain.count]])
+    deviation = np.column_stack([column[n] * need[n] for n in DEVIATIONS])
+    side = sides_of(position[:, chain.rotary_columns])
+    for i, a in enumerate(chain.rotary):
+        if (name := f"from_{a}") in column:
+            side[:, i] = column[name]
+            if wrong := np.flatnonzero(~np.isin(side[:, i], (-1.0, 0.0, 1.0))).tolist():
+                found = f"{column[name][wrong[0]]:g}"
+                raise InputError(
+                    f"{path}, line {wrong[0] + 2}: {name} = {found}; allowed: 1 where the last move of {a} was towards "
+                    "larger angles, -1 where towards smaller ones, 0 where nobody knows"
+                )
+    n = len(table)
+    timed = "time_s" in column
+    time = column["time_s"] if timed else POINT_TIME * np.arange(n)
+    if timed:
+        check_growing(path, time, lambda i: i + 2)
+    spindle = column.get("spindle_deg", np.zeros(n)) * DEG
+    return Points(position, deviation, side, spindle, time, timed, column.get("run", np.ones(n)))
+
+
+def _check_header(path: Path, names: list[str], test: SphereTest) -> None:
+    """Refuse columns that are missing, unknown or double."""
+    need = list(columns_of(test.chain))
+    allowed = [*need, *MORE, *(f"from_{a}" for a in test.chain.rotary)]
+    if "time_s" in names and not any(n in names for n in need[: test.chain.count]):
+        raise InputError(
+            f"{path}, line 1: there are no positions of axes, as in the recording of an R-test along a motion; "
+            f"allowed: one row a point, with the columns {', '.join(need)}"
+        )
+    for name in names:
+        if name not in allowed:
+            raise InputError(f"{path}, line 1: column {shown(name)}; allowed: {', '.join(allowed)}")
+        if names.count(name) > 1:
+            raise InputError(f"{path}, line 1: the column {name} appears {names.count(name)} times; allowed: once")
+    for name in need:
+        if name not in names:
+            raise InputError(f"{path}, line 1: the column {name} is missing")
+
+
+def _numbers(path: Path, body: str, names: list[str]) -> np.ndarray:
+    """Numbers of all rows, (n, columns)."""
+    rows = []
+    for number, line in enumerate(body.split("\n"), start=2):
+        if not line.strip():
+            continue
+        cells = line.split(",")
+        if len(cells) != len(names):
+            raise InputError(
+                f"{path}, line {number}: {len(cells)} columns in {shown(line, 60)}; allowed: {len(names)}, as in line 1"
+            )
+        row = []
+        for name, cell in zip(names, cells, strict=True):
+            try:
+                row.append(float(cell))
+            except ValueError:
+                row.append(np.nan)
+            if not np.isfinite(row[-1]):
+                raise InputError(
+                    f"{path}, line {number}: {name} = {shown(cell.strip(), 40)}; allowed: a number with a decimal point"
+                )
+        rows.append(row)
+    return np.array(rows).reshape(len(rows), len(names))
+
+
+def trace_text(test: SphereTest, points: Points) -> str:
+    """A trace as :func:`read_points` reads it."""
+    need = columns_of(test.chain)
+    names = [*need, *(f"from_{a}" for a in test.chain.rotary)]
+    values = np.column_stack([points.position, points.deviation]) / np.array(list(need.values()))
+    columns = [*values.T, *points.side.T]
+    forms = ["%.6f"] * test.chain.count + ["%.4f"] * 3 + ["%.0f"] * len(test.chain.rotary)
+    more = (
+        ("spindle_deg", points.spindle / DEG, "%.4f", points.spindle.any()),
+        ("time_s", points.time, "%.3f", points.timed),
+    )
+    for name, column, form, present in (*more, ("run", points.run, "%.0f", points.run.max() > 1)):
+        if present:
+            names.append(name)
+            columns.append(column)
+            forms.append(form)
+    rows = [",".join(f % v for f, v in zip(forms, row, strict=True)) for row in np.column_stack(columns)]
+    return "\n".join([",".join(names), *rows, ""])
+
+
+def positions_text(test: SphereTest) -> str:
+    """The planned positions as a table: a trace without what is to be found."""
+    head, *rows = trace_text(test, test.planned).splitlines()
+    names = head.split(",")
+    kept = [i for i, n in enumerate(names) if n not in DEVIATIONS]
+    lines = [",".join(row.split(",")[i] for i in kept) for row in (head, *rows)]
+    return "\n".join([*lines, ""])

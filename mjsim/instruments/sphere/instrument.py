@@ -1,0 +1,132 @@
+"""Touch probe and calibration sphere as an instrument of a campaign."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mjsim.instruments.base import Channel, Instrument, Mistake, Nuisances, Observation, Stops, register
+from mjsim.instruments.sphere.classical import circles_of
+from mjsim.instruments.sphere.files import SphereTable, read_points, sphere_test
+from mjsim.instruments.sphere.measurement import Points, Probe, SphereTest, stops_of
+from mjsim.instruments.sphere.mistakes import sphere_mistakes
+from mjsim.machine.chain import COORDINATES, Chain
+from mjsim.machine.kinematics import Geometry, bar_vector, turn_about
+from mjsim.units import DEG, MM, UM
+
+#: Prior standard deviation of the place of a sphere on the table, m.
+SPHERE = 1.0 * MM
+#: Prior standard deviation of the amplitude of a three-lobed pre-travel, m.
+LOBES = 0.5 * UM
+_LOWER = tuple(c.lower() for c in COORDINATES)
+#: Numbers of set-up and probe, with their units.
+SPHERE_NAMES = tuple(f"sphere_{c}_um" for c in _LOWER)
+PROBE_NAMES = (*(f"probe_{c}_um" for c in _LOWER), "pretravel_cos_um", "pretravel_sin_um")
+
+
+@register
+class SphereProbe(Instrument[SphereTest, Points]):
+    """The centre of a sphere on the table, found with a touch probe while the machine stands still."""
+
+    name = SphereTest.instrument
+    noun = "touch probe"
+    test_noun = "sphere test"
+    beside = "sphere_tests"
+    order = 2
+    own_keys = ("repeatability_um", "probe_offset_um")
+
+    def kinds(self) -> Sequence[str]:
+        return (self.name,)
+
+    def table(self, chain: Chain) -> type[SphereTable]:
+        return SphereTable
+
+    def test_of(self, file: Path, table: SphereTable, chain: Chain) -> SphereTest:
+        return sphere_test(file, table, chain)
+
+    def data_of(self, table: Any) -> Probe:
+        stated, offset = table.repeatability_um, table.probe_offset_um
+        return Probe(None if stated is None else stated * UM, (20.0 if offset is None else offset) * UM)
+
+    def known_from(self, data: Probe, recordings: Mapping[str, Points]) -> Probe:
+        scatters = [p.scatter for p in recordings.values()]
+        return data.with_scatter(sum(s for s, _ in scatters), sum(f for _, f in scatters))
+
+    def read(self, path: Path, test: SphereTest, data: Probe) -> Points:
+        return read_points(path, test)
+
+    def facts(self, test: SphereTest, recording: Points) -> dict[str, Any]:
+        angles = recording.position[:, test.chain.rotary_columns] / DEG
+        out: dict[str, Any] = {"points": len(angles)}
+        for i, letter in enumerate(test.chain.rotary):
+            out[f"{letter}_deg"] = [round(float(angles[:, i].min()), 3), round(float(angles[:, i].max()), 3)]
+        return out | {
+            "both_sides": [a for a, s in zip(test.chain.rotary, recording.side.T, strict=True) if np.ptp(s) > 1]
+        }
+
+    def channels(self, test: SphereTest) -> tuple[Channel, ...]:
+        return tuple(Channel(f"d{c}") for c in _LOWER)
+
+    def observe(self, test: SphereTest, recording: Points) -> Observation:
+        time = recording.time - recording.time[0]
+        return Observation(time, recording.deviation, np.ones(recording.deviation.shape, bool))
+
+    def stops(self, test: SphereTest, recording: Points) -> Stops:
+        return stops_of(test, recording)
+
+    def reading(self, test: SphereTest, position: np.ndarray, geometry: Geometry) -> np.ndarray:
+        return -bar_vector(test.chain, position, np.array(test.sphere), geometry)
+
+    def nuisances_of(self, test: SphereTest, recording: Points, time: np.ndarray, data: Probe) -> Nuisances:
+        columns = np.concatenate([sphere_columns(test, recording), probe_columns(test, recording)], axis=2) * UM
+        spread = np.array([SPHERE] * 3 + [data.offset] * 3 + [LOBES] * 2) / UM
+        return Nuisances((*SPHERE_NAMES, *PROBE_NAMES), columns, spread, PROBE_NAMES)
+
+    def noise(self, test: SphereTest, recording: Points, data: Probe) -> np.ndarray:
+        return np.full(3, data.noise)
+
+    def figures_of(
+        self, test: SphereTest, recording: Points, time: np.ndarray, reading: np.ndarray
+    ) -> dict[str, float]:
+        """Range per direction about the sphere's place (ISO 10791-6), and centre and direction of every rotary axis."""
+        columns = sphere_columns(test, recording).reshape(-1, 3)
+        rest = reading - (columns @ np.linalg.lstsq(columns, reading.ravel(), rcond=None)[0]).reshape(-1, 3)
+        out = {f"range_{c}_um": float(np.ptp(r)) / UM for c, r in zip(_LOWER, rest.T, strict=True)}
+        for circle in circles_of(test, recording, reading):
+            out |= {f"{circle.axis}_centre_{c}_mm": float(v) / MM for c, v in zip(_LOWER, circle.centre, strict=True)}
+            out |= {f"{circle.axis}_direction_{c}": float(v) for c, v in zip(_LOWER, circle.direction, strict=True)}
+        return out
+
+    def mistakes(self, tests: Sequence[SphereTest], recordings: dict[str, Points], data: Probe) -> list[Mistake]:
+        return sphere_mistakes(tests, recordings, data)
+
+
+def sphere_columns(test: SphereTest, points: Points) -> np.ndarray:
+    """Derivatives of the deviations by the place of the sphere in the work frame, (n, 3, 3)."""
+    ball, h = np.array(test.sphere), 1e-3
+    at = bar_vector(test.chain, points.position, ball)
+    return np.stack([(at - bar_vector(test.chain, points.position, ball + h * e)) / h for e in np.eye(3)], axis=2)
+
+
+def probe_columns(test: SphereTest, points: Points) -> np.ndarray:
+    """Derivatives of the deviations by the place of the probe's tip in the spindle and by a three-lobed pre-travel,
+    (n, 3, 5).
+
+    A tip that is displaced by a vector finds the centre displaced by minus that. Pre-travel with three lobes displaces
+    the centre from four touches along the machine's axes by (cos, sin) of (phase − 3 spindle angle).
+    """
+    chain, n = test.chain, len(points.position)
+    c, s = np.cos(points.spindle), np.sin(points.spindle)
+    zero, one = np.zeros(n), np.ones(n)
+    vectors = [[c, s, zero], [-s, c, zero], [zero, zero, one]]
+    c, s = np.cos(3.0 * points.spindle), np.sin(3.0 * points.spindle)
+    vectors += [[-c, s, zero], [-s, -c, zero]]
+    out = []
+    for vector in vectors:
+        for axis in chain.swivelling:
+            vector = turn_about(axis, vector, points.position[:, chain.index(axis.letter)])
+        out.append(-np.column_stack(vector))
+    return np.stack(out, axis=2)

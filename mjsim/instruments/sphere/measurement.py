@@ -1,0 +1,193 @@
+"""Tests with a sphere, what was measured in one, and where the machine stands in each of its points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from mjsim.instruments.base import Stops
+from mjsim.machine.chain import FIVE_AXIS, Chain
+from mjsim.machine.kinematics import bar_vector
+from mjsim.units import DEG, MM, UM
+
+#: Way from which the last move to a point comes, m and rad: more than any play (the largest that is allowed, doubled).
+LEAD_LINEAR, LEAD_ROTARY = 2.0 * MM, 2.0 * DEG
+#: Clock of a point where none was recorded: a point takes so long, s (assumed; only plots show it).
+POINT_TIME = 30.0
+
+
+@dataclass(frozen=True)
+class SphereTest:
+    """A sphere on the table, probed at several positions of the rotary axes.
+
+    Attributes:
+        name: Unique in the campaign.
+        sphere: Nominal centre in the work frame, all rotary axes at zero, (3,) m.
+        setup: Tests with the sphere left where it is.
+        trace: File of the points, relative to the campaign; ``None`` where they are not measured yet.
+        chain: Axes of the machine, with the tool length of the probe where a head turns.
+        angles: Positions of the rotary axes that are planned, one row a point, rad; may be empty.
+        spindle: Angle of the spindle in each planned point, rad; empty: 0 in all.
+        approach: Direction of the last move of every rotary axis in each planned point, +1 or -1; empty: by their
+            order.
+        started: Campaign clock at its first point's time 0, s.
+    """
+
+    __test__ = False
+    instrument: ClassVar[str] = "sphere"
+
+    name: str
+    sphere: tuple[float, float, float]
+    setup: str = ""
+    trace: str | None = None
+    chain: Chain = FIVE_AXIS
+    angles: tuple[tuple[float, ...], ...] = ()
+    spindle: tuple[float, ...] = ()
+    approach: tuple[tuple[int, ...], ...] = ()
+    started: float = 0.0
+
+    @property
+    def kind(self) -> str:
+        """As in campaign.toml."""
+        return self.instrument
+
+    @property
+    def planned(self) -> Points:
+        """The planned points, with no deviation."""
+        n = len(self.angles)
+        angles = np.array(self.angles, float).reshape(n, len(self.chain.rotary))
+        side = np.array(self.approach, float) if self.approach else sides_of(angles)
+        spindle = np.array(self.spindle) if self.spindle else np.zeros(n)
+        time = POINT_TIME * np.arange(n)
+        return Points(self.centred(angles), np.zeros((n, 3)), side, spindle, time, False, np.ones(n))
+
+    def centred(self, angles: np.ndarray) -> np.ndarray:
+        """Axis positions (n, axes), m and rad, at which an ideal machine's tool centre point is in the sphere's centre.
+
+        Args:
+            angles: Of the rotary axes, (n, rotary) rad.
+        """
+        q = np.zeros((len(angles), self.chain.count))
+        q[:, self.chain.rotary_columns] = angles
+        at, unit = self.chain.linear_columns, np.eye(self.chain.count)[self.chain.linear_columns]
+        away = bar_vector(self.chain, q, np.array(self.sphere))
+        # the vector is linear in the linear axes, also where they stand on rotary ones
+        moves = np.stack([bar_vector(self.chain, q + u, np.array(self.sphere)) - away for u in unit], axis=2)
+        q[:, at] -= np.linalg.solve(moves, away[:, :, None])[:, :, 0]
+        return q
+
+
+@dataclass(frozen=True)
+class Points:
+    """What was measured in one test.
+
+    Attributes:
+        position: Commanded axis positions, (n, axes) m and rad.
+        deviation: Measured centre less the commanded place, machine frame, (n, 3) m.
+        side: Direction of the last move of every rotary axis, +1, -1, or 0 where nobody knows, (n, rotary).
+        spindle: Angle of the spindle, (n,) rad.
+        time: From the start of the test, (n,) s.
+        timed: Whether the times were recorded.
+        run: Number of the repetition, (n,).
+    """
+
+    position: np.ndarray
+    deviation: np.ndarray
+    side: np.ndarray
+    spindle: np.ndarray
+    time: np.ndarray
+    timed: bool
+    run: np.ndarray
+
+    @cached_property
+    def place(self) -> np.ndarray:
+        """Number of the place that each point repeats: same position, same sides, (n,)."""
+        rounded = np.column_stack([np.round(self.position / 1e-5), self.side, np.round(self.spindle / 1e-4)])
+        return np.unique(rounded, axis=0, return_inverse=True)[1].ravel()
+
+    @property
+    def scatter(self) -> tuple[float, int]:
+        """Sum of the squared departures of repeated points from their means, m², and their degrees of freedom."""
+        mean = np.array([self.deviation[self.place == p].mean(axis=0) for p in range(self.place.max() + 1)])
+        return float(((self.deviation - mean[self.place]) ** 2).sum()), 3 * (len(self.place) - len(mean))
+
+
+@dataclass(frozen=True)
+class Probe:
+    """Numbers of the instrument.
+
+    Attributes:
+        repeatability: Standard deviation of one measured centre, each coordinate, m; ``None`` where nobody states it.
+        offset: Prior standard deviation of the probe's tip from the spindle's axis and of its length, m.
+    """
+
+    repeatability: float | None = None
+    offset: float = 20.0 * UM
+    found: tuple[float, int] = field(default=(0.0, 0))
+
+    def with_scatter(self, scatter: float, freedom: int) -> Probe:
+        """The same with what repeated points show."""
+        return replace(self, found=(scatter, freedom))
+
+    @property
+    def source(self) -> str:
+        """Where the noise comes from: ``repeated points``, ``stated`` or ``assumed``."""
+        if self.found[1] >= FEWEST_REPEATS:
+            return "repeated points"
+        return "assumed" if self.repeatability is None else "stated"
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of one measured centre, each coordinate, m: of repeated points, else as stated.
+
+        Few repeats are pooled with the statement, which counts as much as 10 of them.
+        """
+        known = ASSUMED if self.repeatability is None else self.repeatability
+        weight = 3 if self.repeatability is None else 10
+        squares, freedom = self.found
+        return float(np.sqrt((squares + weight * known**2) / (freedom + weight)))
+
+
+#: Repeatability where nobody states one, m: a strain-gauge or kinematic touch probe and the axes under it (assumed).
+ASSUMED = 1.0 * UM
+#: Repeated values from which the noise is called theirs.
+FEWEST_REPEATS = 10
+
+
+def stops_of(test: SphereTest, points: Points) -> Stops:
+    """Where the machine comes from and stands in every point.
+
+    A sphere is touched from opposite sides, so that play of a linear axis cancels in its centre: every point is
+    approached by all linear axes from below and from above, and the mean counts. So it is for a rotary axis whose last
+    move nobody knows.
+    """
+    chain, n = test.chain, len(points.position)
+    # the linear axes stand where the centre was found, which may be a millimetre from where it was looked for
+    away = np.zeros((n, chain.count))
+    if not chain.carried:
+        away[:, chain.linear_columns] = points.deviation
+    stand = points.position + away
+    route, clock, at = [], [], []
+    for sign in (1.0, -1.0):
+        lead = np.zeros((n, chain.count))
+        lead[:, chain.linear_columns] = sign * LEAD_LINEAR
+        lead[:, chain.rotary_columns] = np.where(points.side == 0, sign, points.side) * LEAD_ROTARY
+        both = np.stack([stand - lead, stand], axis=1).reshape(2 * n, -1)
+        at.append(len(route) * 2 * n + 1 + 2 * np.arange(n))
+        route.append(both)
+        clock.append(np.repeat(points.time if points.timed else np.zeros(n), 2))
+    return Stops(np.vstack(route), test.started + np.concatenate(clock), np.stack(at, axis=1), away)
+
+
+def sides_of(angles: np.ndarray) -> np.ndarray:
+    """Direction of the last move of every rotary axis by the order of the points, (n, rotary): 0 before the first
+    move.
+    """
+    out = np.zeros(angles.shape)
+    for i in range(1, len(angles)):
+        step = angles[i] - angles[i - 1]
+        out[i] = np.where(np.abs(step) > 1e-6, np.sign(step), out[i - 1])
+    return out
