@@ -29,7 +29,7 @@ def test_a_machine_without_the_table_expects_nothing(tmp_path):
 @pytest.mark.parametrize(
     ("lines", "said"),
     [
-        ("play = { um = 1.0 }", r"\[tolerance\] play is no kind of effect; allowed: axis_location, backlash"),
+        ("play = { um = 1.0 }", r"\[tolerance\] play is no kind of effect; allowed: angular_error, axial"),
         ("squareness = { um = 1.0 }", r"\[tolerance\] squareness: unit 'um'; allowed: urad"),
         ("worm_wear = { deg = 0.1 }", r"worm_wear: this kind has no single size"),
         ("squareness = {}", r"squareness has no limit"),

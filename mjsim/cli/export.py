@@ -65,9 +65,8 @@ def command(
     knows the machine, with expanded uncertainty (k = 2), and with the corrections of a control.
 
     \b
-    Examples:
-      mjsim export examples/hidden-backlash --out tables
-      mjsim export my-campaign --volumetric --range X -150 150 --control csv --out map
+    Example: mjsim export examples/hidden-backlash --out tables
+             mjsim export my-campaign --volumetric --range X -150 150 --control csv --out map
     """
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import machine_of

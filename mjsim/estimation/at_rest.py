@@ -723,7 +723,7 @@ class RestSearch:
                 continue
             self.progress(f"what could stand in the place of {options[h].name}", 0, 1)
             rest = without(chosen, h)
-            for _, g, width in linear.rivals(chosen, h, _NEAR)[:_RIVALS]:
+            for _, g, width in linear.rivals(chosen, h, _NEAR, 0.0)[:_RIVALS]:
                 other = {**rest, g: width}
                 trial = self.fitted(
                     self._with(model, options, other, linear), model.sizes, self._odds(options, other), fit

@@ -88,6 +88,7 @@ def compared_section(result: ComparedPart) -> dict:
     tests = [{"name": t.test.name, "axes": [_channel_row(c) for c in t.channels]} for t in result.tests]
     return {
         "said": [],
+        "located": [],
         "title": result.campaign.name,
         "machine": result.machine.name,
         "instrument": INSTRUMENTS[result.instrument].test_noun,

@@ -60,7 +60,15 @@ class Slider:
 
 
 #: Kinds of effects that both instruments show; the other kinds of the motion of a motor only a log can show.
-_BOTH = ("friction", "viscous_friction", "velocity_gain", "servo_gain", "velocity_feedforward", "torque_ripple")
+_BOTH = (
+    "friction",
+    "viscous_friction",
+    "velocity_gain",
+    "servo_gain",
+    "servo_delay",
+    "velocity_feedforward",
+    "torque_ripple",
+)
 
 
 def entries(machine: Machine, logs: bool = False) -> list[Entry]:

@@ -239,9 +239,9 @@ def _both(first: Posterior | None, second: Posterior) -> Posterior:
         if f.effect.key not in ours:
             effects.append(f)
             places += range(a, b)
-    places += range(first.size, len(first.covariance))  # the data sheet: points say nothing about it
+    places += range(int(ends[-1]), len(first.covariance))  # the data sheet: points say nothing about it
     own = first.covariance[np.ix_(places, places)]
-    n, k = second.size, len(own)
+    n, k = sum(len(f.vector) for f in second.effects), len(own)
     covariance = np.zeros((n + k, n + k))
     covariance[:n, :n], covariance[n:, n:] = second.covariance[:n, :n], own
     return Posterior((*second.effects, *effects), covariance)

@@ -75,15 +75,17 @@ class Kinematics:
         if a in "XYZ":
             sign = 1 if side else -1
             out = exp(sign * self.direction(a), q[a], linear=True)
-            for name in motion:
-                if name[2] == a:
-                    out = exp(sign * UNIT[name[1]], motion[name], linear=True) @ out
+            for k in "ABC":  # what a slide turns, it turns about the origin at home; the first angle outermost
+                out = out @ exp(UNIT[k], motion.get(f"E{k}{a}", 0.0))
+            for k in "XYZ":
+                out = exp(sign * UNIT[k], motion.get(f"E{k}{a}", 0.0), linear=True) @ out
             return out
         wobble, where, c = np.eye(4), np.eye(4), self.centre(a)
         for k in "ABC":  # the first one outermost
             wobble = wobble @ exp(UNIT[k], motion.get(f"E{k}{a}", 0.0))
-        for k in "XYZ":
-            wobble = wobble @ exp(UNIT[k], motion.get(f"E{k}{a}", 0.0), linear=True)
+        for k, turns in zip("XYZ", "ABC", strict=True):  # axial motion is along the centreline, wherever that points
+            along = self.direction(a) if turns == a else UNIT[k]
+            wobble = wobble @ exp(along, motion.get(f"E{k}{a}", 0.0), linear=True)
             where = where @ move(self.location.get(f"E{k}0{a}", 0.0) * UNIT[k])
         for k in "CBA":
             where = where @ exp(UNIT[k], self.location.get(f"E{k}0{a}", 0.0))

@@ -111,10 +111,11 @@ def discrepancy_of(
     """
     precision = np.minimum([e.deviation for e in model.entries], _WIDEST) ** -2.0
     departure = np.array([e.encode(e.value) - e.mean for e in model.entries])
-    rows = [dct(r / d.noise.rms, norm="ortho") for r, d in zip(residual, data, strict=True)]
-    columns = [dct(c / d.noise.rms, axis=0, norm="ortho") for c, d in zip(design, data, strict=True)]
+    rows = [np.asarray(dct(r / d.noise.rms, norm="ortho")) for r, d in zip(residual, data, strict=True)]
+    columns = [np.asarray(dct(c / d.noise.rms, axis=0, norm="ortho")) for c, d in zip(design, data, strict=True)]
     octaves = [np.maximum(np.log2(np.maximum(np.arange(len(r)), _LOWEST) / _LOWEST), 0.0).astype(int) for r in rows]
     expected = [r**2 for r in rows]  # squares of the amplitudes, of noise and discrepancy together
+    evidence = -np.inf
     for _ in range(_ROUNDS):
         power = [np.bincount(o, x) / np.bincount(o) for o, x in zip(octaves, expected, strict=True)]
         variance = [np.maximum(p, 1.0)[o] for p, o in zip(power, octaves, strict=True)]

@@ -228,9 +228,15 @@ class EncoderCatalogue:
 
     def _entry(self, effect: Effect) -> Entry:
         p = effect.parameters_of(self.axis)[0]
-        bounds = {"lower": p.lower, "upper": p.upper}
         return Entry(
-            effect.id, p.name, effect.values[p.name], scale=p.scale, deviation=_WIDE, centre=p.neutral, **bounds
+            effect.id,
+            p.name,
+            effect.values[p.name],
+            scale=p.scale,
+            deviation=_WIDE,
+            centre=p.neutral,
+            lower=p.lower,
+            upper=p.upper,
         )
 
 
@@ -298,7 +304,7 @@ def behind_play(motor, speed, half, brake, step, start):
 def _motion(d: AxisData) -> RecordedMotion:
     """The recorded motion of the motor, its speed and acceleration by parabolas through the samples around."""
     width = 2 * max(2, round(0.5 * _SMOOTH / d.step)) + 1
-    speed, acceleration = (savgol_filter(d.record.actual, width, 2, deriv=n, delta=d.step) for n in (1, 2))
+    speed, acceleration = (np.asarray(savgol_filter(d.record.actual, width, 2, deriv=n, delta=d.step)) for n in (1, 2))
     return RecordedMotion(d.record.actual, speed, acceleration)
 
 

@@ -275,7 +275,8 @@ def _typical_effects(machine: Machine) -> list[EffectVector]:
     """Every effect of the catalogue that has a typical size, and that the machine file lacks."""
     out = []
     for effect_id in registry.all_ids(machine.chain):
-        if machine.effect(effect_id) is not None:
+        cls, _ = registry.effect_class(effect_id, machine.chain)
+        if machine.effect(effect_id) is not None or (cls.search.within_tolerance and cls.kind not in machine.tolerance):
             continue
         try:
             out.append(typical(effect_id, machine.chain))
