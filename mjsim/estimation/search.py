@@ -50,6 +50,8 @@ _ROUNDS, _FEW = 8, 4
 #: Difference in log evidence within which another hypothesis may stand in the place of one, nats: odds of 160,000 to
 #: one; the share of its log odds that the linear problem may be wrong by (assumed); and most that are fitted there.
 _NEAR, _ROUGH, _RIVALS = 12.0, 0.1, 2
+#: Evidence against a cause of a size that makes no sense by itself, nats: odds of one to twenty (assumed).
+_UNLIKELY = 3.0
 #: Most Gauss-Newton steps of the first fit of everything that a machine may have, and of the others.
 _FIRST, _STEPS, _AGAIN = 16, 5, 3
 #: Most waves that one pitch error is given.
@@ -213,7 +215,7 @@ class Search:
         data = self.plain
         usual = self._searched(self._begun(expected_effects(self.machine)))
         few = few if self.plain is data else self._settled(self._refitted(few))
-        if not (usual.leaves_nothing and usual.evidence > few.evidence):
+        if usual.curves or not usual.leaves_nothing or usual.evidence < few.evidence:
             usual = max(usual, self._searched(few), key=lambda m: m.evidence)
         return self._found(usual)
 
@@ -381,9 +383,8 @@ class Search:
             model = found = self._settled(Model(known, fit, self.plain, sizes))
         for _ in range(_WAVES):
             hypotheses = self._hypotheses(model, curves=False)
-            noise_alone = len(hypotheses.levels) - 1  # a discrepancy would stand for what it is asked to explain
             rows = _best_at_levels(hypotheses, self._widths(hypotheses), -np.inf)
-            trials = [self._fitted(model, hypotheses, chosen, noise_alone) for chosen, _, _ in rows]
+            trials = [self._beside_noise(model, hypotheses, chosen) for chosen, _, _ in rows]
             best = max(trials, key=lambda m: m.evidence, default=None)
             if best is None or (found is not None and best.evidence <= found.evidence + _LEAST):
                 break
@@ -391,6 +392,17 @@ class Search:
             if not found.fit.effects[-1].effect.search.scanned:
                 break
         return found
+
+    def _beside_noise(self, model: Model, hypotheses: Hypotheses, chosen: Chosen) -> Model:
+        """The model with a set of hypotheses, fitted beside the noise alone first: a discrepancy would stand for what it
+        is asked to explain.
+        """
+        effects, _ = hypotheses.model_of(chosen, hypotheses.levels[-1][1])
+        fit = self.fitter.fit(effects, start=model.fit, exact=False, iterations=_FIRST)
+        effects = tuple(f if f.effect.key in model.expected else with_prior_of_size(f) for f in fit.effects)
+        fit = self.fitter.fit(effects, start=fit, iterations=_FIRST)
+        odds = sum(hypotheses.all[g].log_odds for g in chosen)
+        return self._settled(Model(model.expected, fit, self.plain, model.sizes.times(0.0), (), odds))
 
     def _extended(self, model: Model, most: int | None) -> Model:
         """A model with causes of the catalogue added one after the other, while one of them gains evidence and less is
@@ -495,6 +507,8 @@ class Search:
             rivals = {g: w for _, g, w in hypotheses.linear.rivals(chosen, h, _NEAR, _ROUGH)[:_RIVALS]}
             for g in (*rivals, *(g for g in hypotheses.look_alikes(h) if g not in rivals)):
                 trial = self._fitted(model, hypotheses, {**rest, g: rivals.get(g, 1.0)})
+                if g not in rivals:
+                    trial = replace(trial, evidence=trial.evidence - _UNLIKELY)
                 if g in rivals or (trial.fit.effects[-1].vector > trial.fit.effects[-1].neutral).all():
                     out.setdefault(mine.name, []).append((hypotheses.all[g].id, trial))
         return out

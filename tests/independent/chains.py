@@ -75,8 +75,12 @@ class Kinematics:
         if a in "XYZ":
             sign = 1 if side else -1
             out = exp(sign * self.direction(a), q[a], linear=True)
-            for k in "ABC":  # what a slide turns, it turns about the origin at home; the first angle outermost
-                out = out @ exp(UNIT[k], motion.get(f"E{k}{a}", 0.0))
+            table = [b for b in self.sides[0] if b in "ABC"]
+            point = self.centre(table[0]) if table else np.zeros(3)  # about which a slide turns what it carries
+            turn = move(point)
+            for k in "ABC":  # the first one outermost
+                turn = turn @ exp(UNIT[k], motion.get(f"E{k}{a}", 0.0))
+            out = out @ turn @ move(-point)
             for k in "XYZ":
                 out = exp(sign * UNIT[k], motion.get(f"E{k}{a}", 0.0), linear=True) @ out
             return out
