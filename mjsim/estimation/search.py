@@ -394,8 +394,8 @@ class Search:
         return found
 
     def _beside_noise(self, model: Model, hypotheses: Hypotheses, chosen: Chosen) -> Model:
-        """The model with a set of hypotheses, fitted beside the noise alone first: a discrepancy would stand for what it
-        is asked to explain.
+        """The model with a set of hypotheses, fitted beside the noise alone first: a discrepancy would stand for what
+        they are asked to explain.
         """
         effects, _ = hypotheses.model_of(chosen, hypotheses.levels[-1][1])
         fit = self.fitter.fit(effects, start=model.fit, exact=False, iterations=_FIRST)
