@@ -150,7 +150,8 @@ class EncoderSearch(AxisSearch):
     def _against_competing(self, fit: AxisFit, candidate: Candidate, without: AxisFit | None) -> FoundCause:
         """As there; what a sound transmission may have is no cause."""
         cause = super()._against_competing(fit, candidate, without)
-        return cause if beyond_class(candidate, fit) >= 0.5 else replace(cause, gain=0.0)
+        large = beyond_class(candidate, fit)
+        return cause if large is None or large >= 0.5 else replace(cause, gain=0.0)
 
     def orders(self, fit: AxisFit) -> list[float]:
         """Orders of waves over the position that stand out, in turns of the motor."""

@@ -2,7 +2,8 @@
 
 Three things make it less than sure: that it is not there, that it is small, and that something else looks like it. The
 first is a matter of evidence beside the discrepancy, with the prior odds that every cause has. The second is one of its
-size and of the data sheet's tolerance. The third is unknown by its nature. Where a model leaves more than a sound
+size and of its tolerance. A cause without one is small where it changes a recording by no more than a sound machine may
+leave there. The third is unknown by its nature. Where a model leaves more than a sound
 machine does, a cause that is in no catalogue is at work. Of what the causes found explain, a share like that which it
 leaves is taken for its own (assumed).
 """
@@ -42,19 +43,31 @@ def probability_of(candidate: Candidate, fit: AxisFit, without: AxisFit, data: S
     odds = fit.discrepancy.evidence - less.evidence + CAUSE
     there = 1.0 / (1.0 + math.exp(-np.clip(odds, -700.0, 700.0)))
     share = min(fit.rms / max(without.rms, 1e-30), 1.0)
-    return there * beyond_class(candidate, fit) * (1.0 - share * fit.discrepancy.probability)
+    large = beyond_class(candidate, fit)
+    if large is None:
+        large = _beyond_allowed(fit, without)
+    return there * large * (1.0 - share * fit.discrepancy.probability)
 
 
-def beyond_class(candidate: Candidate, fit: AxisFit) -> float:
+def _beyond_allowed(fit: AxisFit, without: AxisFit) -> float:
+    """Probability that what a cause changes in some recording is more than a sound machine may leave there."""
+    assert fit.discrepancy is not None
+    changed = np.maximum(without.mean_squares - fit.mean_squares, 1e-30)
+    # a mean square is known as well as the number of independent residuals tells
+    spread = changed * np.sqrt(2.0 / np.array(fit.independent))
+    return float(ndtr((changed - np.square(fit.discrepancy.allowed)) / spread).max())
+
+
+def beyond_class(candidate: Candidate, fit: AxisFit) -> float | None:
     """Probability that a cause that is there is larger than a machine of its class may have: than the tolerance of the
-    data sheet, or that of the machine.
+    data sheet, or that of the machine. Nothing where neither has one.
     """
     effect = fit.model.machine.effect(candidate.effect.id)
     assert effect is not None
     lead = leading_number(fit.model, effect, candidate.order)
     limit = 0.0 if lead is None else _limit_of(fit.model.machine, effect, fit.model.entries[int(np.argmax(lead[0]))])
     if lead is None or limit == 0.0:
-        return 1.0
+        return None
     direction, _, distance = lead
     spread = max(deviation_along(fit.covariance, direction, []), 1e-12)
     # both ends of what a sound machine may have
