@@ -197,7 +197,8 @@ def _read(
         covariance = np.linalg.inv(found.jac.T @ found.jac) * np.mean(found.fun**2) * 10.0
     except np.linalg.LinAlgError:
         return None
-    deviation = np.maximum(np.sqrt(np.diag(covariance)) + 0.1 * np.sqrt(max(1.0 - explained, 0.0)), _LEAST)
+    # what the law leaves may follow from noise in the positions, which makes gains too small: by as much at most
+    deviation = np.maximum(np.sqrt(np.diag(covariance)) + np.sqrt(max(1.0 - explained, 0.0)), _LEAST)
     values = {n: float(getattr(axis, n) * np.exp(v)) for n, v in zip(names, found.x, strict=True)}
     return GainsRead(controller, values, dict(zip(names, map(float, deviation), strict=True)), samples, explained)
 

@@ -3,9 +3,9 @@
 Three things make it less than sure: that it is not there, that it is small, and that something else looks like it. The
 first is a matter of evidence beside the discrepancy, with the prior odds that every cause has. The second is one of its
 size and of its tolerance. A cause without one is small where it changes a recording by no more than a sound machine may
-leave there. The third is unknown by its nature. Where a model leaves more than a sound
-machine does, a cause that is in no catalogue is at work. Of what the causes found explain, a share like that which it
-leaves is taken for its own (assumed).
+leave there. The third is unknown by its nature. Where a model leaves more than a sound machine does, a cause that is in
+no catalogue is at work. Of what the causes found explain, a share like that which it leaves is taken for its own
+(assumed).
 """
 
 from __future__ import annotations
