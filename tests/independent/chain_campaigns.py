@@ -264,9 +264,7 @@ def reading(
             wobble[f"E{first}{axis}"] = MICRO * e[key] * np.cos(arg)
             wobble[f"E{second}{axis}"] = MICRO * e[key] * np.sin(arg)
     for axis in (a for a in machine.axes if a in "ABC"):
-        for k, share in zip("XYZ", machine.direction(axis), strict=True):
-            if share:  # along the centreline, wherever it points
-                wobble[f"E{k}{axis}"] = wobble.get(f"E{k}{axis}", 0.0) + share * axial(effects, axis, at[axis])
+        wobble[f"E{'XYZ'['ABC'.index(axis)]}{axis}"] = axial(effects, axis, at[axis])
     bar = case.kinematics(location).bar(at, wobble, program.ball + ball, np.zeros(3) + tip)
     bar += structure.turn_by_slides(machine, effects, at, program.ball)
     bar += cubic(instants / drives.GRID, structure.ring_modes(machine, effects, on_grid, program.ball, drives.GRID))
