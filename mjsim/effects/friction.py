@@ -17,14 +17,6 @@ def _variants(friction):
     return [(friction.replaced(stribeck_velocity_rad_per_s=w), ("coulomb_Nm", "static_ratio")) for w in _STRIBECK]
 
 
-def _shapes(friction, present):
-    """Another presliding angle, or a friction that falls with the speed."""
-    sheet = present or friction
-    slow_fast = [sheet.replaced(static_ratio=1.5, stribeck_velocity_rad_per_s=w) for w in _STRIBECK]
-    stribeck = ("coulomb_Nm", "static_ratio", "stribeck_velocity_rad_per_s")
-    return [(friction, ("coulomb_Nm", "presliding_rad")), *((e, stribeck) for e in slow_fast)]
-
-
 @register
 class Friction(Effect):
     kind = "friction"
@@ -65,9 +57,7 @@ class Friction(Effect):
     search = SearchHints(
         quasi_static=False,
         free=("coulomb_Nm",),
-        tolerances={"coulomb_Nm": 0.05, "presliding_rad": 0.10, "static_ratio": 0.05},
         variants=_variants,
-        shapes=_shapes,
     )
 
     def apply(self, plant):

@@ -25,7 +25,6 @@ class IntegralTime(Effect):
     search = SearchHints(
         quasi_static=False,
         seeds=({"ratio": 0.5}, {"ratio": 2.0}),
-        tolerances={"ratio": 0.005},
     )
 
     def apply(self, plant):

@@ -22,7 +22,7 @@ class ServoGain(Effect):
         "inward or outward bulges where it moves fast."
     )
     remedy = Remedy("adjust", "servo mismatch", "Set the position gain to that of the other axes in the control.")
-    search = SearchHints(quasi_static=False, tolerances={"ratio": 0.0003})
+    search = SearchHints(quasi_static=False)
 
     def apply(self, plant):
         plant.axes[self.subject].position_gain *= self.values["ratio"]

@@ -18,7 +18,7 @@ class VelocityGain(Effect):
     source = "paper Fig. 2 (Kvp)"
     signature = "Quadrant glitches change by 1/ratio in height, much like a change of friction."
     remedy = Remedy("adjust", "reversal spikes", "Tune the velocity loop in the drive.")
-    search = SearchHints(quasi_static=False, tolerances={"ratio": 0.02})
+    search = SearchHints(quasi_static=False)
 
     def apply(self, plant):
         plant.axes[self.subject].velocity_gain *= self.values["ratio"]

@@ -21,7 +21,7 @@ class ViscousFriction(Effect):
         "integrator has time."
     )
     remedy = Remedy("maintain", "", "Check lubrication, seals and temperature of the axis.")
-    search = SearchHints(quasi_static=False, tolerances={"ratio": 0.1})
+    search = SearchHints(quasi_static=False)
 
     def apply(self, plant):
         plant.axes[self.subject].viscous *= self.values["ratio"]

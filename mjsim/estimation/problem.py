@@ -283,18 +283,6 @@ class Problem:
 
         return self.map(columns)
 
-    def whiten_curve(self, columns: Sequence[np.ndarray]) -> Design:
-        """Block means (m, k) per test of a curve, whitened. Each test keeps the columns that it reaches: those of a
-        fine curve would fill hundreds of MB.
-        """
-
-        def one(k: int) -> tuple[np.ndarray, np.ndarray]:
-            mine = columns[k]
-            places = np.flatnonzero(mine.any(axis=0))
-            return places, self.whiten_test(k, mine[:, places])
-
-        return Design(self.map(one), columns[0].shape[1])
-
     def whiten(self, per_test: Sequence[np.ndarray]) -> np.ndarray:
         """Stack per-test block arrays (m,) or (m, k) into whitened rows (count,) or (count, k)."""
         return self.whiten_each(per_test.__getitem__, np.empty((self.count, *per_test[0].shape[1:])))

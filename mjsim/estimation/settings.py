@@ -95,20 +95,16 @@ class DiagnosisSettings:
             logarithm of the number of independent residuals: 8 is that of 3,000 (bank).
         indistinguishable: Likelihood-ratio statistic within which a competing model cannot be told from the best one,
             and within which another axis of a vibration cannot: a likelihood ratio of e^6 (bank).
-        better: Fall of the objective that makes a competing model the better one, in an effect's place (bank).
         visible_share: Least size of an effect: standard deviation of its part of the reading in its clearest test, as a
             share of one sample's noise (bank).
         setup_limit: Largest set-up error that can hide an effect, prior standard deviations: a normal distribution has
             one in 1.7 million beyond it.
         trigger_limit: Largest trigger shift that is believed, prior standard deviations. A model that fails badly would
             drive triggers out of the range in which they act linearly (bank).
-        shortlist: Most candidates that are fitted in one step of the selection (bank).
         testable_size: An effect is testable when three standard deviations of its size stay below so many typical sizes
             (assumed).
         many_effects: Effects from which the data sheet's derivatives stay those of the machine as given (assumed:
             single effects are then tiny beside the motion).
-        log_odds: Logarithm of the prior odds that a cause of the catalogue is needed beside a calibrated machine. Some
-            eighty causes are considered: odds of e^-9 let chance name one in a hundred campaigns.
         most_vibrations: Most vibrations that are looked for (assumed).
         vibration_false_alarm: Chance of one line of constant frequency by accident in a whole campaign (gamma
             distribution of the summed periodograms).
@@ -132,14 +128,11 @@ class DiagnosisSettings:
     likelihood_ratio: float = 30.0
     parameter_penalty: float = 8.0
     indistinguishable: float = 12.0
-    better: float = 2.0
     visible_share: float = 0.25
     setup_limit: float = 5.0
     trigger_limit: float = 4.0
-    shortlist: int = 5
     testable_size: float = 10.0
     many_effects: int = 8
-    log_odds: float = -9.0
     most_vibrations: int = 4
     vibration_false_alarm: float = 1e-8
     vibration_size: float = 0.3

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from mjsim.machine.chain import Chain
@@ -16,7 +16,7 @@ Starts = Sequence[tuple[Any, tuple[str, ...]]]
 
 
 #: What stood in the class of an effect before there were hints.
-MOVED = ("free", "seeds", "quasi_static", "scanned", "least", "tolerances", "variants", "shapes")
+MOVED = ("free", "seeds", "quasi_static", "scanned", "least", "variants")
 
 
 def _none(*_: Any) -> Starts:
@@ -37,13 +37,9 @@ class SearchHints:
         least: smallest departure of the leading parameter from neutral that makes sense as a cause of its own
             (assumed).
         looks_like: kinds of effects on the same axis in whose place it makes sense below ``least`` as well.
-        tolerances: relative standard deviation that the data sheet allows a parameter; within four of them there is no
-            effect.
         within_tolerance: whether it is looked for only where the machine file states its tolerance, or has it already:
             what no single place of the ball can tell from other effects needs an expected size.
         variants: function of the effect that the user's machine has already: other ways in which it may be wrong.
-        shapes: function of the effect found and the one that the user's machine has (or ``None``): other shapes that
-            are tried before a second effect is believed.
     """
 
     free: tuple[str, ...] = ()
@@ -52,10 +48,8 @@ class SearchHints:
     scanned: bool = False
     least: float = 0.0
     looks_like: tuple[str, ...] = ()
-    tolerances: Mapping[str, float] = field(default_factory=dict)
     within_tolerance: bool = False
     variants: Callable[[Any], Starts] = _none
-    shapes: Callable[[Any, Any], Starts] = _none
 
     def free_of(self, parameters: Sequence[Parameter]) -> tuple[str, ...]:
         """Names of the ``parameters`` (of one subject) that a diagnosis fits."""
