@@ -6,7 +6,7 @@ import pytest
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.workflow.axis_log.diagnose import diagnose_logs
-from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
+from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro, write_campaign
 
 FRICTION = Axis(coulomb=0.12)
 
@@ -27,12 +27,8 @@ def diagnosed(tmp_path):
                 [rows[0] + ",X_velocity_command_mm_per_s"]
                 + [f"{row},{1e3 * v:.7f}" for row, v in zip(rows[1:], set_point, strict=True)]
             )
-        campaign = CAMPAIGN.replace("1000.0", f"{1.0 / control.sample}")
         machine = machine_toml(FRICTION, stated or control, False, 0.12)
-        for name, content in (("strokes.csv", text + "\n"), ("campaign.toml", campaign), ("machine.toml", machine)):
-            for was in ("X_", ".X", '"X"'):
-                content = content.replace(was, was.replace("X", letter))
-            (tmp_path / name).write_text(content)
+        write_campaign(tmp_path, text + "\n", machine, control.sample, letter)
         return diagnose_logs(read_campaign(tmp_path), read_machine(tmp_path / "machine.toml"))
 
     return make

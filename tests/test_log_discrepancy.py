@@ -13,7 +13,7 @@ from mjsim.estimation.axis_logs.data import AxisData, LogNoise
 from mjsim.estimation.axis_logs.discrepancy import allowed_in, discrepancy_of
 from mjsim.estimation.axis_logs.entries import AxisModel, Entry
 from mjsim.workflow.axis_log.diagnose import diagnose_logs
-from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
+from tests.independent.logs import Axis, Control, csv, machine_toml, record, to_and_fro, write_campaign
 
 FRICTION = Axis(coulomb=0.12)
 MILLISECOND = Control()
@@ -30,13 +30,8 @@ def folder(tmp_path):
         if position is not None:
             actual = 1e-7 * np.round(position(time, actual) / 1e-7)
         table = csv(command, actual, None, control.sample)
-        campaign = CAMPAIGN.replace("1000.0", f"{1.0 / control.sample}")
         machine = machine_toml(axis, control, False, axis.coulomb if friction is None else friction)
-        for name, text in (("strokes.csv", table), ("campaign.toml", campaign), ("machine.toml", machine)):
-            for was in ("X_", ".X", '"X"'):
-                text = text.replace(was, was.replace("X", letter))
-            (tmp_path / name).write_text(text)
-        return tmp_path
+        return write_campaign(tmp_path, table, machine, control.sample, letter)
 
     return make
 

@@ -10,7 +10,7 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.cli.main import main
 from mjsim.workflow.axis_log.diagnose import diagnose_logs
-from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
+from tests.independent.logs import Axis, Control, csv, machine_toml, record, to_and_fro, write_campaign
 
 FRICTION = Axis(coulomb=0.12)
 STEP = 1e-7
@@ -48,14 +48,8 @@ def folder(tmp_path):
         load = STEP * np.round((load + 0.02e-6 * np.random.default_rng(9).normal(size=len(load))) / STEP)
         rows = csv(command, motor, None, control.sample).splitlines()
         table = [rows[0] + ",X_load_mm", *(f"{row},{1e3 * y:.7f}" for row, y in zip(rows[1:], load, strict=True))]
-        campaign = CAMPAIGN.replace("1000.0", f"{1.0 / control.sample}")
         machine = machine_toml(FRICTION, control, False, 0.12)
-        texts = {"strokes.csv": "\n".join(table) + "\n", "campaign.toml": campaign, "machine.toml": machine}
-        for name, text in texts.items():
-            for was in ("X_", ".X", '"X"'):
-                text = text.replace(was, was.replace("X", letter))
-            (tmp_path / name).write_text(text)
-        return tmp_path
+        return write_campaign(tmp_path, "\n".join(table) + "\n", machine, control.sample, letter)
 
     return make
 

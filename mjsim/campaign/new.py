@@ -49,13 +49,11 @@ def new_campaign(folder: str | Path, name: str | None = None) -> list[Path]:
     """
     folder = Path(folder)
     name = check_new_folder(folder, name, "campaign")
-    check_writable(folder / "campaign.toml")
     texts = {place: (TEMPLATE / source).read_text(encoding="utf-8") for source, place in _FILES.items()}
     contents = {
         folder / place: text.replace('"@NAME@"', json.dumps(name, ensure_ascii=False)) for place, text in texts.items()
     }
-    write_all(contents)
-    return list(contents)
+    return write_new(contents)
 
 
 def planned_text(name: str, tests: Sequence[dict[str, Any]], instrument: dict[str, float] | None = None) -> str:
@@ -92,12 +90,27 @@ def new_planned_campaign(
     """
     folder = Path(folder)
     name = check_new_folder(folder, name, "campaign")
-    check_writable(folder / "campaign.toml")
     contents = {
         folder / "campaign.toml": planned_text(name, tests),
         folder / "machine.toml": machine_file,
         folder / "traces" / "README.md": (TEMPLATE / "README.md").read_text(encoding="utf-8"),
     }
+    return write_new(contents)
+
+
+def write_new(contents: dict[Path, str]) -> list[Path]:
+    """Write the files of a new folder; all of them, or nothing.
+
+    Args:
+        contents: texts by file.
+
+    Returns:
+        The files.
+
+    Raises:
+        InputError: they cannot be written.
+    """
+    check_writable(next(iter(contents)))
     write_all(contents)
     return list(contents)
 

@@ -6,9 +6,8 @@ import json
 from pathlib import Path
 
 from mjsim.campaign.machine_templates import FACTOR, MachineTemplate
-from mjsim.campaign.new import TEMPLATE, check_new_folder
+from mjsim.campaign.new import TEMPLATE, check_new_folder, write_new
 from mjsim.errors import InputError
-from mjsim.io.files import check_writable, write_all
 from mjsim.machine.chain import COORDINATES, SENSES, Axis, Chain, Placement, chain_of
 from mjsim.machine.modelling.mjcf import machine_xml
 from mjsim.machine.modelling.scene import scene_xml
@@ -93,9 +92,7 @@ def new_log_campaign(folder: str | Path, configuration: str, name: str | None = 
         folder / "machine.toml": machine_text(chain, name) + _OF_LOGS.format(axis=chain.letters[0]),
         folder / "traces" / "README.md": "Recordings of the axes. `mjsim import FILE --log` writes them here.\n",
     }
-    check_writable(folder / "campaign.toml")
-    write_all(contents)
-    return list(contents)
+    return write_new(contents)
 
 
 def log_campaign_text(name: str) -> str:
@@ -241,9 +238,7 @@ def new_machine(
     if chain.spatial:
         contents[folder / "machine.xml"] = machine_xml(chain, "machine")
         contents[folder / "scene.xml"] = scene_xml(chain, "machine.xml")
-    check_writable(folder / "machine.toml")
-    write_all(contents)
-    return list(contents)
+    return write_new(contents)
 
 
 def check_position_gain(gain: float | None) -> None:

@@ -169,6 +169,27 @@ names_option = click.option(
     shell_complete=test_names,
     help="Only this test (may be given more than once).",
 )
+
+
+def range_option(text: str):
+    """``--range AXIS LOW HIGH``, several times.
+
+    Args:
+        text: What it says of the option.
+    """
+    kind = (str, NUMBER, NUMBER)
+    return click.option("--range", "ranges", type=kind, multiple=True, metavar="AXIS LOW HIGH", help=text)
+
+
+def sphere_option(text: str):
+    """``--sphere X Y Z``, the centre of a sphere.
+
+    Args:
+        text: What it says of the option.
+    """
+    return click.option("--sphere", nargs=3, type=NUMBER, metavar="X Y Z", default=None, help=text)
+
+
 max_effects_option = click.option(
     "--max-effects",
     type=click.IntRange(1, 20),

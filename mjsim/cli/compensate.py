@@ -8,12 +8,13 @@ import click
 
 from mjsim.cli import common
 
-_NAMES = ("linuxcnc", "sinumerik", "heidenhain", "fanuc", "csv")
+#: Controls that corrections are written for.
+CONTROLS = ("linuxcnc", "sinumerik", "heidenhain", "fanuc", "csv")
 
 
 @click.command("compensate")
 @common.campaign_argument
-@click.option("--control", type=click.Choice(_NAMES), required=True, help="Control that gets the corrections.")
+@click.option("--control", type=click.Choice(CONTROLS), required=True, help="Control that gets the corrections.")
 @click.option(
     "-o", "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the files."
 )
@@ -25,14 +26,7 @@ _NAMES = ("linuxcnc", "sinumerik", "heidenhain", "fanuc", "csv")
     show_default=True,
     help="Forecast for programs with tool centre point control, or with axis positions.",
 )
-@click.option(
-    "--range",
-    "ranges",
-    type=(str, common.NUMBER, common.NUMBER),
-    multiple=True,
-    metavar="AXIS LOW HIGH",
-    help="Positions that the tables of an axis cover, mm or degrees (default: those of the tests).",
-)
+@common.range_option("Positions that the tables of an axis cover, mm or degrees (default: those of the tests).")
 @click.option(
     "--detection-unit",
     type=click.FloatRange(1e-7, 0.1),

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
+from mjsim.cli.compensate import CONTROLS
 
 #: Options that say more of a map of the volume, and their names in messages.
 _OF_MAP = {"control": "--control", "ranges": "--range", "step": "--step", "rotary": "--rotary", "tool": "--tool-length"}
@@ -23,17 +24,10 @@ _OF_MAP = {"control": "--control", "ranges": "--range", "step": "--step", "rotar
 @click.option("--volumetric", is_flag=True, help="Write the error of the tool over the volume instead.")
 @click.option(
     "--control",
-    type=click.Choice(("linuxcnc", "sinumerik", "heidenhain", "fanuc", "csv")),
+    type=click.Choice(CONTROLS),
     help="With --volumetric: also with the corrections of this control.",
 )
-@click.option(
-    "--range",
-    "ranges",
-    type=(str, common.NUMBER, common.NUMBER),
-    multiple=True,
-    metavar="AXIS LOW HIGH",
-    help="With --volumetric: places along a linear axis, mm (default: those of the tests).",
-)
+@common.range_option("With --volumetric: places along a linear axis, mm (default: those of the tests).")
 @click.option("--step", type=click.FloatRange(0.1, 1000.0), help="With --volumetric: distance of places, mm (25).")
 @click.option(
     "--rotary",

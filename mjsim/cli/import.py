@@ -18,14 +18,7 @@ from mjsim.cli.import_show import model_effects, runs_json, show_features, show_
 @import_options.angles
 @click.option("--log", "as_log", is_flag=True, help="The files are axis logs: command and actual positions.")
 @click.option("--points", "as_points", is_flag=True, help="The files are points of a probed sphere.")
-@click.option(
-    "--sphere",
-    nargs=3,
-    type=common.NUMBER,
-    metavar="X Y Z",
-    default=None,
-    help="With --points, for a new test: centre of the sphere, mm in the work frame.",
-)
+@common.sphere_option("With --points, for a new test: centre of the sphere, mm in the work frame.")
 @click.option(
     "--signal",
     "signals",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import click
 
@@ -167,3 +167,11 @@ def model_effects(campaign) -> dict:
         return {e.id: e.values for e in read_machine(read_campaign(campaign, traces=False).machine_file).effects}
     except InputError:
         return {}
+
+
+def show_remarks(notes: Sequence[str], questions: Sequence[str]) -> None:
+    """What an import says of a file, and what the user has to look at."""
+    for note in notes:
+        common.paragraph(note, "  ")
+    for question in questions:
+        common.paragraph(f"look at this: {question}")

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
+from mjsim.cli.import_show import show_remarks
 from mjsim.cli.parameter_lines import finding_lines
 
 #: What a check says of tests without a trace.
@@ -28,10 +29,7 @@ def import_logs(campaign: Path, pairs, signals, controller, options, force, prev
         common.paragraph(f"{d.source.name} → {d.target}{more}, {d.samples} samples at {d.rate:.6g} Hz")
         rows = [[str(c.place + 1), c.axis or "–", c.signal, c.unit or "?"] for c in d.columns]
         common.table(["column", "axis", "signal", "unit"], rows, text=(1, 2, 3))
-        for note in d.notes:
-            common.paragraph(note, "  ")
-        for question in d.questions:
-            common.paragraph(f"look at this: {question}")
+        show_remarks(d.notes, d.questions)
     if preview:
         common.say("preview: nothing was written", quiet)
 

@@ -40,22 +40,8 @@ _INSTRUMENTS = {"axis_log": "axis log", "ball_bar": "ball bar"}
 @click.option(
     "--points", type=click.IntRange(4, 500), metavar="N", help="Propose N positions at which to probe a sphere."
 )
-@click.option(
-    "--sphere",
-    nargs=3,
-    type=common.NUMBER,
-    metavar="X Y Z",
-    default=None,
-    help="With --points: centre of the sphere, mm in the work frame.",
-)
-@click.option(
-    "--range",
-    "ranges",
-    type=(str, common.NUMBER, common.NUMBER),
-    multiple=True,
-    metavar="AXIS LOW HIGH",
-    help="With --points: travel of a rotary axis, degrees.",
-)
+@common.sphere_option("With --points: centre of the sphere, mm in the work frame.")
+@common.range_option("With --points: travel of a rotary axis, degrees.")
 @common.as_is_option
 @common.threads_option
 @common.options

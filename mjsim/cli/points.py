@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
+from mjsim.cli.import_show import show_remarks
 from mjsim.machine.chain import is_rotary
 
 _SOURCES = {"repeated points": "from repeated points", "stated": "as stated", "assumed": "assumed: nobody states it"}
@@ -87,10 +88,7 @@ def import_all(campaign: Path, pairs, signals, sphere, options, force, preview, 
         click.echo()
         for line in data["first_rows"]:
             click.echo(f"  {line}")
-        for note in d.notes:
-            common.paragraph(note, "  ")
-        for question in d.questions:
-            common.paragraph(f"look at this: {question}")
+        show_remarks(d.notes, d.questions)
     if preview:
         common.say("preview: nothing was written", quiet)
 

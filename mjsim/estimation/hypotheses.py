@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -85,6 +86,20 @@ class Hypothesis:
         """Whether it is one wave of a pitch error, which others may stand beside."""
         mine = self.free or self.candidate
         return mine is not None and mine.effect.kind == "pitch_error"
+
+
+class Judged(NamedTuple):
+    """What one level says of all hypotheses beside a set.
+
+    Attributes:
+        evidence: Log evidence of the set, prior odds included.
+        odds: Log odds of every hypothesis, (n,).
+        width: Of the prior that explains most, (n,).
+    """
+
+    evidence: float
+    odds: np.ndarray
+    width: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -334,6 +349,15 @@ class Hypotheses:
     def present(self) -> list[int]:
         """Places of those that are in the model."""
         return [i for i, h in enumerate(self.all) if h.present]
+
+    def judged(self, here: Mapping[int, float]) -> list[Judged]:
+        """What each level says beside a set.
+
+        Args:
+            here: Places of the hypotheses of the set, and the widths of their priors.
+        """
+        chosen = dict(here)
+        return [Judged(none + linear.total(chosen), *linear.odds(chosen)) for none, linear, _ in self.levels]
 
     def is_new_and_seen(self, g: int) -> bool:
         """Whether a hypothesis is an effect that the model does not have and that changes a reading."""

@@ -21,7 +21,7 @@ from mjsim.estimation.discrepancy import USUAL, Discrepancy, LinearModel, Produc
 from mjsim.estimation.disturbances import readmitted, without_disturbances
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit, Fitter
-from mjsim.estimation.hypotheses import WIDTHS, Hypotheses, Signatures, log_odds_of, with_prior_of_size
+from mjsim.estimation.hypotheses import WIDTHS, Hypotheses, Judged, Signatures, log_odds_of, with_prior_of_size
 from mjsim.estimation.linear_evidence import Chosen, without
 from mjsim.estimation.nuisance import TRIGGER, TRIGGERS
 from mjsim.estimation.problem import Problem
@@ -120,18 +120,21 @@ class Found:
 Proposal = tuple[float, Chosen, int]
 
 
-def _singles(hypotheses: Hypotheses, here: Chosen) -> list[Proposal]:
-    """Single causes of the catalogue beside what is in the model, one for each name, the most promising first."""
-    now = hypotheses.levels[0][0] + hypotheses.linear.total(here)
-    best: dict[str, Proposal] = {}
-    for level, (none, linear, _) in enumerate(hypotheses.levels):
-        odds, width = linear.odds(here)
-        base = none + linear.total(here) - now
+def _best_single(hypotheses: Hypotheses, here: Chosen, judged: Sequence[Judged]) -> Proposal | None:
+    """The single cause of the catalogue that promises most beside what is in the model; ``None`` where none does.
+
+    Args:
+        hypotheses: Beside the model.
+        here: What is in it.
+        judged: What each level says.
+    """
+    best: Proposal | None = None
+    for level, (evidence, odds, width) in enumerate(judged):
         for g in [g for g in np.argsort(-odds) if hypotheses.all[g].curve is None][:_SINGLES]:
-            promise, name = base + float(odds[g]), hypotheses.all[g].name
-            if np.isfinite(promise) and promise > best.get(name, (_LEAST,))[0]:
-                best[name] = promise, {**here, int(g): float(width[g])}, level
-    return sorted(best.values(), key=lambda row: -row[0])
+            promise = evidence - judged[0].evidence + float(odds[g])
+            if np.isfinite(promise) and promise > (_LEAST if best is None else best[0]):
+                best = promise, {**here, int(g): float(width[g])}, level
+    return best
 
 
 def _best_at_levels(hypotheses: Hypotheses, here: Chosen, least: float = 0.0) -> list[tuple[Chosen, int, float]]:
@@ -146,7 +149,7 @@ def _best_at_levels(hypotheses: Hypotheses, here: Chosen, least: float = 0.0) ->
     Returns:
         The set with each of them, the level at which it promises most, and its log odds beside the noise alone.
     """
-    judged = [(none + linear.total(here), *linear.odds(here)) for none, linear, _ in hypotheses.levels]
+    judged = hypotheses.judged(here)
     ranked = []
     for _, odds, _ in reversed(judged):
         order = [int(g) for g in np.argsort(-odds) if odds[g] >= least and hypotheses.is_new_and_seen(int(g))]
@@ -154,10 +157,17 @@ def _best_at_levels(hypotheses: Hypotheses, here: Chosen, least: float = 0.0) ->
     out: dict[str, tuple[Chosen, int, float]] = {}
     for row in itertools.zip_longest(*ranked):
         for g in [g for g in row if g is not None]:
-            level = max(range(len(judged)), key=lambda i, g=g: judged[i][0] + judged[i][1][g])
-            chosen = {**here, g: float(judged[level][2][g])}
-            out.setdefault(hypotheses.all[g].name, (chosen, level, float(judged[-1][1][g])))
+            level = max(range(len(judged)), key=lambda i, g=g: judged[i].evidence + judged[i].odds[g])
+            chosen = {**here, g: float(judged[level].width[g])}
+            out.setdefault(hypotheses.all[g].name, (chosen, level, float(judged[-1].odds[g])))
     return list(out.values())[:_FITTED]
+
+
+def _sized(effects: Sequence[EffectVector], expected: Collection[str]) -> tuple[EffectVector, ...]:
+    """Effects with priors of the widths that their sizes ask for, but for those of which a machine of the class is
+    expected to have some, by key.
+    """
+    return tuple(f if f.effect.key in expected else with_prior_of_size(f) for f in effects)
 
 
 def with_curves(problem: Problem, curves: Sequence[Curve]) -> Problem:
@@ -227,6 +237,11 @@ class Search:
         model = model if other is model else self._settled(other)
         return Found(self.fitter.fit([], exact=False), model, self.signatures_at(model).bank, self.trail)
 
+    @property
+    def _usual(self) -> Sizes:
+        """Sizes to begin with: what an ordinary machine leaves."""
+        return Sizes(USUAL, USUAL, np.ones(len(self.plain.tests)))
+
     # -- models --------------------------------------------------------------------------------------------------------
 
     def _problem(self, sizes: Sizes, curves: Sequence[Curve]) -> Problem:
@@ -272,10 +287,9 @@ class Search:
         self.progress("fitting the machine as given" if not expected else "fitting what its class has", 0, 1)
         fit = with_servo_fault(self._anew, self._anew([c.free for c in expected]), _NEAR)
         known = {c.key: c for c in expected}
-        effects = tuple(f if f.effect.key in known else with_prior_of_size(f) for f in fit.effects)
+        effects = _sized(fit.effects, known)
         odds = sum(log_odds_of(f, self.machine) for f in effects if f.effect.key not in known)
-        sizes = Sizes(USUAL, USUAL, np.ones(len(self.plain.tests)))
-        model = Model(known, replace(fit, effects=effects), self.plain, sizes, (), odds)
+        model = Model(known, replace(fit, effects=effects), self.plain, self._usual, (), odds)
         return self._settled(self._on_samples(model, without_disturbances))
 
     def _on_samples(self, model: Model, chosen_by: Callable[..., Problem]) -> Model:
@@ -373,14 +387,13 @@ class Search:
             fit: The machine as given, with what it has a tolerance for.
         """
         known = {c.key: c for c in calibrated_effects(self.machine)}
-        sizes = Sizes(USUAL, USUAL, np.ones(len(self.plain.tests)))
-        model, found = self._settled(Model(known, fit, self.plain, sizes)), None
+        model, found = self._settled(Model(known, fit, self.plain, self._usual)), None
         given = self.machine.effect(self.only)
         if given is not None and given.search.scanned and not given.is_neutral:  # its own waves before any other
             free = EffectVector(given, given.search.free_of(given.parameters_of(given.subject)))
             free = free.with_prior(free.vector, np.full(len(free.vector), WIDTHS[-1]))
             fit = self.fitter.fit([*fit.effects, free], start=fit, exact=False, iterations=_FIRST)
-            model = found = self._settled(Model(known, fit, self.plain, sizes))
+            model = found = self._settled(Model(known, fit, self.plain, self._usual))
         for _ in range(_WAVES):
             hypotheses = self._hypotheses(model, curves=False)
             rows = _best_at_levels(hypotheses, self._widths(hypotheses), -np.inf)
@@ -399,8 +412,7 @@ class Search:
         """
         effects, _ = hypotheses.model_of(chosen, hypotheses.levels[-1][1])
         fit = self.fitter.fit(effects, start=model.fit, exact=False, iterations=_FIRST)
-        effects = tuple(f if f.effect.key in model.expected else with_prior_of_size(f) for f in fit.effects)
-        fit = self.fitter.fit(effects, start=fit, iterations=_FIRST)
+        fit = self.fitter.fit(_sized(fit.effects, model.expected), start=fit, iterations=_FIRST)
         odds = sum(hypotheses.all[g].log_odds for g in chosen)
         return self._settled(Model(model.expected, fit, self.plain, model.sizes.times(0.0), (), odds))
 
@@ -435,7 +447,8 @@ class Search:
         """
         hypotheses = self._hypotheses(model, curves=not model.leaves_nothing)
         here = self._widths(hypotheses)
-        now = hypotheses.levels[0][0] + hypotheses.linear.total(here)
+        judged = hypotheses.judged(here)
+        now = judged[0].evidence
         proposals: dict[frozenset[int], Proposal] = {}
 
         def propose(promise: float, chosen: Chosen, level: int) -> None:
@@ -446,13 +459,13 @@ class Search:
         for level, (none, linear, _) in enumerate(hypotheses.levels):
             chosen = linear.best_set(hypotheses.present)
             propose(none + linear.total(chosen) - now, chosen, level)
-            odds, width = linear.odds(here)
-            base = none + linear.total(here) - now
+            evidence, odds, width = judged[level]
             for g in np.argsort(-odds)[:_SINGLES]:
                 if np.isfinite(odds[g]):
-                    propose(base + float(odds[g]), {**here, int(g): float(width[g])}, level)
+                    propose(evidence - now + float(odds[g]), {**here, int(g): float(width[g])}, level)
         ranked = sorted(proposals.values(), key=lambda row: -row[0])[:_FITTED]
-        first = [row for row in _singles(hypotheses, here)[:1] if row[0] > _SHARE * ranked[0][0]]
+        single = _best_single(hypotheses, here, judged)
+        first = [single] if single is not None and single[0] > _SHARE * ranked[0][0] else []
         best: Model | None = None
         for promise, chosen, level in [*first, *(row for row in ranked if row[:2] not in [f[:2] for f in first])]:
             if best is not None and promise < best.evidence - model.evidence:
@@ -476,7 +489,7 @@ class Search:
         problem = self._problem(sizes, curves)
         fitter = self.fitter.with_problem(problem)
         fit = fitter.fit(effects, start=model.fit, exact=True, iterations=_STEPS, fresh=False)
-        sized = tuple(f if f.effect.key in model.expected else with_prior_of_size(f) for f in fit.effects)
+        sized = _sized(fit.effects, model.expected)
         if any((a.block.deviation != b.block.deviation).any() for a, b in zip(fit.effects, sized, strict=True)):
             fit = fitter.fit(sized, start=fit, exact=True, iterations=_AGAIN, fresh=False)
         trial = self._tuned(Model(model.expected, fit, problem, sizes, tuple(curves), odds))

@@ -55,6 +55,25 @@ def read_bytes(path: Path, missing: str = "no such file") -> bytes:
         raise InputError(f"{path}: not a readable gzip file; allowed: a CSV file, plain or as .csv.gz") from None
 
 
+def csv_text(path: Path, allowed: str = "a CSV file") -> tuple[str, str]:
+    """First line of a trace, plain or compressed (``.csv.gz``), and everything below it.
+
+    Args:
+        path: the file, as a campaign names it.
+        allowed: what it may be, for the sentence on a file that is no text.
+
+    Raises:
+        InputError: it is missing, too large, or no text.
+    """
+    data = read_bytes(path, "the trace is missing (named in campaign.toml)")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is not text; allowed: {allowed}") from None
+    first, _, body = text.partition("\n")
+    return first, body
+
+
 def check_rows(path: Path, rows: int) -> None:
     """Refuse a table with more rows than a recording needs.
 

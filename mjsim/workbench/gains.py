@@ -19,7 +19,7 @@ from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.estimation.vibration import Separated, separate, without_vibrations
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
-from mjsim.progress import Progress, silent
+from mjsim.progress import Progress, counted, silent
 from mjsim.threads import one_blas_thread
 from mjsim.workbench.jobs import Stopped
 from mjsim.workbench.opened import OpenCampaign
@@ -105,11 +105,11 @@ class Gains:
                 return
             fitter = self._fitter_of_file()
             bank = SignatureBank(self.problem, fitter.fit([], exact=False))
-            candidates, count = seeds(fitter.machine), [0]
+            candidates = seeds(fitter.machine)
+            told = counted(progress, "signatures of the catalogue", len(candidates))
 
             def done() -> None:
-                count[0] += 1
-                progress("signatures of the catalogue", count[0], len(candidates))
+                told()
                 if stopped():
                     raise Stopped
                 self.turn.release()  # a fit that waits goes first

@@ -8,6 +8,7 @@ g grows by loss·|u|, and times 1 + excess·s after a rest:  ds/dt = (1 − s)/r
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numba import njit
@@ -196,3 +197,13 @@ trace = "strokes.csv"
 axes = ["X"]
 controller = "c"
 """
+
+
+def write_campaign(folder: Path, table: str, machine: str, sample: float = 1e-3, letter: str = "X") -> Path:
+    """One recording as a campaign, of any axis: texts of the table and of the machine file are those of X."""
+    campaign = CAMPAIGN.replace("1000.0", f"{1.0 / sample}")
+    for name, text in (("strokes.csv", table), ("campaign.toml", campaign), ("machine.toml", machine)):
+        for was in ("X_", ".X", '"X"'):
+            text = text.replace(was, was.replace("X", letter))
+        (folder / name).write_text(text)
+    return folder

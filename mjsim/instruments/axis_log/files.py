@@ -12,7 +12,7 @@ from mjsim.errors import InputError
 from mjsim.instruments.axis_log.measurement import AxisRecord, Circle, LogTest, Recording
 from mjsim.instruments.axis_log.signals import without_holds
 from mjsim.instruments.schema import Length, Table, Text, printable
-from mjsim.io.inputs import check_rows, read_bytes, shown
+from mjsim.io.inputs import check_rows, csv_text, shown
 from mjsim.io.times import check_growing
 from mjsim.machine.chain import Chain
 from mjsim.units import DEG, MM
@@ -106,12 +106,7 @@ def read_recording(path: Path, test: LogTest) -> Recording:
     Raises:
         InputError: names the file, the line or column, what was found and what is allowed.
     """
-    data = read_bytes(path, "the trace is missing (named in campaign.toml)")
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start} is not text; allowed: a CSV file") from None
-    first, _, body = text.partition("\n")
+    first, body = csv_text(path)
     names = [n.strip() for n in first.split(",")]
     columns = _header(path, names, test)
     check_rows(path, body.count("\n"))

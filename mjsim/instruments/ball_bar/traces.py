@@ -9,7 +9,7 @@ import numpy as np
 
 from mjsim.errors import InputError
 from mjsim.instruments.ball_bar.measurement import BallBarData, Trace
-from mjsim.io.inputs import check_rows, read_bytes, shown
+from mjsim.io.inputs import check_rows, csv_text, shown
 from mjsim.io.times import check_growing
 from mjsim.units import UM
 
@@ -29,14 +29,7 @@ def read_trace(path: Path, instrument: BallBarData) -> Trace:
     Raises:
         InputError: names the file, the line, what was found and what is allowed.
     """
-    data = read_bytes(path, "the trace is missing (named in campaign.toml)")
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(
-            f"{path}: byte {error.start} is not text; allowed: a CSV file with the header {','.join(_HEADER)}"
-        ) from None
-    first, _, body = text.partition("\n")
+    first, body = csv_text(path, f"a CSV file with the header {','.join(_HEADER)}")
     header = [h.strip() for h in first.split(",")]
     if header != _HEADER:
         raise InputError(f"{path}, line 1: header {shown(first.strip())}; allowed: {','.join(_HEADER)}")

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field
 from mjsim.errors import InputError
 from mjsim.instruments.schema import Clock, Length, Number, Table, printable
 from mjsim.instruments.sphere.measurement import POINT_TIME, Points, SphereTest, sides_of
-from mjsim.io.inputs import check_rows, read_bytes, shown
+from mjsim.io.inputs import check_rows, csv_text, shown
 from mjsim.io.times import check_growing
 from mjsim.machine.chain import COORDINATES, Chain, chain_of
 from mjsim.units import DEG, MM, UM
@@ -101,12 +101,8 @@ def read_points(path: Path, test: SphereTest) -> Points:
     Raises:
         InputError: Names the file, the line or column, what was found and what is allowed.
     """
-    data = read_bytes(path, "the trace is missing (named in campaign.toml)")
-    try:
-        text = data.decode("utf-8-sig").replace("\r\n", "\n")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start} is not text; allowed: a CSV file") from None
-    first, _, body = text.partition("\n")
+    first, body = csv_text(path)
+    body = body.replace("\r\n", "\n")
     names = [n.strip() for n in first.split(",")]
     check_rows(path, body.count("\n"))
     _check_header(path, names, test)
