@@ -10,7 +10,7 @@ import mjsim
 from mjsim.errors import InputError
 from mjsim.importing.formats import Format, base, register
 from mjsim.importing.table import Table
-from mjsim.instruments.ball_bar.traces import read_bytes
+from mjsim.io.inputs import read_bytes
 from mjsim.io.resources import examples
 
 
