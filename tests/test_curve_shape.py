@@ -26,7 +26,7 @@ SHAPES = {
 
 def readings(curve, seed=1, noise=1.0):
     """Columns of a curve that is passed twice, and a measurement of it."""
-    columns = hats(np.linspace(0.0, 2.0 * K, ROWS) % K, KNOT.astype(float), float(K))
+    columns = hats(np.linspace(0.0, 2.0 * K, ROWS) % K, KNOT.astype(float), float(K)).toarray()
     return columns, columns @ curve + noise * np.random.default_rng(seed).standard_normal(ROWS)
 
 
@@ -58,7 +58,7 @@ def test_a_line_has_no_bend_where_hardly_any_test_goes():
     rng = np.random.default_rng(3)
     for _ in range(20):
         x = np.append(rng.uniform(1.0, K - 1.0, ROWS), rng.uniform(0.0, 1.0, 5))
-        columns = hats(x, KNOT.astype(float), None)
+        columns = hats(x, KNOT.astype(float), None).toarray()
         y = 0.1 * x + 0.1 * rng.standard_normal(len(x))
         columns, y = columns - columns.mean(axis=0), y - y.mean()  # the set-up has taken up the level
         shape = simplest_shape(columns.T @ columns, columns.T @ y, closed=False)

@@ -17,7 +17,9 @@ from mjsim.effects.friction import Friction
 from mjsim.effects.torque_ripple import TorqueRipple
 from mjsim.estimation.calibration import calibrated_effects, expected_effects
 from mjsim.estimation.combinations import combinations
+from mjsim.estimation.curve_terms import CurveTerms
 from mjsim.estimation.data_sheet import DATA_SHEET, calibrated, data_sheet
+from mjsim.estimation.discrepancy import Discrepancy, Sizes
 from mjsim.estimation.disturbances import without_disturbances
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.findings import explain
@@ -27,6 +29,7 @@ from mjsim.estimation.problem import Problem
 from mjsim.estimation.search import Search
 from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.estimation.spectrum import sides_of, spectral_candidates, wave
+from mjsim.estimation.unknown_curves import _BesideModel
 from mjsim.estimation.vibration import Separated
 from mjsim.machine.model import build
 
@@ -50,6 +53,22 @@ def real(tmp_path_factory):
     machine = read_machine(campaign.machine_file)
     problem = Problem.of(campaign, build(machine), threads=2)
     return case, problem, machine, explain(Separated(problem, machine, ()))
+
+
+def test_a_curve_beside_a_model_is_that_of_columns_that_are_whitened_themselves(real):
+    _, problem, machine, _ = real
+    discrepancy = Discrepancy(problem)
+    factor = np.linspace(0.8, 1.3, len(problem.tests))
+    white = replace(problem, whitening=discrepancy.whitening(Sizes(0.4e-6, 0.2e-6, factor)))
+    fit = Fitter(white, machine).fit([], iterations=1)
+    term = next(t for t in CurveTerms(problem, fit).own() if t.axis == "C" and t.variable == "position")
+    columns = white.whiten(term.columns)
+    cross = fit.design.T @ columns
+    information, score = _BesideModel(white, fit).of(term)
+    expected = columns.T @ columns - cross.T @ np.linalg.solve(fit.linear.precision, cross)
+    np.testing.assert_allclose(information, expected, atol=1e-9 * np.abs(expected).max())
+    expected = columns.T @ (fit.residual - fit.design @ fit.step)
+    np.testing.assert_allclose(score, expected, atol=1e-9 * np.abs(expected).max())
 
 
 def test_what_lies_beyond_its_tolerance_is_the_finding(real):

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_array, diags_array
 
 from mjsim.estimation.fit import Fit
 from mjsim.estimation.problem import Problem
@@ -53,6 +54,13 @@ TABLE = ("table x", "table y", "table z")
 RADIAL = "table radial"
 #: What a coefficient of 1 is: 10 µrad or 1 µm.
 ROTARY_UNIT, LINEAR_UNIT = 1e-5, UM
+#: Variables whose curves count with the direction of motion.
+SIGNED = ("direction", "time_since_reversal")
+
+
+def unit_of(moves: str) -> float:
+    """Size of a coefficient of 1 of a curve that displaces ``moves``, m or rad."""
+    return ROTARY_UNIT if is_rotary(moves) else LINEAR_UNIT
 
 
 @dataclass
@@ -73,7 +81,7 @@ class CurveTerm:
     variable: str
     knots: np.ndarray
     period: float | None
-    columns: Sequence[np.ndarray]
+    columns: HatColumns
     gain: float = 0.0
     coefficients: np.ndarray = field(default_factory=lambda: np.zeros(0))
     precision: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
@@ -81,12 +89,12 @@ class CurveTerm:
 
     @property
     def signed(self) -> bool:
-        return self.variable in ("direction", "time_since_reversal")
+        return self.variable in SIGNED
 
     @property
     def unit(self) -> float:
         """Size of a coefficient of 1, m or rad."""
-        return ROTARY_UNIT if is_rotary(self.moves) else LINEAR_UNIT
+        return unit_of(self.moves)
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -214,13 +222,11 @@ class CurveTerms:
     ) -> Iterator[CurveTerm]:
         if not any(np.abs(s[moves]).max() > 1e-6 for s in self.sensitivities):
             return
-        term = CurveTerm(axis, moves, variable, knots, period, [])
-        weights = [s[moves] * term.unit for s in self.sensitivities]
-        if term.signed:
+        weights = [s[moves] * unit_of(moves) for s in self.sensitivities]
+        if variable in SIGNED:
             i = self.chain.index(axis)
             weights = [w * np.sign(m.velocity[:, i]) for w, m in zip(weights, self.motions, strict=True)]
-        term.columns = HatColumns(values, weights, knots, period)
-        yield term
+        yield CurveTerm(axis, moves, variable, knots, period, HatColumns(values, weights, knots, period))
 
 
 @dataclass(frozen=True)
@@ -242,10 +248,14 @@ class HatColumns(Sequence[np.ndarray]):
         return len(self.values)
 
     def __getitem__(self, k: int) -> np.ndarray:  # pyright: ignore[reportIncompatibleMethodOverride]  # no slices
-        return hats(self.values[k], self.knots, self.period) * self.weights[k][:, None]
+        return self.sparse(k).toarray()
+
+    def sparse(self, k: int) -> csr_array:
+        """The columns of test ``k``: a block lies between two knots."""
+        return csr_array(diags_array(self.weights[k]) @ hats(self.values[k], self.knots, self.period))
 
 
-def hats(x: np.ndarray, knots: np.ndarray, period: float | None) -> np.ndarray:
+def hats(x: np.ndarray, knots: np.ndarray, period: float | None) -> csr_array:
     """Piecewise-linear basis (n, len(knots)) on equally spaced ``knots``; wrapped when there is a period."""
     step = knots[1] - knots[0]
     u = (x - knots[0]) / step
@@ -253,8 +263,6 @@ def hats(x: np.ndarray, knots: np.ndarray, period: float | None) -> np.ndarray:
     u = np.mod(u, n) if period else np.clip(u, 0, n - 1)
     i = np.floor(u).astype(int)
     f = u - i
-    out = np.zeros((len(x), n))
-    rows = np.arange(len(x))
-    out[rows, i % n] += 1 - f
-    out[rows, (i + 1) % n if period else np.minimum(i + 1, n - 1)] += f
-    return out
+    after = (i + 1) % n if period else np.minimum(i + 1, n - 1)
+    places = np.column_stack([i % n, after]).ravel()
+    return csr_array((np.column_stack([1 - f, f]).ravel(), places, np.arange(0, 2 * len(x) + 1, 2)), (len(x), n))

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mjsim.estimation.curve_terms import RADIAL, ROUND, TABLE, CurveTerm, CurveTerms, HatColumns
+from mjsim.estimation.curve_terms import RADIAL, ROUND, TABLE, CurveTerm, CurveTerms, HatColumns, unit_of
 from mjsim.machine.radius import radius_of
 
 #: Knots of the curve, rad.
@@ -22,11 +22,10 @@ def radial_curves(terms: CurveTerms) -> Iterator[CurveTerm]:
         if max(np.ptp(x) for x in turn) < ROUND:
             continue
         places = [radius_of(table, np.asarray(t.table_ball)) for t in terms.problem.tests]
-        term = CurveTerm(table.letter, RADIAL, "position", _KNOTS, 2.0 * np.pi, [])
         weights = [
-            np.column_stack([s[name] for name in TABLE]) @ outwards * term.unit
+            np.column_stack([s[name] for name in TABLE]) @ outwards * unit_of(RADIAL)
             for s, (_, outwards) in zip(terms.sensitivities, places, strict=True)
         ]
         angles = [x + angle for x, (angle, _) in zip(turn, places, strict=True)]
-        term.columns = HatColumns(angles, weights, _KNOTS, 2.0 * np.pi)
-        yield term
+        columns = HatColumns(angles, weights, _KNOTS, 2.0 * np.pi)
+        yield CurveTerm(table.letter, RADIAL, "position", _KNOTS, 2.0 * np.pi, columns)

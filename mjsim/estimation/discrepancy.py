@@ -198,8 +198,16 @@ class LinearModel:
         self.products, self.discrepancy, self.residual = products, products.discrepancy, residual
         self.precision, self.departure = precision, departure
         tests = list(self.discrepancy.tests)
-        self._score = [np.concatenate([b[at].T @ residual[at] for b in products.blocks]) for _, at in tests]
-        self._along = [basis.T @ residual[at] for basis, at in tests]
+        score = [np.concatenate([b[at].T @ residual[at] for b in products.blocks]) for _, at in tests]
+        # set-up and trigger of one test are in no other: only the columns that reach a test are worked with there
+        self._live = [np.flatnonzero(np.diag(gram)) for gram in products.gram]
+        self._gram = [gram[np.ix_(live, live)] for gram, live in zip(products.gram, self._live, strict=True)]
+        self._score = [row[live] for row, live in zip(score, self._live, strict=True)]
+        self._along = [
+            np.column_stack([along[:, live], basis.T @ residual[at]])
+            for along, live, (basis, at) in zip(products.along, self._live, tests, strict=True)
+        ]
+        self._lost = [along.T @ along for along in self._along]
         self._square = [float(residual[at] @ residual[at]) for _, at in tests]
 
     def normal(self, sizes: Sizes) -> tuple[np.ndarray, np.ndarray, float, float]:
@@ -209,22 +217,21 @@ class LinearModel:
             Of the columns with each other, (p, p); with the residual, (p,); of the residual with itself; and the
             logarithm of the covariance's determinant over that of the campaign's noise.
         """
-        gram, score, square = np.zeros_like(self.products.gram[0]), np.zeros(self.products.width), 0.0
-        log_det = 0.0
+        width = self.products.width
+        gram, score, square, log_det = np.zeros((width, width)), np.zeros(width), 0.0, 0.0
         for k, factor in enumerate(sizes.factor):
-            own, pull, left = self.products.gram[k], self._score[k], self._square[k]
+            own, pull, left = self._gram[k], self._score[k], self._square[k]
             log_det += 2.0 * len(self.discrepancy.basis[k]) * math.log(factor)
             if sizes.rms > 0.0:
                 covariance = self.discrepancy.covariance(k, sizes.slow, sizes.fast, factor)
                 lower = np.linalg.cholesky(covariance + np.eye(len(covariance)))
                 log_det += 2.0 * float(np.log(np.diag(lower)).sum())
                 # of what lies along the basis, (I + C)^-1 is left
-                along = np.column_stack([self.products.along[k], self._along[k]])
-                seen = solve_triangular(lower, along, lower=True, check_finite=False)
-                lost = along.T @ along - seen.T @ seen
+                seen = solve_triangular(lower, self._along[k], lower=True, check_finite=False)
+                lost = self._lost[k] - seen.T @ seen
                 own, pull, left = own - lost[:-1, :-1], pull - lost[:-1, -1], left - lost[-1, -1]
-            gram += own / factor**2
-            score += pull / factor**2
+            gram[np.ix_(self._live[k], self._live[k])] += own / factor**2
+            score[self._live[k]] += pull / factor**2
             square += left / factor**2
         return gram, score, float(square), log_det
 

@@ -63,6 +63,7 @@ class LinearEvidence:
             for ix in sizes.values()
         ]
         self._own = [information[at[:, :, None], at[:, None, :]] for _, at, _ in self._batches]
+        self._known: dict[frozenset[tuple[int, float]], tuple[np.ndarray, np.ndarray]] = {}
 
     def _columns(self, chosen: Chosen) -> tuple[np.ndarray, np.ndarray]:
         """Places and prior precisions of the coefficients of a set."""
@@ -78,6 +79,13 @@ class LinearEvidence:
 
         Those that the set has, or excludes, have odds of zero (their logarithm is minus infinity).
         """
+        key = frozenset(chosen.items())  # a search comes to the same sets from several sides
+        if key not in self._known:
+            self._known[key] = self._odds(chosen)
+        return self._known[key]
+
+    def _odds(self, chosen: Chosen) -> tuple[np.ndarray, np.ndarray]:
+        """As :meth:`odds`."""
         places, precision = self._columns(chosen)
         score, seen = self.score, None
         if len(places):
@@ -85,23 +93,24 @@ class LinearEvidence:
             seen = solve_triangular(lower, self.information[places], lower=True, check_finite=False)
             score = score - seen.T @ solve_triangular(lower, self.score[places], lower=True, check_finite=False)
         odds, best = np.full(len(self.hypotheses), -np.inf), np.ones(len(self.hypotheses))
+        taken = {self.hypotheses[g].name for g in chosen if not self.hypotheses[g].several}
+        free = np.array([g not in chosen and h.name not in taken for g, h in enumerate(self.hypotheses)], bool)
         for (ix, at, widths), own in zip(self._batches, self._own, strict=True):
-            information = own
+            asked = free[ix]
+            if not asked.any():
+                continue
+            ix, at, widths, information = ix[asked], at[asked], widths[asked], own[asked]
             if seen is not None:
                 part = seen[:, at].transpose(1, 0, 2)  # (hypotheses, chosen columns, own columns)
-                information = own - np.matmul(part.transpose(0, 2, 1), part)
+                information = information - np.matmul(part.transpose(0, 2, 1), part)
             values, vectors = np.linalg.eigh(information)
             values = np.maximum(values, 1e-12)
             square = np.einsum("gij,gi->gj", vectors, score[at]) ** 2
             prior = widths[:, :, None] ** -2.0
             gain = square[:, None, :] / (values[:, None, :] + prior) - np.log1p(values[:, None, :] / prior)
             evidence = 0.5 * gain.sum(axis=2)
-            odds[ix] = np.logaddexp.reduce(evidence, axis=1) - math.log(widths.shape[1])
+            odds[ix] = np.logaddexp.reduce(evidence, axis=1) - math.log(widths.shape[1]) + self._log_odds[ix]
             best[ix] = widths[np.arange(len(ix)), evidence.argmax(axis=1)]
-        odds += self._log_odds
-        taken = {self.hypotheses[g].name for g in chosen if not self.hypotheses[g].several}
-        out = [g in chosen or h.name in taken for g, h in enumerate(self.hypotheses)]
-        odds[out] = -np.inf
         for g in np.argsort(-odds)[:_CHECKED]:
             h = self.hypotheses[g]
             if np.isfinite(odds[g]) and h.is_possible is not None:

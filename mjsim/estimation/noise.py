@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from scipy.linalg import solve_toeplitz
+from scipy.sparse import csr_array
 
 from mjsim.estimation.samples import BLOCKS, Samples, revolution_time
 from mjsim.instruments.ball_bar.kinds import kind_of
@@ -46,6 +47,17 @@ class Noise:
     def taps(self) -> np.ndarray:
         """(p + 1,) filter from block means to innovations in units of their standard deviation."""
         return np.concatenate([[1.0], -self.ar]) / self.innovation
+
+    def filter(self, kept: np.ndarray, count: int) -> csr_array:
+        """What :meth:`whiten` does to ``count`` blocks as a sparse matrix, (len(kept), count).
+
+        Args:
+            kept: Indices of :meth:`rows`.
+            count: Number of blocks.
+        """
+        places = kept[:, None] - np.arange(len(self.taps))
+        ends = np.arange(0, places.size + 1, len(self.taps))
+        return csr_array((np.tile(self.taps, len(kept)), places.ravel(), ends), (len(kept), count))
 
     def whiten(self, s: Samples, columns: np.ndarray, kept: np.ndarray | None = None) -> np.ndarray:
         """Innovations of block columns (m,) or (m, k) in units of their standard deviation; rows that touch a bad block

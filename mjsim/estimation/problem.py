@@ -11,6 +11,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
@@ -301,6 +302,11 @@ class Problem:
         if self.whitening is not None and self.whitening.shared:
             out[:] = self.whitening.of_all(out)
         return out
+
+    @cached_property
+    def filters(self) -> list[csr_array]:
+        """What the noise model does to the blocks of each test, as sparse matrices."""
+        return [self.noise.filter(kept, len(s.centre)) for kept, s in zip(self._kept, self.samples, strict=True)]
 
     def whiten_further(self, rows: np.ndarray) -> np.ndarray:
         """Rows (count,) or (count, k) that the campaign's noise alone has whitened, as :meth:`whiten` gives them."""

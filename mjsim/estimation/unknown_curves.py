@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from mjsim.estimation.curve_terms import CurveTerm, CurveTerms
 from mjsim.estimation.curve_waves import radial_curves
@@ -63,9 +64,13 @@ class Curve:
     @property
     def name(self) -> str:
         """What it is called among the hypotheses."""
-        t = self.term
-        period = f" / {t.period:.3g}" if t.period else ""
-        return f"curve {t.axis or 'clock'} > {t.moves} {t.variable}{period}"
+        return self.called(self.term)
+
+    @staticmethod
+    def called(term: CurveTerm) -> str:
+        """What a curve of such a term is called."""
+        period = f" / {term.period:.3g}" if term.period else ""
+        return f"curve {term.axis or 'clock'} > {term.moves} {term.variable}{period}"
 
     @property
     def present(self) -> bool:
@@ -134,27 +139,14 @@ def best_curves(problem: Problem, fit: Fit, plain: Problem, have: set[str]) -> l
         plain: The same tests whitened by the campaign's noise alone.
         have: Names of curves that the model has.
     """
-    terms = CurveTerms(plain, fit)
-    out: dict[str, tuple[float, Curve]] = {}
+    terms, linear = CurveTerms(plain, fit), _BesideModel(problem, fit)
+    out: dict[str, tuple[float, CurveTerm, str, np.ndarray, float]] = {}
 
-    def judged(term: CurveTerm, root: np.ndarray) -> tuple[float, np.ndarray]:
-        """Log evidence of a curve beside the model, averaged over widths; its plain columns."""
-        columns = plain.whiten([c @ root for c in term.columns])
-        white = problem.whiten_further(columns)
-        cross = fit.design.T @ white
-        information = fit.linear.left_over(white.T @ white, cross)
-        score = white.T @ fit.residual - cross.T @ fit.step
-        values, vectors = np.linalg.eigh(information)
-        values, square = np.maximum(values, 0.0), (vectors.T @ score) ** 2
-        gain = log_bayes_factors(values, square, WIDTHS**-2.0)
-        return float(np.logaddexp.reduce(gain)) - math.log(len(WIDTHS)), columns
-
-    def compete(term: CurveTerm, prior: str, root: np.ndarray, odds: float) -> None:
+    def compete(term: CurveTerm, known: tuple[np.ndarray, np.ndarray], prior: str, root: np.ndarray, odds: float):
         """Keep a curve where it is the best of its name."""
-        evidence, columns = judged(term, root)
-        curve = Curve(term, prior, root, columns, odds)
-        if evidence + odds > out.get(curve.name, (0.0,))[0] and curve.name not in have:
-            out[curve.name] = evidence + odds, curve
+        evidence, name = _evidence(*known, root) + odds, Curve.called(term)
+        if evidence > out.get(name, (0.0,))[0] and name not in have:
+            out[name] = evidence, term, prior, root, odds
 
     rough: list[tuple[float, CurveTerm]] = []
     tried: dict[str, int] = {}
@@ -165,16 +157,79 @@ def best_curves(problem: Problem, fit: Fit, plain: Problem, have: set[str]) -> l
         both = np.hstack([root for _, root in priors_of(term)])
         values, vectors = np.linalg.eigh(0.5 * both @ both.T)
         kept = values > 10.0 * _SMALL * values[-1]
-        rough.append((judged(term, vectors[:, kept] * np.sqrt(values[kept]))[0], term))
+        rough.append((_evidence(*linear.of(term), vectors[:, kept] * np.sqrt(values[kept])), term))
     rough.sort(key=lambda row: -row[0])
     for place, (_, coarse) in enumerate(rough[:_MOST]):
         odds = _LOG_ODDS - math.log(3 * tried[coarse.axis])
         finer = [t for n in FINER for t in terms.finer(coarse, n)] if place < _REFINED else []
         for term in (coarse, *(t for t in finer if len(t.knots) <= LONGEST)):
-            for name, root in (*priors_of(term), ("steps", steps_of(term))):
-                compete(term, name, root, odds)
+            known = linear.of(term)
+            for prior, root in (*priors_of(term), ("steps", steps_of(term))):
+                compete(term, known, prior, root, odds)
     for axis in (a for a in plain.chain.rotary if a in tried):
         odds = _LOG_ODDS - math.log(3 * tried[axis])
-        for term, stretch in itertools.product(terms.fine(axis), _STRETCHES):
-            compete(term, "teeth", teeth_of(term, fit.base.drives[axis].gear, stretch), odds)
-    return [curve for _, curve in sorted(out.values(), key=lambda row: -row[0])]
+        for term in terms.fine(axis):
+            known = linear.of(term)
+            for stretch in _STRETCHES:
+                compete(term, known, "teeth", teeth_of(term, fit.base.drives[axis].gear, stretch), odds)
+    return [
+        Curve(term, prior, root, plain.whiten([c @ root for c in term.columns]), odds)
+        for _, term, prior, root, odds in sorted(out.values(), key=lambda row: -row[0])
+    ]
+
+
+class _BesideModel:
+    """The linear problem of a curve's values at its knots beside a fitted model.
+
+    A block lies between two knots, so the columns of a curve are sparse. What is whitened twice stands for the inverse
+    covariance of the errors: with it the columns need not be whitened themselves.
+
+    Args:
+        problem: The measured tests with the whitening of the model, nothing of which is shared between tests.
+        fit: The model, whitened by ``problem``.
+    """
+
+    def __init__(self, problem: Problem, fit: Fit) -> None:
+        self.problem, self.fit, design = problem, fit, fit.design
+        self._twice: list[np.ndarray] = []
+        self._basis: list[np.ndarray] = []
+        for k, (rows, (_, own)) in enumerate(zip(problem.rows, design.blocks, strict=True)):
+            columns = np.column_stack([own, design.rest[rows], fit.residual[rows]])
+            basis = np.zeros((len(columns), 0))
+            if problem.whitening is not None:
+                columns = problem.whitening.of_test(k, columns)
+                basis = problem.whitening.shrunk(k, len(columns))
+            back = problem.filters[k].T
+            self._twice.append(back @ columns)
+            self._basis.append(back @ basis)
+
+    def of(self, term: CurveTerm) -> tuple[np.ndarray, np.ndarray]:
+        """Information (knots, knots) and score (knots,) that the data hold about a curve once the model has taken up
+        what it can.
+        """
+        m, design, n = len(term.knots), self.fit.design, self.fit.design.nuisances
+        own, cross, score = np.zeros((m, m)), np.zeros((design.shape[1], m)), np.zeros(m)
+        for k, (places, block) in enumerate(design.blocks):
+            hats = term.columns.sparse(k)
+            white, along = self.problem.filters[k] @ hats, hats.T @ self._basis[k]
+            factor = 1.0 if self.problem.whitening is None else self.problem.whitening.factor[k]
+            own += csr_array(white.T @ white).toarray() / factor**2 - along @ along.T
+            products = (hats.T @ self._twice[k]).T
+            cross[places] += products[: block.shape[1]]
+            cross[n:] += products[block.shape[1] : -1]
+            score += products[-1]
+        return self.fit.linear.left_over(own, cross), score - cross.T @ self.fit.step
+
+
+def _evidence(information: np.ndarray, score: np.ndarray, root: np.ndarray) -> float:
+    """Log evidence of a curve beside a model, averaged over its widths.
+
+    Args:
+        information: About its values at the knots, (knots, knots).
+        score: Likewise, (knots,).
+        root: Of its prior, (knots, k).
+    """
+    values, vectors = np.linalg.eigh(root.T @ information @ root)
+    square = (vectors.T @ (root.T @ score)) ** 2
+    gain = log_bayes_factors(np.maximum(values, 0.0), square, WIDTHS**-2.0)
+    return float(np.logaddexp.reduce(gain)) - math.log(len(WIDTHS))

@@ -37,6 +37,15 @@ class Whitening:
         rows = rows / self.factor[k]
         return rows - _along(*self.parts[k], rows) if self.parts else rows
 
+    def shrunk(self, k: int, n: int) -> np.ndarray:
+        """Directions of the ``n`` rows of test ``k`` along which the errors are larger, (n, j), of such lengths that
+        the inverse of their covariance is I / factor² less the products of these rows.
+        """
+        if not self.parts:
+            return np.zeros((n, 0))
+        basis, shrink = self.parts[k]
+        return basis * (np.sqrt(shrink * (2.0 - shrink)) / self.factor[k])
+
     def undone(self, k: int, rows: np.ndarray) -> np.ndarray:
         """The rows of test ``k`` from which :meth:`of_test` makes ``rows``."""
         if self.parts:

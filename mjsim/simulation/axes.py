@@ -118,6 +118,7 @@ class AxesMotion:
     def __post_init__(self) -> None:
         self.program = Program(self.test)
         self._kept: dict[str, OrderedDict] = {a: OrderedDict() for a in self.test.chain.letters}
+        self._late: OrderedDict[float, np.ndarray] = OrderedDict()
 
     @cached_property
     def time(self) -> np.ndarray:
@@ -155,9 +156,22 @@ class AxesMotion:
         n = max(substeps_of(d, STEP, 1 if same else SUBSTEPS) for d in (before, after))
         return self._motor(axis, after, every, n) - self.motor(axis, before, every, n)
 
+    def _delayed(self, delay: float) -> np.ndarray:
+        """Commands ``delay`` s late, (n, axes) m and rad: the path of a cone takes long, and derivatives ask for the
+        same one again and again.
+        """
+        if not delay:
+            return self.commands
+        if delay not in self._late:
+            self._late[delay] = self.program.commands(self.time - delay)
+        self._late.move_to_end(delay)
+        while len(self._late) > self.keep:
+            self._late.popitem(last=False)
+        return self._late[delay]
+
     def _motor(self, axis: str, drive: AxisPlant, every: int, substeps: int) -> np.ndarray:
         i = self.test.chain.index(axis)
-        r = self.commands[:, i] if not drive.delay else self.program.commands(self.time - drive.delay)[:, i]
+        r = self._delayed(drive.delay)[:, i]
         # an axis that never moves stays: the integrator holds gravity
         moved = _driven(drive, r, STEP, substeps) if self.moves[i] else r
         return np.ascontiguousarray(moved[::every])
@@ -181,6 +195,7 @@ class AxesMotion:
             axes = q[:, : plant.chain.count]
             axes += added(plant, self.test.started, time, axes, STEP, self.test.table_ball)
         if self.light:
+            self._late.clear()
             for name in ("time", "commands"):
                 vars(self).pop(name, None)
         return np.ascontiguousarray(q[:: every // fine])
