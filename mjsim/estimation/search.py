@@ -345,7 +345,8 @@ class Search:
         competing = [*model.curves]
         if curves:
             beside = model.fit if not model.curves else self._whitened_by(model, model.base)
-            competing += best_curves(model.base, beside, self.plain, {c.name for c in model.curves})
+            have = {c.name for c in model.curves}
+            competing += [c for _, c in best_curves(model.base, beside, self.plain, have)]
         levels = [model.sizes]
         if not model.leaves_nothing:
             levels += [model.sizes.times(share) for share in _LEVELS]
