@@ -345,8 +345,8 @@ class Search:
         competing = [*model.curves]
         if curves:
             beside = model.fit if not model.curves else self._whitened_by(model, model.base)
-            have = {c.name for c in model.curves}
-            competing += [c for _, c in best_curves(model.base, beside, self.plain, have)]
+            found = [c for _, c in best_curves(model.base, beside, self.plain)]
+            competing += [c for c in found if not any(map(c.is_like, model.curves))]
         levels = [model.sizes]
         if not model.leaves_nothing:
             levels += [model.sizes.times(share) for share in _LEVELS]
@@ -457,6 +457,9 @@ class Search:
             if promise > max(_LEAST, proposals.get(key, (0.0,))[0]):
                 proposals[key] = promise, chosen, level
 
+        for h in here:  # what the others have made needless
+            rest = without(here, h)
+            propose(hypotheses.levels[0][0] + hypotheses.linear.total(rest) - now, rest, 0)
         for level, (none, linear, _) in enumerate(hypotheses.levels):
             chosen = linear.best_set(hypotheses.present)
             propose(none + linear.total(chosen) - now, chosen, level)
