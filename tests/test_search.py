@@ -57,7 +57,7 @@ def real(tmp_path_factory):
 
 def test_a_curve_beside_a_model_is_that_of_columns_that_are_whitened_themselves(real):
     _, problem, machine, _ = real
-    discrepancy = Discrepancy(problem)
+    discrepancy = Discrepancy.of_tests(problem)
     factor = np.linspace(0.8, 1.3, len(problem.tests))
     white = replace(problem, whitening=discrepancy.whitening(Sizes(0.4e-6, 0.2e-6, factor)))
     fit = Fitter(white, machine).fit([], iterations=1)

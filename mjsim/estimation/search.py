@@ -205,7 +205,7 @@ class Search:
     def _begin(self, fitter: Fitter) -> None:
         """Begin with tests that have other samples left out."""
         self.fitter, self.plain = fitter, fitter.problem
-        self.discrepancy = Discrepancy(self.plain)
+        self.discrepancy = Discrepancy.of_tests(self.plain)
         self._signatures: Signatures | None = None
         self._last: tuple[Model, bool, Hypotheses] | None = None
 

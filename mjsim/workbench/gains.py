@@ -117,7 +117,7 @@ class Gains:
                 self.turn.acquire()
 
             bank.compute(candidates, done)
-            self._signatures = Signatures.of(Discrepancy(self.problem), bank)
+            self._signatures = Signatures.of(Discrepancy.of_tests(self.problem), bank)
 
     def _fitter_of_file(self) -> Fitter:
         """The fitter of the machine file's model, made once."""
