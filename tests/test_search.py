@@ -15,6 +15,7 @@ from mjsim.campaign.new import new_campaign
 from mjsim.campaign.tolerance import TYPICAL_TOLERANCE, VOLUMETRIC_TOLERANCE
 from mjsim.effects.friction import Friction
 from mjsim.effects.torque_ripple import TorqueRipple
+from mjsim.estimation.bar_search import BarSearch
 from mjsim.estimation.calibration import calibrated_effects, expected_effects
 from mjsim.estimation.combinations import combinations
 from mjsim.estimation.curve_terms import CurveTerms
@@ -26,7 +27,6 @@ from mjsim.estimation.findings import explain
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.search import Search
 from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.estimation.spectrum import sides_of, spectral_candidates, wave
 from mjsim.estimation.unknown_curves import _BesideModel
@@ -85,7 +85,7 @@ def test_what_lies_beyond_its_tolerance_is_the_finding(real):
 def test_what_is_beyond_its_tolerance_is_proposed_before_all_else(real):
     """Beside the machine of its class, whose play is held by its prior, the linear problem asks for more play."""
     _, problem, machine, _ = real
-    search = Search(Fitter(problem, machine))
+    search = BarSearch(Fitter(problem, machine))
     model = search._begun(calibrated_effects(machine))
     hypotheses = search._hypotheses(model, curves=False)
     odds, _ = hypotheses.linear.odds({})

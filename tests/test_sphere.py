@@ -309,8 +309,8 @@ def test_one_fit_of_two_set_ups_is_one_after_the_other(tmp_path, monkeypatch):
     ]
 
     def fit(campaign, known=None):
-        search = RestSearch(RestProblem.of(campaign, known), machine)
-        return search.fitted(search.first, (0.0, 0.0)).fit
+        search = RestSearch(RestProblem.of(campaign), machine, known)
+        return search._first([c.free for c in search.expected])
 
     whole, first = fit(made[0]), fit(made[1])
     then = fit(made[2], Posterior.of(first))

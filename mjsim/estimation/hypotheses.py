@@ -11,7 +11,7 @@ of many may be the one (seeds of an effect, orders of a wave, curves of an axis)
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -19,14 +19,11 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from mjsim.estimation.calibration import LIMIT_DEVIATIONS, Calibrated
-from mjsim.estimation.discrepancy import Discrepancy, LinearModel, Products, Sizes
+from mjsim.estimation.discrepancy import LinearModel, Products, Sizes
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit
 from mjsim.estimation.linear_evidence import Columns, LinearEvidence
-from mjsim.estimation.one_direction import one_direction_candidates
-from mjsim.estimation.problem import Problem
-from mjsim.estimation.signatures import Candidate, SignatureBank, feasible_share, seeds
-from mjsim.estimation.spectrum import spectral_candidates
+from mjsim.estimation.signatures import Bank, Candidate, Offer, Row, feasible_share, seeds
 from mjsim.estimation.unknown_curves import Curve
 from mjsim.machine.model import Machine
 
@@ -34,8 +31,6 @@ from mjsim.machine.model import Machine
 CAUSE = -7.0
 #: Orders that a wave of a wheel or a screw may have.
 ORDERS = 300
-#: Waves of each axis that are looked at, the best of all orders.
-_WAVES = 6
 #: Prior widths of an effect's leading entries, typical sizes; of what is beyond a tolerance, limits.
 WIDTHS, BEYOND = np.geomspace(0.1, 30.0, 7), np.array([1.0, 2.0, 4.0, 8.0, 16.0])
 #: Prior deviation of an effect's shape (a place, a width, a time constant) from its seed, typical sizes.
@@ -102,24 +97,6 @@ class Judged(NamedTuple):
     width: np.ndarray
 
 
-@dataclass(frozen=True)
-class Signatures:
-    """Signatures of the catalogue, whitened by the campaign's noise alone, and their products.
-
-    Attributes:
-        bank: The signatures.
-        products: Of its columns.
-    """
-
-    bank: SignatureBank
-    products: Products
-
-    @classmethod
-    def of(cls, discrepancy: Discrepancy, bank: SignatureBank) -> Signatures:
-        """Of a bank."""
-        return cls(bank, Products(discrepancy, bank.matrix))
-
-
 def log_odds_of(f: EffectVector, machine: Machine) -> float:
     """Logarithm of the prior odds of an effect in a model, its waves and its choice of a seed counted."""
     if f.effect.kind == "pitch_error":
@@ -168,39 +145,35 @@ class Hypotheses:
     """All hypotheses beside one fitted model, in one linear problem.
 
     Args:
-        plain: The measured tests, whitened by the campaign's noise alone.
         fit: The model.
-        design: Its columns and its residual, whitened likewise, (count, p) and (count,).
-        signatures: Of the catalogue, whitened likewise.
+        design: Its columns and its residual, whitened by the campaign's noise alone, (count, p) and (count,).
+        bank: Signatures of the catalogue, whitened likewise.
+        products: Of their columns.
         expected: Effects that a machine of the class has, by key.
-        curves: Of the model, and others that compete.
         levels: Sizes of the discrepancy at which the hypotheses are judged, the present ones first: what explains most
             of the data leaves much less than is there now.
-        only: Id of the one effect that is asked about; without it the whole catalogue.
-        further: Whether waves, whose orders are read off a spectrum, and effects in one direction of motion are looked
-            at as well.
+        curves: Of the model, and others that compete.
+        further: Gives candidates that are no seeds, with their columns, from what each of the catalogue gains, the best
+            first.
     """
 
     def __init__(
         self,
-        plain: Problem,
         fit: Fit,
         design: tuple[np.ndarray, np.ndarray],
-        signatures: Signatures,
+        bank: Bank,
+        products: Products,
         expected: Mapping[str, Calibrated],
-        curves: Sequence[Curve],
         levels: Sequence[Sizes],
-        only: str = "",
-        further: bool = True,
+        curves: Sequence[Curve] = (),
+        further: Callable[[list[Row]], Iterable[Offer]] | None = None,
     ) -> None:
-        self.fit, self.expected, self.only = fit, expected, only
-        bank = signatures.bank
+        self.fit, self.expected = fit, expected
         width, p = bank.matrix.shape[1], fit.parameters.size
         count: dict[str, int] = {}
         for c in bank.candidates:
             count[c.effect.key] = count.get(c.effect.key, 0) + 1
         inside, released, beyond = self._of_model(count)
-        beyond = [] if only else beyond
         rows = [(h, width + at) for h, at in beyond]  # columns of the model stand behind those of the catalogue
         self.released = replace(fit, effects=tuple(released))
         have = {f.effect.key: f.effect for f in fit.effects}
@@ -208,15 +181,17 @@ class Hypotheses:
             mine = have.get(c.effect.key)
             if at.stop > at.start and (mine is None or c.at_another_order(mine)):
                 rows.append((_of_candidate(c, count), np.arange(at.start, at.stop)))
-        products = signatures.products.extended(design[0])
-        linear = self._evidence(products, design, width, inside, rows, levels[-1:])[0][1]
+        products = products.extended(design[0])
         more: list[np.ndarray] = []
         place = width + p
-        catalogue = [h for h, _ in rows]
-        for c, columns in self._further(plain, bank, linear, catalogue, len(inside)) if further else ():
-            rows.append((_of_candidate(c, count), place + np.arange(columns.shape[1])))
-            more.append(columns)
-            place += columns.shape[1]
+        if further is not None:
+            odds, _ = self._evidence(products, design, width, inside, rows, levels[-1:])[0][1].odds({})
+            gains = [(2.0 * (o - h.log_odds), h.candidate) for o, (h, _) in zip(odds[len(inside) :], rows, strict=True)]
+            ranked = sorted(((g, np.zeros(0), c) for g, c in gains if c is not None), key=lambda row: -row[0])
+            for c, columns in further(ranked):
+                rows.append((_of_candidate(c, count), place + np.arange(columns.shape[1])))
+                more.append(columns)
+                place += columns.shape[1]
         for curve in curves:
             h = Hypothesis(curve.name, curve.log_odds, curve.widths, curve=curve, present=curve.present)
             rows.append((h, place + np.arange(curve.columns.shape[1])))
@@ -267,33 +242,6 @@ class Hypotheses:
                 beyond.append((h, at[entries]))
         return inside, released, beyond
 
-    def _further(
-        self, plain: Problem, bank: SignatureBank, linear: LinearEvidence, rows: list[Hypothesis], first: int
-    ) -> Iterator[tuple[Candidate, np.ndarray]]:
-        """What is not among the seeds: effects in one direction of motion, waves of other orders."""
-        fit = self.fit
-        odds, _ = linear.odds({})
-        ranked = sorted(
-            (
-                (2.0 * (odds[first + i] - h.log_odds), np.zeros(0), h.candidate)
-                for i, h in enumerate(rows)
-                if h.candidate
-            ),
-            key=lambda row: -row[0],
-        )
-        yield from one_direction_candidates(fit, bank, ranked)
-        have = {f.effect.key: f.effect for f in fit.effects}
-        for axis in fit.base.chain.letters:
-            if self.only.rpartition(".")[2] not in ("", axis):
-                continue
-            for c, columns in spectral_candidates(plain, fit, bank, axis, _WAVES):
-                if self.only not in ("", c.id):
-                    continue
-                mine = have.get(c.effect.key)
-                waves = [] if mine is None else [round(row[0]) for row in mine.values.get("components", [])]
-                if mine is None or (waves and round(c.effect.values["components"][0][0]) not in waves):
-                    yield c, columns
-
     def _evidence(
         self,
         products: Products,
@@ -315,7 +263,7 @@ class Hypotheses:
         precision, departure = parameters.precision()[always], parameters.departure(vector)[always]
         machine = self.fit.base
 
-        def bounded(h: Hypothesis):
+        def bounded(h: Hypothesis) -> Callable[[np.ndarray], bool] | None:
             c = h.candidate
             return None if c is None else lambda x: feasible_share(machine, x, c) >= 1.0
 

@@ -102,7 +102,29 @@ def feasible_share(machine: Machine, x: np.ndarray, c: Candidate) -> float:
     return max(0.0, share)
 
 
-class SignatureBank:
+class Bank:
+    """Candidates with their columns.
+
+    Attributes:
+        candidates: Of the catalogue.
+        matrix: Whitened by the campaign's noise alone, (count, n).
+        slices: Which columns are those of each candidate.
+    """
+
+    def __init__(self, candidates: list[Candidate], matrix: np.ndarray, slices: list[slice]) -> None:
+        self.candidates, self.matrix, self.slices = candidates, matrix, slices
+
+    @property
+    def own(self) -> list[np.ndarray]:
+        """Normal matrices of the candidates' columns, (k, k) each."""
+        return [self.matrix[:, s].T @ self.matrix[:, s] for s in self.slices]
+
+    def forget(self) -> None:
+        """Give back the memory of the signatures, some 100 MB for 13 tests: nobody asks for them any more."""
+        self.candidates, self.slices, self.matrix = [], [], self.matrix[:, :0].copy()
+
+
+class SignatureBank(Bank):
     """Computes whitened signatures at one fitted model and keeps them.
 
     Signatures of quasi-static effects hardly depend on what else is in the model, so one bank serves a whole diagnosis.
@@ -114,9 +136,7 @@ class SignatureBank:
         self.linearisation = Linearisation(problem, self._machine, fit.nuisance)
         self.plant, self.loads = self.linearisation.plant, self.linearisation.loads
         self._by_drive: dict[tuple, dict[int, np.ndarray]] = {}
-        self.candidates: list[Candidate] = []
-        self.matrix = np.zeros((problem.count, 0))
-        self.slices: list[slice] = []
+        super().__init__([], np.zeros((problem.count, 0)), [])
 
     def compute(self, candidates: list[Candidate], done: Callable[[], None] | None = None) -> None:
         """Compute and keep the whitened columns of all candidates."""
@@ -128,11 +148,6 @@ class SignatureBank:
         )
         self._by_drive.clear()  # few of these drives are asked for again
         self.candidates = list(candidates)
-        self.own = [self.matrix[:, s].T @ self.matrix[:, s] for s in self.slices]
-
-    def forget(self) -> None:
-        """Give back the memory of the signatures, some 100 MB for 13 tests: nobody asks for them any more."""
-        self.candidates, self.slices, self.matrix = [], [], np.zeros((self.problem.count, 0))
 
     def _matrix(self, candidates: list[Candidate], done: Callable[[], None] | None) -> np.ndarray:
         matrix = np.empty((self.problem.count, self.slices[-1].stop if self.slices else 0), order="F")

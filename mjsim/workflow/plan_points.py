@@ -116,12 +116,12 @@ def plan_points(
         approach=tuple(every.approach[i] for i in order),
     )
     rows = np.concatenate([3 * i + np.arange(3) for i in chosen])
-    white = columns[rows] / problem.noise[rows][:, None]
+    white = columns[rows] / problem.noise.deviation[rows][:, None]
     after = np.linalg.inv(np.diag(precision) + white.T @ white)
     ids = list(wanted)
     half = {i: 1.96 * math.sqrt(after[p, p]) * s for (i, p), s in zip(wanted.items(), scale, strict=True)}
     before = {i: 1.96 * s / math.sqrt(precision[wanted[i]]) for i, s in zip(ids, scale, strict=True)}
-    return PlannedPoints(test, half, before, float(problem.noise[0]), any(t.name == name for t in tests))
+    return PlannedPoints(test, half, before, float(problem.noise.deviation[0]), any(t.name == name for t in tests))
 
 
 def _candidates(test: SphereTest, farthest: dict[str, tuple[float, float]]) -> SphereTest:
@@ -176,7 +176,7 @@ def _linear(campaign: Campaign, machine: Machine, every: SphereTest):
 def _greedy(columns, precision, wanted, scale, problem: RestProblem, count: int) -> list[int]:
     """The points that are taken, one after the other, (count,): each place, side and spindle at most once."""
     n = len(columns) // 3
-    white = (columns / problem.noise[:, None]).reshape(n, 3, -1)
+    white = (columns / problem.noise.deviation[:, None]).reshape(n, 3, -1)
     covariance = np.diag(1.0 / precision)
     places = np.array(list(wanted.values()))
     weight = precision[places]  # uncertainty in units of the class
