@@ -9,6 +9,7 @@ of ISO 14253-1: with a probability of 95 %.
 
 from __future__ import annotations
 
+import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -34,7 +35,7 @@ from mjsim.estimation.problem import Problem
 from mjsim.estimation.search import D, Found, Model, Search, with_curves
 from mjsim.estimation.shares import Calibration, calibrations, parts_of
 from mjsim.estimation.unexplained import Unexplained, describe
-from mjsim.estimation.unknown_curves import FINER, LONGEST, Curve
+from mjsim.estimation.unknown_curves import FINER, LONGEST, Curve, best_curves
 from mjsim.estimation.vibration import Separated
 from mjsim.machine.chain import is_rotary
 from mjsim.progress import Progress, silent
@@ -43,6 +44,8 @@ from mjsim.units import DEG, UM
 #: Probability from which something is a finding: with which ISO 14253-1 takes it for proven that a number is beyond its
 #: limit. The set of names that is told for a finding has the same.
 FINDING = TOLD = 0.95
+#: Curves that are fitted in the place of the one of an unknown cause, those of largest evidence.
+_OTHERS = 3
 #: How often something else may take a finding's place.
 _SWAPS = 3
 #: Points of the normal distribution by which sizes of waves are judged.
@@ -340,8 +343,32 @@ class _BarReader(Reader[Problem]):
         problem = with_curves(self.model.base, [c for c in curves if c is not curve])
         fitter = Fitter(problem, fit.base)
         alone = fitter.fit(fit.effects, start=fit, exact=True, iterations=0, fresh=False)
-        moved, term, _ = fit_beside_simple(fitter, alone, _with_enough_knots(problem, alone, curve.term))
-        return describe(problem, moved, term), large, moved
+        (best, probability), *others = self._terms(problem, alone, curve)
+        moved, term, _ = fit_beside_simple(fitter, alone, best)
+        others = [(t, large * p) for t, p in others]
+        return describe(problem, moved, term, large * probability, others), large, moved
+
+    def _terms(self, problem: Problem, beside: Fit, curve: Curve) -> list[tuple[CurveTerm, float]]:
+        """What an unknown cause may act on and depend on, with probabilities, the likeliest first: the fewest that hold
+        the truth with the probability of what is told. Each in the simplest shape, with the knots that it needs.
+
+        Args:
+            problem: The tests with the whitening of the model without the curve.
+            beside: The model without the curve, whitened by ``problem``.
+            curve: Of the model.
+        """
+        others = (c for _, c in best_curves(problem, beside, self.search.plain) if c.name != curve.name)
+        rows: dict[tuple, tuple[float, CurveTerm]] = {}
+        for c in (curve, *itertools.islice(others, _OTHERS)):
+            objective, term = _with_enough_knots(problem, beside, c.term)
+            key, evidence = (term.axis, term.moves, term.variable), c.log_odds - 0.5 * objective
+            if key not in rows or evidence > rows[key][0]:  # one variable with another period is the same answer
+                rows[key] = evidence, term
+        ranked = sorted(rows.values(), key=lambda row: -row[0])
+        shares = np.exp([e - ranked[0][0] for e, _ in ranked])
+        shares /= shares.sum()
+        told = int(np.searchsorted(np.cumsum(shares), TOLD)) + 1
+        return [(term, float(p)) for (_, term), p in zip(ranked[:told], shares[:told], strict=True)]
 
     def _values(self, fit: Fit) -> Iterator[tuple[Curve, tuple[np.ndarray, np.ndarray]]]:
         """Every curve of the model with its values at the knots and their standard deviations, all fitted together."""
@@ -375,12 +402,15 @@ class _BarReader(Reader[Problem]):
         return (1.0 if limit == 0.0 else 0.5 * float(erfc(-beyond / math.sqrt(2.0)))), beyond
 
 
-def _with_enough_knots(problem: Problem, fit: Fit, term: CurveTerm) -> CurveTerm:
-    """A curve with the number of knots of largest evidence in the simplest shape: a step lies between two of them."""
+def _with_enough_knots(problem: Problem, fit: Fit, term: CurveTerm) -> tuple[float, CurveTerm]:
+    """A curve with the number of knots of largest evidence in the simplest shape, and its -2 log evidence: a step lies
+    between two of them.
+    """
     terms = CurveTerms(problem, fit)
     shape = partial(simplest_shape, closed=term.period is not None)
     finer = [t for n in FINER for t in terms.finer(term, n) if len(t.knots) <= LONGEST]
-    return min((term, *finer), key=lambda t: Together(fit, problem.whiten(t.columns), 1.0, shape).objective)
+    rows = [(Together(fit, problem.whiten(t.columns), 1.0, shape).objective, t) for t in (term, *finer)]
+    return min(rows, key=lambda row: row[0])
 
 
 def _radius_beyond(centre: np.ndarray, covariance: np.ndarray, limit: float) -> float:

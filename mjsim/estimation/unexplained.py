@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,8 @@ class Unexplained:
         curve: knots of the variable, the empirical term there and its standard deviation (file units: mm, °, m/s ...
             and µm or °).
         labels: of the curve's two axes. left: RMS of what remains beyond the empirical term, m.
+        probability: that there is such a cause, larger than a machine of its class may have, on these axes and with
+            this variable. alternatives: what else it may be: axes, variable, probability.
         source: text of an effect file in that form. effect_file, plot: where they were written, if they were.
     """
 
@@ -40,6 +43,8 @@ class Unexplained:
     curve: tuple[np.ndarray, np.ndarray, np.ndarray]
     labels: tuple[str, str]
     left: float = 0.0
+    probability: float = 1.0
+    alternatives: tuple[tuple[tuple[str, ...], str, float], ...] = ()
     source: str = ""
     effect_file: str | None = None
     plot: str | None = None
@@ -57,6 +62,11 @@ class Unexplained:
             "period": self.period,
             "rms_um": round(self.rms / UM, 4),
             "left_um": round(self.left / UM, 4),
+            "probability": round(self.probability, 4),
+            "alternatives": [
+                {"axes": list(axes), "variable": variable, "probability": round(p, 4)}
+                for axes, variable, p in self.alternatives
+            ],
             "tests": list(self.tests),
             "largest_at_phi_deg": [round(a, 1) for a in self.angles],
             "summary": self.summary,
@@ -73,18 +83,28 @@ _WORDS = {
     "torque": "motor's torque",
     "time_since_reversal": "time since its last reversal",
 }
+#: Unit of the knots of times since a reversal.
+_LOG_SECONDS = "log₁₀ s"
 #: Most steps, bends or waves of a curve that are told (assumed).
 _MOST_TOLD = 3
 _MOVED = {**dict.fromkeys(TABLE, "the table"), RADIAL: "the table along the ball's radius"}
 
 
-def describe(problem: Problem, fit: Fit, term: CurveTerm) -> Unexplained:
+def describe(
+    problem: Problem,
+    fit: Fit,
+    term: CurveTerm,
+    probability: float = 1.0,
+    others: Sequence[tuple[CurveTerm, float]] = (),
+) -> Unexplained:
     """A fitted term in words, with its curve and its effect file.
 
     Args:
         problem: The measured tests.
         fit: The model that was fitted together with the term.
         term: With its coefficients.
+        probability: That such a cause is larger than the class allows, and acts and depends on what the term does.
+        others: What else it may be, with probabilities.
     """
     # what the nuisances cannot take up
     parts = unabsorbed(problem, fit, [c @ term.coefficients for c in term.columns])
@@ -114,28 +134,49 @@ def describe(problem: Problem, fit: Fit, term: CurveTerm) -> Unexplained:
     power = np.sum([(c**2).sum(axis=0) for c in term.columns], axis=0)
     reached = power > 1e-4 * power.max()
     curve = x, np.where(reached, size * factor, np.nan), spread_of * term.unit * factor  # nan: no test goes there
-    source_of = (
-        f"depends on the {term.axis} axis' {_WORDS[term.variable]}" if term.axis else "follows the campaign's clock"
-    )
-    what = _MOVED.get(term.moves, f"the {term.moves} axis")
-    acts = (
-        f"acts on {what} and {source_of}"
-        if term.axis != term.moves
-        else f"acts on the {term.axis} axis and depends on its {_WORDS[term.variable]}"
-    )
     repeats = f", repeating every {period:.4g} {x_label.rsplit('[', 1)[-1].rstrip(']')}" if period else ""
     most = f", most in {shows[0]} near φ = {where[0]:.0f}°" if shows else ""
+    or_else = " or ".join(f"{_acts(t)} ({100 * p:.0f} %)" for t, p in others)
     summary = (
-        f"Something that is not in the catalogue {acts}{repeats}: {rms / UM:.2f} µm RMS in the readings{most}; "
+        f"Something that is not in the catalogue {_acts(term)}{repeats}: {rms / UM:.2f} µm RMS in the readings{most}; "
         f"{left / UM:.2f} µm stay after an empirical curve of that form."
         + shape_in_words(term, x, factor, x_label, y_unit)
+        + (f" That is {100 * probability:.0f} % sure; these tests leave open that it {or_else}." if or_else else "")
     )
     axes = term.axes or (term.moves,)
+    alternatives = tuple((t.axes or (t.moves,), t.variable, p) for t, p in others)
     # numbers of the model, such as a location error, go with the level of a curve that was fitted with them
     fitted = bridged(term, term.coefficients * term.unit, reached)
     source = effect_source(problem.chain, term, fitted, summary, f"{_stem(axes)}.py")
-    labels = (x_label, f"displacement of {what} [{y_unit}]")
-    return Unexplained(axes, term.variable, period, rms, shows, where, summary, curve, labels, left, source)
+    labels = (x_label, f"displacement of {_moved(term)} [{y_unit}]")
+    return Unexplained(
+        axes,
+        term.variable,
+        period,
+        rms,
+        shows,
+        where,
+        summary,
+        curve,
+        labels,
+        left,
+        probability,
+        alternatives,
+        source,
+    )
+
+
+def _moved(term: CurveTerm) -> str:
+    """What a term displaces."""
+    return _MOVED.get(term.moves, f"the {term.moves} axis")
+
+
+def _acts(term: CurveTerm) -> str:
+    """What a term acts on, and on what it depends."""
+    if term.axis == term.moves:
+        return f"acts on the {term.axis} axis and depends on its {_WORDS[term.variable]}"
+    on = f"depends on the {term.axis} axis' {_WORDS[term.variable]}" if term.axis else "follows the campaign's clock"
+    return f"acts on {_moved(term)} and {on}"
 
 
 def bridged(term: CurveTerm, values: np.ndarray, reached: np.ndarray) -> np.ndarray:
@@ -166,6 +207,8 @@ def shape_in_words(term: CurveTerm, knots: np.ndarray, factor: float, label: str
     step, closed = knots[1] - knots[0], term.period is not None
 
     def at(place: float) -> str:
+        if x_unit == _LOG_SECONDS:
+            return f"{10.0 ** (knots[0] + place * step):.3g} s"
         return f"{knots[0] + place * step:.4g}{'' if x_unit == '°' else ' '}{x_unit}"
 
     if term.shape == "waves" and 0 < len(found := orders(curve)) <= _MOST_TOLD:
@@ -209,7 +252,7 @@ def _file_units(term: CurveTerm, fit: Fit, harmonic: float) -> tuple[np.ndarray,
         "velocity": (1 / DEG, "°/s") if rotary else (60e3, "mm/min"),
         "acceleration": (1 / DEG, "°/s²") if rotary else (1e3, "mm/s²"),
         "torque": (1.0, "N·m"),
-        "time_since_reversal": (1.0, "log₁₀ s"),
+        "time_since_reversal": (1.0, _LOG_SECONDS),
         "clock_time": (1.0, "s"),
     }.get(term.variable, (1 / DEG, "°") if rotary else (1e3, "mm"))
     label = f"{term.axis} axis: {_WORDS[term.variable]} [{unit}]" if term.axis else f"campaign clock [{unit}]"

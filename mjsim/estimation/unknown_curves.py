@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from mjsim.estimation.curve_waves import radial_curves
 from mjsim.estimation.evidence import log_bayes_factors
 from mjsim.estimation.fit import Fit
 from mjsim.estimation.problem import Problem
+from mjsim.estimation.whitening import Whitening
 
 #: Logarithm of the prior odds that an axis has a cause that is in no catalogue.
 _LOG_ODDS = -7.0
@@ -130,11 +131,12 @@ def _root(covariance: np.ndarray) -> np.ndarray:
     return vectors[:, kept] * np.sqrt(values[kept])
 
 
-def best_curves(problem: Problem, fit: Fit, plain: Problem, have: set[str]) -> list[Curve]:
-    """Curves of largest evidence beside a model, the best first, each with the prior that explains most.
+def best_curves(problem: Problem, fit: Fit, plain: Problem, have: Collection[str] = ()) -> list[tuple[float, Curve]]:
+    """Curves of largest evidence beside a model, the best first, each with the prior that explains most: log posterior
+    odds and curve.
 
     Args:
-        problem: The measured tests with the whitening of the model but for its curves.
+        problem: The measured tests with the whitening of the model but for curves that are to compete.
         fit: The model, whitened by ``problem``.
         plain: The same tests whitened by the campaign's noise alone.
         have: Names of curves that the model has.
@@ -173,8 +175,8 @@ def best_curves(problem: Problem, fit: Fit, plain: Problem, have: set[str]) -> l
             for stretch in _STRETCHES:
                 compete(term, known, "teeth", teeth_of(term, fit.base.drives[axis].gear, stretch), odds)
     return [
-        Curve(term, prior, root, plain.whiten([c @ root for c in term.columns]), odds)
-        for _, term, prior, root, odds in sorted(out.values(), key=lambda row: -row[0])
+        (found, Curve(term, prior, root, plain.whiten([c @ root for c in term.columns]), odds))
+        for found, term, prior, root, odds in sorted(out.values(), key=lambda row: -row[0])
     ]
 
 
@@ -185,23 +187,29 @@ class _BesideModel:
     covariance of the errors: with it the columns need not be whitened themselves.
 
     Args:
-        problem: The measured tests with the whitening of the model, nothing of which is shared between tests.
+        problem: The measured tests with the whitening of the model.
         fit: The model, whitened by ``problem``.
     """
 
     def __init__(self, problem: Problem, fit: Fit) -> None:
         self.problem, self.fit, design = problem, fit, fit.design
+        whitening = problem.whitening or Whitening(np.ones(len(problem.tests)))
+        blocks = zip(problem.rows, design.blocks, strict=True)
+        columns = [np.column_stack([own, design.rest[at], fit.residual[at]]) for at, (_, own) in blocks]
+        shared = np.zeros((problem.count, 0))
+        if whitening.shared:  # then the nuisances of all tests are in the columns of each
+            both = whitening.of_all(np.vstack(columns))
+            columns, (basis, shrink) = [both[at] for at in problem.rows], whitening.shared
+            shared = basis * np.sqrt(shrink * (2.0 - shrink))
+        self._factor = whitening.factor
         self._twice: list[np.ndarray] = []
         self._basis: list[np.ndarray] = []
-        for k, (rows, (_, own)) in enumerate(zip(problem.rows, design.blocks, strict=True)):
-            columns = np.column_stack([own, design.rest[rows], fit.residual[rows]])
-            basis = np.zeros((len(columns), 0))
-            if problem.whitening is not None:
-                columns = problem.whitening.of_test(k, columns)
-                basis = problem.whitening.shrunk(k, len(columns))
+        self._shared: list[np.ndarray] = []
+        for k, at in enumerate(problem.rows):
             back = problem.filters[k].T
-            self._twice.append(back @ columns)
-            self._basis.append(back @ basis)
+            self._twice.append(back @ whitening.of_test(k, columns[k]))
+            self._basis.append(back @ whitening.shrunk(k, len(columns[k])))
+            self._shared.append(back @ whitening.of_test(k, shared[at]))
 
     def of(self, term: CurveTerm) -> tuple[np.ndarray, np.ndarray]:
         """Information (knots, knots) and score (knots,) that the data hold about a curve once the model has taken up
@@ -209,15 +217,17 @@ class _BesideModel:
         """
         m, design, n = len(term.knots), self.fit.design, self.fit.design.nuisances
         own, cross, score = np.zeros((m, m)), np.zeros((design.shape[1], m)), np.zeros(m)
+        together = np.zeros((m, self._shared[0].shape[1]))
         for k, (places, block) in enumerate(design.blocks):
             hats = term.columns.sparse(k)
             white, along = self.problem.filters[k] @ hats, hats.T @ self._basis[k]
-            factor = 1.0 if self.problem.whitening is None else self.problem.whitening.factor[k]
-            own += csr_array(white.T @ white).toarray() / factor**2 - along @ along.T
+            own += csr_array(white.T @ white).toarray() / self._factor[k] ** 2 - along @ along.T
+            together += hats.T @ self._shared[k]
             products = (hats.T @ self._twice[k]).T
             cross[places] += products[: block.shape[1]]
             cross[n:] += products[block.shape[1] : -1]
             score += products[-1]
+        own -= together @ together.T
         return self.fit.linear.left_over(own, cross), score - cross.T @ self.fit.step
 
 
