@@ -74,16 +74,16 @@ class SampleNoise:
 
     @property
     def rms(self) -> float:
-        """Of one value, SI."""
-        return float(np.sqrt(np.mean(self.deviation**2)))
+        """Of a usual value, SI; values may have different units."""
+        return float(np.median(self.deviation))
 
 
 @dataclass(frozen=True)
 class RestProblem:
-    """Measured tests of one instrument that measures while the machine stands still.
+    """Measured tests of instruments that measure while the machine stands still.
 
     Attributes:
-        campaign: The tests of this instrument alone.
+        campaign: The tests of these instruments alone.
         stops: Where the machine stands, by test.
         value: Measured, all tests and channels one after another, (m,) SI.
         noise: Of each.
@@ -115,38 +115,40 @@ class RestProblem:
         """The measured tests of a campaign.
 
         Args:
-            campaign: The tests of one instrument.
+            campaign: Its tests are all of instruments that measure at rest.
             settings: What counts as testable and as open.
         """
-        instrument = INSTRUMENTS[campaign.tests[0].instrument]
         tests = campaign.measured
         stops: dict[str, Stops] = {}
         values, noises, places, channels, rows = [], [], [], [], []
+        numbers: dict[tuple[str, str], int] = {}  # of channels: the same one in several tests
         for t in tests:
-            recording = campaign.traces[t.name]
+            instrument, recording = INSTRUMENTS[t.instrument], campaign.traces[t.name]
+            data = campaign.instruments[t.instrument]
             seen, found = instrument.observe(t, recording), instrument.stops(t, recording)
             assert found is not None and seen.valid.all()
             stops[t.name] = found
             n, k = seen.value.shape
             values.append(seen.value.ravel())
-            noises.append(np.tile(instrument.noise(t, recording, campaign.instrument), n))
+            noises.append(np.tile(instrument.noise(t, recording, data), n))
             first = found.at[:, 0]
             where = np.hstack([found.route[first], found.route[np.maximum(first - 1, 0)]])
             places.append(np.repeat(where, k, axis=0))
-            channels.append(np.tile(np.arange(k), n))
-            rows.append((t, instrument.nuisances_of(t, recording, seen.time, campaign.instrument)))
+            mine = [numbers.setdefault((t.instrument, c.name), len(numbers)) for c in instrument.channels(t)]
+            channels.append(np.tile(mine, n))
+            rows.append((t, instrument.nuisances_of(t, recording, seen.time, data)))
         blocks: dict[str, tuple[str, ...]] = {}
         for t, n in rows:
             own = tuple(name for name in n.names if name not in n.shared)
-            blocks.setdefault(f"set-up {t.setup}", own)
-            blocks.setdefault(instrument.noun, n.shared)
+            for block, labels in ((f"set-up {t.setup}", own), (INSTRUMENTS[t.instrument].noun, n.shared)):
+                blocks[block] = tuple(dict.fromkeys([*blocks.get(block, ()), *labels]))
         # a fit asks for no more of the ball bar's blocks than that they are blocks
         nuisances = Nuisances(tuple(Block.normal(name, labels) for name, labels in blocks.items() if labels))
         units, parts = np.zeros(nuisances.size), []
         for t, n in rows:
             part = np.zeros((n.columns.shape[0] * n.columns.shape[1], nuisances.size))
             for i, name in enumerate(n.names):
-                at = nuisances.place(instrument.noun if name in n.shared else f"set-up {t.setup}", name)
+                at = nuisances.place(INSTRUMENTS[t.instrument].noun if name in n.shared else f"set-up {t.setup}", name)
                 units[at] = n.spread[i]
                 part[:, at] = n.columns[:, :, i].ravel() * n.spread[i]
             parts.append(part)
@@ -173,9 +175,11 @@ class RestProblem:
 
     @cached_property
     def discrepancy(self) -> Discrepancy:
-        """What the values may show that is in no model; what another instrument has found is as sure as it says."""
-        scale = np.outer(self.noise.deviation, self.noise.deviation)
-        basis, slow, fast = [np.eye(len(self.value))], [self.smooth / scale], [self.same / scale]
+        """What the values may show that is in no model. Its sizes are those of a value with the usual noise; of others
+        it has in proportion. What another instrument has found is as sure as it says.
+        """
+        usual = self.noise.rms**2
+        basis, slow, fast = [np.eye(len(self.value))], [self.smooth / usual], [self.same / usual]
         if self.known is not None:
             further = len(self.known.root)
             basis.append(np.eye(further))
@@ -206,13 +210,11 @@ class RestProblem:
     def readings(self, machine: Machine) -> np.ndarray:
         """What an ideal instrument shows of a machine, (m,) SI."""
         plant = build(machine)
-        instrument = INSTRUMENTS[self.campaign.tests[0].instrument]
-        return np.concatenate(
-            [
-                instrument.reading(t, standing(plant, self.stops[t.name], t.name), plant.geometry).ravel()
-                for t in self.campaign.measured
-            ]
-        )
+        out = []
+        for t in self.campaign.measured:
+            stood = standing(plant, self.stops[t.name], t.name)
+            out.append(INSTRUMENTS[t.instrument].reading(t, stood, plant.geometry).ravel())
+        return np.concatenate(out)
 
     def columns_of(self, machine: Machine, f: EffectVector, base: np.ndarray) -> np.ndarray:
         """Derivatives of the readings by the entries of an effect, (m, n) SI per typical size.
@@ -484,11 +486,13 @@ class RestReader(Reader[RestProblem]):
     def _parts(self, fit: Fit) -> dict[str, np.ndarray]:
         p = self.model.problem
         design, _ = self.search.discrepancy.plain(fit, p.whitening)
-        columns, index = design[: len(p.value)] * p.noise.deviation[:, None], np.arange(fit.parameters.size)
+        design, noise = design[: len(p.value)], p.noise.deviation
+        # what the set-up would take of it, with its priors
+        set_up = LeastSquares.of_design(p.nuisances, p.columns / noise[:, None])
         out = {}
         for f in fit.effects:
-            part = columns[:, index[fit.parameters[f.block.name]]] @ (f.vector - f.off)
-            out[f.effect.key] = part - p.columns @ np.linalg.lstsq(p.columns, part, rcond=1e-8)[0]
+            part = design[:, fit.parameters[f.block.name]] @ (f.vector - f.off)
+            out[f.effect.key] = part * noise - p.columns @ set_up.solve(p.columns.T @ (part / noise))
         return out
 
     def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit]:
