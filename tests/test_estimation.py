@@ -199,9 +199,10 @@ def test_a_wave_of_order_1_stands_in_the_place_of_a_windup():
         waves = [r for r in spectral_candidates(problem, fit, bank, "A") if r[0].id == "pitch_error.A"]
         return [w for c, w in waves if c.effect.values["components"][0][0] == 1.0]
 
-    ((gain, x),) = Projector(without).gains(first_orders(without))
+    (wave,) = first_orders(without)
+    gain, x = Projector(without).gain(wave)
     other = Candidate(windup, mine.names)
-    ((same, y),) = Projector(without).gains([problem.whiten(bank.columns(other))])
+    same, y = Projector(without).gain(problem.whiten(bank.columns(other)))
     assert gain == pytest.approx(same, rel=1e-3)
     assert np.hypot(*x) == pytest.approx(np.hypot(*y), rel=1e-3)
     assert first_orders(fitter.fit([], exact=False, iterations=1)) == []

@@ -187,7 +187,7 @@ class Hypotheses:
         if further is not None:
             odds, _ = self._evidence(products, design, width, inside, rows, levels[-1:])[0][1].odds({})
             gains = [(2.0 * (o - h.log_odds), h.candidate) for o, (h, _) in zip(odds[len(inside) :], rows, strict=True)]
-            ranked = sorted(((g, np.zeros(0), c) for g, c in gains if c is not None), key=lambda row: -row[0])
+            ranked = sorted(((gain, c) for gain, c in gains if c is not None), key=lambda row: -row[0])
             for c, columns in further(ranked):
                 rows.append((_of_candidate(c, count), place + np.arange(columns.shape[1])))
                 more.append(columns)

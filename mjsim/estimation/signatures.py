@@ -48,9 +48,9 @@ class Candidate:
         return "order" not in self.names and self.effect.values.get("order") != present.values.get("order")
 
 
-#: A candidate with its whitened columns (count, k), and one with the gain and the coefficients (k,) of these.
+#: A candidate with its whitened columns (count, k), and one with the gain of these.
 Offer = tuple[Candidate, np.ndarray]
-Row = tuple[float, np.ndarray, Candidate]
+Row = tuple[float, Candidate]
 
 
 def seeds(machine: Machine) -> list[Candidate]:
@@ -277,39 +277,7 @@ class Projector:
 
     def gain(self, columns: np.ndarray) -> tuple[float, np.ndarray]:
         """Fall of the objective if the columns were fitted as well, and the coefficients (k,)."""
-        return _solve(*self.normal(columns))
-
-    def gains(self, columns: list[np.ndarray]) -> list[tuple[float, np.ndarray]]:
-        """:meth:`gain` of several candidates, each by itself; the design, which is large, is gone through once."""
-        if not columns:
-            return []
-        together = np.hstack(columns)
-        cross = self.design.T @ together
-        reduced, score = self.equations.solve(cross), together.T @ self.residual - cross.T @ self.step
-        ends = np.cumsum([0, *(c.shape[1] for c in columns)])
-        return [
-            _solve(c.T @ c - cross[:, a:b].T @ reduced[:, a:b], score[a:b])
-            for c, (a, b) in zip(columns, pairwise(ends), strict=True)
-        ]
-
-    def rows(self, offers: list[Offer]) -> list[Row]:
-        """:meth:`gains` of candidates, with the candidate of each."""
-        gains = self.gains([columns for _, columns in offers])
-        return [(*gain, c) for gain, (c, _) in zip(gains, offers, strict=True)]
-
-    def screen(self, bank: SignatureBank) -> list[Row]:
-        """Gain and coefficients of every candidate of the bank, best first."""
-        cross = self.design.T @ bank.matrix
-        reduced = self.equations.solve(cross)
-        score = bank.matrix.T @ self.residual - cross.T @ self.step
-        out = []
-        for c, s, own in zip(bank.candidates, bank.slices, bank.own, strict=True):
-            gain, x = _solve(own - cross[:, s].T @ reduced[:, s], score[s])
-            out.append((gain, x, c))
-        return sorted(out, key=lambda row: -row[0])
-
-
-def _solve(matrix: np.ndarray, score: np.ndarray) -> tuple[float, np.ndarray]:
-    ridge = 1e-9 * np.trace(matrix) / len(matrix) + 1e-6
-    x = np.linalg.solve(matrix + ridge * np.eye(len(matrix)), score)
-    return float(score @ x), x
+        matrix, score = self.normal(columns)
+        ridge = 1e-9 * np.trace(matrix) / len(matrix) + 1e-6
+        x = np.linalg.solve(matrix + ridge * np.eye(len(matrix)), score)
+        return float(score @ x), x
