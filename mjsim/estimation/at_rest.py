@@ -261,18 +261,12 @@ class Known:
             posterior: Of the other instrument.
             keys: Of the effects; the others are marginalised.
         """
-        ends = np.cumsum([0, *(len(f.vector) for f in posterior.effects)])
-        mine = [
-            (f, range(a, b))
-            for f, a, b in zip(posterior.effects, ends[:-1], ends[1:], strict=True)
-            if f.effect.key in keys
-        ]
+        mine = [(f, at) for f, at in posterior.blocks if f.effect.key in keys]
         if not mine:
             return None
-        places = np.concatenate([at for _, at in mine])
         blocks = [f.block for f, _ in mine]
         own = np.concatenate([np.where(b.informative, 1.0, 0.0) / b.deviation**2 for b in blocks])
-        covariance = posterior.covariance[np.ix_(places, places)]
+        covariance = posterior.part([i for _, at in mine for i in at])
         whole = np.linalg.inv(0.5 * (covariance + covariance.T))
         values, vectors = np.linalg.eigh(whole - np.diag(own))
         kept = values > 1e-6 * max(float(values.max()), 1.0)

@@ -10,15 +10,15 @@ decided by the ball bar before; the points add causes, and do not take these bac
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
+from itertools import chain
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.at_rest import RestProblem, explain_at_rest
 from mjsim.estimation.findings import Explained
-from mjsim.estimation.fit import Fit
-from mjsim.estimation.outcome import Found, verdict_of
+from mjsim.estimation.outcome import verdict_of
 from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest
@@ -29,18 +29,16 @@ from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 from mjsim.units import UM
-from mjsim.workflow.any_instrument import PlainComparison, compare_plainly, refuse_mistakes
+from mjsim.workflow.any_instrument import compare_plainly, refuse_mistakes
 from mjsim.workflow.ball_bar.compare import compare_bars
 from mjsim.workflow.diagnosis import AtRest, Diagnosis
-from mjsim.workflow.finding import DiagnosedEffect
+from mjsim.workflow.finding import DiagnosedEffect, findings_of, ladder_of
 
 #: What a diagnosis with both says of itself.
 _JOINT = (
     "Numbers that both instruments see are fitted to both together: the ball-bar tests enter as the normal "
     "distribution of the numbers that they determine. Causes that the ball bar has found are kept."
 )
-#: Most findings that get a comparison of their own; smaller ones share the last.
-_RUNGS = 3
 
 
 @one_blas_thread
@@ -77,7 +75,11 @@ def diagnose_at_rest(
     )
     progress("comparing", 0, 1)
     before, after = compare_plainly(points, machine), compare_plainly(points, final)
-    effects, rungs = _findings(points, machine, found, before, after)
+    tests = tuple(t.name for t in points.measured)
+    findings = findings_of(found.selection, SphereTest.instrument, lambda key: tests)
+    effects, rungs = ladder_of(
+        findings, found.calibration, machine, (before, after), lambda m, _: compare_plainly(points, m)
+    )
     rest = AtRest(
         before,
         after,
@@ -111,35 +113,6 @@ def diagnose_at_rest(
         discrepancy=rest.left,
         at_rest=rest,
     )
-
-
-def _findings(
-    campaign: Campaign, machine: Machine, found: Explained[RestProblem], before: PlainComparison, after: PlainComparison
-) -> tuple[tuple[DiagnosedEffect, ...], tuple[PlainComparison, ...]]:
-    """Findings with the errors before and after each, and the comparisons between."""
-    fit = found.selection.fit
-    of_key = {f.effect.key: f for f in fit.effects}
-    expected = machine.with_effects(c.effect.effect for c in found.calibration)
-    rungs = [before]
-    if found.calibration and found.selection.found:
-        rungs = [compare_plainly(campaign, expected)]
-    for i in range(1, min(len(found.selection.found), _RUNGS)):
-        part = expected.with_effects(of_key[f.key].effect for f in found.selection.found[:i])
-        rungs.append(compare_plainly(campaign, part))
-    last = len(rungs) - 1
-    rungs += [after] * max(1, len(found.selection.found) - last)
-    effects = []
-    for i, f in enumerate(found.selection.found):
-        rms = rungs[min(i, last)].rms, rungs[i + 1].rms
-        effects.append(_finding(f, fit, rms, tuple(t.name for t in campaign.measured)))
-    return tuple(effects), tuple(rungs)
-
-
-def _finding(f: Found, fit: Fit, rms: tuple[float, float], tests: tuple[str, ...]) -> DiagnosedEffect:
-    free = next(x for x in fit.effects if x.effect.key == f.key)
-    ci = free.interval(free.vector, fit.covariance_of(free))
-    made = DiagnosedEffect(free.effect, free.names, ci, *rms, f.alternatives, tests, f.gain)
-    return replace(made, probability=f.probability, others=f.others, found_by=SphereTest.instrument)
 
 
 def _set_up(found: Explained[RestProblem]) -> dict[str, tuple[float, tuple[float, float]]]:
@@ -233,16 +206,8 @@ def _both(first: Posterior | None, second: Posterior) -> Posterior:
     if first is None:
         return second
     ours = {f.effect.key for f in second.effects}
-    places: list[int] = []
-    effects = []
-    ends = np.cumsum([0, *(len(f.vector) for f in first.effects)])
-    for f, (a, b) in zip(first.effects, pairwise(ends.tolist()), strict=True):
-        if f.effect.key not in ours:
-            effects.append(f)
-            places += range(a, b)
-    places += range(int(ends[-1]), len(first.covariance))  # the data sheet: points say nothing about it
-    own = first.covariance[np.ix_(places, places)]
-    n, k = sum(len(f.vector) for f in second.effects), len(own)
-    covariance = np.zeros((n + k, n + k))
-    covariance[:n, :n], covariance[n:, n:] = second.covariance[:n, :n], own
-    return Posterior((*second.effects, *effects), covariance)
+    others = [(f, at) for f, at in first.blocks if f.effect.key not in ours]
+    # points say nothing about the data sheet
+    own, mine = first.part([*chain.from_iterable(at for _, at in others), *first.sheet]), second.sheet.start
+    covariance = np.array(block_diag(second.covariance[:mine, :mine], own))
+    return Posterior((*second.effects, *(f for f, _ in others)), covariance)
