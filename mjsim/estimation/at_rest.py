@@ -173,6 +173,12 @@ class RestProblem:
             settings,
         )
 
+    @property
+    def rows(self) -> list[slice]:
+        """Rows of the values, and of what another instrument has found."""
+        m = len(self.value)
+        return [slice(0, m)] if self.known is None else [slice(0, m), slice(m, m + len(self.known.root))]
+
     @cached_property
     def discrepancy(self) -> Discrepancy:
         """What the values may show that is in no model. Its sizes are those of a value with the usual noise; of others
@@ -193,7 +199,7 @@ class RestProblem:
 
     def whiten_further(self, rows: np.ndarray) -> np.ndarray:
         """Rows (count,) or (count, k) over the noise, with all of the whitening."""
-        return rows if self.whitening is None else self.whitening.of_rows(self.discrepancy.rows, rows)
+        return rows if self.whitening is None else self.whitening.of_rows(self.rows, rows)
 
     def in_noise(self, columns: np.ndarray, known: np.ndarray | None = None) -> np.ndarray:
         """Rows over the noise, (count, k).
@@ -354,7 +360,7 @@ class RestFitter:
         rest = p.value - base - p.columns @ fit.nuisance
         known = None if p.known is None else np.column_stack(p.known.rows(fit))
         white = p.whiten_further(p.in_noise(np.column_stack([columns, rest]), known))
-        blocks = [(np.arange(n), white[at, :n]) for at in p.discrepancy.rows]
+        blocks = [(np.arange(n), white[at, :n]) for at in p.rows]
         design, residual = Design(blocks, n, white[:, n:-1]), white[:, -1]
         squares = float(residual @ residual)
         made = replace(fit, residual=residual, design=design, sum_squares=squares, readings=(base,))
