@@ -392,6 +392,12 @@ class RestSearch(Search[RestProblem]):
     def run(self) -> Found[RestProblem]:
         """The best model."""
         model = self._searched(self._begun(self.expected))
+        # few values seldom decide between a cause and a discrepancy by the odds of a step: the likelier is taken
+        hypotheses = self._hypotheses(model, curves=False)
+        sets = [(none, linear, linear.best_set(hypotheses.present)) for none, linear, _ in hypotheses.levels]
+        level = int(np.argmax([none + linear.total(chosen) for none, linear, chosen in sets]))
+        trial = self._fitted(model, hypotheses, sets[level][-1], level)
+        model = max(model, trial, key=lambda m: m.evidence)
         start = RestFitter(replace(self.plain, known=None), self.machine).fit([])
         return Found(start, model, self.signatures_at(model)[0], self.trail)
 
@@ -451,7 +457,10 @@ class RestSearch(Search[RestProblem]):
     def misfit(self, model: Model[RestProblem]) -> float:
         """Probability that a discrepancy is there, whatever the sizes and the causes are."""
         noise, factor = self.plain.noise.rms, np.ones(len(self.discrepancy.basis))
-        grid = [Sizes(s * noise, r * noise, factor) for s in _SIZES for r in _SIZES]
+        _, left = self.discrepancy.plain(model.fit, model.problem.whitening)
+        most = 2.0 * float(np.sqrt(np.mean(left[self.discrepancy.rows[0]] ** 2)))  # none is larger than what is left
+        sizes = [size for size in _SIZES if size <= most]
+        grid = [Sizes(s * noise, r * noise, factor) for s in sizes for r in sizes]
         hypotheses = self._beside(model, grid, curves=False)
         sets = [{}, self._widths(hypotheses)]
 

@@ -16,15 +16,16 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from mjsim.estimation.calibration import LIMIT_DEVIATIONS, Calibrated
-from mjsim.estimation.discrepancy import LinearModel, Products, Sizes
+from mjsim.estimation.discrepancy import LinearModel, Products, Sizes, marginalised
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit
+from mjsim.estimation.least_squares import ridge_solution
 from mjsim.estimation.linear_evidence import Columns, LinearEvidence
 from mjsim.estimation.signatures import Bank, Candidate, Offer, Row, feasible_share, seeds
 from mjsim.estimation.unknown_curves import Curve
+from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 
 #: Logarithm of the prior odds of one cause.
@@ -97,13 +98,21 @@ class Judged(NamedTuple):
     width: np.ndarray
 
 
+def prior_log_odds(effect: Effect, tried: int) -> float:
+    """Logarithm of the prior odds of an effect, or of one wave of a pitch error.
+
+    Args:
+        effect: As it may be there.
+        tried: How many seeds of it are tried.
+    """
+    choices = ORDERS if effect.kind == "pitch_error" else max(tried, 1)
+    return CAUSE - math.log(choices) - math.log(2.0) * bool(effect.values.get("direction"))
+
+
 def log_odds_of(f: EffectVector, machine: Machine) -> float:
     """Logarithm of the prior odds of an effect in a model, its waves and its choice of a seed counted."""
-    if f.effect.kind == "pitch_error":
-        missing = [wave for wave, _ in entries_of(f) if not _is_given(f, wave, machine)]
-        return len(missing) * (CAUSE - math.log(ORDERS))
-    tried = sum(c.effect.id == f.effect.id for c in seeds(machine))
-    return CAUSE - math.log(max(tried, 1)) - math.log(2.0) * bool(f.effect.values.get("direction"))
+    missing = [wave for wave, _ in entries_of(f) if not _is_given(f, wave, machine)]
+    return len(missing) * prior_log_odds(f.effect, sum(c.effect.id == f.effect.id for c in seeds(machine)))
 
 
 def with_prior_of_size(f: EffectVector) -> EffectVector:
@@ -125,13 +134,6 @@ def _is_given(f: EffectVector, wave: int | None, machine: Machine) -> bool:
     if wave is None or present is None:
         return False
     return f.effect.values["components"][wave][0] in [row[0] for row in present.values["components"]]
-
-
-def _of_candidate(c: Candidate, count: Mapping[str, int]) -> Hypothesis:
-    """The hypothesis that an effect is there which the model does not have."""
-    tried = ORDERS if c.effect.kind == "pitch_error" else count.get(c.effect.key, 1)
-    odds = CAUSE - math.log(tried) - math.log(2.0) * bool(c.effect.values.get("direction"))
-    return Hypothesis(c.effect.key, odds, WIDTHS, candidate=c)
 
 
 def entries_of(f: EffectVector) -> list[tuple[int | None, np.ndarray]]:
@@ -180,7 +182,8 @@ class Hypotheses:
         for c, at in zip(bank.candidates, bank.slices, strict=True):
             mine = have.get(c.effect.key)
             if at.stop > at.start and (mine is None or c.at_another_order(mine)):
-                rows.append((_of_candidate(c, count), np.arange(at.start, at.stop)))
+                odds = prior_log_odds(c.effect, count[c.effect.key])
+                rows.append((Hypothesis(c.effect.key, odds, WIDTHS, candidate=c), np.arange(at.start, at.stop)))
         products = products.extended(design[0])
         more: list[np.ndarray] = []
         place = width + p
@@ -189,7 +192,9 @@ class Hypotheses:
             gains = [(2.0 * (o - h.log_odds), h.candidate) for o, (h, _) in zip(odds[len(inside) :], rows, strict=True)]
             ranked = sorted(((gain, c) for gain, c in gains if c is not None), key=lambda row: -row[0])
             for c, columns in further(ranked):
-                rows.append((_of_candidate(c, count), place + np.arange(columns.shape[1])))
+                odds = prior_log_odds(c.effect, count.get(c.effect.key, 1))
+                h = Hypothesis(c.effect.key, odds, WIDTHS, candidate=c)
+                rows.append((h, place + np.arange(columns.shape[1])))
                 more.append(columns)
                 place += columns.shape[1]
         for curve in curves:
@@ -226,14 +231,14 @@ class Hypotheses:
                 for wave, entries in entries_of(f):
                     if _is_given(f, wave, fit.base):
                         continue
-                    odds = CAUSE - math.log(ORDERS if wave is not None else count.get(f.effect.key, 1))
+                    odds = prior_log_odds(f.effect, count.get(f.effect.key, 1))
                     inside.append((Hypothesis(f.effect.key, odds, WIDTHS, f, wave, entries, present=True), at[entries]))
                 continue
             mean, deviation, own = mine.prior_of(f)
             released.append(f.with_prior(mean, deviation))
             for wave, entries in entries_of(f):
                 if not own[entries].all():
-                    odds = CAUSE - math.log(ORDERS)
+                    odds = prior_log_odds(f.effect, 1)
                     inside.append((Hypothesis(f.effect.key, odds, WIDTHS, f, wave, entries, present=True), at[entries]))
                     continue
                 limit = LIMIT_DEVIATIONS * deviation[entries]
@@ -281,16 +286,11 @@ class Hypotheses:
             gram, score, square, log_det = model.normal(sizes)
             gram, score = gram[np.ix_(places, places)] * np.outer(scale, scale), score[places] * scale
             n = len(always)
-            factor = cho_factor(gram[:n, :n] + np.diag(precision), lower=True)
-            pull = score[:n] - precision * departure
+            none, step = marginalised(gram[:n, :n], score[:n], square, log_det, precision, departure)
             cross = gram[:n, n:]
-            reduced = cho_solve(factor, cross)
-            left = gram[n:, n:] - cross.T @ reduced
-            flexibility = 2.0 * np.log(np.diag(factor[0])).sum() - np.log(precision).sum()
-            rest = square + precision @ departure**2 - pull @ cho_solve(factor, pull)
-            none = -0.5 * float(rest + log_det + flexibility) + sizes.log_prior
-            linear = LinearEvidence(0.5 * (left + left.T), score[n:] - reduced.T @ pull, groups)
-            out.append((none, linear, sizes))
+            left = gram[n:, n:] - cross.T @ ridge_solution(gram[:n, :n], cross, precision)
+            linear = LinearEvidence(0.5 * (left + left.T), score[n:] - cross.T @ step, groups)
+            out.append((none + sizes.log_prior, linear, sizes))
         return out
 
     @property
