@@ -25,6 +25,7 @@ from mjsim.campaign.machine_file import machine_of
 from mjsim.estimation import signatures
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.mistakes.checked_problem import trusted_problem
+from mjsim.estimation.testability import detection_limits
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.resources import examples
 from mjsim.machine.model import build
@@ -170,7 +171,7 @@ def growth(bare: float) -> tuple[list[Row], list[Curve]]:
 
 @one_blas_thread
 def candidates() -> tuple[tuple[int, ...], tuple[float, ...], int]:
-    """Numbers of candidates, the seconds that their signatures and first ranking take on all cores, and the steps
+    """Numbers of candidates, the seconds that their signatures and detection limits take on all cores, and the steps
     of one simulation.
     """
     with example() as folder:
@@ -184,7 +185,7 @@ def candidates() -> tuple[tuple[int, ...], tuple[float, ...], int]:
             begin = time.perf_counter()
             bank = signatures.SignatureBank(fitter.problem, start)
             bank.compute(some)
-            signatures.Projector(start).screen(bank)
+            detection_limits(signatures.Projector(start), bank)
             counts.append(len(some))
             seconds.append(time.perf_counter() - begin)
     return tuple(counts), tuple(seconds), n

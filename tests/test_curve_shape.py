@@ -13,6 +13,7 @@ from mjsim.estimation.curve_terms import CurveTerm, hats
 from mjsim.estimation.least_squares import LeastSquares
 from mjsim.estimation.parameters import Block, Parameters
 from mjsim.estimation.unexplained import shape_in_words
+from mjsim.estimation.unknown_curves import WIDTHS
 from mjsim.units import DEG
 
 K, ROWS, TURN = 48, 2400, 2.0 * np.pi
@@ -86,7 +87,7 @@ def test_the_evidence_of_a_shape_is_its_marginal_likelihood(seed):
     cov = np.eye(len(y)) + parts @ np.diag(1.0 / shape.precision) @ parts.T
     none, some = y @ y, np.linalg.slogdet(cov)[1] + y @ np.linalg.solve(cov, y)
     count = len(changes(SHAPES["steps"]))
-    prior = -count * np.log(K - 1)  # of where the step is
+    prior = -count * (np.log(K - 1) + np.log(len(WIDTHS)))  # of where the step is, and of its width
     assert shape.name == "steps" and shape.log_evidence == pytest.approx(0.5 * (none - some) + prior, abs=0.1)
 
 

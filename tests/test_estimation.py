@@ -9,12 +9,12 @@ from noisy_traces import CIRCLE, coloured, samples
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.effects import registry
+from mjsim.estimation.bar_search import BarSearch
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.findings import explain
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.mistakes.checked_problem import trusted_problem
 from mjsim.estimation.samples import GRID, Samples
-from mjsim.estimation.search import Search
 from mjsim.estimation.signatures import Candidate, Projector, SignatureBank, feasible_share
 from mjsim.estimation.spectrum import spectral_candidates
 from mjsim.estimation.vibration import separate
@@ -147,7 +147,7 @@ def hide(problem, machine, effect):
 def test_the_shape_of_a_cause_is_fitted_to_the_end(hidden, name, close):
     problem, machine = healthy("cone45-centre-ccw", "circle-xy-ccw", "circle-xy-cw", "circle-yz-ccw")
     hide(problem, machine, hidden)
-    (found,) = Search(Fitter(problem, machine)).run(1).model.fit.effects
+    (found,) = BarSearch(Fitter(problem, machine)).run(1).model.fit.effects
     assert found.effect.id == hidden.id
     assert found.effect.values[name] == pytest.approx(hidden.values[name], abs=close)
 
@@ -157,7 +157,7 @@ def test_how_soon_sticking_fades_is_fitted():
     problem, machine = healthy("cone45-centre-ccw", "circle-xy-ccw", "circle-xy-cw", "circle-yz-ccw")
     hidden = machine.effect("friction.Y").replaced(static_ratio=1.8, stribeck_velocity_rad_per_s=0.1)
     hide(problem, machine, hidden)
-    (found,) = Search(Fitter(problem, machine)).run(1).model.fit.effects
+    (found,) = BarSearch(Fitter(problem, machine)).run(1).model.fit.effects
     assert found.effect.id == "friction.Y"
     assert found.effect.values["static_ratio"] == pytest.approx(1.8, rel=0.1)
     assert found.effect.values["stribeck_velocity_rad_per_s"] == pytest.approx(0.1, rel=0.1)
@@ -167,7 +167,7 @@ def test_the_waves_of_the_machine_file_stay_where_another_is_missing():
     problem, machine = healthy("cone45-centre-ccw", "rotary-a-tangential-ccw", "rotary-a-tangential-cw")
     known = registry.make("pitch_error.A", components=[[72.0, 0.002, 30.0]])
     hide(problem, machine, known.replaced(components=[[72.0, 0.002, 30.0], [180.0, 0.0006, -40.0]]))
-    (found,) = Search(Fitter(problem, machine.with_effect(known))).run(1).model.fit.effects
+    (found,) = BarSearch(Fitter(problem, machine.with_effect(known))).run(1).model.fit.effects
     waves = {round(order): (size, phase) for order, size, phase in found.effect.values["components"]}
     assert waves.keys() == {72, 180}
     assert waves[72] == pytest.approx((0.002, 30.0), rel=0.02)
@@ -210,9 +210,10 @@ def test_a_wave_of_order_1_stands_in_the_place_of_a_windup():
         waves = [r for r in spectral_candidates(problem, fit, bank, "A") if r[0].id == "pitch_error.A"]
         return [w for c, w in waves if c.effect.values["components"][0][0] == 1.0]
 
-    ((gain, x),) = Projector(without).gains(first_orders(without))
+    (wave,) = first_orders(without)
+    gain, x = Projector(without).gain(wave)
     other = Candidate(windup, mine.names)
-    ((same, y),) = Projector(without).gains([problem.whiten(bank.columns(other))])
+    same, y = Projector(without).gain(problem.whiten(bank.columns(other)))
     assert gain == pytest.approx(same, rel=1e-3)
     assert np.hypot(*x) == pytest.approx(np.hypot(*y), rel=1e-3)
     assert first_orders(fitter.fit([], exact=False, iterations=1)) == []

@@ -28,7 +28,7 @@ def tests():
 def drawn(tests, slow, fast, seed):
     """Rows of both tests in units of the noise: white noise, and a discrepancy of these sizes (m)."""
     rng, out = np.random.default_rng(seed), []
-    d = Discrepancy(tests)
+    d = Discrepancy.of_tests(tests)
     for k, s in enumerate(tests.samples):
         lower = np.linalg.cholesky(d.covariance(k, slow, fast, 1.0) + 1e-12 * np.eye(d.basis[k].shape[1]))
         out.append(rng.standard_normal(len(s.centre)) + d.basis[k] @ (lower @ rng.standard_normal(len(lower))))
@@ -69,7 +69,7 @@ def test_a_test_with_more_noise_than_the_others_is_given_more(tests):
 
 
 def test_whitened_rows_have_independent_errors_of_variance_one(tests):
-    d = Discrepancy(tests)
+    d = Discrepancy.of_tests(tests)
     sizes = Sizes(0.5e-6, 0.2e-6, np.array([1.0, 1.3]))
     whitening = d.whitening(sizes)
     column = np.random.default_rng(1).standard_normal((sum(map(len, d.basis)), 2))

@@ -15,6 +15,7 @@ from mjsim.campaign.new import new_campaign
 from mjsim.campaign.tolerance import TYPICAL_TOLERANCE, VOLUMETRIC_TOLERANCE
 from mjsim.effects.friction import Friction
 from mjsim.effects.torque_ripple import TorqueRipple
+from mjsim.estimation.bar_search import BarSearch
 from mjsim.estimation.calibration import calibrated_effects, expected_effects
 from mjsim.estimation.combinations import combinations
 from mjsim.estimation.curve_terms import CurveTerms
@@ -22,11 +23,11 @@ from mjsim.estimation.data_sheet import DATA_SHEET, calibrated, data_sheet
 from mjsim.estimation.discrepancy import Discrepancy, Sizes
 from mjsim.estimation.disturbances import without_disturbances
 from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.findings import _Reader, explain
+from mjsim.estimation.findings import _BarReader, explain
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.search import Found, Model, Search, with_curves
+from mjsim.estimation.search import Found, Model, with_curves
 from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.estimation.spectrum import sides_of, spectral_candidates, wave
 from mjsim.estimation.unknown_curves import Curve, _BesideModel, priors_of
@@ -58,7 +59,7 @@ def real(tmp_path_factory):
 
 def test_a_curve_beside_a_model_is_that_of_columns_that_are_whitened_themselves(real):
     _, problem, machine, _ = real
-    discrepancy = Discrepancy(problem)
+    discrepancy = Discrepancy.of_tests(problem)
     factor = np.linspace(0.8, 1.3, len(problem.tests))
     white = replace(problem, whitening=discrepancy.whitening(Sizes(0.4e-6, 0.2e-6, factor)))
     fit = Fitter(white, machine).fit([], iterations=1)
@@ -76,14 +77,14 @@ def test_the_level_of_a_curve_is_not_held_for_its_size(real):
     """Set-up and locations can take up the level, which is then known badly; its shape is not."""
     _, problem, machine, _ = real
     white = replace(
-        problem, whitening=Discrepancy(problem).whitening(Sizes(0.4e-6, 0.2e-6, np.ones(len(problem.tests))))
+        problem, whitening=Discrepancy.of_tests(problem).whitening(Sizes(0.4e-6, 0.2e-6, np.ones(len(problem.tests))))
     )
     fit = Fitter(white, machine).fit([], iterations=1)
     term = next(t for t in CurveTerms(problem, fit).own() if t.axis == "C" and t.variable == "position")
     root = next(root for name, root in priors_of(term) if name == "smooth")
     curve = Curve(term, "smooth", root, problem.whiten([c @ root for c in term.columns]), 0.0, width=2.0)
     model = Model({}, fit, with_curves(white, [curve]), Sizes(0.4e-6, 0.2e-6, np.ones(len(problem.tests))), (curve,))
-    ((_, (values, spread)),) = _Reader(None, Found(fit, model, None), silent)._values(fit)
+    ((_, (values, spread)),) = _BarReader(None, Found(fit, model, None), silent)._values(fit)
     columns = 2.0 * white.whiten([c @ root for c in term.columns])
     cross = fit.design.T @ columns
     information = columns.T @ columns - cross.T @ np.linalg.solve(fit.linear.precision, cross) + np.eye(root.shape[1])
@@ -108,7 +109,7 @@ def test_what_lies_beyond_its_tolerance_is_the_finding(real):
 def test_what_is_beyond_its_tolerance_is_proposed_before_all_else(real):
     """Beside the machine of its class, whose play is held by its prior, the linear problem asks for more play."""
     _, problem, machine, _ = real
-    search = Search(Fitter(problem, machine))
+    search = BarSearch(Fitter(problem, machine))
     model = search._begun(calibrated_effects(machine))
     hypotheses = search._hypotheses(model, curves=False)
     odds, _ = hypotheses.linear.odds({})

@@ -11,12 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.estimation.evidence import Group, LinearProblem, best_precision, log_evidence, select
+from mjsim.estimation.linear_evidence import Columns, LinearEvidence
+from mjsim.estimation.unknown_curves import WIDTHS
 
-#: Largest prior precision of a curve, over the trace of its information: next to nothing of the curve is left.
-_NONE = 1e6
-#: Steps of the selection after which a shape is not simple (assumed): each adds a change, or gives one another width.
-_FEW = 60
 #: Share of the largest change or wave of a curve below which another is not told (assumed).
 _NOTABLE = 0.05
 
@@ -39,15 +36,15 @@ class CurveShape:
 
 
 def free_shape(information: np.ndarray, score: np.ndarray) -> CurveShape:
-    """All coefficients equally likely to be large, with the width of largest evidence.
+    """All coefficients equally likely to be large.
 
     Args:
         information: That the data hold about the coefficients beside the model, (k, k).
         score: Product of the columns with the residual beside the model, (k,).
     """
-    precision, gain = best_precision(information, score)
-    precision = min(precision, _NONE * np.trace(information))
-    return CurveShape("free", np.eye(len(score)), np.full(len(score), precision), gain)
+    k = len(score)
+    (odds,), (width,) = LinearEvidence(information, score, [Columns("free", np.arange(k), 0.0, WIDTHS)]).odds({})
+    return CurveShape("free", np.eye(k), np.full(k, width**-2.0), float(odds))
 
 
 def simplest_shape(information: np.ndarray, score: np.ndarray, closed: bool) -> CurveShape:
@@ -92,13 +89,18 @@ def _few(
     score: np.ndarray,
 ) -> CurveShape:
     """The shape of the few ``columns`` that the data need."""
-    problem = LinearProblem(columns.T @ information @ columns, columns.T @ score)
+    columns = columns / np.abs(columns).max(axis=0)
     odds = -np.log(max(len(together) - everywhere, 1))  # any of the others may be the one
-    groups = [Group(f"{name} {j}", at, 0.0 if j < everywhere else odds) for j, at in enumerate(together)]
-    needed = select(problem, groups, steps=_FEW)
-    widths = [np.full(len(together[j]), a) for j, a in needed.precision.items()]
-    precision = np.concatenate(widths) if widths else np.zeros(0)
-    return CurveShape(name, columns[:, needed.columns], precision, log_evidence(problem, groups, needed))
+    linear = LinearEvidence(
+        columns.T @ information @ columns,
+        columns.T @ score,
+        [Columns(f"{name} {j}", at, 0.0 if j < everywhere else odds, WIDTHS) for j, at in enumerate(together)],
+    )
+    needed = linear.improved({})
+    places = np.concatenate([np.zeros(0, int), *(together[j] for j in needed)])
+    widths = [np.full(len(together[j]), width) for j, width in needed.items()]
+    precision = np.concatenate([np.zeros(0), *widths]) ** -2.0
+    return CurveShape(name, columns[:, places], precision, linear.total(needed))
 
 
 def changes(curve: np.ndarray, closed: bool = False) -> list[tuple[float, float]]:

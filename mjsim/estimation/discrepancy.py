@@ -19,7 +19,7 @@ The rest of the package sees all this as whitening (:mod:`mjsim.estimation.white
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -88,24 +88,33 @@ class Sizes:
 
 
 class Discrepancy:
-    """The discrepancy of every test of a problem.
+    """The discrepancy of every test.
 
     Args:
-        problem: The measured tests, whitened by the campaign's noise alone.
+        basis: Per test an orthonormal basis (n, m) of what it may look like in rows that are whitened by the campaign's
+            noise alone.
+        slow: Per test the covariance along that basis of what changes slowly, over the square of its size, (m, m).
+        fast: The same of what changes fast.
     """
 
-    def __init__(self, problem: Problem) -> None:
-        self.problem = problem
-        self.basis: list[np.ndarray] = []
-        self._triangle: list[np.ndarray] = []
+    def __init__(self, basis: Sequence[np.ndarray], slow: Sequence[np.ndarray], fast: Sequence[np.ndarray]) -> None:
+        self.basis, self._slow, self._fast = tuple(basis), tuple(slow), tuple(fast)
+        self.rows = [slice(a, b) for a, b in pairwise(np.cumsum([0, *map(len, self.basis)]).tolist())]
+
+    @classmethod
+    def of_tests(cls, problem: Problem) -> Discrepancy:
+        """That of ball-bar tests: harmonics of the path angle.
+
+        Args:
+            problem: The measured tests, whitened by the campaign's noise alone.
+        """
+        bases, slow, fast = [], [], []
         for k, s in enumerate(problem.samples):
             basis, triangle = np.linalg.qr(problem.whiten_test(k, _harmonics(s.centre, revolution_time(s.test))))
-            self.basis.append(basis)
-            self._triangle.append(triangle)
-        self.rows = [slice(a, b) for a, b in pairwise(np.cumsum([0, *map(len, self.basis)]).tolist())]
-        slow = np.concatenate([_spectrum(*_SLOW), _DRIFT])
-        fast = np.concatenate([_spectrum(*_FAST), 0.0 * _DRIFT])
-        self._slow, self._fast = slow, fast
+            bases.append(basis)
+            slow.append((triangle * np.concatenate([_spectrum(*_SLOW), _DRIFT])) @ triangle.T)
+            fast.append((triangle * np.concatenate([_spectrum(*_FAST), 0.0 * _DRIFT])) @ triangle.T)
+        return cls(bases, slow, fast)
 
     @property
     def tests(self) -> Iterator[tuple[np.ndarray, slice]]:
@@ -114,8 +123,7 @@ class Discrepancy:
 
     def covariance(self, k: int, slow: float, fast: float, factor: float) -> np.ndarray:
         """Covariance of the discrepancy along the basis of test ``k`` over that of its noise, (m, m)."""
-        variance = (slow / factor) ** 2 * self._slow + (fast / factor) ** 2 * self._fast
-        return (self._triangle[k] * variance) @ self._triangle[k].T
+        return (slow / factor) ** 2 * self._slow[k] + (fast / factor) ** 2 * self._fast[k]
 
     def whitening(self, sizes: Sizes) -> Whitening:
         """The whitening with a discrepancy of these sizes."""

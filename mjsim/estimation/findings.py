@@ -11,14 +11,16 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol
+from typing import Generic
 
 import numpy as np
 from scipy.special import erfc
 
+from mjsim.estimation.bar_search import BarSearch
 from mjsim.estimation.calibration import LIMIT_DEVIATIONS, Calibrated
 from mjsim.estimation.combinations import Combination, combinations
 from mjsim.estimation.curve_fit import Together, fit_beside_simple
@@ -30,8 +32,8 @@ from mjsim.estimation.hypotheses import entries_of, log_odds_of
 from mjsim.estimation.outcome import Found as FoundEffect
 from mjsim.estimation.outcome import Selection, verdict_of
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.search import Found, Model, Search, with_curves
-from mjsim.estimation.shares import Calibration, calibrations
+from mjsim.estimation.search import D, Found, Model, Search, with_curves
+from mjsim.estimation.shares import Calibration, calibrations, parts_of
 from mjsim.estimation.unexplained import Unexplained, describe
 from mjsim.estimation.unknown_curves import FINER, LONGEST, Curve, best_curves
 from mjsim.estimation.vibration import Separated
@@ -72,11 +74,11 @@ class Verdicts:
 
 
 @dataclass(frozen=True)
-class Explained:
+class Explained(Generic[D]):
     """What the data say.
 
     Attributes:
-        data: The tests that the search ended on.
+        data: What the search ended on.
         selection: The model, and its findings in the order of their contribution.
         unexplained: A cause that is in no catalogue.
         calibration: Effects of a machine of its class that are no findings.
@@ -84,10 +86,10 @@ class Explained:
         combinations: Sums of numbers that the tests determine.
         verdict: ``identified``, ``ambiguous``, ``unknown`` or ``nothing_found``, by what is a finding.
         verdicts: Probabilities of all.
-        discrepancy: RMS in a test of what repeats and is in no model, m.
+        discrepancy: RMS of what repeats and is in no model, m.
     """
 
-    data: Problem
+    data: D
     selection: Selection
     unexplained: Unexplained | None
     calibration: tuple[Calibration, ...]
@@ -98,7 +100,7 @@ class Explained:
     discrepancy: float
 
 
-def explain(separated: Separated, progress: Progress = silent, most: int | None = None) -> Explained:
+def explain(separated: Separated, progress: Progress = silent, most: int | None = None) -> Explained[Problem]:
     """What is missing from the model of a machine.
 
     Args:
@@ -106,17 +108,8 @@ def explain(separated: Separated, progress: Progress = silent, most: int | None 
         progress: Called as work gets on.
         most: Most findings that are named; without it all.
     """
-    search = Search(Fitter(separated.problem, separated.machine), progress)
-    return _Reader(search, search.run(most), progress).read(most)
-
-
-class Alternative(Protocol):
-    """A model with something else in the place of a cause."""
-
-    @property
-    def fit(self) -> Fit: ...
-    @property
-    def evidence(self) -> float: ...
+    search = BarSearch(Fitter(separated.problem, separated.machine), progress)
+    return _BarReader(search, search.run(most), progress).read(most)
 
 
 class ClassSizes:
@@ -138,7 +131,7 @@ class ClassSizes:
         return out
 
     def findings(
-        self, fit: Fit, rivals_of: Mapping[str, Sequence[tuple[str, Alternative]]], evidence: float
+        self, fit: Fit, rivals_of: Mapping[str, Sequence[tuple[str, Model]]], evidence: float
     ) -> list[FoundEffect]:
         """Every effect of a model with the probability that it is larger than its class allows.
 
@@ -154,7 +147,7 @@ class ClassSizes:
             rivals = rivals_of.get(key, [])
             logs = np.array([0.0, *(m.evidence - evidence for _, m in rivals)])
             shares = np.exp(logs - np.logaddexp.reduce(logs))
-            others: dict[str, tuple[float, Alternative]] = {}
+            others: dict[str, tuple[float, Model]] = {}
             for (effect_id, m), share in zip(rivals, shares[1:], strict=True):
                 if share > others.get(effect_id, (0.0,))[0] and effect_id != f.effect.id:
                     others[effect_id] = float(share), m
@@ -242,38 +235,69 @@ class ClassSizes:
         return Verdicts(rest * small, identified, (1.0 - sure) * (1.0 - clear), sure * unknown)
 
 
-class _Reader:
-    """Reads findings out of a search."""
+class Reader(ABC, Generic[D]):
+    """Reads findings out of a search.
 
-    def __init__(self, search: Search, found: Found, progress: Progress) -> None:
+    Args:
+        search: That has ended.
+        found: Its outcome.
+        progress: Called as work gets on.
+    """
+
+    def __init__(self, search: Search[D], found: Found[D], progress: Progress) -> None:
         self.search, self.found, self.progress = search, found, progress
 
     @property
-    def model(self) -> Model:
+    def model(self) -> Model[D]:
         """The best model so far."""
         return self.found.model
 
     @property
-    def problem(self) -> Problem:
-        """The tests with its whitening."""
-        return self.model.problem
-
-    @property
-    def expected(self) -> dict[str, Calibrated]:
-        """What a machine of its class has, by key."""
-        return self.model.expected
-
-    @property
     def of_class(self) -> ClassSizes:
         """Sizes against what a machine of its class has."""
-        return ClassSizes(self.expected)
+        return ClassSizes(self.model.expected)
 
-    def read(self, most: int | None) -> Explained:
+    @abstractmethod
+    def _parts(self, fit: Fit) -> dict[str, np.ndarray]:
+        """What each effect adds to the readings that the set-up cannot take up, by key, (m,) SI."""
+
+    @abstractmethod
+    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit]:
+        """The unknown cause that is farthest beyond its class, where it is a finding; the probability that it is larger
+        than its class allows; the model fitted beside it.
+        """
+
+    def _resolves(self, f: EffectVector) -> bool:
+        """Whether the data tell an effect from others of its kind."""
+        return True
+
+    def _verdict(
+        self, named: list[FoundEffect], rows: list[FoundEffect], shown: Collection[str], unknown: float, has_rest: bool
+    ) -> tuple[str, Verdicts]:
+        """The verdict, and the probabilities of all.
+
+        Args:
+            named: Findings.
+            rows: All effects of the model.
+            shown: Keys of those of which the data say more than the tolerance.
+            unknown: Probability of a cause that is in no catalogue.
+            has_rest: Whether it is a finding.
+        """
+        verdict = verdict_of((bool(r.others) for r in named), has_rest)
+        return verdict, self.of_class.verdicts(named, rows, unknown)
+
+    def read(self, most: int | None) -> Explained[D]:
+        """What the data say.
+
+        Args:
+            most: Most findings that are named; without it all.
+        """
         fit, rivals = self.model.fit, {}
         for _ in range(_SWAPS):
-            fitter = Fitter(self.problem, self.model.fit.base)
+            fitter = self.search.fitter.with_problem(self.model.problem)
             fit = fitter.fit(self.model.fit.effects, start=self.model.fit, exact=True, iterations=3, fresh=False)
-            rivals = self._rivals(fit)
+            large = {key for key, p in self.of_class.sizes(fit).items() if p >= FINDING}
+            rivals = self.search.rivals_of(self.model, large)
             best = max((m for row in rivals.values() for _, m in row), key=lambda m: m.evidence, default=self.model)
             if best.evidence <= self.model.evidence:
                 break
@@ -282,34 +306,32 @@ class _Reader:
         unexplained, unknown, fit = self._unknown(fit)
         rows = self.of_class.findings(fit, rivals, self.model.evidence)
         self.progress("shares of the error", 0, 1)
-        named = [r for r in rows if r.whole >= FINDING]
+        coarse = {f.effect.key for f in fit.effects if not self._resolves(f)}
+        named = [r for r in rows if r.whole >= FINDING and r.key not in coarse]
         named = sorted(named, key=lambda r: -r.gain)[:most]
         excess = {f.effect.key: self.of_class.excess(f) for f in fit.effects}
         keys = {r.key for r in named}
         inside = [self.of_class.in_class(f) for f in fit.effects if f.effect.key not in keys]
-        entries, shares = calibrations(self.problem, fit, inside)
+        settings = self.model.problem.settings
+        entries, shares = calibrations(self._parts(fit), fit, inside, settings.observable)
+        entries = tuple(replace(c, observable=c.observable and c.effect.effect.key not in coarse) for c in entries)
         explained = self.found.start.sum_squares - fit.sum_squares
         named = [replace(r, gain=max(shares.get(r.key, 0.0) * explained, 0.0)) for r in named]
         named.sort(key=lambda r: (-excess[r.key], -r.gain))
         selection = Selection(self.found.start, fit, named, self.found.bank, self.found.trail)
-        verdicts = self.of_class.verdicts(named, rows, unknown)
-        verdict = verdict_of((bool(r.others) for r in named), unexplained is not None)
-        sums, left = combinations(fit, self.problem.settings), self.model.sizes.rms
-        return Explained(self.problem, selection, unexplained, entries, shares, sums, verdict, verdicts, left)
+        shown = keys | {c.effect.effect.key for c in entries if c.observable}
+        verdict, verdicts = self._verdict(named, rows, shown, unknown, unexplained is not None)
+        sums, left = combinations(fit, settings), self.model.sizes.rms
+        return Explained(self.model.problem, selection, unexplained, entries, shares, sums, verdict, verdicts, left)
 
-    # -- sizes ---------------------------------------------------------------------------------------------------------
 
-    def _rivals(self, fit: Fit) -> dict[str, list[tuple[str, Model]]]:
-        """What could stand in the place of each finding."""
-        large = {key for key, p in self.of_class.sizes(fit).items() if p >= FINDING}
-        return self.search.rivals_of(self.model, large)
+class _BarReader(Reader[Problem]):
+    """Reads findings out of a search on ball-bar tests."""
 
-    # -- unknown causes ------------------------------------------------------------------------------------------------
+    def _parts(self, fit: Fit) -> dict[str, np.ndarray]:
+        return parts_of(self.model.problem, fit)
 
     def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit]:
-        """The unknown cause that is farthest beyond its class, where it is a finding; the probability that it is larger
-        than its class allows; the model fitted beside it.
-        """
         curves = self.model.curves
         if not curves:
             return None, 0.0, fit
@@ -372,10 +394,10 @@ class _Reader:
         """
         size, spread = np.abs(values) * term.unit, np.maximum(spread, 1e-9) * term.unit
         limit = 0.0
-        if self.expected:
+        if self.model.expected:
             chain, kind = self.model.fit.base.chain, "backlash" if term.signed else "pitch_error"
             moves = term.moves if term.moves in chain.letters else chain.linear[0]
-            expected = self.expected.get(f"{kind}.{moves}")
+            expected = self.model.expected.get(f"{kind}.{moves}")
             if expected is not None:
                 limit = next(iter(expected.limits.values())) * (DEG if is_rotary(moves) else UM)
         beyond = float(np.max((size - limit) / spread))

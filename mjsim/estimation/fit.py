@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -135,7 +136,7 @@ class Fitter:
 
     def fit(
         self,
-        effects: list[EffectVector] | tuple[EffectVector, ...],
+        effects: Sequence[EffectVector],
         start: Fit | None = None,
         iterations: int = 6,
         exact: bool = True,

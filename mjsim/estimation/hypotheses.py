@@ -11,31 +11,27 @@ of many may be the one (seeds of an effect, orders of a wave, curves of an axis)
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from mjsim.estimation.calibration import LIMIT_DEVIATIONS, Calibrated
-from mjsim.estimation.discrepancy import Discrepancy, LinearModel, Products, Sizes
+from mjsim.estimation.discrepancy import LinearModel, Products, Sizes, marginalised
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit
+from mjsim.estimation.least_squares import ridge_solution
 from mjsim.estimation.linear_evidence import Columns, LinearEvidence
-from mjsim.estimation.one_direction import one_direction_candidates
-from mjsim.estimation.problem import Problem
-from mjsim.estimation.signatures import Candidate, SignatureBank, feasible_share, seeds
-from mjsim.estimation.spectrum import spectral_candidates
+from mjsim.estimation.signatures import Bank, Candidate, Offer, Row, feasible_share, seeds
 from mjsim.estimation.unknown_curves import Curve
+from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 
 #: Logarithm of the prior odds of one cause.
 CAUSE = -7.0
 #: Orders that a wave of a wheel or a screw may have.
 ORDERS = 300
-#: Waves of each axis that are looked at, the best of all orders.
-_WAVES = 6
 #: Prior widths of an effect's leading entries, typical sizes; of what is beyond a tolerance, limits.
 WIDTHS, BEYOND = np.geomspace(0.1, 30.0, 7), np.array([1.0, 2.0, 4.0, 8.0, 16.0])
 #: Prior deviation of an effect's shape (a place, a width, a time constant) from its seed, typical sizes.
@@ -102,31 +98,21 @@ class Judged(NamedTuple):
     width: np.ndarray
 
 
-@dataclass(frozen=True)
-class Signatures:
-    """Signatures of the catalogue, whitened by the campaign's noise alone, and their products.
+def prior_log_odds(effect: Effect, tried: int) -> float:
+    """Logarithm of the prior odds of an effect, or of one wave of a pitch error.
 
-    Attributes:
-        bank: The signatures.
-        products: Of its columns.
+    Args:
+        effect: As it may be there.
+        tried: How many seeds of it are tried.
     """
-
-    bank: SignatureBank
-    products: Products
-
-    @classmethod
-    def of(cls, discrepancy: Discrepancy, bank: SignatureBank) -> Signatures:
-        """Of a bank."""
-        return cls(bank, Products(discrepancy, bank.matrix))
+    choices = ORDERS if effect.kind == "pitch_error" else max(tried, 1)
+    return CAUSE - math.log(choices) - math.log(2.0) * bool(effect.values.get("direction"))
 
 
 def log_odds_of(f: EffectVector, machine: Machine) -> float:
     """Logarithm of the prior odds of an effect in a model, its waves and its choice of a seed counted."""
-    if f.effect.kind == "pitch_error":
-        missing = [wave for wave, _ in entries_of(f) if not _is_given(f, wave, machine)]
-        return len(missing) * (CAUSE - math.log(ORDERS))
-    tried = sum(c.effect.id == f.effect.id for c in seeds(machine))
-    return CAUSE - math.log(max(tried, 1)) - math.log(2.0) * bool(f.effect.values.get("direction"))
+    missing = [wave for wave, _ in entries_of(f) if not _is_given(f, wave, machine)]
+    return len(missing) * prior_log_odds(f.effect, sum(c.effect.id == f.effect.id for c in seeds(machine)))
 
 
 def with_prior_of_size(f: EffectVector) -> EffectVector:
@@ -150,13 +136,6 @@ def _is_given(f: EffectVector, wave: int | None, machine: Machine) -> bool:
     return f.effect.values["components"][wave][0] in [row[0] for row in present.values["components"]]
 
 
-def _of_candidate(c: Candidate, count: Mapping[str, int]) -> Hypothesis:
-    """The hypothesis that an effect is there which the model does not have."""
-    tried = ORDERS if c.effect.kind == "pitch_error" else count.get(c.effect.key, 1)
-    odds = CAUSE - math.log(tried) - math.log(2.0) * bool(c.effect.values.get("direction"))
-    return Hypothesis(c.effect.key, odds, WIDTHS, candidate=c)
-
-
 def entries_of(f: EffectVector) -> list[tuple[int | None, np.ndarray]]:
     """Leading entries of an effect, wave by wave: which wave, and the places in its vector."""
     if f.effect.kind == "pitch_error":
@@ -168,55 +147,56 @@ class Hypotheses:
     """All hypotheses beside one fitted model, in one linear problem.
 
     Args:
-        plain: The measured tests, whitened by the campaign's noise alone.
         fit: The model.
-        design: Its columns and its residual, whitened likewise, (count, p) and (count,).
-        signatures: Of the catalogue, whitened likewise.
+        design: Its columns and its residual, whitened by the campaign's noise alone, (count, p) and (count,).
+        bank: Signatures of the catalogue, whitened likewise.
+        products: Of their columns.
         expected: Effects that a machine of the class has, by key.
-        curves: Of the model, and others that compete.
         levels: Sizes of the discrepancy at which the hypotheses are judged, the present ones first: what explains most
             of the data leaves much less than is there now.
-        only: Id of the one effect that is asked about; without it the whole catalogue.
-        further: Whether waves, whose orders are read off a spectrum, and effects in one direction of motion are looked
-            at as well.
+        curves: Of the model, and others that compete.
+        further: Gives candidates that are no seeds, with their columns, from what each of the catalogue gains, the best
+            first.
     """
 
     def __init__(
         self,
-        plain: Problem,
         fit: Fit,
         design: tuple[np.ndarray, np.ndarray],
-        signatures: Signatures,
+        bank: Bank,
+        products: Products,
         expected: Mapping[str, Calibrated],
-        curves: Sequence[Curve],
         levels: Sequence[Sizes],
-        only: str = "",
-        further: bool = True,
+        curves: Sequence[Curve] = (),
+        further: Callable[[list[Row]], Iterable[Offer]] | None = None,
     ) -> None:
-        self.fit, self.expected, self.only = fit, expected, only
-        bank = signatures.bank
+        self.fit, self.expected = fit, expected
         width, p = bank.matrix.shape[1], fit.parameters.size
         count: dict[str, int] = {}
         for c in bank.candidates:
             count[c.effect.key] = count.get(c.effect.key, 0) + 1
         inside, released, beyond = self._of_model(count)
-        beyond = [] if only else beyond
         rows = [(h, width + at) for h, at in beyond]  # columns of the model stand behind those of the catalogue
         self.released = replace(fit, effects=tuple(released))
         have = {f.effect.key: f.effect for f in fit.effects}
         for c, at in zip(bank.candidates, bank.slices, strict=True):
             mine = have.get(c.effect.key)
             if at.stop > at.start and (mine is None or c.at_another_order(mine)):
-                rows.append((_of_candidate(c, count), np.arange(at.start, at.stop)))
-        products = signatures.products.extended(design[0])
-        linear = self._evidence(products, design, width, inside, rows, levels[-1:])[0][1]
+                odds = prior_log_odds(c.effect, count[c.effect.key])
+                rows.append((Hypothesis(c.effect.key, odds, WIDTHS, candidate=c), np.arange(at.start, at.stop)))
+        products = products.extended(design[0])
         more: list[np.ndarray] = []
         place = width + p
-        catalogue = [h for h, _ in rows]
-        for c, columns in self._further(plain, bank, linear, catalogue, len(inside)) if further else ():
-            rows.append((_of_candidate(c, count), place + np.arange(columns.shape[1])))
-            more.append(columns)
-            place += columns.shape[1]
+        if further is not None:
+            odds, _ = self._evidence(products, design, width, inside, rows, levels[-1:])[0][1].odds({})
+            gains = [(2.0 * (o - h.log_odds), h.candidate) for o, (h, _) in zip(odds[len(inside) :], rows, strict=True)]
+            ranked = sorted(((gain, c) for gain, c in gains if c is not None), key=lambda row: -row[0])
+            for c, columns in further(ranked):
+                odds = prior_log_odds(c.effect, count.get(c.effect.key, 1))
+                h = Hypothesis(c.effect.key, odds, WIDTHS, candidate=c)
+                rows.append((h, place + np.arange(columns.shape[1])))
+                more.append(columns)
+                place += columns.shape[1]
         for curve in curves:
             h = Hypothesis(curve.name, curve.log_odds, curve.widths, curve=curve, present=curve.present)
             rows.append((h, place + np.arange(curve.columns.shape[1])))
@@ -251,14 +231,14 @@ class Hypotheses:
                 for wave, entries in entries_of(f):
                     if _is_given(f, wave, fit.base):
                         continue
-                    odds = CAUSE - math.log(ORDERS if wave is not None else count.get(f.effect.key, 1))
+                    odds = prior_log_odds(f.effect, count.get(f.effect.key, 1))
                     inside.append((Hypothesis(f.effect.key, odds, WIDTHS, f, wave, entries, present=True), at[entries]))
                 continue
             mean, deviation, own = mine.prior_of(f)
             released.append(f.with_prior(mean, deviation))
             for wave, entries in entries_of(f):
                 if not own[entries].all():
-                    odds = CAUSE - math.log(ORDERS)
+                    odds = prior_log_odds(f.effect, 1)
                     inside.append((Hypothesis(f.effect.key, odds, WIDTHS, f, wave, entries, present=True), at[entries]))
                     continue
                 limit = LIMIT_DEVIATIONS * deviation[entries]
@@ -266,33 +246,6 @@ class Hypotheses:
                 h = Hypothesis(f.effect.key, CAUSE, BEYOND, f, wave, entries, beyond=limit, present=is_wider)
                 beyond.append((h, at[entries]))
         return inside, released, beyond
-
-    def _further(
-        self, plain: Problem, bank: SignatureBank, linear: LinearEvidence, rows: list[Hypothesis], first: int
-    ) -> Iterator[tuple[Candidate, np.ndarray]]:
-        """What is not among the seeds: effects in one direction of motion, waves of other orders."""
-        fit = self.fit
-        odds, _ = linear.odds({})
-        ranked = sorted(
-            (
-                (2.0 * (odds[first + i] - h.log_odds), np.zeros(0), h.candidate)
-                for i, h in enumerate(rows)
-                if h.candidate
-            ),
-            key=lambda row: -row[0],
-        )
-        yield from one_direction_candidates(fit, bank, ranked)
-        have = {f.effect.key: f.effect for f in fit.effects}
-        for axis in fit.base.chain.letters:
-            if self.only.rpartition(".")[2] not in ("", axis):
-                continue
-            for c, columns in spectral_candidates(plain, fit, bank, axis, _WAVES):
-                if self.only not in ("", c.id):
-                    continue
-                mine = have.get(c.effect.key)
-                waves = [] if mine is None else [round(row[0]) for row in mine.values.get("components", [])]
-                if mine is None or (waves and round(c.effect.values["components"][0][0]) not in waves):
-                    yield c, columns
 
     def _evidence(
         self,
@@ -315,7 +268,7 @@ class Hypotheses:
         precision, departure = parameters.precision()[always], parameters.departure(vector)[always]
         machine = self.fit.base
 
-        def bounded(h: Hypothesis):
+        def bounded(h: Hypothesis) -> Callable[[np.ndarray], bool] | None:
             c = h.candidate
             return None if c is None else lambda x: feasible_share(machine, x, c) >= 1.0
 
@@ -333,16 +286,11 @@ class Hypotheses:
             gram, score, square, log_det = model.normal(sizes)
             gram, score = gram[np.ix_(places, places)] * np.outer(scale, scale), score[places] * scale
             n = len(always)
-            factor = cho_factor(gram[:n, :n] + np.diag(precision), lower=True)
-            pull = score[:n] - precision * departure
+            none, step = marginalised(gram[:n, :n], score[:n], square, log_det, precision, departure)
             cross = gram[:n, n:]
-            reduced = cho_solve(factor, cross)
-            left = gram[n:, n:] - cross.T @ reduced
-            flexibility = 2.0 * np.log(np.diag(factor[0])).sum() - np.log(precision).sum()
-            rest = square + precision @ departure**2 - pull @ cho_solve(factor, pull)
-            none = -0.5 * float(rest + log_det + flexibility) + sizes.log_prior
-            linear = LinearEvidence(0.5 * (left + left.T), score[n:] - reduced.T @ pull, groups)
-            out.append((none, linear, sizes))
+            left = gram[n:, n:] - cross.T @ ridge_solution(gram[:n, :n], cross, precision)
+            linear = LinearEvidence(0.5 * (left + left.T), score[n:] - cross.T @ step, groups)
+            out.append((none + sizes.log_prior, linear, sizes))
         return out
 
     @property

@@ -159,7 +159,7 @@ class LinearEvidence:
             if self.hypotheses[g].name not in names:
                 names.add(self.hypotheses[g].name)
                 first.append({int(g): float(width[g])})
-        best = max((self._improved(s) for s in first), key=self.total)
+        best = max((self.improved(s) for s in first), key=self.total)
         if 0 < len(best) <= 8:
             rivals = dict.fromkeys(
                 int(g) for h in best for g in np.argsort(-self.odds(without(best, h))[0])[:3] if int(g) not in best
@@ -167,10 +167,10 @@ class LinearEvidence:
             own = {self.hypotheses[h].name for h in best if not self.hypotheses[h].several}
             for g in rivals:
                 if self.hypotheses[g].name not in own:
-                    best = max(best, self._improved({**best, g: float(width[g])}, rounds=2), key=self.total)
+                    best = max(best, self.improved({**best, g: float(width[g])}, rounds=2), key=self.total)
         return best
 
-    def _improved(self, chosen: Chosen, rounds: int = 4, most: int = 24) -> Chosen:
+    def improved(self, chosen: Chosen, rounds: int = 4, most: int = 24) -> Chosen:
         """A set with what it still needs; then each member is dropped, exchanged, or given another width once."""
         chosen = dict(chosen)
         for _ in range(rounds):

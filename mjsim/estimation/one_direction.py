@@ -31,7 +31,7 @@ def one_direction_candidates(fit: Fit, bank: SignatureBank, rows: list[Row]) -> 
     have = {e.key for e in fit.machine.effects}
     whole = [Candidate(f.effect, f.names) for f in fit.effects if not f.effect.search.scanned]
     tried: dict[str, int] = {}
-    for gain, _, c in rows:
+    for gain, c in rows:
         if gain < 0.5 * bank.problem.settings.likelihood_ratio:  # what acting in both must explain
             break
         if in_each_direction(c.effect) and tried.setdefault(c.id, 0) < _SEEDS:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from mjsim.estimation.fit import Fit
-from mjsim.estimation.signatures import SignatureBank
+from mjsim.estimation.signatures import Bank
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Selection:
     start: Fit
     fit: Fit
     found: list[Found]
-    bank: SignatureBank
+    bank: Bank
     trail: list[dict] = field(default_factory=list)
 
 

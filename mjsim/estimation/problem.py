@@ -308,14 +308,13 @@ class Problem:
         """What the noise model does to the blocks of each test, as sparse matrices."""
         return [self.noise.filter(kept, len(s.centre)) for kept, s in zip(self._kept, self.samples, strict=True)]
 
+    def whitened_by(self, whitening: Whitening) -> Problem:
+        """The problem with another whitening of what its errors are beyond the campaign's noise."""
+        return replace(self, whitening=whitening)
+
     def whiten_further(self, rows: np.ndarray) -> np.ndarray:
         """Rows (count,) or (count, k) that the campaign's noise alone has whitened, as :meth:`whiten` gives them."""
-        if self.whitening is None:
-            return rows
-        out = np.empty_like(rows)
-        for k, at in enumerate(self.rows):
-            out[at] = self.whitening.of_test(k, rows[at])
-        return self.whitening.of_all(out)
+        return rows if self.whitening is None else self.whitening.of_rows(self.rows, rows)
 
     def whiten_test(self, k: int, columns: np.ndarray) -> np.ndarray:
         """Whitened rows of block columns (m,) or (m, k) of one test, but for what it shares with other tests."""

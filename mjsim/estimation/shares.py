@@ -35,11 +35,11 @@ class Calibration:
     rms: float
 
 
-def parts_of(problem: Problem, fit: Fit, effects: Sequence[EffectVector]) -> list[np.ndarray]:
-    """What each effect adds to the block means of all tests that the set-up cannot take up, (m,) each, m."""
+def parts_of(problem: Problem, fit: Fit) -> dict[str, np.ndarray]:
+    """What each effect adds to the block means of all tests that the set-up cannot take up, by key, (m,) each, m."""
     linearisation = Linearisation(problem, fit.machine, fit.nuisance)
-    out = []
-    for f in effects:
+    out = {}
+    for f in fit.effects:
         columns = linearisation.columns(f)
         if columns is not None:
             parts = [c @ (f.vector - f.off) for c in columns]
@@ -47,38 +47,24 @@ def parts_of(problem: Problem, fit: Fit, effects: Sequence[EffectVector]) -> lis
             without = fit.machine.with_effect(f.at(f.off))
             parts = problem.difference(problem.readings(build(without)), fit.readings, fit.nuisance)
         left = unabsorbed(problem, fit, parts)
-        out.append(np.concatenate([p[s.good] for p, s in zip(left, problem.samples, strict=True)]))
+        out[f.effect.key] = np.concatenate([p[s.good] for p, s in zip(left, problem.samples, strict=True)])
     return out
 
 
 def calibrations(
-    problem: Problem, fit: Fit, calibrated: Sequence[Calibrated]
+    parts: Mapping[str, np.ndarray], fit: Fit, calibrated: Sequence[Calibrated], observable: float
 ) -> tuple[tuple[Calibration, ...], dict[str, float]]:
     """The calibration table of a fitted model, and every effect's share of the explained squared error.
 
     Args:
-        problem: The measured tests.
+        parts: What each effect adds to the readings that the set-up cannot take up, by key, (m,) m.
         fit: The final model.
         calibrated: Its effects that stay inside their tolerance.
+        observable: Share of the prior's standard deviation below which a number is known from the tests.
 
     Returns:
         One entry per calibrated effect, and shares that sum to 1: of each finding by its key, and of the calibrated
         effects together by ``kind.*``.
-    """
-    parts = dict(zip((f.effect.key for f in fit.effects), parts_of(problem, fit, fit.effects), strict=True))
-    return calibrations_of(parts, fit, calibrated, problem.settings.observable)
-
-
-def calibrations_of(
-    parts: Mapping[str, np.ndarray], fit: Fit, calibrated: Sequence[Calibrated], observable: float
-) -> tuple[tuple[Calibration, ...], dict[str, float]]:
-    """:func:`calibrations` from what each effect adds to the readings.
-
-    Args:
-        parts: What the set-up cannot take up of it, by key, (m,) m.
-        fit: The final model.
-        calibrated: Its effects that stay inside their tolerance.
-        observable: Share of the prior's standard deviation below which a number is known from the tests.
     """
     expected = {c.key: c for c in calibrated}
     entries = []

@@ -48,9 +48,9 @@ class Candidate:
         return "order" not in self.names and self.effect.values.get("order") != present.values.get("order")
 
 
-#: A candidate with its whitened columns (count, k), and one with the gain and the coefficients (k,) of these.
+#: A candidate with its whitened columns (count, k), and one with the gain of these.
 Offer = tuple[Candidate, np.ndarray]
-Row = tuple[float, np.ndarray, Candidate]
+Row = tuple[float, Candidate]
 
 
 def seeds(machine: Machine) -> list[Candidate]:
@@ -102,7 +102,29 @@ def feasible_share(machine: Machine, x: np.ndarray, c: Candidate) -> float:
     return max(0.0, share)
 
 
-class SignatureBank:
+class Bank:
+    """Candidates with their columns.
+
+    Attributes:
+        candidates: Of the catalogue.
+        matrix: Whitened by the campaign's noise alone, (count, n).
+        slices: Which columns are those of each candidate.
+    """
+
+    def __init__(self, candidates: list[Candidate], matrix: np.ndarray, slices: list[slice]) -> None:
+        self.candidates, self.matrix, self.slices = candidates, matrix, slices
+
+    @property
+    def own(self) -> list[np.ndarray]:
+        """Normal matrices of the candidates' columns, (k, k) each."""
+        return [self.matrix[:, s].T @ self.matrix[:, s] for s in self.slices]
+
+    def forget(self) -> None:
+        """Give back the memory of the signatures, some 100 MB for 13 tests: nobody asks for them any more."""
+        self.candidates, self.slices, self.matrix = [], [], self.matrix[:, :0].copy()
+
+
+class SignatureBank(Bank):
     """Computes whitened signatures at one fitted model and keeps them.
 
     Signatures of quasi-static effects hardly depend on what else is in the model, so one bank serves a whole diagnosis.
@@ -114,9 +136,7 @@ class SignatureBank:
         self.linearisation = Linearisation(problem, self._machine, fit.nuisance)
         self.plant, self.loads = self.linearisation.plant, self.linearisation.loads
         self._by_drive: dict[tuple, dict[int, np.ndarray]] = {}
-        self.candidates: list[Candidate] = []
-        self.matrix = np.zeros((problem.count, 0))
-        self.slices: list[slice] = []
+        super().__init__([], np.zeros((problem.count, 0)), [])
 
     def compute(self, candidates: list[Candidate], done: Callable[[], None] | None = None) -> None:
         """Compute and keep the whitened columns of all candidates."""
@@ -128,11 +148,6 @@ class SignatureBank:
         )
         self._by_drive.clear()  # few of these drives are asked for again
         self.candidates = list(candidates)
-        self.own = [self.matrix[:, s].T @ self.matrix[:, s] for s in self.slices]
-
-    def forget(self) -> None:
-        """Give back the memory of the signatures, some 100 MB for 13 tests: nobody asks for them any more."""
-        self.candidates, self.slices, self.matrix = [], [], np.zeros((self.problem.count, 0))
 
     def _matrix(self, candidates: list[Candidate], done: Callable[[], None] | None) -> np.ndarray:
         matrix = np.empty((self.problem.count, self.slices[-1].stop if self.slices else 0), order="F")
@@ -262,39 +277,7 @@ class Projector:
 
     def gain(self, columns: np.ndarray) -> tuple[float, np.ndarray]:
         """Fall of the objective if the columns were fitted as well, and the coefficients (k,)."""
-        return _solve(*self.normal(columns))
-
-    def gains(self, columns: list[np.ndarray]) -> list[tuple[float, np.ndarray]]:
-        """:meth:`gain` of several candidates, each by itself; the design, which is large, is gone through once."""
-        if not columns:
-            return []
-        together = np.hstack(columns)
-        cross = self.design.T @ together
-        reduced, score = self.equations.solve(cross), together.T @ self.residual - cross.T @ self.step
-        ends = np.cumsum([0, *(c.shape[1] for c in columns)])
-        return [
-            _solve(c.T @ c - cross[:, a:b].T @ reduced[:, a:b], score[a:b])
-            for c, (a, b) in zip(columns, pairwise(ends), strict=True)
-        ]
-
-    def rows(self, offers: list[Offer]) -> list[Row]:
-        """:meth:`gains` of candidates, with the candidate of each."""
-        gains = self.gains([columns for _, columns in offers])
-        return [(*gain, c) for gain, (c, _) in zip(gains, offers, strict=True)]
-
-    def screen(self, bank: SignatureBank) -> list[Row]:
-        """Gain and coefficients of every candidate of the bank, best first."""
-        cross = self.design.T @ bank.matrix
-        reduced = self.equations.solve(cross)
-        score = bank.matrix.T @ self.residual - cross.T @ self.step
-        out = []
-        for c, s, own in zip(bank.candidates, bank.slices, bank.own, strict=True):
-            gain, x = _solve(own - cross[:, s].T @ reduced[:, s], score[s])
-            out.append((gain, x, c))
-        return sorted(out, key=lambda row: -row[0])
-
-
-def _solve(matrix: np.ndarray, score: np.ndarray) -> tuple[float, np.ndarray]:
-    ridge = 1e-9 * np.trace(matrix) / len(matrix) + 1e-6
-    x = np.linalg.solve(matrix + ridge * np.eye(len(matrix)), score)
-    return float(score @ x), x
+        matrix, score = self.normal(columns)
+        ridge = 1e-9 * np.trace(matrix) / len(matrix) + 1e-6
+        x = np.linalg.solve(matrix + ridge * np.eye(len(matrix)), score)
+        return float(score @ x), x

@@ -6,14 +6,14 @@ import numpy as np
 
 from mjsim.effects import registry
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.signatures import Projector, SignatureBank
+from mjsim.estimation.signatures import Bank, Projector
 from mjsim.machine.chain import Chain
 
 #: Sensitivity below which an axis is not seen: linear, and rotary (m/rad).
 _SEEN = (0.02, 1e-3)
 
 
-def detection_limits(projector: Projector, bank: SignatureBank) -> dict[str, float]:
+def detection_limits(projector: Projector, bank: Bank) -> dict[str, float]:
     """Three standard deviations of every effect's leading size, in typical sizes, with everything else free (best
     seed).
     """
@@ -29,7 +29,7 @@ def detection_limits(projector: Projector, bank: SignatureBank) -> dict[str, flo
     return limits
 
 
-def not_testable(problem: Problem, projector: Projector, bank: SignatureBank) -> list[str]:
+def not_testable(problem: Problem, projector: Projector, bank: Bank) -> list[str]:
     """Ids that the set-up, the axes that move, or the other parameters hide in this campaign."""
     limits = detection_limits(projector, bank)
     waves = [i for i in registry.all_ids(problem.chain) if i not in limits and _is_scanned(i, problem.chain)]

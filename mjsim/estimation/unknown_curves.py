@@ -18,8 +18,8 @@ from scipy.sparse import csr_array
 
 from mjsim.estimation.curve_terms import CurveTerm, CurveTerms
 from mjsim.estimation.curve_waves import radial_curves
-from mjsim.estimation.evidence import log_bayes_factors
 from mjsim.estimation.fit import Fit
+from mjsim.estimation.linear_evidence import Columns, LinearEvidence
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.whitening import Whitening
 
@@ -242,7 +242,5 @@ def _evidence(information: np.ndarray, score: np.ndarray, root: np.ndarray) -> f
         score: Likewise, (knots,).
         root: Of its prior, (knots, k).
     """
-    values, vectors = np.linalg.eigh(root.T @ information @ root)
-    square = (vectors.T @ (root.T @ score)) ** 2
-    gain = log_bayes_factors(np.maximum(values, 0.0), square, WIDTHS**-2.0)
-    return float(np.logaddexp.reduce(gain)) - math.log(len(WIDTHS))
+    own = Columns("curve", np.arange(root.shape[1]), 0.0, WIDTHS)
+    return float(LinearEvidence(root.T @ information @ root, root.T @ score, [own]).odds({})[0][0])

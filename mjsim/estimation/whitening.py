@@ -7,6 +7,7 @@ marginalised, each of these directions shrinks by a factor of its own.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -56,6 +57,18 @@ class Whitening:
     def of_all(self, rows: np.ndarray) -> np.ndarray:
         """Rows of all tests with what is shared between them whitened as well, (count,) or (count, m)."""
         return rows - _along(*self.shared, rows) if self.shared else rows
+
+    def of_rows(self, slices: Sequence[slice], rows: np.ndarray) -> np.ndarray:
+        """Whitened rows of all tests.
+
+        Args:
+            slices: Which rows are those of each test.
+            rows: Whitened by the campaign's noise alone, (count,) or (count, m).
+        """
+        out = np.empty_like(rows)
+        for k, at in enumerate(slices):
+            out[at] = self.of_test(k, rows[at])
+        return self.of_all(out)
 
     def all_undone(self, rows: np.ndarray) -> np.ndarray:
         """The rows from which :meth:`of_all` makes ``rows``."""

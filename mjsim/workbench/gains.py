@@ -9,11 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mjsim.estimation.bar_search import further_candidates
 from mjsim.estimation.data_sheet import data_sheet
-from mjsim.estimation.discrepancy import Discrepancy, Sizes
+from mjsim.estimation.discrepancy import Discrepancy, Products, Sizes
 from mjsim.estimation.findings import FINDING
 from mjsim.estimation.fit import Fitter
-from mjsim.estimation.hypotheses import Hypotheses, Signatures
+from mjsim.estimation.hypotheses import Hypotheses
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.estimation.vibration import Separated, separate, without_vibrations
@@ -76,7 +77,7 @@ class Gains:
         self.turn = threading.Lock()
         self._separated: Separated | None = None
         self._fitter: Fitter | None = None
-        self._signatures: Signatures | None = None
+        self._signatures: tuple[SignatureBank, Products] | None = None
 
     @property
     def ready(self) -> bool:
@@ -117,7 +118,7 @@ class Gains:
                 self.turn.acquire()
 
             bank.compute(candidates, done)
-            self._signatures = Signatures.of(Discrepancy(self.problem), bank)
+            self._signatures = bank, Products(Discrepancy.of_tests(self.problem), bank.matrix)
 
     def _fitter_of_file(self) -> Fitter:
         """The fitter of the machine file's model, made once."""
@@ -143,9 +144,11 @@ class Gains:
             assert self._signatures is not None and self._separated is not None
             problem, fitter = self.problem, self.fitter(machine)
             fit = fitter.fit([], exact=False)
-            design = self._signatures.products.discrepancy.plain(fit, None)
+            bank, products = self._signatures
+            design = products.discrepancy.plain(fit, None)
             noise_alone = [Sizes(0.0, 0.0, np.ones(len(problem.tests)))]
-            beside = Hypotheses(problem, fit, design, self._signatures, {}, (), noise_alone, further=waves)
+            further = further_candidates(problem, fit, bank) if waves else None
+            beside = Hypotheses(fit, design, bank, products, {}, noise_alone, further=further)
             odds, width = beside.linear.odds({})
             lines = [line for line in self._separated.lines if machine.effect(line.effect.key) is None]
             above = max(fit.sum_squares - problem.count, 0.0) + sum(line.gain for line in lines)

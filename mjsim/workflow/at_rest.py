@@ -10,13 +10,15 @@ decided by the ball bar before; the points add causes, and do not take these bac
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
+from itertools import chain
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from mjsim.campaign.model import Campaign
-from mjsim.estimation.at_rest import RestExplained, RestProblem, explain_at_rest
-from mjsim.estimation.outcome import Found, verdict_of
+from mjsim.estimation.at_rest import RestProblem, explain_at_rest
+from mjsim.estimation.findings import Explained
+from mjsim.estimation.outcome import verdict_of
 from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest
@@ -27,18 +29,16 @@ from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 from mjsim.units import UM
-from mjsim.workflow.any_instrument import PlainComparison, compare_plainly, refuse_mistakes
+from mjsim.workflow.any_instrument import compare_plainly, refuse_mistakes
 from mjsim.workflow.ball_bar.compare import compare_bars
 from mjsim.workflow.diagnosis import AtRest, Diagnosis
-from mjsim.workflow.finding import DiagnosedEffect
+from mjsim.workflow.finding import DiagnosedEffect, findings_of, ladder_of
 
 #: What a diagnosis with both says of itself.
 _JOINT = (
     "Numbers that both instruments see are fitted to both together: the ball-bar tests enter as the normal "
     "distribution of the numbers that they determine. Causes that the ball bar has found are kept."
 )
-#: Most findings that get a comparison of their own; smaller ones share the last.
-_RUNGS = 3
 
 
 @one_blas_thread
@@ -68,35 +68,38 @@ def diagnose_at_rest(
     points = campaign.of(SphereTest.instrument)
     refuse_mistakes(points)
     known = beside.posterior if beside is not None and beside.has_bars else None
-    problem = RestProblem.of(points, known)
-    found = explain_at_rest(problem, machine, max_effects, progress, settings)
-    fit = found.model.fit
+    found, hidden = explain_at_rest(RestProblem.of(points, settings), machine, max_effects, progress, known)
+    fit, misfit = found.selection.fit, found.verdicts.unknown
     final = (beside.machine if beside is not None else machine).with_effects(
         f.effect for f in fit.effects if not f.effect.is_neutral
     )
     progress("comparing", 0, 1)
     before, after = compare_plainly(points, machine), compare_plainly(points, final)
-    effects, rungs = _findings(points, machine, found, before, after)
+    tests = tuple(t.name for t in points.measured)
+    findings = findings_of(found.selection, SphereTest.instrument, lambda key: tests)
+    effects, rungs = ladder_of(
+        findings, found.calibration, machine, (before, after), lambda m, _: compare_plainly(points, m)
+    )
     rest = AtRest(
         before,
         after,
         points.instrument.noise,
         points.instrument.source,
-        float(np.hypot(*found.model.sizes)),
-        found.misfit,
-        _set_up(problem, found),
+        found.discrepancy,
+        misfit,
+        _set_up(found),
         _classical(points),
         _JOINT if known is not None else "",
     )
     if beside is not None:
-        return _joined(campaign, beside, found, effects, rest, final, threads, progress)
+        return _joined(campaign, beside, found, hidden, effects, rest, final, threads, progress)
     return Diagnosis(
         campaign,
         found.verdict,
         points.instrument.noise,
         effects,
         None,
-        found.not_testable,
+        hidden,
         final,
         before,
         after,
@@ -112,39 +115,9 @@ def diagnose_at_rest(
     )
 
 
-def _findings(
-    campaign: Campaign, machine: Machine, found: RestExplained, before: PlainComparison, after: PlainComparison
-) -> tuple[tuple[DiagnosedEffect, ...], tuple[PlainComparison, ...]]:
-    """Findings with the errors before and after each, and the comparisons between."""
-    fit = found.model.fit
-    of_key = {f.effect.key: f for f in fit.effects}
-    expected = machine.with_effects(c.effect.effect for c in found.calibration)
-    rungs = [before]
-    if found.calibration and found.found:
-        rungs = [compare_plainly(campaign, expected)]
-    for i in range(1, min(len(found.found), _RUNGS)):
-        part = expected.with_effects(of_key[f.key].effect for f in found.found[:i])
-        rungs.append(compare_plainly(campaign, part))
-    last = len(rungs) - 1
-    rungs += [after] * max(1, len(found.found) - last)
-    effects = []
-    for i, f in enumerate(found.found):
-        rms = rungs[min(i, last)].rms, rungs[i + 1].rms
-        effects.append(_finding(f, found, rms, tuple(t.name for t in campaign.measured)))
-    return tuple(effects), tuple(rungs)
-
-
-def _finding(f: Found, found: RestExplained, rms: tuple[float, float], tests: tuple[str, ...]) -> DiagnosedEffect:
-    fit = found.model.fit
-    free = next(x for x in fit.effects if x.effect.key == f.key)
-    ci = free.interval(free.vector, fit.covariance_of(free))
-    made = DiagnosedEffect(free.effect, free.names, ci, *rms, f.alternatives, tests, f.gain)
-    return replace(made, probability=f.probability, others=f.others, found_by=SphereTest.instrument)
-
-
-def _set_up(problem: RestProblem, found: RestExplained) -> dict[str, tuple[float, tuple[float, float]]]:
+def _set_up(found: Explained[RestProblem]) -> dict[str, tuple[float, tuple[float, float]]]:
     """Fitted numbers of set-ups and probe with their 95 % intervals, by set-up and name."""
-    fit, out = found.model.fit, {}
+    fit, problem, out = found.selection.fit, found.data, {}
     spread = np.sqrt(np.diag(fit.covariance)[: problem.nuisances.size]) * problem.units
     value = fit.nuisance * problem.units
     for block in problem.nuisances.blocks:
@@ -165,7 +138,8 @@ def _classical(points: Campaign) -> dict[str, float]:
 def _joined(
     campaign: Campaign,
     bars: Diagnosis,
-    found: RestExplained,
+    found: Explained[RestProblem],
+    unseen: tuple[str, ...],
     effects: tuple[DiagnosedEffect, ...],
     rest: AtRest,
     final: Machine,
@@ -173,7 +147,7 @@ def _joined(
     progress: Progress,
 ) -> Diagnosis:
     """The diagnosis of another instrument with what the points have changed and added."""
-    fit = found.model.fit
+    fit = found.selection.fit
     ours = {f.effect.key for f in fit.effects}
     old = {e.effect.key: e for e in bars.effects}
     named = [e for e in bars.effects if e.effect.key not in ours]
@@ -194,7 +168,7 @@ def _joined(
     if bars.has_bars:
         progress("simulating the machine that both instruments support", 0, 1)
         after = compare_bars(campaign.of(BallBarTest.instrument), final, threads, progress)
-    hidden = set(bars.not_testable) & set(found.not_testable) if bars.has_bars else set(found.not_testable)
+    hidden = set(bars.not_testable) & set(unseen) if bars.has_bars else set(unseen)
     hidden -= {e.effect.id for e in named}
     chosen = replace(
         bars,
@@ -207,8 +181,8 @@ def _joined(
         calibration=tuple(calibration),
         combinations=found.combinations,
         posterior=_both(bars.posterior, Posterior.of(fit)),
-        probabilities={k: round(v * (1.0 - found.misfit), 4) for k, v in bars.probabilities.items() if k != "unknown"}
-        | {"unknown": round(1.0 - (1.0 - found.misfit) * (1.0 - bars.probabilities.get("unknown", 0.0)), 4)},
+        probabilities={k: round(v * (1.0 - rest.misfit), 4) for k, v in bars.probabilities.items() if k != "unknown"}
+        | {"unknown": round(1.0 - (1.0 - rest.misfit) * (1.0 - bars.probabilities.get("unknown", 0.0)), 4)},
         at_rest=rest,
     )
     if bars.has_bars:
@@ -232,16 +206,8 @@ def _both(first: Posterior | None, second: Posterior) -> Posterior:
     if first is None:
         return second
     ours = {f.effect.key for f in second.effects}
-    places: list[int] = []
-    effects = []
-    ends = np.cumsum([0, *(len(f.vector) for f in first.effects)])
-    for f, (a, b) in zip(first.effects, pairwise(ends.tolist()), strict=True):
-        if f.effect.key not in ours:
-            effects.append(f)
-            places += range(a, b)
-    places += range(int(ends[-1]), len(first.covariance))  # the data sheet: points say nothing about it
-    own = first.covariance[np.ix_(places, places)]
-    n, k = sum(len(f.vector) for f in second.effects), len(own)
-    covariance = np.zeros((n + k, n + k))
-    covariance[:n, :n], covariance[n:, n:] = second.covariance[:n, :n], own
-    return Posterior((*second.effects, *effects), covariance)
+    others = [(f, at) for f, at in first.blocks if f.effect.key not in ours]
+    # points say nothing about the data sheet
+    own, mine = first.part([*chain.from_iterable(at for _, at in others), *first.sheet]), second.sheet.start
+    covariance = np.array(block_diag(second.covariance[:mine, :mine], own))
+    return Posterior((*second.effects, *(f for f, _ in others)), covariance)

@@ -12,12 +12,10 @@ from dataclasses import replace
 
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.axis_logs.shared import MOTOR_SIDE
-from mjsim.estimation.competing import CompetingModel
 from mjsim.estimation.outcome import verdict_of
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.measurement import BallBarTest
-from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
@@ -121,7 +119,7 @@ def _of_bar(e: DiagnosedEffect, judged: Judged, logs: LogDiagnosis, settings: Di
         if decision.effect_id not in (effect.id, effect.key):
             model = next(m for m in e.models if m.effect_id == decision.effect_id)
             effect = model.machine.effect(decision.effect_id) or effect
-            ci = _interval(model, effect)
+            ci = model.posterior.interval_of(effect.key)
     by_log = bool(excluded)
     support = judged.support.get(effect.id)
     by = LogTest.instrument if by_log else BallBarTest.instrument
@@ -152,14 +150,3 @@ def _of_bar(e: DiagnosedEffect, judged: Judged, logs: LogDiagnosis, settings: Di
         enough=settings.indistinguishable,
         contradicted=support is not None and support < -settings.indistinguishable,
     )
-
-
-def _interval(model: CompetingModel, effect: Effect) -> dict:
-    """95 % intervals of one effect of a model."""
-    at = 0
-    for f in model.posterior.effects:
-        n = len(f.vector)
-        if f.effect.key == effect.key:
-            return f.interval(f.vector, model.posterior.covariance[at : at + n, at : at + n])
-        at += n
-    return {}

@@ -14,7 +14,7 @@ from mjsim.estimation.combinations import Combination, combinations
 from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.retiming import retimed
-from mjsim.estimation.shares import Calibration, calibrations
+from mjsim.estimation.shares import Calibration, calibrations, parts_of
 from mjsim.estimation.vibration import separate
 from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
 from mjsim.instruments.ball_bar.measurement import BallBarTest
@@ -91,7 +91,9 @@ def calibrate(campaign: Campaign, machine: Machine, threads: int = 2, progress: 
         fitter = Fitter(separated.problem, separated.machine)
         fit = fit_within_tolerance(fitter)
         fit = fitter.fit(fit.effects, start=fit, exact=True, iterations=_EXACT, fresh=False)
-        entries, shares = calibrations(separated.problem, fit, calibrated_effects(separated.machine))
+        problem = separated.problem
+        expected = calibrated_effects(separated.machine)
+        entries, shares = calibrations(parts_of(problem, fit), fit, expected, problem.settings.observable)
         final, sums = fit.machine.with_effects(line.effect for line in separated.lines), combinations(fit)
     after = compare(campaign, final, threads, progress, problem)
     return CalibratedMachine(final, entries, shares, before, after, sums, tuple(sheet))

@@ -9,10 +9,11 @@ from mjsim.campaign.machine_file import machine_document, machine_of, read_machi
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
+from mjsim.estimation.bar_search import BarSearch
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.mistakes.checked_problem import checked_problem, trusted_problem
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.search import Model, Search
+from mjsim.estimation.search import Model
 from mjsim.estimation.vibration import separate
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.io.files import write_all
@@ -220,7 +221,7 @@ def fit_effect(fitter: Fitter, cls: type[Effect], subject: str) -> Model:
         InputError: the campaign cannot show it.
     """
     effect_id = f"{cls.kind}.{subject}"
-    found = Search(fitter, only=(cls, subject)).with_effect(fit_within_tolerance(fitter, without=effect_id))
+    found = BarSearch(fitter, only=(cls, subject)).with_effect(fit_within_tolerance(fitter, without=effect_id))
     if found is None:
         raise InputError(
             f"effect {effect_id} does not change any reading of this campaign, so it cannot be fitted; allowed: an "

@@ -1,12 +1,16 @@
-"""One cause that a diagnosis has found, whatever instrument shows it."""
+"""One cause that a diagnosis has found, whatever instrument shows it; and what the error is before and after each."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 from mjsim.estimation.axis_logs.together import KnownTogether
 from mjsim.estimation.competing import CompetingModel
+from mjsim.estimation.outcome import Selection
 from mjsim.estimation.settings import DIAGNOSIS
+from mjsim.estimation.shares import Calibration
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import INSTRUMENTS
@@ -17,6 +21,8 @@ from mjsim.workflow.comparison import significant
 
 #: By whom a cause is decided that both instruments support.
 BOTH = "both"
+#: Most findings that get a rung of the ladder of their own; smaller ones share the last.
+_RUNGS = 3
 
 
 @dataclass(frozen=True)
@@ -131,6 +137,54 @@ class DiagnosedEffect:
             return None
         ends = [rounded(x) for x in known.ci95]
         return {"parameter": known.parameter, "others": list(known.others), "ci95": ends, "sentence": known.sentence}
+
+
+def findings_of(
+    selection: Selection, instrument: str, tests_of: Callable[[str], tuple[str, ...]]
+) -> list[DiagnosedEffect]:
+    """Every effect that was found, in the order of the selection; the ladder has its errors.
+
+    Args:
+        selection: The final model and its findings.
+        instrument: Name of the instrument that has found them.
+        tests_of: Gives the tests that show an effect, by its key.
+    """
+    of_key, out = {f.effect.key: f for f in selection.fit.effects}, []
+    for f in selection.found:
+        free = of_key[f.key]
+        ci = free.interval(free.vector, selection.fit.covariance_of(free))
+        found = DiagnosedEffect(free.effect, free.names, ci, 0.0, 0.0, f.alternatives, tests_of(f.key), f.gain)
+        out.append(replace(found, probability=f.probability, others=f.others, found_by=instrument))
+    return out
+
+
+def ladder_of(
+    found: Sequence[DiagnosedEffect],
+    calibration: Sequence[Calibration],
+    machine: Machine,
+    ends: tuple[Any, Any],
+    compared: Callable[[Machine, str], Any],
+) -> tuple[tuple[DiagnosedEffect, ...], tuple[Any, ...]]:
+    """Findings with the errors before and after each, and the comparisons: one effect more each.
+
+    Args:
+        found: In their order.
+        calibration: Effects inside their tolerance. Where there are any, the ladder begins with all of them.
+        machine: As given.
+        ends: Comparison of the machine as given, and of the fitted one.
+        compared: Compares a machine, which is described.
+    """
+    before, after = ends
+    expected = machine.with_effects(c.effect.effect for c in calibration)
+    rungs = [compared(expected, "the calibrated machine") if calibration and found else before]
+    for i in range(1, min(len(found), _RUNGS)):
+        part = expected.with_effects(e.effect for e in found[:i])
+        rungs.append(compared(part, f"with {i} effect{'s' if i > 1 else ''}"))
+    last = len(rungs) - 1
+    rungs += [after] * max(1, len(found) - last)
+    errors = [(rungs[min(i, last)].rms, rungs[i + 1].rms) for i in range(len(found))]
+    effects = (replace(e, rms_before=b, rms_after=a) for e, (b, a) in zip(found, errors, strict=True))
+    return tuple(effects), tuple(rungs)
 
 
 def _share(p: float | None) -> float | None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
-from mjsim.estimation.at_rest import RestProblem
+from mjsim.estimation.at_rest import RestFitter, RestProblem
 from mjsim.estimation.calibration import expected_effects
 from mjsim.instruments.sphere.measurement import Probe, SphereTest
 from mjsim.machine.model import Machine
@@ -23,8 +23,6 @@ from mjsim.units import DEG, MM
 
 #: Steps of the places that are looked at: axes that go round, and those that tilt; how far these tilt, rad.
 _ROUND, _TILT, _FARTHEST = 30.0 * DEG, 15.0 * DEG, 90.0 * DEG
-#: Derivatives below this, m, are of effects that do not show.
-_SMALL = 1e-9
 
 
 @dataclass(frozen=True)
@@ -104,8 +102,8 @@ def plan_points(
     same = tests[0].setup if tests and tests[0].sphere == at else name
     empty = SphereTest(name, at, same, None, tests[0].chain if tests else chain)
     every = _candidates(empty, farthest or {})
-    problem, columns, precision, wanted, scale = _linear(campaign, machine, every)
-    chosen = _greedy(columns, precision, wanted, scale, problem, count)
+    noise, white, precision, located = _linear(campaign, machine, every)
+    chosen = _greedy(white, precision, np.array([p for p, _ in located.values()]), count)
     order = sorted(
         chosen, key=lambda i: (every.approach[i][-1], *(every.approach[i][-1] * a for a in every.angles[i][::-1]))
     )
@@ -115,13 +113,11 @@ def plan_points(
         spindle=tuple(every.spindle[i] for i in order),
         approach=tuple(every.approach[i] for i in order),
     )
-    rows = np.concatenate([3 * i + np.arange(3) for i in chosen])
-    white = columns[rows] / problem.noise[rows][:, None]
-    after = np.linalg.inv(np.diag(precision) + white.T @ white)
-    ids = list(wanted)
-    half = {i: 1.96 * math.sqrt(after[p, p]) * s for (i, p), s in zip(wanted.items(), scale, strict=True)}
-    before = {i: 1.96 * s / math.sqrt(precision[wanted[i]]) for i, s in zip(ids, scale, strict=True)}
-    return PlannedPoints(test, half, before, float(problem.noise[0]), any(t.name == name for t in tests))
+    rows = white[np.concatenate([3 * i + np.arange(3) for i in chosen])]
+    after = np.linalg.inv(np.diag(precision) + rows.T @ rows)
+    half = {i: 1.96 * math.sqrt(after[p, p]) * unit for i, (p, unit) in located.items()}
+    before = {i: 1.96 * unit / math.sqrt(precision[p]) for i, (p, unit) in located.items()}
+    return PlannedPoints(test, half, before, noise, any(t.name == name for t in tests))
 
 
 def _candidates(test: SphereTest, farthest: dict[str, tuple[float, float]]) -> SphereTest:
@@ -145,40 +141,32 @@ def _candidates(test: SphereTest, farthest: dict[str, tuple[float, float]]) -> S
 
 
 def _linear(campaign: Campaign, machine: Machine, every: SphereTest):
-    """The linear problem of all candidates: itself, columns (3n, p), prior precisions (p,), places of the location
-    errors by id, and their units (in that of the number).
+    """The linear problem of all candidates: noise of a centre, m; whitened columns (3n, p); prior precisions (p,);
+    places and units of the location errors, by id.
     """
     probe = campaign.instruments.get(SphereTest.instrument, Probe())
     planned = replace(
         campaign, tests=(every,), traces={every.name: every.planned}, instruments={SphereTest.instrument: probe}
     )
     problem = RestProblem.of(planned)
-    base = problem.readings(machine)
-    parts, precision, wanted, scale = [problem.columns], [problem.nuisances.precision()], {}, []
-    at = problem.nuisances.size
-    for c in expected_effects(machine):
-        if not c.free.effect.search.quasi_static:
-            continue
-        columns = problem.columns_of(machine, c.free, base)
-        if not np.abs(columns).max() > _SMALL:
-            continue
-        parts.append(columns)
-        precision.append(c.deviation**-2.0)
-        if c.free.effect.kind == "axis_location":
-            wanted[c.free.effect.id] = at
-            scale.append(next(iter(c.free.specs.values())).scale)
-        at += columns.shape[1]
-    if not wanted:
+    shown = [c.free for c in expected_effects(machine) if problem.shows(machine, c.free)]
+    fit = RestFitter(problem, machine).fit(shown, iterations=0)
+    located = {
+        f.effect.id: (fit.parameters[f.block.name].start, next(iter(f.specs.values())).scale)
+        for f in fit.effects
+        if f.effect.kind == "axis_location"
+    }
+    if not located:
         raise InputError(f"{machine.name}: its [tolerance] has no axis_location, so there is nothing to plan for")
-    return problem, np.hstack(parts), np.concatenate(precision), wanted, scale
+    white = fit.design @ np.eye(fit.parameters.size)
+    return problem.noise.rms, white, fit.parameters.precision(), located
 
 
-def _greedy(columns, precision, wanted, scale, problem: RestProblem, count: int) -> list[int]:
+def _greedy(white: np.ndarray, precision: np.ndarray, places: np.ndarray, count: int) -> list[int]:
     """The points that are taken, one after the other, (count,): each place, side and spindle at most once."""
-    n = len(columns) // 3
-    white = (columns / problem.noise[:, None]).reshape(n, 3, -1)
+    white = white.reshape(len(white) // 3, 3, -1)
+    n = len(white)
     covariance = np.diag(1.0 / precision)
-    places = np.array(list(wanted.values()))
     weight = precision[places]  # uncertainty in units of the class
     chosen: list[int] = []
     for _ in range(min(count, n)):

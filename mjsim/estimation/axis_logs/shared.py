@@ -64,14 +64,13 @@ def shared_entries(model: CompetingModel, axis: str, sheet: bool = True) -> tupl
         axis: Letter.
         sheet: Also the data sheet of the drive.
     """
-    covariance, at, out = model.posterior.covariance, 0, []
-    for f in model.posterior.effects:
-        n = len(f.vector)
+    posterior, out = model.posterior, []
+    for f, at in posterior.blocks:
         if f.effect.subject == axis and f.effect.kind in MOTOR_SIDE and not f.polar:
-            out += _of_effect(model, f, covariance[at : at + n, at : at + n])
-        at += n
+            out += _of_effect(model, f, posterior.part(at))
     if sheet:
-        drive, sd = model.machine.drives[axis], np.sqrt(np.maximum(np.diag(covariance)[at:], 0.0))
+        sd = np.sqrt(np.maximum(np.diag(posterior.part(posterior.sheet)), 0.0))
+        drive = model.machine.drives[axis]
         known = {e.label for e in out}
         for p, deviation in zip(sheet_of(model.machine), sd, strict=True):
             if p.axis != axis:

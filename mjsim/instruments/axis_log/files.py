@@ -12,7 +12,7 @@ from mjsim.errors import InputError
 from mjsim.instruments.axis_log.measurement import AxisRecord, Circle, LogTest, Recording
 from mjsim.instruments.axis_log.signals import without_holds
 from mjsim.instruments.schema import Length, Table, Text, printable
-from mjsim.io.inputs import check_rows, csv_text, shown
+from mjsim.io.inputs import check_rows, csv_rows, csv_text, shown
 from mjsim.io.times import check_growing
 from mjsim.machine.chain import Chain
 from mjsim.units import DEG, MM
@@ -162,34 +162,16 @@ def _header(path: Path, names: list[str], test: LogTest) -> dict[str, dict[str, 
 
 
 def _numbers(path: Path, body: str, names: list[str]) -> np.ndarray:
-    lines = body.replace("\r\n", "\n").split("\n")
+    """Numbers of all samples, (n, columns): a recording is long, and is read line by line only where one is wrong."""
     try:
-        table = np.loadtxt(lines, delimiter=",", ndmin=2, comments=None)
-        if table.shape[1] != len(names):
-            raise ValueError
+        table = np.loadtxt(body.splitlines(), delimiter=",", ndmin=2, comments=None)
     except ValueError:
-        raise InputError(f"{path}{_first_bad_line(lines, names)}") from None
+        table = np.zeros((0, 0))
+    if table.shape[1] != len(names) or not np.isfinite(table).all():
+        table, _ = csv_rows(path, body, names)
     if len(table) < FEWEST:
         raise InputError(f"{path}: {len(table)} samples; allowed: at least {FEWEST}")
-    if not np.isfinite(table).all():
-        row, column = np.argwhere(~np.isfinite(table))[0]
-        raise InputError(f"{path}, line {row + 2}: {names[column]} is not a finite number")
     return table
-
-
-def _first_bad_line(lines: list[str], names: list[str]) -> str:
-    for number, line in enumerate(lines, start=2):
-        if not line.strip():
-            continue
-        row = line.split(",")
-        if len(row) != len(names):
-            return f", line {number}: {len(row)} columns in {shown(line, 60)}; allowed: {len(names)}, as in line 1"
-        for name, value in zip(names, row, strict=True):
-            try:
-                float(value)
-            except ValueError:
-                return f", line {number}: {name} = {shown(value.strip(), 40)}; allowed: a number with a decimal point"
-    return ": the table cannot be read; allowed: columns of numbers"
 
 
 def check_clock(path: Path, time: np.ndarray) -> None:

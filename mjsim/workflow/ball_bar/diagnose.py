@@ -28,10 +28,7 @@ from mjsim.simulation.readings import readings_of
 from mjsim.threads import one_blas_thread
 from mjsim.workflow.ball_bar.compare import BarComparison, overlay
 from mjsim.workflow.diagnosis import Diagnosis
-from mjsim.workflow.finding import DiagnosedEffect
-
-#: Most findings that get a rung of the ladder of their own; smaller ones share the last.
-_RUNGS = 3
+from mjsim.workflow.finding import DiagnosedEffect, findings_of, ladder_of
 
 
 @one_blas_thread
@@ -85,34 +82,27 @@ def _diagnose(
     hidden = not_testable(data, Projector(selection.start), selection.bank)
     selection.bank.forget()  # the simulations need the room
     vibrations = [_vibration(data, line) for line in separated.lines if is_news(line, machine)]
-    found = [*_found(data, selection), *sorted(vibrations, key=lambda f: -f[0])]
+    found = [*_found(data, selection), *sorted(vibrations, key=lambda e: -e.gain)]
     problem = data.restored()
 
-    def simulated(m: Machine, stage: str, begin: np.ndarray | None = None) -> BarComparison:
-        done = counted(progress, stage, len(problem.tests))
+    def simulated(m: Machine, described: str, begin: np.ndarray | None = None) -> BarComparison:
+        done = counted(progress, f"simulating {described}", len(problem.tests))
         return overlay(problem, m, readings_of(m, problem.tests, threads, done), begin)
 
     given, begin = phased_at(problem, machine)
-    stage = "simulating the machine as given"
-    progress(stage, 0, 1)
+    stage = "the machine as given"
+    progress(f"simulating {stage}", 0, 1)
     before = overlay(problem, given, readings_as_given()) if given is machine else simulated(given, stage, begin)
-    expected = machine.with_effects(c.effect.effect for c in explained.calibration)
-    ladder = [before]
-    if explained.calibration and found:
-        calibrated, begin = phased_at(problem, expected)
-        ladder = [simulated(calibrated, "simulating the calibrated machine", begin)]
-    for i in range(1, min(len(found), _RUNGS)):
-        part, begin = phased_at(problem, expected.with_effects(e.effect for _, e in found[:i]))
-        ladder.append(simulated(part, f"simulating with {i} effect{'s' if i > 1 else ''}", begin))
     # the triggers have moved since the vibrations were found, and their phases with them
     final = selection.fit.machine.with_effects(line.effect for line in separated.lines)
     final, begin = phased_at(problem, final, list(selection.fit.readings), selection.fit.nuisance)
-    after = simulated(final, "simulating the fitted machine", begin)
-    last = len(ladder) - 1
-    ladder += [after] * max(1, len(found) - last)
-    effects = tuple(
-        replace(e, rms_before=ladder[min(i, last)].rms, rms_after=ladder[i + 1].rms) for i, (_, e) in enumerate(found)
-    )
+    after = simulated(final, "the fitted machine", begin)
+
+    def compared(m: Machine, described: str) -> BarComparison:
+        phased, begin = phased_at(problem, m)
+        return simulated(phased, described, begin)
+
+    effects, rungs = ladder_of(found, explained.calibration, machine, (before, after), compared)
     following = plan_for(problem, selection, threads, progress, hidden=False)
     named = {e.effect.id for e in effects} | {a for e in effects for a in e.alternatives}
     return Diagnosis(
@@ -125,7 +115,7 @@ def _diagnose(
         final,
         before,
         after,
-        tuple(ladder),
+        rungs,
         next_test=following.to_json() if following else None,
         trail=selection.trail,
         calibration=explained.calibration,
@@ -138,22 +128,16 @@ def _diagnose(
     )
 
 
-def _found(problem: Problem, selection: Selection) -> list[tuple[float, DiagnosedEffect]]:
-    """Gain and entry of every effect of the search; errors are filled in by the full simulation."""
-    out = []
-    for f in selection.found:
-        at = next(j for j, g in enumerate(selection.fit.effects) if g.effect.key == f.key)
-        free = selection.fit.effects[at]
-        ci = free.interval(free.vector, selection.fit.covariance_of(free))
-        where = clear_tests(problem, selection.fit, f.key)
-        found = DiagnosedEffect(free.effect, free.names, ci, 0.0, 0.0, f.alternatives, where, f.gain)
-        found = replace(found, probability=f.probability, others=f.others)
-        models = [CompetingModel.of(i, fit) for i, fit in ((f.key, selection.fit), *f.competing.items())]
-        out.append((f.gain, replace(found, models=tuple(models))))
-    return out
+def _found(problem: Problem, selection: Selection) -> list[DiagnosedEffect]:
+    """Every effect of the search, with the models that compete for it."""
+    fit = selection.fit
+    found = findings_of(selection, BallBarTest.instrument, lambda key: clear_tests(problem, fit, key))
+    rows = ([(f.key, fit), *f.competing.items()] for f in selection.found)
+    models = (tuple(CompetingModel.of(i, m) for i, m in row) for row in rows)
+    return [replace(e, models=m) for e, m in zip(found, models, strict=True)]
 
 
-def _vibration(problem: Problem, line: Line) -> tuple[float, DiagnosedEffect]:
+def _vibration(problem: Problem, line: Line) -> DiagnosedEffect:
     i, size = problem.chain.index(line.effect.subject), line.effect.si("amplitude_um")
     spread = [size * np.sqrt(np.mean(s.axes[:, i] ** 2) / 2) for s in problem.sensitivity]
     tests = tuple(
@@ -161,6 +145,6 @@ def _vibration(problem: Problem, line: Line) -> tuple[float, DiagnosedEffect]:
         for t, x in zip(problem.tests, spread, strict=True)
         if x > problem.settings.visible_share * problem.noise.rms
     )
-    return line.gain, DiagnosedEffect(
+    return DiagnosedEffect(
         line.effect, line.effect.search.free, line.ci95, 0.0, 0.0, line.alternatives, tests, line.gain
     )
