@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -18,9 +19,10 @@ from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter
 from mjsim.estimation.axis_logs.found import AxisSelection, FoundCause
 from mjsim.estimation.axis_logs.gains import unused
 from mjsim.estimation.axis_logs.selection import AxisSearch
-from mjsim.estimation.axis_logs.separability import inseparable
+from mjsim.estimation.axis_logs.separability import inseparable, undetermined
 from mjsim.estimation.axis_logs.together import known_together
 from mjsim.estimation.axis_logs.unexplained import unexplained_rest
+from mjsim.estimation.hypotheses import CAUSE
 from mjsim.estimation.outcome import verdict_of
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
@@ -37,6 +39,8 @@ from mjsim.workflow.finding import DiagnosedEffect
 _BEHIND = ("backlash", "pitch_error", "scale_error", "worm_wear", "thermal_drift", "drive_compliance")
 #: Most causes that are looked for on each axis where the user does not say.
 _MOST = 8
+#: Probability of a cause before anything was recorded: one that is less probable afterwards has no support.
+_BEFORE = 1.0 / (1.0 + math.exp(-CAUSE))
 
 
 @one_blas_thread
@@ -108,7 +112,8 @@ def log_diagnosis(
     before = overlay_logs(campaign, machine, {a: (fitters[a], s.given) for a, s in selections.items()})
     after = overlay_logs(campaign, fitted, {a: (fitters[a], s.fit) for a, s in selections.items()})
     every = (*selections.values(), *between.values())
-    effects = sorted((e for s in every for e in effects_of(s)), key=lambda e: -e.gain)
+    fits = sorted((e for s in every for e in effects_of(s)), key=lambda e: -e.gain)
+    effects = [e for e in fits if e.probability is None or e.probability >= _BEFORE]
     rest = [
         r
         for a, s in selections.items()
@@ -133,6 +138,7 @@ def log_diagnosis(
         selections,
         between,
         tuple(_signals(campaign, machine, fitters, selections)),
+        tuple(e.effect.id for e in fits if e not in effects),
     )
 
 
@@ -198,6 +204,7 @@ def effects_of(selection: AxisSelection) -> list[DiagnosedEffect]:
     """Causes of one axis with their parameters; two shapes of one effect are one cause."""
     fit, out = selection.fit, {}
     ranges = parameter_intervals(fit)
+    open_ = undetermined(fit)
     ladder = [selection.sheet.rms, *[f.rms for f in selection.ladder[1:]]]
     steps = dict(zip(selection.order, pairwise(ladder), strict=False))
     for cause in selection.found:
@@ -218,6 +225,7 @@ def effects_of(selection: AxisSelection) -> list[DiagnosedEffect]:
             found_by=LogTest.instrument,
             together=known_together(fit, effect.id, _order_of(cause)),
             probability=cause.probability,
+            undetermined=tuple(name for name in ci if f"{effect.id}.{name}" in open_),
         )
         former = out.get(effect.id)
         if former is None or former.gain < mine.gain:
