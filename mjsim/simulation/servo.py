@@ -15,6 +15,9 @@ no sampling time is continuous: r, y and their rates are then those of the middl
 
 and beside the bristle a friction torque that rises and saturates, Tr (1 − exp(−|ω|/ω_r)) sign ω, a share of the
 viscous torque that does not turn with the direction, and torques that vary with θ.
+
+Where the position loop is closed on an encoder at the load, Kpp acts on the load's position behind the play inside that
+loop, and s on the motor's; a law R, S, T has the load's alone.
 """
 
 from __future__ import annotations
@@ -139,6 +142,8 @@ def follow(axis: AxisPlant, time: np.ndarray, command: np.ndarray, start: ServoS
 def follow_sampled(axis: AxisPlant, command: Sampled, start: ServoStart) -> ServoMotion:
     """The same for a command that :func:`sampled` gives."""
     angle, rate, torque = _run(axis, command, start)
+    if axis.encoder == "load" and axis.play > 0.0:
+        angle, rate = _behind(angle, rate, axis.play)
     return ServoMotion(command.time, angle / axis.gear, rate / axis.gear, torque)
 
 
@@ -153,7 +158,19 @@ def block_means(axis: AxisPlant, command: Sampled, start: ServoStart, shift: flo
         block: Samples of a block.
     """
     angle, rate, _ = _run(axis, command, start)
+    if axis.encoder == "load" and axis.play > 0.0:
+        angle, rate = _behind(angle, rate, axis.play)
     return _means(angle, rate, command.step, shift, block) / axis.gear
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _behind(angle, rate, half):
+    """Angles and speeds (n,) of a load behind a play of which ``half`` is half the width, rad of the motor."""
+    out, speed, y = np.empty(len(angle)), np.empty(len(angle)), angle[0]
+    for i in range(len(angle)):
+        former, y = y, min(max(y, angle[i] - half), angle[i] + half)
+        out[i], speed[i] = y, rate[i] if y != former else 0.0
+    return out, speed
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
