@@ -5,10 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import read_machine
 from mjsim.machine.control import Control, Law
 from mjsim.machine.plant import AxisPlant
 from mjsim.simulation.axes import motor_of
 from mjsim.simulation.servo import ServoStart, follow
+from mjsim.workflow.axis_log.diagnose import diagnose_logs
+from tests.independent.logs import Axis, csv, machine_toml, record_both, to_and_fro, write_campaign
+from tests.independent.logs import Control as Digital
 
 GEAR, PLAY, SPEED, KPP = 2.0 * np.pi / 0.010, 20e-6, 2e-3, 40.0
 AXIS = AxisPlant(GEAR, KPP, 0.1, 1e9, 2e-5, 0.0, 0.0, feedforward=1.0)
@@ -70,3 +75,31 @@ def test_a_spring_inside_the_loop_is_taken_out():
     sprung = replace(AXIS, load_inertia=1e-5, stiffness=20.0, damping=0.01, encoder="load")
     load = motor_of(sprung, TIME, there_and_back())
     assert abs(load[-1] - there_and_back()[-1]) < 1e-9
+
+
+def diagnosed(folder, encoder, width, seed=1):
+    """A log of an axis with play inside its loop: of the load alone, or of motor and load."""
+    axis, control = Axis(coulomb=0.12, play=width), Digital(feedforward=1.0, on_load=True)
+    command = to_and_fro()
+    motor, load, _ = record_both(axis, control, command, 0.02e-6, seed)
+    rows = csv(command, load if encoder == "load" else motor).splitlines()
+    if encoder == "both":
+        rows = [rows[0] + ",X_load_mm", *(f"{row},{1e3 * y:.7f}" for row, y in zip(rows[1:], load, strict=True))]
+    machine = machine_toml(axis, control, False, 0.12).replace("[drive.X]", f'[drive.X]\nencoder = "{encoder}"')
+    place = write_campaign(folder, "\n".join(rows) + "\n", machine)
+    return diagnose_logs(read_campaign(place), read_machine(place / "machine.toml"))
+
+
+@pytest.mark.parametrize(("encoder", "width"), [("load", 8e-6), ("load", 20e-6), ("both", 10e-6)])
+def test_play_inside_the_loop_is_found(tmp_path, encoder, width):
+    result = diagnosed(tmp_path, encoder, width)
+    assert [e.effect.id for e in result.effects] == ["backlash.X"]
+    low, high = result.effects[0].ci95["width_um"]
+    assert low < 1e6 * width < high and high - low < 0.1e6 * width
+    assert result.after.rms < 0.3e-6
+
+
+def test_a_load_without_play_has_none(tmp_path):
+    result = diagnosed(tmp_path, "load", 0.0)
+    assert result.verdict == "nothing_found" and "backlash.X" not in result.not_testable
+    assert "pitch_error.X" in result.not_testable

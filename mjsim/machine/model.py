@@ -42,7 +42,7 @@ class Drive:
         position_gain: Kpp, 1/s. velocity_gain: Kvp, N·m·s/rad. integral_time: Ti, s.
         inertia: J of the whole axis, kg·m². viscous: C, N·m·s/rad. gravity: N·m.
         feedforward: ratio of the velocity feedforward. control: what the control does beside its gains.
-        encoder: one of :data:`ENCODERS`: on which the position loop is closed, and which is the actual position of logs.
+        encoder: one of :data:`ENCODERS`: where the position loop is closed, and what is the actual position of logs.
     """
 
     axis: str

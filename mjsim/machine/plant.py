@@ -163,8 +163,8 @@ class Plant:
         )
 
     def close_loops_on_loads(self) -> None:
-        """Put the plays of axes whose position loop is closed on the load into that loop: what comes out of such a drive
-        is the load's position.
+        """Put the plays of axes whose position loop is closed on the load into that loop: such a drive gives the
+        position of its load.
         """
         for letter, axis in self.axes.items():
             if not axis.on_load:

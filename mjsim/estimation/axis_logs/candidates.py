@@ -36,6 +36,8 @@ _REST, _REST_WIDE = 10.0, 2.0
 _WAVES = 30.0
 #: Delays of the command from which fits start, ms.
 _DELAYS_MS = (5.0, 40.0)
+#: Widths of a play from which fits start, in usual ones.
+_PLAYS = (1.0, 5.0)
 #: Most waves of cogging beside a torque ripple (assumed).
 _MOST_WAVES = 3
 #: Least motor speed that is taken for a motion, rad/s.
@@ -141,7 +143,7 @@ class Catalogue:
         """
         has = {e.owner for e in model.entries}
         friction = model.machine.effect(f"{FRICTION}.{self.axis}")
-        out = [*self._control(), *self._forces(), *self._waves(model, orders)]
+        out = [*self._control(), *self._forces(), *self._waves(model, orders), *self._play()]
         if friction is None:
             out += self._friction()
         else:
@@ -203,6 +205,17 @@ class Catalogue:
                 p = next(p for p in self._make("servo_gain", ratio=1.0).parameters_of(self.axis) if p.name == "ratio")
                 return min(max(g.values["position_gain"] / stated, p.lower), p.upper), g.deviations["position_gain"]
         return None
+
+    def _play(self) -> list[Candidate]:
+        """A play inside a position loop whose only encoder is at the load."""
+        if self.machine.drives[self.axis].encoder != "load":
+            return []
+        out = []
+        for times in _PLAYS:
+            p = registry.kinds()["backlash"].parameters_of(self.axis)[0]
+            e = self._make("backlash", **{p.name: times * p.scale})
+            out.append(Candidate(e, (self._linear(e, p.name, p.scale),)))
+        return out
 
     def _forces(self) -> list[Candidate]:
         """Torques beside the ordinary friction."""

@@ -135,7 +135,8 @@ class EncoderFitter(LogFitter):
         drive = plant.axes[model.axis]
         lag = model.nuisance(vector, LAG, d.name)
         lag += drive.load_inertia / drive.stiffness if drive.load_inertia > 0.0 else 0.0
-        half, out = float(ops[play, 3].sum()), -lag * m.acceleration
+        half = float(ops[play, 3].sum()) + drive.play / drive.gear  # the latter is inside the position loop
+        out = -lag * m.acceleration
         if half > 0.0:
             out = behind_play(
                 m.position, m.smooth, m.speed, m.way, m.acceleration, m.least, out, half, brake, drag, d.step, start
@@ -301,11 +302,11 @@ class EncoderCatalogue:
         )
 
 
-def encoder_data(data: Sequence[AxisData]) -> tuple[AxisData, ...]:
-    """The recordings of an axis that have its load, with the noise of the difference of both encoders."""
+def encoder_data(data: Sequence[AxisData], machine: Machine) -> tuple[AxisData, ...]:
+    """The recordings of an axis that have motor and load, with the noise of the difference of both encoders."""
     out = []
     for d in data:
-        if d.record.load is None:
+        if d.record.load is None or machine.drives[d.axis].encoder == "load":
             continue
         load = noise_of(d.time, AxisRecord(d.record.command, d.record.load), d.resolution)
         out.append(

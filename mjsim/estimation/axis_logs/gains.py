@@ -87,6 +87,7 @@ def read_gains(machine: Machine, data: Sequence[AxisData]) -> list[GainsRead]:
             out.append(of_velocity)
         drive = machine.under(controller).drives[data[0].axis]
         mine = [d for d in mine if d.record.motor_torque(drive.gear) is not None and _same_rate(machine, d)]
+        mine = mine if drive.encoder == "motor" else []  # two encoders go into its output
         best = None
         for delay in _DELAYS if mine else ():
             read = [g for n in _samples(drive) if (g := _read(machine, controller, mine, n, delay)) is not None]
@@ -101,7 +102,8 @@ def read_gains(machine: Machine, data: Sequence[AxisData]) -> list[GainsRead]:
 def _of_velocity(machine: Machine, controller: str | None, data: Sequence[AxisData]) -> GainsRead | None:
     """The position gain by which a velocity set-point follows from the following error; nothing where it does not."""
     data = [d for d in data if d.record.velocity_command is not None]
-    control = machine.under(controller).drives[data[0].axis].control if data else None
+    drive = machine.under(controller).drives[data[0].axis] if data else None
+    control, at = (drive.control, drive.encoder) if drive is not None else (None, "")
     if control is None or control.law is not None:
         return None
     best = None
@@ -110,7 +112,8 @@ def _of_velocity(machine: Machine, controller: str | None, data: Sequence[AxisDa
         for d in data:
             v = d.record.velocity_command
             assert v is not None
-            error, rate = d.record.command - d.record.actual, np.gradient(d.record.command, d.time)
+            held = d.record.load if at == "both" and d.record.load is not None else d.record.actual
+            error, rate = d.record.command - held, np.gradient(d.record.command, d.time)
             columns.append(np.column_stack([error, rate, np.ones(len(v))])[: len(v) - delay])
             wanted.append(v[delay:])
         design, v = np.vstack(columns), np.concatenate(wanted)
@@ -144,6 +147,8 @@ def unused(machine: Machine, data: Sequence[AxisData], gains: Sequence[GainsRead
             why = "the control law of the machine file does not give it"
             if not _same_rate(machine, d):
                 why = "it was not recorded once at every sample of the control (sample_time_s)"
+            if drive.encoder != "motor":
+                why = "the encoder at the load and that of the motor both go into it"
             out[d.name, "torque" if d.record.torque is not None else "force"] = why
         if d.record.velocity_command is not None and d.test.controller not in of_velocity:
             out[d.name, "velocity_command"] = "it is not the following error times a gain, and a feedforward"

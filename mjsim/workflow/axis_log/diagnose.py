@@ -37,6 +37,8 @@ from mjsim.workflow.finding import DiagnosedEffect
 
 #: Effects behind the motor's encoder, which a log without an encoder at the load cannot show.
 _BEHIND = ("backlash", "pitch_error", "scale_error", "worm_wear", "thermal_drift", "drive_compliance")
+#: Why an encoder at the load is not used beside the actual position of an axis whose encoder is said to be there.
+_ACTUAL_IS_LOAD = 'the actual position is that of the load (encoder = "load" in the machine file)'
 #: Most causes that are looked for on each axis where the user does not say.
 _MOST = 8
 #: Probability of a cause before anything was recorded: one that is less probable afterwards has no support.
@@ -70,21 +72,22 @@ def diagnose_logs(
         InputError: No log has a recording, or a controller is missing.
     """
     campaign = checked_logs(campaign, machine)
+    data = {axis: axis_data(campaign, axis, machine) for axis in recorded_axes(campaign.measured)}
+    loads = {a: recorded for a, d in data.items() if (recorded := encoder_data(d, machine))}
+
+    def run(searches: Mapping[str, AxisSearch]) -> dict[str, AxisSelection]:
+        with ThreadPoolExecutor(max(1, min(threads, len(searches)))) as pool:
+            found = pool.map(lambda s: s.run(max_effects or _MOST), searches.values())
+            return dict(zip(searches, found, strict=True))
+
+    between = run({a: EncoderSearch(machine, d, threads, settings, progress) for a, d in loads.items()})
+    # where the loop is closed on the load, what is between the encoders is inside it
+    inside = merged(machine, [s.fit for a, s in between.items() if machine.drives[a].encoder != "motor"])
     searches = {
-        axis: AxisSearch(
-            machine, axis_data(campaign, axis, machine), threads, settings, progress, (shared or {}).get(axis, ())
-        )
-        for axis in recorded_axes(campaign.measured)
+        axis: AxisSearch(inside, d, threads, settings, progress, (shared or {}).get(axis, ()))
+        for axis, d in data.items()
     }
-    loads = {a: recorded for a, s in searches.items() if (recorded := encoder_data(s.fitter.data))}
-    beside = {a: EncoderSearch(machine, recorded, threads, settings, progress) for a, recorded in loads.items()}
-    every = [*searches.values(), *beside.values()]
-    with ThreadPoolExecutor(max(1, min(threads, len(every)))) as pool:
-        found = list(pool.map(lambda s: s.run(max_effects or _MOST), every))
-    selections, between = (
-        dict(zip(searches, found, strict=False)),
-        dict(zip(beside, found[len(searches) :], strict=True)),
-    )
+    selections = run(searches)
     fitters = {a: s.fitter for a, s in searches.items()}
     return log_diagnosis(campaign, machine, fitters, selections, settings, between)
 
@@ -120,7 +123,7 @@ def log_diagnosis(
         if (r := unexplained_rest(fitters[a], s.fit, machine.drives[a].gear, settings)) is not None
     ]
     for a, s in between.items():
-        own = EncoderFitter(machine, encoder_data(fitters[a].data), 1)
+        own = EncoderFitter(machine, encoder_data(fitters[a].data, machine), 1)
         if (r := unexplained_rest(own, s.fit, machine.drives[a].gear, settings)) is not None:
             rest.append(replace(r, between=True))
     probable = [e for e in effects if e.probability is None or e.probability >= 0.5]
@@ -150,13 +153,18 @@ def _signals(
     for axis, s in selections.items():
         for (test, name), why in unused(machine, fitters[axis].data, s.gains).items():
             yield not_used_because(test, axis, name, why)
+        if machine.drives[axis].encoder == "load":
+            for d in (d for d in fitters[axis].data if d.record.load is not None):
+                yield not_used_because(d.name, axis, "load", _ACTUAL_IS_LOAD)
 
 
 def hidden_effects(campaign: Campaign, machine: Machine) -> list[str]:
     """Ids of effects behind the encoders of the recorded axes that no recorded encoder at the load shows."""
     loads = {a for t in campaign.measured for a in t.axes if campaign.traces[t.name].axes[a].load is not None}
     axes = recorded_axes(campaign.measured)
-    hidden = [f"{kind}.{a}" for a in axes for kind in _BEHIND if a not in loads or kind not in BETWEEN]
+    loop_at = {a: machine.drives[a].encoder for a in axes}
+    shown = {a: ("backlash",) if loop_at[a] == "load" else BETWEEN if a in loads else () for a in axes}
+    hidden = [f"{kind}.{a}" for a in axes for kind in _BEHIND if kind not in shown[a]]
     return [h for h in hidden if exists(h, machine)]
 
 

@@ -68,7 +68,7 @@ def sheet_of(machine: Machine, axis: str, selection: AxisSelection) -> list[Shee
             continue
         value, low, high = ranges[e.label]
         source = "recorded output" if e.owner == CONTROLLER and (e.where, e.name) in read else "motion"
-        known = source == "recorded output" or e.label not in combined and e.label not in open_
+        known = source == "recorded output" or (e.label not in combined and e.label not in open_)
         found = _with_factor(fit, e)
         if found is not None:
             value, low, high, known = found
