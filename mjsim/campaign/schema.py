@@ -103,6 +103,7 @@ class DriveTable(Table):
     inertia_kgm2: Annotated[float, Field(gt=0, le=100)]
     viscous_Nms_per_rad: Annotated[float, Field(ge=0, le=100)]
     gravity_Nm: Annotated[float, Field(ge=-1e4, le=1e4)] = 0.0
+    torque_constant_Nm_per_A: Annotated[float, Field(gt=0, le=1000)] | None = None
     encoder: Annotated[str, AfterValidator(one_of(lambda: ENCODERS))] = ENCODERS[0]
 
 

@@ -43,6 +43,7 @@ class Drive:
         inertia: J of the whole axis, kg·m². viscous: C, N·m·s/rad. gravity: N·m.
         feedforward: ratio of the velocity feedforward. control: what the control does beside its gains.
         encoder: one of :data:`ENCODERS`: where the position loop is closed, and what is the actual position of logs.
+        torque_constant: of the motor, N·m/A; 0: not known.
     """
 
     axis: str
@@ -56,6 +57,7 @@ class Drive:
     feedforward: float = 0.0
     control: Control = field(default_factory=Control)
     encoder: str = "motor"
+    torque_constant: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -160,7 +162,7 @@ class Machine:
         """
         if axis not in self.drives:
             raise InputError(f"machine {self.name!r} has no axis {axis!r}; allowed: {', '.join(self.drives)}")
-        known = [f.name for f in fields(Drive) if f.name not in ("axis", "control", "encoder")]
+        known = [f.name for f in fields(Drive) if f.name not in ("axis", "control", "encoder", "torque_constant")]
         for name, value in changes.items():
             if name not in known:
                 near = next((k for k in known if name.startswith(k)), None)

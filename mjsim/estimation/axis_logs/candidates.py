@@ -200,7 +200,7 @@ class Catalogue:
     def _position_gain(self) -> tuple[float, float] | None:
         """Position gain over the stated one where a recorded velocity set-point says it, and how well it is known."""
         for g in self.gains:
-            if set(g.values) == {"position_gain"}:
+            if g.channel == "velocity_command":
                 stated = self.machine.under(g.controller).drives[self.axis].position_gain
                 p = next(p for p in self._make("servo_gain", ratio=1.0).parameters_of(self.axis) if p.name == "ratio")
                 return min(max(g.values["position_gain"] / stated, p.lower), p.upper), g.deviations["position_gain"]

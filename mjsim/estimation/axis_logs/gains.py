@@ -3,6 +3,9 @@
 From its output: command, actual position and torque of the same samples. The control law is computed on what was
 recorded. How many samples the control takes for a velocity follows as well.
 
+A current, or a share of a rated value, is a torque times a number that is not known, of either sign. This number takes
+the place of the velocity gain, and what is left of the law is read in the same way.
+
 From its velocity set-point, which is the position gain times the following error, and the feedforward:
 
     v = Kpp (r − y) + ratio · dr/dt + zero
@@ -42,6 +45,7 @@ class GainsRead:
         deviations: Their relative standard deviations.
         velocity_samples: Over which the control takes the velocity.
         explained: Share of the output's variance that the law with these gains explains.
+        channel: Name of what was recorded.
     """
 
     controller: str | None
@@ -49,6 +53,7 @@ class GainsRead:
     deviations: dict[str, float]
     velocity_samples: int
     explained: float
+    channel: str = "torque"
 
 
 def output_of(axis: AxisPlant, d: AxisData) -> np.ndarray:
@@ -86,7 +91,9 @@ def read_gains(machine: Machine, data: Sequence[AxisData]) -> list[GainsRead]:
         if (of_velocity := _of_velocity(machine, controller, mine)) is not None:
             out.append(of_velocity)
         drive = machine.under(controller).drives[data[0].axis]
-        mine = [d for d in mine if d.record.motor_torque(drive.gear) is not None and _same_rate(machine, d)]
+        mine = [d for d in mine if d.record.output is not None and _same_rate(machine, d)]
+        known = [d for d in mine if d.record.motor_torque(drive.gear) is not None]
+        mine = known or mine  # a torque says more than a current
         mine = mine if drive.encoder == "motor" else []  # two encoders go into its output
         best = None
         for delay in _DELAYS if mine else ():
@@ -131,25 +138,29 @@ def _of_velocity(machine: Machine, controller: str | None, data: Sequence[AxisDa
     if explained < _EXPLAINED or gain <= 0.0:
         return None
     deviation = max(spread / gain, _LEAST)
-    return GainsRead(
-        controller, {"position_gain": gain}, {"position_gain": deviation}, control.velocity_samples, explained
-    )
+    samples = control.velocity_samples
+    deviations = {"position_gain": deviation}
+    return GainsRead(controller, {"position_gain": gain}, deviations, samples, explained, "velocity_command")
 
 
 def unused(machine: Machine, data: Sequence[AxisData], gains: Sequence[GainsRead]) -> dict[tuple[str, str], str]:
-    """Why a recorded torque or velocity set-point says nothing about the gains, by log and channel."""
+    """Why a recorded output or velocity set-point says nothing about the gains, by log and channel."""
     out = {}
-    of_output = {g.controller for g in gains if "velocity_gain" in g.values}
-    of_velocity = {g.controller for g in gains if set(g.values) == {"position_gain"}}
+    of_output = {g.controller for g in gains if g.channel != "velocity_command"}
+    of_velocity = {g.controller for g in gains if g.channel == "velocity_command"}
     for d in data:
         drive = machine.under(d.test.controller).drives[d.axis]
-        if d.record.motor_torque(drive.gear) is not None and d.test.controller not in of_output:
+        if d.record.output is not None and d.test.controller not in of_output:
             why = "the control law of the machine file does not give it"
             if not _same_rate(machine, d):
                 why = "it was not recorded once at every sample of the control (sample_time_s)"
             if drive.encoder != "motor":
                 why = "the encoder at the load and that of the motor both go into it"
-            out[d.name, "torque" if d.record.torque is not None else "force"] = why
+            if drive.control.law is not None and d.record.motor_torque(drive.gear) is None:
+                why = "a law without a torque in N m has no gain that would follow from it"
+            out[d.name, d.record.output[0]] = why
+        for name in list(d.record.outputs)[1:]:
+            out[d.name, name] = f"the {next(iter(d.record.outputs)).replace('_share', ' in %')} says the same"
         if d.record.velocity_command is not None and d.test.controller not in of_velocity:
             out[d.name, "velocity_command"] = "it is not the following error times a gain, and a feedforward"
     return out
@@ -175,10 +186,16 @@ def _read(
 
     axis = build(machine.under(controller)).axes[data[0].axis]
     axis.control = replace(axis.control, velocity_samples=samples)
+    torques = [d.record.motor_torque(axis.gear) for d in data]
+    is_torque = all(u is not None for u in torques)
+    if axis.control.law and not is_torque:
+        return None
     names = ["velocity_gain"] if axis.control.law else ["velocity_gain", "position_gain"]
     if np.isfinite(axis.integral_time) and axis.control.law is None:
         names.append("integral_time")
-    recorded = [np.asarray(d.record.motor_torque(axis.gear)) for d in data]
+    recorded = [u for u in torques if u is not None] if is_torque else _as_torques(axis, data)
+    if not recorded:
+        return None
     limit = 0.98 * min(axis.control.clip, max(np.abs(u).max() for u in recorded) * 2.0)
 
     def residual(x: np.ndarray) -> np.ndarray:
@@ -205,7 +222,24 @@ def _read(
     # what the law leaves may follow from noise in the positions, which makes gains too small: by as much at most
     deviation = np.maximum(np.sqrt(np.diag(covariance)) + np.sqrt(max(1.0 - explained, 0.0)), _LEAST)
     values = {n: float(getattr(axis, n) * np.exp(v)) for n, v in zip(names, found.x, strict=True)}
-    return GainsRead(controller, values, dict(zip(names, map(float, deviation), strict=True)), samples, explained)
+    deviations = dict(zip(names, map(float, deviation), strict=True))
+    if not is_torque:
+        del values["velocity_gain"], deviations["velocity_gain"]
+    output = data[0].record.output
+    assert output is not None
+    return GainsRead(controller, values, deviations, samples, explained, output[0])
+
+
+def _as_torques(axis: AxisPlant, data: Sequence[AxisData]) -> list[np.ndarray]:
+    """Recorded outputs of unknown unit and sign as torques, N·m: as large as the law of the data sheet gives them."""
+    outputs = [d.record.output for d in data]
+    if len({o[0] for o in outputs if o is not None}) != 1:
+        return []  # two channels, two numbers
+    values = [o[1] for o in outputs if o is not None]
+    wanted = np.concatenate([x - x.mean() for x in (output_of(axis, d) for d in data)])
+    given = np.concatenate([x - x.mean() for x in values])
+    factor = float(wanted @ given) / max(float(given @ given), 1e-30)
+    return [factor * x for x in values] if factor else []
 
 
 def _nearer(axis: AxisPlant, names: list[str], found, residual: Callable[[np.ndarray], np.ndarray]):

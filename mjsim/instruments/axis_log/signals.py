@@ -31,11 +31,6 @@ _LARGEST |= dict.fromkeys(("torque_share", "current_share", "control_share"), 10
 #: Channels whose values the diagnosis never uses, and why.
 NOT_USED = {
     "velocity": "the position says the same",
-    "control": "it is no torque without the constants of amplifier and motor; record the torque in N m",
-    "current": "it is no torque without the torque constant of the motor; record the torque in N m",
-    "torque_share": "the rated torque is not known; record the torque in N m",
-    "current_share": "the rated current is not known; record the torque in N m",
-    "control_share": "its largest value is not known; record the torque in N m",
 }
 _UNITS = {"torque": "N·m", "force": "N", "control": "V", "current": AMPERE}
 
@@ -68,8 +63,8 @@ class LogMistake:
 
 @dataclass(frozen=True)
 class Finding(LogMistake):
-    """Something that a recording shows of itself: ``held``, ``step``, ``clock``, ``limit``, ``copy``, ``impossible`` or
-    ``not used``.
+    """Something that a recording shows of itself: ``held``, ``step``, ``clock``, ``limit``, ``copy``, ``impossible``,
+    ``used`` or ``not used``.
 
     Attributes:
         refused: Whether a comparison with a model would be wrong.
@@ -337,6 +332,28 @@ def not_used_because(test: str, axis: str, name: str, why: str) -> Finding:
     """The sentence that a channel of a log is not used."""
     said = f"{test}: the {_words(name)} of {axis} is recorded and not used by diagnose: {why}"
     return Finding("not used", test, (axis,), said)
+
+
+def used_up_to_a_factor(test: str, axis: str, name: str, said: Sequence[str]) -> Finding:
+    """The sentence that a channel of a log counts as a torque times an unknown number.
+
+    Args:
+        test: Name of the log.
+        axis: Letter.
+        name: Of the channel.
+        said: Settings of the control that follow from it, in words.
+    """
+    what = " and ".join(said)
+    constant = "; the torque constant, torque_constant_Nm_per_A of the drive, gives the velocity gain and separates it "
+    constant += "from the inertia"
+    return Finding(
+        "used",
+        test,
+        (axis,),
+        f"{test}: the {_words(name)} of {axis} is taken for the torque of the motor times a number that is not known, "
+        f"of either sign: {what} of the control follow from it, and no inertia"
+        + (constant if name == "current" else "; record the torque in N m for that"),
+    )
 
 
 def _words(name: str) -> str:

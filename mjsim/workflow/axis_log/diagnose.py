@@ -26,8 +26,9 @@ from mjsim.estimation.hypotheses import CAUSE
 from mjsim.estimation.outcome import verdict_of
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
-from mjsim.instruments.axis_log.signals import Finding, findings, not_used_because
+from mjsim.instruments.axis_log.signals import Finding, findings, not_used_because, used_up_to_a_factor
 from mjsim.machine.model import Machine
+from mjsim.machine.sheet_names import sheet_name
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 from mjsim.workflow.axis_log.compare import checked_logs, overlay_logs
@@ -151,6 +152,10 @@ def _signals(
     """What the recorded channels are like, and which of them this diagnosis did not use."""
     yield from (f for f in findings(campaign.measured, campaign.traces, campaign.instrument) if not f.refused)
     for axis, s in selections.items():
+        for g in (g for g in s.gains if g.channel not in ("torque", "force", "velocity_command")):
+            said = [sheet_name(name)[0] for name in g.values]
+            mine = [d.name for d in fitters[axis].data if d.test.controller == g.controller]
+            yield from (used_up_to_a_factor(test, axis, g.channel, said) for test in mine)
         for (test, name), why in unused(machine, fitters[axis].data, s.gains).items():
             yield not_used_because(test, axis, name, why)
         if machine.drives[axis].encoder == "load":
