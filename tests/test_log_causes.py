@@ -103,7 +103,7 @@ def test_a_friction_that_grows_with_the_torque(tmp_path, share, gain):
     assert result.after.rms < 0.2e-6
 
 
-# --- current -----------------------------------------------------------------------------------------------------------
+# --- current ---------------------------------------------------------------------------------------------------------
 
 LOOSE = Control(integral_time=0.04, feedforward=1.0)
 
@@ -149,3 +149,24 @@ def test_a_current_narrows_inertia_only_with_its_constant(tmp_path, drive, narro
     assert numbers["integral_time"].found == pytest.approx(LOOSE.integral_time, rel=0.03)
     said = [f.sentence for f in result.signals if f.kind == "used"]
     assert len(said) == (not narrower) and all("a number that is not known, of either sign" in s for s in said)
+
+
+# --- limit of the torque ---------------------------------------------------------------------------------------------
+
+
+def limited(folder, control, limit, with_torque):
+    command = to_and_fro(control.sample)
+    actual, torque = record(FRICTION, replace(control, clip=limit), command, 0.02e-6)
+    text = csv(command, actual, torque if with_torque else None, control.sample)
+    place = write_campaign(folder, text, machine_toml(FRICTION, control, False, 0.12), control.sample)
+    assert np.mean(np.abs(torque) >= limit) > 0.01
+    return diagnose_logs(read_campaign(place), read_machine(place / "machine.toml"))
+
+
+@pytest.mark.parametrize(("control", "limit"), [(Control(), 1.2), (LOOSE, 1.6), (Control(position_gain=60.0), 1.4)])
+@pytest.mark.parametrize("with_torque", [True, False])
+def test_a_torque_limit_that_is_not_stated_is_no_wrong_gain(tmp_path, control, limit, with_torque):
+    result = limited(tmp_path, control, limit, with_torque)
+    assert [e.effect.id for e in result.effects] == ["current_clip.X"]
+    low, high = result.effects[0].ci95["torque_Nm"]
+    assert low < limit < high and high < 1.1 * low

@@ -49,12 +49,13 @@ class Control:
     sample: float = 1e-3
     delay_samples: int = 0
     on_load: bool = False
+    clip: float = np.inf
 
 
 @njit(cache=True)
 def _run(r, h, steps, axis, control, th, u_start, error, resolution, position, torque, load):
     j, c, tc, pre, static, stribeck, constant, ripple, phase, order, even, excess, way, rest, loss, play = axis
-    kpp, kvp, of_ti, ff, delay, on_load = control
+    kpp, kvp, of_ti, ff, delay, on_load, clip = control
     s0 = tc / pre if tc > 0.0 else 0.0
     dt = h / steps
     om, z, integral, last_x = 0.0, 0.0, 0.0, 0.0
@@ -76,7 +77,7 @@ def _run(r, h, steps, axis, control, th, u_start, error, resolution, position, t
         elif of_ti > 0.0:
             integral += 0.5 * (x + last_x) * h * of_ti
         last_x, y1, r1 = x, y, r[k]
-        held[k % 64] = kvp * (x + integral)
+        held[k % 64] = min(max(kvp * (x + integral), -clip), clip)  # the integrator runs on
         u = held[(k - int(delay)) % 64] if k >= delay else u_start
         position[k], torque[k] = y, u
         for _ in range(steps):
@@ -144,7 +145,7 @@ def record_both(
     )
     of_ti = 0.0 if np.isinf(control.integral_time) else 1.0 / control.integral_time
     law = (control.position_gain, control.velocity_gain, of_ti, control.feedforward)
-    law = (*law, float(control.delay_samples), float(control.on_load))
+    law = (*law, float(control.delay_samples), float(control.on_load), control.clip)
     steps = max(1, round(control.sample / 2e-6))
     error = noise * gear * np.random.default_rng(seed).normal(size=len(command))
     start = command[0] * gear

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mjsim.estimation.axis_logs.data import AxisData
+from mjsim.instruments.axis_log.signals import limit_of
 from mjsim.machine.model import TOLERANCE, Drive, Machine, build
 from mjsim.machine.plant import AxisPlant
 from mjsim.simulation.servo import sampling
@@ -196,7 +197,7 @@ def _read(
     recorded = [u for u in torques if u is not None] if is_torque else _as_torques(axis, data)
     if not recorded:
         return None
-    limit = 0.98 * min(axis.control.clip, max(np.abs(u).max() for u in recorded) * 2.0)
+    limit = 0.98 * min(axis.control.clip, max(np.abs(u).max() for u in recorded) * 2.0, *_limits(data, recorded))
 
     def residual(x: np.ndarray) -> np.ndarray:
         moved = replace(axis, **{n: getattr(axis, n) * np.exp(v) for n, v in zip(names, x, strict=True)})
@@ -228,6 +229,19 @@ def _read(
     output = data[0].record.output
     assert output is not None
     return GainsRead(controller, values, deviations, samples, explained, output[0])
+
+
+def _limits(data: Sequence[AxisData], outputs: Sequence[np.ndarray]) -> list[float]:
+    """Sizes at which recorded outputs stand while the following error goes on changing."""
+    found = [limit_of(u, d.record.command - d.record.actual, d.resolution) for d, u in zip(data, outputs, strict=True)]
+    return [f for f in found if f]
+
+
+def torque_limit(machine: Machine, data: Sequence[AxisData]) -> float:
+    """Torque, N·m, at which the motor of an axis stands in some recording; 0 where none shows one."""
+    gear = machine.drives[data[0].axis].gear
+    with_torque = [(d, u) for d in data if (u := d.record.motor_torque(gear)) is not None]
+    return min(_limits([d for d, _ in with_torque], [u for _, u in with_torque]), default=0.0)
 
 
 def _as_torques(axis: AxisPlant, data: Sequence[AxisData]) -> list[np.ndarray]:

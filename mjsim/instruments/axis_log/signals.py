@@ -22,7 +22,7 @@ _MEASURED = ("actual", "load", "velocity")
 #: Samples in which a channel has to move by at least three of its steps, for its hold to be told.
 _ENOUGH = 20
 #: A channel that stands at its extreme for so many samples in a row is at a limit (assumed).
-_FLAT = 10
+_FLAT, _AT_MOST = 10, 1e-4
 #: Channels are copies where one is the other, times a number, within this share of its own spread: rounding.
 _SAME = 1e-6
 #: Largest values of drives of machine tools (assumed): N·m, N, V, A, shares.
@@ -230,15 +230,11 @@ def limits(test: LogTest, recording: Recording) -> list[Finding]:
         error = record.command - record.actual
         for name, unit in _UNITS.items():
             values = record.channels.get(name)
-            if values is None or not np.ptp(values):
+            if values is None or not limit_of(values, error, encoder_step(recording, axis)):
                 continue
             most = float(np.abs(values).max())
-            at = np.abs(values) > most * (1.0 - 1e-4)
-            first, longest = _longest(at)
-            if longest < _FLAT or np.ptp(error[first : first + longest]) < 3.0 * max(
-                encoder_step(recording, axis), 1e-9
-            ):
-                continue
+            at = np.abs(values) > most * (1.0 - _AT_MOST)
+            longest = _longest(at)[1]
             said = f"{test.name}: the {_words(name)} of {axis} stands at {most:.4g} {unit} in {int(at.sum())} samples, "
             said += (
                 f"{longest * recording.step:.3g} s on end, while the following error changes: a limit of the drive, "
@@ -247,6 +243,20 @@ def limits(test: LogTest, recording: Recording) -> list[Finding]:
                 Finding("limit", test.name, (axis,), said + "which the machine file states as clip_Nm or clip_V")
             )
     return out
+
+
+def limit_of(values: np.ndarray, error: np.ndarray, step: float) -> float:
+    """The size at which a channel (n,) stands while the following error (n,) goes on changing; 0 where it does not.
+
+    Args:
+        values: Of the channel.
+        error: Command less actual position, axis units.
+        step: Of the encoder, axis units.
+    """
+    most = float(np.abs(values).max())
+    first, longest = _longest(np.abs(values) > most * (1.0 - _AT_MOST))
+    changing = longest >= _FLAT and np.ptp(error[first : first + longest]) >= 3.0 * max(step, 1e-9)
+    return most if changing and np.ptp(values) else 0.0
 
 
 def copies(test: LogTest, recording: Recording) -> list[Finding]:
