@@ -9,9 +9,20 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.estimation.axis_logs.data import axis_data
 from mjsim.estimation.axis_logs.gains import read_gains
+from mjsim.simulation.servo import smoothed
 from mjsim.workflow.axis_log.compare import checked_logs
 from mjsim.workflow.axis_log.diagnose import diagnose_logs
-from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro, write_campaign
+from tests.independent.logs import (
+    CAMPAIGN,
+    Axis,
+    Control,
+    csv,
+    filtered,
+    machine_toml,
+    record,
+    to_and_fro,
+    write_campaign,
+)
 
 FRICTION = Axis(coulomb=0.12)
 
@@ -170,3 +181,30 @@ def test_a_torque_limit_that_is_not_stated_is_no_wrong_gain(tmp_path, control, l
     assert [e.effect.id for e in result.effects] == ["current_clip.X"]
     low, high = result.effects[0].ci95["torque_Nm"]
     assert low < limit < high and high < 1.1 * low
+
+
+# --- filter of the command -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("kind", "time"), [("lag_ms", 4e-3), ("lag_ms", 20e-3), ("mean_ms", 8e-3), ("mean_ms", 32e-3)])
+def test_a_filter_of_the_command_has_its_closed_form(kind, time):
+    command = to_and_fro()
+    ours = smoothed(command, 1e-3, time if kind == "lag_ms" else 0.0, time if kind == "mean_ms" else 0.0)
+    assert np.abs(ours - filtered(command, 1e-3, kind, time)).max() < 4e-6  # a hundredth of a sample at 0.3 m/s
+    ramp = np.arange(0.0, 0.5, 1e-3)
+    behind = ramp - smoothed(ramp, 1e-3, time if kind == "lag_ms" else 0.0, time if kind == "mean_ms" else 0.0)
+    assert behind[-1] == pytest.approx(time if kind == "lag_ms" else 0.5 * time, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("control", "kind", "time"),
+    [(LOOSE, "lag_ms", 4e-3), (Control(), "lag_ms", 20e-3), (LOOSE, "mean_ms", 24e-3), (Control(), "mean_ms", 12e-3)],
+)
+def test_a_filter_of_the_command_is_no_wrong_gain(tmp_path, control, kind, time):
+    command = to_and_fro(control.sample)
+    actual, _ = record(FRICTION, control, filtered(command, control.sample, kind, time), 0.02e-6)
+    place = write_campaign(tmp_path, csv(command, actual), machine_toml(FRICTION, control, False, 0.12))
+    result = diagnose_logs(read_campaign(place), read_machine(place / "machine.toml"))
+    assert [e.effect.id for e in result.effects] == ["command_filter.X"]
+    low, high = result.effects[0].ci95[kind]
+    assert low < 1e3 * time < high and result.after.rms < 0.3e-6

@@ -16,8 +16,9 @@ no sampling time is continuous: r, y and their rates are then those of the middl
 and beside the bristle a friction torque that rises and saturates, Tr (1 − exp(−|ω|/ω_r)) sign ω, a share of the
 viscous torque that does not turn with the direction, and torques that vary with θ.
 
-Where the position loop is closed on an encoder at the load, Kpp acts on the load's position behind the play inside that
-loop, and s on the motor's; a law R, S, T has the load's alone.
+The command may come through a filter (:func:`smoothed`). Where the position loop is closed on an encoder at the load,
+Kpp acts on the load's position behind the play inside that loop, and s on the motor's; a law R, S, T has the load's
+alone.
 """
 
 from __future__ import annotations
@@ -203,8 +204,37 @@ def _run(axis: AxisPlant, command: Sampled, start: ServoStart) -> tuple[np.ndarr
     finer = min(max(1, math.ceil(step / substeps * bristle_rate(axis) / _BENDING)), _MOST_PARTS)
     state = np.array([start.position * axis.gear, start.velocity * axis.gear, start.torque])
     angle, rate, torque = np.empty(count), np.empty(count), np.empty(count)
-    loop(parameters(axis, step), _waves(axis), command.command, step, substeps, finer, state, angle, rate, torque)
+    wanted = smoothed(command.command, step, *axis.smoothing)
+    loop(parameters(axis, step), _waves(axis), wanted, step, substeps, finer, state, angle, rate, torque)
     return angle, rate, torque
+
+
+def smoothed(command: np.ndarray, step: float, lag: float, mean: float) -> np.ndarray:
+    """A command (n,) behind a filter, at rest before it begins; straight lines between its samples.
+
+    Args:
+        command: Any unit.
+        step: Time between two samples, s.
+        lag: Time constant of exponential smoothing, s; 0: none.
+        mean: Time over which the mean is taken then, s; 0: none.
+    """
+    out = command
+    if lag > 0.0:
+        from scipy.signal import lfilter  # slow to load
+
+        kept = math.exp(-step / lag)
+        share = (1.0 - kept) * lag / step
+        out = out[0] + np.asarray(lfilter([1.0 - share, share - kept], [1.0, -kept], out - out[0]))
+    if mean > 0.0:
+        change = out - out[0]
+        area = np.concatenate([[0.0], np.cumsum(0.5 * step * (change[1:] + change[:-1]))])
+        time = step * np.arange(len(out))
+        back = np.maximum(time - mean, 0.0)
+        k = np.minimum((back / step).astype(int), len(out) - 2)
+        u = back - k * step
+        slope = (change[k + 1] - change[k]) / step
+        out = out[0] + (area - area[k] - u * (change[k] + 0.5 * u * slope)) / mean
+    return np.ascontiguousarray(out)
 
 
 def _waves(axis: AxisPlant) -> np.ndarray:

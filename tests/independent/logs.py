@@ -170,6 +170,23 @@ def to_and_fro(sample: float = 1e-3) -> np.ndarray:
     return np.concatenate(out)
 
 
+def filtered(command: np.ndarray, step: float, kind: str, time: float) -> np.ndarray:
+    """A command (n,) behind a first-order lag (``lag_ms``) or a mean (``mean_ms``) of ``time`` s, in hundredths of a
+    sample.
+    """
+    fine = np.interp(np.arange(-0.005, len(command) - 1.0, 0.01), np.arange(len(command)), command)
+    h = 0.01 * step
+    if kind == "lag_ms":
+        out, y = np.empty(len(fine)), fine[0]
+        for i, r in enumerate(fine):
+            y += (r - y) * (1.0 - np.exp(-h / time))
+            out[i] = y
+    else:
+        n = round(time / h)
+        out = np.convolve(np.concatenate([np.full(n - 1, fine[0]), fine]), np.ones(n) / n, "valid")
+    return out[::100]
+
+
 def csv(command: np.ndarray, position: np.ndarray, torque: np.ndarray | None = None, sample: float = 1e-3) -> str:
     """The log of one axis X as campaigns have it."""
     columns = [sample * np.arange(len(command)), 1e3 * command, 1e3 * position]

@@ -41,6 +41,8 @@ _DELAYS_MS = (5.0, 40.0)
 _LIMITS, _LIMIT_READ = (0.7, 1.0), 0.02
 #: Widths of a play from which fits start, in usual ones.
 _PLAYS = (1.0, 5.0)
+#: Filters of the command from which fits start, ms.
+_FILTERS_MS = (("lag_ms", 3.0), ("lag_ms", 15.0), ("mean_ms", 5.0), ("mean_ms", 30.0))
 #: Most waves of cogging beside a torque ripple (assumed).
 _MOST_WAVES = 3
 #: Least motor speed that is taken for a motion, rad/s.
@@ -58,19 +60,21 @@ class Candidate:
         entries: What is free.
         shape: Whether it is another shape of an effect that the model has already.
         order: Of the wave that it adds to an effect of several waves.
+        variant: What tells it from other causes of the same effect, each tried for itself.
     """
 
     effect: Effect
     entries: tuple[Entry, ...]
     shape: bool = False
     order: float | None = None
+    variant: str = ""
 
     @property
     def key(self) -> str:
         """Same for all starting points of one cause."""
         if self.wave:
             return f"{self.effect.id} order {self.cycles:g}"
-        return self.effect.id + (" shape" if self.shape else "")
+        return " ".join(filter(None, (self.effect.id, "shape" if self.shape else "", self.variant)))
 
     @property
     def cycles(self) -> float:
@@ -187,6 +191,10 @@ class Catalogue:
             for delay in _DELAYS_MS:
                 e = self._make("servo_delay", delay_ms=delay)
                 out.append(Candidate(e, (self._linear(e, "delay_ms", 1e3 * self.step), *self.shifts)))
+        if self.machine.effect(f"command_filter.{self.axis}") is None:
+            for name, time in _FILTERS_MS:
+                e = self._make("command_filter", **{name: time})
+                out.append(Candidate(e, (self._linear(e, name, 1.0),), variant=name))
         if any(d.control.law is None for d in self.drives):
             e = self._make("velocity_feedforward", ratio=0.02)
             out.append(Candidate(e, (self._linear(e, "ratio", 0.02),)))
