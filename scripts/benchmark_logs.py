@@ -1,6 +1,10 @@
-"""How often the diagnosis of axis logs is right, on logs of an independent generator: half sound, half with one cause.
+"""How often the diagnosis of axis logs is right, on logs of an independent generator.
 
-python scripts/benchmark_logs.py [--count 100] [--seed 1]
+python scripts/benchmark_logs.py [--count 100] [--seed 1] [--drives]
+
+Half of the machines are sound, half have one cause. With --drives, every machine has one cause of real drives: play
+outside or inside the position loop, dead time, a filter of the command, a torque limit, a loss by the torque, a wrong
+position gain. The torque, a current of unknown constant, or neither is recorded.
 """
 
 from __future__ import annotations
@@ -18,7 +22,18 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.workflow.axis_log.diagnose import diagnose_logs
 from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
-from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
+from tests.independent.logs import (
+    CAMPAIGN,
+    Axis,
+    Control,
+    csv,
+    filtered,
+    machine_toml,
+    record,
+    record_both,
+    to_and_fro,
+    write_campaign,
+)
 
 #: Kinds that stand for each other in a log: while an axis slides, a constant force is a friction by direction.
 _SAME = {"friction_direction": "constant_force"}
@@ -103,12 +118,136 @@ def diagnosed(case: Case, folder: Path, seed: int) -> LogDiagnosis:
     return diagnose_logs(read_campaign(folder), read_machine(folder / "machine.toml"))
 
 
+@dataclass(frozen=True)
+class DriveCase:
+    """One log of a drive with one cause.
+
+    Attributes:
+        axis: As it is.
+        control: As it is.
+        stated: Control that the machine file has.
+        planted: Kind of the cause, its leading parameter and its value.
+        encoder: Of the machine file.
+        channel: ``torque``, ``current`` or nothing.
+        constant: Of the motor, N·m/A, of either sign; the machine file does not have it.
+    """
+
+    axis: Axis
+    control: Control
+    stated: Control
+    planted: tuple[str, str, float]
+    encoder: str
+    channel: str
+    constant: float
+
+
+def drive_cases(count: int, seed: int) -> list[DriveCase]:
+    """Random machines, the causes in turn."""
+    random = np.random.default_rng([seed, 7])
+    kinds = ("backlash", "servo_delay", "command_filter", "current_clip", "torque_loss", "servo_gain")
+    out = []
+    for i in range(count):
+        kind = kinds[i % len(kinds)]
+        axis = Axis(
+            inertia=float(random.uniform(3e-4, 7e-4)),
+            viscous=float(random.uniform(0.004, 0.012)),
+            coulomb=float(random.uniform(0.06, 0.2)),
+            presliding=float(random.uniform(0.002, 0.008)),
+        )
+        control = Control(float(random.uniform(35.0, 60.0)), float(random.uniform(0.05, 0.09)))
+        if random.random() < 0.5:
+            control = replace(control, integral_time=float(random.uniform(0.02, 0.06)), feedforward=1.0)
+        stated, encoder, size = control, "motor", float(random.uniform(0.0, 1.0))
+        if kind == "backlash":
+            encoder = ("motor", "load", "both")[i // len(kinds) % 3]
+            control = stated = replace(control, on_load=encoder != "motor")
+            planted = (kind, "width_um", 4.0 + 26.0 * size)
+            axis = replace(axis, play=planted[2] * 1e-6)
+        elif kind == "servo_delay":
+            planted = (kind, "delay_ms", round(8.0 + 40.0 * size))
+        elif kind == "command_filter":
+            planted = (kind, ("lag_ms", "mean_ms")[i // len(kinds) % 2], 4.0 + 20.0 * size)
+        elif kind == "current_clip":
+            planted = (kind, "torque_Nm", (0.5 + 0.35 * size) * _largest(axis, control))
+            control = replace(control, clip=planted[2])
+        elif kind == "torque_loss":
+            planted = (kind, "share_ratio", 0.15 + 0.35 * size)
+            axis = replace(axis, loss=planted[2])
+        else:
+            ratio = float(random.choice([0.6, 0.75, 1.3, 1.6]))
+            planted = (kind, "ratio", ratio)
+            stated = replace(control, position_gain=control.position_gain / ratio)
+        channel = str(random.choice(["torque", "current", ""]))
+        out.append(DriveCase(axis, control, stated, planted, encoder, channel, float(random.choice([-0.6, 0.4, 1.1]))))
+    return out
+
+
+def _largest(axis: Axis, control: Control) -> float:
+    """Largest torque of a drive without a limit, N·m, but for single peaks."""
+    return float(np.quantile(np.abs(record(axis, control, to_and_fro(), 0.0)[1]), 0.99))
+
+
+def drive_diagnosed(case: DriveCase, folder: Path, seed: int) -> LogDiagnosis:
+    """The diagnosis of a drive's log."""
+    command, (kind, name, value) = to_and_fro(), case.planted
+    told = command
+    if kind == "servo_delay":
+        told = np.concatenate([np.full(int(value), command[0]), command[: -int(value)]])
+    elif kind == "command_filter":
+        told = filtered(command, case.control.sample, name, 1e-3 * value)
+    motor, load, torque = record_both(case.axis, case.control, told, 0.05e-6, seed)
+    shown = {"torque": torque, "current": torque / case.constant}.get(case.channel)
+    rows = csv(command, load if case.encoder == "load" else motor, shown).splitlines()
+    if case.channel == "current":
+        rows[0] = rows[0].replace("X_torque_Nm", "X_current_A")
+    if kind == "backlash" and case.encoder != "load":
+        rows = [rows[0] + ",X_load_mm", *(f"{row},{1e3 * y:.7f}" for row, y in zip(rows[1:], load, strict=True))]
+    machine = machine_toml(case.axis, case.stated, False, case.axis.coulomb)
+    machine = machine.replace("[drive.X]", f'[drive.X]\nencoder = "{case.encoder}"')
+    write_campaign(folder, "\n".join(rows) + "\n", machine)
+    return diagnose_logs(read_campaign(folder), read_machine(folder / "machine.toml"))
+
+
+def run_drives(count: int, seed: int) -> None:
+    """Run the drives and print how often they were right."""
+    tally, begun = Counter(), time.process_time()
+    for i, case in enumerate(drive_cases(count, seed)):
+        with tempfile.TemporaryDirectory() as folder:
+            result = drive_diagnosed(case, Path(folder), i)
+        kind, parameter, value = case.planted
+        sure = {_SAME.get(e.effect.kind, e.effect.kind) for e in result.effects if (e.probability or 0.0) >= 0.95}
+        mine = next((e for e in result.effects if e.effect.kind == kind), None)
+        tally["logs"] += 1
+        tally["the cause is named"] += mine is not None
+        tally["the cause is named, and nothing else"] += {e.effect.kind for e in result.effects} == {kind}
+        tally["something else is named with 95 % or more"] += bool(sure - {kind})
+        tally["unknown"] += result.verdict == "unknown"
+        if mine is not None and parameter in mine.ci95:
+            low, high = mine.ci95[parameter]
+            tally["intervals"] += 1
+            tally["intervals that hold the value"] += low <= value <= high
+            said = f"{value:.5g} in [{low:.5g}, {high:.5g}]" if low <= value <= high else f"{value:.5g} OUTSIDE"
+            said += "" if low <= value <= high else f" [{low:.5g}, {high:.5g}]"
+        else:
+            said = f"{value:.5g}"
+        found = ", ".join(f"{e.effect.kind} ({e.probability:.2f})" for e in result.effects) or "nothing"
+        where = f"{case.encoder}, {case.channel or 'positions alone'}"
+        print(f"{i}: {kind} {parameter} {said}, {where}: {result.verdict}: {found}", flush=True)
+    for name, number in tally.items():
+        print(f"{name}: {number}")
+    print(f"{(time.process_time() - begun) / count:.2f} s of processor time for one log")
+
+
 def main() -> None:
     """Run the bank and print how often it was right."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--drives", action="store_true")
     given = parser.parse_args()
+    if given.drives:
+        run_drives(given.count, given.seed)
+        return
     tally, begun = Counter(), time.process_time()
     for i, case in enumerate(cases(given.count, given.seed)):
         with tempfile.TemporaryDirectory() as folder:

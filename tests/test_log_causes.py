@@ -1,12 +1,28 @@
 """Causes and channels of real drives in axis logs: dead time, and a recorded velocity set-point."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
+from mjsim.estimation.axis_logs.data import axis_data
+from mjsim.estimation.axis_logs.gains import read_gains
+from mjsim.simulation.servo import smoothed
+from mjsim.workflow.axis_log.compare import checked_logs
 from mjsim.workflow.axis_log.diagnose import diagnose_logs
-from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro, write_campaign
+from tests.independent.logs import (
+    CAMPAIGN,
+    Axis,
+    Control,
+    csv,
+    filtered,
+    machine_toml,
+    record,
+    to_and_fro,
+    write_campaign,
+)
 
 FRICTION = Axis(coulomb=0.12)
 
@@ -96,3 +112,99 @@ def test_a_friction_that_grows_with_the_torque(tmp_path, share, gain):
     low, high = found.ci95["share_ratio"]
     assert low < share < high and found.effect.values["share_ratio"] == pytest.approx(share, rel=0.05)
     assert result.after.rms < 0.2e-6
+
+
+# --- current ---------------------------------------------------------------------------------------------------------
+
+LOOSE = Control(integral_time=0.04, feedforward=1.0)
+
+
+def with_current(folder, column, factor, drive="", identify=True):
+    """A machine whose sheet says too small a velocity gain and inertia, with a channel that is its torque times a
+    ``factor``.
+    """
+    command = to_and_fro()
+    actual, torque = record(FRICTION, LOOSE, command, 0.02e-6)
+    rows = csv(command, actual, torque * factor).replace("X_torque_Nm", column)
+    stated = replace(LOOSE, integral_time=0.06)
+    machine = machine_toml(FRICTION, stated, identify, 0.12, velocity_gain=0.04, inertia=3e-4)
+    place = write_campaign(folder, rows, machine.replace("[drive.X]", f"[drive.X]\n{drive}"))
+    return read_campaign(place), read_machine(place / "machine.toml")
+
+
+def gains_of(campaign, machine):
+    return read_gains(machine, axis_data(checked_logs(campaign, machine), "X", machine))
+
+
+@pytest.mark.parametrize(("column", "factor"), [("X_current_A", -7.3), ("X_current_percent", 41.0)])
+def test_a_current_of_unknown_constant_and_sign_says_the_law_and_no_velocity_gain(tmp_path, column, factor):
+    (found,) = gains_of(*with_current(tmp_path, column, factor))
+    assert set(found.values) == {"position_gain", "integral_time"}
+    assert found.values["position_gain"] == pytest.approx(LOOSE.position_gain, rel=0.03)
+    assert found.values["integral_time"] == pytest.approx(LOOSE.integral_time, rel=0.03)
+
+
+def test_a_known_torque_constant_makes_a_torque_of_a_current(tmp_path):
+    (found,) = gains_of(*with_current(tmp_path, "X_current_A", 1.0 / 0.37, "torque_constant_Nm_per_A = 0.37"))
+    assert found.values["velocity_gain"] == pytest.approx(LOOSE.velocity_gain, rel=0.02)
+
+
+@pytest.mark.parametrize(("drive", "narrower"), [("", False), ("torque_constant_Nm_per_A = 0.37", True)])
+def test_a_current_narrows_inertia_only_with_its_constant(tmp_path, drive, narrower):
+    campaign, machine = with_current(tmp_path, "X_current_A", 1.0 / 0.37, drive)
+    result = diagnose_logs(campaign, machine)
+    numbers = {s.name: s for s in result.sheet}
+    low, high = numbers["inertia"].ci95
+    assert (high / low < 1.2) == narrower and numbers["inertia"].known == narrower
+    assert low < FRICTION.inertia < high
+    assert numbers["integral_time"].found == pytest.approx(LOOSE.integral_time, rel=0.03)
+    said = [f.sentence for f in result.signals if f.kind == "used"]
+    assert len(said) == (not narrower) and all("a number that is not known, of either sign" in s for s in said)
+
+
+# --- limit of the torque ---------------------------------------------------------------------------------------------
+
+
+def limited(folder, control, limit, with_torque):
+    command = to_and_fro(control.sample)
+    actual, torque = record(FRICTION, replace(control, clip=limit), command, 0.02e-6)
+    text = csv(command, actual, torque if with_torque else None, control.sample)
+    place = write_campaign(folder, text, machine_toml(FRICTION, control, False, 0.12), control.sample)
+    assert np.mean(np.abs(torque) >= limit) > 0.01
+    return diagnose_logs(read_campaign(place), read_machine(place / "machine.toml"))
+
+
+@pytest.mark.parametrize(("control", "limit"), [(Control(), 1.2), (LOOSE, 1.6), (Control(position_gain=60.0), 1.4)])
+@pytest.mark.parametrize("with_torque", [True, False])
+def test_a_torque_limit_that_is_not_stated_is_no_wrong_gain(tmp_path, control, limit, with_torque):
+    result = limited(tmp_path, control, limit, with_torque)
+    assert [e.effect.id for e in result.effects] == ["current_clip.X"]
+    low, high = result.effects[0].ci95["torque_Nm"]
+    assert low < limit < high and high < 1.1 * low
+
+
+# --- filter of the command -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("kind", "time"), [("lag_ms", 4e-3), ("lag_ms", 20e-3), ("mean_ms", 8e-3), ("mean_ms", 32e-3)])
+def test_a_filter_of_the_command_has_its_closed_form(kind, time):
+    command = to_and_fro()
+    ours = smoothed(command, 1e-3, time if kind == "lag_ms" else 0.0, time if kind == "mean_ms" else 0.0)
+    assert np.abs(ours - filtered(command, 1e-3, kind, time)).max() < 4e-6  # a hundredth of a sample at 0.3 m/s
+    ramp = np.arange(0.0, 0.5, 1e-3)
+    behind = ramp - smoothed(ramp, 1e-3, time if kind == "lag_ms" else 0.0, time if kind == "mean_ms" else 0.0)
+    assert behind[-1] == pytest.approx(time if kind == "lag_ms" else 0.5 * time, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("control", "kind", "time"),
+    [(LOOSE, "lag_ms", 4e-3), (Control(), "lag_ms", 20e-3), (LOOSE, "mean_ms", 24e-3), (Control(), "mean_ms", 12e-3)],
+)
+def test_a_filter_of_the_command_is_no_wrong_gain(tmp_path, control, kind, time):
+    command = to_and_fro(control.sample)
+    actual, _ = record(FRICTION, control, filtered(command, control.sample, kind, time), 0.02e-6)
+    place = write_campaign(tmp_path, csv(command, actual), machine_toml(FRICTION, control, False, 0.12))
+    result = diagnose_logs(read_campaign(place), read_machine(place / "machine.toml"))
+    assert [e.effect.id for e in result.effects] == ["command_filter.X"]
+    low, high = result.effects[0].ci95[kind]
+    assert low < 1e3 * time < high and result.after.rms < 0.3e-6

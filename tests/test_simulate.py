@@ -1,6 +1,7 @@
 """The multibody simulation: equal to the independent axes, the same on every run, with inertias that add up."""
 
 import os
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -84,6 +85,20 @@ def test_multibody_equals_independent_axes(machine, bare, tests):
             # angles at a lever of 0.1 m
             assert np.abs((alone.load(plant)[:, :5] - s.position) * [1, 1, 1, 0.1, 0.1]).max() < limit, s.test.name
             assert np.ptp(s.deviation) > 5e-6
+
+
+def test_loops_closed_on_the_load(m1, bare, cone, circle):
+    """Play of axes with an encoder at the load, in both engines: it costs the accuracy of reversals."""
+    tests = [cone(15, 10, (50, 20, 155), 1000.0, name="cone"), circle("XY", (0, 0, 155), 1000.0, name="circle")]
+    motor = m1.with_effects([make("backlash.X", width_um=20.0), make("backlash.C", width_deg=0.002)])
+    drives = {a: replace(d, encoder="load") if a in ("X", "C") else d for a, d in motor.drives.items()}
+    load = replace(motor, drives=drives)
+    sound = replace(load, effects=m1.effects)
+    for outside, inside, without in zip(*(simulate(m, tests) for m in (motor, load, sound)), strict=True):
+        alone = AxesMotion(inside.test).reading(build(load))
+        assert np.abs(alone - inside.deviation).max() < 1e-10
+        lost = [float(np.sqrt(np.mean((s.deviation - without.deviation) ** 2))) for s in (outside, inside)]
+        assert 1e-7 < lost[1] < 0.5 * lost[0]
 
 
 def test_the_campaigns_of_the_examples(m1):

@@ -77,7 +77,9 @@ def read_machine(path: str | Path, text: str | None = None) -> Machine:
         if missing and not ran:
             raise InputError(f"{path}: [drive.{axis}]: the key {DRIVE_KEYS[missing[0]]!r} is missing")
         numbers |= {k: getattr(ran[0], k) for k in missing}
-        drives[axis] = Drive(axis, gears[axis], **numbers)
+        drives[axis] = Drive(
+            axis, gears[axis], **numbers, encoder=d.encoder, torque_constant=d.torque_constant_Nm_per_A or 0.0
+        )
     effects: list[Effect] = []
     files: dict[str, str] = {}
     for number, entry in enumerate(table.effect, start=1):

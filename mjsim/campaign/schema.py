@@ -14,6 +14,7 @@ from mjsim.instruments.base import INSTRUMENTS
 from mjsim.instruments.schema import Length, Number, Table, Text, one_of
 from mjsim.machine.chain import FIVE_AXIS, SENSES, SINGULAR, Chain
 from mjsim.machine.control import MOST_COEFFICIENTS
+from mjsim.machine.model import ENCODERS
 
 #: From the pivot of a head to the ball, mm (assumed bounds).
 ToolLength = Annotated[float, Field(gt=0, le=5000)]
@@ -102,6 +103,8 @@ class DriveTable(Table):
     inertia_kgm2: Annotated[float, Field(gt=0, le=100)]
     viscous_Nms_per_rad: Annotated[float, Field(ge=0, le=100)]
     gravity_Nm: Annotated[float, Field(ge=-1e4, le=1e4)] = 0.0
+    torque_constant_Nm_per_A: Annotated[float, Field(gt=0, le=1000)] | None = None
+    encoder: Annotated[str, AfterValidator(one_of(lambda: ENCODERS))] = ENCODERS[0]
 
 
 class AxisTable(Table):

@@ -131,6 +131,11 @@ def show_diagnosis(data: dict) -> None:
         before, after = data["rms_before_deg"], data["rms_after_deg"]
         common.paragraph(f"rotary axes: residual RMS {before:.3g}° as given, {after:.3g}° with what was found")
     show_effects(data)
+    if data["without_support"]:
+        common.paragraph(
+            f"in the fit, and not supported by the logs: {', '.join(data['without_support'])}; no more than chance or "
+            "a sound machine explains"
+        )
     click.echo()
     show_sheet(data)
     if data["unexplained"] and not is_first:
@@ -188,7 +193,8 @@ def show_sheet(data: dict) -> None:
         low, high = s["ci95"]
         known = "recorded output" if s["source"] == "recorded output" else "motion" if s["known"] else "the sheet"
         label = f"{s['axis']} {name}" + (f" ({s['controller']})" if s["controller"] else "")
-        numbers = [f"{s['stated']:.4g}", f"{s['found']:.4g}", f"{low:.4g} to {high:.4g}"]
+        found = [f"{s['found']:.4g}", f"{low:.4g} to {high:.4g}"] if known != "the sheet" else ["not determined", "–"]
+        numbers = [f"{s['stated']:.4g}", *found]
         rows.append([label, *numbers, unit, known])
     if rows:
         common.table(["data sheet", "stated", "found", "95 %", "unit", "known from"], rows, text=(0, 3, 4, 5))

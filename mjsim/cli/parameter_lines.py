@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from mjsim.units import percent
 
 
-def parameter_lines(parameters: dict, intervals: dict) -> list[str]:
-    """``name = value  [low, high]`` per parameter, components one by one."""
+def parameter_lines(parameters: dict, intervals: dict, undetermined: Collection[str] = ()) -> list[str]:
+    """``name = value  [low, high]`` per parameter, components one by one; no value of one that is not determined."""
     lines = []
     for name, value in parameters.items():
+        if name in undetermined:
+            lines.append(f"{name}: not determined by the data")
+            continue
         ci = intervals.get(name)
         if name == "components":
             for i, (order, amplitude, phase) in enumerate(value):
@@ -27,7 +32,7 @@ def _with(probability: float | None) -> str:
 
 def finding_lines(finding: dict) -> list[str]:
     """What stands below the name of a finding: its parameters, what looks like it, and where it shows."""
-    lines = parameter_lines(finding["parameters"], finding["ci95"])
+    lines = parameter_lines(finding["parameters"], finding["ci95"], finding.get("undetermined", ()))
     if finding.get("known_together"):
         lines.append(finding["known_together"]["sentence"])
     if finding["probability"] is not None:

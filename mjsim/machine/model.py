@@ -26,6 +26,9 @@ TOLERANCE = {
     "coulomb": 0.05,
     "presliding": 0.10,
 }
+#: Encoders of an axis: on the motor; at the load alone; on both, of which the load's closes the position loop and the
+#: motor's is the actual position of a log.
+ENCODERS = ("motor", "load", "both")
 #: Numbers of the data sheet that stand in the effect ``friction``, by the names of its parameters.
 FRICTION_PARAMETERS = {"coulomb": "coulomb_Nm", "presliding": "presliding_rad"}
 
@@ -39,6 +42,8 @@ class Drive:
         position_gain: Kpp, 1/s. velocity_gain: Kvp, N·m·s/rad. integral_time: Ti, s.
         inertia: J of the whole axis, kg·m². viscous: C, N·m·s/rad. gravity: N·m.
         feedforward: ratio of the velocity feedforward. control: what the control does beside its gains.
+        encoder: one of :data:`ENCODERS`: where the position loop is closed, and what is the actual position of logs.
+        torque_constant: of the motor, N·m/A; 0: not known.
     """
 
     axis: str
@@ -51,6 +56,8 @@ class Drive:
     gravity: float = 0.0
     feedforward: float = 0.0
     control: Control = field(default_factory=Control)
+    encoder: str = "motor"
+    torque_constant: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -155,7 +162,7 @@ class Machine:
         """
         if axis not in self.drives:
             raise InputError(f"machine {self.name!r} has no axis {axis!r}; allowed: {', '.join(self.drives)}")
-        known = [f.name for f in fields(Drive) if f.name not in ("axis", "control")]
+        known = [f.name for f in fields(Drive) if f.name not in ("axis", "control", "encoder", "torque_constant")]
         for name, value in changes.items():
             if name not in known:
                 near = next((k for k in known if name.startswith(k)), None)
@@ -185,6 +192,7 @@ def build(machine: Machine) -> Plant:
             d.viscous,
             d.gravity,
             d.feedforward,
+            encoder=d.encoder,
             control=d.control,
         )
         for a, d in ((a, machine.drives[a]) for a in machine.chain.letters)
@@ -198,4 +206,5 @@ def build(machine: Machine) -> Plant:
         own.apply(effect, plant)
         if effect.in_python:
             plant.python_effects.append(effect)
+    plant.close_loops_on_loads()
     return plant

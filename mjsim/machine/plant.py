@@ -44,8 +44,9 @@ class AxisPlant:
     (further ripples of the torque), ``by_position`` (change of the level per rad and rad² of the motor), ``rising``
     friction (N·m, rad/s at which it saturates), ``resting`` friction (share of the level that a rest adds, way after
     which it is gone, rad, time in which it forms, s), ``torque_loss`` (growth of the level per torque of the motor),
-    ``hold`` (share of the level up to which the bristles are
-    elastic), and ``control``.
+    ``hold`` (share of the level up to which the bristles are elastic), ``smoothing`` of the command (time constant of a
+    lag and time of a mean, s), and ``control``. ``encoder`` says on which the position loop is closed, and ``play`` is
+    half of the width of a play inside that loop, rad of the motor.
     """
 
     gear: float
@@ -74,7 +75,15 @@ class AxisPlant:
     viscous_share: float = 0.0
     resting: tuple[float, float, float] = (0.0, 1.0, 1.0)
     torque_loss: float = 0.0
+    smoothing: tuple[float, float] = (0.0, 0.0)
+    encoder: str = "motor"
+    play: float = 0.0
     control: Control = field(default_factory=Control)
+
+    @property
+    def on_load(self) -> bool:
+        """Whether the position loop is closed on an encoder at the load."""
+        return self.encoder != "motor"
 
     def key(self) -> tuple:
         """Hashable identity of the drive's behaviour (for caching motions)."""
@@ -154,6 +163,18 @@ class Plant:
             )
         )
 
+    def close_loops_on_loads(self) -> None:
+        """Put the plays of axes whose position loop is closed on the load into that loop: such a drive gives the
+        position of its load.
+        """
+        for letter, axis in self.axes.items():
+            if not axis.on_load:
+                continue
+            column = self.chain.index(letter)
+            inside = [op for op in self.ops if op.code == PLAY and op.out == op.source == column]
+            self.ops = [op for op in self.ops if op not in inside]
+            axis.play += axis.gear * sum(op.parameters[0] for op in inside)
+
     def sorted_ops(self) -> list[Op]:
         """Operations in the order in which they act."""
         return sorted(self.ops, key=lambda op: op.stage)
@@ -164,7 +185,7 @@ class Plant:
         """
         for name, axis in self.axes.items():
             for key, value in vars(axis).items():
-                if isinstance(value, Control) or (key == "integral_time" and value == np.inf):
+                if isinstance(value, Control | str) or (key == "integral_time" and value == np.inf):
                     continue
                 numbers = value if isinstance(value, tuple) else (value,)
                 if not np.all(np.isfinite(np.asarray(numbers, float))):

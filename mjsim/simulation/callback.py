@@ -25,7 +25,7 @@ from numba import carray, cfunc, njit, types
 from numba.extending import intrinsic
 
 from mjsim.machine.plant import OP_SIZE
-from mjsim.simulation.drive import AXIS_SIZE, GEAR, LOAD, STATE_SIZE, advance, start
+from mjsim.simulation.drive import AXIS_SIZE, BEHIND, GEAR, STATE_SIZE, advance, start
 from mjsim.simulation.layout import find_offsets
 from mjsim.simulation.transmission import MEMORY, apply_ops
 
@@ -86,7 +86,7 @@ def advance_machine(block, user, ctrl, bias, passive, time):
         s = drives[i * STATE_SIZE : (i + 1) * STATE_SIZE]
         joint, substeps = int(block[JOINTS + i]), int(block[SUBSTEPS_ + i])
         advance(p, s, ctrl[i], (bias[joint] - passive[joint]) / p[GEAR], step / substeps, substeps)
-        q[i] = s[LOAD] / p[GEAR]
+        q[i] = s[BEHIND] / p[GEAR]
     apply_ops(ops, memory, q, clock + step, False)
     if len(ctrl) > n_axes:  # what the user's own effects add
         for i in range(n_axes):

@@ -8,6 +8,9 @@ The linear part over one sub-step is a matrix exponential (no time-step error fo
 sub-step); the bristle state has its own exact exponential at the sub-step's mid velocity. Both together are of second
 order in the sub-step where the velocity keeps its sign; ``tests/test_convergence.py`` holds the measured errors.
 
+Where the position loop is closed on the load (an encoder at the load), the position that is held against r is that of
+the load behind the play, y = clip(y, θ − b/2, θ + b/2); the velocity loop stays on the motor.
+
 With an elastic transmission the load is a second mass on a spring, and two more states:
 
     Jm dω/dt = τ − C ω − … − T,   Jl dω_l/dt = T,   T = k (θ − θ_l) + 2 ζ √(k Jl) (ω − ω_l)    (all on the motor's side)
@@ -35,13 +38,13 @@ PHASE, MOST_SUBSTEPS = 0.5, 400
 _ROUNDING = 1e-15
 
 # state of one axis
-THETA, OMEGA, INTEGRAL, BRISTLE, R_BEFORE, R_NOW, LOAD, LOAD_RATE = range(8)
-STATE_SIZE = 8
+THETA, OMEGA, INTEGRAL, BRISTLE, R_BEFORE, R_NOW, LOAD, LOAD_RATE, BEHIND = range(9)
+STATE_SIZE = 9
 # parameters of one axis
 _A, _B0, _B1, _BF = 0, 9, 12, 15
 _RATE, _SIGMA0, _SIGMA1, _COULOMB, _STATIC, _STRIBECK = 18, 24, 25, 26, 27, 28
 _RIPPLE, _GRAVITY, GEAR, _TI_TORQUE, _ELASTIC = 29, 32, 33, 34, 35
-_RATE_LOAD, _TWO_MASS = 36, 38
+_RATE_LOAD, _PLAY, _TWO_MASS = 36, 38, 39
 AXIS_SIZE = _TWO_MASS + 5 * 8
 
 
@@ -70,6 +73,7 @@ def _discretised(key: tuple, substep: float) -> np.ndarray:
         out[_SIGMA0], out[_SIGMA1], out[_COULOMB] = s0, 0.3 * math.sqrt(s0 * p.inertia), p.coulomb
     out[_STATIC], out[_STRIBECK] = p.static_ratio, p.stribeck_velocity
     out[_RIPPLE : _RIPPLE + 3] = p.ripple
+    out[_PLAY] = p.play
     out[_GRAVITY], out[GEAR], out[_TI_TORQUE] = p.gravity, p.gear, p.velocity_gain / p.integral_time
     return out
 
@@ -101,6 +105,9 @@ def equations(axis: AxisPlant) -> tuple[np.ndarray, np.ndarray]:
         F[1] -= spring / J
         F[3, 4] = 1.0
         F[4] += spring / p.load_inertia
+    if p.load_inertia and p.on_load:
+        F[1:3, 3] += F[1:3, 0] - [-p.stiffness / J, 0.0]
+        F[1:3, 0] = -p.stiffness / J, 0.0
     return F, G
 
 
@@ -125,6 +132,7 @@ def start(p, s, r):
     s[R_BEFORE] = s[THETA]
     s[R_NOW] = s[THETA]
     s[LOAD] = s[THETA]
+    s[BEHIND] = s[THETA]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -158,6 +166,8 @@ def advance(p, s, r_next, load_torque, substep, substeps):
     ripple = p[_RIPPLE]
     constant = p[_GRAVITY] + load_torque
     ra = r0
+    half, behind = p[_PLAY], s[BEHIND]  # of a play inside the position loop
+    lost = behind - (lth if elastic else th) if half > 0.0 else 0.0
     n, rate_of = 1.0 / substeps, 1.0 / substep
     g, of_g, of_s0 = tc, 0.0, 0.0  # divisions are what this loop waits for: those by what does not change come first
     if tc > 0.0:
@@ -166,7 +176,7 @@ def advance(p, s, r_next, load_torque, substep, substeps):
         u = (k + 1) * n
         rc = r0 + u * (slope + u * curve)
         dr = rc - ra
-        f = constant
+        f, seen = constant, ra - lost
         if tc > 0.0 or ripple != 0.0:
             # mid velocity from the rate now, friction at the bristle's present state
             if p[_STRIBECK] > 0.0:
@@ -178,7 +188,7 @@ def advance(p, s, r_next, load_torque, substep, substeps):
             if ripple != 0.0:
                 now += ripple * math.sin(p[_RIPPLE + 1] * th + p[_RIPPLE + 2])
             rate = p[_RATE] * th + p[_RATE + 1] * om + p[_RATE + 2] * it
-            rate += p[_RATE + 3] * ra + p[_RATE + 4] * dr * rate_of + p[_RATE + 5] * now
+            rate += p[_RATE + 3] * seen + p[_RATE + 4] * dr * rate_of + p[_RATE + 5] * now
             if elastic:
                 rate += p[_RATE_LOAD] * lth + p[_RATE_LOAD + 1] * lom
             mid = om + 0.5 * substep * rate
@@ -202,21 +212,26 @@ def advance(p, s, r_next, load_torque, substep, substeps):
                 f += ripple * math.sin(p[_RIPPLE + 1] * (th + 0.5 * substep * om) + p[_RIPPLE + 2])
         if elastic:
             e = p[_TWO_MASS:]
-            t2 = _row(e, 0, th, om, it, lth, lom, ra, dr, f)
-            o2 = _row(e, 1, th, om, it, lth, lom, ra, dr, f)
-            i2 = _row(e, 2, th, om, it, lth, lom, ra, dr, f)
-            l2 = _row(e, 3, th, om, it, lth, lom, ra, dr, f)
-            lom = _row(e, 4, th, om, it, lth, lom, ra, dr, f)
+            t2 = _row(e, 0, th, om, it, lth, lom, seen, dr, f)
+            o2 = _row(e, 1, th, om, it, lth, lom, seen, dr, f)
+            i2 = _row(e, 2, th, om, it, lth, lom, seen, dr, f)
+            l2 = _row(e, 3, th, om, it, lth, lom, seen, dr, f)
+            lom = _row(e, 4, th, om, it, lth, lom, seen, dr, f)
             lth = l2
         else:
-            t2 = p[0] * th + p[1] * om + p[2] * it + p[9] * ra + p[12] * dr + p[15] * f
-            o2 = p[3] * th + p[4] * om + p[5] * it + p[10] * ra + p[13] * dr + p[16] * f
-            i2 = p[6] * th + p[7] * om + p[8] * it + p[11] * ra + p[14] * dr + p[17] * f
+            t2 = p[0] * th + p[1] * om + p[2] * it + p[9] * seen + p[12] * dr + p[15] * f
+            o2 = p[3] * th + p[4] * om + p[5] * it + p[10] * seen + p[13] * dr + p[16] * f
+            i2 = p[6] * th + p[7] * om + p[8] * it + p[11] * seen + p[14] * dr + p[17] * f
         th, om, it = t2, o2, i2
+        if half > 0.0:
+            before = lth if elastic else th
+            behind = min(max(behind, before - half), before + half)
+            lost = behind - before
         ra = rc
     s[THETA], s[OMEGA], s[INTEGRAL], s[BRISTLE] = th, om, it, z
     s[R_BEFORE], s[R_NOW] = r0, r1
     s[LOAD], s[LOAD_RATE] = (lth, lom) if elastic else (th, om)
+    s[BEHIND] = behind if half > 0.0 else s[LOAD]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -229,4 +244,4 @@ def run(p, commands, substep, substeps, out):
     out[0] = commands[0]
     for k in range(1, len(commands)):
         advance(p, s, commands[k], 0.0, substep, substeps)
-        out[k] = s[LOAD] / p[GEAR]
+        out[k] = s[BEHIND] / p[GEAR]

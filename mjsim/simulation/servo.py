@@ -15,6 +15,10 @@ no sampling time is continuous: r, y and their rates are then those of the middl
 
 and beside the bristle a friction torque that rises and saturates, Tr (1 − exp(−|ω|/ω_r)) sign ω, a share of the
 viscous torque that does not turn with the direction, and torques that vary with θ.
+
+The command may come through a filter (:func:`smoothed`). Where the position loop is closed on an encoder at the load,
+Kpp acts on the load's position behind the play inside that loop, and s on the motor's; a law R, S, T has the load's
+alone.
 """
 
 from __future__ import annotations
@@ -139,6 +143,8 @@ def follow(axis: AxisPlant, time: np.ndarray, command: np.ndarray, start: ServoS
 def follow_sampled(axis: AxisPlant, command: Sampled, start: ServoStart) -> ServoMotion:
     """The same for a command that :func:`sampled` gives."""
     angle, rate, torque = _run(axis, command, start)
+    if axis.encoder == "load" and axis.play > 0.0:
+        angle, rate = _behind(angle, rate, axis.play)
     return ServoMotion(command.time, angle / axis.gear, rate / axis.gear, torque)
 
 
@@ -153,7 +159,19 @@ def block_means(axis: AxisPlant, command: Sampled, start: ServoStart, shift: flo
         block: Samples of a block.
     """
     angle, rate, _ = _run(axis, command, start)
+    if axis.encoder == "load" and axis.play > 0.0:
+        angle, rate = _behind(angle, rate, axis.play)
     return _means(angle, rate, command.step, shift, block) / axis.gear
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _behind(angle, rate, half):
+    """Angles and speeds (n,) of a load behind a play of which ``half`` is half the width, rad of the motor."""
+    out, speed, y = np.empty(len(angle)), np.empty(len(angle)), angle[0]
+    for i in range(len(angle)):
+        former, y = y, min(max(y, angle[i] - half), angle[i] + half)
+        out[i], speed[i] = y, rate[i] if y != former else 0.0
+    return out, speed
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -186,8 +204,37 @@ def _run(axis: AxisPlant, command: Sampled, start: ServoStart) -> tuple[np.ndarr
     finer = min(max(1, math.ceil(step / substeps * bristle_rate(axis) / _BENDING)), _MOST_PARTS)
     state = np.array([start.position * axis.gear, start.velocity * axis.gear, start.torque])
     angle, rate, torque = np.empty(count), np.empty(count), np.empty(count)
-    loop(parameters(axis, step), _waves(axis), command.command, step, substeps, finer, state, angle, rate, torque)
+    wanted = smoothed(command.command, step, *axis.smoothing)
+    loop(parameters(axis, step), _waves(axis), wanted, step, substeps, finer, state, angle, rate, torque)
     return angle, rate, torque
+
+
+def smoothed(command: np.ndarray, step: float, lag: float, mean: float) -> np.ndarray:
+    """A command (n,) behind a filter, at rest before it begins; straight lines between its samples.
+
+    Args:
+        command: Any unit.
+        step: Time between two samples, s.
+        lag: Time constant of exponential smoothing, s; 0: none.
+        mean: Time over which the mean is taken then, s; 0: none.
+    """
+    out = command
+    if lag > 0.0:
+        from scipy.signal import lfilter  # slow to load
+
+        kept = math.exp(-step / lag)
+        share = (1.0 - kept) * lag / step
+        out = out[0] + np.asarray(lfilter([1.0 - share, share - kept], [1.0, -kept], out - out[0]))
+    if mean > 0.0:
+        change = out - out[0]
+        area = np.concatenate([[0.0], np.cumsum(0.5 * step * (change[1:] + change[:-1]))])
+        time = step * np.arange(len(out))
+        back = np.maximum(time - mean, 0.0)
+        k = np.minimum((back / step).astype(int), len(out) - 2)
+        u = back - k * step
+        slope = (change[k + 1] - change[k]) / step
+        out = out[0] + (area - area[k] - u * (change[k] + 0.5 * u * slope)) / mean
+    return np.ascontiguousarray(out)
 
 
 def _waves(axis: AxisPlant) -> np.ndarray:

@@ -26,3 +26,13 @@ def filters(axis: AxisPlant, step: float) -> tuple[np.ndarray, np.ndarray, np.nd
     w = 2.0 / step
     d = np.array([1.0 + lag * w, 1.0 - lag * w])
     return d / d[0], np.array([Kp + w, Kp - w]) / d[0], np.array([Kp + ff * w, Kp - ff * w]) / d[0]
+
+
+def position_part(axis: AxisPlant, step: float) -> np.ndarray:
+    """The part of S that acts on the position: of the load where the loop is closed there. A law has one encoder."""
+    law, lag = axis.control.law, axis.control.torque_lag
+    if law is not None:
+        return np.array(law.S, float) / law.R[0]
+    if lag < 0.5 * step:
+        return axis.position_gain * np.array([1.5, -0.5] if axis.control.sample_time == 0.0 else [1.0])
+    return axis.position_gain * np.ones(2) / (1.0 + 2.0 * lag / step)

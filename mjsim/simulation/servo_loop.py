@@ -10,14 +10,15 @@ from numba import njit
 from mjsim.machine.control import MOST_COEFFICIENTS
 from mjsim.machine.plant import AxisPlant
 from mjsim.simulation.drive import bristle
-from mjsim.simulation.servo_filters import filters
+from mjsim.simulation.servo_filters import filters, position_part
 
 # parameters of one axis
 _J, _C, _CONSTANT, _COULOMB, _SIGMA0, _SIGMA1, _STATIC, _STRIBECK, _ASYMMETRY, _RISE, _RISE_AT = range(11)
 _CLIP, _DELAY, _ANTI_WINDUP, _RATE, _GAIN, _HOLD, _LINEAR, _QUADRATIC = range(11, 19)
 _WAVE, _TAPS, _EVEN, _EXCESS, _WAY, _REST, _LOSS = range(19, 26)
-_R, _S, _T = 26, 26 + MOST_COEFFICIENTS, 26 + 2 * MOST_COEFFICIENTS
-_SIZE = 26 + 3 * MOST_COEFFICIENTS
+_PLAY = 26
+_R, _S, _T, _P = (27 + i * MOST_COEFFICIENTS for i in range(4))
+_SIZE = 27 + 4 * MOST_COEFFICIENTS
 #: Longest delay, samples of the control, and outputs that are kept, a power of two.
 MOST_DELAY = 200
 _RING = 256
@@ -54,9 +55,10 @@ def parameters(axis: AxisPlant, step: float) -> np.ndarray:
     out[_GAIN] = p.velocity_gain
     out[_EVEN] = p.viscous_share * p.viscous
     out[[_EXCESS, _WAY, _REST]] = p.resting[0], 1.0 / p.resting[1], 1.0 / p.resting[2]
-    laws = filters(axis, step)
+    out[_PLAY] = p.play
+    laws = (*filters(axis, step), position_part(axis, step))
     out[_TAPS] = max(len(values) for values in laws)
-    for at, values in zip((_R, _S, _T), laws, strict=True):
+    for at, values in zip((_R, _S, _T, _P), laws, strict=True):
         out[at : at + len(values)] = values
     return out
 
@@ -83,6 +85,7 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
     before = np.empty(MOST_COEFFICIENTS)  # outputs, actual angles and commands of earlier samples, newest first
     actual = np.empty(MOST_COEFFICIENTS)
     wanted = np.empty(MOST_COEFFICIENTS)
+    lost, behind = np.zeros(MOST_COEFFICIENTS), th  # load less motor, and the load behind a play inside the loop
     slope = r[1] - r[0] if abs(om) > 0.0 else 0.0
     sums, size = np.zeros(3), 0.0
     taps = int(p[_TAPS])
@@ -119,10 +122,14 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
         if k:
             for i in range(taps - 1, 0, -1):
                 actual[i], wanted[i], before[i] = actual[i - 1], wanted[i - 1], before[i - 1]
+                lost[i] = lost[i - 1]
         actual[0], wanted[0] = th, r[k]
+        if p[_PLAY] > 0.0:
+            behind = min(max(behind, th - p[_PLAY]), th + p[_PLAY])
+            lost[0] = behind - th
         x = 0.0
         for i in range(taps):
-            x += p[_T + i] * wanted[i] - p[_S + i] * actual[i]
+            x += p[_T + i] * wanted[i] - p[_S + i] * actual[i] - p[_P + i] * lost[i]
             if i:
                 x -= p[_R + i] * before[i]
         before[0] = x

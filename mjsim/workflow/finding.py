@@ -50,6 +50,7 @@ class DiagnosedEffect:
         probability: That it is this cause, and larger than a machine of its class may have; ``None`` where no posterior
             says so.
         others: Probabilities of its alternatives, by id.
+        undetermined: Names of fitted parameters that the data leave open: at a bound, or as wide as before.
     """
 
     effect: Effect
@@ -70,6 +71,7 @@ class DiagnosedEffect:
     enough: float = DIAGNOSIS.indistinguishable
     probability: float | None = None
     others: dict[str, float] = field(default_factory=dict)
+    undetermined: tuple[str, ...] = ()
 
     @property
     def is_open(self) -> bool:
@@ -120,6 +122,7 @@ class DiagnosedEffect:
             "alternatives": [{"id": i, "probability": _share(self.others.get(i))} for i in self.alternatives],
             "alternative_ids": list(self.alternatives),
             "tests": list(self.tests),
+            "undetermined": list(self.undetermined),
         }
         if not self.decided_by:
             return out | ({"known_together": self._together()} if by_log else {})

@@ -2,6 +2,7 @@
 
 x = Kpp (r − y) + ratio·Δr/h − Δy/h,   u = Kvp [x + (1/Ti) Σ ½(x + x₋₁) h]      every sample h, held
 J dω/dt = u − C (ω + share |ω|) − c − a sin(n θ + φ) − F,     F = σ0 z + σ1 dz/dt,  dz/dt = ω − |ω| σ0 z / g
+With the position loop closed on the load behind a play w, yl = clip(yl, y − w/2, y + w/2) stands in Kpp (r − yl).
 g grows by loss·|u|, and times 1 + excess·s after a rest:  ds/dt = (1 − s)/rest − s |ω|/way,  s = 1 at the start
 """
 
@@ -34,6 +35,7 @@ class Axis:
     way: float = 1.0
     rest: float = 1.0
     loss: float = 0.0
+    play: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -46,12 +48,14 @@ class Control:
     feedforward: float = 0.0
     sample: float = 1e-3
     delay_samples: int = 0
+    on_load: bool = False
+    clip: float = np.inf
 
 
 @njit(cache=True)
-def _run(r, h, steps, axis, control, th, u_start, error, resolution, position, torque):
-    j, c, tc, pre, static, stribeck, constant, ripple, phase, order, even, excess, way, rest, loss = axis
-    kpp, kvp, of_ti, ff, delay = control
+def _run(r, h, steps, axis, control, th, u_start, error, resolution, position, torque, load):
+    j, c, tc, pre, static, stribeck, constant, ripple, phase, order, even, excess, way, rest, loss, play = axis
+    kpp, kvp, of_ti, ff, delay, on_load, clip = control
     s0 = tc / pre if tc > 0.0 else 0.0
     dt = h / steps
     om, z, integral, last_x = 0.0, 0.0, 0.0, 0.0
@@ -59,19 +63,21 @@ def _run(r, h, steps, axis, control, th, u_start, error, resolution, position, t
         most = pre * (1.0 + excess)
         z = min(max((u_start - constant - ripple * np.sin(order * th + phase)) / s0, -most), most)
     held = np.full(64, u_start)
-    y1, r1, rested = th, r[0], 1.0
+    y1, r1, rested, behind = th, r[0], 1.0, th
     for k in range(len(r)):
         y = np.round((th + error[k]) / resolution) * resolution  # the encoder, which the control sees as well
         if k == 0:
             y1 = y
-        x = kpp * (r[k] - y) + ff * (r[k] - r1) / h - (y - y1) / h
+        behind = min(max(behind, th - 0.5 * play), th + 0.5 * play)
+        load[k] = np.round((behind + error[len(r) - 1 - k]) / resolution) * resolution
+        x = kpp * (r[k] - (load[k] if on_load > 0.0 else y)) + ff * (r[k] - r1) / h - (y - y1) / h
         if k == 0:
             last_x = x
             integral = u_start / kvp - x if of_ti > 0.0 else 0.0
         elif of_ti > 0.0:
             integral += 0.5 * (x + last_x) * h * of_ti
         last_x, y1, r1 = x, y, r[k]
-        held[k % 64] = kvp * (x + integral)
+        held[k % 64] = min(max(kvp * (x + integral), -clip), clip)  # the integrator runs on
         u = held[(k - int(delay)) % 64] if k >= delay else u_start
         position[k], torque[k] = y, u
         for _ in range(steps):
@@ -109,8 +115,16 @@ def record(
 
     ``noise`` is of the encoder and ``step`` its resolution, m.
     """
+    motor, _, torque = record_both(axis, control, command, noise, seed, step)
+    return motor, torque
+
+
+def record_both(
+    axis: Axis, control: Control, command: np.ndarray, noise: float = 0.05e-6, seed: int = 1, step: float = 1e-7
+):
+    """As :func:`record`, of the motor and of the load behind the play: two positions and the torque."""
     gear = 2.0 * np.pi / axis.lead
-    position, torque = np.empty(len(command)), np.empty(len(command))
+    position, torque, load = np.empty(len(command)), np.empty(len(command)), np.empty(len(command))
     mechanics = (
         axis.inertia,
         axis.viscous,
@@ -127,14 +141,16 @@ def record(
         axis.way,
         axis.rest,
         axis.loss,
+        axis.play * gear,
     )
     of_ti = 0.0 if np.isinf(control.integral_time) else 1.0 / control.integral_time
-    law = (control.position_gain, control.velocity_gain, of_ti, control.feedforward, float(control.delay_samples))
+    law = (control.position_gain, control.velocity_gain, of_ti, control.feedforward)
+    law = (*law, float(control.delay_samples), float(control.on_load), control.clip)
     steps = max(1, round(control.sample / 2e-6))
     error = noise * gear * np.random.default_rng(seed).normal(size=len(command))
     start = command[0] * gear
-    _run(command * gear, control.sample, steps, mechanics, law, start, 0.0, error, step * gear, position, torque)
-    return position / gear, torque
+    _run(command * gear, control.sample, steps, mechanics, law, start, 0.0, error, step * gear, position, torque, load)
+    return position / gear, load / gear, torque
 
 
 def to_and_fro(sample: float = 1e-3) -> np.ndarray:
@@ -152,6 +168,23 @@ def to_and_fro(sample: float = 1e-3) -> np.ndarray:
     out.append(out[-1][-1] + 0.01 * np.sin(2 * np.pi * (s + 0.5 * s**2)) * np.clip(s / 0.1, 0, 1))
     out.append(np.full(int(0.2 / sample), out[-1][-1]))
     return np.concatenate(out)
+
+
+def filtered(command: np.ndarray, step: float, kind: str, time: float) -> np.ndarray:
+    """A command (n,) behind a first-order lag (``lag_ms``) or a mean (``mean_ms``) of ``time`` s, in hundredths of a
+    sample.
+    """
+    fine = np.interp(np.arange(-0.005, len(command) - 1.0, 0.01), np.arange(len(command)), command)
+    h = 0.01 * step
+    if kind == "lag_ms":
+        out, y = np.empty(len(fine)), fine[0]
+        for i, r in enumerate(fine):
+            y += (r - y) * (1.0 - np.exp(-h / time))
+            out[i] = y
+    else:
+        n = round(time / h)
+        out = np.convolve(np.concatenate([np.full(n - 1, fine[0]), fine]), np.ones(n) / n, "valid")
+    return out[::100]
 
 
 def csv(command: np.ndarray, position: np.ndarray, torque: np.ndarray | None = None, sample: float = 1e-3) -> str:

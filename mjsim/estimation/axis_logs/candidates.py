@@ -11,7 +11,7 @@ import numpy as np
 from mjsim.effects import registry
 from mjsim.estimation.axis_logs.data import AxisData
 from mjsim.estimation.axis_logs.entries import SHIFT, AxisModel, Entry
-from mjsim.estimation.axis_logs.gains import GainsRead
+from mjsim.estimation.axis_logs.gains import GainsRead, torque_limit
 from mjsim.estimation.axis_logs.start import nuisance_entries, only, typical_torque
 from mjsim.estimation.axis_logs.waves import near
 from mjsim.machine.effect import Effect
@@ -36,6 +36,13 @@ _REST, _REST_WIDE = 10.0, 2.0
 _WAVES = 30.0
 #: Delays of the command from which fits start, ms.
 _DELAYS_MS = (5.0, 40.0)
+#: Limits of the torque from which fits start, in the largest torque that the motion needs; and how well a recorded one
+#: says it, relative (assumed: its scale).
+_LIMITS, _LIMIT_READ = (0.7, 1.0), 0.02
+#: Widths of a play from which fits start, in usual ones.
+_PLAYS = (1.0, 5.0)
+#: Filters of the command from which fits start, ms.
+_FILTERS_MS = (("lag_ms", 3.0), ("lag_ms", 15.0), ("mean_ms", 5.0), ("mean_ms", 30.0))
 #: Most waves of cogging beside a torque ripple (assumed).
 _MOST_WAVES = 3
 #: Least motor speed that is taken for a motion, rad/s.
@@ -53,19 +60,21 @@ class Candidate:
         entries: What is free.
         shape: Whether it is another shape of an effect that the model has already.
         order: Of the wave that it adds to an effect of several waves.
+        variant: What tells it from other causes of the same effect, each tried for itself.
     """
 
     effect: Effect
     entries: tuple[Entry, ...]
     shape: bool = False
     order: float | None = None
+    variant: str = ""
 
     @property
     def key(self) -> str:
         """Same for all starting points of one cause."""
         if self.wave:
             return f"{self.effect.id} order {self.cycles:g}"
-        return self.effect.id + (" shape" if self.shape else "")
+        return " ".join(filter(None, (self.effect.id, "shape" if self.shape else "", self.variant)))
 
     @property
     def cycles(self) -> float:
@@ -121,6 +130,7 @@ class Catalogue:
     def __init__(self, machine: Machine, data: Sequence[AxisData], gains: Sequence[GainsRead] = ()) -> None:
         self.machine, self.axis, self.gains = machine, data[0].axis, gains
         self.torque = typical_torque(machine, data)
+        self.limit, self.most = torque_limit(machine, data), _largest_torque(machine, data)
         gear = machine.drives[self.axis].gear
         speeds = [np.abs(np.diff(d.record.command)).max() / d.step for d in data]
         self.speed = max(max(speeds) * gear, _SLOWEST)
@@ -141,7 +151,7 @@ class Catalogue:
         """
         has = {e.owner for e in model.entries}
         friction = model.machine.effect(f"{FRICTION}.{self.axis}")
-        out = [*self._control(), *self._forces(), *self._waves(model, orders)]
+        out = [*self._control(), *self._forces(), *self._waves(model, orders), *self._play()]
         if friction is None:
             out += self._friction()
         else:
@@ -181,6 +191,10 @@ class Catalogue:
             for delay in _DELAYS_MS:
                 e = self._make("servo_delay", delay_ms=delay)
                 out.append(Candidate(e, (self._linear(e, "delay_ms", 1e3 * self.step), *self.shifts)))
+        if self.machine.effect(f"command_filter.{self.axis}") is None:
+            for name, time in _FILTERS_MS:
+                e = self._make("command_filter", **{name: time})
+                out.append(Candidate(e, (self._linear(e, name, 1.0),), variant=name))
         if any(d.control.law is None for d in self.drives):
             e = self._make("velocity_feedforward", ratio=0.02)
             out.append(Candidate(e, (self._linear(e, "ratio", 0.02),)))
@@ -198,16 +212,38 @@ class Catalogue:
     def _position_gain(self) -> tuple[float, float] | None:
         """Position gain over the stated one where a recorded velocity set-point says it, and how well it is known."""
         for g in self.gains:
-            if set(g.values) == {"position_gain"}:
+            if g.channel == "velocity_command":
                 stated = self.machine.under(g.controller).drives[self.axis].position_gain
                 p = next(p for p in self._make("servo_gain", ratio=1.0).parameters_of(self.axis) if p.name == "ratio")
                 return min(max(g.values["position_gain"] / stated, p.lower), p.upper), g.deviations["position_gain"]
         return None
 
+    def _play(self) -> list[Candidate]:
+        """A play inside a position loop whose only encoder is at the load."""
+        if self.machine.drives[self.axis].encoder != "load":
+            return []
+        out = []
+        for times in _PLAYS:
+            p = registry.kinds()["backlash"].parameters_of(self.axis)[0]
+            e = self._make("backlash", **{p.name: times * p.scale})
+            out.append(Candidate(e, (self._linear(e, p.name, p.scale),)))
+        return out
+
     def _forces(self) -> list[Candidate]:
         """Torques beside the ordinary friction."""
         e = self._make("constant_force", torque_Nm=0.1 * self.torque)
-        return [Candidate(e, (self._linear(e, "torque_Nm", 0.1 * self.torque),))]
+        return [Candidate(e, (self._linear(e, "torque_Nm", 0.1 * self.torque),)), *self._limits()]
+
+    def _limits(self) -> list[Candidate]:
+        """A limit of the torque: where a recorded torque stands, or about the largest that the motion needs."""
+        out = []
+        for torque in (self.limit,) if self.limit else [share * self.most for share in _LIMITS]:
+            e = self._make("current_clip", torque_Nm=torque)
+            entry = self._log(e, "torque_Nm")
+            if self.limit:
+                entry = replace(entry, deviation=_LIMIT_READ, centre=torque)
+            out.append(Candidate(e, (entry,)))
+        return out
 
     def _waves(self, model: AxisModel, orders: Sequence[float]) -> list[Candidate]:
         """Torques over the motor's angle: the first is a torque ripple, further ones are waves of its cogging."""
@@ -268,6 +304,18 @@ class Catalogue:
         e = self._make("elastic_presliding", share_ratio=0.5)
         out.append(Candidate(e, (self._linear(e, "share_ratio", 0.1),)))
         return out
+
+
+def _largest_torque(machine: Machine, data: Sequence[AxisData]) -> float:
+    """Largest torque that the recorded motion needs by the data sheet, friction included, N·m."""
+    drive, found = machine.drives[data[0].axis], [1e-6]
+    friction = machine.effect(f"{FRICTION}.{data[0].axis}")
+    for d in data:
+        n = max(1, int(0.01 / d.step))
+        smooth = np.convolve(d.record.actual, np.ones(n) / n, "valid")[::n] * drive.gear
+        speed = np.gradient(smooth, n * d.step)
+        found.append(float(np.abs(drive.inertia * np.gradient(speed, n * d.step) + drive.viscous * speed).max()))
+    return max(found) + (friction.values["coulomb_Nm"] if friction is not None else 0.0)
 
 
 def wave_entries(effect: Effect, size: float, order: str = "") -> tuple[Entry, Entry]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -92,7 +92,7 @@ def axis_data(logs: Campaign, axis: str, machine: Machine, block: float = _BLOCK
         if axis not in test.axes:
             continue
         recording = logs.traces[test.name]
-        record = recording.axes[axis]
+        record = _with_torque(recording.axes[axis], machine.drives[axis].torque_constant)
         n, step = len(recording.time), recording.step
         size = max(1, round(block / step), -(-n // _MOST))
         resolution = logs.instrument.step_of(test.chain, axis)
@@ -102,6 +102,13 @@ def axis_data(logs: Campaign, axis: str, machine: Machine, block: float = _BLOCK
         start = _start(recording.time, record, resolution)
         out.append(AxisData(test, axis, recording.time, record, size, start, noise, resolution, memory))
     return tuple(out)
+
+
+def _with_torque(record: AxisRecord, constant: float) -> AxisRecord:
+    """A record with the torque of its current, where the torque ``constant`` is known, N·m/A; else as it is."""
+    if record.torque is not None or record.current is None or not constant:
+        return record
+    return replace(record, torque=constant * record.current)
 
 
 def _start(time: np.ndarray, record: AxisRecord, resolution: float) -> tuple[float, float]:

@@ -10,9 +10,14 @@ control is in it. The recorded motion of the motor goes through the operations o
 play where a recording begins. The last term is a compliant drive of stiffness k before the moving mass Jl, below its
 resonance; where the moving mass is not known, Jl / k is a number of each recording, and no cause is named.
 
-In a play, the load is free. Between the flanks only its slide's friction brakes it, by the deceleration ``glide``:
-``y'' = −glide · sign(y')``; at a flank it takes the speed of the motor. A load with much friction stays until the
-motor has turned back: that is the play of the catalogue. One that glides changes the flank where the motor slows down.
+In a play, the load is free. Between the flanks only its slide's friction brakes it, by a deceleration ``glide`` and by
+a ``drag`` that grows with the speed: ``y'' = −glide · sign(y') − drag · y'``; at a flank it takes the speed of the
+motor, and the compliance acts there alone. A load with much friction stays until the motor has turned back: that is the
+play of the catalogue. One that glides changes the flank where the motor slows down.
+
+The recorded motion of the motor has noise, which the load does not follow: noise that went to and fro at a flank would
+push the load off it, and the play would come out too wide. So the load leaves a flank only where the motor would have
+to pull it by more than the largest acceleration that noise makes in a recording.
 
 The search is that of :mod:`mjsim.estimation.axis_logs.selection`.
 """
@@ -25,14 +30,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
-from scipy.signal import savgol_filter
+from scipy.signal import savgol_coeffs, savgol_filter
 
 from mjsim.effects import registry
 from mjsim.estimation.axis_logs.candidates import Candidate, wave_entries
 from mjsim.estimation.axis_logs.data import AxisData, LogNoise, noise_of
 from mjsim.estimation.axis_logs.derivatives import AxisRuns
 from mjsim.estimation.axis_logs.discrepancy import pitch_limit
-from mjsim.estimation.axis_logs.entries import GLIDE, LAG, PHASE, SHIFT, START_PLAY, ZERO, AxisModel, Entry
+from mjsim.estimation.axis_logs.entries import DRAG, GLIDE, LAG, OFFSET, PHASE, SHIFT, START_PLAY, AxisModel, Entry
 from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter
 from mjsim.estimation.axis_logs.found import FoundCause
 from mjsim.estimation.axis_logs.probability import beyond_class
@@ -54,10 +59,16 @@ BETWEEN = ("backlash", "scale_error", "pitch_error", "drive_compliance")
 _WIDE = 30.0
 #: Time over which speeds and accelerations of the recorded motion are taken, s (assumed: no load moves faster).
 _SMOOTH = 0.02
+#: How often what is left is taken anew for the weights of a fit.
+_REWEIGHTED = 2
 #: Orders of waves that are always looked at, in turns of the motor; most of all.
 _USUAL, _MOST_WAVES = (1.0, 2.0), 8
 #: Decelerations of a free load from which fits start, in the motor's largest: it stays, it glides.
-_GLIDES = (10.0, 1e-3)
+_GLIDES = (10.0, 0.1, 1e-3)
+#: Usual drag of a free load, 1/s, and prior deviations of the logarithms of drag and glide (assumed).
+_DRAG, _BRAKED = 1.0, 3.0
+#: Nuisances of every recording that has a play.
+_OF_EACH = (SHIFT, OFFSET, START_PLAY, GLIDE, DRAG)
 #: Usual Jl / k of a drive, s²: 40 Hz and more (assumed).
 _LAG = 1e-6
 #: Deviation of an encoder's zero against the other's, encoder steps: each counts from where it was switched on.
@@ -66,20 +77,39 @@ _ANYWHERE = 1e6
 
 @dataclass(frozen=True)
 class RecordedMotion:
-    """The recorded motion of the motor in one recording, (n,) axis units each, and per s."""
+    """The recorded motion of the motor in one recording, (n,) axis units each, and per s.
+
+    Attributes:
+        position: As recorded.
+        velocity: Of a parabola through the samples around.
+        acceleration: The same.
+        smooth: With less noise.
+        speed: Change of the parabola's position since the sample before.
+        way: Direction of the motion, −1, 0, 1; 0 where its speed is no more than noise.
+        least: The largest acceleration that noise makes of it.
+    """
 
     position: np.ndarray
     velocity: np.ndarray
     acceleration: np.ndarray
+    smooth: np.ndarray
+    speed: np.ndarray
+    way: np.ndarray
+    least: float
 
 
 class EncoderFitter(LogFitter):
     """Fits models of the transmission of one axis to the differences of its two encoders; arguments as there."""
 
+    #: At rest, the rounding of an encoder is the same in every sample: means over noise of a fifth of a step are off by
+    #: a tenth of it.
+    true = 0.1
+
     def __init__(self, machine: Machine, data: Sequence[AxisData], threads: int = 2) -> None:
         super().__init__(machine, data, threads)
         self.measured = [d.means(self.difference(d)) for d in self.data]
         self._motions = [_motion(d) for d in self.data]
+        self._sure = [np.ones(len(m)) for m in self.measured]
         self._column = machine.chain.index(self.data[0].axis)
 
     @staticmethod
@@ -98,25 +128,47 @@ class EncoderFitter(LogFitter):
         """Modelled difference of the encoders in recording ``k``, (n,) axis units."""
         d, m = self.data[k], self._motions[k]
         plant = build(_turned(model.at(vector), model, vector, d.test.setup))
-        late, zero, start, brake = (model.nuisance(vector, n, d.name) for n in (SHIFT, ZERO, START_PLAY, GLIDE))
+        late, zero, start, brake, drag = (model.nuisance(vector, n, d.name) for n in _OF_EACH)
         ops = plant.op_table()
         ops = ops[ops[:, 1] == self._column]
         play = ops[:, 0] == PLAY
-        half, out = float(ops[play, 3].sum()), np.zeros(len(d.time))
+        drive = plant.axes[model.axis]
+        lag = model.nuisance(vector, LAG, d.name)
+        lag += drive.load_inertia / drive.stiffness if drive.load_inertia > 0.0 else 0.0
+        half = float(ops[play, 3].sum()) + drive.play / drive.gear  # the latter is inside the position loop
+        out = -lag * m.acceleration
         if half > 0.0:
-            out += behind_play(m.position, m.velocity, half, brake, d.step, start) - m.position
+            out = behind_play(
+                m.position, m.smooth, m.speed, m.way, m.acceleration, m.least, out, half, brake, drag, d.step, start
+            )
         if not play.all():
             motor = np.zeros((len(d.time), len(plant.chain.columns)))
             motor[:, self._column] = m.position
             out += transmit(ops[~play], motor, d.time)[:, self._column] - m.position
-        drive = plant.axes[model.axis]
-        lag = model.nuisance(vector, LAG, d.name)
-        lag += drive.load_inertia / drive.stiffness if drive.load_inertia > 0.0 else 0.0
-        return out + zero - late * m.velocity - lag * m.acceleration
+        return out + zero - late * m.velocity
 
     def means(self, axes: AxisRuns, model: AxisModel, vector: np.ndarray, k: int) -> np.ndarray:
-        """Block means of :meth:`positions`."""
-        return self.data[k].means(self.positions(model, vector, k))
+        """Block means of :meth:`positions`, times how sure they are."""
+        return self._sure[k] * self.data[k].means(self.positions(model, vector, k))
+
+    def polished(self, fit: AxisFit, steps: int = 3) -> AxisFit:
+        """As there, with what is left counted where it is.
+
+        A load that changes its flank hits it and rings: there, more is left than elsewhere. Weighted alike, these few
+        samples would move the width of the play by more than its interval says.
+        """
+        fit, recorded = super().polished(fit, steps), self.measured
+        try:
+            for _ in range(_REWEIGHTED):
+                self._sure = [_sureness(d, r) for d, r in zip(self.data, fit.residual, strict=True)]
+                self.measured = [s * m for s, m in zip(self._sure, recorded, strict=True)]
+                again = self.fit(fit.model, steps, 1, central=True)
+                weight = tuple(w * s for w, s in zip(again.weight, self._sure, strict=True))
+                residual = tuple(r / s for r, s in zip(again.residual, self._sure, strict=True))
+                fit = replace(fit, model=again.model, residual=residual, independent=again.independent, weight=weight)
+        finally:
+            self._sure, self.measured = [np.ones(len(m)) for m in recorded], recorded
+        return fit
 
     def axes(self, model: AxisModel, vector: np.ndarray) -> AxisRuns:
         """Nothing: no drive is simulated."""
@@ -126,6 +178,15 @@ class EncoderFitter(LogFitter):
         """RMS that a sound transmission may leave in each recording: a pitch error of its class."""
         most = pitch_limit(self.machine, model.axis)
         return tuple(float(np.hypot(d.resolution, most)) for d in self.data)
+
+
+def _sureness(d: AxisData, residual: np.ndarray) -> np.ndarray:
+    """How sure every block of a recording is against the others, (blocks,): by what is left around it."""
+    width = max(3, round(_SMOOTH / (d.step * d.block)))
+    around = np.sqrt(np.convolve(residual**2, np.ones(width) / width, "same"))
+    sure = 1.0 / np.maximum(around, d.noise.rms)
+    # what is left stays as large in all
+    return sure * float(np.sqrt((residual @ residual) / np.sum((sure * residual) ** 2)))
 
 
 class EncoderSearch(AxisSearch):
@@ -241,11 +302,11 @@ class EncoderCatalogue:
         )
 
 
-def encoder_data(data: Sequence[AxisData]) -> tuple[AxisData, ...]:
-    """The recordings of an axis that have its load, with the noise of the difference of both encoders."""
+def encoder_data(data: Sequence[AxisData], machine: Machine) -> tuple[AxisData, ...]:
+    """The recordings of an axis that have motor and load, with the noise of the difference of both encoders."""
     out = []
     for d in data:
-        if d.record.load is None:
+        if d.record.load is None or machine.drives[d.axis].encoder == "load":
             continue
         load = noise_of(d.time, AxisRecord(d.record.command, d.record.load), d.resolution)
         out.append(
@@ -260,9 +321,11 @@ def nuisances_between(machine: Machine, data: Sequence[AxisData]) -> AxisModel:
     for d in data:
         most = MOST_SHIFT * d.step
         entries.append(Entry(SHIFT, SHIFT, 0.0, d.name, 1.0, scale=d.step, lower=-most, upper=most))
-        entries.append(Entry(ZERO, ZERO, 0.0, d.name, _ANYWHERE, scale=d.resolution))
+        entries.append(Entry(OFFSET, OFFSET, 0.0, d.name, _ANYWHERE, scale=d.resolution))
         entries.append(Entry(START_PLAY, START_PLAY, 0.0, d.name, 1.0, lower=-1.0, upper=1.0))
         entries.append(glide_entry(d, _GLIDES[0]))
+        limits = {"lower": 1e-6 * _DRAG, "upper": 1e3 * _DRAG}
+        entries.append(Entry(DRAG, DRAG, _DRAG, d.name, _BRAKED, log=True, **limits))
         if not has_model(machine.chain):
             entries.append(Entry(LAG, LAG, 0.0, d.name, _WIDE, scale=_LAG, lower=0.0, upper=1e3 * _LAG))
     return AxisModel(machine, data[0].axis, tuple(entries))
@@ -272,41 +335,87 @@ def glide_entry(d: AxisData, share: float) -> Entry:
     """Deceleration of a load that is free, in a recording: as a ``share`` of the motor's largest."""
     most = float(np.abs(_motion(d).acceleration).max())
     low, high = 1e-6 * most, 1e3 * most
-    return Entry(GLIDE, GLIDE, share * most, d.name, 3.0, log=True, lower=low, upper=high, centre=most)
+    return Entry(GLIDE, GLIDE, share * most, d.name, _BRAKED, log=True, lower=low, upper=high, centre=most)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def behind_play(motor, speed, half, brake, step, start):
-    """Positions of a load behind a play, (n,).
+def behind_play(motor, smooth, speed, way, acceleration, least, bent, half, brake, drag, step, start):
+    """Positions of a load behind a play less those of its motor, (n,).
 
     Args:
-        motor: Positions of the motor, (n,) axis units.
+        motor: Positions of the motor as recorded, (n,) axis units.
+        smooth: The same with less noise, (n,).
         speed: Its speeds, (n,) per s.
+        way: Direction in which it moves, −1, 0, 1 (n,).
+        acceleration: (n,) per s².
+        least: The largest that noise makes of an acceleration, per s².
+        bent: What the drive's compliance adds where a flank carries the load, (n,).
         half: Half of the play's width.
         brake: Deceleration of the load while it is free, per s².
+        drag: The part of it that grows with the speed, 1/s.
         step: Time between two samples, s.
         start: Place in the play at the first sample, −1 to 1.
     """
     out = np.empty(len(motor))
-    y, v = motor[0] + start * half, speed[0]
+    y, v, flank, farthest = motor[0] + start * half, 0.0, 0.0, motor[0]
     for i in range(len(motor)):
-        if i:
+        if flank != 0.0:
+            # a motor that turns back has pushed the load no farther than to where it turned
+            if (smooth[i] - farthest) * flank < 0.0 or way[i - 1] * flank > 0.0:
+                farthest = smooth[i]
+            if (acceleration[i] + brake * way[i] + drag * speed[i]) * flank > least:  # it would have to pull the load
+                y, v, flank = farthest + flank * half + bent[i], speed[i], 0.0
+        else:
             lost = brake * step
-            v = v - math.copysign(lost, v) if abs(v) > lost else 0.0
+            v = (v - math.copysign(lost, v)) / (1.0 + drag * step) if abs(v) > lost else 0.0
             y += v * step
-        if y > motor[i] + half:
-            y, v = motor[i] + half, speed[i]
-        elif y < motor[i] - half:
-            y, v = motor[i] - half, speed[i]
-        out[i] = y
+            ahead = y - smooth[i] - bent[i]
+            if abs(ahead) >= half:
+                flank, farthest = math.copysign(1.0, ahead), smooth[i]
+        out[i] = flank * half + bent[i] if flank != 0.0 else y - motor[i]
     return out
 
 
 def _motion(d: AxisData) -> RecordedMotion:
-    """The recorded motion of the motor, its speed and acceleration by parabolas through the samples around."""
+    """The recorded motion of the motor, by parabolas through the samples around."""
     width = 2 * max(2, round(0.5 * _SMOOTH / d.step)) + 1
-    speed, acceleration = (np.asarray(savgol_filter(d.record.actual, width, 2, deriv=n, delta=d.step)) for n in (1, 2))
-    return RecordedMotion(d.record.actual, speed, acceleration)
+    recorded, noise = d.record.actual, noise_of(d.time, d.record, d.resolution).rms
+    wide, velocity, acceleration = (
+        np.asarray(savgol_filter(recorded, width, 2, deriv=n, delta=d.step)) for n in range(3)
+    )
+    # what a free load goes on with: the last change of exactly this position, half a step before
+    speed = np.diff(wide, prepend=wide[:1]) / d.step
+    # noise of a sum of samples by their weights, and the largest of n normal values
+    weights, most = savgol_coeffs(width, 2), noise * float(np.sqrt(2.0 * np.log(len(d.time))))
+    of_position, of_speed, of_acceleration = (
+        most * float(np.linalg.norm(w))
+        for w in (weights, np.diff(np.pad(weights, 1)) / d.step, savgol_coeffs(width, 2, deriv=2, delta=d.step))
+    )
+    way = _way(wide, speed, 2.0 * of_position, of_speed)
+    smooth = _smoothed(recorded, noise, width)
+    return RecordedMotion(recorded, velocity, acceleration, smooth, speed, way, of_acceleration)
+
+
+def _smoothed(recorded: np.ndarray, noise: float, widest: int) -> np.ndarray:
+    """Recorded positions (n,) with less noise: by the widest parabolas that leave no more than the noise around."""
+    out, width = recorded, 5
+    while width <= widest:
+        smooth = np.asarray(savgol_filter(recorded, width, 2))
+        left = np.convolve((recorded - smooth) ** 2, np.ones(width) / width, "same")
+        out = np.where(left < noise**2 * (1.0 + 3.0 * np.sqrt(2.0 / width)), smooth, out)
+        width = 2 * width - 1
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _way(position, speed, far, fast):
+    """Direction of a motion, −1, 0, 1 (n,): faster than ``fast``, or ``far`` from where it last moved."""
+    out, here = np.zeros(len(position)), position[0]
+    for i in range(len(position)):
+        gone = position[i] - here
+        if abs(speed[i]) > fast or abs(gone) > far:
+            out[i], here = np.sign(speed[i]) if abs(speed[i]) > fast else np.sign(gone), position[i]
+    return out
 
 
 def _turned(machine: Machine, model: AxisModel, vector: np.ndarray, setup: str) -> Machine:

@@ -18,8 +18,8 @@ from mjsim.machine.model import Machine
 
 #: Owners of entries that are no effects.
 DRIVE, CONTROLLER, SHIFT, ZERO, START_TORQUE, PHASE = "drive", "controller", "shift", "zero", "start_torque", "phase"
-START_PLAY, GLIDE, LAG = "start_play", "glide", "lag"
-NUISANCES = (SHIFT, ZERO, START_TORQUE, PHASE, START_PLAY, GLIDE, LAG)
+START_PLAY, GLIDE, DRAG, LAG, OFFSET = "start_play", "glide", "drag", "lag", "offset"
+NUISANCES = (SHIFT, ZERO, START_TORQUE, PHASE, START_PLAY, GLIDE, DRAG, LAG, OFFSET)
 
 
 @dataclass(frozen=True)

@@ -29,8 +29,6 @@ from mjsim.threads import Workers
 WAVES = {"ripple": "torque_ripple", "friction_ripple": "friction_ripple"}
 #: A pass is the last where no logarithm of a mean square moved more. Longest step of a logarithm.
 _SAME, _LONGEST = 0.02, 1.5
-#: Share of its step within which an encoder, and what is computed of it, is true (assumed: interpolation errors).
-_TRUE = 0.03
 
 
 @dataclass(frozen=True)
@@ -42,7 +40,8 @@ class AxisFit:
         residual: Measured less modelled block means per test, (blocks,) axis units.
         design: Derivatives of the modelled block means per test, (blocks, p), at the last step but one of the fit.
         independent: How many independent residuals each test's are worth.
-        weight: One over the standard deviation that each test's block means are given, 1/axis units.
+        weight: One over the standard deviation that each test's block means are given, 1/axis units; one number, or
+            one of each block.
         noise: RMS of each test's noise, axis units.
         discrepancy: What the model leaves beside the noise; of the final model alone.
     """
@@ -51,7 +50,7 @@ class AxisFit:
     residual: tuple[np.ndarray, ...]
     design: tuple[np.ndarray, ...]
     independent: tuple[float, ...]
-    weight: tuple[float, ...]
+    weight: tuple[float | np.ndarray, ...]
     noise: tuple[float, ...]
     discrepancy: LogDiscrepancy | None = None
 
@@ -69,7 +68,10 @@ class AxisFit:
     def precision(self) -> np.ndarray:
         """Inverse covariance of the vector, (p, p)."""
         prior = np.array([e.deviation for e in self.model.entries]) ** -2.0
-        normal = sum((w * d).T @ (w * d) for w, d in zip(self.weight, self.design, strict=True))
+        normal = 0.0
+        for w, d in zip(self.weight, self.design, strict=True):
+            weighted = np.reshape(w, (-1, 1)) * d
+            normal = normal + weighted.T @ weighted
         return np.asarray(normal) + np.diag(prior)
 
     @property
@@ -89,6 +91,9 @@ class LogFitter:
         data: All recordings of the axis.
         threads: Simulations side by side.
     """
+
+    #: Share of its step within which an encoder, and what is computed of it, is true (assumed: interpolation errors).
+    true = 0.03
 
     def __init__(self, machine: Machine, data: Sequence[AxisData], threads: int = 2) -> None:
         self.machine, self.data = machine, tuple(data)
@@ -187,7 +192,7 @@ class LogFitter:
         """Number of independent residuals per test; no mean of them is known better than the encoder is true."""
         out = []
         for d, r in zip(self.data, residual, strict=True):
-            most = float(r @ r) / len(r) / (_TRUE * d.resolution) ** 2
+            most = float(r @ r) / len(r) / (self.true * d.resolution) ** 2
             out.append(max(min(independent_count(r, d.memory / (d.step * d.block)), most), 1.0))
         return tuple(out)
 

@@ -3,6 +3,9 @@
 From its output: command, actual position and torque of the same samples. The control law is computed on what was
 recorded. How many samples the control takes for a velocity follows as well.
 
+A current, or a share of a rated value, is a torque times a number that is not known, of either sign. This number takes
+the place of the velocity gain, and what is left of the law is read in the same way.
+
 From its velocity set-point, which is the position gain times the following error, and the feedforward:
 
     v = Kpp (r − y) + ratio · dr/dt + zero
@@ -16,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mjsim.estimation.axis_logs.data import AxisData
+from mjsim.instruments.axis_log.signals import limit_of
 from mjsim.machine.model import TOLERANCE, Drive, Machine, build
 from mjsim.machine.plant import AxisPlant
 from mjsim.simulation.servo import sampling
@@ -42,6 +46,7 @@ class GainsRead:
         deviations: Their relative standard deviations.
         velocity_samples: Over which the control takes the velocity.
         explained: Share of the output's variance that the law with these gains explains.
+        channel: Name of what was recorded.
     """
 
     controller: str | None
@@ -49,6 +54,7 @@ class GainsRead:
     deviations: dict[str, float]
     velocity_samples: int
     explained: float
+    channel: str = "torque"
 
 
 def output_of(axis: AxisPlant, d: AxisData) -> np.ndarray:
@@ -86,7 +92,10 @@ def read_gains(machine: Machine, data: Sequence[AxisData]) -> list[GainsRead]:
         if (of_velocity := _of_velocity(machine, controller, mine)) is not None:
             out.append(of_velocity)
         drive = machine.under(controller).drives[data[0].axis]
-        mine = [d for d in mine if d.record.motor_torque(drive.gear) is not None and _same_rate(machine, d)]
+        mine = [d for d in mine if d.record.output is not None and _same_rate(machine, d)]
+        known = [d for d in mine if d.record.motor_torque(drive.gear) is not None]
+        mine = known or mine  # a torque says more than a current
+        mine = mine if drive.encoder == "motor" else []  # two encoders go into its output
         best = None
         for delay in _DELAYS if mine else ():
             read = [g for n in _samples(drive) if (g := _read(machine, controller, mine, n, delay)) is not None]
@@ -101,7 +110,8 @@ def read_gains(machine: Machine, data: Sequence[AxisData]) -> list[GainsRead]:
 def _of_velocity(machine: Machine, controller: str | None, data: Sequence[AxisData]) -> GainsRead | None:
     """The position gain by which a velocity set-point follows from the following error; nothing where it does not."""
     data = [d for d in data if d.record.velocity_command is not None]
-    control = machine.under(controller).drives[data[0].axis].control if data else None
+    drive = machine.under(controller).drives[data[0].axis] if data else None
+    control, at = (drive.control, drive.encoder) if drive is not None else (None, "")
     if control is None or control.law is not None:
         return None
     best = None
@@ -110,7 +120,8 @@ def _of_velocity(machine: Machine, controller: str | None, data: Sequence[AxisDa
         for d in data:
             v = d.record.velocity_command
             assert v is not None
-            error, rate = d.record.command - d.record.actual, np.gradient(d.record.command, d.time)
+            held = d.record.load if at == "both" and d.record.load is not None else d.record.actual
+            error, rate = d.record.command - held, np.gradient(d.record.command, d.time)
             columns.append(np.column_stack([error, rate, np.ones(len(v))])[: len(v) - delay])
             wanted.append(v[delay:])
         design, v = np.vstack(columns), np.concatenate(wanted)
@@ -128,23 +139,29 @@ def _of_velocity(machine: Machine, controller: str | None, data: Sequence[AxisDa
     if explained < _EXPLAINED or gain <= 0.0:
         return None
     deviation = max(spread / gain, _LEAST)
-    return GainsRead(
-        controller, {"position_gain": gain}, {"position_gain": deviation}, control.velocity_samples, explained
-    )
+    samples = control.velocity_samples
+    deviations = {"position_gain": deviation}
+    return GainsRead(controller, {"position_gain": gain}, deviations, samples, explained, "velocity_command")
 
 
 def unused(machine: Machine, data: Sequence[AxisData], gains: Sequence[GainsRead]) -> dict[tuple[str, str], str]:
-    """Why a recorded torque or velocity set-point says nothing about the gains, by log and channel."""
+    """Why a recorded output or velocity set-point says nothing about the gains, by log and channel."""
     out = {}
-    of_output = {g.controller for g in gains if "velocity_gain" in g.values}
-    of_velocity = {g.controller for g in gains if set(g.values) == {"position_gain"}}
+    of_output = {g.controller for g in gains if g.channel != "velocity_command"}
+    of_velocity = {g.controller for g in gains if g.channel == "velocity_command"}
     for d in data:
         drive = machine.under(d.test.controller).drives[d.axis]
-        if d.record.motor_torque(drive.gear) is not None and d.test.controller not in of_output:
+        if d.record.output is not None and d.test.controller not in of_output:
             why = "the control law of the machine file does not give it"
             if not _same_rate(machine, d):
                 why = "it was not recorded once at every sample of the control (sample_time_s)"
-            out[d.name, "torque" if d.record.torque is not None else "force"] = why
+            if drive.encoder != "motor":
+                why = "the encoder at the load and that of the motor both go into it"
+            if drive.control.law is not None and d.record.motor_torque(drive.gear) is None:
+                why = "a law without a torque in N m has no gain that would follow from it"
+            out[d.name, d.record.output[0]] = why
+        for name in list(d.record.outputs)[1:]:
+            out[d.name, name] = f"the {next(iter(d.record.outputs)).replace('_share', ' in %')} says the same"
         if d.record.velocity_command is not None and d.test.controller not in of_velocity:
             out[d.name, "velocity_command"] = "it is not the following error times a gain, and a feedforward"
     return out
@@ -170,11 +187,17 @@ def _read(
 
     axis = build(machine.under(controller)).axes[data[0].axis]
     axis.control = replace(axis.control, velocity_samples=samples)
+    torques = [d.record.motor_torque(axis.gear) for d in data]
+    is_torque = all(u is not None for u in torques)
+    if axis.control.law and not is_torque:
+        return None
     names = ["velocity_gain"] if axis.control.law else ["velocity_gain", "position_gain"]
     if np.isfinite(axis.integral_time) and axis.control.law is None:
         names.append("integral_time")
-    recorded = [np.asarray(d.record.motor_torque(axis.gear)) for d in data]
-    limit = 0.98 * min(axis.control.clip, max(np.abs(u).max() for u in recorded) * 2.0)
+    recorded = [u for u in torques if u is not None] if is_torque else _as_torques(axis, data)
+    if not recorded:
+        return None
+    limit = 0.98 * min(axis.control.clip, max(np.abs(u).max() for u in recorded) * 2.0, *_limits(data, recorded))
 
     def residual(x: np.ndarray) -> np.ndarray:
         moved = replace(axis, **{n: getattr(axis, n) * np.exp(v) for n, v in zip(names, x, strict=True)})
@@ -200,7 +223,37 @@ def _read(
     # what the law leaves may follow from noise in the positions, which makes gains too small: by as much at most
     deviation = np.maximum(np.sqrt(np.diag(covariance)) + np.sqrt(max(1.0 - explained, 0.0)), _LEAST)
     values = {n: float(getattr(axis, n) * np.exp(v)) for n, v in zip(names, found.x, strict=True)}
-    return GainsRead(controller, values, dict(zip(names, map(float, deviation), strict=True)), samples, explained)
+    deviations = dict(zip(names, map(float, deviation), strict=True))
+    if not is_torque:
+        del values["velocity_gain"], deviations["velocity_gain"]
+    output = data[0].record.output
+    assert output is not None
+    return GainsRead(controller, values, deviations, samples, explained, output[0])
+
+
+def _limits(data: Sequence[AxisData], outputs: Sequence[np.ndarray]) -> list[float]:
+    """Sizes at which recorded outputs stand while the following error goes on changing."""
+    found = [limit_of(u, d.record.command - d.record.actual, d.resolution) for d, u in zip(data, outputs, strict=True)]
+    return [f for f in found if f]
+
+
+def torque_limit(machine: Machine, data: Sequence[AxisData]) -> float:
+    """Torque, N·m, at which the motor of an axis stands in some recording; 0 where none shows one."""
+    gear = machine.drives[data[0].axis].gear
+    with_torque = [(d, u) for d in data if (u := d.record.motor_torque(gear)) is not None]
+    return min(_limits([d for d, _ in with_torque], [u for _, u in with_torque]), default=0.0)
+
+
+def _as_torques(axis: AxisPlant, data: Sequence[AxisData]) -> list[np.ndarray]:
+    """Recorded outputs of unknown unit and sign as torques, N·m: as large as the law of the data sheet gives them."""
+    outputs = [d.record.output for d in data]
+    if len({o[0] for o in outputs if o is not None}) != 1:
+        return []  # two channels, two numbers
+    values = [o[1] for o in outputs if o is not None]
+    wanted = np.concatenate([x - x.mean() for x in (output_of(axis, d) for d in data)])
+    given = np.concatenate([x - x.mean() for x in values])
+    factor = float(wanted @ given) / max(float(given @ given), 1e-30)
+    return [factor * x for x in values] if factor else []
 
 
 def _nearer(axis: AxisPlant, names: list[str], found, residual: Callable[[np.ndarray], np.ndarray]):

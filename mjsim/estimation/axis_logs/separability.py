@@ -13,6 +13,8 @@ from mjsim.estimation.axis_logs.fit import AxisFit
 _KEPT = 0.25
 #: Prior standard deviation up to which a number counts as known.
 _EXACT = 0.02
+#: Share of its prior deviation from which a number counts as open, and the distance at which it is at a bound.
+_OPEN, _AT_BOUND = 0.5, 1e-6
 #: Least share of an entry in such a combination for it to be named.
 _NAMED = 0.15
 
@@ -83,3 +85,15 @@ def intervals(fit: AxisFit) -> dict[str, tuple[float, float, float]]:
         low, high = (np.exp(min(v, 300.0)) if e.log else v * e.scale for v in ends)
         out[e.label] = (e.decode(x), float(low), float(high))
     return out
+
+
+def undetermined(fit: AxisFit) -> tuple[str, ...]:
+    """Labels of the numbers that the recordings do not determine: the fit ended at a bound, or their interval is
+    about as wide as before the recordings.
+    """
+    deviations, out = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0)), []
+    for e, x, sd in zip(fit.model.entries, fit.model.vector, deviations, strict=True):
+        at_bound = bool(np.min(np.abs(np.array(e.bounds) - x)) < _AT_BOUND * max(abs(x), 1.0))
+        if e.owner not in NUISANCES and (at_bound or (e.log and sd > _OPEN * e.deviation)):
+            out.append(e.label)
+    return tuple(out)

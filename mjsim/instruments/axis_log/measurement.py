@@ -94,6 +94,17 @@ class AxisRecord:
         """Everything that was recorded, by name of the attribute."""
         return {f.name: x for f in fields(self) if (x := getattr(self, f.name)) is not None}
 
+    @property
+    def outputs(self) -> dict[str, np.ndarray]:
+        """Channels that are the motor's torque times a number, (n,) each by name, the one that says most first."""
+        names = ("torque", "force", "current", "torque_share", "current_share", "control", "control_share")
+        return {n: x for n in names if (x := getattr(self, n)) is not None}
+
+    @property
+    def output(self) -> tuple[str, np.ndarray] | None:
+        """The first of them, and its values (n,); nothing without one."""
+        return next(iter(self.outputs.items()), None)
+
     def motor_torque(self, gear: float) -> np.ndarray | None:
         """Recorded torque of the motor, (n,) N·m, from the force where that was recorded; nothing without both.
 

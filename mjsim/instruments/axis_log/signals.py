@@ -22,7 +22,7 @@ _MEASURED = ("actual", "load", "velocity")
 #: Samples in which a channel has to move by at least three of its steps, for its hold to be told.
 _ENOUGH = 20
 #: A channel that stands at its extreme for so many samples in a row is at a limit (assumed).
-_FLAT = 10
+_FLAT, _AT_MOST = 10, 1e-4
 #: Channels are copies where one is the other, times a number, within this share of its own spread: rounding.
 _SAME = 1e-6
 #: Largest values of drives of machine tools (assumed): N·m, N, V, A, shares.
@@ -31,11 +31,6 @@ _LARGEST |= dict.fromkeys(("torque_share", "current_share", "control_share"), 10
 #: Channels whose values the diagnosis never uses, and why.
 NOT_USED = {
     "velocity": "the position says the same",
-    "control": "it is no torque without the constants of amplifier and motor; record the torque in N m",
-    "current": "it is no torque without the torque constant of the motor; record the torque in N m",
-    "torque_share": "the rated torque is not known; record the torque in N m",
-    "current_share": "the rated current is not known; record the torque in N m",
-    "control_share": "its largest value is not known; record the torque in N m",
 }
 _UNITS = {"torque": "N·m", "force": "N", "control": "V", "current": AMPERE}
 
@@ -68,8 +63,8 @@ class LogMistake:
 
 @dataclass(frozen=True)
 class Finding(LogMistake):
-    """Something that a recording shows of itself: ``held``, ``step``, ``clock``, ``limit``, ``copy``, ``impossible`` or
-    ``not used``.
+    """Something that a recording shows of itself: ``held``, ``step``, ``clock``, ``limit``, ``copy``, ``impossible``,
+    ``used`` or ``not used``.
 
     Attributes:
         refused: Whether a comparison with a model would be wrong.
@@ -235,15 +230,11 @@ def limits(test: LogTest, recording: Recording) -> list[Finding]:
         error = record.command - record.actual
         for name, unit in _UNITS.items():
             values = record.channels.get(name)
-            if values is None or not np.ptp(values):
+            if values is None or not limit_of(values, error, encoder_step(recording, axis)):
                 continue
             most = float(np.abs(values).max())
-            at = np.abs(values) > most * (1.0 - 1e-4)
-            first, longest = _longest(at)
-            if longest < _FLAT or np.ptp(error[first : first + longest]) < 3.0 * max(
-                encoder_step(recording, axis), 1e-9
-            ):
-                continue
+            at = np.abs(values) > most * (1.0 - _AT_MOST)
+            longest = _longest(at)[1]
             said = f"{test.name}: the {_words(name)} of {axis} stands at {most:.4g} {unit} in {int(at.sum())} samples, "
             said += (
                 f"{longest * recording.step:.3g} s on end, while the following error changes: a limit of the drive, "
@@ -252,6 +243,20 @@ def limits(test: LogTest, recording: Recording) -> list[Finding]:
                 Finding("limit", test.name, (axis,), said + "which the machine file states as clip_Nm or clip_V")
             )
     return out
+
+
+def limit_of(values: np.ndarray, error: np.ndarray, step: float) -> float:
+    """The size at which a channel (n,) stands while the following error (n,) goes on changing; 0 where it does not.
+
+    Args:
+        values: Of the channel.
+        error: Command less actual position, axis units.
+        step: Of the encoder, axis units.
+    """
+    most = float(np.abs(values).max())
+    first, longest = _longest(np.abs(values) > most * (1.0 - _AT_MOST))
+    changing = longest >= _FLAT and np.ptp(error[first : first + longest]) >= 3.0 * max(step, 1e-9)
+    return most if changing and np.ptp(values) else 0.0
 
 
 def copies(test: LogTest, recording: Recording) -> list[Finding]:
@@ -337,6 +342,28 @@ def not_used_because(test: str, axis: str, name: str, why: str) -> Finding:
     """The sentence that a channel of a log is not used."""
     said = f"{test}: the {_words(name)} of {axis} is recorded and not used by diagnose: {why}"
     return Finding("not used", test, (axis,), said)
+
+
+def used_up_to_a_factor(test: str, axis: str, name: str, said: Sequence[str]) -> Finding:
+    """The sentence that a channel of a log counts as a torque times an unknown number.
+
+    Args:
+        test: Name of the log.
+        axis: Letter.
+        name: Of the channel.
+        said: Settings of the control that follow from it, in words.
+    """
+    what = " and ".join(said)
+    constant = "; the torque constant, torque_constant_Nm_per_A of the drive, gives the velocity gain and separates it "
+    constant += "from the inertia"
+    return Finding(
+        "used",
+        test,
+        (axis,),
+        f"{test}: the {_words(name)} of {axis} is taken for the torque of the motor times a number that is not known, "
+        f"of either sign: {what} of the control follow from it, and no inertia"
+        + (constant if name == "current" else "; record the torque in N m for that"),
+    )
 
 
 def _words(name: str) -> str:

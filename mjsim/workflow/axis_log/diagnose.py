@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -18,14 +19,16 @@ from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter
 from mjsim.estimation.axis_logs.found import AxisSelection, FoundCause
 from mjsim.estimation.axis_logs.gains import unused
 from mjsim.estimation.axis_logs.selection import AxisSearch
-from mjsim.estimation.axis_logs.separability import inseparable
+from mjsim.estimation.axis_logs.separability import inseparable, undetermined
 from mjsim.estimation.axis_logs.together import known_together
 from mjsim.estimation.axis_logs.unexplained import unexplained_rest
+from mjsim.estimation.hypotheses import CAUSE
 from mjsim.estimation.outcome import verdict_of
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
-from mjsim.instruments.axis_log.signals import Finding, findings, not_used_because
+from mjsim.instruments.axis_log.signals import Finding, findings, not_used_because, used_up_to_a_factor
 from mjsim.machine.model import Machine
+from mjsim.machine.sheet_names import sheet_name
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 from mjsim.workflow.axis_log.compare import checked_logs, overlay_logs
@@ -35,8 +38,12 @@ from mjsim.workflow.finding import DiagnosedEffect
 
 #: Effects behind the motor's encoder, which a log without an encoder at the load cannot show.
 _BEHIND = ("backlash", "pitch_error", "scale_error", "worm_wear", "thermal_drift", "drive_compliance")
+#: Why an encoder at the load is not used beside the actual position of an axis whose encoder is said to be there.
+_ACTUAL_IS_LOAD = 'the actual position is that of the load (encoder = "load" in the machine file)'
 #: Most causes that are looked for on each axis where the user does not say.
 _MOST = 8
+#: Probability of a cause before anything was recorded: one that is less probable afterwards has no support.
+_BEFORE = 1.0 / (1.0 + math.exp(-CAUSE))
 
 
 @one_blas_thread
@@ -66,21 +73,22 @@ def diagnose_logs(
         InputError: No log has a recording, or a controller is missing.
     """
     campaign = checked_logs(campaign, machine)
+    data = {axis: axis_data(campaign, axis, machine) for axis in recorded_axes(campaign.measured)}
+    loads = {a: recorded for a, d in data.items() if (recorded := encoder_data(d, machine))}
+
+    def run(searches: Mapping[str, AxisSearch]) -> dict[str, AxisSelection]:
+        with ThreadPoolExecutor(max(1, min(threads, len(searches)))) as pool:
+            found = pool.map(lambda s: s.run(max_effects or _MOST), searches.values())
+            return dict(zip(searches, found, strict=True))
+
+    between = run({a: EncoderSearch(machine, d, threads, settings, progress) for a, d in loads.items()})
+    # where the loop is closed on the load, what is between the encoders is inside it
+    inside = merged(machine, [s.fit for a, s in between.items() if machine.drives[a].encoder != "motor"])
     searches = {
-        axis: AxisSearch(
-            machine, axis_data(campaign, axis, machine), threads, settings, progress, (shared or {}).get(axis, ())
-        )
-        for axis in recorded_axes(campaign.measured)
+        axis: AxisSearch(inside, d, threads, settings, progress, (shared or {}).get(axis, ()))
+        for axis, d in data.items()
     }
-    loads = {a: recorded for a, s in searches.items() if (recorded := encoder_data(s.fitter.data))}
-    beside = {a: EncoderSearch(machine, recorded, threads, settings, progress) for a, recorded in loads.items()}
-    every = [*searches.values(), *beside.values()]
-    with ThreadPoolExecutor(max(1, min(threads, len(every)))) as pool:
-        found = list(pool.map(lambda s: s.run(max_effects or _MOST), every))
-    selections, between = (
-        dict(zip(searches, found, strict=False)),
-        dict(zip(beside, found[len(searches) :], strict=True)),
-    )
+    selections = run(searches)
     fitters = {a: s.fitter for a, s in searches.items()}
     return log_diagnosis(campaign, machine, fitters, selections, settings, between)
 
@@ -108,14 +116,15 @@ def log_diagnosis(
     before = overlay_logs(campaign, machine, {a: (fitters[a], s.given) for a, s in selections.items()})
     after = overlay_logs(campaign, fitted, {a: (fitters[a], s.fit) for a, s in selections.items()})
     every = (*selections.values(), *between.values())
-    effects = sorted((e for s in every for e in effects_of(s)), key=lambda e: -e.gain)
+    fits = sorted((e for s in every for e in effects_of(s)), key=lambda e: -e.gain)
+    effects = [e for e in fits if e.probability is None or e.probability >= _BEFORE]
     rest = [
         r
         for a, s in selections.items()
         if (r := unexplained_rest(fitters[a], s.fit, machine.drives[a].gear, settings)) is not None
     ]
     for a, s in between.items():
-        own = EncoderFitter(machine, encoder_data(fitters[a].data), 1)
+        own = EncoderFitter(machine, encoder_data(fitters[a].data, machine), 1)
         if (r := unexplained_rest(own, s.fit, machine.drives[a].gear, settings)) is not None:
             rest.append(replace(r, between=True))
     probable = [e for e in effects if e.probability is None or e.probability >= 0.5]
@@ -133,6 +142,7 @@ def log_diagnosis(
         selections,
         between,
         tuple(_signals(campaign, machine, fitters, selections)),
+        tuple(e.effect.id for e in fits if e not in effects),
     )
 
 
@@ -142,15 +152,24 @@ def _signals(
     """What the recorded channels are like, and which of them this diagnosis did not use."""
     yield from (f for f in findings(campaign.measured, campaign.traces, campaign.instrument) if not f.refused)
     for axis, s in selections.items():
+        for g in (g for g in s.gains if g.channel not in ("torque", "force", "velocity_command")):
+            said = [sheet_name(name)[0] for name in g.values]
+            mine = [d.name for d in fitters[axis].data if d.test.controller == g.controller]
+            yield from (used_up_to_a_factor(test, axis, g.channel, said) for test in mine)
         for (test, name), why in unused(machine, fitters[axis].data, s.gains).items():
             yield not_used_because(test, axis, name, why)
+        if machine.drives[axis].encoder == "load":
+            for d in (d for d in fitters[axis].data if d.record.load is not None):
+                yield not_used_because(d.name, axis, "load", _ACTUAL_IS_LOAD)
 
 
 def hidden_effects(campaign: Campaign, machine: Machine) -> list[str]:
     """Ids of effects behind the encoders of the recorded axes that no recorded encoder at the load shows."""
     loads = {a for t in campaign.measured for a in t.axes if campaign.traces[t.name].axes[a].load is not None}
     axes = recorded_axes(campaign.measured)
-    hidden = [f"{kind}.{a}" for a in axes for kind in _BEHIND if a not in loads or kind not in BETWEEN]
+    loop_at = {a: machine.drives[a].encoder for a in axes}
+    shown = {a: ("backlash",) if loop_at[a] == "load" else BETWEEN if a in loads else () for a in axes}
+    hidden = [f"{kind}.{a}" for a in axes for kind in _BEHIND if kind not in shown[a]]
     return [h for h in hidden if exists(h, machine)]
 
 
@@ -198,6 +217,7 @@ def effects_of(selection: AxisSelection) -> list[DiagnosedEffect]:
     """Causes of one axis with their parameters; two shapes of one effect are one cause."""
     fit, out = selection.fit, {}
     ranges = parameter_intervals(fit)
+    open_ = undetermined(fit)
     ladder = [selection.sheet.rms, *[f.rms for f in selection.ladder[1:]]]
     steps = dict(zip(selection.order, pairwise(ladder), strict=False))
     for cause in selection.found:
@@ -218,6 +238,7 @@ def effects_of(selection: AxisSelection) -> list[DiagnosedEffect]:
             found_by=LogTest.instrument,
             together=known_together(fit, effect.id, _order_of(cause)),
             probability=cause.probability,
+            undetermined=tuple(name for name in ci if f"{effect.id}.{name}" in open_),
         )
         former = out.get(effect.id)
         if former is None or former.gain < mine.gain:

@@ -76,6 +76,7 @@ class LogDiagnosis:
         selections: The searches, by axis.
         between: The searches between the two encoders of an axis, by axis.
         signals: What the recorded channels are like, and which of them were not used.
+        without_support: Ids of effects that the fit of an axis has and the recordings do not support.
     """
 
     campaign: Campaign
@@ -91,6 +92,7 @@ class LogDiagnosis:
     selections: Mapping[str, AxisSelection]
     between: Mapping[str, AxisSelection] = field(default_factory=dict)
     signals: tuple[Finding, ...] = ()
+    without_support: tuple[str, ...] = ()
 
     @property
     def probabilities(self) -> dict[str, float]:
@@ -118,6 +120,7 @@ class LogDiagnosis:
             "rms_after_um": rounded(self.after.rms / UM),
             **self._rotary(),
             "effects": [e.to_json(self.machine) for e in self.effects],
+            "without_support": list(self.without_support),
             "signals": [f.to_json() for f in self.signals],
             "encoders": [self._encoders_json(a, s) for a, s in self.between.items()],
             "unexplained": self._rest_json(rest) if rest else None,

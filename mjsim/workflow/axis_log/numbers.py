@@ -7,7 +7,7 @@ import numpy as np
 from mjsim.estimation.axis_logs.entries import CONTROLLER, DRIVE, NUISANCES, Entry
 from mjsim.estimation.axis_logs.fit import AxisFit
 from mjsim.estimation.axis_logs.found import AxisSelection
-from mjsim.estimation.axis_logs.separability import inseparable, intervals
+from mjsim.estimation.axis_logs.separability import inseparable, intervals, undetermined
 from mjsim.estimation.axis_logs.trifles import OF_SHEET
 from mjsim.machine.model import Machine
 from mjsim.workflow.axis_log.diagnosis import SheetNumber
@@ -54,10 +54,10 @@ def sheet_of(machine: Machine, axis: str, selection: AxisSelection) -> list[Shee
     """
     fit, out = selection.fit, []
     read = {(g.controller or "", n) for g in selection.gains for n in g.values}
-    deviations = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     ranges, combined = intervals(fit), {label for i in inseparable(fit) for label in i.labels}
+    open_ = undetermined(fit)
     friction = machine.effect(f"friction.{axis}")
-    for e, sd in zip(fit.model.entries, deviations, strict=True):
+    for e in fit.model.entries:
         if e.owner == DRIVE:
             stated = getattr(machine.drives[axis], e.name)
         elif e.owner == CONTROLLER:
@@ -68,7 +68,7 @@ def sheet_of(machine: Machine, axis: str, selection: AxisSelection) -> list[Shee
             continue
         value, low, high = ranges[e.label]
         source = "recorded output" if e.owner == CONTROLLER and (e.where, e.name) in read else "motion"
-        known = source == "recorded output" or bool(sd < 0.5 * e.deviation and e.label not in combined)
+        known = source == "recorded output" or (e.label not in combined and e.label not in open_)
         found = _with_factor(fit, e)
         if found is not None:
             value, low, high, known = found
