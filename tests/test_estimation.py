@@ -152,6 +152,17 @@ def test_the_shape_of_a_cause_is_fitted_to_the_end(hidden, name, close):
     assert found.effect.values[name] == pytest.approx(hidden.values[name], abs=close)
 
 
+def test_how_soon_sticking_fades_is_fitted():
+    """Three times sooner than from where the search starts; with the wrong speed, many small things were named."""
+    problem, machine = healthy("cone45-centre-ccw", "circle-xy-ccw", "circle-xy-cw", "circle-yz-ccw")
+    hidden = machine.effect("friction.Y").replaced(static_ratio=1.8, stribeck_velocity_rad_per_s=0.1)
+    hide(problem, machine, hidden)
+    (found,) = BarSearch(Fitter(problem, machine)).run(1).model.fit.effects
+    assert found.effect.id == "friction.Y"
+    assert found.effect.values["static_ratio"] == pytest.approx(1.8, rel=0.1)
+    assert found.effect.values["stribeck_velocity_rad_per_s"] == pytest.approx(0.1, rel=0.1)
+
+
 def test_the_waves_of_the_machine_file_stay_where_another_is_missing():
     problem, machine = healthy("cone45-centre-ccw", "rotary-a-tangential-ccw", "rotary-a-tangential-cw")
     known = registry.make("pitch_error.A", components=[[72.0, 0.002, 30.0]])

@@ -23,15 +23,17 @@ from mjsim.estimation.data_sheet import DATA_SHEET, calibrated, data_sheet
 from mjsim.estimation.discrepancy import Discrepancy, Sizes
 from mjsim.estimation.disturbances import without_disturbances
 from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.findings import explain
+from mjsim.estimation.findings import _BarReader, explain
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.problem import Problem
+from mjsim.estimation.search import Found, Model, with_curves
 from mjsim.estimation.signatures import SignatureBank, seeds
 from mjsim.estimation.spectrum import sides_of, spectral_candidates, wave
-from mjsim.estimation.unknown_curves import _BesideModel
+from mjsim.estimation.unknown_curves import Curve, _BesideModel, priors_of
 from mjsim.estimation.vibration import Separated
 from mjsim.machine.model import build
+from mjsim.progress import silent
 
 
 @pytest.fixture(scope="module")
@@ -69,6 +71,28 @@ def test_a_curve_beside_a_model_is_that_of_columns_that_are_whitened_themselves(
     np.testing.assert_allclose(information, expected, atol=1e-9 * np.abs(expected).max())
     expected = columns.T @ (fit.residual - fit.design @ fit.step)
     np.testing.assert_allclose(score, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_the_level_of_a_curve_is_not_held_for_its_size(real):
+    """Set-up and locations can take up the level, which is then known badly; its shape is not."""
+    _, problem, machine, _ = real
+    white = replace(
+        problem, whitening=Discrepancy.of_tests(problem).whitening(Sizes(0.4e-6, 0.2e-6, np.ones(len(problem.tests))))
+    )
+    fit = Fitter(white, machine).fit([], iterations=1)
+    term = next(t for t in CurveTerms(problem, fit).own() if t.axis == "C" and t.variable == "position")
+    root = next(root for name, root in priors_of(term) if name == "smooth")
+    curve = Curve(term, "smooth", root, problem.whiten([c @ root for c in term.columns]), 0.0, width=2.0)
+    model = Model({}, fit, with_curves(white, [curve]), Sizes(0.4e-6, 0.2e-6, np.ones(len(problem.tests))), (curve,))
+    ((_, (values, spread)),) = _BarReader(None, Found(fit, model, None), silent)._values(fit)
+    columns = 2.0 * white.whiten([c @ root for c in term.columns])
+    cross = fit.design.T @ columns
+    information = columns.T @ columns - cross.T @ np.linalg.solve(fit.linear.precision, cross) + np.eye(root.shape[1])
+    covariance = 4.0 * root @ np.linalg.solve(information, root.T)
+    centred = np.eye(len(root)) - 1.0 / len(root)
+    np.testing.assert_allclose(spread, np.sqrt(np.diag(centred @ covariance @ centred)), rtol=0.02)
+    assert abs(values.mean()) < 1e-9 * np.abs(values).max()
+    assert spread.max() < 0.6 * np.sqrt(np.diag(covariance)).min()
 
 
 def test_what_lies_beyond_its_tolerance_is_the_finding(real):

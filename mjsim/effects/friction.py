@@ -14,7 +14,8 @@ _STRIBECK = (0.3, 2.0, 10.0)
 
 def _variants(friction):
     """The same friction with a break-away torque that is wrong."""
-    return [(friction.replaced(stribeck_velocity_rad_per_s=w), ("coulomb_Nm", "static_ratio")) for w in _STRIBECK]
+    free = ("coulomb_Nm", "static_ratio", "stribeck_velocity_rad_per_s")
+    return [(friction.replaced(stribeck_velocity_rad_per_s=w), free) for w in _STRIBECK]
 
 
 @register
@@ -40,6 +41,7 @@ class Friction(Effect):
             1e3,
             default=1.0,
             scale=0.5,
+            log=True,
         ),
     )
     definition = (

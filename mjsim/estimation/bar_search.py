@@ -219,8 +219,8 @@ class BarSearch(Search[Problem]):
         competing = [*model.curves]
         if curves:
             beside = model.fit if not model.curves else self._whitened_by(model, model.base)
-            have = {c.name for c in model.curves}
-            competing += [c for _, c in best_curves(model.base, beside, self.plain, have)]
+            found = [c for _, c in best_curves(model.base, beside, self.plain)]
+            competing += [c for c in found if not any(map(c.is_like, model.curves))]
         bank, products = self.signatures_at(model)
         further = further_candidates(self.plain, model.fit, bank, self.only)
         design = self.discrepancy.plain(model.fit, model.problem.whitening)

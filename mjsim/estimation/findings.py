@@ -371,7 +371,9 @@ class _BarReader(Reader[Problem]):
         return [(term, float(p)) for (_, term), p in zip(ranked[:told], shares[:told], strict=True)]
 
     def _values(self, fit: Fit) -> Iterator[tuple[Curve, tuple[np.ndarray, np.ndarray]]]:
-        """Every curve of the model with its values at the knots and their standard deviations, all fitted together."""
+        """Every curve of the model with its values at the knots, over their mean, and the standard deviations of these,
+        all fitted together: set-up and locations can take up the mean.
+        """
         model, base = self.model, self.model.base
         alone = Fitter(base, fit.base).fit(fit.effects, start=fit, exact=True, iterations=0, fresh=False)
         columns = base.whiten_further(np.hstack([c.columns * c.width for c in model.curves]))
@@ -382,7 +384,7 @@ class _BarReader(Reader[Problem]):
         first = 0
         for c in model.curves:
             at = slice(first, first + c.columns.shape[1])
-            root = c.root * c.width
+            root = (c.root - c.root.mean(axis=0)) * c.width
             yield c, (root @ sizes[at], np.sqrt(np.einsum("ij,jk,ik->i", root, covariance[at, at], root)))
             first = at.stop
 
@@ -390,7 +392,7 @@ class _BarReader(Reader[Problem]):
         """Probability that a curve is larger, at some place, than a machine of the class may have: than its pitch
         error, or than its play where it has a sign by the direction of motion. How far it is beyond, over its spread.
         """
-        size, spread = np.abs(values - values.mean()) * term.unit, np.maximum(spread, 1e-9) * term.unit
+        size, spread = np.abs(values) * term.unit, np.maximum(spread, 1e-9) * term.unit
         limit = 0.0
         if self.model.expected:
             chain, kind = self.model.fit.base.chain, "backlash" if term.signed else "pitch_error"

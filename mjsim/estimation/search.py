@@ -346,6 +346,9 @@ class Search(ABC, Generic[D]):
             if promise > max(LEAST, proposals.get(key, (0.0,))[0]):
                 proposals[key] = promise, chosen, level
 
+        for h in here:  # what the others have made needless
+            rest = without(here, h)
+            propose(hypotheses.levels[0][0] + hypotheses.linear.total(rest) - now, rest, 0)
         for level, (none, linear, _) in enumerate(hypotheses.levels):
             chosen = linear.best_set(hypotheses.present)
             propose(none + linear.total(chosen) - now, chosen, level)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -73,6 +73,10 @@ class Curve:
         period = f" / {term.period:.3g}" if term.period else ""
         return f"curve {term.axis or 'clock'} > {term.moves} {term.variable}{period}"
 
+    def is_like(self, other: Curve) -> bool:
+        """Whether both have the same term, prior and knots."""
+        return (self.name, self.prior, self.root.shape) == (other.name, other.prior, other.root.shape)
+
     @property
     def present(self) -> bool:
         """Whether it is in the model."""
@@ -131,7 +135,7 @@ def _root(covariance: np.ndarray) -> np.ndarray:
     return vectors[:, kept] * np.sqrt(values[kept])
 
 
-def best_curves(problem: Problem, fit: Fit, plain: Problem, have: Collection[str] = ()) -> list[tuple[float, Curve]]:
+def best_curves(problem: Problem, fit: Fit, plain: Problem) -> list[tuple[float, Curve]]:
     """Curves of largest evidence beside a model, the best first, each with the prior that explains most: log posterior
     odds and curve.
 
@@ -139,7 +143,6 @@ def best_curves(problem: Problem, fit: Fit, plain: Problem, have: Collection[str
         problem: The measured tests with the whitening of the model but for curves that are to compete.
         fit: The model, whitened by ``problem``.
         plain: The same tests whitened by the campaign's noise alone.
-        have: Names of curves that the model has.
     """
     terms, linear = CurveTerms(plain, fit), _BesideModel(problem, fit)
     out: dict[str, tuple[float, CurveTerm, str, np.ndarray, float]] = {}
@@ -147,7 +150,7 @@ def best_curves(problem: Problem, fit: Fit, plain: Problem, have: Collection[str
     def compete(term: CurveTerm, known: tuple[np.ndarray, np.ndarray], prior: str, root: np.ndarray, odds: float):
         """Keep a curve where it is the best of its name."""
         evidence, name = _evidence(*known, root) + odds, Curve.called(term)
-        if evidence > out.get(name, (0.0,))[0] and name not in have:
+        if evidence > out.get(name, (0.0,))[0]:
             out[name] = evidence, term, prior, root, odds
 
     rough: list[tuple[float, CurveTerm]] = []
