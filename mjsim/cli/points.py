@@ -8,22 +8,25 @@ import click
 
 from mjsim.cli import common
 from mjsim.cli.import_show import show_remarks
+from mjsim.instruments.base import Instrument
 from mjsim.machine.chain import is_rotary
+from mjsim.units import unit_of
 
 _SOURCES = {"repeated points": "from repeated points", "stated": "as stated", "assumed": "assumed: nobody states it"}
 
 
-def show_points(data: dict, found: dict[str, dict]) -> None:
-    """The part of a diagnosis that is of a probed sphere.
+def show_points(data: dict, found: dict[str, dict], instrument: Instrument) -> None:
+    """The part of a diagnosis that is of an instrument that measures at rest.
 
     Args:
         data: Its JSON.
+        instrument: That instrument.
         found: Parameters and 95 % intervals of all fitted effects, by id: dicts with ``parameters`` and ``ci95``.
     """
     click.echo()
     common.paragraph(
-        f"probed sphere: residual RMS {data['rms_before_um']:.3f} µm as given, {data['rms_after_um']:.3f} µm with what "
-        f"was fitted; noise of one centre {data['noise_um']:.3f} µm, {_SOURCES[data['noise_source']]}"
+        f"{instrument.noun}: residual RMS {data['rms_before_um']:.3f} µm as given, {data['rms_after_um']:.3f} µm with "
+        f"what was fitted; noise of one value {data['noise_um']:.3f} µm, {_SOURCES[data['noise_source']]}"
     )
     if data["left_um"] > 0.0:
         common.paragraph(
@@ -32,7 +35,7 @@ def show_points(data: dict, found: dict[str, dict]) -> None:
         )
         if data["misfit"] >= 0.5:
             common.paragraph(
-                "Either the probe repeats worse than the noise says (measure some points twice, or state "
+                "Either the values repeat worse than the noise says (measure some of them twice, or state "
                 "repeatability_um), or the machine has errors that are in no model: trust the numbers within their "
                 "intervals, and look for the cause."
             )
@@ -45,20 +48,19 @@ def show_points(data: dict, found: dict[str, dict]) -> None:
         if known is None or name is None:
             continue
         low, high = known["ci95"][name]
-        unit = "µrad" if name.endswith("urad") else "µm"
+        unit = unit_of(name)[1]
+        form = "%+.5f" if unit == "°" else "%+.1f"
         rows.append(
-            [row["id"], unit, f"{known['parameters'][name]:+.1f}", f"{low:+.1f} to {high:+.1f}", f"{row['value']:+.1f}"]
+            [row["id"], unit, form % known["parameters"][name], f"{form % low} to {form % high}", form % row["value"]]
         )
     if rows:
         click.echo()
-        common.table(["location error", "unit", "fitted", "95 % interval", "from circles"], rows, text=(0, 1, 3))
-        common.paragraph(
-            "From circles: centre and direction of each axis as the cycles of controls compute them, with linear axes "
-            "and probe taken for perfect."
-        )
+        head = ["error", "unit", "fitted", "95 % interval", instrument.by_itself_noun]
+        common.table(head, rows, text=(0, 1, 3))
+        common.paragraph(instrument.by_itself_note)
     click.echo()
     common.table(
-        ["set-up and probe", "value", "95 % interval"],
+        ["set-up and instrument", "value", "95 % interval"],
         [[r["name"], f"{r['value']:+.1f}", f"{r['ci95'][0]:+.1f} to {r['ci95'][1]:+.1f}"] for r in data["set_up"]],
         text=(0, 2),
     )

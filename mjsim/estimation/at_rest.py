@@ -73,10 +73,10 @@ _LOW_ORDERS = (1, 2, 3, 4)
 
 @dataclass(frozen=True)
 class RestProblem:
-    """Measured tests of one instrument that measures while the machine stands still.
+    """Measured tests of instruments that measure while the machine stands still.
 
     Attributes:
-        campaign: The tests of this instrument alone.
+        campaign: The tests of these instruments alone.
         stops: Where the machine stands, by test.
         value: Measured, all tests and channels one after another, (m,) SI.
         noise: Standard deviation of each, (m,) SI.
@@ -104,38 +104,40 @@ class RestProblem:
         """The measured tests of a campaign.
 
         Args:
-            campaign: The tests of one instrument.
+            campaign: Its tests are all of instruments that measure at rest.
             known: What another instrument has found.
         """
-        instrument = INSTRUMENTS[campaign.tests[0].instrument]
         tests = campaign.measured
         stops: dict[str, Stops] = {}
         values, noises, places, channels, rows = [], [], [], [], []
+        numbers: dict[tuple[str, str], int] = {}  # of channels: the same one in several tests
         for t in tests:
-            recording = campaign.traces[t.name]
+            instrument, recording = INSTRUMENTS[t.instrument], campaign.traces[t.name]
+            data = campaign.instruments[t.instrument]
             seen, found = instrument.observe(t, recording), instrument.stops(t, recording)
             assert found is not None and seen.valid.all()
             stops[t.name] = found
             n, k = seen.value.shape
             values.append(seen.value.ravel())
-            noises.append(np.tile(instrument.noise(t, recording, campaign.instrument), n))
+            noises.append(np.tile(instrument.noise(t, recording, data), n))
             first = found.at[:, 0]
             where = np.hstack([found.route[first], found.route[np.maximum(first - 1, 0)]])
             places.append(np.repeat(where, k, axis=0))
-            channels.append(np.tile(np.arange(k), n))
-            rows.append((t, instrument.nuisances_of(t, recording, seen.time, campaign.instrument)))
+            mine = [numbers.setdefault((t.instrument, c.name), len(numbers)) for c in instrument.channels(t)]
+            channels.append(np.tile(mine, n))
+            rows.append((t, instrument.nuisances_of(t, recording, seen.time, data)))
         blocks: dict[str, tuple[str, ...]] = {}
         for t, n in rows:
             own = tuple(name for name in n.names if name not in n.shared)
-            blocks.setdefault(f"set-up {t.setup}", own)
-            blocks.setdefault(instrument.noun, n.shared)
+            for block, labels in ((f"set-up {t.setup}", own), (INSTRUMENTS[t.instrument].noun, n.shared)):
+                blocks[block] = tuple(dict.fromkeys([*blocks.get(block, ()), *labels]))
         # a fit asks for no more of the ball bar's blocks than that they are blocks
         nuisances = Nuisances(tuple(Block.normal(name, labels) for name, labels in blocks.items() if labels))
         units, parts = np.zeros(nuisances.size), []
         for t, n in rows:
             part = np.zeros((n.columns.shape[0] * n.columns.shape[1], nuisances.size))
             for i, name in enumerate(n.names):
-                at = nuisances.place(instrument.noun if name in n.shared else f"set-up {t.setup}", name)
+                at = nuisances.place(INSTRUMENTS[t.instrument].noun if name in n.shared else f"set-up {t.setup}", name)
                 units[at] = n.spread[i]
                 part[:, at] = n.columns[:, :, i].ravel() * n.spread[i]
             parts.append(part)
@@ -147,16 +149,19 @@ class RestProblem:
         distance = (2.0 * np.sin(0.5 * turn) / _NEAR_ROTARY) ** 2
         square = distance.sum(axis=2) + (way / _NEAR_LINEAR).__pow__(2).sum(axis=2)
         same = np.abs(where[:, None] - where[None]).max(axis=2) < 1e-5
+        # sizes of the discrepancy are those of a value with the usual noise: of others in proportion
+        noise = np.concatenate(noises)
+        weight = equal * np.outer(noise, noise) / np.median(noise) ** 2
         return cls(
             campaign,
             stops,
             np.concatenate(values),
-            np.concatenate(noises),
+            noise,
             np.vstack(parts),
             nuisances,
             units,
-            equal * np.exp(-0.5 * square),
-            (equal & same).astype(float),
+            weight * np.exp(-0.5 * square),
+            weight * same,
             known,
         )
 
@@ -168,13 +173,11 @@ class RestProblem:
     def readings(self, machine: Machine) -> np.ndarray:
         """What an ideal instrument shows of a machine, (m,) SI."""
         plant = build(machine)
-        instrument = INSTRUMENTS[self.campaign.tests[0].instrument]
-        return np.concatenate(
-            [
-                instrument.reading(t, standing(plant, self.stops[t.name], t.name), plant.geometry).ravel()
-                for t in self.campaign.measured
-            ]
-        )
+        out = []
+        for t in self.campaign.measured:
+            stood = standing(plant, self.stops[t.name], t.name)
+            out.append(INSTRUMENTS[t.instrument].reading(t, stood, plant.geometry).ravel())
+        return np.concatenate(out)
 
     def factor(self, sizes: tuple[float, float]) -> np.ndarray:
         """Lower Cholesky factor of the covariance of the values, (m, m) SI.
@@ -672,7 +675,7 @@ class RestSearch:
             (s * noise, r * noise)
             for s in _SIZES
             for r in _SIZES
-            if max(s, r) * noise <= _largest(model) and not (0.0 < r < s / 16.0 or 0.0 < s < r / 16.0)
+            if max(s, r) * noise <= _largest(model, self.problem) and not (0.0 < r < s / 16.0 or 0.0 < s < r / 16.0)
         ]
         present = [i for i, o in enumerate(options) if o.present]
         sets: list[Chosen] = [{}]
@@ -788,9 +791,10 @@ class RestSearch:
         return tuple(sorted(i for i in every if limits.get(i, math.inf) > self.settings.testable_size))
 
 
-def _largest(model: RestModel) -> float:
+def _largest(model: RestModel, problem: RestProblem) -> float:
     """Size beyond which no discrepancy can be, SI: twice the RMS of what the model leaves."""
-    return 2.0 * float(np.sqrt(np.mean(model.rest**2))) + 1e-9
+    rest = model.rest / problem.noise * np.median(problem.noise)
+    return 2.0 * float(np.sqrt(np.mean(rest**2))) + 1e-9
 
 
 def _log_prior(sizes: tuple[float, float], problem: RestProblem) -> float:

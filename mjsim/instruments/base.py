@@ -145,7 +145,10 @@ class Instrument(ABC, Generic[T, R]):
         test_noun: What one of its tests is called in sentences.
         beside: JSON key of its answer in a campaign whose first answer is another instrument's.
         order: Place of its answer in a campaign of several instruments.
-        own_keys: Keys of its ``[instrument]`` table that no other instrument has.
+        own_keys: Keys of its ``[instrument]`` table that not every instrument has: type and default of each.
+        at_rest: Whether it measures while the machine stands still; it then says :meth:`stops`.
+        by_itself_noun: What a table calls the numbers of :meth:`by_itself`.
+        by_itself_note: What they are, in a sentence.
     """
 
     name: ClassVar[str]
@@ -153,7 +156,10 @@ class Instrument(ABC, Generic[T, R]):
     test_noun: ClassVar[str]
     beside: ClassVar[str]
     order: ClassVar[int] = 9
-    own_keys: ClassVar[tuple[str, ...]] = ()
+    own_keys: ClassVar[Mapping[str, tuple[Any, Any]]] = {}
+    at_rest: ClassVar[bool] = False
+    by_itself_noun: ClassVar[str] = "by itself"
+    by_itself_note: ClassVar[str] = ""
 
     # -- in a campaign -------------------------------------------------------------------------------------------------
 
@@ -269,6 +275,10 @@ class Instrument(ABC, Generic[T, R]):
     def figures_of(self, test: T, recording: R, time: np.ndarray, reading: np.ndarray) -> dict[str, float]:
         """:meth:`figures` where they depend on the recording."""
         return self.figures(test, time, reading)
+
+    def by_itself(self, tests: Sequence[T], recordings: Mapping[str, R]) -> dict[str, float]:
+        """Numbers of effects that the recordings give by a usual method alone, by id, in the unit of the number."""
+        return {}
 
     def mistakes(self, tests: Sequence[T], recordings: dict[str, R], data: Any) -> Sequence[Any]:
         """What the recordings show to be wrong with units, signs, order and clocks."""

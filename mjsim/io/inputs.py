@@ -7,6 +7,8 @@ import os
 import zlib
 from pathlib import Path
 
+import numpy as np
+
 from mjsim.errors import InputError, shortened
 
 _LARGEST = 200_000_000
@@ -72,6 +74,42 @@ def csv_text(path: Path, allowed: str = "a CSV file") -> tuple[str, str]:
         raise InputError(f"{path}: byte {error.start} is not text; allowed: {allowed}") from None
     first, _, body = text.partition("\n")
     return first, body
+
+
+def csv_rows(path: Path, body: str, names: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the rows below the first line, (n, columns), and the lines that they stand on, (n,); empty lines are
+    left out.
+
+    Args:
+        path: The file, for messages.
+        body: Everything below its first line.
+        names: Of the columns.
+
+    Raises:
+        InputError: Names the line and what was found.
+    """
+    rows, lines = [], []
+    for number, line in enumerate(body.split("\n"), start=2):
+        if not line.strip():
+            continue
+        cells = line.split(",")
+        if len(cells) != len(names):
+            raise InputError(
+                f"{path}, line {number}: {len(cells)} columns in {shown(line, 60)}; allowed: {len(names)}, as in line 1"
+            )
+        row = []
+        for name, cell in zip(names, cells, strict=True):
+            try:
+                row.append(float(cell))
+            except ValueError:
+                row.append(np.nan)
+            if not np.isfinite(row[-1]):
+                raise InputError(
+                    f"{path}, line {number}: {name} = {shown(cell.strip(), 40)}; allowed: a number with a decimal point"
+                )
+        rows.append(row)
+        lines.append(number)
+    return np.array(rows).reshape(len(rows), len(names)), np.array(lines)
 
 
 def check_rows(path: Path, rows: int) -> None:

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field
 from mjsim.errors import InputError
 from mjsim.instruments.schema import Clock, Length, Number, Table, printable
 from mjsim.instruments.sphere.measurement import POINT_TIME, Points, SphereTest, sides_of
-from mjsim.io.inputs import check_rows, csv_text, shown
+from mjsim.io.inputs import check_rows, csv_rows, csv_text, shown
 from mjsim.io.times import check_growing
 from mjsim.machine.chain import COORDINATES, Chain, chain_of
 from mjsim.units import DEG, MM, UM
@@ -106,7 +106,7 @@ def read_points(path: Path, test: SphereTest) -> Points:
     names = [n.strip() for n in first.split(",")]
     check_rows(path, body.count("\n"))
     _check_header(path, names, test)
-    table = _numbers(path, body, names)
+    table, _ = csv_rows(path, body, names)
     if len(table) < FEWEST:
         raise InputError(f"{path}: {len(table)} points; allowed: at least {FEWEST}")
     return points_of(path, names, table, test)
@@ -164,31 +164,6 @@ def _check_header(path: Path, names: list[str], test: SphereTest) -> None:
     for name in need:
         if name not in names:
             raise InputError(f"{path}, line 1: the column {name} is missing")
-
-
-def _numbers(path: Path, body: str, names: list[str]) -> np.ndarray:
-    """Numbers of all rows, (n, columns)."""
-    rows = []
-    for number, line in enumerate(body.split("\n"), start=2):
-        if not line.strip():
-            continue
-        cells = line.split(",")
-        if len(cells) != len(names):
-            raise InputError(
-                f"{path}, line {number}: {len(cells)} columns in {shown(line, 60)}; allowed: {len(names)}, as in line 1"
-            )
-        row = []
-        for name, cell in zip(names, cells, strict=True):
-            try:
-                row.append(float(cell))
-            except ValueError:
-                row.append(np.nan)
-            if not np.isfinite(row[-1]):
-                raise InputError(
-                    f"{path}, line {number}: {name} = {shown(cell.strip(), 40)}; allowed: a number with a decimal point"
-                )
-        rows.append(row)
-    return np.array(rows).reshape(len(rows), len(names))
 
 
 def trace_text(test: SphereTest, points: Points) -> str:

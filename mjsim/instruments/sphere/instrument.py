@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from mjsim.instruments.base import Channel, Instrument, Mistake, Nuisances, Observation, Stops, register
-from mjsim.instruments.sphere.classical import circles_of
+from mjsim.instruments.schema import OwnLength
+from mjsim.instruments.sphere.classical import circles_of, location_errors
 from mjsim.instruments.sphere.files import SphereTable, read_points, sphere_test
 from mjsim.instruments.sphere.measurement import Points, Probe, SphereTest, stops_of
 from mjsim.instruments.sphere.mistakes import sphere_mistakes
@@ -36,7 +37,13 @@ class SphereProbe(Instrument[SphereTest, Points]):
     test_noun = "sphere test"
     beside = "sphere_tests"
     order = 2
-    own_keys = ("repeatability_um", "probe_offset_um")
+    at_rest = True
+    by_itself_noun = "from circles"
+    by_itself_note = (
+        "From circles: centre and direction of each axis as the cycles of controls compute them, with linear axes and "
+        "probe taken for perfect."
+    )
+    own_keys = dict.fromkeys(("repeatability_um", "probe_offset_um"), (OwnLength | None, None))
 
     def kinds(self) -> Sequence[str]:
         return (self.name,)
@@ -99,6 +106,10 @@ class SphereProbe(Instrument[SphereTest, Points]):
             out |= {f"{circle.axis}_centre_{c}_mm": float(v) / MM for c, v in zip(_LOWER, circle.centre, strict=True)}
             out |= {f"{circle.axis}_direction_{c}": float(v) for c, v in zip(_LOWER, circle.direction, strict=True)}
         return out
+
+    def by_itself(self, tests: Sequence[SphereTest], recordings: Mapping[str, Points]) -> dict[str, float]:
+        """Location errors from circles, as the cycles of controls compute them."""
+        return {f"axis_location.{n}": v / UM for n, v in location_errors(tests, recordings).items()}  # µrad alike
 
     def mistakes(self, tests: Sequence[SphereTest], recordings: dict[str, Points], data: Probe) -> list[Mistake]:
         return sphere_mistakes(tests, recordings, data)
