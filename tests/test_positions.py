@@ -57,7 +57,7 @@ def worn(tmp_path_factory):
         (
             "target_mm,deviation_urad",
             "1,2",
-            "line 1: column 'deviation_urad'; allowed for EXX: target_mm, deviation_um",
+            "line 1: column 'deviation_urad'; allowed for EXX: target_mm, dev",
         ),
         ("target_mm,direction,deviation_um", "1,0,2", "line 2: direction = 0; allowed: 1 where the last move"),
         ("target_mm,deviation_um", "1,two", "line 2: deviation_um = 'two'; allowed: a number"),

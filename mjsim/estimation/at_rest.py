@@ -740,12 +740,14 @@ class RestSearch:
         named.sort(key=lambda r: (-excess[r.key], -r.gain))
         keys = {r.key for r in named}
         inside = [of_class.in_class(f) for f in fit.effects if f.effect.key not in keys]
-        index = np.arange(fit.parameters.size)
+        index, p = np.arange(fit.parameters.size), self.problem
+        set_up = np.vstack([p.columns / p.noise[:, None], np.eye(p.nuisances.size)])
         parts = {}
         for f in fit.effects:
             part = model.columns[:, index[fit.parameters[f.block.name]]] @ (f.vector - f.off)
-            taken = np.linalg.lstsq(self.problem.columns, part, rcond=1e-8)[0]
-            parts[f.effect.key] = part - self.problem.columns @ taken
+            # what the set-up would take of it, with its priors
+            taken = np.linalg.lstsq(set_up, np.append(part / p.noise, np.zeros(p.nuisances.size)), rcond=None)[0]
+            parts[f.effect.key] = part - p.columns @ taken
         entries, shares = calibrations_of(parts, fit, inside, self.settings.observable)
         entries = tuple(replace(c, observable=c.observable and c.effect.effect.key not in coarse) for c in entries)
         # a number that the values do not show is no more beyond its limit than on any machine of the class

@@ -114,6 +114,23 @@ class Nuisances:
 
 
 @dataclass(frozen=True)
+class Over:
+    """What a plot shows a recording over, in the place of time.
+
+    Attributes:
+        name: Of the quantity.
+        unit: As a plot labels it.
+        value: (n,) units.
+        series: To which series each sample belongs, (n,): samples of one are joined.
+    """
+
+    name: str
+    unit: str
+    value: np.ndarray
+    series: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Mistake:
     """What is wrong with a recording.
 
@@ -225,6 +242,10 @@ class Instrument(ABC, Generic[T, R]):
     def channels(self, test: T) -> tuple[Channel, ...]:
         """What it records."""
         return (Channel(),)
+
+    def over(self, test: T, recording: R) -> Over | None:
+        """What a plot shows it over; ``None``: over time."""
+        return None
 
     def observe(self, test: T, recording: R) -> Observation:
         """The recording as arrays."""

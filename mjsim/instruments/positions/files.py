@@ -154,8 +154,7 @@ def readings_of(path: Path, column: dict[str, np.ndarray], lines: np.ndarray, te
     Raises:
         InputError: A clock runs backwards, a side is neither +1 nor -1, or a temperature is none of a shop.
     """
-    unit = DEG if test.rotary else MM
-    target = column[target_column(test)] * unit
+    target = column[target_column(test)] * test.unit
     name = next(n for n in deviation_columns(test) if n in column)
     side = column.get("direction")
     if side is None:
@@ -196,7 +195,7 @@ def trace_text(test: PositionTest, readings: Readings) -> str:
     """A trace as :func:`read_readings` reads it."""
     name, size = next(iter(deviation_columns(test).items()))
     columns = [
-        (target_column(test), readings.target / (DEG if test.rotary else MM), "%.6f"),
+        (target_column(test), readings.target / test.unit, "%.6f"),
         ("run", readings.run, "%.0f"),
         ("direction", readings.side, "%.0f"),
         (name, readings.deviation / size, "%.4f"),

@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from mjsim.instruments.base import Channel, Instrument, Mistake, Nuisances, Observation, Stops, register
+from mjsim.instruments.base import Channel, Instrument, Mistake, Nuisances, Observation, Over, Stops, register
 from mjsim.instruments.positions.files import PositionTable, position_test, read_readings
 from mjsim.instruments.positions.iso230_2 import positioning_figures
 from mjsim.instruments.positions.measurement import PositionTest, Reader, Readings, stops_of
@@ -82,11 +82,10 @@ class Positions(Instrument[PositionTest, Readings]):
         return read_readings(path, test)
 
     def facts(self, test: PositionTest, recording: Readings) -> dict[str, Any]:
-        unit, suffix = (DEG, "deg") if test.rotary else (MM, "mm")
-        ends = float(recording.target.min()) / unit, float(recording.target.max()) / unit
+        ends = float(recording.target.min()) / test.unit, float(recording.target.max()) / test.unit
         return {
             "component": test.component,
-            f"{test.axis}_{suffix}": [round(v, 4) for v in ends],
+            f"{test.axis}_{'deg' if test.rotary else 'mm'}": [round(v, 4) for v in ends],
             "targets": len(np.unique(np.round(recording.target, 9))),
             "runs": len(np.unique(recording.run)),
             "both_sides": len(np.unique(recording.side)) == 2,
@@ -122,10 +121,13 @@ class Positions(Instrument[PositionTest, Readings]):
         moved = position.copy()
         for column, motion in enumerate(chain.motions[: position.shape[1] - chain.count], start=chain.count):
             moved[:, column] *= motion.axis == test.axis
-        seen, before = (
-            bar_vector(chain, q, table, geometry, (tool[0], tool[1], tool[2])) for q in (moved, ideal[None])
-        )
+        tip = (tool[0], tool[1], tool[2])
+        seen, before = (bar_vector(chain, q, table, geometry, tip) for q in (moved, ideal[None]))
         return (seen - before)[:, [COORDINATES.index(what[1])]]
+
+    def over(self, test: PositionTest, recording: Readings) -> Over:
+        sides = tuple("from below" if s > 0 else "from above" for s in recording.side)
+        return Over(f"target of {test.axis}", "°" if test.rotary else "mm", recording.target / test.unit, sides)
 
     def nuisances_of(self, test: PositionTest, recording: Readings, time: np.ndarray, data: Reader) -> Nuisances:
         size, suffix = test.channel.size, test.channel.suffix

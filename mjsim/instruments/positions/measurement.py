@@ -74,6 +74,11 @@ class PositionTest:
         return self.chain.is_rotary(self.axis)
 
     @property
+    def unit(self) -> float:
+        """SI per mm or degree of its targets."""
+        return DEG if self.rotary else MM
+
+    @property
     def positioning(self) -> bool:
         """Whether the component is along the axis itself."""
         return self.component[1] == self.axis

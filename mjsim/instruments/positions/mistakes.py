@@ -8,7 +8,7 @@ import numpy as np
 
 from mjsim.instruments.base import Mistake
 from mjsim.instruments.positions.measurement import PositionTest, Reader, Readings
-from mjsim.units import DEG, MM, UM
+from mjsim.units import DEG, MM
 
 #: Deviations that no unit but a wrong one makes, m and rad: beyond any machine.
 _HUGE_LENGTH, _HUGE_ANGLE = 5.0 * MM, 1.0 * DEG
@@ -98,10 +98,8 @@ def _size_mistakes(t: PositionTest, r: Readings) -> list[Mistake]:
     repeats = float(np.sqrt(squares / freedom)) if freedom else 0.0
     if spread < 10.0 * small or 0.0 < repeats < small:
         named = f"repeat within {repeats / size:.2g} {unit}" if repeats else f"lie within {spread / size:.2g} {unit}"
-        sentence = (
-            f"{t.name}: the deviations {named}, which no machine does; write them in {unit}, not in a larger unit"
-        )
-        return [Mistake("unit", (t.name,), sentence)]
+        found = f"{t.name}: the deviations {named}, which no machine does"
+        return [Mistake("unit", (t.name,), f"{found}; write them in {unit}, not in a larger unit")]
     return []
 
 
