@@ -8,7 +8,7 @@ import click
 
 from mjsim.cli import common
 from mjsim.cli.import_show import show_remarks
-from mjsim.instruments.base import Instrument
+from mjsim.instruments.base import INSTRUMENTS, Instrument
 from mjsim.machine.chain import is_rotary
 from mjsim.units import unit_of
 
@@ -78,9 +78,10 @@ def import_all(campaign: Path, pairs, signals, sphere, options, force, preview, 
         return
     for d in done:
         data = d.to_json()
+        largest = next((k, v) for k, v in data.items() if k.startswith("largest_"))
         common.paragraph(
-            f"{d.source.name} → {d.target}: test {data['test']}, {data['points']} points, deviations up to "
-            f"{data['largest_um']:g} µm"
+            f"{d.source.name} → {d.target}: test {data['test']}, {data['points']} values, deviations up to "
+            f"{largest[1]:g} {unit_of(largest[0])[1]}"
         )
         common.table(
             ["column", "is", "unit"],
@@ -130,19 +131,52 @@ def show_plan(planned, campaign: str) -> None:
         click.echo(f"  {number}. {step}")
 
 
+def show_targets(planned, campaign: str) -> None:
+    """Planned targets as text: what they bring, the table, what to do next."""
+    import tomlkit
+
+    data = planned.to_json()
+    common.paragraph(
+        f"{data['targets']} targets, {data['test']['runs']} runs from each side. With a noise of {planned.noise:g} "
+        f"{planned.unit} for one reading, this will be known so (95 %):"
+    )
+    rows = []
+    for row in data["known"]:
+        unit = unit_of(row["parameter"])[1]
+        rows.append([row["id"], unit, f"± {row['class_half_width95']:.3g}", f"± {row['half_width95']:.3g}"])
+    common.table(["error", "unit", "today", "after"], rows, text=(0, 1, 2, 3))
+    click.echo("\n[[test]]\n" + tomlkit.dumps(data["test"]).rstrip())
+    name = data["test"]["name"]
+    click.echo("\nNext:")
+    for number, step in enumerate(
+        (
+            f"Put the table above into {campaign}/campaign.toml"
+            + ("; correct line_mm, where the beam runs." if "line_mm" in data["test"] else "."),
+            f"mjsim nc {campaign} --test {name} -o {name}.csv   writes the targets in the order of measuring.",
+            "Measure. Overrun the first and the last target, so that each is approached from its side.",
+            f"mjsim import FILE --campaign {campaign} --points --test {name}",
+            f"mjsim diagnose {campaign}",
+        ),
+        start=1,
+    ):
+        click.echo(f"  {number}. {step}")
+
+
 def write_positions(test, out: Path, campaign, force: bool, as_json: bool, quiet: bool) -> None:
-    """``mjsim nc`` of a probed sphere: the table of the positions, to which what was found is added."""
+    """``mjsim nc`` of a test that is measured at rest: the table of its positions, to which what was found is added."""
     from mjsim.errors import InputError
-    from mjsim.instruments.sphere.files import positions_text
     from mjsim.io.files import write_whole
 
-    if not test.angles:
+    instrument = INSTRUMENTS[test.instrument]
+    text = instrument.planned_text(test)
+    if not text:
         raise InputError(
-            f'{campaign.folder / "campaign.toml"}: [[test]] "{test.name}" has no angles_deg; `mjsim plan '
-            f"{campaign.folder} --points 30` proposes some"
+            f'{campaign.folder / "campaign.toml"}: [[test]] "{test.name}" says no positions; `mjsim plan '
+            f"{campaign.folder}` with {instrument.plan_option} proposes some"
         )
-    write_whole(out, positions_text(test), force=force)
+    write_whole(out, text, force=force)
+    rows, wanted = len(text.splitlines()) - 1, ", ".join(instrument.found_columns(test))
     if as_json:
-        common.print_json({"file": str(out), "test": test.name, "points": len(test.angles)})
+        common.print_json({"file": str(out), "test": test.name, "points": rows})
     else:
-        common.say(f"{len(test.angles)} positions written to {out}; add the columns dx_um, dy_um, dz_um", quiet)
+        common.say(f"{rows} positions written to {out}; add what is found: {wanted}", quiet)

@@ -8,7 +8,7 @@ the reading is fitted (:mod:`mjsim.workflow.compare`).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
@@ -164,6 +164,7 @@ class Instrument(ABC, Generic[T, R]):
         order: Place of its answer in a campaign of several instruments.
         own_keys: Keys of its ``[instrument]`` table that not every instrument has: type and default of each.
         at_rest: Whether it measures while the machine stands still; it then says :meth:`stops`.
+        plan_option: Option of ``mjsim plan`` that proposes positions.
         by_itself_noun: What a table calls the numbers of :meth:`by_itself`.
         by_itself_note: What they are, in a sentence.
     """
@@ -175,6 +176,7 @@ class Instrument(ABC, Generic[T, R]):
     order: ClassVar[int] = 9
     own_keys: ClassVar[Mapping[str, tuple[Any, Any]]] = {}
     at_rest: ClassVar[bool] = False
+    plan_option: ClassVar[str] = ""
     by_itself_noun: ClassVar[str] = "by itself"
     by_itself_note: ClassVar[str] = ""
 
@@ -232,6 +234,53 @@ class Instrument(ABC, Generic[T, R]):
         Raises:
             InputError: It is of another test, or its clock is wrong.
         """
+
+    # -- files of other systems ----------------------------------------------------------------------------------------
+
+    def file_columns(self, test: T) -> dict[str, tuple[str, str]]:
+        """What a column of another system's table may be: by name its quantity (``deviation``, ``angle``, ``time`` or
+        empty), and the unit that it has where nothing says it. None where :meth:`from_columns` does not work.
+        """
+        return {}
+
+    def column_named(self, test: T, header: str, word: str) -> str:
+        """Which of :meth:`file_columns` a column is; empty: none.
+
+        Args:
+            test: What the table is of.
+            header: Of the column.
+            word: The same without its unit, lower case.
+        """
+        return ""
+
+    def missing_columns(self, test: T, have: Collection[str]) -> list[str]:
+        """Names of columns that a table lacks, each as a user may say it."""
+        return []
+
+    def from_columns(self, source: Path, test: T, columns: dict[str, np.ndarray]) -> tuple[R, list[str]]:
+        """The recording that a table holds, and notes for the user.
+
+        Args:
+            source: Of the table, for messages.
+            test: What it is of.
+            columns: Of :meth:`file_columns` those that it has, (n,) SI each.
+
+        Raises:
+            InputError: The columns do not go together.
+        """
+        raise NotImplementedError
+
+    def trace_text(self, test: T, recording: R) -> str:
+        """The file that :meth:`read` reads."""
+        raise NotImplementedError
+
+    def found_columns(self, test: T) -> Sequence[str]:
+        """Columns of its file that hold what is found."""
+        return ()
+
+    def planned_text(self, test: T) -> str:
+        """What a planned test is to be measured at, as a table; empty where the test does not say it."""
+        return ""
 
     def facts(self, test: T, recording: R) -> dict[str, Any]:
         """What a check says of a recording besides its length; a name ends in its unit."""

@@ -91,7 +91,8 @@ def channels_figure(t: ComparedTest) -> Figure:
             below.plot(time, residual, color=style.INK, lw=0.7)
         else:
             _series(above, below, over, c.valid, rows)
-        above.legend(fontsize=style.SMALL, frameon=False, ncols=2, loc="upper right")
+        place = {"loc": "upper right"} if over is None else {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}
+        above.legend(fontsize=style.SMALL, frameon=False, ncols=2 if over is None else 4, **place)
         style.label(above, "", f"{c.channel.name} ({unit})")
         below.axhspan(-2 * c.noise / size, 2 * c.noise / size, color=style.BAND, lw=0)
         style.label(below, "", f"measured less simulated ({unit})")

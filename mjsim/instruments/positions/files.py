@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -21,6 +23,47 @@ FEWEST = 3
 #: Columns of the deviation, each with its SI unit.
 LENGTHS = {"deviation_um": UM}
 ANGLES = {"deviation_urad": 1e-6, "deviation_arcsec": DEG / 3600.0}
+#: Most runs that may stand side by side in another system's table.
+MOST_RUNS = 10
+#: Words of headers of other systems, lower case and without units.
+_WORDS = {
+    "target": (
+        "target",
+        "targets",
+        "nominal",
+        "position",
+        "pos",
+        "soll",
+        "sollposition",
+        "command",
+        "commanded",
+        "set",
+    ),
+    "deviation": ("deviation", "dev", "error", "err", "abweichung", "abw", "diff", "difference", "delta"),
+    "measured": ("measured", "actual", "actual position", "ist", "istposition", "laser", "reading"),
+    "direction": ("direction", "dir", "richtung", "side"),
+    "run": ("run", "cycle", "lauf", "zyklus"),
+    "time": ("time", "t", "zeit"),
+    "temperature": ("temperature", "temp", "temperatur", "material temperature", "temperature degc"),
+}
+_SIDES = {"up": ("up", "+", "↑", "forward", "fwd", "vor"), "down": ("down", "-", "↓", "backward", "bwd", "zurück")}
+#: Words that may stand beside side and number of a run.
+_BESIDE_RUNS = (
+    "run",
+    "cycle",
+    "lauf",
+    "zyklus",
+    "deviation",
+    "dev",
+    "error",
+    "um",
+    "µm",
+    "mm",
+    "urad",
+    "µrad",
+    "arcsec",
+)
+_SIGN = {"up": 1.0, "down": -1.0}
 #: Columns that a file may have besides target and deviation.
 MORE = ("run", "direction", "time_s", "temperature_degC")
 
@@ -191,6 +234,72 @@ def _runs(target: np.ndarray, side: np.ndarray) -> np.ndarray:
     return np.array(out)
 
 
+def file_columns(test: PositionTest) -> dict[str, tuple[str, str]]:
+    """What a column of another system's table may be: its quantity, and the unit where nothing says it.
+
+    ``up_1``, ``down_1`` and so on are deviations of one run from one side, where each row is a target.
+    """
+    place = ("angle", "deg") if test.rotary else ("deviation", "mm")
+    off = ("angle", "urad") if test.angular else ("deviation", "um")
+    runs = {f"{side}_{k}": off for k in range(1, MOST_RUNS + 1) for side in _SIDES}
+    more = {"direction": ("", ""), "run": ("", ""), "time": ("time", "s"), "temperature": ("", "")}
+    return {"target": place, "deviation": off, **({"measured": place} if test.positioning else {}), **more, **runs}
+
+
+def column_named(header: str, word: str) -> str:
+    """What a header means; empty where it means nothing. ``word`` is the header without its unit, lower case."""
+    parts = re.findall(r"\d+|[^\W\d_]+|[-+↑↓]", re.sub(r"[\[(<].*?[\])>]", "", header).lower())
+    parts = [p for p in parts if p not in _BESIDE_RUNS]
+    numbers = [int(p) for p in parts if p.isdigit()]
+    sides = [side for side, words in _SIDES.items() for p in parts if p in words]
+    if len(parts) == 2 and len(numbers) == len(sides) == 1:
+        return f"{sides[0]}_{numbers[0]}"
+    word = word.replace("_", " ").strip()
+    return next((name for name, words in _WORDS.items() if word in words), "")
+
+
+def missing_columns(have: Collection[str]) -> list[str]:
+    """Columns that a table lacks."""
+    lacking = [] if "target" in have else ["target"]
+    found = {"deviation", "measured"} & set(have) or [n for n in have if n.partition("_")[0] in _SIDES]
+    return lacking + ([] if found else ["deviation or measured"])
+
+
+def from_columns(source: Path, test: PositionTest, si: dict[str, np.ndarray]) -> tuple[Readings, list[str]]:
+    """Readings from columns of another system's table, SI; runs that stand side by side are put one after another."""
+    wide = [n for n in si if n.partition("_")[0] in _SIDES]
+    notes, lines = [], np.arange(1, len(si["target"]) + 1)
+    own, size = next(iter(deviation_columns(test).items()))
+    if wide:
+        # the order of the standard's cycle: run by run, upwards and then downwards
+        ordered = sorted(wide, key=lambda n: (int(n.partition("_")[2]), n.startswith("down")))
+        up = np.argsort(si["target"], kind="stable")
+        blocks = [(n, up if n.startswith("up") else up[::-1]) for n in ordered]
+        column = {
+            target_column(test): np.concatenate([si["target"][rows] for _, rows in blocks]) / test.unit,
+            own: np.concatenate([si[n][rows] for n, rows in blocks]) / size,
+            "direction": np.concatenate([np.full(len(rows), _SIGN[n.partition("_")[0]]) for n, rows in blocks]),
+            "run": np.concatenate([np.full(len(rows), float(n.partition("_")[2])) for n, rows in blocks]),
+        }
+        notes.append(f"one row a target, {len(wide)} columns of deviations")
+        lines = np.concatenate([lines[rows] for _, rows in blocks])
+        return readings_of(source, column, lines, test), notes
+    column = {target_column(test): si["target"] / test.unit}
+    if "deviation" in si:
+        column[own] = si["deviation"] / size
+    else:
+        column[own] = (si["measured"] - si["target"]) / size
+        notes.append("deviation: measured less target")
+    for name, ours in (("run", "run"), ("direction", "direction"), ("time", "time_s")):
+        if name in si:
+            column[ours] = si[name]
+    if "temperature" in si:
+        column["temperature_degC"] = si["temperature"]
+    if "direction" not in column:
+        notes.append("no column for direction: by the order of the targets")
+    return readings_of(source, column, lines, test), notes
+
+
 def trace_text(test: PositionTest, readings: Readings) -> str:
     """A trace as :func:`read_readings` reads it."""
     name, size = next(iter(deviation_columns(test).items()))
@@ -209,6 +318,8 @@ def trace_text(test: PositionTest, readings: Readings) -> str:
 
 
 def targets_text(test: PositionTest) -> str:
-    """The planned readings as a table: a trace without what is to be found."""
+    """The planned readings as a table: a trace without what is to be found; empty where none are planned."""
+    if not test.targets:
+        return ""
     rows = [line.split(",") for line in trace_text(test, test.planned).splitlines()]
     return "\n".join([*(",".join(r[:3]) for r in rows), ""])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -11,7 +11,8 @@ import numpy as np
 from pydantic import Field
 
 from mjsim.instruments.base import Channel, Instrument, Mistake, Nuisances, Observation, Over, Stops, register
-from mjsim.instruments.positions.files import PositionTable, position_test, read_readings
+from mjsim.instruments.positions import files
+from mjsim.instruments.positions.files import PositionTable, position_test
 from mjsim.instruments.positions.iso230_2 import positioning_figures
 from mjsim.instruments.positions.measurement import PositionTest, Reader, Readings, stops_of
 from mjsim.instruments.positions.mistakes import position_mistakes, position_remarks
@@ -45,6 +46,7 @@ class Positions(Instrument[PositionTest, Readings]):
     beside = "position_tests"
     order = 3
     at_rest = True
+    plan_option = "--targets AXIS"
     by_itself_noun = "from the means"
     by_itself_note = (
         "From the means: scale error as the slope of all deviations, backlash as the mean reversal error of ISO 230-2, "
@@ -79,7 +81,30 @@ class Positions(Instrument[PositionTest, Readings]):
         return replace(data, repeats=sum(r.scatter[1] for r in recordings.values()))
 
     def read(self, path: Path, test: PositionTest, data: Reader) -> Readings:
-        return read_readings(path, test)
+        return files.read_readings(path, test)
+
+    def file_columns(self, test: PositionTest) -> dict[str, tuple[str, str]]:
+        return files.file_columns(test)
+
+    def column_named(self, test: PositionTest, header: str, word: str) -> str:
+        return files.column_named(header, word)
+
+    def missing_columns(self, test: PositionTest, have: Collection[str]) -> list[str]:
+        return files.missing_columns(have)
+
+    def from_columns(
+        self, source: Path, test: PositionTest, columns: dict[str, np.ndarray]
+    ) -> tuple[Readings, list[str]]:
+        return files.from_columns(source, test, columns)
+
+    def trace_text(self, test: PositionTest, recording: Readings) -> str:
+        return files.trace_text(test, recording)
+
+    def found_columns(self, test: PositionTest) -> Sequence[str]:
+        return tuple(files.deviation_columns(test))[:1]
+
+    def planned_text(self, test: PositionTest) -> str:
+        return files.targets_text(test)
 
     def facts(self, test: PositionTest, recording: Readings) -> dict[str, Any]:
         ends = float(recording.target.min()) / test.unit, float(recording.target.max()) / test.unit

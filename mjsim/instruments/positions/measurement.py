@@ -179,11 +179,18 @@ class Reader:
             return "repeated points"
         return "assumed" if self.repeatability is None and self.angle_repeatability is None else "stated"
 
+    def stated_noise(self, test: PositionTest) -> tuple[float, int]:
+        """Standard deviation of one reading of a test, m or rad, before anything was read: as stated or assumed; and as
+        how many repeated readings that counts.
+        """
+        stated = self.angle_repeatability if test.angular else self.repeatability
+        if stated is not None:
+            return stated, _STATED
+        return (ASSUMED_ANGLE if test.angular else ASSUMED_LENGTH), _ASSUMED
+
     def noise(self, test: PositionTest, readings: Readings) -> float:
         """Standard deviation of one reading of a test, m or rad: of repeated readings, pooled with what is stated."""
-        stated = self.angle_repeatability if test.angular else self.repeatability
-        known = stated or (ASSUMED_ANGLE if test.angular else ASSUMED_LENGTH)
-        weight = _ASSUMED if stated is None else _STATED
+        known, weight = self.stated_noise(test)
         squares, freedom = readings.scatter
         return float(np.sqrt((squares + weight * known**2) / (freedom + weight)))
 

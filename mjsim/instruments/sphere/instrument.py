@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +10,9 @@ import numpy as np
 
 from mjsim.instruments.base import Channel, Instrument, Mistake, Nuisances, Observation, Stops, register
 from mjsim.instruments.schema import OwnLength
+from mjsim.instruments.sphere import files
 from mjsim.instruments.sphere.classical import circles_of, location_errors
-from mjsim.instruments.sphere.files import SphereTable, read_points, sphere_test
+from mjsim.instruments.sphere.files import SphereTable, sphere_test
 from mjsim.instruments.sphere.measurement import Points, Probe, SphereTest, stops_of
 from mjsim.instruments.sphere.mistakes import sphere_mistakes
 from mjsim.machine.chain import COORDINATES, Chain
@@ -38,6 +39,7 @@ class SphereProbe(Instrument[SphereTest, Points]):
     beside = "sphere_tests"
     order = 2
     at_rest = True
+    plan_option = "--points 30"
     by_itself_noun = "from circles"
     by_itself_note = (
         "From circles: centre and direction of each axis as the cycles of controls compute them, with linear axes and "
@@ -63,7 +65,28 @@ class SphereProbe(Instrument[SphereTest, Points]):
         return data.with_scatter(sum(s for s, _ in scatters), sum(f for _, f in scatters))
 
     def read(self, path: Path, test: SphereTest, data: Probe) -> Points:
-        return read_points(path, test)
+        return files.read_points(path, test)
+
+    def file_columns(self, test: SphereTest) -> dict[str, tuple[str, str]]:
+        return files.file_columns(test.chain)
+
+    def column_named(self, test: SphereTest, header: str, word: str) -> str:
+        return files.column_named(test.chain, header, word)
+
+    def missing_columns(self, test: SphereTest, have: Collection[str]) -> list[str]:
+        return files.missing_columns(test.chain, have)
+
+    def from_columns(self, source: Path, test: SphereTest, columns: dict[str, np.ndarray]) -> tuple[Points, list[str]]:
+        return files.from_columns(source, test, columns)
+
+    def trace_text(self, test: SphereTest, recording: Points) -> str:
+        return files.trace_text(test, recording)
+
+    def found_columns(self, test: SphereTest) -> Sequence[str]:
+        return files.DEVIATIONS
+
+    def planned_text(self, test: SphereTest) -> str:
+        return files.positions_text(test)
 
     def facts(self, test: SphereTest, recording: Points) -> dict[str, Any]:
         angles = recording.position[:, test.chain.rotary_columns] / DEG
