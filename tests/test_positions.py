@@ -11,13 +11,15 @@ from click.testing import CliRunner
 import mjsim
 from mjsim.cli.main import main
 from mjsim.errors import InputError
+from mjsim.estimation.at_rest import RestProblem, RestSearch
 from mjsim.instruments.positions.files import read_readings, trace_text
 from mjsim.instruments.positions.mistakes import position_mistakes, position_remarks
+from mjsim.report.beside import section_of_points
 from mjsim.units import DEG, UM
 from mjsim.workflow.any_instrument import compare_plainly
 from tests.independent import positions
 
-LINE = {"name": "laser-x", "axis": "X", "ends": (0.0, 300.0), "count": 9, "runs": 3}
+LINE = {"name": "laser-x", "axis": "X", "ends": (0.0, 300.0), "count": 9, "runs": 2}
 ANGLES = {"angular_error": {"urad": 12.0}}
 
 
@@ -41,7 +43,7 @@ def intervals(result):
 def worn(tmp_path_factory):
     """A laser along X of a machine with 6 µm of play and a scale error of 60 ppm."""
     path = tmp_path_factory.mktemp("worn")
-    positions.write(path, 1, {"play": {"X": 6e-6}, "scale": {"X": 60e-6}}, [LINE])
+    positions.write(path, 1, {"play": {"X": 6e-6}, "scale": {"X": 60e-6}}, [LINE | {"runs": 3}])
     return path
 
 
@@ -229,8 +231,13 @@ def test_compare_prints_the_figures(worn):
 # -- diagnosis ---------------------------------------------------------------------------------------------------------
 
 
-def test_play_and_scale_are_found(worn):
-    result = mjsim.diagnose(*read(worn))
+@pytest.fixture(scope="module")
+def diagnosed(worn):
+    return mjsim.diagnose(*read(worn))
+
+
+def test_play_and_scale_are_found(diagnosed):
+    result = diagnosed
     assert result.verdict == "identified"
     assert {e.effect.id for e in result.effects} == {"backlash.X", "scale_error.X"}
     found = intervals(result)
@@ -281,7 +288,7 @@ def test_an_angle_shows_on_a_line_that_is_off(tmp_path):
 
 
 def test_what_is_in_no_model_is_unknown(tmp_path):
-    bump = LINE | {"count": 21, "extra": lambda x: 6e-6 * np.exp(-(((x - 0.15) / 0.03) ** 2))}
+    bump = LINE | {"count": 15, "extra": lambda x: 6e-6 * np.exp(-(((x - 0.15) / 0.03) ** 2))}
     positions.write(tmp_path, 6, {}, [bump])
     result = mjsim.diagnose(*read(tmp_path))
     assert result.verdict == "unknown" and result.at_rest[0].misfit > 0.9
@@ -300,3 +307,112 @@ def test_angles_of_a_level_and_of_a_table(tmp_path):
     found = intervals(result)
     assert found["angular_error.EBX"][0] < 40.0 < found["angular_error.EBX"][1]
     assert found["backlash.C"][0] < 0.004 < found["backlash.C"][1]
+
+
+# -- everything around it ----------------------------------------------------------------------------------------------
+
+
+def test_import(worn, tmp_path):
+    """Tables of other layouts give the same readings: one row a reading with measured positions, and one row a target
+    with the runs side by side, with German words and decimal commas.
+    """
+    campaign, _ = read(worn)
+    (test,) = campaign.tests
+    readings = campaign.traces[test.name]
+    (tmp_path / "machine.toml").write_bytes((worn / "machine.toml").read_bytes())
+    text = 'name = "x"\n[[test]]\nname = "laser-x"\nkind = "positions"\naxis = "X"\n'
+    (tmp_path / "campaign.toml").write_text(text + '[instrument]\nkind = "positions"\n')
+    target, found = readings.target * 1e3, (readings.target + readings.deviation) * 1e3
+    rows = [f"{a:.4f}\t{b:.7f}" for a, b in zip(target, found, strict=True)]
+    (tmp_path / "long.txt").write_text("Target [mm]\tActual [mm]\n" + "\n".join(rows))
+    order = ("--campaign", tmp_path, "--points", "--test", "laser-x")
+    shown = json.loads(run("import", tmp_path / "long.txt", *order, "--preview", "--json"))["points"][0]
+    assert shown["points"] == len(target) and shown["questions"] == [] and not (tmp_path / "traces").exists()
+    run("import", tmp_path / "long.txt", *order)
+    again = mjsim.read_campaign(tmp_path).traces["laser-x"]
+    for name in ("target", "side", "run"):
+        assert np.allclose(getattr(again, name), getattr(readings, name))
+    assert np.allclose(again.deviation, readings.deviation, atol=1e-10)
+
+    columns = {f"{k} {word} [µm]": (k, side) for k in (1, 2, 3) for word, side in (("vor", 1.0), ("zurück", -1.0))}
+    places = np.unique(np.round(target, 4))
+    cells = {}
+    for name, (k, side) in columns.items():
+        mine = (readings.run == k) & (readings.side == side)
+        cells[name] = dict(zip(np.round(target[mine], 4), readings.deviation[mine] * 1e6, strict=True))
+    lines = [";".join([f"{p:.4f}", *(f"{cells[n][p]:.4f}" for n in columns)]).replace(".", ",") for p in places]
+    (tmp_path / "wide.csv").write_text("\n".join(["Soll [mm];" + ";".join(columns), *lines]))
+    run("import", tmp_path / "wide.csv", *order, "--force")
+    wide = mjsim.read_campaign(tmp_path).traces["laser-x"]
+    assert np.allclose(wide.deviation, readings.deviation, atol=1e-10) and np.array_equal(wide.side, readings.side)
+    assert "name one of the campaign with --test" in " ".join(
+        run("import", tmp_path / "wide.csv", "--campaign", tmp_path, "--points", "--test", "other", code=1).split()
+    )
+
+
+def test_plan_and_targets(worn, tmp_path):
+    data = json.loads(run("plan", worn, "--targets", "X", "--range", "X", 0, 1400, "--json"))
+    targets = data["test"]["targets_mm"]
+    assert len(targets) == 7 and targets[0] == 0.0 and targets[-1] <= 1400.0  # five a metre
+    phases = np.sort(np.mod(np.array(targets) / 10.0, 1.0))  # of a screw of 10 mm
+    assert np.diff(phases).max() < 0.4
+    known = {r["id"]: (r["class_half_width95"], r["half_width95"]) for r in data["known"]}
+    assert known["scale_error.X"][1] < 0.2 * known["scale_error.X"][0]  # the laser is compensated
+    for name in ("machine.toml", "campaign.toml"):
+        (tmp_path / name).write_bytes((worn / name).read_bytes())
+    import tomlkit
+
+    (tmp_path / "traces").mkdir()
+    (tmp_path / "traces" / "laser-x.csv").write_bytes((worn / "traces" / "laser-x.csv").read_bytes())
+    text = (tmp_path / "campaign.toml").read_text()
+    (tmp_path / "campaign.toml").write_text(text + "\n" + tomlkit.dumps({"test": [data["test"]]}))
+    run("nc", tmp_path, "--test", "targets-x", "-o", tmp_path / "t.csv")
+    head, *rows = (tmp_path / "t.csv").read_text().splitlines()
+    assert head == "target_mm,run,direction" and len(rows) == 7 * 2 * 5
+    assert [float(r.split(",")[0]) for r in rows[:7]] == targets
+    said = " ".join(run("nc", tmp_path, "--test", "laser-x", "-o", tmp_path / "u.csv", code=1).split())
+    assert "says no positions" in said and "--targets AXIS" in said
+    assert len(json.loads(run("plan", worn, "--targets", "C", "--json"))["test"]["targets_deg"]) == 8
+    assert "no range of X; allowed: --range X LOW HIGH" in run("plan", worn, "--targets", "X", code=1)
+
+
+def test_the_page_says_what_the_standard_says(diagnosed):
+    section = section_of_points(diagnosed, diagnosed.at_rest[0])
+    assert section["verdict"] == "identified" and section["by_itself"][0] == "from the means"
+    rows = {row[0]: row[-1] for row in section["located"]}
+    assert float(rows["backlash.X"]) == pytest.approx(6.0, abs=0.3)
+    assert float(rows["scale_error.X"]) == pytest.approx(60.0, abs=2.0)
+
+
+def test_beside_a_probed_sphere(tmp_path):
+    """Probe and laser are one problem: the scale of X, of which the probe sees little, comes from the laser, and the
+    location errors from the probe.
+    """
+    import tomlkit
+
+    from tests.independent import sphere
+
+    errors = sphere.draw(np.random.default_rng(3))
+    sphere.write(tmp_path, 3, errors)
+    probed = tomlkit.parse((tmp_path / "campaign.toml").read_text()).unwrap()
+    line = {"scale": errors["scale"], "play": {}, "waves": {"X": [(0.010, *errors["waves"]["X"][0][1:])]}}
+    positions.write(tmp_path / "laser", 3, line, [LINE])
+    laser = tomlkit.parse((tmp_path / "laser" / "campaign.toml").read_text()).unwrap()
+    (tmp_path / "laser" / "traces" / "laser-x.csv").rename(tmp_path / "traces" / "laser-x.csv")
+    both = {"name": "both", "instrument": {"probe": probed["instrument"], "laser": laser["instrument"]}}
+    (tmp_path / "campaign.toml").write_text(tomlkit.dumps(both | {"test": [*probed["test"], *laser["test"]]}))
+    problem = RestProblem.of(read(tmp_path)[0])
+    search = RestSearch(problem, read(tmp_path)[1])
+    fit = search.fitted(search.first, (0.0, 0.0)).fit
+    blocks = {b.name: b.labels for b in problem.nuisances.blocks}
+    assert "sphere_x_um" in blocks["set-up points"] and blocks["set-up laser-x"] == ("EXX_zero_um",)
+    assert blocks["laser or level"] == ("gain_ppm",) and "probe_x_um" in blocks["touch probe"]
+    of = {f.effect.id: f for f in fit.effects}
+    for name, true, known in (
+        ("scale_error.X", errors["scale"]["X"] / 1e-6, 2.0),
+        ("axis_location.EY0C", errors["location"]["EY0C"] / UM, 1.0),
+    ):
+        f = of[name]
+        (scale,) = (spec.scale for spec in f.specs.values())
+        spread = np.sqrt(fit.covariance_of(f)[0, 0]) * scale
+        assert spread < known and abs(f.vector[0] * scale - true) < 3.0 * spread

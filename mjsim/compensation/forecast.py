@@ -128,7 +128,7 @@ def forecast_at_rest(
     Args:
         machine: As diagnosed.
         sound: The same without the errors that are corrected.
-        points: The measured tests of one instrument.
+        points: Tests of instruments that measure at rest.
         corrections: What the control is told.
         how: How it uses that.
     """
@@ -138,13 +138,18 @@ def forecast_at_rest(
         instrument, recording = INSTRUMENTS[test.instrument], points.traces[test.name]
         stops, time = instrument.stops(test, recording), instrument.observe(test, recording).time
         assert stops is not None
-        set_up = instrument.nuisances_of(test, recording, time, points.instrument)
+        set_up = instrument.nuisances_of(test, recording, time, points.instruments[test.instrument])
+        noise = np.tile(instrument.noise(test, recording, points.instruments[test.instrument]), len(time))
         columns = (set_up.columns * set_up.spread).reshape(-1, len(set_up.names))
+        # a set-up takes what its priors let it: an instrument with a certain unit of length hides no scale error
+        known = np.vstack([columns / noise[:, None], np.eye(columns.shape[1])])
         moved = replace(stops, route=corrected(stops.route, corrections, how, STEP))
         rows = [
-            _about_set_up(instrument.reading(test, standing(p, s, test.name), p.geometry).ravel(), columns)
+            instrument.reading(test, standing(p, s, test.name), p.geometry).ravel()
             for p, s in ((plant, stops), (plant, moved), (ideal, stops))
         ]
+        zeros = np.zeros(columns.shape[1])
+        rows = [r - columns @ np.linalg.lstsq(known, np.append(r / noise, zeros), rcond=None)[0] for r in rows]
         out.append(TestForecast(test, np.arange(len(rows[0]), dtype=float), *rows))
     return Forecast(tuple(out))
 

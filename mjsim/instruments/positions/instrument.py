@@ -41,7 +41,7 @@ class Positions(Instrument[PositionTest, Readings]):
     """What one axis is off its targets, read while the machine stands still."""
 
     name = PositionTest.instrument
-    noun = "laser, scale or level"
+    noun = "laser or level"
     test_noun = "position test"
     beside = "position_tests"
     order = 3
