@@ -15,6 +15,7 @@ import numpy as np
 from mjsim.campaign.model import Campaign
 from mjsim.compensation.arithmetic import Arithmetic, corrected
 from mjsim.compensation.tables import Corrections
+from mjsim.estimation.at_rest import taken_by
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.instruments.base import INSTRUMENTS
@@ -141,15 +142,12 @@ def forecast_at_rest(
         set_up = instrument.nuisances_of(test, recording, time, points.instruments[test.instrument])
         noise = np.tile(instrument.noise(test, recording, points.instruments[test.instrument]), len(time))
         columns = (set_up.columns * set_up.spread).reshape(-1, len(set_up.names))
-        # a set-up takes what its priors let it: an instrument with a certain unit of length hides no scale error
-        known = np.vstack([columns / noise[:, None], np.eye(columns.shape[1])])
         moved = replace(stops, route=corrected(stops.route, corrections, how, STEP))
         rows = [
             instrument.reading(test, standing(p, s, test.name), p.geometry).ravel()
             for p, s in ((plant, stops), (plant, moved), (ideal, stops))
         ]
-        zeros = np.zeros(columns.shape[1])
-        rows = [r - columns @ np.linalg.lstsq(known, np.append(r / noise, zeros), rcond=None)[0] for r in rows]
+        rows = [r - columns @ taken_by(columns, r, noise) for r in rows]
         out.append(TestForecast(test, np.arange(len(rows[0]), dtype=float), *rows))
     return Forecast(tuple(out))
 

@@ -741,13 +741,10 @@ class RestSearch:
         keys = {r.key for r in named}
         inside = [of_class.in_class(f) for f in fit.effects if f.effect.key not in keys]
         index, p = np.arange(fit.parameters.size), self.problem
-        set_up = np.vstack([p.columns / p.noise[:, None], np.eye(p.nuisances.size)])
         parts = {}
         for f in fit.effects:
             part = model.columns[:, index[fit.parameters[f.block.name]]] @ (f.vector - f.off)
-            # what the set-up would take of it, with its priors
-            taken = np.linalg.lstsq(set_up, np.append(part / p.noise, np.zeros(p.nuisances.size)), rcond=None)[0]
-            parts[f.effect.key] = part - p.columns @ taken
+            parts[f.effect.key] = part - p.columns @ taken_by(p.columns, part, p.noise)
         entries, shares = calibrations_of(parts, fit, inside, self.settings.observable)
         entries = tuple(replace(c, observable=c.observable and c.effect.effect.key not in coarse) for c in entries)
         # a number that the values do not show is no more beyond its limit than on any machine of the class
@@ -791,6 +788,23 @@ class RestSearch:
             limits[o.id] = min(3.0 / math.sqrt(power) if power > 0.0 else math.inf, limits.get(o.id, math.inf))
         every = registry.all_ids(self.machine.chain)
         return tuple(sorted(i for i in every if limits.get(i, math.inf) > self.settings.testable_size))
+
+
+def taken_by(columns: np.ndarray, part: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """What a set-up takes of an error, in prior standard deviations, (k,).
+
+    A value counts as much as the error is large: so an instrument with a certain unit of length takes no scale error,
+    and an arbitrary zero takes every constant.
+
+    Args:
+        columns: Of the set-up, one prior standard deviation each, (m, k).
+        part: The error, (m,).
+        noise: Of the values, which says how they count against each other, (m,).
+    """
+    size = noise * max(float(np.sqrt(np.mean((part / noise) ** 2))), 1e-12)
+    k = columns.shape[1]
+    whole = np.vstack([columns / size[:, None], np.eye(k)])
+    return np.linalg.lstsq(whole, np.append(part / size, np.zeros(k)), rcond=None)[0]
 
 
 def _largest(model: RestModel, problem: RestProblem) -> float:
