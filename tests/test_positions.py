@@ -385,6 +385,8 @@ def test_the_page_says_what_the_standard_says(diagnosed):
     rows = {row[0]: row[-1] for row in section["located"]}
     assert float(rows["backlash.X"]) == pytest.approx(6.0, abs=0.3)
     assert float(rows["scale_error.X"]) == pytest.approx(60.0, abs=2.0)
+    figures = {name: float(measured) for name, measured, _ in section["tests"][0]["figures"]}
+    assert figures["B_mean_um"] == pytest.approx(-6.0, abs=0.3) and figures["A_um"] > figures["E_um"] > 20.0
 
 
 def test_beside_a_probed_sphere(tmp_path):

@@ -14,9 +14,10 @@ from mjsim.machine.sheet_names import sheet_name
 from mjsim.plots.comparison import titled_figures
 from mjsim.report.page import data_uri
 from mjsim.units import DEG, UM, unit_of
+from mjsim.workflow.any_instrument import PlainTest
 from mjsim.workflow.axis_log.compare import ComparedAxis
 from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
-from mjsim.workflow.comparison import ComparedChannel, ComparedPart
+from mjsim.workflow.comparison import ComparedChannel, ComparedPart, ComparedTest
 from mjsim.workflow.diagnosis import AtRest, Diagnosis
 from mjsim.workflow.finding import DiagnosedEffect
 
@@ -86,7 +87,10 @@ def compared_section(result: ComparedPart) -> dict:
         result: The tests, as compared with the final machine.
     """
     said = result.to_json()
-    tests = [{"name": t.test.name, "axes": [_channel_row(c) for c in t.channels]} for t in result.tests]
+    tests = [
+        {"name": t.test.name, "axes": [_channel_row(c) for c in t.channels], "figures": _figure_rows(t)}
+        for t in result.tests
+    ]
     return {
         "said": [],
         "located": [],
@@ -109,6 +113,16 @@ def compared_section(result: ComparedPart) -> dict:
         "not_testable": [],
         "provenance": [["mjsim", version("mjsim")], ["mujoco", version("mujoco")], ["numpy", version("numpy")]],
     }
+
+
+def _figure_rows(t: ComparedTest) -> list[list[str]]:
+    """Figures of a standard: name with its unit, of measured and of simulated."""
+    figures = t.figures if isinstance(t, PlainTest) else {}
+    measured, simulated = (figures.get(who, {}) for who in ("measured", "simulated"))
+    return [
+        [name, f"{value:.4g}", f"{simulated[name]:.4g}" if name in simulated else "–"]
+        for name, value in measured.items()
+    ]
 
 
 def _channel_row(c: ComparedChannel) -> dict:
