@@ -37,10 +37,9 @@ class _InstrumentTable(Table):
         return self
 
 
+_OWN: dict[str, Any] = {key: value for i in INSTRUMENTS.values() for key, value in i.own_keys.items()}
 #: An ``[instrument]`` table with what any instrument may have.
-InstrumentTable: Any = create_model(
-    "InstrumentTable", __base__=_InstrumentTable, **{k: v for i in INSTRUMENTS.values() for k, v in i.own_keys.items()}
-)
+InstrumentTable: Any = create_model("InstrumentTable", __base__=_InstrumentTable, **_OWN)
 
 
 class CampaignTable(Table):

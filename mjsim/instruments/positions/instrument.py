@@ -13,7 +13,7 @@ from pydantic import Field
 from mjsim.instruments.base import Channel, Instrument, Mistake, Nuisances, Observation, Over, Stops, register
 from mjsim.instruments.positions import files
 from mjsim.instruments.positions.files import PositionTable, position_test
-from mjsim.instruments.positions.iso230_2 import positioning_figures
+from mjsim.instruments.positions.iso230_2 import REVERSAL, positioning_figures
 from mjsim.instruments.positions.measurement import PositionTest, Reader, Readings, stops_of
 from mjsim.instruments.positions.mistakes import position_mistakes, position_remarks
 from mjsim.instruments.schema import OwnLength
@@ -53,9 +53,9 @@ class Positions(Instrument[PositionTest, Readings]):
         "with every other error and the instrument taken for perfect."
     )
     own_keys: ClassVar[Mapping[str, tuple[Any, Any]]] = {
-        "repeatability_um": (OwnLength | None, None),
-        "repeatability_urad": (OwnLength | None, None),
-        "gain_ppm": (Annotated[float, Field(ge=0.001, le=1000)] | None, None),
+        "repeatability_um": (OwnLength, None),
+        "repeatability_urad": (OwnLength, None),
+        "gain_ppm": (Annotated[float | None, Field(ge=0.001, le=1000)], None),
         "compensated": (bool, False),
     }
 
@@ -189,8 +189,8 @@ class Positions(Instrument[PositionTest, Readings]):
             if not t.positioning:
                 continue
             found = positioning_figures(r.target, r.side, r.deviation)
-            if "B_mean" in found:
-                out[f"backlash.{t.axis}"] = -found["B_mean"] / (DEG if t.rotary else UM)
+            if f"{REVERSAL}_mean" in found:
+                out[f"backlash.{t.axis}"] = -found[f"{REVERSAL}_mean"] / (DEG if t.rotary else UM)
             if not t.rotary and np.ptp(r.target) > 0.0:
                 columns = np.column_stack([r.target, np.ones(len(r.target)), r.side])
                 out[f"scale_error.{t.axis}"] = float(np.linalg.lstsq(columns, r.deviation, rcond=None)[0][0]) / 1e-6

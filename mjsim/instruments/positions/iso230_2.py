@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
+#: Names of the figures: accuracy, repeatability, systematic error, mean systematic error, reversal error.
+ACCURACY, REPEATABILITY, SYSTEMATIC, MEAN, REVERSAL = "AREMB"
 #: Words for the sides in names of figures.
 SIDES = {1.0: "forward", -1.0: "backward"}
 
@@ -40,21 +42,23 @@ def positioning_figures(target: np.ndarray, side: np.ndarray, deviation: np.ndar
     out: dict[str, float] = {}
     for s, word in SIDES.items():
         if s in mean:
-            out[f"E_{word}"] = float(np.ptp(mean[s]))
+            out[f"{SYSTEMATIC}_{word}"] = float(np.ptp(mean[s]))
         if s in spread:
-            out[f"R_{word}"] = float(4.0 * spread[s].max())
-            out[f"A_{word}"] = float((mean[s] + 2.0 * spread[s]).max() - (mean[s] - 2.0 * spread[s]).min())
+            out[f"{REPEATABILITY}_{word}"] = float(4.0 * spread[s].max())
+            out[f"{ACCURACY}_{word}"] = float((mean[s] + 2.0 * spread[s]).max() - (mean[s] - 2.0 * spread[s]).min())
     if len(mean) == 2:
         up, down = mean.values()
-        out["E"] = float(max(up.max(), down.max()) - min(up.min(), down.min()))
-        out["M"] = float(np.ptp(0.5 * (up + down)))
-        out["B"] = float(np.abs(up - down).max())
-        out["B_mean"] = float((up - down).mean())
+        out[SYSTEMATIC] = float(max(up.max(), down.max()) - min(up.min(), down.min()))
+        out[MEAN] = float(np.ptp(0.5 * (up + down)))
+        out[REVERSAL] = float(np.abs(up - down).max())
+        out[f"{REVERSAL}_mean"] = float((up - down).mean())
     if len(spread) == 2:
         (up, down), (s_up, s_down) = mean.values(), spread.values()
         both = 2.0 * s_up + 2.0 * s_down + np.abs(up - down)
-        out["R"] = float(np.max([both, 4.0 * s_up, 4.0 * s_down]))
+        out[REPEATABILITY] = float(np.max([both, 4.0 * s_up, 4.0 * s_down]))
         high, low = np.append(up + 2.0 * s_up, down + 2.0 * s_down), np.append(up - 2.0 * s_up, down - 2.0 * s_down)
-        out["A"] = float(high.max() - low.min())
-    order = [n + w for n in ("A", "R", "E") for w in ("", *(f"_{word}" for word in SIDES.values()))]
-    return {n: out[n] for n in (*order, "M", "B", "B_mean") if n in out}
+        out[ACCURACY] = float(high.max() - low.min())
+    order = [
+        n + w for n in (ACCURACY, REPEATABILITY, SYSTEMATIC) for w in ("", *(f"_{word}" for word in SIDES.values()))
+    ]
+    return {n: out[n] for n in (*order, MEAN, REVERSAL, f"{REVERSAL}_mean") if n in out}

@@ -45,7 +45,7 @@ class SphereProbe(Instrument[SphereTest, Points]):
         "From circles: centre and direction of each axis as the cycles of controls compute them, with linear axes and "
         "probe taken for perfect."
     )
-    own_keys = dict.fromkeys(("repeatability_um", "probe_offset_um"), (OwnLength | None, None))
+    own_keys = dict.fromkeys(("repeatability_um", "probe_offset_um"), (OwnLength, None))
 
     def kinds(self) -> Sequence[str]:
         return (self.name,)
