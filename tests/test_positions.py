@@ -12,6 +12,7 @@ import mjsim
 from mjsim.cli.main import main
 from mjsim.errors import InputError
 from mjsim.estimation.at_rest import RestProblem, RestSearch
+from mjsim.instruments.base import INSTRUMENTS
 from mjsim.instruments.positions.files import read_readings, trace_text
 from mjsim.instruments.positions.mistakes import position_mistakes, position_remarks
 from mjsim.report.beside import section_of_points
@@ -387,6 +388,54 @@ def test_the_page_says_what_the_standard_says(diagnosed):
     assert float(rows["scale_error.X"]) == pytest.approx(60.0, abs=2.0)
     figures = {name: float(measured) for name, measured, _ in section["tests"][0]["figures"]}
     assert figures["B_mean_um"] == pytest.approx(-6.0, abs=0.3) and figures["A_um"] > figures["E_um"] > 20.0
+
+
+def test_commands_of_the_ball_bar_say_that_they_need_one(worn):
+    for command in (("explain", worn, "scale_error.X"), ("plan", worn), ("add", worn, "scale_error.X")):
+        assert "no ball-bar test was measured" in " ".join(run(*command, code=1).split())
+
+
+@pytest.mark.parametrize(
+    ("instrument", "test", "names"),
+    [
+        ("compensated = true", "", ["EXX_zero_um", "gain_ppm"]),
+        ("", "", ["EXX_zero_um", "gain_ppm", "EXX_expansion_ppm"]),
+        ("", "dead_path_mm = 500.0", ["EXX_zero_um", "gain_ppm", "EXX_expansion_ppm", "EXX_dead_path_um_per_h"]),
+        ("", 'component = "EYX"', ["EYX_zero_um", "EYX_slope_urad"]),
+        ("", 'component = "EBX"', ["EBX_zero_urad"]),
+    ],
+)
+def test_what_the_set_up_does(worn, tmp_path, instrument, test, names):
+    (tmp_path / "machine.toml").write_bytes((worn / "machine.toml").read_bytes())
+    unit = "urad" if "EBX" in test else "um"
+    rows = [f"{x},{x},{100 * k + x / 10}" for k in range(2) for x in (0.0, 10.0, 20.0)]
+    (tmp_path / "t.csv").write_text("\n".join([f"target_mm,deviation_{unit},time_s", *rows]))
+    keys = f'name = "p"\nkind = "positions"\naxis = "X"\ntrace = "t.csv"\n{test}\n'
+    table = f'name = "x"\n[instrument]\nkind = "positions"\n{instrument}\n[[test]]\n{keys}'
+    (tmp_path / "campaign.toml").write_text(table)
+    campaign, _ = read(tmp_path)
+    found = INSTRUMENTS["positions"].nuisances_of(campaign.tests[0], campaign.traces["p"], None, campaign.instrument)
+    assert list(found.names) == names
+    if "dead_path" in names[-1]:  # 500 mm of air drift by 0.465 µm an hour and kelvin
+        assert found.spread[-1] == pytest.approx(0.465)
+        assert found.columns[:, 0, -1].max() == pytest.approx(102e-6 / 3600)
+
+
+def test_a_temperature_tells_the_expansion(worn, tmp_path):
+    """An axis that warms by 8 K while it is measured grows: with the temperature that is no scale error."""
+    (tmp_path / "machine.toml").write_bytes((worn / "machine.toml").read_bytes())
+    rows = []
+    rng = np.random.default_rng(1)
+    for run_number, warm in enumerate(np.linspace(0.0, 8.0, 5), start=1):
+        for direction, places in ((1, np.linspace(0, 300, 7)), (-1, np.linspace(300, 0, 7))):
+            off = places * 1e3 * 11e-6 * warm + rng.normal(0.0, 0.2, 7)
+            rows += [f"{x:.3f},{run_number},{direction},{d:.4f},{20 + warm}" for x, d in zip(places, off, strict=True)]
+    (tmp_path / "t.csv").write_text("\n".join(["target_mm,run,direction,deviation_um,temperature_degC", *rows]))
+    keys = '[[test]]\nname = "p"\nkind = "positions"\naxis = "X"\ntrace = "t.csv"\n'
+    (tmp_path / "campaign.toml").write_text(f'name = "x"\n[instrument]\nkind = "positions"\n{keys}')
+    part = compare_plainly(*read(tmp_path))
+    assert part.tests[0].set_up["EXX_expansion_ppm_per_K"] == pytest.approx(11.0, abs=0.3)
+    assert abs(part.tests[0].set_up["gain_ppm"]) < 2.0 and part.rms < 0.5 * UM
 
 
 def test_beside_a_probed_sphere(tmp_path):

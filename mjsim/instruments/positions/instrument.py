@@ -30,6 +30,8 @@ SLOPE = 1e-3
 EXPANSION = 20e-6
 #: The same where the temperature is recorded, 1/K: steel less air is 11e-6, aluminium 22e-6, a glass scale 7e-6.
 EXPANSION_PER_K = 12e-6
+#: Distance to the point about which an axis grows, m (assumed).
+FIXED_POINT = 1.0
 #: Air: change of the wavelength with the temperature, 1/K (Edlén's equation), and how much that changes, K/h (assumed).
 AIR_PER_K, AIR_RATE = 0.93e-6, 1.0
 #: Reference temperature of lengths, °C (ISO 1).
@@ -209,17 +211,17 @@ class Positions(Instrument[PositionTest, Readings]):
 
 def _temperature(test: PositionTest, recording: Readings, way: np.ndarray) -> list[tuple[str, np.ndarray, float]]:
     """Nuisances of readings that are not compensated: names, columns in m per unit, prior standard deviations."""
-    out = []
-    if recording.temperature is None:
-        out.append((f"{test.component}_expansion_ppm", 1e-6 * way, EXPANSION / 1e-6))
-    else:
+    air = test.dead_path * AIR_PER_K
+    if recording.temperature is not None:
         warm = recording.temperature - REFERENCE
-        out.append((f"{test.component}_expansion_ppm_per_K", 1e-6 * way * warm, EXPANSION_PER_K / 1e-6))
-    drift = test.dead_path * AIR_PER_K
-    if drift and recording.temperature is not None:
-        warm = recording.temperature - recording.temperature[0]
-        out.append((f"{test.component}_dead_path_um_per_K", UM * warm, drift / UM))
-    elif drift and recording.timed:
+        # it grows about a point that nobody knows, so its zero drifts as well, with that of the dead path
+        drift = float(np.hypot(EXPANSION_PER_K * FIXED_POINT, air))
+        return [
+            (f"{test.component}_expansion_ppm_per_K", 1e-6 * way * warm, EXPANSION_PER_K / 1e-6),
+            (f"{test.component}_drift_um_per_K", UM * (warm - warm[0]), drift / UM),
+        ]
+    out = [(f"{test.component}_expansion_ppm", 1e-6 * way, EXPANSION / 1e-6)]
+    if air and recording.timed:
         hours = (recording.time - recording.time[0]) / 3600.0
-        out.append((f"{test.component}_dead_path_um_per_h", UM * hours, drift * AIR_RATE / UM))
+        out.append((f"{test.component}_dead_path_um_per_h", UM * hours, air * AIR_RATE / UM))
     return out
