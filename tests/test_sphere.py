@@ -245,8 +245,8 @@ def test_a_machine_of_the_class(folder, diagnosed):
     assert set(found) == set(true)
     inside = [low <= true[name] / UM <= high for name, (low, high) in found.items()]
     assert sum(inside) >= 7
-    assert diagnosed.verdict == "nothing_found" and diagnosed.at_rest.misfit < 0.5
-    assert diagnosed.after.rms < diagnosed.at_rest.noise < 0.2 * diagnosed.before.rms
+    assert diagnosed.verdict == "nothing_found" and diagnosed.at_rest[0].misfit < 0.5
+    assert diagnosed.after.rms < diagnosed.at_rest[0].noise < 0.2 * diagnosed.before.rms
     half = {name: 0.5 * (high - low) for name, (low, high) in found.items()}
     assert half["EY0A"] < 1.0 and half["EZ0A"] > 8.0  # the probe's length hides the height of the table
     data = json.loads(run("diagnose", folder, "--json"))
@@ -271,7 +271,7 @@ def test_what_is_in_no_model_is_unknown(tmp_path):
     rng = np.random.default_rng(9)
     sphere.write(tmp_path, 2, extra=lambda angles: rng.normal(0.0, 5e-6, (len(angles), 3)))
     result = mjsim.diagnose(*read(tmp_path))
-    assert result.verdict == "unknown" and result.at_rest.misfit > 0.95 and result.at_rest.left > 2.5 * UM
+    assert result.verdict == "unknown" and result.at_rest[0].misfit > 0.95 and result.at_rest[0].left > 2.5 * UM
     low, high = located(result)["EY0C"]
     assert high - low > 4.0
     assert result.probabilities["identified"] < 0.05

@@ -94,7 +94,14 @@ class Campaign:
             InputError: No test has a trace.
         """
         if not self.measured:
-            raise InputError(f"{self.folder / 'campaign.toml'}: no test has a trace; {why}")
+            raise InputError(f"{self.folder / 'campaign.toml'}: {self.nothing_measured}; {why}")
+
+    @property
+    def nothing_measured(self) -> str:
+        """What to say where nothing was measured; a part without tests is that of the first instrument."""
+        if self.tests:
+            return "no test has a trace"
+        return f"no {next(iter(INSTRUMENTS.values())).test_noun} was measured"
 
     @property
     def state_folder(self) -> Path:

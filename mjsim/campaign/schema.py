@@ -20,31 +20,34 @@ from mjsim.machine.model import ENCODERS
 ToolLength = Annotated[float, Field(gt=0, le=5000)]
 
 
-class InstrumentTable(Table):
+class _InstrumentTable(Table):
     kind: Annotated[str, AfterValidator(one_of(lambda: INSTRUMENTS))] = "ball_bar"
     resolution_um: Annotated[float, Field(ge=1e-4, le=1000)] = 0.1
     resolution_deg: Annotated[float, Field(ge=1e-9, le=1)] = 1e-4
     range_mm: Annotated[float, Field(ge=0.001, le=100)] = 1.0
     sample_rate_Hz: Annotated[float, Field(ge=1e-3, le=1e6)] = 200.0
-    repeatability_um: Annotated[float, Field(ge=0.01, le=1000)] | None = None
-    probe_offset_um: Annotated[float, Field(ge=0.01, le=1000)] | None = None
 
     @model_validator(mode="after")
-    def _own_keys(self) -> InstrumentTable:
+    def _check_own_keys(self) -> _InstrumentTable:
         mine = INSTRUMENTS[self.kind].own_keys
         others = {key for i in INSTRUMENTS.values() for key in i.own_keys if key not in mine}
         for key in sorted(others & self.model_fields_set):
-            owner = next(name for name, i in INSTRUMENTS.items() if key in i.own_keys)
-            words = "allowed: {key} only with kind = {owner}"
-            raise PydanticCustomError("own_key", words, {"key": key, "owner": repr(owner)})  # pyright: ignore
+            owners = " or ".join(repr(name) for name, i in INSTRUMENTS.items() if key in i.own_keys)
+            words = "allowed: {key} only with kind = {owners}"
+            raise PydanticCustomError("own_key", words, {"key": key, "owners": owners})  # pyright: ignore
         return self
+
+
+_OWN: dict[str, Any] = {key: value for i in INSTRUMENTS.values() for key, value in i.own_keys.items()}
+#: An ``[instrument]`` table with what any instrument may have.
+InstrumentTable: Any = create_model("InstrumentTable", __base__=_InstrumentTable, **_OWN)
 
 
 class CampaignTable(Table):
     name: Text
     machine: str = "machine.toml"
     measured_on: datetime.date | None = None
-    instrument: InstrumentTable = InstrumentTable()
+    instrument: InstrumentTable = InstrumentTable()  # pyright: ignore[reportInvalidTypeForm]
     acceptance: AcceptanceTable | None = None
     test: Annotated[list[Any], Field(min_length=1, max_length=1000)]
 

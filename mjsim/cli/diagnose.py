@@ -90,14 +90,14 @@ def command(campaign, machine, write, max_effects, only, force, threads, as_is, 
         data["imported"] = show_features(imported, found, circles, silent=True)
     if common.answered(data, as_json, quiet):
         return
-    points = result.at_rest
-    if not result.has_bars and points is None:
+    if not result.has_bars and not result.at_rest:
         show_diagnosis(data)
     else:
         show(data, str(campaign), result.has_bars)
-        if points is not None:
-            fitted = {row["id"]: row for row in [*data["calibration"], *data["effects"]]}
-            show_points(data[INSTRUMENTS[points.after.instrument].beside], fitted)
+        fitted = {row["id"]: row for row in [*data["calibration"], *data["effects"]]}
+        for rest in result.at_rest:
+            instrument = INSTRUMENTS[rest.after.instrument]
+            show_points(data[instrument.beside], fitted, instrument)
         if result.logs is not None:
             show_beside(data[INSTRUMENTS[LogTest.instrument].beside])
     for axis in _identifiable(c, data):

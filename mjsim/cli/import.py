@@ -17,7 +17,9 @@ from mjsim.cli.import_show import model_effects, runs_json, show_features, show_
 @import_options.columns
 @import_options.angles
 @click.option("--log", "as_log", is_flag=True, help="The files are axis logs: command and actual positions.")
-@click.option("--points", "as_points", is_flag=True, help="The files are points of a probed sphere.")
+@click.option(
+    "--points", "as_points", is_flag=True, help="The files were measured at rest: a probed sphere, a laser, a level."
+)
 @common.sphere_option("With --points, for a new test: centre of the sphere, mm in the work frame.")
 @click.option(
     "--signal",
@@ -71,8 +73,10 @@ def command(
     command, actual, load (second encoder), lag (command less actual), velocity_command, velocity, torque, force,
     current, control.
 
-    With --points, FILES have one row for each measured centre of a sphere: angles of the rotary axes, and dx, dy, dz
-    (measured less commanded) or x_measured, y_measured, z_measured. --signal names columns that the header does not.
+    With --points, FILES were measured at rest. Of a sphere they have one row for each centre: angles of the rotary
+    axes, and dx, dy, dz (measured less commanded) or x_measured, y_measured, z_measured. Of a laser, scale or level
+    they have target and deviation or measured; or one row a target, and columns up_1, down_1, up_2 ... --signal names
+    columns that the header does not.
 
     \b
     Example: mjsim import run1.csv --campaign my-machine --test circle-xy-ccw

@@ -59,18 +59,18 @@ def command() -> None:
 @common.machine_option
 @common.options
 def write(campaign, name, out, limit, max_speed, force, machine, as_json, quiet, **how) -> None:
-    """Write a test of CAMPAIGN as an NC program; of a probed sphere, the table of its positions."""
+    """Write a test of CAMPAIGN as an NC program; of one that is measured at rest, the table of its positions."""
     from mjsim.campaign.machine_file import machine_of
     from mjsim.instruments.ball_bar.speed import speed_warnings as ordinary_speed_warnings
-    from mjsim.instruments.sphere.measurement import SphereTest
+    from mjsim.instruments.base import INSTRUMENTS
     from mjsim.io.files import check_writable
     from mjsim.nc.dialects import FEEDS
     from mjsim.nc.write import write_nc
 
-    c, test = options.find_test(campaign, name, SphereTest.instrument)
+    c, test = options.find_test(campaign, name, *(n for n, i in INSTRUMENTS.items() if i.at_rest))
     m = machine_of(c, machine)
     check_writable(out, force)
-    if isinstance(test, SphereTest):
+    if INSTRUMENTS[test.instrument].at_rest:
         from mjsim.cli.points import write_positions
 
         write_positions(test, out, c, force, as_json, quiet)

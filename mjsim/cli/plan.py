@@ -40,8 +40,11 @@ _INSTRUMENTS = {"axis_log": "axis log", "ball_bar": "ball bar"}
 @click.option(
     "--points", type=click.IntRange(4, 500), metavar="N", help="Propose N positions at which to probe a sphere."
 )
+@click.option(
+    "--targets", metavar="AXIS", help="Propose targets of AXIS by ISO 230-2, over --range; --points says how many."
+)
 @common.sphere_option("With --points: centre of the sphere, mm in the work frame.")
-@common.range_option("With --points: travel of a rotary axis, degrees.")
+@common.range_option("With --points or --targets: travel of an axis, degrees or mm.")
 @common.as_is_option
 @common.threads_option
 @common.options
@@ -55,6 +58,7 @@ def command(
     out,
     between,
     points,
+    targets,
     sphere,
     ranges,
     threads,
@@ -77,6 +81,9 @@ def command(
 
     With --points, the answer is a [[test]] with the positions at which to probe a sphere: those after which the
     location errors of the rotary axes are known best.
+
+    With --targets, the answer is a [[test]] with targets of one axis for a laser, a scale or a rotary calibrator: as
+    many as ISO 230-2 asks for, none in step with the screw or worm.
 
     \b
     Example: mjsim plan examples/two-candidates --between servo_gain.C servo_delay.C
@@ -101,10 +108,22 @@ def command(
     from mjsim.instruments.axis_log.measurement import LogTest
     from mjsim.workflow.plan import plan
 
-    if (sphere or ranges) and points is None:
-        raise click.UsageError("--sphere and --range need --points")
+    if (sphere and points is None) or (ranges and points is None and targets is None):
+        raise click.UsageError("--sphere needs --points, --range needs --points or --targets")
+    if targets is not None and (sphere or between is not None):
+        raise click.UsageError("--targets excludes --sphere and --between")
     c = read_campaign(campaign, as_is=as_is)
     m = machine_of(c, machine)
+    if targets is not None:
+        from mjsim.cli.points import show_targets
+        from mjsim.workflow.plan_targets import plan_targets
+
+        aim = plan_targets(c, m, targets, {a: (low, high) for a, low, high in ranges}, points)
+        if as_json:
+            common.print_json(aim.to_json())
+        elif not quiet:
+            show_targets(aim, str(campaign))
+        return
     if points is not None:
         from mjsim.cli.points import show_plan
         from mjsim.units import DEG, MM

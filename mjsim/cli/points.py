@@ -8,22 +8,25 @@ import click
 
 from mjsim.cli import common
 from mjsim.cli.import_show import show_remarks
+from mjsim.instruments.base import INSTRUMENTS, Instrument
 from mjsim.machine.chain import is_rotary
+from mjsim.units import unit_of
 
 _SOURCES = {"repeated points": "from repeated points", "stated": "as stated", "assumed": "assumed: nobody states it"}
 
 
-def show_points(data: dict, found: dict[str, dict]) -> None:
-    """The part of a diagnosis that is of a probed sphere.
+def show_points(data: dict, found: dict[str, dict], instrument: Instrument) -> None:
+    """The part of a diagnosis that is of an instrument that measures at rest.
 
     Args:
         data: Its JSON.
+        instrument: That instrument.
         found: Parameters and 95 % intervals of all fitted effects, by id: dicts with ``parameters`` and ``ci95``.
     """
     click.echo()
     common.paragraph(
-        f"probed sphere: residual RMS {data['rms_before_um']:.3f} µm as given, {data['rms_after_um']:.3f} µm with what "
-        f"was fitted; noise of one centre {data['noise_um']:.3f} µm, {_SOURCES[data['noise_source']]}"
+        f"{instrument.noun}: residual RMS {data['rms_before_um']:.3f} µm as given, {data['rms_after_um']:.3f} µm with "
+        f"what was fitted; noise of one value {data['noise_um']:.3f} µm, {_SOURCES[data['noise_source']]}"
     )
     if data["left_um"] > 0.0:
         common.paragraph(
@@ -32,7 +35,7 @@ def show_points(data: dict, found: dict[str, dict]) -> None:
         )
         if data["misfit"] >= 0.5:
             common.paragraph(
-                "Either the probe repeats worse than the noise says (measure some points twice, or state "
+                "Either the values repeat worse than the noise says (measure some of them twice, or state "
                 "repeatability_um), or the machine has errors that are in no model: trust the numbers within their "
                 "intervals, and look for the cause."
             )
@@ -45,20 +48,19 @@ def show_points(data: dict, found: dict[str, dict]) -> None:
         if known is None or name is None:
             continue
         low, high = known["ci95"][name]
-        unit = "µrad" if name.endswith("urad") else "µm"
+        unit = unit_of(name)[1]
+        form = "%+.5f" if unit == "°" else "%+.1f"
         rows.append(
-            [row["id"], unit, f"{known['parameters'][name]:+.1f}", f"{low:+.1f} to {high:+.1f}", f"{row['value']:+.1f}"]
+            [row["id"], unit, form % known["parameters"][name], f"{form % low} to {form % high}", form % row["value"]]
         )
     if rows:
         click.echo()
-        common.table(["location error", "unit", "fitted", "95 % interval", "from circles"], rows, text=(0, 1, 3))
-        common.paragraph(
-            "From circles: centre and direction of each axis as the cycles of controls compute them, with linear axes "
-            "and probe taken for perfect."
-        )
+        head = ["error", "unit", "fitted", "95 % interval", instrument.by_itself_noun]
+        common.table(head, rows, text=(0, 1, 3))
+        common.paragraph(instrument.by_itself_note)
     click.echo()
     common.table(
-        ["set-up and probe", "value", "95 % interval"],
+        ["set-up and instrument", "value", "95 % interval"],
         [[r["name"], f"{r['value']:+.1f}", f"{r['ci95'][0]:+.1f} to {r['ci95'][1]:+.1f}"] for r in data["set_up"]],
         text=(0, 2),
     )
@@ -76,9 +78,10 @@ def import_all(campaign: Path, pairs, signals, sphere, options, force, preview, 
         return
     for d in done:
         data = d.to_json()
+        largest = next((k, v) for k, v in data.items() if k.startswith("largest_"))
         common.paragraph(
-            f"{d.source.name} → {d.target}: test {data['test']}, {data['points']} points, deviations up to "
-            f"{data['largest_um']:g} µm"
+            f"{d.source.name} → {d.target}: test {data['test']}, {data['points']} values, deviations up to "
+            f"{largest[1]:g} {unit_of(largest[0])[1]}"
         )
         common.table(
             ["column", "is", "unit"],
@@ -128,19 +131,52 @@ def show_plan(planned, campaign: str) -> None:
         click.echo(f"  {number}. {step}")
 
 
+def show_targets(planned, campaign: str) -> None:
+    """Planned targets as text: what they bring, the table, what to do next."""
+    import tomlkit
+
+    data = planned.to_json()
+    common.paragraph(
+        f"{data['targets']} targets, {data['test']['runs']} runs from each side. With a noise of {planned.noise:g} "
+        f"{planned.unit} for one reading, this will be known so (95 %):"
+    )
+    rows = []
+    for row in data["known"]:
+        unit = unit_of(row["parameter"])[1]
+        rows.append([row["id"], unit, f"± {row['class_half_width95']:.3g}", f"± {row['half_width95']:.3g}"])
+    common.table(["error", "unit", "today", "after"], rows, text=(0, 1, 2, 3))
+    click.echo("\n[[test]]\n" + tomlkit.dumps(data["test"]).rstrip())
+    name = data["test"]["name"]
+    click.echo("\nNext:")
+    for number, step in enumerate(
+        (
+            f"Put the table above into {campaign}/campaign.toml"
+            + ("; correct line_mm, where the beam runs." if "line_mm" in data["test"] else "."),
+            f"mjsim nc {campaign} --test {name} -o {name}.csv   writes the targets in the order of measuring.",
+            "Measure. Overrun the first and the last target, so that each is approached from its side.",
+            f"mjsim import FILE --campaign {campaign} --points --test {name}",
+            f"mjsim diagnose {campaign}",
+        ),
+        start=1,
+    ):
+        click.echo(f"  {number}. {step}")
+
+
 def write_positions(test, out: Path, campaign, force: bool, as_json: bool, quiet: bool) -> None:
-    """``mjsim nc`` of a probed sphere: the table of the positions, to which what was found is added."""
+    """``mjsim nc`` of a test that is measured at rest: the table of its positions, to which what was found is added."""
     from mjsim.errors import InputError
-    from mjsim.instruments.sphere.files import positions_text
     from mjsim.io.files import write_whole
 
-    if not test.angles:
+    instrument = INSTRUMENTS[test.instrument]
+    text = instrument.planned_text(test)
+    if not text:
         raise InputError(
-            f'{campaign.folder / "campaign.toml"}: [[test]] "{test.name}" has no angles_deg; `mjsim plan '
-            f"{campaign.folder} --points 30` proposes some"
+            f'{campaign.folder / "campaign.toml"}: [[test]] "{test.name}" says no positions; `mjsim plan '
+            f"{campaign.folder}` with {instrument.plan_option} proposes some"
         )
-    write_whole(out, positions_text(test), force=force)
+    write_whole(out, text, force=force)
+    rows, wanted = len(text.splitlines()) - 1, ", ".join(instrument.found_columns(test))
     if as_json:
-        common.print_json({"file": str(out), "test": test.name, "points": len(test.angles)})
+        common.print_json({"file": str(out), "test": test.name, "points": rows})
     else:
-        common.say(f"{len(test.angles)} positions written to {out}; add the columns dx_um, dy_um, dz_um", quiet)
+        common.say(f"{rows} positions written to {out}; add what is found: {wanted}", quiet)

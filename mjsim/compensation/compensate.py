@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from mjsim.campaign.model import Campaign
 from mjsim.compensation.controls import Control, Settings, control
@@ -17,7 +20,7 @@ from mjsim.compensation.terms import wanted_of
 from mjsim.compensation.worth import Left, worth_typing
 from mjsim.errors import InputError
 from mjsim.instruments.ball_bar.measurement import BallBarTest
-from mjsim.instruments.sphere.measurement import SphereTest
+from mjsim.instruments.base import INSTRUMENTS
 from mjsim.io.files import write_all
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, counted, silent
@@ -58,9 +61,9 @@ def compensate(
     """
     who = control(control_name, settings)
     bars = campaign.of(BallBarTest.instrument)
-    points = campaign.of(SphereTest.instrument)
+    points = campaign.of(*(name for name, i in INSTRUMENTS.items() if i.at_rest))
     if not bars.measured and not points.measured:
-        bars.need_traces("a correction needs measured tests of a ball bar or a probed sphere")
+        bars.need_traces("a correction needs measured tests of a ball bar, or of an instrument that measures at rest")
     tests = bars.measured
     if saved is None:
         saved = read_saved(campaign, machine)
@@ -71,7 +74,7 @@ def compensate(
     left += [Left(k, "no table or offset of a control has this form") for k in beyond]
     worth = [w for w in worth if w.effect.key not in beyond]
     chain = saved.machine.chain
-    covered = ranges_of(tests, chain, [points.traces[t.name].position for t in points.measured])
+    covered = ranges_of(tests, chain, [_stood(t, points.traces[t.name]) for t in points.measured])
     for axis, (low, high) in (ranges or {}).items():
         if axis not in covered or not low < high:
             raise InputError(
@@ -100,6 +103,13 @@ def compensate(
     result = replace(result, forecast=expected)
     files = who.files(corrections)
     return replace(result, files={"corrections.txt": summary(result), **files})
+
+
+def _stood(test: Any, recording: Any) -> np.ndarray:
+    """Where the axes stood in a test at rest, (n, axes) m and rad."""
+    stops = INSTRUMENTS[test.instrument].stops(test, recording)
+    assert stops is not None
+    return stops.route[stops.at[:, 0]]
 
 
 def _with_pulses(

@@ -15,6 +15,7 @@ import numpy as np
 from mjsim.campaign.model import Campaign
 from mjsim.compensation.arithmetic import Arithmetic, corrected
 from mjsim.compensation.tables import Corrections
+from mjsim.estimation.at_rest import taken_by
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.instruments.base import INSTRUMENTS
@@ -128,7 +129,7 @@ def forecast_at_rest(
     Args:
         machine: As diagnosed.
         sound: The same without the errors that are corrected.
-        points: The measured tests of one instrument.
+        points: Tests of instruments that measure at rest.
         corrections: What the control is told.
         how: How it uses that.
     """
@@ -138,13 +139,15 @@ def forecast_at_rest(
         instrument, recording = INSTRUMENTS[test.instrument], points.traces[test.name]
         stops, time = instrument.stops(test, recording), instrument.observe(test, recording).time
         assert stops is not None
-        set_up = instrument.nuisances_of(test, recording, time, points.instrument)
+        set_up = instrument.nuisances_of(test, recording, time, points.instruments[test.instrument])
+        noise = np.tile(instrument.noise(test, recording, points.instruments[test.instrument]), len(time))
         columns = (set_up.columns * set_up.spread).reshape(-1, len(set_up.names))
         moved = replace(stops, route=corrected(stops.route, corrections, how, STEP))
         rows = [
-            _about_set_up(instrument.reading(test, standing(p, s, test.name), p.geometry).ravel(), columns)
+            instrument.reading(test, standing(p, s, test.name), p.geometry).ravel()
             for p, s in ((plant, stops), (plant, moved), (ideal, stops))
         ]
+        rows = [r - columns @ taken_by(columns, r, noise) for r in rows]
         out.append(TestForecast(test, np.arange(len(rows[0]), dtype=float), *rows))
     return Forecast(tuple(out))
 

@@ -487,6 +487,23 @@ def _log_mass(sizes: Sizes, noise: float) -> float:
     return math.log(mass(sizes.slow)) + math.log(mass(sizes.fast))
 
 
+def taken_by(columns: np.ndarray, part: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """What a set-up takes of an error, in prior standard deviations, (k,).
+
+    A value counts as much as the error is large: so an instrument with a certain unit of length takes no scale error,
+    and an arbitrary zero takes every constant.
+
+    Args:
+        columns: Of the set-up, one prior standard deviation each, (m, k).
+        part: The error, (m,).
+        noise: Of the values, which says how they count against each other, (m,).
+    """
+    size = noise * max(float(np.sqrt(np.mean((part / noise) ** 2))), 1e-12)
+    k = columns.shape[1]
+    whole = np.vstack([columns / size[:, None], np.eye(k)])
+    return np.linalg.lstsq(whole, np.append(part / size, np.zeros(k)), rcond=None)[0]
+
+
 class RestReader(Reader[RestProblem]):
     """Reads findings out of a search on values at rest."""
 
@@ -496,12 +513,10 @@ class RestReader(Reader[RestProblem]):
         p = self.model.problem
         design, _ = self.search.discrepancy.plain(fit, p.whitening)
         design, noise = design[: len(p.value)], p.noise.deviation
-        # what the set-up would take of it, with its priors
-        set_up = LeastSquares.of_design(p.nuisances, p.columns / noise[:, None])
         out = {}
         for f in fit.effects:
-            part = design[:, fit.parameters[f.block.name]] @ (f.vector - f.off)
-            out[f.effect.key] = part * noise - p.columns @ set_up.solve(p.columns.T @ (part / noise))
+            part = design[:, fit.parameters[f.block.name]] @ (f.vector - f.off) * noise
+            out[f.effect.key] = part - p.columns @ taken_by(p.columns, part, noise)
         return out
 
     def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit]:

@@ -18,6 +18,7 @@ ANGLE = {
     "deg": (DEG, ("°", "degree", "degrees", "grad")),
     "rad": (1.0, ("radian", "radians")),
     "arcsec": (DEG / 3600.0, ("″", "arc-sec", "arcseconds")),
+    "urad": (1e-6, ("µrad", "μrad", "microrad")),
 }
 LENGTH = {
     "um": (UM, ("µm", "μm", "micron", "microns", "micrometre", "micrometer")),

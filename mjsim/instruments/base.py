@@ -8,7 +8,7 @@ the reading is fitted (:mod:`mjsim.workflow.compare`).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
@@ -114,6 +114,23 @@ class Nuisances:
 
 
 @dataclass(frozen=True)
+class Over:
+    """What a plot shows a recording over, in the place of time.
+
+    Attributes:
+        name: Of the quantity.
+        unit: As a plot labels it.
+        value: (n,) units.
+        series: To which series each sample belongs, (n,): samples of one are joined.
+    """
+
+    name: str
+    unit: str
+    value: np.ndarray
+    series: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Mistake:
     """What is wrong with a recording.
 
@@ -145,7 +162,11 @@ class Instrument(ABC, Generic[T, R]):
         test_noun: What one of its tests is called in sentences.
         beside: JSON key of its answer in a campaign whose first answer is another instrument's.
         order: Place of its answer in a campaign of several instruments.
-        own_keys: Keys of its ``[instrument]`` table that no other instrument has.
+        own_keys: Keys of its ``[instrument]`` table that not every instrument has: type and default of each.
+        at_rest: Whether it measures while the machine stands still; it then says :meth:`stops`.
+        plan_option: Option of ``mjsim plan`` that proposes positions.
+        by_itself_noun: What a table calls the numbers of :meth:`by_itself`.
+        by_itself_note: What they are, in a sentence.
     """
 
     name: ClassVar[str]
@@ -153,7 +174,11 @@ class Instrument(ABC, Generic[T, R]):
     test_noun: ClassVar[str]
     beside: ClassVar[str]
     order: ClassVar[int] = 9
-    own_keys: ClassVar[tuple[str, ...]] = ()
+    own_keys: ClassVar[Mapping[str, tuple[Any, Any]]] = {}
+    at_rest: ClassVar[bool] = False
+    plan_option: ClassVar[str] = ""
+    by_itself_noun: ClassVar[str] = "by itself"
+    by_itself_note: ClassVar[str] = ""
 
     # -- in a campaign -------------------------------------------------------------------------------------------------
 
@@ -210,6 +235,53 @@ class Instrument(ABC, Generic[T, R]):
             InputError: It is of another test, or its clock is wrong.
         """
 
+    # -- files of other systems ----------------------------------------------------------------------------------------
+
+    def file_columns(self, test: T) -> dict[str, tuple[str, str]]:
+        """What a column of another system's table may be: by name its quantity (``deviation``, ``angle``, ``time`` or
+        empty), and the unit that it has where nothing says it. None where :meth:`from_columns` does not work.
+        """
+        return {}
+
+    def column_named(self, test: T, header: str, word: str) -> str:
+        """Which of :meth:`file_columns` a column is; empty: none.
+
+        Args:
+            test: What the table is of.
+            header: Of the column.
+            word: The same without its unit, lower case.
+        """
+        return ""
+
+    def missing_columns(self, test: T, have: Collection[str]) -> list[str]:
+        """Names of columns that a table lacks, each as a user may say it."""
+        return []
+
+    def from_columns(self, source: Path, test: T, columns: dict[str, np.ndarray]) -> tuple[R, list[str]]:
+        """The recording that a table holds, and notes for the user.
+
+        Args:
+            source: Of the table, for messages.
+            test: What it is of.
+            columns: Of :meth:`file_columns` those that it has, (n,) SI each.
+
+        Raises:
+            InputError: The columns do not go together.
+        """
+        raise NotImplementedError
+
+    def trace_text(self, test: T, recording: R) -> str:
+        """The file that :meth:`read` reads."""
+        raise NotImplementedError
+
+    def found_columns(self, test: T) -> Sequence[str]:
+        """Columns of its file that hold what is found."""
+        return ()
+
+    def planned_text(self, test: T) -> str:
+        """What a planned test is to be measured at, as a table; empty where the test does not say it."""
+        return ""
+
     def facts(self, test: T, recording: R) -> dict[str, Any]:
         """What a check says of a recording besides its length; a name ends in its unit."""
         return {}
@@ -219,6 +291,10 @@ class Instrument(ABC, Generic[T, R]):
     def channels(self, test: T) -> tuple[Channel, ...]:
         """What it records."""
         return (Channel(),)
+
+    def over(self, test: T, recording: R) -> Over | None:
+        """What a plot shows it over; ``None``: over time."""
+        return None
 
     def observe(self, test: T, recording: R) -> Observation:
         """The recording as arrays."""
@@ -269,6 +345,10 @@ class Instrument(ABC, Generic[T, R]):
     def figures_of(self, test: T, recording: R, time: np.ndarray, reading: np.ndarray) -> dict[str, float]:
         """:meth:`figures` where they depend on the recording."""
         return self.figures(test, time, reading)
+
+    def by_itself(self, tests: Sequence[T], recordings: Mapping[str, R]) -> dict[str, float]:
+        """Numbers of effects that the recordings give by a usual method alone, by id, in the unit of the number."""
+        return {}
 
     def mistakes(self, tests: Sequence[T], recordings: dict[str, R], data: Any) -> Sequence[Any]:
         """What the recordings show to be wrong with units, signs, order and clocks."""

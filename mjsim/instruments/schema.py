@@ -36,6 +36,8 @@ def one_of(words: Callable[[], Iterable[str]]) -> Callable[[str], str]:
 Text = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(printable)]
 #: A length of the set-up, a time on the campaign's clock: far more than any machine has (assumed).
 Length = Annotated[float, Field(ge=-10_000, le=10_000, allow_inf_nan=False)]
+#: A stated number of an instrument, µm or µrad (assumed bounds).
+OwnLength = Annotated[float | None, Field(ge=0.01, le=1000)]
 Clock = Annotated[float, Field(ge=-1e10, le=1e10, allow_inf_nan=False)]
 
 

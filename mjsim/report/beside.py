@@ -13,11 +13,12 @@ from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.sheet_names import sheet_name
 from mjsim.plots.comparison import titled_figures
 from mjsim.report.page import data_uri
-from mjsim.units import DEG, UM
+from mjsim.units import DEG, UM, unit_of
+from mjsim.workflow.any_instrument import PlainTest
 from mjsim.workflow.axis_log.compare import ComparedAxis
 from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
-from mjsim.workflow.comparison import ComparedChannel, ComparedPart
-from mjsim.workflow.diagnosis import Diagnosis
+from mjsim.workflow.comparison import ComparedChannel, ComparedPart, ComparedTest
+from mjsim.workflow.diagnosis import AtRest, Diagnosis
 from mjsim.workflow.finding import DiagnosedEffect
 
 _SENTENCES = {
@@ -36,11 +37,9 @@ _OF_POINTS = {
 _NAMED = 3
 
 
-def section_of_points(found: Diagnosis) -> dict:
-    """What the page says of a probed sphere, with what was found, as plain data."""
-    rest = found.at_rest
-    assert rest is not None
-    said = rest.to_json()
+def section_of_points(found: Diagnosis, rest: AtRest) -> dict:
+    """What the page says of an instrument that measures at rest, with what was found, as plain data."""
+    said, instrument = rest.to_json(), INSTRUMENTS[rest.after.instrument]
     mine = [e for e in found.effects if not found.has_bars or e.found_by == rest.after.instrument]
     names = [f"{e.effect.noun or e.effect.kind.replace('_', ' ')} {e.effect.subject}" for e in mine[:_NAMED]]
     more = f", and {len(mine) - len(names)} smaller" if len(mine) > len(names) else ""
@@ -49,11 +48,12 @@ def section_of_points(found: Diagnosis) -> dict:
     fitted |= {e.effect.id: (e.effect.values, e.ci95) for e in found.effects}
     located = []
     for row in said["classical"]:
-        values, ends = fitted.get(row["id"], ({}, {}))
-        for name, (low, high) in list(ends.items())[:1]:
-            unit = "µrad" if name.endswith("urad") else "µm"
+        values, intervals = fitted.get(row["id"], ({}, {}))
+        for name, (low, high) in list(intervals.items())[:1]:
+            unit = unit_of(name)[1]
+            form = "%+.5f" if unit == "°" else "%+.1f"
             located.append(
-                [row["id"], unit, f"{values[name]:+.1f}", f"{low:+.1f} to {high:+.1f}", f"{row['value']:+.1f}"]
+                [row["id"], unit, form % values[name], f"{form % low} to {form % high}", form % row["value"]]
             )
     left = (
         f"{said['left_um']:.2f} µm are in no model; the probability that this is more than the noise is "
@@ -69,6 +69,8 @@ def section_of_points(found: Diagnosis) -> dict:
         "noise_source": said["noise_source"],
         "effects": [_finding(e, e.to_json(found.machine)) for e in mine],
         "located": located,
+        "by_itself": [instrument.by_itself_noun, instrument.by_itself_note],
+        "points": True,
         "said": [left, said["joint"]] if said["joint"] else [left],
     }
 
@@ -85,10 +87,14 @@ def compared_section(result: ComparedPart) -> dict:
         result: The tests, as compared with the final machine.
     """
     said = result.to_json()
-    tests = [{"name": t.test.name, "axes": [_channel_row(c) for c in t.channels]} for t in result.tests]
+    tests = [
+        {"name": t.test.name, "axes": [_channel_row(c) for c in t.channels], "figures": _figure_rows(t)}
+        for t in result.tests
+    ]
     return {
         "said": [],
         "located": [],
+        "points": False,
         "title": result.campaign.name,
         "machine": result.machine.name,
         "instrument": INSTRUMENTS[result.instrument].test_noun,
@@ -107,6 +113,16 @@ def compared_section(result: ComparedPart) -> dict:
         "not_testable": [],
         "provenance": [["mjsim", version("mjsim")], ["mujoco", version("mujoco")], ["numpy", version("numpy")]],
     }
+
+
+def _figure_rows(t: ComparedTest) -> list[list[str]]:
+    """Figures of a standard: name with its unit, of measured and of simulated."""
+    figures = t.figures if isinstance(t, PlainTest) else {}
+    measured, simulated = (figures.get(who, {}) for who in ("measured", "simulated"))
+    return [
+        [name, f"{value:.4g}", f"{simulated[name]:.4g}" if name in simulated else "–"]
+        for name, value in measured.items()
+    ]
 
 
 def _channel_row(c: ComparedChannel) -> dict:

@@ -23,7 +23,7 @@ from mjsim.report import build, page, trend
 from mjsim.report.beside import compared_section, diagnosed_section, images_of, section_of_points
 from mjsim.workflow.ball_bar.compare import BarComparison, compare_bars
 from mjsim.workflow.compare import compare
-from mjsim.workflow.diagnose import DIAGNOSABLE, diagnose
+from mjsim.workflow.diagnose import diagnosable, diagnose
 from mjsim.workflow.diagnosis import Diagnosis
 
 
@@ -115,15 +115,14 @@ def _single(
         raise InputError(f"{campaign.folder / 'campaign.toml'}: the error of a part follows from ball-bar tests only")
     day = campaign.measured_on.isoformat() if campaign.measured_on else ""
     content, sections = None, {}
-    able = campaign.of(*DIAGNOSABLE)
+    able = campaign.of(*diagnosable())
     if diagnosed and able.measured:
         found = diagnose(able, machine, max_effects, threads, progress, settings)
         final = found.machine
         if bars:
             content = build.diagnosed(found.of_bars(), threads, progress, day, parts=parts)
-        if found.at_rest is not None:
-            part = found.at_rest.after
-            sections[part.instrument] = (section_of_points(found), images_of(part))
+        for rest in found.at_rest:
+            sections[rest.after.instrument] = (section_of_points(found, rest), images_of(rest.after))
         if found.logs is not None:
             said = [f"{e.effect.id}: {e.evidence}" for e in found.effects if e.evidence]
             sections[LogTest.instrument] = (diagnosed_section(found.logs, said), images_of(found.logs.after))

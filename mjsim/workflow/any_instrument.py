@@ -256,6 +256,10 @@ def plain_tables(result: ComparedPart, names: Collection[str]) -> dict[str, Rows
     figures = [["test", "channel", "unit", "rms", "max", "noise"]]
     for t in (t for t in result.tests if t.test.name in names):
         head, columns = ["time_s"], [t.channels[0].time]
+        over = INSTRUMENTS[t.test.instrument].over(t.test, t.recording) if isinstance(t, PlainTest) else None
+        if over is not None:
+            head.append(f"{over.name}_{over.unit}".replace(" ", "_").replace("°", "deg"))
+            columns.append(over.value)
         for c in t.channels:
             size, suffix, name = c.channel.size, c.channel.suffix, c.channel.name.replace(" ", "_")
             for what in ("measured", "simulated", "residual"):

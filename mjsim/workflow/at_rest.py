@@ -1,5 +1,4 @@
-"""What is missing from a machine's model, from points that were measured while it stood still, alone or beside a ball
-bar.
+"""What is missing from a machine's model, from what was measured while it stood still, alone or beside a ball bar.
 
 With a ball bar the fit is joint: the ball-bar tests come in as the normal distribution of the numbers that they
 determine, without their priors, at their best fit. So location errors and their like are those of one least-squares fit
@@ -23,12 +22,10 @@ from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.measurement import BallBarTest
-from mjsim.instruments.sphere.classical import location_errors
-from mjsim.instruments.sphere.measurement import SphereTest
+from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
-from mjsim.units import UM
 from mjsim.workflow.any_instrument import compare_plainly, refuse_mistakes
 from mjsim.workflow.ball_bar.compare import compare_bars
 from mjsim.workflow.diagnosis import AtRest, Diagnosis
@@ -54,7 +51,8 @@ def diagnose_at_rest(
     """Find what is missing.
 
     Args:
-        campaign: With measured tests of a probed sphere, and of other instruments where ``beside`` has their diagnosis.
+        campaign: With measured tests of instruments that measure at rest, and of others where ``beside`` has their
+            diagnosis.
         machine: As given.
         max_effects: At most so many different effects; without it as many as the data prove.
         threads: Simulations side by side.
@@ -65,8 +63,10 @@ def diagnose_at_rest(
     Raises:
         InputError: The points show a mistake.
     """
-    points = campaign.of(SphereTest.instrument)
-    refuse_mistakes(points)
+    parts = {name: part for name, part in campaign.measured_parts.items() if INSTRUMENTS[name].at_rest}
+    for part in parts.values():
+        refuse_mistakes(part)
+    points = campaign.of(*parts)
     known = beside.posterior if beside is not None and beside.has_bars else None
     found, hidden = explain_at_rest(RestProblem.of(points, settings), machine, max_effects, progress, known)
     fit, misfit = found.selection.fit, found.verdicts.unknown
@@ -74,29 +74,38 @@ def diagnose_at_rest(
         f.effect for f in fit.effects if not f.effect.is_neutral
     )
     progress("comparing", 0, 1)
-    before, after = compare_plainly(points, machine), compare_plainly(points, final)
-    tests = tuple(t.name for t in points.measured)
-    findings = findings_of(found.selection, SphereTest.instrument, lambda key: tests)
+    set_up = _set_up(found)
+    rests = []
+    for name, part in parts.items():
+        before, after = compare_plainly(part, machine), compare_plainly(part, final)
+        setups = {f"{t.setup}: " for t in part.measured}
+        mine = {k: v for k, v in set_up.items() if any(k.startswith(s) for s in setups) or k in _shared(part)}
+        rests.append(
+            AtRest(
+                before,
+                after,
+                before.noise,
+                part.instrument.source,
+                found.discrepancy,
+                misfit,
+                mine,
+                INSTRUMENTS[name].by_itself(part.measured, part.traces),
+                _JOINT if known is not None else "",
+            )
+        )
+    rest = rests[0]
+    before, after = rest.before, rest.after
+    first, tests = before.campaign, tuple(t.name for t in before.campaign.measured)
+    findings = findings_of(found.selection, first.tests[0].instrument, lambda key: tests)
     effects, rungs = ladder_of(
-        findings, found.calibration, machine, (before, after), lambda m, _: compare_plainly(points, m)
-    )
-    rest = AtRest(
-        before,
-        after,
-        points.instrument.noise,
-        points.instrument.source,
-        found.discrepancy,
-        misfit,
-        _set_up(found),
-        _classical(points),
-        _JOINT if known is not None else "",
+        findings, found.calibration, machine, (before, after), lambda m, _: compare_plainly(first, m)
     )
     if beside is not None:
-        return _joined(campaign, beside, found, hidden, effects, rest, final, threads, progress)
+        return _joined(campaign, beside, found, hidden, effects, tuple(rests), final, threads, progress)
     return Diagnosis(
         campaign,
         found.verdict,
-        points.instrument.noise,
+        rest.noise,
         effects,
         None,
         hidden,
@@ -111,8 +120,18 @@ def diagnose_at_rest(
         settings=settings,
         probabilities=found.verdicts.to_json(),
         discrepancy=rest.left,
-        at_rest=rest,
+        at_rest=tuple(rests),
     )
+
+
+def _shared(part: Campaign) -> set[str]:
+    """Names of the numbers of an instrument itself."""
+    instrument, out = INSTRUMENTS[part.tests[0].instrument], set()
+    for t in part.measured:
+        recording = part.traces[t.name]
+        time = instrument.observe(t, recording).time
+        out |= set(instrument.nuisances_of(t, recording, time, part.instrument).shared)
+    return out
 
 
 def _set_up(found: Explained[RestProblem]) -> dict[str, tuple[float, tuple[float, float]]]:
@@ -129,25 +148,19 @@ def _set_up(found: Explained[RestProblem]) -> dict[str, tuple[float, tuple[float
     return out
 
 
-def _classical(points: Campaign) -> dict[str, float]:
-    """Location errors as circles alone give them, in the units of the effects' numbers."""
-    found = location_errors(points.measured, points.traces)
-    return {f"axis_location.{name}": value / UM for name, value in found.items()}  # µm and µrad alike
-
-
 def _joined(
     campaign: Campaign,
     bars: Diagnosis,
     found: Explained[RestProblem],
     unseen: tuple[str, ...],
     effects: tuple[DiagnosedEffect, ...],
-    rest: AtRest,
+    rests: tuple[AtRest, ...],
     final: Machine,
     threads: int,
     progress: Progress,
 ) -> Diagnosis:
     """The diagnosis of another instrument with what the points have changed and added."""
-    fit = found.selection.fit
+    fit, rest = found.selection.fit, rests[0]
     ours = {f.effect.key for f in fit.effects}
     old = {e.effect.key: e for e in bars.effects}
     named = [e for e in bars.effects if e.effect.key not in ours]
@@ -183,7 +196,7 @@ def _joined(
         posterior=_both(bars.posterior, Posterior.of(fit)),
         probabilities={k: round(v * (1.0 - rest.misfit), 4) for k, v in bars.probabilities.items() if k != "unknown"}
         | {"unknown": round(1.0 - (1.0 - rest.misfit) * (1.0 - bars.probabilities.get("unknown", 0.0)), 4)},
-        at_rest=rest,
+        at_rest=rests,
     )
     if bars.has_bars:
         return replace(chosen, after=after, rungs=(*bars.rungs[:-1], after))

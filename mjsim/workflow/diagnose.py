@@ -7,7 +7,7 @@ from mjsim.errors import InputError
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.measurement import BallBarTest
-from mjsim.instruments.sphere.measurement import SphereTest
+from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.workflow.at_rest import diagnose_at_rest
@@ -16,8 +16,11 @@ from mjsim.workflow.ball_bar.diagnose import diagnose_bars
 from mjsim.workflow.both_instruments import diagnose_jointly
 from mjsim.workflow.diagnosis import Diagnosis
 
-#: Instruments whose recordings a diagnosis explains.
-DIAGNOSABLE = (BallBarTest.instrument, LogTest.instrument, SphereTest.instrument)
+
+def diagnosable() -> tuple[str, ...]:
+    """Instruments whose recordings a diagnosis explains: ball bar, axis log, and all that measure at rest."""
+    at_rest = (name for name, i in INSTRUMENTS.items() if i.at_rest)
+    return (BallBarTest.instrument, LogTest.instrument, *at_rest)
 
 
 def diagnose(
@@ -43,13 +46,13 @@ def diagnose(
     """
     campaign.need_traces("a diagnosis needs measured tests")
     have = set(campaign.measured_parts)
-    if unable := sorted(have - set(DIAGNOSABLE)):
+    if unable := sorted(have - set(diagnosable())):
         raise InputError(
             f"{campaign.folder / 'campaign.toml'}: no diagnosis works with tests of the instrument {unable[0]!r}; "
-            f"allowed: {', '.join(DIAGNOSABLE)}"
+            f"allowed: {', '.join(diagnosable())}"
         )
-    if SphereTest.instrument in have:
-        others = [name for name in campaign.measured_parts if name != SphereTest.instrument]
+    if any(INSTRUMENTS[name].at_rest for name in have):
+        others = [name for name in campaign.measured_parts if not INSTRUMENTS[name].at_rest]
         beside = None
         if others:
             beside = diagnose(campaign.of(*others), machine, max_effects, threads, progress, settings)

@@ -52,7 +52,7 @@ class AtRest:
         left: Standard deviation of what is in no model, m.
         misfit: Probability that this is more than the noise.
         set_up: Fitted numbers of set-ups and instrument, and their 95 % intervals, by name with its unit.
-        classical: What circles through the points give by themselves, by id of the effect, in the unit of its number.
+        classical: What a usual method gives by itself, by id of the effect, in the unit of its number.
         joint: How the answer came about beside another instrument; empty where there is one alone.
     """
 
@@ -111,7 +111,7 @@ class Diagnosis:
         settings: What has decided.
         probabilities: Of the four verdicts by the ball-bar tests; empty where none was measured.
         discrepancy: RMS in a ball-bar test of what repeats and is in no model, m.
-        at_rest: What was measured while the machine stood still; ``None`` where nothing was.
+        at_rest: What was measured while the machine stood still, one for each instrument.
     """
 
     campaign: Campaign
@@ -134,7 +134,7 @@ class Diagnosis:
     settings: DiagnosisSettings = DIAGNOSIS
     probabilities: dict[str, float] = field(default_factory=dict)
     discrepancy: float = 0.0
-    at_rest: AtRest | None = None
+    at_rest: tuple[AtRest, ...] = ()
 
     @property
     def has_bars(self) -> bool:
@@ -169,12 +169,12 @@ class Diagnosis:
 
     def to_json(self) -> dict:
         """The JSON of ``mjsim diagnose``: µm, degrees and the units of the parameters' names."""
-        if not self.has_bars and self.at_rest is None:
+        if not self.has_bars and not self.at_rest:
             assert self.logs is not None
             return self.logs.to_json()
         out = self._bars_json()
-        if self.at_rest is not None:
-            out |= {INSTRUMENTS[self.at_rest.after.instrument].beside: self.at_rest.to_json()}
+        for rest in self.at_rest:
+            out |= {INSTRUMENTS[rest.after.instrument].beside: rest.to_json()}
         if self.logs is None:
             return out
         logs = self.logs.to_json()

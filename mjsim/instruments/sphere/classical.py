@@ -8,7 +8,7 @@ perfect; so squareness and straightness errors go into these numbers (SINUMERIK 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -115,7 +115,7 @@ def _turned_by_others(test: SphereTest, letter: str, angles: np.ndarray, along: 
     return np.array([float(v[0]) for v in out])
 
 
-def location_errors(tests: Sequence[SphereTest], recordings: dict[str, Points]) -> dict[str, float]:
+def location_errors(tests: Sequence[SphereTest], recordings: Mapping[str, Points]) -> dict[str, float]:
     """Location errors that the circles alone give, m and rad by name; those that no circle shows are left out.
 
     Args:
@@ -156,6 +156,6 @@ def location_errors(tests: Sequence[SphereTest], recordings: dict[str, Points]) 
     return {n: float(v) for n, v, h in zip(names, x, hidden, strict=True) if h < 1e-3}
 
 
-def _angle(recordings: dict[str, Points], c: Circle, t: SphereTest) -> float:
+def _angle(recordings: Mapping[str, Points], c: Circle, t: SphereTest) -> float:
     """Angle over which a circle was measured, rad."""
     return _spanned(recordings[c.test].position[c.rows, t.chain.index(c.axis)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -20,6 +21,11 @@ from mjsim.units import DEG, MM, UM
 FEWEST = 3
 #: Columns of the measured deviations.
 DEVIATIONS = tuple(f"d{c.lower()}_um" for c in COORDINATES)
+#: Words of headers of other systems for what was found, before or behind the letter of a coordinate, lower case.
+_FOUND = ("measured", "meas", "actual", "act", "ist", "centre", "center", "m")
+_OFF = ("d", "delta", "δ", "dev", "deviation", "diff", "error", "err", "abw", "abweichung")
+#: The same for what was commanded.
+_NOMINAL = ("nominal", "nom", "soll", "command", "cmd")
 #: Columns that a file may have besides those of axes, deviations and sides.
 MORE = ("time_s", "run", "spindle_deg")
 
@@ -166,6 +172,75 @@ def _check_header(path: Path, names: list[str], test: SphereTest) -> None:
             raise InputError(f"{path}, line 1: the column {name} is missing")
 
 
+def file_columns(chain: Chain) -> dict[str, tuple[str, str]]:
+    """What a column of another system's table may be: its quantity, and the unit where nothing says it."""
+    out = {a: ("angle", "deg") if chain.is_rotary(a) else ("deviation", "mm") for a in chain.letters}
+    for c in COORDINATES:
+        out[f"d{c.lower()}"] = "deviation", "um"
+        out[f"{c.lower()}_measured"] = "deviation", "mm"
+    return (
+        out
+        | {f"from_{a}": ("", "") for a in chain.rotary}
+        | {"spindle": ("angle", "deg"), "run": ("", ""), "time": ("time", "s")}
+    )
+
+
+def column_named(chain: Chain, header: str, word: str) -> str:
+    """What a header means; empty where it means nothing. ``word`` is the header without its unit, lower case."""
+    for a in chain.rotary:  # the letter would be taken for a unit
+        if header.strip().lower() == f"from_{a.lower()}":
+            return f"from_{a}"
+    word = word.replace(" ", "_").strip("_")
+    if word in ("spindle", "run", "time"):
+        return word
+    if word.upper() in chain.letters:
+        return word.upper()
+    for c in (c.lower() for c in COORDINATES):
+        parts = word.replace(c, "_", 1).strip("_") if word.count(c) == 1 else ""
+        if c in word and parts in _OFF:
+            return f"d{c}"
+        if c in word and parts in _FOUND:
+            return f"{c}_measured"
+    parts = word.split("_")
+    if len(parts) == 2 and parts[0].upper() in chain.letters and parts[1] in _NOMINAL:
+        return parts[0].upper()
+    return ""
+
+
+def missing_columns(chain: Chain, have: Collection[str]) -> list[str]:
+    """Columns that a table lacks."""
+    missing = [a for a in chain.rotary if a not in have]
+    for c in (c.lower() for c in COORDINATES):
+        if f"d{c}" not in have and f"{c}_measured" not in have:
+            missing.append(f"d{c} or {c}_measured")
+    return missing
+
+
+def from_columns(source: Path, test: SphereTest, si: dict[str, np.ndarray]) -> tuple[Points, list[str]]:
+    """Points from columns of another system's table, SI; linear positions that it lacks are those of an ideal
+    machine.
+    """
+    chain, notes, si = test.chain, [], dict(si)
+    centred = test.centred(np.column_stack([si[a] for a in chain.rotary]))
+    if lacking := [a for a in chain.linear if a not in si]:
+        notes.append(f"no column for {', '.join(lacking)}: where the tool of an ideal machine is in the sphere")
+    for i, a in enumerate(chain.linear):
+        si.setdefault(a, centred[:, i])
+    for i, c in enumerate(COORDINATES):
+        low = c.lower()
+        if f"d{low}" not in si:
+            si[f"d{low}"] = si[f"{low}_measured"] - si[chain.linear[i]]
+    order = [*chain.letters, *(f"d{c.lower()}" for c in COORDINATES)]
+    out = {name: si[own] / size for own, (name, size) in zip(order, columns_of(chain).items(), strict=True)}
+    out |= {n: si[n] for n in si if n.startswith("from_")}
+    if "spindle" in si:
+        out["spindle_deg"] = si["spindle"] / DEG
+    for own, name in (("run", "run"), ("time", "time_s")):
+        if own in si:
+            out[name] = si[own]
+    return points_of(source, list(out), np.column_stack(list(out.values())), test), notes
+
+
 def trace_text(test: SphereTest, points: Points) -> str:
     """A trace as :func:`read_points` reads it."""
     need = columns_of(test.chain)
@@ -187,7 +262,9 @@ def trace_text(test: SphereTest, points: Points) -> str:
 
 
 def positions_text(test: SphereTest) -> str:
-    """The planned positions as a table: a trace without what is to be found."""
+    """The planned positions as a table: a trace without what is to be found; empty where none are planned."""
+    if not test.angles:
+        return ""
     head, *rows = trace_text(test, test.planned).splitlines()
     names = head.split(",")
     kept = [i for i, n in enumerate(names) if n not in DEVIATIONS]

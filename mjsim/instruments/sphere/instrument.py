@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mjsim.instruments.base import Channel, Instrument, Mistake, Nuisances, Observation, Stops, register
-from mjsim.instruments.sphere.classical import circles_of
-from mjsim.instruments.sphere.files import SphereTable, read_points, sphere_test
+from mjsim.instruments.schema import OwnLength
+from mjsim.instruments.sphere import files
+from mjsim.instruments.sphere.classical import circles_of, location_errors
+from mjsim.instruments.sphere.files import SphereTable, sphere_test
 from mjsim.instruments.sphere.measurement import Points, Probe, SphereTest, stops_of
 from mjsim.instruments.sphere.mistakes import sphere_mistakes
 from mjsim.machine.chain import COORDINATES, Chain
@@ -36,7 +38,14 @@ class SphereProbe(Instrument[SphereTest, Points]):
     test_noun = "sphere test"
     beside = "sphere_tests"
     order = 2
-    own_keys = ("repeatability_um", "probe_offset_um")
+    at_rest = True
+    plan_option = "--points 30"
+    by_itself_noun = "from circles"
+    by_itself_note = (
+        "From circles: centre and direction of each axis as the cycles of controls compute them, with linear axes and "
+        "probe taken for perfect."
+    )
+    own_keys = dict.fromkeys(("repeatability_um", "probe_offset_um"), (OwnLength, None))
 
     def kinds(self) -> Sequence[str]:
         return (self.name,)
@@ -56,7 +65,28 @@ class SphereProbe(Instrument[SphereTest, Points]):
         return data.with_scatter(sum(s for s, _ in scatters), sum(f for _, f in scatters))
 
     def read(self, path: Path, test: SphereTest, data: Probe) -> Points:
-        return read_points(path, test)
+        return files.read_points(path, test)
+
+    def file_columns(self, test: SphereTest) -> dict[str, tuple[str, str]]:
+        return files.file_columns(test.chain)
+
+    def column_named(self, test: SphereTest, header: str, word: str) -> str:
+        return files.column_named(test.chain, header, word)
+
+    def missing_columns(self, test: SphereTest, have: Collection[str]) -> list[str]:
+        return files.missing_columns(test.chain, have)
+
+    def from_columns(self, source: Path, test: SphereTest, columns: dict[str, np.ndarray]) -> tuple[Points, list[str]]:
+        return files.from_columns(source, test, columns)
+
+    def trace_text(self, test: SphereTest, recording: Points) -> str:
+        return files.trace_text(test, recording)
+
+    def found_columns(self, test: SphereTest) -> Sequence[str]:
+        return files.DEVIATIONS
+
+    def planned_text(self, test: SphereTest) -> str:
+        return files.positions_text(test)
 
     def facts(self, test: SphereTest, recording: Points) -> dict[str, Any]:
         angles = recording.position[:, test.chain.rotary_columns] / DEG
@@ -99,6 +129,10 @@ class SphereProbe(Instrument[SphereTest, Points]):
             out |= {f"{circle.axis}_centre_{c}_mm": float(v) / MM for c, v in zip(_LOWER, circle.centre, strict=True)}
             out |= {f"{circle.axis}_direction_{c}": float(v) for c, v in zip(_LOWER, circle.direction, strict=True)}
         return out
+
+    def by_itself(self, tests: Sequence[SphereTest], recordings: Mapping[str, Points]) -> dict[str, float]:
+        """Location errors from circles, as the cycles of controls compute them."""
+        return {f"axis_location.{n}": v / UM for n, v in location_errors(tests, recordings).items()}  # µrad alike
 
     def mistakes(self, tests: Sequence[SphereTest], recordings: dict[str, Points], data: Probe) -> list[Mistake]:
         return sphere_mistakes(tests, recordings, data)

@@ -57,7 +57,7 @@ def plan_bars(
     if not campaign.measured:
         if between is None:
             raise InputError(
-                f"{campaign.folder / 'campaign.toml'}: no test has a trace; say which effects to separate "
+                f"{campaign.folder / 'campaign.toml'}: {campaign.nothing_measured}; say which effects to separate "
                 f"(--between A B)"
             )
         pair = _by_default(between[0], machine), _by_default(between[1], machine)
