@@ -38,7 +38,7 @@ _WAVES = 30.0
 _DELAYS_MS = (5.0, 40.0)
 #: Limits of the torque from which fits start, in the largest torque that the motion needs; and how well a recorded one
 #: says it, relative (assumed: its scale).
-_LIMITS, _LIMIT_READ = (0.7, 1.0), 0.02
+_LIMITS, _LIMIT_READ = (0.7, 0.9, 1.0), 0.02
 #: Widths of a play from which fits start, in usual ones.
 _PLAYS = (1.0, 5.0)
 #: Filters of the command from which fits start, ms.
@@ -307,15 +307,19 @@ class Catalogue:
 
 
 def _largest_torque(machine: Machine, data: Sequence[AxisData]) -> float:
-    """Largest torque that the recorded motion needs by the data sheet, friction included, N·m."""
+    """Torque that the recorded motion needs by the data sheet, friction included, at its largest, N·m: a limited one
+    stands there for more than one percent of the time.
+    """
     drive, found = machine.drives[data[0].axis], [1e-6]
     friction = machine.effect(f"{FRICTION}.{data[0].axis}")
     for d in data:
         n = max(1, int(0.01 / d.step))
         smooth = np.convolve(d.record.actual, np.ones(n) / n, "valid")[::n] * drive.gear
         speed = np.gradient(smooth, n * d.step)
-        found.append(float(np.abs(drive.inertia * np.gradient(speed, n * d.step) + drive.viscous * speed).max()))
-    return max(found) + (friction.values["coulomb_Nm"] if friction is not None else 0.0)
+        torque = drive.inertia * np.gradient(speed, n * d.step) + drive.viscous * speed
+        torque += (friction.values["coulomb_Nm"] if friction is not None else 0.0) * np.sign(speed)
+        found.append(float(np.quantile(np.abs(torque), 0.99)))
+    return max(found)
 
 
 def wave_entries(effect: Effect, size: float, order: str = "") -> tuple[Entry, Entry]:

@@ -32,6 +32,8 @@ _DELAYS = (0, 1, 2, 3, 4)
 #: Share of the output that the law must explain for its gains to be believed, the share above which no delay is looked
 #: for, and the least deviation of a gain (assumed).
 _EXPLAINED, _EXACT, _LEAST = 0.97, 0.9999, 0.0005
+#: Standard deviations beyond which a reading contradicts the data sheet.
+_CONTRADICTED = 5.0
 #: Factor on what is not explained within which two sets of gains do as well (assumed).
 _AS_WELL = 2.0
 
@@ -102,9 +104,21 @@ def read_gains(machine: Machine, data: Sequence[AxisData]) -> list[GainsRead]:
             best = max(read if best is None else [best, *read], key=lambda g: g.explained, default=None)
             if best is not None and best.explained > _EXACT:
                 break
-        if best is not None and best.explained > _EXPLAINED:
+        if best is not None and best.explained > _EXPLAINED and (known or _agrees(machine, drive, best)):
             out.append(best)
     return out
+
+
+def _agrees(machine: Machine, drive: Drive, g: GainsRead) -> bool:
+    """Whether gains that were read agree with the data sheet as well as both are known.
+
+    An output of unknown unit follows from many laws; of one that the sheet contradicts, nothing is believed.
+    """
+    for name, value in g.values.items():
+        wide = TOLERANCE[name] if machine.factor is None else 0.5 * np.log(machine.factor)
+        if abs(np.log(value / getattr(drive, name))) > _CONTRADICTED * np.hypot(wide, g.deviations[name]):
+            return False
+    return True
 
 
 def _of_velocity(machine: Machine, controller: str | None, data: Sequence[AxisData]) -> GainsRead | None:

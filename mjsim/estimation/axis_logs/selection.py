@@ -101,6 +101,11 @@ class AxisSearch:
             ladder.append(fit)
         order = [c.key for c in found]
         lesser, fit = self._pruned(found, fit)
+        if found:
+            # the causes that are left may need a data sheet that was not bent for those that came before them
+            fresh = self.fitter.fit(fit.model.as_printed())
+            if float(np.diff(misfits([fresh, fit]))[0]) > self.settings.indistinguishable:
+                lesser, fit = self._pruned(list(lesser), fresh)
         fit = self.fitter.polished(self._as_stated(fit))
 
         def judged(row: tuple[int, tuple[Candidate, AxisFit | None]]) -> FoundCause:
