@@ -8,6 +8,8 @@ import pytest
 import tomlkit
 from click.testing import CliRunner
 
+from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import read_machine
 from mjsim.cli.main import main
 from mjsim.io.resources import examples
 
@@ -79,6 +81,19 @@ def ok(*args):
     result = run(*args)
     assert result.exit_code == 0, result.output
     return result
+
+
+def printed(*args, code=0):
+    """What a command prints that must end with this exit status: of one that fails, the refusal as well."""
+    result = run(*args)
+    assert result.exit_code == code, result.output
+    return result.output if code else result.stdout
+
+
+def read(folder):
+    """The campaign and the machine of a folder."""
+    campaign = read_campaign(folder)
+    return campaign, read_machine(campaign.machine_file)
 
 
 def as_json(*args):

@@ -6,10 +6,10 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import printed as run
+from commands import read
 
 import mjsim
-from mjsim.cli.main import main
 from mjsim.errors import InputError
 from mjsim.estimation.at_rest import RestFitter, RestProblem
 from mjsim.estimation.calibration import expected_effects
@@ -23,17 +23,6 @@ from tests.independent import positions
 
 LINE = {"name": "laser-x", "axis": "X", "ends": (0.0, 300.0), "count": 9, "runs": 2}
 ANGLES = {"angular_error": {"urad": 12.0}}
-
-
-def run(*arguments, code=0):
-    result = CliRunner().invoke(main, [*map(str, arguments)])
-    assert result.exit_code == code, result.output
-    return result.output if code else result.stdout
-
-
-def read(folder):
-    campaign = mjsim.read_campaign(folder)
-    return campaign, mjsim.read_machine(campaign.machine_file)
 
 
 def intervals(result):

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import printed as run
+from commands import read
 
 import mjsim
-from mjsim.cli.main import main
 from mjsim.errors import InputError
 from mjsim.estimation.at_rest import RestProblem, RestSearch
 from mjsim.estimation.posterior import Posterior
@@ -22,17 +22,6 @@ from mjsim.workflow.any_instrument import compare_plainly
 from tests.independent import sphere
 
 SEED = 1
-
-
-def run(*arguments, code=0):
-    result = CliRunner().invoke(main, [*map(str, arguments)])
-    assert result.exit_code == code, result.output
-    return result.output if code else result.stdout
-
-
-def read(folder):
-    campaign = mjsim.read_campaign(folder)
-    return campaign, mjsim.read_machine(campaign.machine_file)
 
 
 def nothing(errors):

@@ -287,6 +287,6 @@ class BarSearch(Search[Problem]):
             if best.evidence <= model.evidence + LEAST or best.left > model.left:
                 break
             model = best
-            other = self._on_samples(model, without_disturbances)  # what its waves had hidden
+            other = self._cleaned(model)  # what its waves had hidden
             model = model if other is model else self._settled(other)
         return model

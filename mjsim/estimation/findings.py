@@ -360,8 +360,9 @@ class _BarReader(Reader[Problem]):
         """
         others = (c for _, c in best_curves(problem, beside, self.search.plain) if c.name != curve.name)
         rows: dict[tuple, tuple[float, CurveTerm]] = {}
+        terms = CurveTerms(problem, beside)
         for c in (curve, *itertools.islice(others, _OTHERS)):
-            objective, term = _with_enough_knots(problem, beside, c.term)
+            objective, term = _with_enough_knots(terms, c.term)
             key, evidence = (term.axis, term.moves, term.variable), c.log_odds - 0.5 * objective
             if key not in rows or evidence > rows[key][0]:  # one variable with another period is the same answer
                 rows[key] = evidence, term
@@ -405,14 +406,14 @@ class _BarReader(Reader[Problem]):
         return (1.0 if limit == 0.0 else 0.5 * float(erfc(-beyond / math.sqrt(2.0)))), beyond
 
 
-def _with_enough_knots(problem: Problem, fit: Fit, term: CurveTerm) -> tuple[float, CurveTerm]:
+def _with_enough_knots(terms: CurveTerms, term: CurveTerm) -> tuple[float, CurveTerm]:
     """A curve with the number of knots of largest evidence in the simplest shape, and its -2 log evidence: a step lies
     between two of them.
     """
-    terms = CurveTerms(problem, fit)
     shape = partial(simplest_shape, closed=term.period is not None)
     finer = [t for n in FINER for t in terms.finer(term, n) if len(t.knots) <= LONGEST]
-    rows = [(Together(fit, problem.whiten(t.columns), 1.0, shape).objective, t) for t in (term, *finer)]
+    whiten = terms.problem.whiten
+    rows = [(Together(terms.fit, whiten(t.columns), 1.0, shape).objective, t) for t in (term, *finer)]
     return min(rows, key=lambda row: row[0])
 
 

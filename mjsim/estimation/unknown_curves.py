@@ -199,12 +199,10 @@ class _BesideModel:
         whitening = problem.whitening or Whitening(np.ones(len(problem.tests)))
         blocks = zip(problem.rows, design.blocks, strict=True)
         columns = [np.column_stack([own, design.rest[at], fit.residual[at]]) for at, (_, own) in blocks]
-        shared = np.zeros((problem.count, 0))
         if whitening.shared:  # then the nuisances of all tests are in the columns of each
             both = whitening.of_all(np.vstack(columns))
-            columns, (basis, shrink) = [both[at] for at in problem.rows], whitening.shared
-            shared = basis * np.sqrt(shrink * (2.0 - shrink))
-        self._factor = whitening.factor
+            columns = [both[at] for at in problem.rows]
+        self._factor, shared = whitening.factor, whitening.shrunk_together(problem.count)
         self._twice: list[np.ndarray] = []
         self._basis: list[np.ndarray] = []
         self._shared: list[np.ndarray] = []

@@ -42,10 +42,11 @@ class Whitening:
         """Directions of the ``n`` rows of test ``k`` along which the errors are larger, (n, j), of such lengths that
         the inverse of their covariance is I / factor² less the products of these rows.
         """
-        if not self.parts:
-            return np.zeros((n, 0))
-        basis, shrink = self.parts[k]
-        return basis * (np.sqrt(shrink * (2.0 - shrink)) / self.factor[k])
+        return _lengthened(*self.parts[k]) / self.factor[k] if self.parts else np.zeros((n, 0))
+
+    def shrunk_together(self, count: int) -> np.ndarray:
+        """The same of what all tests share, among ``count`` rows that :meth:`of_test` has whitened, (count, j)."""
+        return _lengthened(*self.shared) if self.shared else np.zeros((count, 0))
 
     def undone(self, k: int, rows: np.ndarray) -> np.ndarray:
         """The rows of test ``k`` from which :meth:`of_test` makes ``rows``."""
@@ -100,6 +101,11 @@ class Whitening:
 def _along(basis: np.ndarray, factors: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """``basis diag(factors) basisᵀ rows``."""
     return basis @ (factors * (basis.T @ rows).T).T
+
+
+def _lengthened(basis: np.ndarray, shrink: np.ndarray) -> np.ndarray:
+    """Directions by whose products the inverse of the errors' covariance is less than that of the noise."""
+    return basis * np.sqrt(shrink * (2.0 - shrink))
 
 
 def shrinkage(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import os
 import zlib
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 import numpy as np
@@ -74,6 +75,44 @@ def csv_text(path: Path, allowed: str = "a CSV file") -> tuple[str, str]:
         raise InputError(f"{path}: byte {error.start} is not text; allowed: {allowed}") from None
     first, _, body = text.partition("\n")
     return first, body
+
+
+def csv_table(path: Path, check: Callable[[list[str]], None]) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Names of the columns of a trace of numbers, its rows (n, columns), and the lines that they stand on, (n,).
+
+    Args:
+        path: The file, plain or compressed (``.csv.gz``).
+        check: Refuses names.
+
+    Raises:
+        InputError: Names the file, the line or column, what was found and what is allowed.
+    """
+    first, body = csv_text(path)
+    body = body.replace("\r\n", "\n")
+    names = [n.strip() for n in first.split(",")]
+    check_rows(path, body.count("\n"))
+    check(names)
+    return names, *csv_rows(path, body, names)
+
+
+def check_columns(path: Path, names: list[str], allowed: Collection[str], what: str = "") -> None:
+    """Refuse columns that are unknown or double.
+
+    Args:
+        path: The file.
+        names: Of its columns.
+        allowed: Names that they may have.
+        what: Of what these are allowed, for the sentence.
+
+    Raises:
+        InputError: Names the column and what is allowed.
+    """
+    of = f" for {what}" if what else ""
+    for name in names:
+        if name not in allowed:
+            raise InputError(f"{path}, line 1: column {shown(name)}; allowed{of}: {', '.join(allowed)}")
+        if names.count(name) > 1:
+            raise InputError(f"{path}, line 1: the column {name} appears {names.count(name)} times; allowed: once")
 
 
 def csv_rows(path: Path, body: str, names: list[str]) -> tuple[np.ndarray, np.ndarray]:

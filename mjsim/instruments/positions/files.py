@@ -13,7 +13,7 @@ from pydantic import AfterValidator, Field
 from mjsim.errors import InputError
 from mjsim.instruments.positions.measurement import READING_TIME, PositionTest, Readings, sides_of
 from mjsim.instruments.schema import Clock, Length, Table, printable
-from mjsim.io.inputs import check_rows, csv_rows, csv_text, shown
+from mjsim.io.inputs import check_columns, csv_table, shown
 from mjsim.io.times import check_growing
 from mjsim.machine.chain import Chain
 from mjsim.units import DEG, MM, UM
@@ -162,27 +162,20 @@ def read_readings(path: Path, test: PositionTest) -> Readings:
     Raises:
         InputError: Names the file, the line or column, what was found and what is allowed.
     """
-    first, body = csv_text(path)
-    body = body.replace("\r\n", "\n")
-    names = [n.strip() for n in first.split(",")]
-    check_rows(path, body.count("\n"))
+    names, table, lines = csv_table(path, lambda names: _check_header(path, names, test))
+    if len(table) < FEWEST:
+        raise InputError(f"{path}: {len(table)} readings; allowed: at least {FEWEST}")
+    return readings_of(path, dict(zip(names, table.T, strict=True)), lines, test)
+
+
+def _check_header(path: Path, names: list[str], test: PositionTest) -> None:
+    """Refuse columns that are missing, unknown or double."""
     units = deviation_columns(test)
-    allowed = [target_column(test), *units, *MORE]
-    for name in names:
-        if name not in allowed:
-            raise InputError(
-                f"{path}, line 1: column {shown(name)}; allowed for {test.component}: {', '.join(allowed)}"
-            )
-        if names.count(name) > 1:
-            raise InputError(f"{path}, line 1: the column {name} appears {names.count(name)} times; allowed: once")
+    check_columns(path, names, [target_column(test), *units, *MORE], test.component)
     if target_column(test) not in names:
         raise InputError(f"{path}, line 1: the column {target_column(test)} is missing")
     if len([n for n in names if n in units]) != 1:
         raise InputError(f"{path}, line 1: allowed: one column of {' or '.join(units)}")
-    table, lines = csv_rows(path, body, names)
-    if len(table) < FEWEST:
-        raise InputError(f"{path}: {len(table)} readings; allowed: at least {FEWEST}")
-    return readings_of(path, dict(zip(names, table.T, strict=True)), lines, test)
 
 
 def readings_of(path: Path, column: dict[str, np.ndarray], lines: np.ndarray, test: PositionTest) -> Readings:

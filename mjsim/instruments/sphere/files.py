@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field
 from mjsim.errors import InputError
 from mjsim.instruments.schema import Clock, Length, Number, Table, printable
 from mjsim.instruments.sphere.measurement import POINT_TIME, Points, SphereTest, sides_of
-from mjsim.io.inputs import check_rows, csv_rows, csv_text, shown
+from mjsim.io.inputs import check_columns, csv_table
 from mjsim.io.times import check_growing
 from mjsim.machine.chain import COORDINATES, Chain, chain_of
 from mjsim.units import DEG, MM, UM
@@ -107,12 +107,7 @@ def read_points(path: Path, test: SphereTest) -> Points:
     Raises:
         InputError: Names the file, the line or column, what was found and what is allowed.
     """
-    first, body = csv_text(path)
-    body = body.replace("\r\n", "\n")
-    names = [n.strip() for n in first.split(",")]
-    check_rows(path, body.count("\n"))
-    _check_header(path, names, test)
-    table, _ = csv_rows(path, body, names)
+    names, table, _ = csv_table(path, lambda names: _check_header(path, names, test))
     if len(table) < FEWEST:
         raise InputError(f"{path}: {len(table)} points; allowed: at least {FEWEST}")
     return points_of(path, names, table, test)
@@ -162,11 +157,7 @@ def _check_header(path: Path, names: list[str], test: SphereTest) -> None:
             f"{path}, line 1: there are no positions of axes, as in the recording of an R-test along a motion; "
             f"allowed: one row a point, with the columns {', '.join(need)}"
         )
-    for name in names:
-        if name not in allowed:
-            raise InputError(f"{path}, line 1: column {shown(name)}; allowed: {', '.join(allowed)}")
-        if names.count(name) > 1:
-            raise InputError(f"{path}, line 1: the column {name} appears {names.count(name)} times; allowed: once")
+    check_columns(path, names, allowed)
     for name in need:
         if name not in names:
             raise InputError(f"{path}, line 1: the column {name} is missing")
