@@ -9,6 +9,7 @@ import click
 from mjsim.cli import common
 from mjsim.cli.import_show import show_features
 from mjsim.cli.logs import show_comparison, show_left_out, show_sheet
+from mjsim.digits import with_interval
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.measurement import BallBarTest
@@ -166,7 +167,7 @@ def show_beyond(machine, calibration) -> None:
     for r in rows_of(machine, calibration):
         if r.beyond:
             common.paragraph(
-                f"Beyond its limit: {r.effect_id} {r.name} = {r.value:.4g} {r.unit} [{r.low:.4g}, {r.high:.4g}], "
+                f"Beyond its limit: {r.effect_id} {r.name} = {with_interval(r.value, (r.low, r.high), r.unit)}, "
                 f"limit {r.expected:.4g} ± {r.limit:.4g} {r.unit}. `mjsim diagnose` says what else there is."
             )
 
@@ -197,10 +198,10 @@ def show_combinations(data: dict) -> None:
         text = first["id"] + "".join(
             f" {'-' if t['factor'] < 0 else '+'} {abs(t['factor']):.3g} {t['id']}" for t in others
         )
-        unit, (low, high) = unit_of(first["parameter"])[1], row["ci95"]
+        unit = unit_of(first["parameter"])[1]
         units = ", ".join(dict.fromkeys(unit_of(t["parameter"])[1] for t in row["terms"]))
         common.paragraph(
-            f"Only this combination is determined: {text} = {row['value']:.3g} {unit} [{low:.3g}, {high:.3g}] "
+            f"Only this combination is determined: {text} = {with_interval(row['value'], row['ci95'], unit)} "
             f"(numbers in {units})."
         )
 

@@ -14,6 +14,7 @@ from mjsim.cli.import_show import show_features
 from mjsim.cli.logs import change_of, show_beside, show_diagnosis
 from mjsim.cli.parameter_lines import finding_lines
 from mjsim.cli.points import show_points
+from mjsim.digits import estimate, interval, wave_ends
 from mjsim.effects.registry import kinds
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.kinds import kind_of
@@ -246,8 +247,9 @@ def _size(e: dict) -> tuple[str, str]:
     if name == "components":
         i = max(range(len(value)), key=lambda k: value[k][1])
         more = f" and {len(value) - 1} more" if len(value) > 1 else ""
-        return f"order {value[i][0]:g}: {value[i][1]:.4g}{more}", f"{ends[0][i][1]:.4g} to {ends[1][i][1]:.4g}"
-    return f"{name} = {value:.4g}", f"{ends[0]:.4g} to {ends[1]:.4g}"
+        ends = wave_ends(ends, i, 1)
+        return f"order {value[i][0]:g}: {estimate(value[i][1], ends)}{more}", interval(ends)
+    return f"{name} = {estimate(value, ends)}", interval(ends)
 
 
 def _show_effect(e: dict, share: float | None) -> None:

@@ -8,6 +8,7 @@ import click
 
 from mjsim.cli import common
 from mjsim.cli.import_show import show_remarks
+from mjsim.digits import decimals_of, estimate, fixed, interval
 from mjsim.machine.chain import is_rotary
 
 _SOURCES = {"repeated points": "from repeated points", "stated": "as stated", "assumed": "assumed: nobody states it"}
@@ -44,11 +45,10 @@ def show_points(data: dict, found: dict[str, dict]) -> None:
         name = next(iter(known["ci95"])) if known else None
         if known is None or name is None:
             continue
-        low, high = known["ci95"][name]
+        ends = known["ci95"][name]
         unit = "µrad" if name.endswith("urad") else "µm"
-        rows.append(
-            [row["id"], unit, f"{known['parameters'][name]:+.1f}", f"{low:+.1f} to {high:+.1f}", f"{row['value']:+.1f}"]
-        )
+        numbers = [estimate(known["parameters"][name], ends, "+"), interval(ends, sign="+")]
+        rows.append([row["id"], unit, *numbers, fixed(row["value"], decimals_of(None, ends), "+")])
     if rows:
         click.echo()
         common.table(["location error", "unit", "fitted", "95 % interval", "from circles"], rows, text=(0, 1, 3))
@@ -59,7 +59,7 @@ def show_points(data: dict, found: dict[str, dict]) -> None:
     click.echo()
     common.table(
         ["set-up and probe", "value", "95 % interval"],
-        [[r["name"], f"{r['value']:+.1f}", f"{r['ci95'][0]:+.1f} to {r['ci95'][1]:+.1f}"] for r in data["set_up"]],
+        [[r["name"], estimate(r["value"], r["ci95"], "+"), interval(r["ci95"], sign="+")] for r in data["set_up"]],
         text=(0, 2),
     )
 

@@ -9,6 +9,7 @@ from importlib.metadata import version
 
 import numpy as np
 
+from mjsim.digits import decimals_of, estimate, fixed, interval, wave_ends
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.sheet_names import sheet_name
 from mjsim.plots.comparison import titled_figures
@@ -50,11 +51,10 @@ def section_of_points(found: Diagnosis) -> dict:
     located = []
     for row in said["classical"]:
         values, ends = fitted.get(row["id"], ({}, {}))
-        for name, (low, high) in list(ends.items())[:1]:
+        for name, own in list(ends.items())[:1]:
             unit = "µrad" if name.endswith("urad") else "µm"
-            located.append(
-                [row["id"], unit, f"{values[name]:+.1f}", f"{low:+.1f} to {high:+.1f}", f"{row['value']:+.1f}"]
-            )
+            told = [estimate(values[name], own, "+"), interval(own, sign="+")]
+            located.append([row["id"], unit, *told, fixed(row["value"], decimals_of(None, own), "+")])
     left = (
         f"{said['left_um']:.2f} µm are in no model; the probability that this is more than the noise is "
         f"{100 * said['misfit']:.0f} %."
@@ -152,12 +152,11 @@ def _finding(e: DiagnosedEffect, row: dict) -> dict:
     for name, value in row["parameters"].items():
         ends = row["ci95"].get(name)
         if name == "components":
-            for (order, size, _), low, high in zip(value, *(ends or (value, value)), strict=True):
-                rows.append([f"amplitude of order {order:g}, N·m", f"{size:.3g}", f"{low[1]:.3g} to {high[1]:.3g}"])
-        elif ends:
-            rows.append([name, f"{value:.4g}", f"{ends[0]:.4g} to {ends[1]:.4g}"])
+            for i, (order, size, _) in enumerate(value):
+                own = wave_ends(ends, i, 1)
+                rows.append([f"amplitude of order {order:g}, N·m", estimate(size, own), interval(own)])
         else:
-            rows.append([name, f"{value:.4g}", "–"])
+            rows.append([name, estimate(value, ends), interval(ends)])
     if "rms_before_deg" in row:
         size = f"{row['rms_before_deg']:.3g} → {row['rms_after_deg']:.3g} °"
     else:
@@ -189,12 +188,11 @@ def _ladders(result: LogDiagnosis) -> list[dict]:
 
 def _sheet_row(row: dict) -> dict:
     where = f" ({row['controller']})" if row["controller"] else ""
-    low, high = row["ci95"]
     name, unit = sheet_name(row["name"])
     return {
         "name": f"{row['axis']} {name}{where}, {unit}".rstrip(", "),
         "stated": f"{row['stated']:.4g}",
-        "found": f"{row['found']:.4g}",
-        "ends": f"{low:.4g} to {high:.4g}",
+        "found": estimate(row["found"], row["ci95"]),
+        "ends": interval(row["ci95"]),
         "source": row["source"] if row["known"] else "the data sheet",
     }

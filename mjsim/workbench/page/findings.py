@@ -7,6 +7,7 @@ from typing import Any
 
 from nicegui import ui
 
+from mjsim.digits import estimate, interval
 from mjsim.machine.effect import Effect
 from mjsim.machine.sheet_names import sheet_name
 from mjsim.units import DEG, UM
@@ -97,11 +98,11 @@ class JobPanel:
         """
         effect = found.effect
         with ui.element("div").classes("card").mark(f"finding {effect.id}"):
-            ui.label(f"{effect.key}: {catalogue.words(effect)}").classes("head")
+            ui.label(f"{effect.key}: {catalogue.words(effect, found.ci95)}").classes("head")
             for p in effect.parameters_of(effect.subject):
                 ci = found.ci95.get(p.name)
                 if ci and p.kind != "components":
-                    ui.label(f"{catalogue.spoken(p)} 95 %: {ci[0]:.4g} to {ci[1]:.4g} {p.unit}".rstrip())
+                    ui.label(f"{catalogue.spoken(p)} 95 %: {interval(ci)} {p.unit}".rstrip())
             if found.together is not None:
                 ui.label(found.together.sentence).classes("soft")
             ui.label(f"RMS {error}")
@@ -182,7 +183,7 @@ class LogFindingsPanel(JobPanel):
             for n in rows[:8]:
                 where = f" ({n.controller})" if n.controller else ""
                 name, unit = sheet_name(n.name)
-                ui.label(f"{n.axis} {name}{where}: {n.found:.4g}, stated {n.stated:.4g} {unit}".rstrip())
+                ui.label(f"{n.axis} {name}{where}: {estimate(n.found, n.ci95)}, stated {n.stated:.4g} {unit}".rstrip())
             for i in result.inseparable[:3]:
                 ui.label(
                     f"{i.axis}: only a combination of {', '.join(x.rpartition('.')[2] for x in i.labels)} is known"
