@@ -17,6 +17,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("shared_results", "fast_
 KEYS = {
     "verdict", "probabilities", "noise_um", "discrepancy_um", "rms_before_um", "rms_after_um", "effects",
     "unexplained", "not_testable", "left_out", "next_test", "samples", "calibration", "combinations", "shares",
+    "budget",
 }  # fmt: skip
 EFFECT_KEYS = {
     "id", "parameters", "ci95", "rms_before_um", "rms_after_um", "probability", "alternatives", "alternative_ids",

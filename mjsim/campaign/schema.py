@@ -27,6 +27,13 @@ class InstrumentTable(Table):
     sample_rate_Hz: Annotated[float, Field(ge=1e-3, le=1e6)] = 200.0
     repeatability_um: Annotated[float, Field(ge=0.01, le=1000)] | None = None
     probe_offset_um: Annotated[float, Field(ge=0.01, le=1000)] | None = None
+    certificate: Text | None = None
+    gain_ppm: Annotated[float, Field(ge=-1e5, le=1e5)] | None = None
+    gain_uncertainty_ppm: Annotated[float, Field(ge=0, le=1e5)] | None = None
+    form_um: Annotated[float, Field(ge=0, le=1000)] | None = None
+    hysteresis_um: Annotated[float, Field(ge=0, le=1000)] | None = None
+    temperature_degC: Annotated[float, Field(ge=-20, le=60)] | None = None
+    expansion_ppm_per_K: Annotated[float, Field(ge=-100, le=100)] | None = None
 
     @model_validator(mode="after")
     def _own_keys(self) -> InstrumentTable:
@@ -43,6 +50,7 @@ class CampaignTable(Table):
     name: Text
     machine: str = "machine.toml"
     measured_on: datetime.date | None = None
+    serial_number: Text | None = None
     instrument: InstrumentTable = InstrumentTable()
     acceptance: AcceptanceTable | None = None
     test: Annotated[list[Any], Field(min_length=1, max_length=1000)]

@@ -9,7 +9,7 @@ import click
 from mjsim.cli import common
 from mjsim.cli.import_show import show_features
 from mjsim.cli.logs import show_comparison, show_left_out, show_sheet
-from mjsim.digits import with_interval
+from mjsim.digits import decimals_of, estimate, fixed, with_interval
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.measurement import BallBarTest
@@ -274,18 +274,24 @@ def show(data: dict) -> None:
         )
     if data["acceptance"]:
         click.echo("\nacceptance (ISO 14253-1: a figure within the guard band neither passes nor fails):")
+
+        def known(a: dict) -> tuple[float, float]:
+            half = 2.0 * a["standard_uncertainty_um"]
+            return a["value_um"] - half, a["value_um"] + half
+
         rows = [
             [
                 " / ".join(a["tests"]),
                 a["figure"].replace("_", " "),
-                f"{a['value_um']:.2f}",
+                estimate(a["value_um"], known(a)),
                 f"{a['limit_um']:g}",
-                f"{a['guard_band_um']:.2f}",
+                fixed(a["guard_band_um"], decimals_of(None, known(a))),
                 a["decision"],
+                percent(a["probability_beyond"]),
             ]
             for a in data["acceptance"]
         ]
-        common.table(["test", "figure", "value µm", "limit µm", "guard µm", "decision"], rows, (0, 1, 5))
+        common.table(["test", "figure", "value µm", "limit µm", "guard µm", "decision", "P(beyond)"], rows, (0, 1, 5))
         for source in dict.fromkeys(a["source"] for a in data["acceptance"]):
             common.paragraph(f"limits: {source}")
 

@@ -14,13 +14,14 @@ from mjsim.cli.import_show import show_features
 from mjsim.cli.logs import change_of, show_beside, show_diagnosis
 from mjsim.cli.parameter_lines import finding_lines
 from mjsim.cli.points import show_points
-from mjsim.digits import estimate, interval, wave_ends
+from mjsim.digits import decimals_of, estimate, expanded, fixed, interval, wave_ends
 from mjsim.effects.registry import kinds
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.remedy import UNKNOWN
+from mjsim.units import percent as probability
 
 #: Findings that are shown in full; the smaller ones follow one a line.
 _DETAILED = 4
@@ -38,11 +39,12 @@ _LONG_S = 5.0
 )
 @common.max_effects_option
 @common.test_option
+@click.option("--budget", is_flag=True, help="Show where the uncertainty of every number comes from.")
 @click.option("--force", is_flag=True, help="Replace the file named by --write.")
 @common.as_is_option
 @common.threads_option
 @common.options
-def command(campaign, machine, write, max_effects, only, force, threads, as_is, as_json, quiet) -> None:
+def command(campaign, machine, write, max_effects, only, budget, force, threads, as_is, as_json, quiet) -> None:
     """Say which effects are missing from the machine model of CAMPAIGN.
 
     It also says if none is missing, if two effects cannot be told apart, and if the cause is not in the catalogue.
@@ -101,6 +103,8 @@ def command(campaign, machine, write, max_effects, only, force, threads, as_is, 
             show_points(data[INSTRUMENTS[points.after.instrument].beside], fitted)
         if result.logs is not None:
             show_beside(data[INSTRUMENTS[LogTest.instrument].beside])
+    if budget:
+        show_budget(data.get("budget", []), c)
     for axis in _identifiable(c, data):
         common.paragraph(
             f"Pitch errors of many orders can look like this. Look for them in the tangential tests of {axis} first: "
@@ -250,6 +254,37 @@ def _size(e: dict) -> tuple[str, str]:
         ends = wave_ends(ends, i, 1)
         return f"order {value[i][0]:g}: {estimate(value[i][1], ends)}{more}", interval(ends)
     return f"{name} = {estimate(value, ends)}", interval(ends)
+
+
+def show_budget(rows: list[dict], campaign) -> None:
+    """Where the uncertainty of every number comes from, and whether it is within its limit."""
+    from mjsim.estimation.budget import NAMES
+
+    click.echo()
+    if not rows:
+        common.paragraph("There is no uncertainty budget: no number of a ball bar or of a probed sphere was fitted.")
+        return
+    common.paragraph(
+        "Uncertainty budget: every number with its expanded uncertainty (k = 2), and its standard uncertainty by "
+        "source. Of set-up, instrument, data sheet and other errors it is what would go if these were known exactly. "
+        "They depend on each other, so the squares need not add up."
+    )
+    for b in rows:
+        half = b["expanded_uncertainty"]
+        ends = b["value"] - half, b["value"] + half
+        unit, digits = b["unit"], decimals_of(b["value"], ends)
+        parts = sorted(b["parts"].items(), key=lambda row: -row[1])
+        told = [f"{NAMES[row]} {fixed(size, digits)}" for row, size in parts if float(fixed(size, digits))]
+        chance = b["probability_beyond"]
+        limit = "" if chance is None else f", beyond its limit of {b['limit']:.4g} {unit} with {probability(chance)}"
+        value = f"{estimate(b['value'], ends)} {expanded(ends)} {unit}".rstrip()
+        common.paragraph(f"{b['id']} {b['number']} = {value}{limit}: {', '.join(told)}", "  ")
+    click.echo()
+    for b in rows[:_DETAILED]:
+        common.paragraph(f"{b['id']} {b['number']}: {b['sentence']}")
+    for data in campaign.instruments.values():
+        if hasattr(data, "source"):
+            common.paragraph(f"The instrument's errors are known from: {data.source}.")
 
 
 def _show_effect(e: dict, share: float | None) -> None:

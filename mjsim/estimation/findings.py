@@ -13,13 +13,15 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 from scipy.special import erfc
 
+from mjsim.estimation.budget import Budget, budgets, of_bars
 from mjsim.estimation.calibration import LIMIT_DEVIATIONS, Calibrated
 from mjsim.estimation.combinations import Combination, combinations
+from mjsim.estimation.conformity import beyond
+from mjsim.estimation.considered import Alternative, with_choice, with_instrument
 from mjsim.estimation.curve_fit import Together, fit_beside_simple
 from mjsim.estimation.curve_shape import simplest_shape
 from mjsim.estimation.curve_terms import CurveTerm, CurveTerms
@@ -43,8 +45,6 @@ from mjsim.units import DEG, UM
 FINDING = TOLD = 0.95
 #: How often something else may take a finding's place.
 _SWAPS = 3
-#: Points of the normal distribution by which sizes of waves are judged.
-_DRAWS = 2000
 
 
 @dataclass(frozen=True)
@@ -82,6 +82,7 @@ class Explained:
         verdict: ``identified``, ``ambiguous``, ``unknown`` or ``nothing_found``, by what is a finding.
         verdicts: Probabilities of all.
         discrepancy: RMS in a test of what repeats and is in no model, m.
+        budget: Where the uncertainty of every number comes from.
     """
 
     data: Problem
@@ -93,6 +94,7 @@ class Explained:
     verdict: str
     verdicts: Verdicts
     discrepancy: float
+    budget: tuple[Budget, ...]
 
 
 def explain(separated: Separated, progress: Progress = silent, most: int | None = None) -> Explained:
@@ -105,15 +107,6 @@ def explain(separated: Separated, progress: Progress = silent, most: int | None 
     """
     search = Search(Fitter(separated.problem, separated.machine), progress)
     return _Reader(search, search.run(most), progress).read(most)
-
-
-class Alternative(Protocol):
-    """A model with something else in the place of a cause."""
-
-    @property
-    def fit(self) -> Fit: ...
-    @property
-    def evidence(self) -> float: ...
 
 
 class ClassSizes:
@@ -197,14 +190,11 @@ class ClassSizes:
         for _, entries in entries_of(f):
             off, c = (f.vector - mean)[entries], covariance[np.ix_(entries, entries)]
             if len(entries) == 2 and (f.polar or f.names == ("components",)):
-                best = max(best, _radius_beyond(off, c, float(limit[entries].max())))
+                best = max(best, beyond(off, c, float(limit[entries].max())))
             else:
                 for x, variance, most in zip(off, np.diag(c), limit[entries], strict=True):
-                    sd = math.sqrt(max(float(variance), 1e-30))
-                    best = max(
-                        best, 0.5 * float(erfc((most - x) / sd / math.sqrt(2)) + erfc((most + x) / sd / math.sqrt(2)))
-                    )
-        return min(best, 1.0)
+                    best = max(best, beyond(np.array([x]), np.array([[variance]]), float(most)))
+        return best
 
     def excess(self, f: EffectVector) -> float:
         """Size of an effect over that of its class; zero where its class has none at all."""
@@ -261,6 +251,11 @@ class _Reader:
         return self.model.expected
 
     @property
+    def stated(self) -> dict[str, Calibrated]:
+        """What the machine file states a tolerance for, by key."""
+        return self.expected if self.model.fit.base.tolerance else {}
+
+    @property
     def of_class(self) -> ClassSizes:
         """Sizes against what a machine of its class has."""
         return ClassSizes(self.expected)
@@ -276,7 +271,8 @@ class _Reader:
                 break
             # something else in its place is the better explanation
             self.found = replace(self.found, model=best)
-        unexplained, unknown, fit = self._unknown(fit)
+        unexplained, unknown, fit, problem = self._unknown(fit)
+        fit = with_choice(with_instrument(problem, fit), rivals, self.model.evidence)
         rows = self.of_class.findings(fit, rivals, self.model.evidence)
         self.progress("shares of the error", 0, 1)
         named = [r for r in rows if r.whole >= FINDING]
@@ -292,7 +288,8 @@ class _Reader:
         verdicts = self.of_class.verdicts(named, rows, unknown)
         verdict = verdict_of((bool(r.others) for r in named), unexplained is not None)
         sums, left = combinations(fit, self.problem.settings), self.model.sizes.rms
-        return Explained(self.problem, selection, unexplained, entries, shares, sums, verdict, verdicts, left)
+        budget = budgets(fit, of_bars(problem), self.stated)
+        return Explained(self.problem, selection, unexplained, entries, shares, sums, verdict, verdicts, left, budget)
 
     # -- sizes ---------------------------------------------------------------------------------------------------------
 
@@ -303,23 +300,23 @@ class _Reader:
 
     # -- unknown causes ------------------------------------------------------------------------------------------------
 
-    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit]:
+    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit, Problem]:
         """The unknown cause that is farthest beyond its class, where it is a finding; the probability that it is larger
-        than its class allows; the model fitted beside it.
+        than its class allows; the model fitted beside it, and the problem that it is fitted to.
         """
         curves = self.model.curves
         if not curves:
-            return None, 0.0, fit
+            return None, 0.0, fit, self.problem
         (large, _), i = max((self._curve_beyond(c.term, *row), i) for i, (c, row) in enumerate(self._values(fit)))
         curve = curves[i]
         if large < FINDING:
-            return None, large, fit
+            return None, large, fit, self.problem
         self.progress("describing what is in no catalogue", 0, 1)
         problem = with_curves(self.model.base, [c for c in curves if c is not curve])
         fitter = Fitter(problem, fit.base)
         alone = fitter.fit(fit.effects, start=fit, exact=True, iterations=0, fresh=False)
         moved, term, _ = fit_beside_simple(fitter, alone, _with_enough_knots(problem, alone, curve.term))
-        return describe(problem, moved, term), large, moved
+        return describe(problem, moved, term), large, moved, problem
 
     def _values(self, fit: Fit) -> Iterator[tuple[Curve, tuple[np.ndarray, np.ndarray]]]:
         """Every curve of the model with its values at the knots and their standard deviations, all fitted together."""
@@ -359,12 +356,3 @@ def _with_enough_knots(problem: Problem, fit: Fit, term: CurveTerm) -> CurveTerm
     shape = partial(simplest_shape, closed=term.period is not None)
     finer = [t for n in FINER for t in terms.finer(term, n) if len(t.knots) <= LONGEST]
     return min((term, *finer), key=lambda t: Together(fit, problem.whiten(t.columns), 1.0, shape).objective)
-
-
-def _radius_beyond(centre: np.ndarray, covariance: np.ndarray, limit: float) -> float:
-    """Probability that a point of the plane with this normal distribution is farther than ``limit`` from the origin."""
-    share = (np.arange(_DRAWS) + 0.5) / _DRAWS
-    radius, angle = np.sqrt(-2.0 * np.log(share)), 2.0 * np.pi * np.arange(_DRAWS) * 0.6180339887498949
-    values, vectors = np.linalg.eigh(covariance)
-    points = vectors * np.sqrt(np.maximum(values, 0.0)) @ np.vstack([radius * np.cos(angle), radius * np.sin(angle)])
-    return float(np.mean(np.hypot(*(centre[:, None] + points)) > limit))

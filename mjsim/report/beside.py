@@ -9,12 +9,13 @@ from importlib.metadata import version
 
 import numpy as np
 
-from mjsim.digits import decimals_of, estimate, fixed, interval, wave_ends
+from mjsim.digits import decimals_of, estimate, expanded, fixed, interval, wave_ends
+from mjsim.estimation.budget import Budget
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.sheet_names import sheet_name
 from mjsim.plots.comparison import titled_figures
 from mjsim.report.page import data_uri
-from mjsim.units import DEG, UM
+from mjsim.units import DEG, UM, percent
 from mjsim.workflow.axis_log.compare import ComparedAxis
 from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
 from mjsim.workflow.comparison import ComparedChannel, ComparedPart
@@ -69,8 +70,16 @@ def section_of_points(found: Diagnosis) -> dict:
         "noise_source": said["noise_source"],
         "effects": [_finding(e, e.to_json(found.machine)) for e in mine],
         "located": located,
+        "budget": [_budget_row(b) for b in found.budget],
         "said": [left, said["joint"]] if said["joint"] else [left],
     }
+
+
+def _budget_row(b: Budget) -> list[str]:
+    ends = b.value - 2.0 * b.standard, b.value + 2.0 * b.standard
+    value = f"{estimate(b.value, ends)} {expanded(ends)} {b.unit}".rstrip()
+    chance = "–" if b.beyond is None else percent(b.beyond)
+    return [f"{b.effect_id} {b.number}", value, chance, b.decision or "–", b.sentence]
 
 
 def images_of(part: ComparedPart) -> list[list[tuple[str, str]]]:
@@ -89,6 +98,7 @@ def compared_section(result: ComparedPart) -> dict:
     return {
         "said": [],
         "located": [],
+        "budget": [],
         "title": result.campaign.name,
         "machine": result.machine.name,
         "instrument": INSTRUMENTS[result.instrument].test_noun,

@@ -17,6 +17,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from mjsim.digits import decimals_of
+from mjsim.estimation.budget import NAMES as BUDGET_ROWS
 from mjsim.io.files import finite
 from mjsim.plots import curve, ladder, overview, polar, residual, trend
 from mjsim.plots.waterfall import Fall, waterfall_figure
@@ -163,6 +164,9 @@ def page(template: str, data: dict, traces: Any, scripts: tuple[str, ...], **mor
         digits = decimals_of(at(data, pointer), at(data, ends))
         return number(pointer, digits)
 
+    def by_u(pointer: str, standard: float) -> str:
+        return number(pointer, decimals_of(at(data, pointer), (-2.0 * standard, 2.0 * standard)))
+
     def span(pointer: str) -> str:
         digits = decimals_of(None, at(data, pointer))
         return number(pointer + "/0", digits) + " to " + number(pointer + "/1", digits)
@@ -177,6 +181,8 @@ def page(template: str, data: dict, traces: Any, scripts: tuple[str, ...], **mor
         estimated=estimated,
         known=known,
         span=span,
+        by_u=by_u,
+        budget_names=BUDGET_ROWS,
         css=Markup(asset("style.css")),
         data=Markup(script_json(data)),
         traces=None if traces is None else Markup(script_json(traces)),

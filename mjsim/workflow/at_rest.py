@@ -13,14 +13,18 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.at_rest import RestExplained, RestProblem, explain_at_rest
+from mjsim.estimation.budget import Budget, Split, budgets
+from mjsim.estimation.calibration import calibrated_effects
 from mjsim.estimation.outcome import Found, verdict_of
 from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.base import INSTRUMENTS
 from mjsim.instruments.sphere.classical import location_errors
 from mjsim.instruments.sphere.measurement import SphereTest
 from mjsim.machine.model import Machine
@@ -89,7 +93,10 @@ def diagnose_at_rest(
         _JOINT if known is not None else "",
     )
     if beside is not None:
-        return _joined(campaign, beside, found, effects, rest, final, threads, progress)
+        chosen = _joined(campaign, beside, found, effects, rest, final, threads, progress)
+        own = _budget(machine, problem, found)
+        ours = {b.effect_id for b in own}
+        return replace(chosen, budget=(*(b for b in beside.budget if b.effect_id not in ours), *own))
     return Diagnosis(
         campaign,
         found.verdict,
@@ -109,6 +116,7 @@ def diagnose_at_rest(
         probabilities=found.verdicts.to_json(),
         discrepancy=rest.left,
         at_rest=rest,
+        budget=_budget(machine, problem, found),
     )
 
 
@@ -142,6 +150,11 @@ def _finding(f: Found, found: RestExplained, rms: tuple[float, float], tests: tu
     return replace(made, probability=f.probability, others=f.others, found_by=SphereTest.instrument)
 
 
+def _budget(machine: Machine, problem: RestProblem, found: RestExplained) -> tuple[Budget, ...]:
+    split, stated = split_of_points(problem, found.model.sizes), {c.key: c for c in calibrated_effects(machine)}
+    return budgets(found.model.fit, split, stated, INSTRUMENTS[SphereTest.instrument].noun)
+
+
 def _set_up(problem: RestProblem, found: RestExplained) -> dict[str, tuple[float, tuple[float, float]]]:
     """Fitted numbers of set-ups and probe with their 95 % intervals, by set-up and name."""
     fit, out = found.model.fit, {}
@@ -154,6 +167,24 @@ def _set_up(problem: RestProblem, found: RestExplained) -> dict[str, tuple[float
             half = 1.96 * float(spread[at])
             out[name] = float(value[at]), (float(value[at]) - half, float(value[at]) + half)
     return out
+
+
+def split_of_points(problem: RestProblem, sizes: tuple[float, float]) -> Split:
+    """How the variance of the values splits into noise and discrepancy, and that of another instrument's rows.
+
+    Args:
+        problem: The measured tests.
+        sizes: Of the discrepancy, smooth and rough, SI.
+    """
+    factor = problem.factor(sizes)
+
+    def split(weights: np.ndarray) -> dict[str, float]:
+        own, other = weights[: problem.count], weights[problem.count :]
+        noise = float(np.sum((problem.noise * solve_triangular(factor.T, own)) ** 2))
+        rows = {"noise": noise, "not_understood": float(own @ own) - noise}
+        return rows | {"other_instrument": float(other @ other)} if len(other) else rows
+
+    return split
 
 
 def _classical(points: Campaign) -> dict[str, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,15 @@ class BallBar(Instrument[BallBarTest, Trace]):
     test_noun = "ball-bar test"
     beside = "ball_bar_tests"
     order = 0
+    own_keys = (
+        "certificate",
+        "gain_ppm",
+        "gain_uncertainty_ppm",
+        "form_um",
+        "hysteresis_um",
+        "temperature_degC",
+        "expansion_ppm_per_K",
+    )
 
     def kinds(self) -> Sequence[str]:
         return tuple(KINDS)
@@ -36,13 +46,29 @@ class BallBar(Instrument[BallBarTest, Trace]):
         return test_of(file, table, chain)
 
     def data_of(self, table: Any) -> BallBarData:
-        return BallBarData(table.resolution_um * UM, table.range_mm * MM, table.sample_rate_Hz)
+        resolution, usual = table.resolution_um * UM, BallBarData()
+        stated = {
+            "certificate": table.certificate,
+            "gain": _times(table.gain_ppm, 1e-6),
+            "gain_uncertainty": _times(table.gain_uncertainty_ppm, 1e-6),
+            "form": _times(table.form_um, UM),
+            "temperature": table.temperature_degC,
+            "expansion": _times(table.expansion_ppm_per_K, 1e-6),
+            "hysteresis": resolution if table.hysteresis_um is None else table.hysteresis_um * UM,
+        }
+        known = {key: value for key, value in stated.items() if value is not None}
+        return replace(usual, resolution=resolution, range=table.range_mm * MM, rate=table.sample_rate_Hz, **known)
 
     def read(self, path: Path, test: BallBarTest, data: BallBarData) -> Trace:
-        return read_trace(path, data)
+        return data.corrected(read_trace(path, data), test.length)
 
     def observe(self, test: BallBarTest, recording: Trace) -> Observation:
         return Observation(recording.time, recording.deviation[:, None], recording.valid[:, None])
 
     def look_at(self, path: Path, test: BallBarTest, recording: Trace, tests: Sequence[BallBarTest]) -> None:
         check_span(path, test, recording, tuple(tests))
+
+
+def _times(value: float | None, unit: float) -> float | None:
+    """A number of a table in SI."""
+    return None if value is None else value * unit
