@@ -12,6 +12,7 @@ C Jᵀ, on the covariance of the noise, and on that of what repeats and is in no
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -180,9 +181,10 @@ def _judged(
         return known
     name = "components" if f.names == ("components",) else known.number
     limit, scale = LIMIT_DEVIATIONS * float(deviation[entries[0]]), f.specs[name].scale
-    expected = float(np.hypot(*mean[entries])) if len(entries) == 2 else float(f.specs[name].decode(mean[entries[0]]))
+    at = [float(x) for x in mean[entries]]
+    expected = math.hypot(*at) * scale if len(at) == 2 else float(f.specs[name].decode(at[0]))
     far = beyond((f.vector - mean)[entries], covariance, limit)
-    return replace(known, expected=expected * (scale if len(entries) == 2 else 1.0), limit=limit * scale, beyond=far)
+    return replace(known, expected=expected, limit=limit * scale, beyond=far)
 
 
 def _explained(covariance: np.ndarray, moved: np.ndarray, at: np.ndarray) -> float:

@@ -182,13 +182,10 @@ def _instrument(data: Any) -> str:
 
 
 def _answer(r: Diagnosis, name: str) -> tuple[str, str]:
-    found = [
-        f"{e.effect.id}"
-        + (f" ({percent(e.probability)}" + "".join(f", or {i} {percent(p)}" for i, p in e.others.items()) + ")")
-        * (e.probability is not None)
-        for e in r.effects
-    ]
-    said = VERDICTS[r.verdict]
+    said, found = VERDICTS[r.verdict], []
+    for e in r.effects:
+        others = "".join(f", or {i} {percent(p)}" for i, p in e.others.items())
+        found.append(e.effect.id + (f" ({percent(e.probability)}{others})" if e.probability is not None else ""))
     if found:
         said += f" {', '.join(found)}."
     if r.unexplained is not None:
