@@ -18,6 +18,7 @@ from typing import Protocol
 
 import numpy as np
 
+from mjsim.estimation.design import Design
 from mjsim.estimation.fit import Fit
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import GRID
@@ -60,25 +61,34 @@ def harmonics(unit: np.ndarray) -> np.ndarray:
     return np.column_stack([*oval, *lobes])
 
 
-def errors_of_bar(problem: Problem, fit: Fit) -> np.ndarray:
-    """What the ball bar may be off, whitened, one standard deviation a column, (count, k): gain of its sensor, form of
-    its balls, and a difference between growing and falling readings that is another one in every piece of a test.
+def errors_of_bar(problem: Problem, fit: Fit) -> Design:
+    """What the ball bar may be off, whitened, one standard deviation a column: first a difference between growing and
+    falling readings, which is another one in every piece of a test, then gain of its sensor and form of its balls.
     """
     bar = problem.campaign.instrument
     # two balls with two degrees each share the variance of the form; certificates state two standard deviations
     form = 0.25 * bar.form
 
-    def columns(k: int) -> np.ndarray:
-        s, sens, shift = problem.samples[k], problem.sensitivity[k], problem.shift(k, fit.nuisance)
-        rate = np.sign(np.gradient(fit.readings[k], GRID))
-        forms = np.hstack([harmonics(-sens.table), harmonics(sens.spindle)])
+    def by_piece(k: int) -> np.ndarray:
+        s = problem.samples[k]
         piece = np.arange(len(s.centre)) * _PIECES // len(s.centre)
-        own = np.zeros((len(s.centre), len(problem.tests), _PIECES))
-        own[np.arange(len(piece)), k, piece] = 0.5 * bar.hysteresis * s.sample(rate, shift)
-        shared = [0.5 * bar.gain_uncertainty * s.mean, *(form * s.sample(column, shift) for column in forms.T)]
-        return np.column_stack([*shared, own.reshape(len(piece), -1)])
+        out = np.zeros((len(piece), _PIECES))
+        rate = np.sign(np.gradient(fit.readings[k], GRID))
+        out[np.arange(len(piece)), piece] = 0.5 * bar.hysteresis * s.sample(rate, problem.shift(k, fit.nuisance))
+        return problem.whiten_test(k, out)
 
-    return problem.whiten(problem.map(columns))
+    def of_all(k: int) -> np.ndarray:
+        s, sens, shift = problem.samples[k], problem.sensitivity[k], problem.shift(k, fit.nuisance)
+        forms = np.hstack([harmonics(-sens.table), harmonics(sens.spindle)])
+        columns = [form * s.sample(column, shift) for column in forms.T]
+        return np.column_stack([0.5 * bar.gain_uncertainty * s.mean, *columns])
+
+    count = _PIECES * len(problem.tests)
+    blocks = [(_PIECES * k + np.arange(_PIECES), own) for k, own in enumerate(problem.map(by_piece))]
+    if problem.whitening is not None and problem.whitening.shared:
+        dense = problem.whitening.of_all(Design(blocks, count) @ np.eye(count))
+        blocks = [(np.arange(count), dense[rows]) for rows in problem.rows]
+    return Design(blocks, count, problem.whiten(problem.map(of_all)))
 
 
 def with_instrument(problem: Problem, fit: Fit) -> Fit:
