@@ -42,8 +42,12 @@ def fixed(value: float, decimals: int, sign: str = "") -> str:
 
 
 def estimate(value: float, ends: Sequence[float] | None, sign: str = "") -> str:
-    """A number as its interval allows; arguments as of :func:`decimals_of` and :func:`fixed`."""
-    return fixed(value, decimals_of(value, ends), sign)
+    """A number as its interval allows; arguments as of :func:`decimals_of` and :func:`fixed`.
+
+    Without an interval it is as it was stated: zeros at its end say nothing.
+    """
+    text = fixed(value, decimals_of(value, ends), sign)
+    return text if half_of(ends) or "." not in text else text.rstrip("0").rstrip(".")
 
 
 def interval(ends: Sequence[float] | None, between: str = " to ", sign: str = "") -> str:

@@ -29,7 +29,7 @@ def ends_of(parameter: ParameterRow) -> tuple[float, float] | None:
 
 def estimate(parameter: ParameterRow) -> str:
     """The estimate, as finely as its interval allows."""
-    return fixed(parameter.value, digits.decimals_of(parameter.value, ends_of(parameter)))
+    return _minus(digits.estimate(parameter.value, ends_of(parameter)))
 
 
 def interval(parameter: ParameterRow) -> str:
