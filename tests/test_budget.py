@@ -9,9 +9,10 @@ import pytest
 from commands import cut
 
 import mjsim
+from mjsim.cli.compare import show_conformity
 from mjsim.effects.registry import kinds
 from mjsim.estimation.at_rest import RestProblem, RestSearch
-from mjsim.estimation.budget import budgets, of_bars
+from mjsim.estimation.budget import Budget, budgets, of_bars
 from mjsim.estimation.conformity import beyond
 from mjsim.estimation.considered import harmonics, moves_of_models, with_instrument
 from mjsim.estimation.effect_vector import EffectVector
@@ -141,3 +142,16 @@ def test_other_models_widen_what_is_known():
 @pytest.mark.parametrize(("off", "sd", "chance"), [(0.0, 0.5, 0.0455), (1.0, 1e-3, 0.5), (3.0, 1.0, 0.9773)])
 def test_the_probability_of_conformity_is_that_of_the_normal_distribution(off, sd, chance):
     assert beyond(np.array([off]), np.array([[sd**2]]), 1.0) == pytest.approx(chance, abs=1e-4)
+
+
+def test_numbers_are_told_against_their_limits(capsys):
+    def known(effect, chance):
+        return Budget(effect, "width_um", "µm", 1.0, 0.1, {"noise": 0.1}, 0.0, 1.0, chance).to_json()
+
+    rows = [known("backlash.X", 0.01), known("backlash.Y", 0.99), known("backlash.Z", 0.4), known("friction.X", None)]
+    show_conformity(rows)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Of 3 numbers with a limit, 1 lie within it" in said
+    assert "1 beyond: backlash.Y width_um (99 %); 1 open: backlash.Z width_um (40 %)" in said
+    show_conformity(rows[3:])
+    assert capsys.readouterr().out == ""

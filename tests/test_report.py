@@ -16,6 +16,7 @@ from mjsim.digits import estimate
 from mjsim.effects import registry
 from mjsim.effects.registry import make
 from mjsim.errors import InputError
+from mjsim.estimation.budget import Budget
 from mjsim.instruments.ball_bar.iso230 import BidirectionalFigures, circular_figures
 from mjsim.io.resources import examples
 from mjsim.machine.axis import is_rotary
@@ -310,6 +311,17 @@ def test_estimates_are_rounded_by_their_interval(value, low, high, shown, span):
     parameter = ParameterRow("p", value, low, high)
     assert numbers.estimate(parameter) == shown
     assert numbers.interval(parameter) == span
+
+
+def test_the_page_has_the_budget_of_every_number():
+    rows = {"noise": 0.004, "set_up": 0.003, "instrument": 0.0361, "data_sheet": 0.0}
+    known = Budget("backlash.Y", "width_um", "µm", 0.8294, 0.0367, rows, 0.0, 0.8, 0.7885)
+    page = render(_content(diagnosis={"budget": [known.to_json()]}, instrument_source="certificate 4711"))
+    text = _plain(page)
+    assert "backlash.Y width_um 0.829 0.073 0.037 0.004 0.003 0.036 0.000" in text
+    assert "known from: certificate 4711" in text and "most of it from instrument (0.036 of 0.037 µm)" in text
+    assert (known.decision, known.to_json()["probability_beyond"]) == ("open", 0.7885)
+    assert 'id="budget"' not in render(_content())
 
 
 def test_every_interval_on_the_page_has_two_digits(tmp_path):

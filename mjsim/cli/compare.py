@@ -14,6 +14,10 @@ from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.units import DEG, UM, unit_of
+from mjsim.units import percent as probability
+
+#: Most numbers that are named of those which are not within their limits.
+_CONFORMITY = 4
 
 
 @click.command("compare")
@@ -89,6 +93,7 @@ def _add_calibration(data: dict, fitted) -> None:
     """What was calibrated, in the JSON of the instrument whose tests it was fitted to."""
     from mjsim.workflow.comparison import apart, significant
     from mjsim.workflow.diagnosis import calibration_json
+    from mjsim.workflow.finding import rounded
 
     for part, mine in apart(fitted.before.parts, data):
         if "rms_um" in mine:
@@ -97,6 +102,7 @@ def _add_calibration(data: dict, fitted) -> None:
             mine["rms_as_given_deg"] = significant(part.rms_rotary / DEG)
         if part.instrument == BallBarTest.instrument:
             mine |= calibration_json(fitted.calibration, fitted.shares, fitted.combinations)
+            mine["budget"] = [rounded(b.to_json()) for b in fitted.budget]
         elif part.instrument == LogTest.instrument:
             mine |= {"data_sheet": [n.to_json() for n in fitted.sheet], "not_separable": []}
 
@@ -115,6 +121,7 @@ def _show_calibration(data: dict, machine, fitted) -> None:
     if "calibration" in data:
         common.paragraph(calibration_sentence(data))
         show_combinations(data)
+        show_conformity(data["budget"])
         show_beyond(machine, fitted.calibration)
     if "data_sheet" in data:
         show_sheet(data)
@@ -157,6 +164,24 @@ def left_out_sentence(rows: list[dict], total: int) -> str:
         parts.append(f"{r['test']} {share}" + (f" ({', '.join(why)})" if why else ""))
     return (
         f"Left out as disturbed or missing: {out} of {total} samples ({100.0 * out / total:.2g} %): {'; '.join(parts)}."
+    )
+
+
+def show_conformity(budget: list[dict]) -> None:
+    """How many numbers lie within their limits, and the others with the probability that they are beyond."""
+    rows = [b for b in budget if b["probability_beyond"] is not None]
+    if not rows:
+        return
+    said = []
+    for decision in ("beyond", "open"):
+        found = sorted((b for b in rows if b["decision"] == decision), key=lambda b: -b["probability_beyond"])
+        names = [f"{b['id']} {b['number']} ({probability(b['probability_beyond'])})" for b in found[:_CONFORMITY]]
+        more = f" and {len(found) - len(names)} more" if len(found) > len(names) else ""
+        said.append(f"{len(found)} {decision}" + (f": {', '.join(names)}{more}" if names else ""))
+    within = sum(b["decision"] == "within" for b in rows)
+    common.paragraph(
+        f"Of {len(rows)} numbers with a limit, {within} lie within it with at least 95 %; {'; '.join(said)}. The "
+        "percentages are probabilities to be beyond."
     )
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
-from mjsim.cli.compare import calibration_sentence, left_out_sentence, percent, show_combinations
+from mjsim.cli.compare import calibration_sentence, left_out_sentence, percent, show_combinations, show_conformity
 from mjsim.cli.import_show import show_features
 from mjsim.cli.logs import change_of, show_beside, show_diagnosis
 from mjsim.cli.parameter_lines import finding_lines
@@ -187,6 +187,7 @@ def show(data: dict, campaign: str = "CAMPAIGN", explained: bool = True) -> None
         click.echo()
         common.paragraph(calibration_sentence(data))
         show_combinations(data)
+        show_conformity(data.get("budget", []))
     if data["unexplained"]:
         click.echo()
         common.paragraph(data["unexplained"]["summary"])
