@@ -54,6 +54,9 @@ def section_of_points(found: Diagnosis, rest: AtRest) -> dict:
         for name, own in list(ends.items())[:1]:
             told = [estimate(values[name], own, "+"), interval(own, sign="+")]
             located.append([row["id"], unit_of(name)[1], *told, fixed(row["value"], decimals_of(None, own), "+")])
+    # it is one of everything that was measured, and stands on the page once
+    is_first = not found.has_bars and rest is found.at_rest[0]
+    budget = [_budget_row(b) for b in found.budget] if is_first else []
     left = (
         f"{said['left_um']:.2f} µm are in no model; the probability that this is more than the noise is "
         f"{100 * said['misfit']:.0f} %."
@@ -70,7 +73,7 @@ def section_of_points(found: Diagnosis, rest: AtRest) -> dict:
         "located": located,
         "by_itself": [instrument.by_itself_noun, instrument.by_itself_note],
         "points": True,
-        "budget": [_budget_row(b) for b in found.budget],
+        "budget": budget,
         "said": [left, said["joint"]] if said["joint"] else [left],
     }
 

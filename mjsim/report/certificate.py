@@ -22,6 +22,7 @@ from mjsim.digits import decimals_of, estimate, expanded, fixed
 from mjsim.errors import InputError
 from mjsim.estimation.budget import NAMES, Budget
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
+from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.acceptance import RANGE, UNDECIDED, Acceptance, Judged, Limit, Measured, judge
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarData
@@ -33,7 +34,7 @@ from mjsim.progress import Progress, silent
 from mjsim.report.content import plain
 from mjsim.report.write import check_same_machine
 from mjsim.units import UM, percent
-from mjsim.workflow.diagnose import DIAGNOSABLE, diagnose
+from mjsim.workflow.diagnose import diagnosable, diagnose
 from mjsim.workflow.diagnosis import VERDICTS, Diagnosis
 
 #: Most numbers of the table, and most files that are listed by name.
@@ -119,9 +120,9 @@ def make_certificate(
     if len(every) == 2:
         check_same_machine(list(zip(every, models, strict=True)))
     for c in every:
-        c.of(*DIAGNOSABLE).need_traces("a certificate needs measured tests")
+        c.of(*diagnosable()).need_traces("a certificate needs measured tests")
     found = [
-        diagnose(c.of(*DIAGNOSABLE), m, None, threads, progress, settings) for c, m in zip(every, models, strict=True)
+        diagnose(c.of(*diagnosable()), m, None, threads, progress, settings) for c, m in zip(every, models, strict=True)
     ]
     return certificate(found)
 
@@ -130,16 +131,16 @@ def certificate(results: Sequence[Diagnosis]) -> Certificate:
     """The certificate of a diagnosis, or of two: as found and as left.
 
     Args:
-        results: Of ball-bar tests or of a probed sphere, in order.
+        results: Of ball-bar tests or of what was measured at rest, in order.
 
     Raises:
         InputError: A campaign of axis logs alone.
     """
     for r in results:
         if not r.has_bars and not r.at_rest:
-            raise InputError(
-                f"{r.campaign.folder / 'campaign.toml'}: a certificate needs ball-bar tests or a probed sphere"
-            )
+            *most, last = (f"{INSTRUMENTS[i].test_noun}s" for i in diagnosable() if i != LogTest.instrument)
+            needs = f"a certificate needs {', '.join(most)} or {last}"
+            raise InputError(f"{r.campaign.folder / 'campaign.toml'}: {needs}")
     names = ["as found", "as left"] if len(results) == 2 else [""]
     last = results[-1]
     tables = [_figures(results, names), _numbers(results, names), _budget(last), *map(_files, results)]
@@ -159,7 +160,7 @@ def _about(results: Sequence[Diagnosis], names: Sequence[str]) -> list[tuple[str
         c = r.campaign
         day = c.measured_on.isoformat() if c.measured_on else "day not stated"
         setups = len({t.setup for t in c.measured})
-        said = f"{c.name}, {day}: {len(c.measured)} tests in {setups} set-up{'s' if setups > 1 else ''}"
+        said = f"{c.name}, {day}: {_counted(len(c.measured), 'test')} in {_counted(setups, 'set-up')}"
         out.append((f"Campaign {name}".strip(), said))
     for kind, part in campaign.measured_parts.items():
         out.append((INSTRUMENTS[kind].noun.capitalize(), _instrument(results[-1], kind)))
@@ -170,6 +171,10 @@ def _about(results: Sequence[Diagnosis], names: Sequence[str]) -> list[tuple[str
             speed = f"{feeds[0]} to {feeds[-1]}" if len(feeds) > 1 else f"{feeds[0]}"
             out.append(("Conditions", f"feed {speed} mm/min, no cutting; {warm}"))
     return out
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def _instrument(r: Diagnosis, kind: str) -> str:
