@@ -30,7 +30,7 @@ class BallBar(Instrument[BallBarTest, Trace]):
     beside = "ball_bar_tests"
     order = 0
     own_keys: ClassVar[Mapping[str, tuple[Any, Any]]] = {
-        "certificate": (Text | None, None),
+        "certificate": (Text, ""),
         "gain_ppm": (Annotated[float | None, Field(ge=-1e5, le=1e5)], None),
         "gain_uncertainty_ppm": (GainUncertainty, None),
         "form_um": (Annotated[float | None, Field(ge=0, le=1000)], None),
