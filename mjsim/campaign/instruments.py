@@ -13,7 +13,7 @@ from mjsim.io.toml import check
 
 
 class NamedInstruments(Table):
-    instrument: dict[str, InstrumentTable]
+    instrument: dict[str, InstrumentTable]  # pyright: ignore[reportInvalidTypeForm]
 
 
 #: Tables of tests by name of their instrument, each with its place in the file.

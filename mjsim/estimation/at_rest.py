@@ -558,8 +558,7 @@ class RestReader(Reader[RestProblem]):
     def _verdict(
         self, named: list[FoundEffect], rows: list[FoundEffect], shown: Collection[str], unknown: float, has_rest: bool
     ) -> tuple[str, Verdicts]:
-        # a number that the values do not show is no more beyond its limit than on any machine of the class
-        verdict, clear = super()._verdict(named, [r for r in rows if r.key in shown], shown, 0.0, has_rest)
+        verdict, clear = super()._verdict(named, rows, shown, 0.0, has_rest)
         verdicts = Verdicts(**{k: (1.0 - unknown) * v for k, v in vars(clear).items()} | {"unknown": unknown})
         return "unknown" if unknown >= _LIKELY else verdict, verdicts
 

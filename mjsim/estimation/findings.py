@@ -297,7 +297,8 @@ class Reader(ABC, Generic[D]):
             has_rest: Whether it is a finding.
         """
         verdict = verdict_of((bool(r.others) for r in named), has_rest)
-        return verdict, self.of_class.verdicts(named, rows, unknown)
+        # a number that the data do not show is no more beyond its limit than on any machine of the class
+        return verdict, self.of_class.verdicts(named, [r for r in rows if r.key in shown], unknown)
 
     def read(self, most: int | None) -> Explained[D]:
         """What the data say.
