@@ -21,7 +21,7 @@ KEYS = {
 }  # fmt: skip
 EFFECT_KEYS = {
     "id", "parameters", "ci95", "rms_before_um", "rms_after_um", "probability", "alternatives", "alternative_ids",
-    "tests",
+    "tests", "undetermined",
 }  # fmt: skip
 #: Tests of an example that show what is said of it here.
 PARTS = {
