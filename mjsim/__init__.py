@@ -33,6 +33,7 @@ _WHERE = {
     "part": "mjsim.prediction.parts",
     "identify_pitch_errors": "mjsim.estimation.pitch.identify",
     "make_report": "mjsim.report.write",
+    "make_certificate": "mjsim.report.certificate",
     "add": "mjsim.workflow.edit",
     "remove": "mjsim.workflow.edit",
     "history": "mjsim.workflow.history",

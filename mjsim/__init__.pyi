@@ -37,6 +37,7 @@ from mjsim.nc.write import write_nc as write_nc
 from mjsim.paper.figures import figures as figures
 from mjsim.prediction.parts import part as part
 from mjsim.prediction.predict import predict as predict
+from mjsim.report.certificate import make_certificate as make_certificate
 from mjsim.report.write import report as make_report
 from mjsim.simulation.multibody import simulate as simulate
 from mjsim.workbench.state import workbench as open_workbench
@@ -88,6 +89,7 @@ __all__ = [
     "import_trace",
     "imported_features",
     "list_effects",
+    "make_certificate",
     "make_effect",
     "make_report",
     "new_campaign",

@@ -11,6 +11,7 @@ from test_report import _content, _plain
 
 from mjsim.cli.compare import calibration_sentence, percent
 from mjsim.effects.registry import make
+from mjsim.estimation.budget import Budget
 from mjsim.estimation.calibration import calibrated_effects
 from mjsim.estimation.shares import Calibration
 from mjsim.plots.waterfall import Fall, waterfall_figure
@@ -47,8 +48,10 @@ def result(m1):
         _calibration(machine, "squareness.ZX", 23.0, 0.01e-6, angle_urad=0.5),
         _calibration(machine, "pitch_error.A", 0.0001, 0.2e-6, components=waves),
     )
+    known = Budget("squareness.XY", "angle_urad", "µrad", 18.0, 2.0, {"noise": 2.0}, 0.0, 20.0, 0.16)
     return SimpleNamespace(
         effects=(found,),
+        budget=(known,),
         calibration=calibration,
         shares={},
         explained_shares={"backlash.A": 0.6, "squareness.*": 0.3, "pitch_error.*": 0.095, "friction.*": 0.005},
@@ -59,6 +62,7 @@ def result(m1):
 
 def test_every_number_stands_against_its_limit(result):
     rows = causes.calibration_rows(result)
+    assert {r.effect_id: r.beyond_percent for r in rows}["squareness.XY"] == 16.0
     assert [(r.effect_id, r.finding, r.observable) for r in rows] == [
         ("backlash.A", True, True),
         ("squareness.XY", False, True),
@@ -76,7 +80,7 @@ def test_a_number_departs_from_what_the_file_states(m1):
     machine = dataclasses.replace(m1, tolerance={"friction": {"ratio": 0.4}})
     stated = machine.effect("friction.X").values["coulomb_Nm"]
     entry = _calibration(machine, "friction.X", 0.05 * stated, 0.1e-6, coulomb_Nm=1.1 * stated)
-    result = SimpleNamespace(effects=(), calibration=(entry,), before=SimpleNamespace(machine=machine))
+    result = SimpleNamespace(effects=(), calibration=(entry,), before=SimpleNamespace(machine=machine), budget=())
     (row,) = causes.calibration_rows(result)
     assert row.expected == stated and row.used_percent == pytest.approx(25.0, abs=0.1) and row.unit == "N·m"
 
@@ -190,7 +194,7 @@ def test_many_findings_are_a_table(capsys):
     show(data, "c")
     text = capsys.readouterr().out
     assert text.count("→") == 4  # in full
-    assert "order 120: 0.003 and 1 more" in text and "0.0029 to 0.0031" in text and "2.0 %" in text
+    assert "order 120: 0.00300 and 1" in text and "0.00290 to 0.00310" in text and "2.0 %" in text
     assert all(len(line) <= 80 for line in text.splitlines())
 
 

@@ -210,7 +210,7 @@ def test_sizes_below_their_uncertainty_and_ambiguous_effects_are_left(machine):
     assert worth[1].effect.values["components"] == [[72.0, 0.001, 0.0]]
     reasons = {x.key: x.reason for x in left}
     assert set(reasons) == {"backlash.X", "squareness.XY", "scale_error.Y", "pitch_error.C", "friction.X"}
-    assert reasons["backlash.X"] == "not worth typing: width_um is 0.3 ± 0.5 µm, smaller than its own uncertainty"
+    assert reasons["backlash.X"] == "not worth typing: width_um is 0.30 ± 0.50 µm, smaller than its own uncertainty"
     assert "ambiguous: the data cannot tell it from scale_error.X" in reasons["squareness.XY"]
     assert "not observable" in reasons["scale_error.Y"]
 

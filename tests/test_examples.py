@@ -1,6 +1,7 @@
 """The example campaigns, end to end: what hides in each is found, nothing is found where nothing hides."""
 
 import json
+import re
 import shutil
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 from commands import cut
 
+from mjsim.cli.diagnose import show
 from mjsim.cli.main import main
 from mjsim.io.resources import examples
 
@@ -15,6 +17,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("shared_results", "fast_
 KEYS = {
     "verdict", "probabilities", "noise_um", "discrepancy_um", "rms_before_um", "rms_after_um", "effects",
     "unexplained", "not_testable", "left_out", "next_test", "samples", "calibration", "combinations", "shares",
+    "budget",
 }  # fmt: skip
 EFFECT_KEYS = {
     "id", "parameters", "ci95", "rms_before_um", "rms_after_um", "probability", "alternatives", "alternative_ids",
@@ -92,6 +95,20 @@ def test_hidden_backlash_is_identified(diagnosed):
     assert data["effects"][0]["parameters"]["width_deg"] == pytest.approx(0.002, rel=0.03)
     assert data["effects"][0]["alternatives"] == []
     assert data["rms_after_um"] <= 1.15 * data["noise_um"]
+
+
+@pytest.mark.parametrize(("name", "printed"), [("hidden-backlash", 1), ("pitch-error", 2)])
+def test_numbers_are_printed_with_two_digits_of_their_uncertainty(diagnosed, name, printed, capsys):
+    """Half the width of every printed interval has two digits, and the number as many decimals as its ends."""
+    data, _ = diagnosed(name)
+    show(data)
+    found = re.findall(r"(-?[0-9.]+)[^0-9.\[-]*\[(-?[0-9.]+),\s+(-?[0-9.]+)\]", capsys.readouterr().out)
+    assert len(found) == printed
+    for row in found:
+        decimals = {len(x.partition(".")[2]) for x in row}
+        assert len(decimals) == 1
+        half = (float(row[2]) - float(row[1])) / 2 * 10 ** decimals.pop()
+        assert 9 <= half <= 100.5  # ends are rounded: half a last digit each
 
 
 def test_adding_the_hidden_backlash_removes_the_error(tmp_path):

@@ -19,7 +19,7 @@ def documented(command):
 def test_every_key_of_the_commands_is_on_the_page(good, tmp_path):
     # keys that come with an option, with imported features or with other instruments only
     more = {
-        "compare": {"rms_as_given_um", "calibration", "combinations", "shares"},
+        "compare": {"rms_as_given_um", "calibration", "combinations", "shares", "budget"},
         "diagnose": {"imported", "sphere_tests", "position_tests", "signals", "encoders", "without_support"},
     }
     printed = {

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import ncx2
 
+from mjsim.estimation.conformity import beyond
 from mjsim.estimation.discrepancy import Discrepancy, LinearModel, Products, Sizes, _harmonics
-from mjsim.estimation.findings import _radius_beyond
 from mjsim.estimation.linear_evidence import Columns, LinearEvidence
 from mjsim.estimation.samples import revolution_time
 from mjsim.estimation.whitening import Whitening
@@ -161,7 +161,7 @@ def test_what_looks_alike_is_told_as_a_rival(few):
 def test_the_probability_of_a_wave_beyond_its_limit_is_that_of_rice(centre, limit):
     sd = 0.7
     expected = ncx2.sf((limit / sd) ** 2, 2, np.dot(centre, centre) / sd**2)
-    assert _radius_beyond(np.array(centre), sd**2 * np.eye(2), limit) == pytest.approx(expected, abs=0.01)
+    assert beyond(np.array(centre), sd**2 * np.eye(2), limit) == pytest.approx(expected, abs=0.01)
 
 
 def test_a_whitening_without_anything_divides_by_the_noise_factor():

@@ -12,9 +12,11 @@ import pytest
 
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.model import Campaign
+from mjsim.digits import estimate
 from mjsim.effects import registry
 from mjsim.effects.registry import make
 from mjsim.errors import InputError
+from mjsim.estimation.budget import Budget
 from mjsim.instruments.ball_bar.iso230 import BidirectionalFigures, circular_figures
 from mjsim.io.resources import examples
 from mjsim.machine.axis import is_rotary
@@ -298,6 +300,8 @@ def test_missing_numbers_are_dashes():
     [
         (0.0019912, 0.001971, 0.002012, "0.001991", "0.001971 to 0.002012"),
         (1234.56, 1200.0, 1270.0, "1235", "1200 to 1270"),
+        (12345.6, 11000.0, 13600.0, "12300", "11000 to 13600"),
+        (1.2345, 1.135, 1.3342, "1.23", "1.14 to 1.33"),
         (-5.0123, -5.2, -4.8, "−5.01", "−5.20 to −4.80"),
         (0.0019912, None, None, "0.001991", "–"),
         (0.0, None, None, "0", "–"),
@@ -307,6 +311,34 @@ def test_estimates_are_rounded_by_their_interval(value, low, high, shown, span):
     parameter = ParameterRow("p", value, low, high)
     assert numbers.estimate(parameter) == shown
     assert numbers.interval(parameter) == span
+
+
+def test_the_page_has_the_budget_of_every_number():
+    rows = {"noise": 0.004, "set_up": 0.003, "instrument": 0.0361, "data_sheet": 0.0}
+    known = Budget("backlash.Y", "width_um", "µm", 0.8294, 0.0367, rows, 0.0, 0.8, 0.7885)
+    page = render(_content(diagnosis={"budget": [known.to_json()]}, instrument_source="certificate 4711"))
+    text = _plain(page)
+    assert "backlash.Y width_um 0.829 0.073 0.037 0.004 0.003 0.036 0.000" in text
+    assert "known from: certificate 4711" in text and "most of it from instrument (0.036 of 0.037 µm)" in text
+    assert (known.decision, known.to_json()["probability_beyond"]) == ("open", 0.7885)
+    assert 'id="budget"' not in render(_content())
+
+
+def test_every_interval_on_the_page_has_two_digits(tmp_path):
+    """Of findings, and of the largest deviation, paths and blocks of a part."""
+    machine = read_machine(examples() / "hidden-backlash" / "machine.toml")
+    file = tmp_path / "two.nc"
+    file.write_text("G21 G90 G94 M3\nG0 X0. Y0. Z0.\nG1 X20. F600.\nG0 Z5.\nX0.\nG1 Y20.\nM30\n")
+    sections = part_sections([PartRun(str(file), (0.04, 0.01, 0.12), tolerance=1e-3)], machine)
+    page = _plain(render(_content("cone15-ccw", parts=sections)))
+    rows = re.findall(r"([−0-9.]+) (?:µm, 95 % interval )?([−0-9.]+) to ([−0-9.]+)", page)
+    assert len(rows) >= 5
+    for row in rows:
+        decimals = {len(x.partition(".")[2]) for x in row}
+        assert len(decimals) == 1, row
+        low, high = (float(x.replace("−", "-")) for x in row[1:])
+        if high > low:  # a block that nothing uncertain moves has no width
+            assert 9 <= (high - low) / 2 * 10 ** decimals.pop() <= 100.5, row
 
 
 def test_numbers_have_no_negative_zero_and_no_nan():
@@ -414,7 +446,7 @@ def test_an_alternative_is_named_without_its_size(effect_id, said):
 
 def _found(effect, alternatives=(), shares=(None,)):
     others = dict(zip(alternatives, shares[1:], strict=False))
-    return SimpleNamespace(effect=effect, alternatives=alternatives, probability=shares[0], others=others)
+    return SimpleNamespace(effect=effect, alternatives=alternatives, probability=shares[0], others=others, ci95={})
 
 
 NEXT = {
@@ -578,7 +610,10 @@ def test_a_predicted_part_has_its_section(tmp_path):
     assert (
         "square pocket with sharp corners" in text and "Cannot say with these measurements (allowed 1000.0 µm)" in text
     )
-    assert f"Largest deviation {said['largest_um']:.2f} µm" in text and "Cutting forces are not included" in text
+    assert (
+        f"Largest deviation {estimate(said['largest_um'], said['largest_ci95_um'])} µm" in text
+        and "Cutting forces are not included" in text
+    )
     assert {b["cause"] for b in said["blocks"]} <= {c["id"] for c in said["causes"]}
     assert 'alt="square pocket with sharp corners: deviation as colour on the path' in page
     assert "Cutting paths" not in text

@@ -81,6 +81,7 @@ def campaign_from(
         table.measured_on,
         as_is,
         acceptance_of(file, table.acceptance, [t for t in ordered if isinstance(t, BallBarTest)]),
+        table.serial_number or "",
     )
     if traces:
         _read_traces(file, campaign, spans)

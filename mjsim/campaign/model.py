@@ -27,6 +27,7 @@ class Campaign:
         measured_on: Day of the measurements.
         as_is: It is not to be searched for mistakes of the user's when it is compared with a machine.
         acceptance: Limits of figures, where the user states some.
+        serial_number: Of the machine; empty where none is stated.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Campaign:
     measured_on: date | None = None
     as_is: bool = False
     acceptance: Acceptance | None = None
+    serial_number: str = ""
 
     @property
     def measured(self) -> tuple[Any, ...]:

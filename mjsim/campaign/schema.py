@@ -47,6 +47,7 @@ class CampaignTable(Table):
     name: Text
     machine: str = "machine.toml"
     measured_on: datetime.date | None = None
+    serial_number: Text | None = None
     instrument: InstrumentTable = InstrumentTable()  # pyright: ignore[reportInvalidTypeForm]
     acceptance: AcceptanceTable | None = None
     test: Annotated[list[Any], Field(min_length=1, max_length=1000)]

@@ -9,10 +9,15 @@ import click
 from mjsim.cli import common
 from mjsim.cli.import_show import show_features
 from mjsim.cli.logs import show_comparison, show_left_out, show_sheet
+from mjsim.digits import decimals_of, estimate, fixed, with_interval
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.units import DEG, UM, unit_of
+from mjsim.units import percent as probability
+
+#: Most numbers that are named of those which are not within their limits.
+_CONFORMITY = 4
 
 
 @click.command("compare")
@@ -88,6 +93,7 @@ def _add_calibration(data: dict, fitted) -> None:
     """What was calibrated, in the JSON of the instrument whose tests it was fitted to."""
     from mjsim.workflow.comparison import apart, significant
     from mjsim.workflow.diagnosis import calibration_json
+    from mjsim.workflow.finding import rounded
 
     for part, mine in apart(fitted.before.parts, data):
         if "rms_um" in mine:
@@ -96,6 +102,7 @@ def _add_calibration(data: dict, fitted) -> None:
             mine["rms_as_given_deg"] = significant(part.rms_rotary / DEG)
         if part.instrument == BallBarTest.instrument:
             mine |= calibration_json(fitted.calibration, fitted.shares, fitted.combinations)
+            mine["budget"] = [rounded(b.to_json()) for b in fitted.budget]
         elif part.instrument == LogTest.instrument:
             mine |= {"data_sheet": [n.to_json() for n in fitted.sheet], "not_separable": []}
 
@@ -114,6 +121,7 @@ def _show_calibration(data: dict, machine, fitted) -> None:
     if "calibration" in data:
         common.paragraph(calibration_sentence(data))
         show_combinations(data)
+        show_conformity(data["budget"])
         show_beyond(machine, fitted.calibration)
     if "data_sheet" in data:
         show_sheet(data)
@@ -159,6 +167,24 @@ def left_out_sentence(rows: list[dict], total: int) -> str:
     )
 
 
+def show_conformity(budget: list[dict]) -> None:
+    """How many numbers lie within their limits, and the others with the probability that they are beyond."""
+    rows = [b for b in budget if b["probability_beyond"] is not None]
+    if not rows:
+        return
+    said = []
+    for decision in ("beyond", "open"):
+        found = sorted((b for b in rows if b["decision"] == decision), key=lambda b: -b["probability_beyond"])
+        names = [f"{b['id']} {b['number']} ({probability(b['probability_beyond'])})" for b in found[:_CONFORMITY]]
+        more = f" and {len(found) - len(names)} more" if len(found) > len(names) else ""
+        said.append(f"{len(found)} {decision}" + (f": {', '.join(names)}{more}" if names else ""))
+    within = sum(b["decision"] == "within" for b in rows)
+    common.paragraph(
+        f"Of {len(rows)} numbers with a limit, {within} lie within it with at least 95 %; {'; '.join(said)}. The "
+        "percentages are probabilities to be beyond."
+    )
+
+
 def show_beyond(machine, calibration) -> None:
     """One line for each calibrated number that lies beyond its limit."""
     from mjsim.report.causes import rows_of
@@ -166,7 +192,7 @@ def show_beyond(machine, calibration) -> None:
     for r in rows_of(machine, calibration):
         if r.beyond:
             common.paragraph(
-                f"Beyond its limit: {r.effect_id} {r.name} = {r.value:.4g} {r.unit} [{r.low:.4g}, {r.high:.4g}], "
+                f"Beyond its limit: {r.effect_id} {r.name} = {with_interval(r.value, (r.low, r.high), r.unit)}, "
                 f"limit {r.expected:.4g} ± {r.limit:.4g} {r.unit}. `mjsim diagnose` says what else there is."
             )
 
@@ -197,10 +223,10 @@ def show_combinations(data: dict) -> None:
         text = first["id"] + "".join(
             f" {'-' if t['factor'] < 0 else '+'} {abs(t['factor']):.3g} {t['id']}" for t in others
         )
-        unit, (low, high) = unit_of(first["parameter"])[1], row["ci95"]
+        unit = unit_of(first["parameter"])[1]
         units = ", ".join(dict.fromkeys(unit_of(t["parameter"])[1] for t in row["terms"]))
         common.paragraph(
-            f"Only this combination is determined: {text} = {row['value']:.3g} {unit} [{low:.3g}, {high:.3g}] "
+            f"Only this combination is determined: {text} = {with_interval(row['value'], row['ci95'], unit)} "
             f"(numbers in {units})."
         )
 
@@ -273,18 +299,24 @@ def show(data: dict) -> None:
         )
     if data["acceptance"]:
         click.echo("\nacceptance (ISO 14253-1: a figure within the guard band neither passes nor fails):")
+
+        def known(a: dict) -> tuple[float, float]:
+            half = 2.0 * a["standard_uncertainty_um"]
+            return a["value_um"] - half, a["value_um"] + half
+
         rows = [
             [
                 " / ".join(a["tests"]),
                 a["figure"].replace("_", " "),
-                f"{a['value_um']:.2f}",
+                estimate(a["value_um"], known(a)),
                 f"{a['limit_um']:g}",
-                f"{a['guard_band_um']:.2f}",
+                fixed(a["guard_band_um"], decimals_of(None, known(a))),
                 a["decision"],
+                percent(a["probability_beyond"]),
             ]
             for a in data["acceptance"]
         ]
-        common.table(["test", "figure", "value µm", "limit µm", "guard µm", "decision"], rows, (0, 1, 5))
+        common.table(["test", "figure", "value µm", "limit µm", "guard µm", "decision", "P(beyond)"], rows, (0, 1, 5))
         for source in dict.fromkeys(a["source"] for a in data["acceptance"]):
             common.paragraph(f"limits: {source}")
 

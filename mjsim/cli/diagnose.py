@@ -9,17 +9,19 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
-from mjsim.cli.compare import calibration_sentence, left_out_sentence, percent, show_combinations
+from mjsim.cli.compare import calibration_sentence, left_out_sentence, percent, show_combinations, show_conformity
 from mjsim.cli.import_show import show_features
 from mjsim.cli.logs import change_of, show_beside, show_diagnosis
 from mjsim.cli.parameter_lines import finding_lines
 from mjsim.cli.points import show_points
+from mjsim.digits import decimals_of, estimate, expanded, fixed, interval, wave_ends
 from mjsim.effects.registry import kinds
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.remedy import UNKNOWN
+from mjsim.units import percent as probability
 
 #: Findings that are shown in full; the smaller ones follow one a line.
 _DETAILED = 4
@@ -37,11 +39,12 @@ _LONG_S = 5.0
 )
 @common.max_effects_option
 @common.test_option
+@click.option("--budget", is_flag=True, help="Show where the uncertainty of every number comes from.")
 @click.option("--force", is_flag=True, help="Replace the file named by --write.")
 @common.as_is_option
 @common.threads_option
 @common.options
-def command(campaign, machine, write, max_effects, only, force, threads, as_is, as_json, quiet) -> None:
+def command(campaign, machine, write, max_effects, only, budget, force, threads, as_is, as_json, quiet) -> None:
     """Say which effects are missing from the machine model of CAMPAIGN.
 
     It also says if none is missing, if two effects cannot be told apart, and if the cause is not in the catalogue.
@@ -100,6 +103,8 @@ def command(campaign, machine, write, max_effects, only, force, threads, as_is, 
             show_points(data[instrument.beside], fitted, instrument)
         if result.logs is not None:
             show_beside(data[INSTRUMENTS[LogTest.instrument].beside])
+    if budget:
+        show_budget(data.get("budget", []), c)
     for axis in _identifiable(c, data):
         common.paragraph(
             f"Pitch errors of many orders can look like this. Look for them in the tangential tests of {axis} first: "
@@ -182,6 +187,7 @@ def show(data: dict, campaign: str = "CAMPAIGN", explained: bool = True) -> None
         click.echo()
         common.paragraph(calibration_sentence(data))
         show_combinations(data)
+        show_conformity(data.get("budget", []))
     if data["unexplained"]:
         click.echo()
         common.paragraph(data["unexplained"]["summary"])
@@ -246,8 +252,40 @@ def _size(e: dict) -> tuple[str, str]:
     if name == "components":
         i = max(range(len(value)), key=lambda k: value[k][1])
         more = f" and {len(value) - 1} more" if len(value) > 1 else ""
-        return f"order {value[i][0]:g}: {value[i][1]:.4g}{more}", f"{ends[0][i][1]:.4g} to {ends[1][i][1]:.4g}"
-    return f"{name} = {value:.4g}", f"{ends[0]:.4g} to {ends[1]:.4g}"
+        ends = wave_ends(ends, i, 1)
+        return f"order {value[i][0]:g}: {estimate(value[i][1], ends)}{more}", interval(ends)
+    return f"{name} = {estimate(value, ends)}", interval(ends)
+
+
+def show_budget(rows: list[dict], campaign) -> None:
+    """Where the uncertainty of every number comes from, and whether it is within its limit."""
+    from mjsim.estimation.budget import NAMES
+
+    click.echo()
+    if not rows:
+        common.paragraph("There is no uncertainty budget: no number of a ball bar or of points at rest was fitted.")
+        return
+    common.paragraph(
+        "Uncertainty budget: every number with its expanded uncertainty (k = 2), and its standard uncertainty by "
+        "source. Of set-up, instrument, data sheet and other errors it is what would go if these were known exactly. "
+        "They depend on each other, so the squares need not add up."
+    )
+    for b in rows:
+        half = b["expanded_uncertainty"]
+        ends = b["value"] - half, b["value"] + half
+        unit, digits = b["unit"], decimals_of(b["value"], ends)
+        parts = sorted(b["parts"].items(), key=lambda row: -row[1])
+        told = [f"{NAMES[row]} {fixed(size, digits)}" for row, size in parts if float(fixed(size, digits))]
+        chance = b["probability_beyond"]
+        limit = "" if chance is None else f", beyond its limit of {b['limit']:.4g} {unit} with {probability(chance)}"
+        value = f"{estimate(b['value'], ends)} {expanded(ends)} {unit}".rstrip()
+        common.paragraph(f"{b['id']} {b['number']} = {value}{limit}: {', '.join(told)}", "  ")
+    click.echo()
+    for b in rows[:_DETAILED]:
+        common.paragraph(f"{b['id']} {b['number']}: {b['sentence']}")
+    bar = campaign.instruments.get(BallBarTest.instrument)
+    if bar is not None:
+        common.paragraph(f"The errors of the ball bar are known from: {bar.source}.")
 
 
 def _show_effect(e: dict, share: float | None) -> None:

@@ -6,6 +6,7 @@ import click
 
 from mjsim.cli import common
 from mjsim.cli.compare import show_combinations
+from mjsim.digits import estimate, expanded
 from mjsim.units import unit_of
 
 
@@ -52,10 +53,9 @@ def show(data: dict) -> None:
     click.echo()
     rows = []
     for r in data["geometry"]:
-        unit, (low, high) = unit_of(r["parameter"])[1], r["ci95"]
-        half = (high - low) / 2
+        unit, ends = unit_of(r["parameter"])[1], r["ci95"]
         name, known = r["id"].partition(".")[2], "" if r["determined"] else "open"
-        rows.append([name, r["meaning"], f"{r['value']:+.1f}", f"± {half:.1f}", unit, known])
+        rows.append([name, r["meaning"], estimate(r["value"], ends, "+"), expanded(ends), unit, known])
     common.table(["error", "what", "value", "95 %", "unit", ""], rows, text=(0, 1, 4, 5))
     still_open = [r for r in data["geometry"] if not r["determined"]]
     if still_open:

@@ -8,6 +8,7 @@ import click
 
 from mjsim.cli import common
 from mjsim.cli.logs import show_drive
+from mjsim.digits import estimate, expanded
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.axis import TURNING
@@ -243,7 +244,7 @@ def show(axis: str, data: dict) -> None:
 def _table(d: dict) -> None:
     rows = []
     for c, a in zip(d["components"], d["alternating"], strict=True):
-        amplitude, phase = c["ci95"]["amplitude_deg"], c["ci95"]["phase_deg"]
+        amplitude, phase = [1e3 * x for x in c["ci95"]["amplitude_deg"]], c["ci95"]["phase_deg"]
         order = f"{c['order']:g}" if c["order_known"] else f"{c['order']:.2f}"
         mark = (
             "with " + ", ".join(f"{n:g}" for n in c["not_separable_from"])
@@ -255,10 +256,10 @@ def _table(d: dict) -> None:
         rows.append(
             [
                 order,
-                f"{1e3 * c['amplitude_deg']:.3f}",
-                f"±{500 * (amplitude[1] - amplitude[0]):.3f}",
-                f"{c['phase_deg']:.1f}",
-                f"±{0.5 * (phase[1] - phase[0]):.1f}",
+                estimate(1e3 * c["amplitude_deg"], amplitude),
+                expanded(amplitude),
+                estimate(c["phase_deg"], phase),
+                expanded(phase),
                 f"{1e3 * a['amplitude_deg']:.3f}",
                 f"{a['phase_deg']:.1f}",
                 mark,

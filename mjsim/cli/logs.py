@@ -9,6 +9,7 @@ import click
 from mjsim.cli import common
 from mjsim.cli.import_show import show_remarks
 from mjsim.cli.parameter_lines import finding_lines
+from mjsim.digits import estimate, interval
 
 #: What a check says of tests without a trace.
 NOT_CHECKED = "Not checked, because campaign.toml names no trace for them: {}."
@@ -190,11 +191,10 @@ def show_sheet(data: dict) -> None:
     rows = []
     for s in data["data_sheet"]:
         name, unit = sheet_name(s["name"])
-        low, high = s["ci95"]
         known = "recorded output" if s["source"] == "recorded output" else "motion" if s["known"] else "the sheet"
         label = f"{s['axis']} {name}" + (f" ({s['controller']})" if s["controller"] else "")
-        found = [f"{s['found']:.4g}", f"{low:.4g} to {high:.4g}"] if known != "the sheet" else ["not determined", "–"]
-        numbers = [f"{s['stated']:.4g}", *found]
+        found = [estimate(s["found"], s["ci95"]), interval(s["ci95"])]
+        numbers = [f"{s['stated']:.4g}", *(found if known != "the sheet" else ["not determined", "–"])]
         rows.append([label, *numbers, unit, known])
     if rows:
         common.table(["data sheet", "stated", "found", "95 %", "unit", "known from"], rows, text=(0, 3, 4, 5))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
+from mjsim.digits import estimate, wave_ends, with_interval
 from mjsim.units import percent
 
 
@@ -17,12 +18,12 @@ def parameter_lines(parameters: dict, intervals: dict, undetermined: Collection[
         ci = intervals.get(name)
         if name == "components":
             for i, (order, amplitude, phase) in enumerate(value):
-                band = f"  [{ci[0][i][1]:.3g}, {ci[1][i][1]:.3g}]" if ci else ""
-                lines.append(f"order {order:g}: amplitude {amplitude:.4g}{band}, phase {phase:.1f}°")
+                size = with_interval(amplitude, wave_ends(ci, i, 1))
+                lines.append(f"order {order:g}: amplitude {size}, phase {estimate(phase, wave_ends(ci, i, 2))}°")
         elif isinstance(value, str):
             lines.append(f"{name} = {value}")
         else:
-            lines.append(f"{name} = {value:.5g}" + (f"  [{ci[0]:.5g}, {ci[1]:.5g}] (95 %)" if ci else ""))
+            lines.append(f"{name} = {with_interval(value, ci)}" + (" (95 %)" if ci else ""))
     return lines
 
 

@@ -8,6 +8,7 @@ import click
 
 from mjsim.cli import common
 from mjsim.cli.import_show import show_remarks
+from mjsim.digits import decimals_of, estimate, expanded, fixed, interval
 from mjsim.instruments.base import INSTRUMENTS, Instrument
 from mjsim.machine.chain import is_rotary
 from mjsim.units import unit_of
@@ -47,12 +48,9 @@ def show_points(data: dict, found: dict[str, dict], instrument: Instrument) -> N
         name = next(iter(known["ci95"])) if known else None
         if known is None or name is None:
             continue
-        low, high = known["ci95"][name]
-        unit = unit_of(name)[1]
-        form = "%+.5f" if unit == "°" else "%+.1f"
-        rows.append(
-            [row["id"], unit, form % known["parameters"][name], f"{form % low} to {form % high}", form % row["value"]]
-        )
+        ends = known["ci95"][name]
+        numbers = [estimate(known["parameters"][name], ends, "+"), interval(ends, sign="+")]
+        rows.append([row["id"], unit_of(name)[1], *numbers, fixed(row["value"], decimals_of(None, ends), "+")])
     if rows:
         click.echo()
         head = ["error", "unit", "fitted", "95 % interval", instrument.by_itself_noun]
@@ -61,7 +59,7 @@ def show_points(data: dict, found: dict[str, dict], instrument: Instrument) -> N
     click.echo()
     common.table(
         ["set-up and instrument", "value", "95 % interval"],
-        [[r["name"], f"{r['value']:+.1f}", f"{r['ci95'][0]:+.1f} to {r['ci95'][1]:+.1f}"] for r in data["set_up"]],
+        [[r["name"], estimate(r["value"], r["ci95"], "+"), interval(r["ci95"], sign="+")] for r in data["set_up"]],
         text=(0, 2),
     )
 
@@ -102,7 +100,7 @@ def show_plan(planned, campaign: str) -> None:
     rows = []
     for row in data["location_errors"]:
         unit = "µrad" if is_rotary(row["id"].partition(".")[2][1]) else "µm"
-        rows.append([row["id"], unit, f"± {row['class_half_width95']:g}", f"± {row['half_width95']:g}"])
+        rows.append([row["id"], unit, *(expanded((-h, h)) for h in (row["class_half_width95"], row["half_width95"]))])
     common.paragraph(
         f"{data['points']} points, each from a stated side, some with the spindle turned. With a noise of "
         f"{planned.noise * 1e6:g} µm for one centre, the location errors will be known so (95 %):"
@@ -143,7 +141,7 @@ def show_targets(planned, campaign: str) -> None:
     rows = []
     for row in data["known"]:
         unit = unit_of(row["parameter"])[1]
-        rows.append([row["id"], unit, f"± {row['class_half_width95']:.3g}", f"± {row['half_width95']:.3g}"])
+        rows.append([row["id"], unit, *(expanded((-h, h)) for h in (row["class_half_width95"], row["half_width95"]))])
     common.table(["error", "unit", "today", "after"], rows, text=(0, 1, 2, 3))
     click.echo("\n[[test]]\n" + tomlkit.dumps(data["test"]).rstrip())
     name = data["test"]["name"]

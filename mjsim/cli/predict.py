@@ -8,6 +8,7 @@ import click
 
 from mjsim.cli import common
 from mjsim.cli.part_options import PART, part_runs
+from mjsim.digits import estimate, interval
 
 
 @click.command("predict")
@@ -73,11 +74,12 @@ def command(
 
 def show(data: dict) -> None:
     """A prediction as text."""
-    low, high = data["largest_ci95_um"]
+    ends = data["largest_ci95_um"]
     common.paragraph(
-        f"{data['program']} on {data['machine']}: largest deviation normal to the path {data['largest_um']:.2f} µm "
-        f"(95 %: {low:.2f} to {high:.2f} µm) at line {data['worst_line']}, RMS {data['rms_um']:.2f} µm; the tip is up "
-        f"to {data['lag_um']:.0f} µm behind along the path. The program takes {data['duration_s']:.1f} s."
+        f"{data['program']} on {data['machine']}: largest deviation normal to the path "
+        f"{estimate(data['largest_um'], ends)} µm (95 %: {interval(ends)} µm) at line {data['worst_line']}, "
+        f"RMS {data['rms_um']:.2f} µm; the tip is up to {data['lag_um']:.0f} µm behind along the path. The program "
+        f"takes {data['duration_s']:.1f} s."
     )
     common.paragraph(f"The interval follows from {data['basis']}. Cutting forces are not included.")
     if data["verdict"]:
@@ -91,8 +93,8 @@ def show(data: dict) -> None:
         rows = [
             [
                 f"{c['first_line']} to {c['last_line']}",
-                f"{c['largest_um']:.2f}",
-                "{:.2f} to {:.2f}".format(*c["largest_ci95_um"]),
+                estimate(c["largest_um"], c["largest_ci95_um"]),
+                interval(c["largest_ci95_um"]),
                 c.get("verdict", "").partition(" with ")[0],
             ]
             for c in data["paths"]

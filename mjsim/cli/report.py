@@ -16,9 +16,8 @@ from mjsim.cli.part_options import PART, part_runs
     "-o",
     "--out",
     type=click.Path(path_type=Path, dir_okay=False),
-    default=Path("report.html"),
-    show_default=True,
-    help="The page to write.",
+    show_default="report.html, or certificate.pdf",
+    help="The page or certificate to write.",
 )
 @common.machine_option
 @common.max_effects_option
@@ -27,13 +26,18 @@ from mjsim.cli.part_options import PART, part_runs
     "--part", "parts", multiple=True, metavar="PROGRAM", help="Also predict the error of this part, as mjsim predict."
 )
 @PART
+@click.option(
+    "--certificate",
+    is_flag=True,
+    help="Write a PDF of a page or two; two campaigns are as found and as left.",
+)
 @click.option("--force", is_flag=True, help="Replace the page.")
 @common.as_is_option
 @common.threads_option
 @common.options
 def command(
-    campaigns, out, machine, max_effects, no_diagnose, parts, tolerance, tool, zero, feed, force, threads,
-    as_is, as_json, quiet, **how,
+    campaigns, out, machine, max_effects, no_diagnose, parts, tolerance, tool, zero, feed, certificate, force,
+    threads, as_is, as_json, quiet, **how,
 ) -> None:  # fmt: skip
     """Write what CAMPAIGN shows as one HTML page that works offline and prints well.
 
@@ -44,6 +48,7 @@ def command(
     \b
     Example: mjsim report examples/hidden-backlash -o report.html
              mjsim report examples/hidden-backlash --part s-shape --zero 40 0 120
+             mjsim report before after --certificate -o certificate.pdf
     """
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import machine_of
@@ -57,7 +62,21 @@ def command(
     machines = [machine_of(c, machine) for c in read]
     if runs and (len(read) > 1 or BallBarTest.instrument not in read[0].measured_parts):
         raise InputError("--part: allowed for one ball-bar campaign")
+    out = out or Path("certificate.pdf" if certificate else "report.html")
+    if certificate and (runs or no_diagnose or max_effects is not None):
+        raise InputError("--certificate: not allowed with --part, --no-diagnose or --max-effects")
     check_writable(out, force)
+    if certificate:
+        from mjsim.report.certificate import make_certificate
+
+        with common.progress_bar(quiet) as progress:
+            made = make_certificate(read, machines, common.cores(threads), progress)
+        write_whole(out, made.pdf(), force=force)
+        if as_json:
+            common.print_json(made.to_json())
+        else:
+            common.say(f"{made.title}: {out}", quiet)
+        return
     with common.progress_bar(quiet) as progress:
         result = report(read, machines, max_effects, not no_diagnose, common.cores(threads), progress, runs)
     write_whole(out, result.html, force=force)

@@ -7,6 +7,7 @@ from textwrap import wrap
 from mjsim.compensation.result import Compensation
 from mjsim.compensation.tables import Corrections
 from mjsim.compensation.worth import Worth, unit_text
+from mjsim.digits import estimate, expanded
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.units import DEG, MM, UM
 
@@ -64,10 +65,9 @@ def size_lines(w: Worth) -> list[str]:
     for label, value in w.sizes.items():
         p = specs.get(label) or next(s for s in specs.values() if s.kind == "components")
         half = w.uncertainty.get(label)
-        band = f" ± {half:.2g}" if half is not None else ""
-        out.append(
-            f"  {w.effect.key:24} {label:16} {value:.4g}{band}{unit_text(p, w.effect)}  ({origin[w.known.origin]})"
-        )
+        ends = None if half is None else (value - half, value + half)
+        size = f"{estimate(value, ends)} {expanded(ends)}".rstrip()
+        out.append(f"  {w.effect.key:24} {label:16} {size}{unit_text(p, w.effect)}  ({origin[w.known.origin]})")
     return out
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mjsim.digits import estimate, expanded
 from mjsim.machine.effect import Effect
 from mjsim.machine.parameter import Parameter
 from mjsim.workflow.saved import Known, SavedDiagnosis
@@ -127,7 +128,10 @@ def _half(interval: list | None, component: int | None = None) -> float | None:
 
 def _too_small(label: str, size: float, half: float, p: Parameter, effect: Effect) -> str:
     unit = unit_text(p, effect)
-    return f"not worth typing: {label} is {size:.3g} ± {half:.2g}{unit}, smaller than its own uncertainty"
+    ends = size - half, size + half
+    return (
+        f"not worth typing: {label} is {estimate(size, ends)} {expanded(ends)}{unit}, smaller than its own uncertainty"
+    )
 
 
 def unit_text(p: Parameter, effect: Effect) -> str:

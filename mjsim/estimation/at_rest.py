@@ -24,6 +24,7 @@ import numpy as np
 
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
+from mjsim.estimation.budget import Budget, Split, budgets, split_rows
 from mjsim.estimation.calibration import expected_effects
 from mjsim.estimation.data_sheet import data_sheet
 from mjsim.estimation.design import Design
@@ -504,6 +505,21 @@ def taken_by(columns: np.ndarray, part: np.ndarray, noise: np.ndarray) -> np.nda
     return np.linalg.lstsq(whole, np.append(part / size, np.zeros(k)), rcond=None)[0]
 
 
+def split_at_rest(problem: RestProblem) -> Split:
+    """How values at rest split: their noise, the discrepancy, and what another instrument has found.
+
+    Args:
+        problem: With the whitening of a model.
+    """
+
+    def split(weights: np.ndarray) -> dict[str, float]:
+        (noise, beside), *known = split_rows(problem.whitening, problem.rows, weights)
+        rows = {"noise": noise, "not_understood": beside}
+        return rows | {"other_instrument": sum(known[0])} if known else rows
+
+    return split
+
+
 class RestReader(Reader[RestProblem]):
     """Reads findings out of a search on values at rest."""
 
@@ -519,8 +535,12 @@ class RestReader(Reader[RestProblem]):
             out[f.effect.key] = part - p.columns @ taken_by(p.columns, part, noise)
         return out
 
-    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit]:
-        return None, self.search.misfit(self.model), fit
+    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit, RestProblem]:
+        return None, self.search.misfit(self.model), fit, self.model.problem
+
+    def _budget(self, fit: Fit, data: RestProblem) -> tuple[Budget, ...]:
+        nouns = tuple({INSTRUMENTS[t.instrument].noun for t in data.campaign.measured})
+        return budgets(fit, split_at_rest(data), self.stated, nouns)
 
     def _resolves(self, f: EffectVector) -> bool:
         """Whether the places are close enough to tell the waves of a pitch error from those of other orders: at least

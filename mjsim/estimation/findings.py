@@ -21,8 +21,11 @@ import numpy as np
 from scipy.special import erfc
 
 from mjsim.estimation.bar_search import BarSearch
+from mjsim.estimation.budget import Budget, budgets, split_of_bars
 from mjsim.estimation.calibration import LIMIT_DEVIATIONS, Calibrated
 from mjsim.estimation.combinations import Combination, combinations
+from mjsim.estimation.conformity import beyond
+from mjsim.estimation.considered import with_choice, with_instrument
 from mjsim.estimation.curve_fit import Together, fit_beside_simple
 from mjsim.estimation.curve_shape import simplest_shape
 from mjsim.estimation.curve_terms import CurveTerm, CurveTerms
@@ -48,8 +51,6 @@ FINDING = TOLD = 0.95
 _OTHERS = 3
 #: How often something else may take a finding's place.
 _SWAPS = 3
-#: Points of the normal distribution by which sizes of waves are judged.
-_DRAWS = 2000
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,7 @@ class Explained(Generic[D]):
         verdict: ``identified``, ``ambiguous``, ``unknown`` or ``nothing_found``, by what is a finding.
         verdicts: Probabilities of all.
         discrepancy: RMS of what repeats and is in no model, m.
+        budget: Where the uncertainty of every number comes from.
     """
 
     data: D
@@ -98,6 +100,7 @@ class Explained(Generic[D]):
     verdict: str
     verdicts: Verdicts
     discrepancy: float
+    budget: tuple[Budget, ...]
 
 
 def explain(separated: Separated, progress: Progress = silent, most: int | None = None) -> Explained[Problem]:
@@ -193,14 +196,11 @@ class ClassSizes:
         for _, entries in entries_of(f):
             off, c = (f.vector - mean)[entries], covariance[np.ix_(entries, entries)]
             if len(entries) == 2 and (f.polar or f.names == ("components",)):
-                best = max(best, _radius_beyond(off, c, float(limit[entries].max())))
+                best = max(best, beyond(off, c, float(limit[entries].max())))
             else:
                 for x, variance, most in zip(off, np.diag(c), limit[entries], strict=True):
-                    sd = math.sqrt(max(float(variance), 1e-30))
-                    best = max(
-                        best, 0.5 * float(erfc((most - x) / sd / math.sqrt(2)) + erfc((most + x) / sd / math.sqrt(2)))
-                    )
-        return min(best, 1.0)
+                    best = max(best, beyond(np.array([x]), np.array([[variance]]), float(most)))
+        return best
 
     def excess(self, f: EffectVector) -> float:
         """Size of an effect over that of its class; zero where its class has none at all."""
@@ -253,6 +253,11 @@ class Reader(ABC, Generic[D]):
         return self.found.model
 
     @property
+    def stated(self) -> dict[str, Calibrated]:
+        """What the machine file states a tolerance for, by key."""
+        return self.model.expected if self.model.fit.base.tolerance else {}
+
+    @property
     def of_class(self) -> ClassSizes:
         """Sizes against what a machine of its class has."""
         return ClassSizes(self.model.expected)
@@ -262,10 +267,18 @@ class Reader(ABC, Generic[D]):
         """What each effect adds to the readings that the set-up cannot take up, by key, (m,) SI."""
 
     @abstractmethod
-    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit]:
+    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit, D]:
         """The unknown cause that is farthest beyond its class, where it is a finding; the probability that it is larger
-        than its class allows; the model fitted beside it.
+        than its class allows; the model fitted beside it, and the data with the whitening that it is fitted with.
         """
+
+    @abstractmethod
+    def _budget(self, fit: Fit, data: D) -> tuple[Budget, ...]:
+        """Where the uncertainty of every number of the final model comes from."""
+
+    def _with_instrument(self, fit: Fit, data: D) -> Fit:
+        """The final model with the errors of the instrument that are no unknowns of it."""
+        return fit
 
     def _resolves(self, f: EffectVector) -> bool:
         """Whether the data tell an effect from others of its kind."""
@@ -304,7 +317,8 @@ class Reader(ABC, Generic[D]):
                 break
             # something else in its place is the better explanation
             self.found = replace(self.found, model=best)
-        unexplained, unknown, fit = self._unknown(fit)
+        unexplained, unknown, fit, data = self._unknown(fit)
+        fit = with_choice(self._with_instrument(fit, data), rivals, self.model.evidence)
         rows = self.of_class.findings(fit, rivals, self.model.evidence)
         self.progress("shares of the error", 0, 1)
         coarse = {f.effect.key for f in fit.effects if not self._resolves(f)}
@@ -322,8 +336,9 @@ class Reader(ABC, Generic[D]):
         selection = Selection(self.found.start, fit, named, self.found.bank, self.found.trail)
         shown = keys | {c.effect.effect.key for c in entries if c.observable}
         verdict, verdicts = self._verdict(named, rows, shown, unknown, unexplained is not None)
-        sums, left = combinations(fit, settings), self.model.sizes.rms
-        return Explained(self.model.problem, selection, unexplained, entries, shares, sums, verdict, verdicts, left)
+        sums, left, budget = combinations(fit, settings), self.model.sizes.rms, self._budget(fit, data)
+        ended = self.model.problem
+        return Explained(ended, selection, unexplained, entries, shares, sums, verdict, verdicts, left, budget)
 
 
 class _BarReader(Reader[Problem]):
@@ -332,14 +347,20 @@ class _BarReader(Reader[Problem]):
     def _parts(self, fit: Fit) -> dict[str, np.ndarray]:
         return parts_of(self.model.problem, fit)
 
-    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit]:
+    def _with_instrument(self, fit: Fit, data: Problem) -> Fit:
+        return with_instrument(data, fit)
+
+    def _budget(self, fit: Fit, data: Problem) -> tuple[Budget, ...]:
+        return budgets(fit, split_of_bars(data), self.stated)
+
+    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit, Problem]:
         curves = self.model.curves
         if not curves:
-            return None, 0.0, fit
+            return None, 0.0, fit, self.model.problem
         (large, _), i = max((self._curve_beyond(c.term, *row), i) for i, (c, row) in enumerate(self._values(fit)))
         curve = curves[i]
         if large < FINDING:
-            return None, large, fit
+            return None, large, fit, self.model.problem
         self.progress("describing what is in no catalogue", 0, 1)
         problem = with_curves(self.model.base, [c for c in curves if c is not curve])
         fitter = Fitter(problem, fit.base)
@@ -347,7 +368,7 @@ class _BarReader(Reader[Problem]):
         (best, probability), *others = self._terms(problem, alone, curve)
         moved, term, _ = fit_beside_simple(fitter, alone, best)
         others = [(t, large * p) for t, p in others]
-        return describe(problem, moved, term, large * probability, others), large, moved
+        return describe(problem, moved, term, large * probability, others), large, moved, problem
 
     def _terms(self, problem: Problem, beside: Fit, curve: Curve) -> list[tuple[CurveTerm, float]]:
         """What an unknown cause may act on and depend on, with probabilities, the likeliest first: the fewest that hold
@@ -415,12 +436,3 @@ def _with_enough_knots(terms: CurveTerms, term: CurveTerm) -> tuple[float, Curve
     whiten = terms.problem.whiten
     rows = [(Together(terms.fit, whiten(t.columns), 1.0, shape).objective, t) for t in (term, *finer)]
     return min(rows, key=lambda row: row[0])
-
-
-def _radius_beyond(centre: np.ndarray, covariance: np.ndarray, limit: float) -> float:
-    """Probability that a point of the plane with this normal distribution is farther than ``limit`` from the origin."""
-    share = (np.arange(_DRAWS) + 0.5) / _DRAWS
-    radius, angle = np.sqrt(-2.0 * np.log(share)), 2.0 * np.pi * np.arange(_DRAWS) * 0.6180339887498949
-    values, vectors = np.linalg.eigh(covariance)
-    points = vectors * np.sqrt(np.maximum(values, 0.0)) @ np.vstack([radius * np.cos(angle), radius * np.sin(angle)])
-    return float(np.mean(np.hypot(*(centre[:, None] + points)) > limit))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -53,6 +53,8 @@ class Fit:
         design: Whitened derivatives with respect to :attr:`vector`.
         equations: Normal equations of the design, once it is made.
         step: Gauss-Newton step from here, (p,); near zero after convergence.
+        considered: What else its covariance has: columns (p, k), the sum of whose squares is that, by what it is from
+            (:mod:`mjsim.estimation.considered`).
     """
 
     base: Machine
@@ -69,6 +71,7 @@ class Fit:
     design: Design = field(default_factory=lambda: Design([], 0))
     equations: LeastSquares | None = None
     step: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    considered: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @cached_property
     def machine(self) -> Machine:
@@ -99,10 +102,10 @@ class Fit:
         assert self.equations is not None
         return self.equations
 
-    @property
+    @cached_property
     def covariance(self) -> np.ndarray:
         """Covariance of :attr:`vector`, (p, p)."""
-        return self.linear.covariance
+        return self.linear.covariance + sum((c @ c.T for c in self.considered.values()), 0.0)
 
     def covariance_of(self, effect: EffectVector) -> np.ndarray:
         """Covariance of one effect's entries, (k, k)."""

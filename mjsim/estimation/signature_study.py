@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mjsim.estimation.considered import with_instrument
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit
 from mjsim.estimation.least_squares import LeastSquares, ridge_solution
@@ -78,7 +79,7 @@ def study_of_member(problem: Problem, fit: Fit, member: EffectVector) -> Signatu
         member.effect,
         True,
         member.effect,
-        member.interval(member.vector, covariance),
+        member.interval(member.vector, with_instrument(problem, fit).covariance_of(member)),
         float(x[linear] @ precision @ x[linear]),
         _absorbed(problem.whiten(parts), vector),
         False,

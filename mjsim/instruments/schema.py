@@ -38,6 +38,8 @@ Text = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(printa
 Length = Annotated[float, Field(ge=-10_000, le=10_000, allow_inf_nan=False)]
 #: A stated number of an instrument, µm or µrad (assumed bounds).
 OwnLength = Annotated[float | None, Field(ge=0.01, le=1000)]
+#: Expanded uncertainty (k = 2) of an instrument's unit of length, ppm.
+GainUncertainty = Annotated[float | None, Field(ge=0, le=1e5)]
 Clock = Annotated[float, Field(ge=-1e10, le=1e10, allow_inf_nan=False)]
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mjsim.digits import estimate, interval
 from mjsim.plots import style
 from mjsim.prediction.result import Prediction
 from mjsim.units import MM, UM
@@ -48,8 +49,8 @@ def part_figure(result: Prediction) -> Figure:
 
 
 def _title(result: Prediction) -> str:
-    low, high = result.largest[1] / UM, result.largest[2] / UM
-    text = f"{result.program}: largest {style.micrometres(result.largest[0] / UM)} (95 %: {low:.2f} to {high:.2f} µm)"
+    ends = result.largest[1] / UM, result.largest[2] / UM
+    text = f"{result.program}: largest {estimate(result.largest[0] / UM, ends)} µm (95 %: {interval(ends)} µm)"
     return f"{text}: {result.verdict.split(' with ')[0]}" if result.verdict else text
 
 

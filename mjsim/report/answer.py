@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Mapping, Sequence
+from typing import Any
 
+from mjsim.digits import decimals_of, half_of, wave_ends
 from mjsim.effects.registry import kinds
 from mjsim.estimation.unexplained import Unexplained
 from mjsim.machine.chain import COORDINATES, is_linear, is_rotary
@@ -51,7 +53,7 @@ def _unknown(rest: Unexplained) -> str:
 
 def _line(found: DiagnosedEffect, given: Machine) -> str:
     effect = found.effect
-    cause = f"{_place(effect.subject)}: {sized(effect, given.effect(effect.key))}"
+    cause = f"{_place(effect.subject)}: {sized(effect, given.effect(effect.key), found.ci95)}"
     others = [_named(effect_id) for effect_id in found.alternatives]
     if others and found.probability is not None:
         cause += f" ({percent(found.probability)})"
@@ -80,12 +82,13 @@ def noun(effect: Effect | type[Effect]) -> str:
     return effect.noun or effect.kind.replace("_", " ")
 
 
-def sized(effect: Effect, former: Effect | None = None) -> str:
+def sized(effect: Effect, former: Effect | None = None, intervals: Mapping[str, Any] | None = None) -> str:
     """An effect with its size in words, such as ``position gain about 3 % too high``.
 
     Args:
         effect: the effect as it was fitted.
         former: the same effect as the machine file has it, if it does.
+        intervals: 95 % intervals by parameter. Two digits are said, fewer where an interval knows fewer.
     """
     name = noun(effect)
     direction = f" while it turns {effect.values['direction']}" if "direction" in effect.values else ""
@@ -94,37 +97,44 @@ def sized(effect: Effect, former: Effect | None = None) -> str:
         return name + direction
     # of a straightness, the larger of its two shapes
     parameter = leading[0] if len(leading) == 1 else max(leading, key=lambda p: abs(effect.values[p.name]))
-    value = effect.values[parameter.name]
+    value, ends = effect.values[parameter.name], (intervals or {}).get(parameter.name)
     if parameter.kind == "components":
-        return f"{name} {_components(value, '°' if is_rotary(effect.subject) else 'µm')}{direction}"
+        return f"{name} {_components(value, '°' if is_rotary(effect.subject) else 'µm', ends)}{direction}"
     if parameter.neutral == 1.0:
-        return f"{name} {_percent(value)}{direction}"
+        return f"{name} {_percent(value, ends)}{direction}"
     old = former.values.get(parameter.name) if former else None
-    change = (
-        f" ({_percent(value / old, 'above', 'below')} the machine file's)" if isinstance(old, float) and old else ""
-    )
+    change = ""
+    if isinstance(old, float) and old:
+        change = f" ({_percent(value / old, _times(ends, 1.0 / old), 'above', 'below')} the machine file's)"
     unit = unit_of(parameter.name)[1]
-    share = parameter.name.endswith("ratio")
-    size = f"{_short(100.0 * value)} %" if share else f"{_short(value)} {unit}".replace(" °", "°").rstrip()
+    if parameter.name.endswith("ratio"):
+        size = f"{_short(100.0 * value, _times(ends, 100.0))} %"
+    else:
+        size = f"{_short(value, ends)} {unit}".replace(" °", "°").rstrip()
     return f"{name} {'with a stiffness ' if parameter.inverse else ''}of about {size}{direction}{change}"
 
 
-def _components(rows: list, unit: str) -> str:
-    order, amplitude, _ = max(rows, key=lambda row: abs(row[1]))
+def _components(rows: list, unit: str, intervals: list | None) -> str:
+    i = max(range(len(rows)), key=lambda k: abs(rows[k][1]))
+    order, amplitude, _ = rows[i]
     more = f" and {len(rows) - 1} more" if len(rows) > 1 else ""
-    return f"of about {_short(abs(amplitude))} {unit} at order {order:g}{more}".replace(" °", "°")
+    size = f"{_short(abs(amplitude), wave_ends(intervals, i, 1))} {unit}".replace(" °", "°")
+    return f"of about {size} at order {order:g}{more}"
 
 
-def _percent(ratio: float, above: str = "too high", below: str = "too low") -> str:
+def _percent(ratio: float, ends: Sequence[float] | None, above: str = "too high", below: str = "too low") -> str:
     change = 100.0 * (ratio - 1.0)
-    return f"about {_short(abs(change))} % {above if change > 0 else below}"
+    return f"about {_short(abs(change), _times(ends, 100.0))} % {above if change > 0 else below}"
 
 
-def _short(value: float) -> str:
-    """Two significant digits, such as 0.0020, 3.1 or 4100."""
-    rounded = float(f"{value:.2g}")
-    decimals = max(0, 1 - math.floor(math.log10(abs(rounded)))) if rounded else 0
-    return fixed(rounded, decimals)
+def _times(ends: Sequence[float] | None, factor: float) -> list[float] | None:
+    return None if ends is None else [factor * x for x in ends]
+
+
+def _short(value: float, ends: Sequence[float] | None = None) -> str:
+    """Two significant digits, such as 0.0020, 3.1 or 4100; fewer where its 95 % interval knows fewer."""
+    decimals = 1 - int(f"{value:.1e}".partition("e")[2])
+    return fixed(value, min(decimals, decimals_of(value, ends)) if half_of(ends) else decimals)
 
 
 def explained(result: Diagnosis) -> str:

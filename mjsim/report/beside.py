@@ -9,11 +9,13 @@ from importlib.metadata import version
 
 import numpy as np
 
+from mjsim.digits import decimals_of, estimate, expanded, fixed, interval, wave_ends
+from mjsim.estimation.budget import Budget
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.sheet_names import sheet_name
 from mjsim.plots.comparison import titled_figures
 from mjsim.report.page import data_uri
-from mjsim.units import DEG, UM, unit_of
+from mjsim.units import DEG, UM, percent, unit_of
 from mjsim.workflow.any_instrument import PlainTest
 from mjsim.workflow.axis_log.compare import ComparedAxis
 from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
@@ -48,13 +50,13 @@ def section_of_points(found: Diagnosis, rest: AtRest) -> dict:
     fitted |= {e.effect.id: (e.effect.values, e.ci95) for e in found.effects}
     located = []
     for row in said["classical"]:
-        values, intervals = fitted.get(row["id"], ({}, {}))
-        for name, (low, high) in list(intervals.items())[:1]:
-            unit = unit_of(name)[1]
-            form = "%+.5f" if unit == "°" else "%+.1f"
-            located.append(
-                [row["id"], unit, form % values[name], f"{form % low} to {form % high}", form % row["value"]]
-            )
+        values, ends = fitted.get(row["id"], ({}, {}))
+        for name, own in list(ends.items())[:1]:
+            told = [estimate(values[name], own, "+"), interval(own, sign="+")]
+            located.append([row["id"], unit_of(name)[1], *told, fixed(row["value"], decimals_of(None, own), "+")])
+    # it is one of everything that was measured, and stands on the page once
+    is_first = not found.has_bars and rest is found.at_rest[0]
+    budget = [_budget_row(b) for b in found.budget] if is_first else []
     left = (
         f"{said['left_um']:.2f} µm are in no model; the probability that this is more than the noise is "
         f"{100 * said['misfit']:.0f} %."
@@ -71,8 +73,16 @@ def section_of_points(found: Diagnosis, rest: AtRest) -> dict:
         "located": located,
         "by_itself": [instrument.by_itself_noun, instrument.by_itself_note],
         "points": True,
+        "budget": budget,
         "said": [left, said["joint"]] if said["joint"] else [left],
     }
+
+
+def _budget_row(b: Budget) -> list[str]:
+    ends = b.value - 2.0 * b.standard, b.value + 2.0 * b.standard
+    value = f"{estimate(b.value, ends)} {expanded(ends)} {b.unit}".rstrip()
+    chance = "–" if b.beyond is None else percent(b.beyond)
+    return [f"{b.effect_id} {b.number}", value, chance, b.decision or "–", b.sentence]
 
 
 def images_of(part: ComparedPart) -> list[list[tuple[str, str]]]:
@@ -95,6 +105,7 @@ def compared_section(result: ComparedPart) -> dict:
         "said": [],
         "located": [],
         "points": False,
+        "budget": [],
         "title": result.campaign.name,
         "machine": result.machine.name,
         "instrument": INSTRUMENTS[result.instrument].test_noun,
@@ -168,12 +179,11 @@ def _finding(e: DiagnosedEffect, row: dict) -> dict:
     for name, value in row["parameters"].items():
         ends = row["ci95"].get(name)
         if name == "components":
-            for (order, size, _), low, high in zip(value, *(ends or (value, value)), strict=True):
-                rows.append([f"amplitude of order {order:g}, N·m", f"{size:.3g}", f"{low[1]:.3g} to {high[1]:.3g}"])
-        elif ends:
-            rows.append([name, f"{value:.4g}", f"{ends[0]:.4g} to {ends[1]:.4g}"])
+            for i, (order, size, _) in enumerate(value):
+                own = wave_ends(ends, i, 1)
+                rows.append([f"amplitude of order {order:g}, N·m", estimate(size, own), interval(own)])
         else:
-            rows.append([name, f"{value:.4g}", "–"])
+            rows.append([name, estimate(value, ends), interval(ends)])
     if "rms_before_deg" in row:
         size = f"{row['rms_before_deg']:.3g} → {row['rms_after_deg']:.3g} °"
     else:
@@ -205,12 +215,11 @@ def _ladders(result: LogDiagnosis) -> list[dict]:
 
 def _sheet_row(row: dict) -> dict:
     where = f" ({row['controller']})" if row["controller"] else ""
-    low, high = row["ci95"]
     name, unit = sheet_name(row["name"])
     return {
         "name": f"{row['axis']} {name}{where}, {unit}".rstrip(", "),
         "stated": f"{row['stated']:.4g}",
-        "found": f"{row['found']:.4g}",
-        "ends": f"{low:.4g} to {high:.4g}",
+        "found": estimate(row["found"], row["ci95"]),
+        "ends": interval(row["ci95"]),
         "source": row["source"] if row["known"] else "the data sheet",
     }

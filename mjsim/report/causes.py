@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,6 +34,7 @@ class CalibrationRow:
         value: estimate. low, high: its 95 % interval. expected: what the machine file states, or neutral.
         limit: how far from ``expected`` a machine of this class may be.
         used_percent: how much of the limit the departure takes.
+        beyond_percent: probability that it is farther from ``expected`` than the limit; None where it is not known.
         observable: whether the tests say more about it than the tolerance does. finding: beyond the limit.
         rms_um: RMS over all tests of what the whole effect changes in the readings [µm]; None for a finding, whose
             place in the ladder says so.
@@ -49,6 +50,7 @@ class CalibrationRow:
     expected: float
     limit: float
     used_percent: float
+    beyond_percent: float | None
     observable: bool
     finding: bool
     rms_um: float | None
@@ -87,6 +89,8 @@ def calibration_rows(result: Diagnosis) -> list[CalibrationRow]:
         if e.effect.key in expected:
             rows += _rows(e.effect, e.free, e.ci95, expected[e.effect.key], None)
     rows += rows_of(result.before.machine, result.calibration)
+    known = {(b.effect_id, b.number): round(100.0 * b.beyond, 2) for b in result.budget if b.beyond is not None}
+    rows = [replace(r, beyond_percent=known.get((r.effect_id, r.name))) for r in rows]
     return sorted(rows, key=lambda r: (not r.finding, not r.observable, -r.used_percent))
 
 
@@ -122,6 +126,7 @@ def _rows(
                 centre,
                 limit,
                 round(100.0 * abs(value - centre) / limit, 1),
+                None,
                 rms is None or 0.5 * (high - low) < _OBSERVABLE * _PRIOR * limit,
                 rms is None,
                 None if rms is None else round(float(rms / UM), 4),

@@ -244,6 +244,7 @@ class ReportContent:
         what_if: repairs and what each would gain.
         calibration: numbers that the machine file has a tolerance for. waterfall: the error by cause.
         diagnosis: the JSON of ``mjsim diagnose``; None without one.
+        instrument_source: from what the errors of the instrument are known.
         provenance: (name, text) pairs: versions, seed, model hash. date: as it is to be printed; given by the caller.
         curve: what the unexplained rest looks like, as :func:`mjsim.plots.curve.curve_figure` takes it.
         traces: what the interactive plots are made of (:mod:`mjsim.report.traces`); None leaves them out.
@@ -273,6 +274,7 @@ class ReportContent:
     calibration: Sequence[CalibrationRow] = ()
     waterfall: Sequence[CauseShare] = ()
     diagnosis: dict | None = None
+    instrument_source: str = ""
     provenance: Sequence[tuple[str, str]] = ()
     date: str = ""
     curve: tuple | None = field(default=None, metadata=_DRAWN)

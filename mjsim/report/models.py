@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mjsim.digits import estimate
 from mjsim.estimation.disturbances import readmitted, without_disturbances
 from mjsim.estimation.mistakes.checked_problem import trusted_problem
 from mjsim.estimation.nuisance_fit import fit_nuisance
@@ -15,6 +16,7 @@ from mjsim.estimation.problem import Problem
 from mjsim.estimation.vibration import phased, phased_at
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
+from mjsim.machine.effect import Effect
 from mjsim.machine.kinematics import reading
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, counted, silent
@@ -107,6 +109,7 @@ def ladder(
     out = basis(problem, result.before, threads, progress)
     start = len(out) - 1
     found = [e.effect for e in result.effects]
+    told = {e.effect.key: _values(e.effect, e.ci95) for e in result.effects}
     within = [c.effect.effect for c in result.calibration]
     if within and found:
         text = f"All {len(within)} effects with a tolerance, at the values that the data and the tolerance give them."
@@ -114,7 +117,7 @@ def ladder(
     own = result.own_rungs
     for i, effect in enumerate(found[:own]):
         last = i == len(found) - 1
-        text = f"{effect.title}: {_values(effect)}. Data sheet as given."
+        text = f"{effect.title}: {told[effect.key]}. Data sheet as given."
         if not last:
             out.append(Model(f"+ {effect.key}", text, SIMULATION, result.rungs[i + 1]))
         elif apart:
@@ -128,7 +131,9 @@ def ladder(
     inside = "Drive and friction values are adjusted within the data sheet's tolerances"
     if found and not apart:
         out.append(
-            Model(f"+ {found[-1].key}", f"{found[-1].title}: {_values(found[-1])}. {inside}.", SIMULATION, result.after)
+            Model(
+                f"+ {found[-1].key}", f"{found[-1].title}: {told[found[-1].key]}. {inside}.", SIMULATION, result.after
+            )
         )
     elif within and not found:
         text = f"The final model: {len(within)} effects with a tolerance. {inside}."
@@ -138,8 +143,9 @@ def ladder(
     return out, start
 
 
-def _values(effect) -> str:
+def _values(effect: Effect, ci95: dict) -> str:
     rows = effect.values.get("components")
     if rows:
         return "orders " + ", ".join(f"{row[0]:g}" for row in rows)
-    return ", ".join(f"{k} = {v:.4g}" if isinstance(v, float) else f"{k} = {v}" for k, v in effect.values.items())
+    told = ((k, estimate(v, ci95.get(k)) if isinstance(v, float) else v) for k, v in effect.values.items())
+    return ", ".join(f"{k} = {v}" for k, v in told)

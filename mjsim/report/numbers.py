@@ -1,11 +1,10 @@
-"""Numbers as the report prints them: fixed decimals per quantity, true minus signs, estimates rounded by their
-interval.
-"""
+"""Numbers as the report prints them: as :mod:`mjsim.digits` rounds them, with true minus signs."""
 
 from __future__ import annotations
 
 import math
 
+from mjsim import digits
 from mjsim.report.content import ParameterRow
 
 NONE = "–"
@@ -20,32 +19,22 @@ def fixed(value: float | None, decimals: int) -> str:
     """A number with that many decimals; a dash for None and NaN; no negative zero."""
     if value is None or not math.isfinite(value):
         return NONE
-    return _minus(f"{round(value, decimals) + 0.0:.{decimals}f}")
+    return _minus(digits.fixed(value, decimals))
 
 
-def decimals_of(parameter: ParameterRow) -> int:
-    """Decimals that show the 95 % interval to two significant digits; four significant digits of the value without
-    an interval.
-    """
-    width = None if parameter.low is None or parameter.high is None else 0.5 * abs(parameter.high - parameter.low)
-    if width and math.isfinite(width):
-        return min(max(1 - math.floor(math.log10(width)), 0), 12)
-    if not parameter.value or not math.isfinite(parameter.value):
-        return 0
-    return min(max(3 - math.floor(math.log10(abs(parameter.value))), 0), 12)
+def ends_of(parameter: ParameterRow) -> tuple[float, float] | None:
+    """The 95 % interval; None when there is none."""
+    return None if parameter.low is None or parameter.high is None else (parameter.low, parameter.high)
 
 
 def estimate(parameter: ParameterRow) -> str:
-    """The estimate, as finely as its interval deserves."""
-    return fixed(parameter.value, decimals_of(parameter))
+    """The estimate, as finely as its interval allows."""
+    return _minus(digits.estimate(parameter.value, ends_of(parameter)))
 
 
 def interval(parameter: ParameterRow) -> str:
     """The 95 % interval ``low to high``; a dash when there is none."""
-    if parameter.low is None or parameter.high is None:
-        return NONE
-    decimals = decimals_of(parameter)
-    return f"{fixed(parameter.low, decimals)} to {fixed(parameter.high, decimals)}"
+    return _minus(digits.interval(ends_of(parameter)))
 
 
 def percent_removed(before: float | None, after: float | None) -> str:

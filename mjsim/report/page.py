@@ -16,6 +16,8 @@ from importlib import resources
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from mjsim.digits import decimals_of
+from mjsim.estimation.budget import NAMES as BUDGET_ROWS
 from mjsim.io.files import finite
 from mjsim.plots import curve, ladder, overview, polar, residual, trend
 from mjsim.plots.waterfall import Fall, waterfall_figure
@@ -125,7 +127,7 @@ def render_trend(content: TrendContent) -> str:
 def _decimals(s: Series) -> int:
     """Decimals that show the change's uncertainty, or the largest value where it has none."""
     size = s.uncertainty or 0.01 * max((abs(v) for v in s.values if v is not None), default=0.0)
-    return numbers.decimals_of(ParameterRow("", 0.0, -size, size)) if size else 0
+    return decimals_of(None, (-size, size)) if size else 0
 
 
 def page(template: str, data: dict, traces: Any, scripts: tuple[str, ...], **more: Any) -> str:
@@ -158,6 +160,17 @@ def page(template: str, data: dict, traces: Any, scripts: tuple[str, ...], **mor
         value = at(data, pointer)
         return Markup('<span data-json="{}">{}</span>').format(pointer, numbers.fixed(value, decimals))
 
+    def known(pointer: str, ends: str) -> str:
+        digits = decimals_of(at(data, pointer), at(data, ends))
+        return number(pointer, digits)
+
+    def by_u(pointer: str, standard: float) -> str:
+        return number(pointer, decimals_of(at(data, pointer), (-2.0 * standard, 2.0 * standard)))
+
+    def span(pointer: str) -> str:
+        digits = decimals_of(None, at(data, pointer))
+        return number(pointer + "/0", digits) + " to " + number(pointer + "/1", digits)
+
     def estimated(pointer: str) -> str:
         row = ParameterRow(**at(data, pointer))
         return Markup('<span data-json="{}">{}</span>').format(pointer + "/value", numbers.estimate(row))
@@ -166,6 +179,10 @@ def page(template: str, data: dict, traces: Any, scripts: tuple[str, ...], **mor
         c=data,
         n=number,
         estimated=estimated,
+        known=known,
+        span=span,
+        by_u=by_u,
+        budget_names=BUDGET_ROWS,
         css=Markup(asset("style.css")),
         data=Markup(script_json(data)),
         traces=None if traces is None else Markup(script_json(traces)),

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
+from mjsim.digits import estimate, wave_ends
 from mjsim.effects import registry
 from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect
@@ -149,22 +151,22 @@ def limits(p: Parameter) -> str:
     return f"{ends[0]} to {ends[1]} {p.unit}".rstrip().replace("-", "−")
 
 
-def words(effect: Effect) -> str:
-    """The values of an effect in one line, such as ``width 0.002 °``."""
+def words(effect: Effect, intervals: Mapping[str, Any] | None = None) -> str:
+    """The values of an effect in one line, such as ``width 0.002 °``, as their 95 % intervals allow."""
+    known = intervals or {}
     parts = []
     for p in effect.parameters_of(effect.subject):
         value = effect.values.get(p.name)
         if p.kind == "components":
-            parts.append(", ".join(f"order {row[0]:g}: {row[1]:.3g}" for row in _largest(value or [])))
+            rows = list(enumerate(value or []))
+            largest = sorted(rows, key=lambda row: -abs(row[1][1]))[:2]
+            ends = known.get(p.name)
+            parts.append(", ".join(f"order {w[0]:g}: {estimate(w[1], wave_ends(ends, i, 1))}" for i, w in largest))
         elif isinstance(value, float) and (p.leading or value != p.default):
-            parts.append(f"{spoken(p)} {value:.4g} {p.unit}".rstrip())
+            parts.append(f"{spoken(p)} {estimate(value, known.get(p.name))} {p.unit}".rstrip())
         elif isinstance(value, str):
             parts.append(value)
     return ", ".join(part for part in parts if part)
-
-
-def _largest(rows: Iterable[list[float]]) -> list[list[float]]:
-    return sorted(rows, key=lambda row: -abs(row[1]))[:2]
 
 
 def spoken(p: Parameter) -> str:

@@ -11,6 +11,7 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import machine_of
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
+from mjsim.estimation.considered import with_instrument
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.measurement import BallBarTest
@@ -254,7 +255,7 @@ def fit(gains: Gains, machine: Machine, effects: list[Effect]) -> Fitted:
             fitter = gains.fitter(machine)
             free = [EffectVector(e, names_of(e)) for e in usual]
             near = fitter.fit(free, exact=False)
-            result = fitter.fit(near.effects, start=near)
+            result = with_instrument(fitter.problem, fitter.fit(near.effects, start=near))
         for f in result.effects:
             machine = machine.with_effect(f.effect)
             intervals[f.effect.key] = f.interval(f.vector, result.covariance_of(f))

@@ -101,7 +101,9 @@ def diagnose_at_rest(
         findings, found.calibration, machine, (before, after), lambda m, _: compare_plainly(first, m)
     )
     if beside is not None:
-        return _joined(campaign, beside, found, hidden, effects, tuple(rests), final, threads, progress)
+        chosen = _joined(campaign, beside, found, hidden, effects, tuple(rests), final, threads, progress)
+        ours = {b.effect_id for b in found.budget}
+        return replace(chosen, budget=(*(b for b in beside.budget if b.effect_id not in ours), *found.budget))
     return Diagnosis(
         campaign,
         found.verdict,
@@ -121,6 +123,7 @@ def diagnose_at_rest(
         probabilities=found.verdicts.to_json(),
         discrepancy=rest.left,
         at_rest=tuple(rests),
+        budget=found.budget,
     )
 
 

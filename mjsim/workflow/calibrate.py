@@ -9,8 +9,10 @@ from mjsim.errors import InputError
 from mjsim.estimation.axis_logs.data import axis_data
 from mjsim.estimation.axis_logs.found import AxisSelection
 from mjsim.estimation.axis_logs.selection import AxisSearch
+from mjsim.estimation.budget import Budget, budgets, split_of_bars
 from mjsim.estimation.calibration import calibrated_effects
 from mjsim.estimation.combinations import Combination, combinations
+from mjsim.estimation.considered import with_instrument
 from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.retiming import retimed
@@ -44,6 +46,7 @@ class CalibratedMachine:
         after: Comparison of the calibrated machine.
         combinations: Sums of calibrated numbers that the tests determine although they leave the numbers open.
         sheet: Numbers of the data sheet that axis logs have calibrated.
+        budget: Where the uncertainty of every number comes from, and the probability that it is beyond its limit.
     """
 
     machine: Machine
@@ -53,6 +56,7 @@ class CalibratedMachine:
     after: Comparison
     combinations: tuple[Combination, ...] = ()
     sheet: tuple[SheetNumber, ...] = ()
+    budget: tuple[Budget, ...] = ()
 
 
 @one_blas_thread
@@ -82,6 +86,7 @@ def calibrate(campaign: Campaign, machine: Machine, threads: int = 2, progress: 
     entries: tuple[Calibration, ...] = ()
     shares: dict[str, float] = {}
     sums: tuple[Combination, ...] = ()
+    budget: tuple[Budget, ...] = ()
     if LogTest.instrument in parts:
         final, sheet = _calibrated_by_logs(parts[LogTest.instrument], machine, threads, progress)
     if BallBarTest.instrument in parts:
@@ -92,11 +97,13 @@ def calibrate(campaign: Campaign, machine: Machine, threads: int = 2, progress: 
         fit = fit_within_tolerance(fitter)
         fit = fitter.fit(fit.effects, start=fit, exact=True, iterations=_EXACT, fresh=False)
         problem = separated.problem
+        fit = with_instrument(problem, fit)
         expected = calibrated_effects(separated.machine)
         entries, shares = calibrations(parts_of(problem, fit), fit, expected, problem.settings.observable)
+        budget = budgets(fit, split_of_bars(problem), {c.key: c for c in expected})
         final, sums = fit.machine.with_effects(line.effect for line in separated.lines), combinations(fit)
     after = compare(campaign, final, threads, progress, problem)
-    return CalibratedMachine(final, entries, shares, before, after, sums, tuple(sheet))
+    return CalibratedMachine(final, entries, shares, before, after, sums, tuple(sheet), budget)
 
 
 def _calibrated_by_logs(

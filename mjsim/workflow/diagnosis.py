@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mjsim.campaign.model import Campaign
+from mjsim.estimation.budget import Budget
 from mjsim.estimation.combinations import Combination
 from mjsim.estimation.outcome import verdict_of
 from mjsim.estimation.posterior import Posterior
@@ -112,6 +113,7 @@ class Diagnosis:
         probabilities: Of the four verdicts by the ball-bar tests; empty where none was measured.
         discrepancy: RMS in a ball-bar test of what repeats and is in no model, m.
         at_rest: What was measured while the machine stood still, one for each instrument.
+        budget: Where the uncertainty of every fitted number comes from.
     """
 
     campaign: Campaign
@@ -135,6 +137,7 @@ class Diagnosis:
     probabilities: dict[str, float] = field(default_factory=dict)
     discrepancy: float = 0.0
     at_rest: tuple[AtRest, ...] = ()
+    budget: tuple[Budget, ...] = ()
 
     @property
     def has_bars(self) -> bool:
@@ -206,6 +209,7 @@ class Diagnosis:
                 if row.get("samples_left_out")
             ],
             "next_test": self.next_test,
+            "budget": [{k: rounded(v) for k, v in b.to_json().items()} for b in self.budget],
             **calibration_json(self.calibration, self.explained_shares, self.combinations),
         }
 

@@ -10,6 +10,7 @@ from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.estimation.bar_search import BarSearch
+from mjsim.estimation.considered import with_instrument
 from mjsim.estimation.fit import Fitter
 from mjsim.estimation.mistakes.checked_problem import checked_problem, trusted_problem
 from mjsim.estimation.problem import Problem
@@ -209,7 +210,8 @@ def best_effect(problem: Problem, machine: Machine, cls: type[Effect], subjects:
             )
         return mine[0].effect, mine[0].ci95
     fitter = Fitter(separated.problem, separated.machine)
-    best = max((fit_effect(fitter, cls, s) for s in subjects), key=lambda m: m.evidence).fit
+    model = max((fit_effect(fitter, cls, s) for s in subjects), key=lambda m: m.evidence)
+    best = with_instrument(model.problem, model.fit)
     free = best.effects[-1]
     return free.effect, free.interval(free.vector, best.covariance_of(free))
 

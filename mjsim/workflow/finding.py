@@ -196,7 +196,9 @@ def _share(p: float | None) -> float | None:
 
 
 def rounded(v):
-    """Numbers, and lists of them, with six digits; a text as it is."""
+    """Numbers, and lists and tables of them, with six digits; a text as it is."""
+    if isinstance(v, dict):
+        return {k: rounded(x) for k, x in v.items()}
     if isinstance(v, (list, tuple)):
         return [rounded(x) for x in v]
     return significant(v) if isinstance(v, (int, float)) else v

@@ -14,6 +14,7 @@ from mjsim.campaign.tolerance import TYPICAL_TOLERANCE
 from mjsim.errors import InputError
 from mjsim.estimation.calibration import LIMIT_DEVIATIONS, Calibrated, calibrated_effects
 from mjsim.estimation.combinations import Combination, combinations
+from mjsim.estimation.considered import with_instrument
 from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.vibration import separate
@@ -144,6 +145,7 @@ def geometry(campaign: Campaign, machine: Machine, threads: int = 2, progress: P
     fitter = Fitter(separated.problem, separated.machine)
     fit = fit_within_tolerance(fitter)
     fit = fitter.fit(fit.effects, start=fit, exact=True, iterations=_EXACT, fresh=False)
+    fit = with_instrument(separated.problem, fit)
     limits = {c.key: _wanted(c, table) for c in calibrated_effects(free) if c.free.effect.kind in _WIDE}
     numbers = _numbers(fit, limits)
     scale = {
@@ -166,7 +168,8 @@ def _wanted(calibrated: Calibrated, table: Mapping[str, Mapping[str, float]]) ->
 def _numbers(fit: Fit, limits: Mapping[str, float]) -> tuple[Located, ...]:
     """Every number of the geometry, with what moves with it where it is open."""
     labels = _labels(fit)
-    deviation = np.sqrt(np.diag(fit.covariance))
+    deviation, covariance = np.sqrt(np.diag(fit.covariance)), fit.linear.covariance
+    fitted = np.sqrt(np.diag(covariance))  # what moves together moves so in the fit
     out = []
     for f in (f for f in fit.effects if f.effect.key in limits):
         at = fit.parameters[f.block.name].start
@@ -180,7 +183,7 @@ def _numbers(fit: Fit, limits: Mapping[str, float]) -> tuple[Located, ...]:
             limits[f.effect.key],
         )
         if not one.determined:
-            r = fit.covariance[at] / np.where(deviation > 0.0, deviation, np.inf) / deviation[at]
+            r = covariance[at] / np.where(fitted > 0.0, fitted, np.inf) / fitted[at]
             ranked = sorted((i for i in labels if i != at), key=lambda i: -abs(r[i]))
             found = [(labels[i], float(r[i])) for i in ranked[:_MOST_NAMED] if abs(r[i]) > _MOVES_WITH]
             one = replace(one, instead=tuple(found))

@@ -158,11 +158,22 @@ def write_files(case: Case, folder: Path | str) -> None:
     write_folder(folder, case.name, model, list(case.tests), measure(case))
 
 
-def write_folder(folder: Path | str, name: str, machine: dict, tests: list[dict], traces: list[tuple]) -> None:
-    """Writes what a user brings: campaign.toml, machine.toml and the traces (s, µm) of the tests."""
+def write_folder(
+    folder: Path | str,
+    name: str,
+    machine: dict,
+    tests: list[dict],
+    traces: list[tuple],
+    bar: measurement.Bar = measurement.GOOD_BAR,
+) -> None:
+    """Writes what a user brings: campaign.toml, machine.toml and the traces (s, µm) of the tests. A bar without a gain
+    error comes with a certificate that says that it has no error at all.
+    """
     folder = Path(folder)
     (folder / "traces").mkdir(parents=True, exist_ok=True)
     instrument = {"kind": "ball_bar", "resolution_um": 0.1, "range_mm": 1.0, "sample_rate_Hz": measurement.SAMPLE_RATE}
+    if bar.gain == 0.0:
+        instrument |= {"certificate": "as generated", "gain_uncertainty_ppm": 0.0, "form_um": 0.0, "hysteresis_um": 0.0}
     head = {"name": name, "machine": "machine.toml", "instrument": instrument, "test": [dict(t) for t in tests]}
     (folder / "campaign.toml").write_text(tomlkit.dumps(head))
     (folder / "machine.toml").write_text(tomlkit.dumps(machine))

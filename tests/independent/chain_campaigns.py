@@ -303,7 +303,7 @@ def write(case: ChainCase, folder: Path | str) -> dict:
 
     windows = [case.program(t).window for t in tests]
     traces = measurement.record(read, windows, setup, case.bar, case.noise_um, case.rng)
-    write_folder(folder, case.name, case.model(), tests, traces)
+    write_folder(folder, case.name, case.model(), tests, traces, case.bar)
     return answer(case)
 
 

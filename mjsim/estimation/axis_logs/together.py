@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mjsim.digits import with_interval
 from mjsim.estimation.axis_logs.entries import CONTROLLER, DRIVE, NUISANCES, AxisModel, Entry
 from mjsim.estimation.axis_logs.fit import AxisFit
 from mjsim.machine.effect import Effect
@@ -39,16 +40,16 @@ class KnownTogether:
     @property
     def sentence(self) -> str:
         """One sentence for users."""
-        low, high = self.ci95
+        known = with_interval(self.value, self.ci95)
         if not self.others:
             return (
-                f"the size is open: {self.parameter} = {self.value:.4g} has the 95 % interval [{low:.4g}, {high:.4g}], "
-                "which holds the value that means no cause"
+                f"the size is open: {self.parameter} = {known} (95 %), whose interval "
+                " holds the value that means no cause"
             )
         where = "where that is" if len(self.others) == 1 else "where these are"
         return (
             f"{self.parameter} is known only together with {' and '.join(self.others)}: {where} as found, it "
-            f"is {self.value:.4g} [{low:.4g}, {high:.4g}] (95 %)"
+            f"is {known} (95 %)"
         )
 
 

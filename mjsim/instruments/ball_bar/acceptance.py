@@ -77,6 +77,13 @@ class Judged:
     guard_um: float
     decision: str
 
+    @property
+    def probability_beyond(self) -> float:
+        """Probability that the figure is beyond its limit (JCGM 106)."""
+        u, limit = max(self.uncertainty_um, 1e-12), self.limit.limit / UM
+        normal = NormalDist(self.value_um, u)
+        return 1.0 - normal.cdf(limit) + normal.cdf(-limit)
+
     def to_json(self) -> dict:
         """Plain numbers in µm."""
         return {
@@ -87,6 +94,7 @@ class Judged:
             "standard_uncertainty_um": round(self.uncertainty_um, 3),
             "guard_band_um": round(self.guard_um, 3),
             "decision": self.decision,
+            "probability_beyond": round(self.probability_beyond, 4),
             "source": self.limit.source,
         }
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar
+
+from pydantic import Field
 
 from mjsim.instruments.ball_bar.files import check_span, test_of
 from mjsim.instruments.ball_bar.kinds import KINDS
@@ -12,6 +15,7 @@ from mjsim.instruments.ball_bar.measurement import BallBarData, BallBarTest, Tra
 from mjsim.instruments.ball_bar.tables import BallBarTable, ball_bar_table
 from mjsim.instruments.ball_bar.traces import read_trace
 from mjsim.instruments.base import Instrument, Observation, register
+from mjsim.instruments.schema import GainUncertainty, Text
 from mjsim.machine.chain import Chain
 from mjsim.units import MM, UM
 
@@ -25,6 +29,15 @@ class BallBar(Instrument[BallBarTest, Trace]):
     test_noun = "ball-bar test"
     beside = "ball_bar_tests"
     order = 0
+    own_keys: ClassVar[Mapping[str, tuple[Any, Any]]] = {
+        "certificate": (Text, ""),
+        "gain_ppm": (Annotated[float | None, Field(ge=-1e5, le=1e5)], None),
+        "gain_uncertainty_ppm": (GainUncertainty, None),
+        "form_um": (Annotated[float | None, Field(ge=0, le=1000)], None),
+        "hysteresis_um": (Annotated[float | None, Field(ge=0, le=1000)], None),
+        "temperature_degC": (Annotated[float | None, Field(ge=-20, le=60)], None),
+        "expansion_ppm_per_K": (Annotated[float | None, Field(ge=-100, le=100)], None),
+    }
 
     def kinds(self) -> Sequence[str]:
         return tuple(KINDS)
@@ -36,13 +49,29 @@ class BallBar(Instrument[BallBarTest, Trace]):
         return test_of(file, table, chain)
 
     def data_of(self, table: Any) -> BallBarData:
-        return BallBarData(table.resolution_um * UM, table.range_mm * MM, table.sample_rate_Hz)
+        resolution, usual = table.resolution_um * UM, BallBarData()
+        stated = {
+            "certificate": table.certificate,
+            "gain": _times(table.gain_ppm, 1e-6),
+            "gain_uncertainty": _times(table.gain_uncertainty_ppm, 1e-6),
+            "form": _times(table.form_um, UM),
+            "temperature": table.temperature_degC,
+            "expansion": _times(table.expansion_ppm_per_K, 1e-6),
+            "hysteresis": resolution if table.hysteresis_um is None else table.hysteresis_um * UM,
+        }
+        known = {key: value for key, value in stated.items() if value is not None}
+        return replace(usual, resolution=resolution, range=table.range_mm * MM, rate=table.sample_rate_Hz, **known)
 
     def read(self, path: Path, test: BallBarTest, data: BallBarData) -> Trace:
-        return read_trace(path, data)
+        return data.corrected(read_trace(path, data), test.length)
 
     def observe(self, test: BallBarTest, recording: Trace) -> Observation:
         return Observation(recording.time, recording.deviation[:, None], recording.valid[:, None])
 
     def look_at(self, path: Path, test: BallBarTest, recording: Trace, tests: Sequence[BallBarTest]) -> None:
         check_span(path, test, recording, tuple(tests))
+
+
+def _times(value: float | None, unit: float) -> float | None:
+    """A number of a table in SI."""
+    return None if value is None else value * unit

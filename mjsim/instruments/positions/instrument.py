@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import Field
 
 from mjsim.instruments.base import Channel, Instrument, Mistake, Nuisances, Observation, Over, Stops, register
 from mjsim.instruments.positions import files
@@ -16,7 +15,7 @@ from mjsim.instruments.positions.files import PositionTable, position_test
 from mjsim.instruments.positions.iso230_2 import REVERSAL, positioning_figures
 from mjsim.instruments.positions.measurement import PositionTest, Reader, Readings, stops_of
 from mjsim.instruments.positions.mistakes import position_mistakes, position_remarks
-from mjsim.instruments.schema import OwnLength
+from mjsim.instruments.schema import GainUncertainty, OwnLength
 from mjsim.machine.chain import COORDINATES, Chain
 from mjsim.machine.kinematics import Geometry, bar_vector
 from mjsim.units import DEG, MM, UM
@@ -57,7 +56,7 @@ class Positions(Instrument[PositionTest, Readings]):
     own_keys: ClassVar[Mapping[str, tuple[Any, Any]]] = {
         "repeatability_um": (OwnLength, None),
         "repeatability_urad": (OwnLength, None),
-        "gain_ppm": (Annotated[float | None, Field(ge=0.001, le=1000)], None),
+        "gain_uncertainty_ppm": (GainUncertainty, None),
         "compensated": (bool, False),
     }
 
@@ -71,11 +70,11 @@ class Positions(Instrument[PositionTest, Readings]):
         return position_test(file, table, chain)
 
     def data_of(self, table: Any) -> Reader:
-        length, angle, gain = table.repeatability_um, table.repeatability_urad, table.gain_ppm
+        length, angle, gain = table.repeatability_um, table.repeatability_urad, table.gain_uncertainty_ppm
         return Reader(
             None if length is None else length * UM,
             None if angle is None else angle * 1e-6,
-            1e-6 if gain is None else gain * 1e-6,
+            1e-6 if gain is None else 0.5 * gain * 1e-6,
             table.compensated,
         )
 
@@ -167,7 +166,8 @@ class Positions(Instrument[PositionTest, Readings]):
             rows.append((f"{test.component}_slope_urad", 1e-6 * way, SLOPE / 1e-6))
         if not test.rotary and test.positioning:
             shared = ("gain_ppm",)
-            rows.append(("gain_ppm", 1e-6 * way, data.gain / 1e-6))
+            # counted as the axis counts: so it is a scale error, and leaves the zero alone
+            rows.append(("gain_ppm", 1e-6 * recording.target, data.gain / 1e-6))
             if not data.compensated:
                 rows += _temperature(test, recording, way)
         columns = np.stack([c for _, c, _ in rows], axis=1)[:, None, :]

@@ -7,7 +7,11 @@
   const place = data.campaigns.map((c, i) => dates ? Date.parse(c.date) / 864e5 : i);
   const span = Math.max(place[place.length - 1] - place[0], 1e-6), view = [place[0] - 0.08 * span, place[place.length - 1] + 0.08 * span];
   const colours = ["#222222", "#d9480f", "#0072b2", "#007a5a", "#b3007d", "#8a6d00", "#5b3fb5"], dashes = [undefined, "6 3", "2 2"];
-  const short = (v) => String(Number(v.toPrecision(5)));
+  // two significant digits of half the interval, as mjsim/digits.py
+  const short = (s, i) => {
+    const half = s.lows[i] === null || s.highs[i] === null ? 0 : (s.highs[i] - s.lows[i]) / 2;
+    return half > 0 ? mjsim.fixed(s.values[i], Math.max(0, 1 - Number(half.toExponential(1).split("e")[1]))) : String(Number(s.values[i].toPrecision(4)));
+  };
   for (const group of document.querySelectorAll("[data-group]")) {
     const series = data.series.filter((s) => s.group === group.dataset.group);
     const changed = series.filter((s) => ["grew", "shrank"].includes(s.verdict));
@@ -20,7 +24,7 @@
     const colour = (s) => colours[series.indexOf(s) % 7], dash = (s) => dashes[Math.floor(series.indexOf(s) / 7) % 3];
     const line = (s) => ({
       name: s.name, x: place, y: s.values, colour: colour(s), width: 1.4, dash: dash(s), dots: true,
-      text: (i) => [s.name, [data.campaigns[i].name, s.notes[i]].filter(Boolean).join(", "), `${short(s.values[i])} ${s.unit}`],
+      text: (i) => [s.name, [data.campaigns[i].name, s.notes[i]].filter(Boolean).join(", "), `${short(s, i)} ${s.unit}`],
     });
     const bars = (s, at) => place.filter((_, i) => s.lows[i] !== null).map((x) => {
       const i = place.indexOf(x), left = at.x(x) - 4, right = at.x(x) + 4, low = at.y(s.lows[i]), high = at.y(s.highs[i]);

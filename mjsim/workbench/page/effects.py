@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from nicegui import ui
 
+from mjsim import digits
 from mjsim.errors import InputError
 from mjsim.machine.effect import Effect
 from mjsim.machine.parameter import Parameter
@@ -207,7 +208,7 @@ class EffectsPanel:
         slider.value = value
         number.value = float(f"{value:.6g}")
         ci = self.live.bench.intervals.get(effect.key, {}).get(p.name)
-        interval.text = f"95 %: {ci[0]:.4g} to {ci[1]:.4g}" if ci else ""
+        interval.text = f"95 %: {digits.interval(ci)}" if ci else ""
 
     # -- changes -------------------------------------------------------------------------------------------------------
 

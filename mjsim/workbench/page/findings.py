@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from nicegui import ui
 
+from mjsim.digits import estimate, interval
+from mjsim.estimation.budget import Budget
 from mjsim.machine.effect import Effect
 from mjsim.machine.sheet_names import sheet_name
 from mjsim.units import DEG, UM
@@ -86,7 +88,14 @@ class JobPanel:
             others = ", ".join(f"{name} ({worse} by {less:.3g})" for name, less in near)
             ui.label(f"was tried in its place: {others}").classes("soft")
 
-    def card(self, found: DiagnosedEffect, error: str, worse: str = "worse", tests: bool = True) -> None:
+    def card(
+        self,
+        found: DiagnosedEffect,
+        error: str,
+        worse: str = "worse",
+        tests: bool = True,
+        budget: Sequence[Budget] = (),
+    ) -> None:
         """Draw a finding.
 
         Args:
@@ -94,14 +103,17 @@ class JobPanel:
             error: What it does to the error, in words.
             worse: What of a competitor is larger.
             tests: Say in which tests it shows.
+            budget: Where the uncertainty of all numbers comes from.
         """
         effect = found.effect
         with ui.element("div").classes("card").mark(f"finding {effect.id}"):
-            ui.label(f"{effect.key}: {catalogue.words(effect)}").classes("head")
+            ui.label(f"{effect.key}: {catalogue.words(effect, found.ci95)}").classes("head")
             for p in effect.parameters_of(effect.subject):
                 ci = found.ci95.get(p.name)
                 if ci and p.kind != "components":
-                    ui.label(f"{catalogue.spoken(p)} 95 %: {ci[0]:.4g} to {ci[1]:.4g} {p.unit}".rstrip())
+                    ui.label(f"{catalogue.spoken(p)} 95 %: {interval(ci)} {p.unit}".rstrip())
+            for b in (b for b in budget if b.effect_id == effect.id):
+                ui.label(f"uncertainty of {b.number}: {b.sentence}").classes("soft")
             if found.together is not None:
                 ui.label(found.together.sentence).classes("soft")
             ui.label(f"RMS {error}")
@@ -133,7 +145,7 @@ class FindingsPanel(JobPanel):
             share = result.shares.get(found.effect.key) or result.shares.get(found.effect.id)
             explained = f", {100 * share:.0f} % of what is explained" if share else ""
             error = f"{found.rms_before / UM:.3f} → {found.rms_after / UM:.3f} µm{explained}"
-            self.card(found, error, "χ² worse")
+            self.card(found, error, "χ² worse", budget=result.budget)
         if result.unexplained is not None:
             with ui.element("div").classes("card").mark("unknown"):
                 ui.label(f"Unknown cause: {', '.join(result.unexplained.axes)} axis").classes("head")
@@ -182,7 +194,7 @@ class LogFindingsPanel(JobPanel):
             for n in rows[:8]:
                 where = f" ({n.controller})" if n.controller else ""
                 name, unit = sheet_name(n.name)
-                ui.label(f"{n.axis} {name}{where}: {n.found:.4g}, stated {n.stated:.4g} {unit}".rstrip())
+                ui.label(f"{n.axis} {name}{where}: {estimate(n.found, n.ci95)}, stated {n.stated:.4g} {unit}".rstrip())
             for i in result.inseparable[:3]:
                 ui.label(
                     f"{i.axis}: only a combination of {', '.join(x.rpartition('.')[2] for x in i.labels)} is known"

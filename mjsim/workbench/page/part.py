@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
+from mjsim.digits import estimate, interval
 from mjsim.machine.chain import COORDINATES
 from mjsim.nc.dialects import READABLE
 from mjsim.plots import style
@@ -90,12 +91,15 @@ class PartDialog:
         self._before[name] = result
 
     def _draw(self, result: Prediction, before: Prediction | None) -> None:
-        low, high = (v / UM for v in result.largest[1:])
+        ends = [v / UM for v in result.largest[1:]]
         reason = f"{result.reason[:1].upper()}{result.reason[1:]}. " if result.reason else ""
         verdict = f"{result.verdict[:1].upper()}{result.verdict[1:]}. {reason}" if result.verdict else ""
-        was = f" (before: {before.largest[0] / UM:.2f} µm)" if before is not None else ""
+        was = ""
+        if before is not None:
+            largest, *known = (v / UM for v in before.largest)
+            was = f" (before: {estimate(largest, known)} µm)"
         self.says.text = (
-            f"{verdict}Largest deviation {result.largest[0] / UM:.2f} µm{was}, 95 %: {low:.2f} to {high:.2f} µm, "
+            f"{verdict}Largest deviation {estimate(result.largest[0] / UM, ends)} µm{was}, 95 %: {interval(ends)} µm, "
             f"from {result.basis}. Cutting forces are not included."
         )
         if len(result.cuts) > 1:

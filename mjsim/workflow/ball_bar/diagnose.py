@@ -125,6 +125,7 @@ def _diagnose(
         settings=settings,
         probabilities=explained.verdicts.to_json(),
         discrepancy=explained.discrepancy,
+        budget=explained.budget,
     )
 
 
