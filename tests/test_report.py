@@ -318,7 +318,7 @@ def test_the_page_has_the_budget_of_every_number():
     known = Budget("backlash.Y", "width_um", "µm", 0.8294, 0.0367, rows, 0.0, 0.8, 0.7885)
     page = render(_content(diagnosis={"budget": [known.to_json()]}, instrument_source="certificate 4711"))
     text = _plain(page)
-    assert "backlash.Y width_um 0.829 0.073 0.037 0.004 0.003 0.036 0.000" in text
+    assert "backlash.Y width_um, µm 0.829 0.073 0.004 0.003 0.036" in text
     assert "known from: certificate 4711" in text and "most of it from instrument (0.036 of 0.037 µm)" in text
     assert (known.decision, known.to_json()["probability_beyond"]) == ("open", 0.7885)
     assert 'id="budget"' not in render(_content())

@@ -318,8 +318,10 @@ class Reader(ABC, Generic[D]):
             # something else in its place is the better explanation
             self.found = replace(self.found, model=best)
         unexplained, unknown, fit, data = self._unknown(fit)
-        fit = with_choice(self._with_instrument(fit, data), rivals, self.model.evidence)
+        fit = self._with_instrument(fit, data)
+        # a probability has the rivals' already: their spread goes into the intervals only
         rows = self.of_class.findings(fit, rivals, self.model.evidence)
+        fit = with_choice(fit, rivals, self.model.evidence)
         self.progress("shares of the error", 0, 1)
         coarse = {f.effect.key for f in fit.effects if not self._resolves(f)}
         named = [r for r in rows if r.whole >= FINDING and r.key not in coarse]

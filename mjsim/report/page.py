@@ -11,7 +11,7 @@ from __future__ import annotations
 import base64
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -183,12 +183,18 @@ def page(template: str, data: dict, traces: Any, scripts: tuple[str, ...], **mor
         span=span,
         by_u=by_u,
         budget_names=BUDGET_ROWS,
+        used_parts=used_parts,
         css=Markup(asset("style.css")),
         data=Markup(script_json(data)),
         traces=None if traces is None else Markup(script_json(traces)),
         scripts=() if traces is None else tuple(Markup(asset(name)) for name in scripts),
         **more,
     )
+
+
+def used_parts(budget: Sequence[dict]) -> list[str]:
+    """Names of the parts that are not zero in every row of a budget, in their order."""
+    return [name for name in BUDGET_ROWS if any(row["parts"].get(name) for row in budget)]
 
 
 def asset(name: str) -> str:
