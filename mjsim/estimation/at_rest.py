@@ -535,12 +535,13 @@ class RestReader(Reader[RestProblem]):
             out[f.effect.key] = part - p.columns @ taken_by(p.columns, part, noise)
         return out
 
-    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit, RestProblem]:
-        return None, self.search.misfit(self.model), fit, self.model.problem
+    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit]:
+        return None, self.search.misfit(self.model), fit
 
-    def _budget(self, fit: Fit, data: RestProblem) -> tuple[Budget, ...]:
-        nouns = tuple({INSTRUMENTS[t.instrument].noun for t in data.campaign.measured})
-        return budgets(fit, split_at_rest(data), self.stated, nouns)
+    def _budget(self, fit: Fit) -> tuple[Budget, ...]:
+        problem = self.model.problem
+        nouns = tuple({INSTRUMENTS[t.instrument].noun for t in problem.campaign.measured})
+        return budgets(fit, split_at_rest(problem), self.stated, nouns)
 
     def _resolves(self, f: EffectVector) -> bool:
         """Whether the places are close enough to tell the waves of a pitch error from those of other orders: at least

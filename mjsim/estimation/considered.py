@@ -92,14 +92,13 @@ def errors_of_bar(problem: Problem, fit: Fit) -> Design:
 
 
 def with_instrument(problem: Problem, fit: Fit) -> Fit:
-    """A finished fit whose covariance has the instrument's errors."""
+    """A finished fit, whitened by these data, whose covariance has the instrument's errors."""
     errors = errors_of_bar(problem, fit)
     cross = fit.design.T @ errors
     moves = fit.linear.solve(cross)
     known = (errors.T @ errors - cross.T @ moves) / fit.linear.weight
-    # beside a curve that is fitted as well, the readings may say less of the instrument than the design does
     values, vectors = np.linalg.eigh(0.5 * (known + known.T))
-    columns = moves @ (vectors / np.sqrt(1.0 + np.maximum(values, 0.0)))
+    columns = moves @ (vectors / np.sqrt(1.0 + np.maximum(values, 0.0)))  # rounding may leave less than nothing
     return replace(fit, considered={**fit.considered, INSTRUMENT: columns})
 
 

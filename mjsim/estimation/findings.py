@@ -267,17 +267,17 @@ class Reader(ABC, Generic[D]):
         """What each effect adds to the readings that the set-up cannot take up, by key, (m,) SI."""
 
     @abstractmethod
-    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit, D]:
+    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit]:
         """The unknown cause that is farthest beyond its class, where it is a finding; the probability that it is larger
-        than its class allows; the model fitted beside it, and the data with the whitening that it is fitted with.
+        than its class allows; the model fitted beside it.
         """
 
     @abstractmethod
-    def _budget(self, fit: Fit, data: D) -> tuple[Budget, ...]:
-        """Where the uncertainty of every number of the final model comes from."""
+    def _budget(self, fit: Fit) -> tuple[Budget, ...]:
+        """Where the uncertainty of every number of a model comes from."""
 
-    def _with_instrument(self, fit: Fit, data: D) -> Fit:
-        """The final model with the errors of the instrument that are no unknowns of it."""
+    def _with_instrument(self, fit: Fit) -> Fit:
+        """A model with the errors of the instrument that are no unknowns of it."""
         return fit
 
     def _resolves(self, f: EffectVector) -> bool:
@@ -317,11 +317,15 @@ class Reader(ABC, Generic[D]):
                 break
             # something else in its place is the better explanation
             self.found = replace(self.found, model=best)
-        unexplained, unknown, fit, data = self._unknown(fit)
-        fit = self._with_instrument(fit, data)
+        unexplained, unknown, moved = self._unknown(fit)
+        if unexplained is not None:  # the same model where that cause is part of what the data are whitened by
+            fit = fitter.fit(moved.effects, start=moved, exact=True, iterations=0, fresh=False)
+        whitened = self._with_instrument(fit)
+        fit = replace(moved, considered=whitened.considered)
         # a probability has the rivals' already: their spread goes into the intervals only
         rows = self.of_class.findings(fit, rivals, self.model.evidence)
         fit = with_choice(fit, rivals, self.model.evidence)
+        budget = self._budget(replace(whitened, considered=fit.considered))
         self.progress("shares of the error", 0, 1)
         coarse = {f.effect.key for f in fit.effects if not self._resolves(f)}
         named = [r for r in rows if r.whole >= FINDING and r.key not in coarse]
@@ -338,7 +342,7 @@ class Reader(ABC, Generic[D]):
         selection = Selection(self.found.start, fit, named, self.found.bank, self.found.trail)
         shown = keys | {c.effect.effect.key for c in entries if c.observable}
         verdict, verdicts = self._verdict(named, rows, shown, unknown, unexplained is not None)
-        sums, left, budget = combinations(fit, settings), self.model.sizes.rms, self._budget(fit, data)
+        sums, left = combinations(fit, settings), self.model.sizes.rms
         ended = self.model.problem
         return Explained(ended, selection, unexplained, entries, shares, sums, verdict, verdicts, left, budget)
 
@@ -349,20 +353,20 @@ class _BarReader(Reader[Problem]):
     def _parts(self, fit: Fit) -> dict[str, np.ndarray]:
         return parts_of(self.model.problem, fit)
 
-    def _with_instrument(self, fit: Fit, data: Problem) -> Fit:
-        return with_instrument(data, fit)
+    def _with_instrument(self, fit: Fit) -> Fit:
+        return with_instrument(self.model.problem, fit)
 
-    def _budget(self, fit: Fit, data: Problem) -> tuple[Budget, ...]:
-        return budgets(fit, split_of_bars(data), self.stated)
+    def _budget(self, fit: Fit) -> tuple[Budget, ...]:
+        return budgets(fit, split_of_bars(self.model.problem), self.stated)
 
-    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit, Problem]:
+    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit]:
         curves = self.model.curves
         if not curves:
-            return None, 0.0, fit, self.model.problem
+            return None, 0.0, fit
         (large, _), i = max((self._curve_beyond(c.term, *row), i) for i, (c, row) in enumerate(self._values(fit)))
         curve = curves[i]
         if large < FINDING:
-            return None, large, fit, self.model.problem
+            return None, large, fit
         self.progress("describing what is in no catalogue", 0, 1)
         problem = with_curves(self.model.base, [c for c in curves if c is not curve])
         fitter = Fitter(problem, fit.base)
@@ -370,7 +374,7 @@ class _BarReader(Reader[Problem]):
         (best, probability), *others = self._terms(problem, alone, curve)
         moved, term, _ = fit_beside_simple(fitter, alone, best)
         others = [(t, large * p) for t, p in others]
-        return describe(problem, moved, term, large * probability, others), large, moved, problem
+        return describe(problem, moved, term, large * probability, others), large, moved
 
     def _terms(self, problem: Problem, beside: Fit, curve: Curve) -> list[tuple[CurveTerm, float]]:
         """What an unknown cause may act on and depend on, with probabilities, the likeliest first: the fewest that hold
