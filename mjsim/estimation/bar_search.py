@@ -43,8 +43,6 @@ from mjsim.estimation.unknown_curves import best_curves
 from mjsim.machine.effect import Effect
 from mjsim.progress import Progress, silent
 
-#: Most causes that are added one after the other to the machine as given.
-_FEW = 4
 #: Waves of each axis that are looked at, the best of all orders; and most that one pitch error is given.
 _LOOKED_AT, _WAVES = 6, 12
 
@@ -133,17 +131,25 @@ class BarSearch(Search[Problem]):
         """
         if self.machine.tolerance:
             return self._found(self._searched(self._begun(calibrated_effects(self.machine))))
-        few = self._extended(self._begun(()), most)
+        few = self._extended(self._begun(()), 1 if most is None else most)
         if most is not None:
             return self._found(few)
         if few.leaves_nothing:
             return self._found(self._searched(few))
-        data = self.plain
         usual = self._searched(self._begun(expected_effects(self.machine)))
-        few = few if self.plain is data else self._settled(self._refitted(few))
-        if usual.curves or not usual.leaves_nothing or usual.evidence < few.evidence:
-            usual = max(usual, self._searched(few), key=lambda m: m.evidence)
-        return self._found(usual)
+        return self._found(max(usual, self._with_few(usual), key=lambda m: m.evidence))
+
+    def _with_few(self, usual: Model[Problem]) -> Model[Problem]:
+        """The best model of a machine that is as its file says but for a few causes, found from one with everything
+        that is usual: what the data do not need of it goes. Itself where that promises nothing.
+        """
+        model = replace(usual, expected={})
+        hypotheses = self._hypotheses(model, curves=False)
+        none, linear, _ = hypotheses.levels[0]
+        chosen = linear.best_set(hypotheses.present)
+        if none + linear.total(chosen) < usual.evidence - NEAR:
+            return usual
+        return self._searched(self._fitted(model, hypotheses, chosen))
 
     def _found(self, model: Model[Problem]) -> Found[Problem]:
         """The outcome, on tests with all samples that the model follows, and the machine as given beside it: where
@@ -268,11 +274,10 @@ class BarSearch(Search[Problem]):
         odds = sum(hypotheses.all[g].log_odds for g in chosen)
         return self._settled(Model(model.expected, fit, self.plain, model.sizes.times(0.0), (), odds))
 
-    def _extended(self, model: Model[Problem], most: int | None) -> Model[Problem]:
+    def _extended(self, model: Model[Problem], rounds: int) -> Model[Problem]:
         """A model with causes of the catalogue added one after the other, while one of them gains evidence and less is
         left.
         """
-        rounds = _FEW if most is None else most
         for number in range(rounds):
             self.progress("looking for one cause more", number, rounds)
             model = self._retimed(model)
