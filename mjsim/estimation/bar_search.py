@@ -131,12 +131,23 @@ class BarSearch(Search[Problem]):
         """
         if self.machine.tolerance:
             return self._found(self._searched(self._begun(calibrated_effects(self.machine))))
-        few = self._extended(self._begun(()), 1 if most is None else most)
+        few = self._begun(())
         if most is not None:
-            return self._found(few)
+            return self._found(self._extended(few, most))
         if few.leaves_nothing:
             return self._found(self._searched(few))
-        usual = self._searched(self._begun(expected_effects(self.machine)))
+        data, usual = self.plain, self._begun(expected_effects(self.machine))
+        if usual.leaves_nothing:
+            few = self._with_few(usual)
+            if few.evidence > usual.evidence:
+                return self._found(few)
+        else:  # a fault that is no small error: by itself, or beside them
+            few = few if self.plain is data else self._settled(self._refitted(few))
+            data, few = self.plain, self._extended(few, 1)
+            if few.leaves_nothing:
+                return self._found(self._searched(few))
+            usual = usual if self.plain is data else self._settled(self._refitted(usual))
+        usual = self._searched(usual)
         return self._found(max(usual, self._with_few(usual), key=lambda m: m.evidence))
 
     def _with_few(self, usual: Model[Problem]) -> Model[Problem]:
