@@ -364,7 +364,9 @@ class RestFitter:
         blocks = [(np.arange(n), white[at, :n]) for at in p.rows]
         design, residual = Design(blocks, n, white[:, n:-1]), white[:, -1]
         squares = float(residual @ residual)
-        made = replace(fit, residual=residual, design=design, sum_squares=squares, readings=(base,))
+        made = replace(
+            fit, residual=residual, design=design, whitening=p.whitening, sum_squares=squares, readings=(base,)
+        )
         made = replace(made, objective=squares + made.parameters.penalty(made.vector))
         made = replace(made, equations=LeastSquares.of_design(made.parameters, design))
         return replace(made, step=made.linear.step(design.T @ residual, made.vector))
@@ -452,13 +454,14 @@ class RestSearch(Search[RestProblem]):
         return np.column_stack([c - without for c in changed])
 
     def _beside(self, model: Model[RestProblem], levels: Sequence[Sizes], curves: bool) -> Hypotheses:
-        design = self.discrepancy.plain(model.fit, model.problem.whitening)
-        return Hypotheses(model.fit, design, *self.signatures_at(model), model.expected, levels)
+        return Hypotheses(
+            model.fit, self.discrepancy.plain(model.fit), *self.signatures_at(model), model.expected, levels
+        )
 
     def misfit(self, model: Model[RestProblem]) -> float:
         """Probability that a discrepancy is there, whatever the sizes and the causes are."""
         noise, factor = self.plain.noise.rms, np.ones(len(self.discrepancy.basis))
-        _, left = self.discrepancy.plain(model.fit, model.problem.whitening)
+        _, left = self.discrepancy.plain(model.fit)
         most = 2.0 * float(np.sqrt(np.mean(left[self.discrepancy.rows[0]] ** 2)))  # none is larger than what is left
         sizes = [size for size in _SIZES if size <= most]
         grid = [Sizes(s * noise, r * noise, factor) for s in sizes for r in sizes]
@@ -527,7 +530,7 @@ class RestReader(Reader[RestProblem]):
 
     def _parts(self, fit: Fit) -> dict[str, np.ndarray]:
         p = self.model.problem
-        design, _ = self.search.discrepancy.plain(fit, p.whitening)
+        design, _ = self.search.discrepancy.plain(fit)
         design, noise = design[: len(p.value)], p.noise.deviation
         out = {}
         for f in fit.effects:

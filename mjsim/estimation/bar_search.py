@@ -134,21 +134,24 @@ class BarSearch(Search[Problem]):
         few = self._begun(())
         if most is not None:
             return self._found(self._extended(few, most))
+        if not few.leaves_nothing and self._is_of_one_cause(few):
+            few = self._extended(few, 1)
         if few.leaves_nothing:
             return self._found(self._searched(few))
-        data, usual = self.plain, self._begun(expected_effects(self.machine))
+        usual = self._begun(expected_effects(self.machine))
         if usual.leaves_nothing:
             few = self._with_few(usual)
             if few.evidence > usual.evidence:
                 return self._found(few)
-        else:  # a fault that is no small error: by itself, or beside them
-            few = few if self.plain is data else self._settled(self._refitted(few))
-            data, few = self.plain, self._extended(few, 1)
-            if few.leaves_nothing:
-                return self._found(self._searched(few))
-            usual = usual if self.plain is data else self._settled(self._refitted(usual))
         usual = self._searched(usual)
         return self._found(max(usual, self._with_few(usual), key=lambda m: m.evidence))
+
+    def _is_of_one_cause(self, model: Model[Problem]) -> bool:
+        """Whether one cause promises as much as any set of them, as far as the linear problem can tell."""
+        hypotheses = self._hypotheses(model, curves=False)
+        single = max(judged.evidence + judged.odds.max() for judged in hypotheses.judged({}))
+        several = max(none + linear.total(linear.best_set()) for none, linear, _ in hypotheses.levels)
+        return single - model.evidence > (1.0 - ROUGH) * (several - model.evidence)
 
     def _with_few(self, usual: Model[Problem]) -> Model[Problem]:
         """The best model of a machine that is as its file says but for a few causes, found from one with everything
@@ -240,7 +243,7 @@ class BarSearch(Search[Problem]):
             competing += [c for c in found if not any(map(c.is_like, model.curves))]
         bank, products = self.signatures_at(model)
         further = further_candidates(self.plain, model.fit, bank, self.only)
-        design = self.discrepancy.plain(model.fit, model.problem.whitening)
+        design = self.discrepancy.plain(model.fit)
         return Hypotheses(model.fit, design, bank, products, model.expected, levels, competing, further)
 
     def _whitened_by(self, model: Model[Problem], problem: Problem) -> Fit:

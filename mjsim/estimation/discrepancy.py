@@ -138,17 +138,13 @@ class Discrepancy:
             log_det += more
         return Whitening(sizes.factor, tuple(parts), (), log_det)
 
-    def plain(self, fit: Fit, whitening: Whitening | None) -> tuple[np.ndarray, np.ndarray]:
+    def plain(self, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
         """Design and residual of a fit as rows that are whitened by the campaign's noise alone.
-
-        Args:
-            fit: The fit.
-            whitening: That its design was whitened with.
 
         Returns:
             Columns of all parameters (count, p), and the residual (count,).
         """
-        design = fit.design
+        design, whitening = fit.design, fit.whitening
         out = np.zeros((len(fit.residual), design.shape[1] + 1))
         out[:, design.nuisances : -1] = design.rest
         for rows, (places, own) in zip(self.rows, design.blocks, strict=True):

@@ -18,6 +18,7 @@ from mjsim.estimation.nuisance import Nuisances
 from mjsim.estimation.nuisance_fit import fit_nuisance
 from mjsim.estimation.parameters import Parameters
 from mjsim.estimation.problem import Problem
+from mjsim.estimation.whitening import Whitening
 from mjsim.machine.model import FRICTION_PARAMETERS, Machine, build
 
 _STEP = 0.02  # of a parameter's typical size, for numerical derivatives
@@ -51,6 +52,7 @@ class Fit:
             ``sheet_deviation`` counts linearly where the fit is not exact.
         residual: Whitened, (count,).
         design: Whitened derivatives with respect to :attr:`vector`.
+        whitening: What both are whitened by, beside the campaign's noise.
         equations: Normal equations of the design, once it is made.
         step: Gauss-Newton step from here, (p,); near zero after convergence.
         considered: What else its covariance has: columns (p, k), the sum of whose squares is that, by what it is from
@@ -69,6 +71,7 @@ class Fit:
     readings: tuple[np.ndarray, ...] = ()
     residual: np.ndarray = field(default_factory=lambda: np.zeros(0))
     design: Design = field(default_factory=lambda: Design([], 0))
+    whitening: Whitening | None = None
     equations: LeastSquares | None = None
     step: np.ndarray = field(default_factory=lambda: np.zeros(0))
     considered: Mapping[str, np.ndarray] = field(default_factory=dict)
@@ -262,6 +265,7 @@ class Fitter:
             fit,
             readings=tuple(readings),
             residual=residual,
+            whitening=p.whitening,
             sum_squares=squares,
             objective=squares + fit.parameters.penalty(fit.vector),
         )

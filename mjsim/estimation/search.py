@@ -262,7 +262,7 @@ class Search(ABC, Generic[D]):
     def _tuned(self, model: Model[D]) -> Model[D]:
         """A model with the sizes of largest evidence, and that evidence with the prior odds; its fit stays."""
         parameters, fit = model.fit.parameters, model.fit
-        design, residual = self.discrepancy.plain(fit, model.problem.whitening)
+        design, residual = self.discrepancy.plain(fit)
         columns = np.hstack([design, *(c.columns * c.width for c in model.curves)])
         more = columns.shape[1] - parameters.size
         precision = np.concatenate([parameters.precision(), np.ones(more)])

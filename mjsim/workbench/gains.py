@@ -145,7 +145,7 @@ class Gains:
             problem, fitter = self.problem, self.fitter(machine)
             fit = fitter.fit([], exact=False)
             bank, products = self._signatures
-            design = products.discrepancy.plain(fit, None)
+            design = products.discrepancy.plain(fit)
             noise_alone = [Sizes(0.0, 0.0, np.ones(len(problem.tests)))]
             further = further_candidates(problem, fit, bank) if waves else None
             beside = Hypotheses(fit, design, bank, products, {}, noise_alone, further=further)
