@@ -29,6 +29,7 @@ from mjsim.estimation.search import (
     LEAST,
     NEAR,
     ROUGH,
+    ROUNDS,
     STEPS,
     DataFitter,
     Found,
@@ -134,24 +135,25 @@ class BarSearch(Search[Problem]):
         few = self._begun(())
         if most is not None:
             return self._found(self._extended(few, most))
-        if not few.leaves_nothing and self._is_of_one_cause(few):
-            few = self._extended(few, 1)
         if few.leaves_nothing:
             return self._found(self._searched(few))
-        usual = self._begun(expected_effects(self.machine))
+        data, usual = self.plain, self._begun(expected_effects(self.machine))
         if usual.leaves_nothing:
             few = self._with_few(usual)
             if few.evidence > usual.evidence:
                 return self._found(few)
-        usual = self._searched(usual)
+            usual = self._searched(usual)
+        else:  # a fault that is no small error: by itself, or beside them
+            few = self._on_these_samples(few, data)
+            data, few = self.plain, self._extended(few, ROUNDS, usual.evidence)
+            if few.leaves_nothing:
+                return self._found(self._searched(few))
+            usual = self._on_these_samples(usual, data)
+            data, usual = self.plain, self._searched(usual)
+            few = self._on_these_samples(few, data)
+            if few.evidence > usual.evidence:
+                usual = max(usual, self._searched(few), key=lambda m: m.evidence)
         return self._found(max(usual, self._with_few(usual), key=lambda m: m.evidence))
-
-    def _is_of_one_cause(self, model: Model[Problem]) -> bool:
-        """Whether one cause promises as much as any set of them, as far as the linear problem can tell."""
-        hypotheses = self._hypotheses(model, curves=False)
-        single = max(judged.evidence + judged.odds.max() for judged in hypotheses.judged({}))
-        several = max(none + linear.total(linear.best_set()) for none, linear, _ in hypotheses.levels)
-        return single - model.evidence > (1.0 - ROUGH) * (several - model.evidence)
 
     def _with_few(self, usual: Model[Problem]) -> Model[Problem]:
         """The best model of a machine that is as its file says but for a few causes, found from one with everything
@@ -203,6 +205,10 @@ class BarSearch(Search[Problem]):
             return model
         self._begin(self.fitter.with_problem(data))
         return self._refitted(model)
+
+    def _on_these_samples(self, model: Model[Problem], data: Problem) -> Model[Problem]:
+        """A model that was fitted to some samples, on the present ones."""
+        return model if self.plain is data else self._settled(self._refitted(model))
 
     def _refitted(self, model: Model[Problem]) -> Model[Problem]:
         """A model without curves, fitted to the present samples."""
@@ -288,9 +294,14 @@ class BarSearch(Search[Problem]):
         odds = sum(hypotheses.all[g].log_odds for g in chosen)
         return self._settled(Model(model.expected, fit, self.plain, model.sizes.times(0.0), (), odds))
 
-    def _extended(self, model: Model[Problem], rounds: int) -> Model[Problem]:
+    def _extended(self, model: Model[Problem], rounds: int, least: float = -np.inf) -> Model[Problem]:
         """A model with causes of the catalogue added one after the other, while one of them gains evidence and less is
         left.
+
+        Args:
+            model: To begin with.
+            rounds: Most causes.
+            least: Evidence of another model: once one cause is added, there are more while this one is ahead of it.
         """
         for number in range(rounds):
             self.progress("looking for one cause more", number, rounds)
@@ -306,6 +317,8 @@ class BarSearch(Search[Problem]):
             if best.evidence <= model.evidence + LEAST or best.left > model.left:
                 break
             model = best
+            if model.evidence < least:
+                break
             other = self._cleaned(model)  # what its waves had hidden
             model = model if other is model else self._settled(other)
         return model

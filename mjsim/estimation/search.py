@@ -44,7 +44,7 @@ _KEPT = 0.5
 #: Shares of the present discrepancy at which hypotheses are judged as well: what explains most leaves much less.
 _LEVELS = (0.4, 0.15, 0.0)
 #: Most rounds of one search.
-_ROUNDS = 8
+ROUNDS = 8
 #: Difference in log evidence within which another hypothesis may stand in the place of one, nats: odds of 160,000 to
 #: one; the share of its log odds that the linear problem may be wrong by (assumed); and most that are fitted there.
 NEAR, ROUGH, _RIVALS = 12.0, 0.1, 2
@@ -320,8 +320,8 @@ class Search(ABC, Generic[D]):
 
     def _searched(self, model: Model[D]) -> Model[D]:
         """The best model that is found from one."""
-        for number in range(_ROUNDS):
-            self.progress("looking for what explains the rest", number, _ROUNDS)
+        for number in range(ROUNDS):
+            self.progress("looking for what explains the rest", number, ROUNDS)
             model = self._retimed(model)
             better = self._better(model)
             if better is None:
