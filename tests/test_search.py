@@ -120,6 +120,39 @@ def test_what_is_beyond_its_tolerance_is_proposed_before_all_else(real):
     assert len(excess) > 25 and sum(o > 0.0 for o in excess.values()) <= 2
 
 
+def test_hypotheses_stand_beside_the_residual_of_the_fit(real):
+    """Sizes that a model has got since do not change what its fit leaves; at the sizes of the fit, the linear problem
+    has the evidence of the model.
+    """
+    _, problem, machine, _ = real
+    search = BarSearch(Fitter(problem, machine))
+    fit = search.fitter.fit([], exact=False)
+    loud = Sizes(0.4e-6, 0.2e-6, np.linspace(1.0, 3.0, len(problem.tests)))
+    model = search._tuned(Model({}, fit, problem, loud))
+    sizes = [model.sizes]
+    expected = search._beside(model, sizes, curves=False)
+    got = search._beside(replace(model, problem=search._problem(loud, ())), sizes, curves=False)
+    assert got.levels[0][0] == expected.levels[0][0]
+    np.testing.assert_array_equal(got.linear.score, expected.linear.score)
+    assert expected.levels[0][0] == pytest.approx(model.evidence, abs=5.0)
+
+
+def test_a_machine_as_its_file_says_has_no_small_errors(tmp_path):
+    """Two causes on a machine that is otherwise as its file says: what a machine of its class may have besides is left
+    out, and the evidence is larger without.
+    """
+    hidden = ({"id": "squareness.XY", "angle_urad": 20.0}, {"id": "backlash.X", "width_um": 1.5})
+    generator.write_files(generator.Case("few", "M1", tuple(layout("short"))[:4], hidden, seed=3), tmp_path)
+    campaign = read_campaign(tmp_path)
+    machine = read_machine(campaign.machine_file)
+    problem = Problem.of(campaign, build(machine), threads=2)
+    search = BarSearch(Fitter(problem, machine))
+    usual = search._searched(search._begun(expected_effects(machine)))
+    few = search._with_few(usual)
+    assert {f.effect.id for f in few.fit.effects} == {"squareness.XY", "backlash.X"}
+    assert few.evidence > usual.evidence + 20.0 and len(usual.fit.effects) > 30
+
+
 def test_sums_are_determined_where_their_numbers_are_not(real):
     """The planted numbers add up to the sum, which is known several times better than each of them."""
     case, _, _, joint = real

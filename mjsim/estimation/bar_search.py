@@ -244,8 +244,9 @@ class BarSearch(Search[Problem]):
     def _beside(self, model: Model[Problem], levels: Sequence[Sizes], curves: bool) -> Hypotheses:
         competing = [*model.curves]
         if curves:
-            beside = model.fit if not model.curves else self._whitened_by(model, model.base)
-            found = [c for _, c in best_curves(model.base, beside, self.plain)]
+            base, is_so = model.base, not model.curves and model.fit.whitening is model.problem.whitening
+            beside = model.fit if is_so else self._whitened_by(model, base)
+            found = [c for _, c in best_curves(base, beside, self.plain)]
             competing += [c for c in found if not any(map(c.is_like, model.curves))]
         bank, products = self.signatures_at(model)
         further = further_candidates(self.plain, model.fit, bank, self.only)
