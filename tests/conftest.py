@@ -35,6 +35,7 @@ MACHINES = {"M1": "hidden-backlash", "M2": "two-candidates"}
 
 #: Files that take longest for their number of tests: begun first, so that all workers end together.
 LONG = (
+    "test_sphere", "test_portability",
     "test_joint_selection", "test_estimation", "test_examples", "test_workbench_browser", "test_start_browser",
     "test_worn_worm", "test_single_revolutions", "test_one_curve",
     "test_bank", "test_own_effects", "test_mistakes", "test_joint",

@@ -23,10 +23,13 @@ LINUX = sys.platform == "linux"
 TESTS = Path(__file__).resolve().parent
 #: Imports what is named, then runs each command line.
 RUN = """
-import importlib, json, sys
+import importlib, json, pathlib, sys
 for name in json.loads(sys.argv[1]):
     importlib.import_module(name)
 from mjsim.cli.main import main
+from mjsim.report import demo
+if sys.argv[3]:
+    demo.examples = lambda: pathlib.Path(sys.argv[3])
 for line in json.loads(sys.argv[2]):
     print("##", *line)
     main(line, standalone_mode=False)
@@ -43,9 +46,10 @@ def environment(tmp_path_factory):
     return known | streams | {"PYTHONPATH": path, "XDG_CACHE_HOME": str(tmp_path_factory.mktemp("cache"))}
 
 
-def elsewhere(environment, *lines, modules=()):
-    """What command lines print, by their first word, in one process."""
-    command = [sys.executable, "-c", RUN, json.dumps(modules), json.dumps([[str(w) for w in line] for line in lines])]
+def elsewhere(environment, *lines, modules=(), examples=""):
+    """What command lines print, by their first word, in one process; ``examples`` are the demo's, if not the usual."""
+    words = json.dumps([[str(w) for w in line] for line in lines])
+    command = [sys.executable, "-c", RUN, json.dumps(modules), words, str(examples)]
     done = subprocess.run(command, capture_output=True, env=environment, timeout=300)
     out, errors = done.stdout.decode("cp1252"), done.stderr.decode("cp1252")
     assert done.returncode == 0, out[-2000:] + errors[-4000:]
@@ -155,5 +159,8 @@ def test_the_workbench_is_served(environment, campaign):
 
 @pytest.mark.slow
 def test_the_demo(environment, tmp_path):
-    elsewhere(environment, ["demo", "--out", tmp_path / "demo"])
+    """On three tests of the example, to be quicker."""
+    cut(tmp_path / "examples" / "hidden-backlash")
+    elsewhere(environment, ["demo", "--out", tmp_path / "demo"], examples=tmp_path / "examples")
     assert (tmp_path / "demo" / "report.html").is_file() and (tmp_path / "demo" / "ladder.png").is_file()
+    assert "backlash" in (tmp_path / "demo" / "machine.toml").read_text(encoding="utf-8")
