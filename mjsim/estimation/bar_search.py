@@ -157,8 +157,11 @@ class BarSearch(Search[Problem]):
 
     def _with_few(self, usual: Model[Problem]) -> Model[Problem]:
         """The best model of a machine that is as its file says but for a few causes, found from one with everything
-        that is usual: what the data do not need of it goes. Itself where that promises nothing.
+        that is usual: what the data do not need of it goes. The same where that promises nothing, or
+        it has no more already.
         """
+        if not usual.expected:
+            return usual
         model = replace(usual, expected={})
         hypotheses = self._hypotheses(model, curves=False)
         none, linear, _ = hypotheses.levels[0]
