@@ -16,7 +16,7 @@ from mjsim.estimation.calibration import expected_effects
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.instruments.positions.files import read_readings, trace_text
 from mjsim.instruments.positions.mistakes import position_mistakes, position_remarks
-from mjsim.report.beside import section_of_points
+from mjsim.report.beside import answer_of, section_of_points
 from mjsim.units import DEG, UM
 from mjsim.workflow.any_instrument import compare_plainly
 from tests.independent import positions
@@ -372,7 +372,7 @@ def test_plan_and_targets(worn, tmp_path):
 
 def test_the_page_says_what_the_standard_says(diagnosed):
     section = section_of_points(diagnosed, diagnosed.at_rest[0])
-    assert section["verdict"] == "identified" and section["by_itself"][0] == "from the means"
+    assert answer_of(diagnosed)["verdict"] == "identified" and section["by_itself"][0] == "from the means"
     rows = {row[0]: row[-1] for row in section["located"]}
     assert float(rows["backlash.X"]) == pytest.approx(6.0, abs=0.3)
     assert float(rows["scale_error.X"]) == pytest.approx(60.0, abs=2.0)

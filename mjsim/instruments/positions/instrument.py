@@ -181,7 +181,8 @@ class Positions(Instrument[PositionTest, Readings]):
     ) -> dict[str, float]:
         """A, R, E, M and B of ISO 230-2."""
         found = positioning_figures(recording.target, recording.side, reading[:, 0])
-        return {f"{k}_{test.channel.suffix}": v / test.channel.size for k, v in found.items()}
+        # readings of a model repeat to rounding errors only
+        return {f"{k}_{test.channel.suffix}": round(v / test.channel.size, 6) for k, v in found.items()}
 
     def by_itself(self, tests: Sequence[PositionTest], recordings: Mapping[str, Readings]) -> dict[str, float]:
         """Scale error from the line through the mean deviations, and play as the mean reversal error."""
