@@ -381,7 +381,7 @@ def test_the_page_says_what_the_standard_says(diagnosed):
 
 
 def test_commands_of_the_ball_bar_say_that_they_need_one(worn):
-    for command in (("explain", worn, "scale_error.X"), ("plan", worn), ("add", worn, "scale_error.X")):
+    for command in (("explain", worn, "scale_error.X"), ("add", worn, "scale_error.X")):
         assert "no ball-bar test was measured" in " ".join(run(*command, code=1).split())
 
 

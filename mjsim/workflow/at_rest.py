@@ -16,6 +16,7 @@ from scipy.linalg import block_diag
 
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.at_rest import ExplainedAtRest, RestProblem, explain_at_rest
+from mjsim.estimation.competing import CompetingModel
 from mjsim.estimation.findings import Verdicts
 from mjsim.estimation.outcome import verdict_of
 from mjsim.estimation.posterior import Posterior
@@ -99,8 +100,16 @@ def diagnose_at_rest(
     after = together(points, final, [r.after for r in rests])
     of_test = {t.name: t.instrument for t in points.measured}
     findings = [
-        replace(e, found_by=of_test[e.tests[0]])
-        for e in findings_of(found.selection, points.measured[0].instrument, lambda key: found.tests[key])
+        replace(
+            e,
+            found_by=of_test[e.tests[0]],
+            models=tuple(CompetingModel.of(i, m) for i, m in ((f.key, fit), *f.competing.items())),
+        )
+        for e, f in zip(
+            findings_of(found.selection, points.measured[0].instrument, lambda key: found.tests[key]),
+            found.selection.found,
+            strict=True,
+        )
     ]
     effects, rungs = ladder_of(
         findings,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from mjsim.instruments.ball_bar.files import check_span, test_of
+from mjsim.instruments.ball_bar.files import check_span, test_of, test_table
 from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.measurement import BallBarData, BallBarTest, Trace
 from mjsim.instruments.ball_bar.tables import BallBarTable, ball_bar_table
@@ -37,6 +37,9 @@ class BallBar(Instrument[BallBarTest, Trace]):
 
     def data_of(self, table: Any) -> BallBarData:
         return BallBarData(table.resolution_um * UM, table.range_mm * MM, table.sample_rate_Hz)
+
+    def test_table(self, test: BallBarTest) -> dict[str, Any]:
+        return test_table(test)
 
     def read(self, path: Path, test: BallBarTest, data: BallBarData) -> Trace:
         return read_trace(path, data)

@@ -142,6 +142,19 @@ def position_test(file: Path, t: PositionTable, chain: Chain) -> PositionTest:
     )
 
 
+def test_table(test: PositionTest) -> dict:
+    """The ``[[test]]`` table of a planned test."""
+    out = {"name": test.name, "kind": test.kind, "axis": test.axis}
+    if not test.positioning:
+        out["component"] = test.component
+    if not test.rotary:
+        out["line_mm"] = [round(v / MM, 4) for v in test.line]
+    if test.at:
+        out["at_mm"] = {a: round(v / MM, 4) for a, v in test.at}
+    targets = [round(float(v) / test.unit, 6) for v in test.targets]
+    return out | {"targets_deg" if test.rotary else "targets_mm": targets, "runs": test.runs}
+
+
 def target_column(test: PositionTest) -> str:
     """Name of the column of the targets."""
     return "target_deg" if test.rotary else "target_mm"

@@ -16,6 +16,7 @@ from mjsim.instruments.positions.files import PositionTable, position_test
 from mjsim.instruments.positions.iso230_2 import REVERSAL, positioning_figures
 from mjsim.instruments.positions.measurement import PositionTest, Reader, Readings, stops_of
 from mjsim.instruments.positions.mistakes import position_mistakes, position_remarks
+from mjsim.instruments.positions.plan import proposals
 from mjsim.instruments.schema import OwnLength
 from mjsim.machine.chain import COORDINATES, Chain
 from mjsim.machine.kinematics import Geometry, bar_vector
@@ -49,6 +50,8 @@ class Positions(Instrument[PositionTest, Readings]):
     order = 3
     at_rest = True
     plan_option = "--targets AXIS"
+    usual = Reader(compensated=True)
+    handling = 1200.0  # a laser is to be aligned (assumed)
     by_itself_noun = "from the means"
     by_itself_note = (
         "From the means: scale error as the slope of all deviations, backlash as the mean reversal error of ISO 230-2, "
@@ -107,6 +110,18 @@ class Positions(Instrument[PositionTest, Readings]):
 
     def planned_text(self, test: PositionTest) -> str:
         return files.targets_text(test)
+
+    def proposals(self, chain: Chain, periods: Mapping[str, float]) -> list[PositionTest]:
+        """Of each linear axis its position along three lines, its straightness and its angles; of each rotary axis its
+        position.
+        """
+        return proposals(chain, periods)
+
+    def planned_noise(self, test: PositionTest, data: Reader) -> np.ndarray:
+        return np.array([data.stated_noise(test)[0]])
+
+    def test_table(self, test: PositionTest) -> dict[str, Any]:
+        return files.test_table(test)
 
     def facts(self, test: PositionTest, recording: Readings) -> dict[str, Any]:
         ends = float(recording.target.min()) / test.unit, float(recording.target.max()) / test.unit
