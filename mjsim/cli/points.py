@@ -180,3 +180,41 @@ def write_positions(test, out: Path, campaign, force: bool, as_json: bool, quiet
         common.print_json({"file": str(out), "test": test.name, "points": rows})
     else:
         common.say(f"{rows} positions written to {out}; add what is found: {wanted}", quiet)
+
+
+def write_probing(
+    test, out: Path, sizes_mm: dict, limits, machine: str, campaign, force: bool, as_json: bool, quiet: bool
+) -> None:
+    """``mjsim nc`` of a sphere test for LinuxCNC: the program that probes it.
+
+    Args:
+        test: With its positions.
+        out: The file.
+        sizes_mm: Attributes of :class:`mjsim.nc.probing.Probing` in mm.
+        limits: Of the axes.
+        machine: Name of the machine.
+        campaign: Folder of the campaign.
+        force: Replace a file that is there.
+        as_json: Print JSON.
+        quiet: Print nothing.
+    """
+    from mjsim.errors import InputError
+    from mjsim.instruments.sphere.touches import sides_of_points
+    from mjsim.io.files import write_whole
+    from mjsim.nc.probing import Probing, probing_program
+    from mjsim.units import MM
+
+    for name, value in sizes_mm.items():
+        if not 0.0 < value <= 1000.0:
+            raise InputError(f"--{name} {value:g}; allowed: above 0, up to 1000 mm")
+    text, _ = probing_program(test, Probing(**{k: v * MM for k, v in sizes_mm.items()}), limits, machine)
+    write_whole(out, text, force=force)
+    touches = sum(map(len, sides_of_points(test)))
+    if as_json:
+        common.print_json({"file": str(out), "test": test.name, "points": len(test.angles), "touches": touches})
+        return
+    common.say(
+        f"{len(test.angles)} positions with {touches} touches written to {out}; LinuxCNC writes what it finds into "
+        f"{test.name}.txt: mjsim import {test.name}.txt --campaign {campaign} --points --test {test.name}",
+        quiet,
+    )
