@@ -2,8 +2,11 @@
 has shown. Campaigns of the independent generator.
 """
 
+import json
+
 import numpy as np
 import pytest
+from commands import printed as run
 from commands import read
 
 import mjsim
@@ -19,7 +22,13 @@ from mjsim.workflow.plan_targets import plan_targets
 from tests.independent import positions, routes, sphere
 from tests.independent.kinematics import MICRO
 
+EVERY = plan_at_rest.tests_at_rest
 LINE = {"name": "laser-x", "axis": "X", "ends": (0.0, 300.0), "count": 9, "runs": 2}
+
+
+def few(patch, *names):
+    """Lets a plan look at some tests only, which is faster."""
+    patch.setattr(plan_at_rest, "tests_at_rest", lambda *a: [t for t in EVERY(*a) if t.name.startswith(names)])
 
 
 @pytest.fixture(scope="module")
@@ -78,12 +87,13 @@ def test_the_page_names_the_findings_of_all_instruments(mixed, diagnosed, monkey
     assert "Backlash of an axis" in body and "Shows in laser-x" in body
 
 
-def test_the_line_that_a_plan_asks_for_decides(tmp_path):
+def test_the_line_that_a_plan_asks_for_decides(tmp_path, monkeypatch):
     """A line 200 mm above cannot tell a scale error from a pitch angle. The plan asks for another one, and with it the
     angle is named.
     """
     errors, tolerance = {"angle": {"EBX": (40e-6, 0.0)}}, {"angular_error": {"urad": 12.0}}
     first = LINE | {"line_mm": [0.0, 0.0, 200.0]}
+    few(monkeypatch, "laser-x", "ebx", "eyx")
     positions.write(tmp_path / "one", 5, errors, [first], tolerance=tolerance)
     data = plan(*read(tmp_path / "one")).to_json()
     assert data["decides"] and set(data["between"]) == {"scale_error.X", "angular_error.EBX"}
@@ -100,6 +110,16 @@ def test_the_line_that_a_plan_asks_for_decides(tmp_path):
     assert found.effect.id == "angular_error.EBX" and result.verdict == "identified"
 
 
+def test_a_plan_between_two_effects_that_a_user_names(tmp_path, monkeypatch):
+    few(monkeypatch, "laser-x", "laser-y")
+    positions.write(tmp_path, 5, {}, [LINE])
+    data = json.loads(run("plan", tmp_path, "--between", "nothing", "backlash.Y", "--json"))
+    assert data["between"] == ["backlash.Y", "nothing"] and data["decides"] and data["test"]["axis"] == "Y"
+    assert data["reason"].startswith("Of 3 tests at rest within reach this one makes backlash.Y show best")
+    said = " ".join(run("plan", tmp_path, "--between", "servo_gain.X", "nothing", code=1).split())
+    assert "no test at rest within reach separates them at all" in said
+
+
 @pytest.fixture(scope="module")
 def probed(tmp_path_factory):
     """A probed machine with 5 µm of play in X, and what is to be measured next; one ball-bar test is looked at."""
@@ -107,6 +127,7 @@ def probed(tmp_path_factory):
     errors = sphere.draw(np.random.default_rng(1))
     sphere.write(path, 1, errors | {"play": errors["play"] | {"X": 5.0 * MICRO}})
     campaign, machine = read(path)
+    few(patch, "laser", "sphere", "calibrator")
     (bar, *_) = plan_at_rest._bar_tests(machine)
     patch.setattr(plan_at_rest, "_bar_tests", lambda machine: [bar])
     patch.setattr("mjsim.workflow.plan.diagnose", lambda *a: found.append(diagnose(*a)) or found[-1])

@@ -289,6 +289,8 @@ def show_measurement(data: dict, campaign) -> None:
     between = data["between"]
     known = data.get("left") is not None
     aim = f"what only a combination is known of: {', '.join(between)}" if known else f"between {' and '.join(between)}"
+    if not known and between[1] == "nothing":
+        aim = f"whether the machine has {between[0]}"
     log = data["instrument"] == "axis_log"
     common.paragraph(
         f"This {_test_noun(data)} {verdict} {aim}: {data['test']['name']}. It takes "

@@ -34,7 +34,7 @@ from mjsim.workflow.axis_log.compare import checked_logs
 from mjsim.workflow.axis_log.judge import Judge
 from mjsim.workflow.ball_bar.plan import plan_bars
 from mjsim.workflow.diagnose import diagnose
-from mjsim.workflow.plan_at_rest import MostTelling, most_telling, separating, separating_row
+from mjsim.workflow.plan_at_rest import MostTelling, models_between, most_telling, separating, separating_row
 
 #: Command delay that is looked at where its size is not known, ms.
 _DELAY_MS = 0.5
@@ -134,8 +134,11 @@ def plan(
         InputError: Nothing was recorded and no effects are named, or they are not of one axis that logs show.
     """
     parts = campaign.measured_parts
-    if between is None and any(INSTRUMENTS[name].at_rest for name in parts):
-        return _beside_rest(campaign, machine, threads, progress, settings)
+    if any(INSTRUMENTS[name].at_rest for name in parts):
+        if between is None:
+            return _beside_rest(campaign, machine, threads, progress, settings)
+        if all(INSTRUMENTS[name].at_rest for name in parts):
+            return _at_rest_between(campaign, machine, between, progress, settings)
     if LogTest.instrument not in parts:
         bars = plan_bars(campaign, machine, between, threads, progress, settings)
         return _with_others(campaign, bars, machine, progress, settings.plan) if bars is not None else None
@@ -176,6 +179,20 @@ def _beside_rest(
     if not rests and not logs and bars is None:
         return None
     return replace(_said(pair, logs, bars, settings.plan, rests), rests=tuple(rests))
+
+
+def _at_rest_between(
+    campaign: Campaign, machine: Machine, between: tuple[str, str], progress: Progress, settings: DiagnosisSettings
+) -> NextMeasurement:
+    """For two effects that a user names, in a campaign where all was measured at rest."""
+    if len(set(between)) != 2:
+        raise InputError(f"plan between {' and '.join(between)}: allowed are two different effects")
+    models = models_between(campaign, machine, between)
+    between = (models[0].effect_id, models[1].effect_id)
+    rests = separating(campaign, machine, models, progress, settings.plan)
+    if not rests:
+        raise InputError(f"plan between {' and '.join(between)}: no test at rest within reach separates them at all")
+    return replace(_said(between, (), None, settings.plan, rests), rests=tuple(rests))
 
 
 def _for_logs(campaign: Campaign, machine: Machine, selections, settings: PlanSettings) -> NextMeasurement | None:
@@ -244,7 +261,8 @@ def _with_others(
     first = CompetingModel(bars.between[0], truth.machine, nothing, 0.0)
     standing = any(registry.effect_class(i, machine.chain)[0].search.quasi_static for i in bars.between if i != NOTHING)
     rests = separating(campaign, machine, (first, competing_of(other)), progress, settings) if standing else []
-    return NextMeasurement(bars.between, tuple(choices), bars, bars.reason, True, settings, tuple(rests))
+    deciding = tuple(p for p in rests if p.decides)
+    return NextMeasurement(bars.between, tuple(choices), bars, bars.reason, True, settings, deciding)
 
 
 def _between(
@@ -300,10 +318,14 @@ def _said(
     """A plan with its reason."""
     known = bool(choices) and choices[0].left is not None
     what = f"makes {', '.join(between)} known" if known else f"separates {between[0]} from {between[1]}"
+    if not known and between[1] == NOTHING:
+        what = f"makes {between[0]} show"
     count = len(choices) + len(rests) + (len(bars.choices) if bars is not None else 0)
     named = (("recordings", bool(choices)), ("tests at rest", bool(rests)), ("ball-bar tests", bars is not None))
     kinds = " and ".join(name for name, have in named if have)
-    decides = bool(rests) or any(c.decides for c in choices[:1]) or (bars is not None and bars.decides)
+    decides = (
+        any(p.decides for p in rests[:1]) or any(c.decides for c in choices[:1]) or (bars is not None and bars.decides)
+    )
     if decides:
         reason = f"Of {count} {kinds} within reach this one {what} best per minute of machine time."
     else:

@@ -8,11 +8,18 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
+from mjsim.estimation.at_rest import RestFitter, RestProblem
+from mjsim.estimation.calibration import expected_effects
 from mjsim.estimation.competing import CompetingModel
+from mjsim.estimation.fit import Fit
 from mjsim.estimation.planning.at_rest import Open, PlannedTest, RestPlanner
+from mjsim.estimation.planning.next_test import NOTHING, typical
 from mjsim.estimation.planning.whole_campaign import CampaignPlanner, minutes_of, possible_tests
+from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.settings import PLAN, PlanSettings
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
@@ -24,6 +31,8 @@ from mjsim.units import MM
 from mjsim.workflow.diagnosis import Diagnosis
 from mjsim.workflow.plan_points import plan_points
 
+#: Deviance that says something: below, both explanations foretell the same within one standard deviation.
+_LEAST = 1.0
 #: Points of a proposed sphere, and where it is where no campaign has one, m in the work frame.
 _POINTS, _SPHERE = 30, (100 * MM, 0.0, 155 * MM)
 
@@ -113,7 +122,7 @@ def separating(
     progress: Progress = silent,
     settings: PlanSettings = PLAN,
 ) -> list[PlannedTest]:
-    """Tests at rest that decide between two explanations, the best first.
+    """Tests at rest that tell two explanations apart, those that decide first, the best first.
 
     Args:
         campaign: Whose instruments they are measured with.
@@ -126,7 +135,37 @@ def separating(
     for i, test in enumerate(tests):
         progress("planning: tests at rest", i, len(tests))
         out.append(planner.apart(test, models[0], models[1]))
-    return sorted((p for p in out if p.decides), key=lambda p: p.worth, reverse=True)
+    return sorted((p for p in out if p.deviance > _LEAST), key=lambda p: p.worth, reverse=True)
+
+
+def models_between(campaign: Campaign, machine: Machine, between: tuple[str, str]) -> tuple[CompetingModel, ...]:
+    """Two explanations of what was measured at rest, fitted; the first is taken for true.
+
+    Args:
+        campaign: With measured tests at rest.
+        machine: As given.
+        between: Two ids of effects, or one and :data:`NOTHING`: then the effect has its typical size.
+
+    Raises:
+        InputError: An effect is none of the machine.
+    """
+    problem = RestProblem.of(campaign.of(*(n for n in campaign.measured_parts if INSTRUMENTS[n].at_rest)))
+    fitter = RestFitter(problem, machine)
+    free = {i: typical(i, machine.chain) for i in between if i != NOTHING}
+    shown = [c.free for c in expected_effects(machine) if problem.shows(machine, c.free)]
+
+    def fitted(name: str) -> Fit:
+        without = set(free) if name == NOTHING else {name}
+        own = [] if name == NOTHING else [free[name]]
+        return fitter.fit([*(f for f in shown if f.effect.id not in without), *own])
+
+    if NOTHING in between:
+        ((name, effect),) = free.items()
+        here = CompetingModel.of(NOTHING, fitted(NOTHING))
+        there = CompetingModel(name, here.machine.with_effect(effect.effect), Posterior((), np.zeros((0, 0))), 0.0)
+        return there, here
+    first, second = (CompetingModel.of(name, fitted(name)) for name in between)
+    return first, second
 
 
 def most_telling(
