@@ -76,7 +76,7 @@ def write(
     c, test = options.find_test(campaign, name, *(n for n, i in INSTRUMENTS.items() if i.at_rest))
     m = machine_of(c, machine)
     check_writable(out, force)
-    if isinstance(test, SphereTest) and how["dialect"] == "linuxcnc":
+    if test.instrument == SphereTest.instrument and how["dialect"] == "linuxcnc":
         from mjsim.cli.points import write_probing
 
         limits = options.allowed(limit, max_speed, test.chain)

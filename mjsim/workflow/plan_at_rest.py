@@ -7,6 +7,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.settings import PLAN, PlanSettings
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
-from mjsim.instruments.base import INSTRUMENTS, Test
+from mjsim.instruments.base import INSTRUMENTS
 from mjsim.instruments.sphere.measurement import SphereTest
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
@@ -97,9 +98,9 @@ def _row(p: PlannedTest) -> dict:
     return {"instrument": instrument.name, "test": instrument.test_table(p.test), "minutes": round(p.minutes, 1)}
 
 
-def tests_at_rest(campaign: Campaign, machine: Machine) -> list[Test]:
+def tests_at_rest(campaign: Campaign, machine: Machine) -> list[Any]:
     """Tests that are looked at, each with a name that the campaign does not have."""
-    taken, out = {t.name for t in campaign.tests}, []
+    taken, out = {t.name for t in campaign.tests}, list[Any]()
     periods = {a: 2.0 * math.pi / machine.drives[a].gear for a in machine.chain.letters}
     for instrument in INSTRUMENTS.values():
         for test in instrument.proposals(machine.chain, periods):

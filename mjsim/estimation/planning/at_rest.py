@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -29,7 +30,7 @@ from mjsim.estimation.competing import CompetingModel
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.settings import PLAN, PlanSettings
-from mjsim.instruments.base import INSTRUMENTS, Test
+from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.model import Machine
 
 #: Largest difference of two readings, in standard deviations of the noise, that nobody sees.
@@ -69,7 +70,7 @@ class PlannedTest:
         settings: By which it is judged.
     """
 
-    test: Test
+    test: Any
     minutes: float
     deviance: float = 0.0
     difference: float = 0.0
@@ -88,7 +89,7 @@ class PlannedTest:
         return (1.0, min(self.deviance, self.settings.certain) / self.minutes) if self.decides else (0.0, self.deviance)
 
 
-def planned_problem(campaign: Campaign, test: Test) -> RestProblem:
+def planned_problem(campaign: Campaign, test: Any) -> RestProblem:
     """The problem of a test that was not measured yet.
 
     Args:
@@ -116,7 +117,7 @@ class RestPlanner:
         self.campaign, self.settings = campaign, settings
         self.expected = [c.free for c in expected_effects(machine) if c.free.effect.search.quasi_static]
 
-    def apart(self, test: Test, first: CompetingModel, second: CompetingModel) -> PlannedTest:
+    def apart(self, test: Any, first: CompetingModel, second: CompetingModel) -> PlannedTest:
         """How well a test separates two explanations.
 
         Args:
@@ -137,7 +138,7 @@ class RestPlanner:
         size = float(np.sqrt(np.mean(d**2)))
         return PlannedTest(test, self._minutes(test), float(max(deviance, 0.0)), size, settings=self.settings)
 
-    def told(self, test: Test, left: Open) -> PlannedTest:
+    def told(self, test: Any, left: Open) -> PlannedTest:
         """What a test tells of what is open about a machine.
 
         Args:
@@ -148,7 +149,7 @@ class RestPlanner:
         rows = _without_set_up(problem, left.columns(problem))
         return left.after(test, self._minutes(test), rows.T @ rows)
 
-    def _minutes(self, test: Test) -> float:
+    def _minutes(self, test: Any) -> float:
         instrument = INSTRUMENTS[test.instrument]
         time = instrument.observe(test, test.planned).time
         return (instrument.handling + float(time[-1])) / 60.0
@@ -193,7 +194,7 @@ class Open:
             out.append(problem.columns_of(there, f, problem.readings(there)))
         return np.hstack(out)
 
-    def after(self, test: Test, minutes: float, told: np.ndarray) -> PlannedTest:
+    def after(self, test: Any, minutes: float, told: np.ndarray) -> PlannedTest:
         """What is known after a test.
 
         Args:

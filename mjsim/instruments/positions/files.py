@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field
@@ -144,7 +144,7 @@ def position_test(file: Path, t: PositionTable, chain: Chain) -> PositionTest:
 
 def test_table(test: PositionTest) -> dict:
     """The ``[[test]]`` table of a planned test."""
-    out = {"name": test.name, "kind": test.kind, "axis": test.axis}
+    out: dict[str, Any] = {"name": test.name, "kind": test.kind, "axis": test.axis}
     if not test.positioning:
         out["component"] = test.component
     if not test.rotary:
