@@ -115,7 +115,7 @@ def test_a_plan_between_two_effects_that_a_user_names(tmp_path, monkeypatch):
     positions.write(tmp_path, 5, {}, [LINE])
     data = json.loads(run("plan", tmp_path, "--between", "nothing", "backlash.Y", "--json"))
     assert data["between"] == ["backlash.Y", "nothing"] and data["decides"] and data["test"]["axis"] == "Y"
-    assert data["reason"].startswith("Of 3 tests at rest within reach this one makes backlash.Y show best")
+    assert data["reason"] == "It is the only one within reach that makes backlash.Y show."
     said = " ".join(run("plan", tmp_path, "--between", "servo_gain.X", "nothing", code=1).split())
     assert "no test at rest within reach separates them at all" in said
 

@@ -326,7 +326,9 @@ def _said(
     decides = (
         any(p.decides for p in rests[:1]) or any(c.decides for c in choices[:1]) or (bars is not None and bars.decides)
     )
-    if decides:
+    if decides and count == 1:
+        reason = f"It is the only one within reach that {what}."
+    elif decides:
         reason = f"Of {count} {kinds} within reach this one {what} best per minute of machine time."
     else:
         reason = f"None of {count} {kinds} within reach {what} clearly; this one comes nearest."

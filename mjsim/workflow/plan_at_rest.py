@@ -123,7 +123,8 @@ def separating(
     progress: Progress = silent,
     settings: PlanSettings = PLAN,
 ) -> list[PlannedTest]:
-    """Tests at rest that tell two explanations apart, those that decide first, the best first.
+    """Tests at rest that tell two explanations apart, those that decide first, the best first; of parallel lines the
+    best one.
 
     Args:
         campaign: Whose instruments they are measured with.
@@ -136,7 +137,10 @@ def separating(
     for i, test in enumerate(tests):
         progress("planning: tests at rest", i, len(tests))
         out.append(planner.apart(test, models[0], models[1]))
-    return sorted((p for p in out if p.deviance > _LEAST), key=lambda p: p.worth, reverse=True)
+    best: dict[tuple, PlannedTest] = {}
+    for p in sorted((p for p in out if p.deviance > _LEAST), key=lambda p: p.worth, reverse=True):
+        best.setdefault((p.test.instrument, *(getattr(p.test, k, "") for k in ("axis", "component"))), p)
+    return list(best.values())
 
 
 def models_between(campaign: Campaign, machine: Machine, between: tuple[str, str]) -> tuple[CompetingModel, ...]:
