@@ -303,6 +303,22 @@ def test_angles_of_a_level_and_of_a_table(tmp_path):
     assert half_width(result, "backlash.C", 0.004) < 0.0002
 
 
+def test_a_rotary_table_alone_is_a_machine(tmp_path):
+    """A calibrator on the only axis that there is: nothing is asked of points in space."""
+    import tomlkit
+
+    table = {"name": "table", "axis": "C", "ends": (0.0, 360.0), "count": 13, "runs": 2}
+    positions.write(tmp_path, 7, {"play": {"C": 0.004 * DEG}}, [table], noise=0.5e-6)
+    machine = tomlkit.parse((tmp_path / "machine.toml").read_text()).unwrap()
+    alone = {"name": "table", "configuration": "C", "drive": {"C": machine["drive"]["C"]}}
+    alone["tolerance"] = {"backlash": {"deg": 0.0008}, "pitch_error": {"deg": 0.0014}}
+    (tmp_path / "machine.toml").write_text(tomlkit.dumps(alone))
+    result = mjsim.diagnose(*read(tmp_path))
+    assert [e.effect.id for e in result.effects] == ["backlash.C"]
+    assert half_width(result, "backlash.C", 0.004) < 0.0002
+    assert "radial_error_motion.C" not in result.not_testable
+
+
 # -- everything around it ----------------------------------------------------------------------------------------------
 
 
