@@ -24,10 +24,11 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from mjsim.campaign.model import Campaign
-from mjsim.estimation.at_rest import RestProblem, SampleNoise
+from mjsim.estimation.at_rest import RestProblem, SampleNoise, taken_by
 from mjsim.estimation.calibration import expected_effects
 from mjsim.estimation.competing import CompetingModel
 from mjsim.estimation.effect_vector import EffectVector
+from mjsim.estimation.least_squares import ridge_solution
 from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.settings import PLAN, PlanSettings
 from mjsim.instruments.base import INSTRUMENTS
@@ -64,7 +65,7 @@ class PlannedTest:
         test: With its positions.
         minutes: Machine time with handling.
         deviance: Squared distance of two explanations in units of what the test cannot tell; 0 where there are none.
-        difference: RMS of what the readings of both differ by, SI.
+        difference: RMS of what a new set-up leaves of the difference of both readings, SI.
         bits: What it tells of the errors of the machine.
         known: Numbers that it tells, the most told first.
         settings: By which it is judged.
@@ -131,12 +132,13 @@ class RestPlanner:
             return PlannedTest(test, self._minutes(test), settings=self.settings)
         class_ = [f for f in self.expected if f.effect.id != first.effect_id]  # that is to be told from it
         left = Open(second.machine, second.posterior, class_)
-        white = _without_set_up(problem, np.column_stack([d, left.columns(problem) @ left.root]))
-        d_white, rest = white[:, 0], white[:, 1:]
-        inner = np.eye(rest.shape[1]) + rest.T @ rest
-        deviance = d_white @ d_white - (rest.T @ d_white) @ np.linalg.solve(inner, rest.T @ d_white)
-        size = float(np.sqrt(np.mean(d**2)))
-        return PlannedTest(test, self._minutes(test), float(max(deviance, 0.0)), size, settings=self.settings)
+        noise = problem.noise.deviation
+        may = np.hstack([problem.columns, left.columns(problem) @ left.root]) / noise[:, None]
+        rest = d / noise - may @ ridge_solution(may.T @ may, may.T @ (d / noise), 1.0)
+        deviance = float(max((d / noise) @ rest, 0.0))
+        seen = d - problem.columns @ taken_by(problem.columns, d, noise)
+        size = float(np.sqrt(np.mean(seen**2)))
+        return PlannedTest(test, self._minutes(test), deviance, size, settings=self.settings)
 
     def told(self, test: Any, left: Open) -> PlannedTest:
         """What a test tells of what is open about a machine.
