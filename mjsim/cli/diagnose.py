@@ -97,7 +97,7 @@ def command(campaign, machine, write, max_effects, only, force, threads, as_is, 
         fitted = {row["id"]: row for row in [*data["calibration"], *data["effects"]]}
         for rest in result.at_rest:
             instrument = INSTRUMENTS[rest.after.instrument]
-            show_points(data[instrument.beside], fitted, instrument)
+            show_points(data[instrument.beside], fitted, instrument, rest is result.at_rest[0])
         if result.logs is not None:
             show_beside(data[INSTRUMENTS[LogTest.instrument].beside])
     for axis in _identifiable(c, data):

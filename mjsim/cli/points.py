@@ -15,12 +15,13 @@ from mjsim.units import unit_of
 _SOURCES = {"repeated points": "from repeated points", "stated": "as stated", "assumed": "assumed: nobody states it"}
 
 
-def show_points(data: dict, found: dict[str, dict], instrument: Instrument) -> None:
+def show_points(data: dict, found: dict[str, dict], instrument: Instrument, first: bool = True) -> None:
     """The part of a diagnosis that is of an instrument that measures at rest.
 
     Args:
         data: Its JSON.
         instrument: That instrument.
+        first: Whether no other one came before, which has said what is common to all of them.
         found: Parameters and 95 % intervals of all fitted effects, by id: dicts with ``parameters`` and ``ci95``.
     """
     click.echo()
@@ -28,7 +29,7 @@ def show_points(data: dict, found: dict[str, dict], instrument: Instrument) -> N
         f"{instrument.noun}: residual RMS {data['rms_before_um']:.3f} µm as given, {data['rms_after_um']:.3f} µm with "
         f"what was fitted; noise of one value {data['noise_um']:.3f} µm, {_SOURCES[data['noise_source']]}"
     )
-    if data["left_um"] > 0.0:
+    if data["left_um"] > 0.0 and first:
         common.paragraph(
             f"What is in no model is {data['left_um']:.2f} µm; the probability that it is more than the noise is "
             f"{100.0 * data['misfit']:.0f} %. The intervals have grown by it."
@@ -39,7 +40,7 @@ def show_points(data: dict, found: dict[str, dict], instrument: Instrument) -> N
                 "repeatability_um), or the machine has errors that are in no model: trust the numbers within their "
                 "intervals, and look for the cause."
             )
-    if data["joint"]:
+    if data["joint"] and first:
         common.paragraph(data["joint"])
     rows = []
     for row in data["classical"]:

@@ -63,7 +63,7 @@ def section_of_points(found: Diagnosis, rest: AtRest) -> dict:
         "located": located,
         "by_itself": [instrument.by_itself_noun, instrument.by_itself_note],
         "points": True,
-        "said": [left, said["joint"]] if said["joint"] else [left],
+        "said": [text for text in (left, said["joint"]) if text and rest is found.at_rest[0]],  # common to all
     }
 
 

@@ -99,18 +99,11 @@ def diagnose_at_rest(
     before = together(points, machine, [r.before for r in rests])
     after = together(points, final, [r.after for r in rests])
     of_test = {t.name: t.instrument for t in points.measured}
-    findings = [
-        replace(
-            e,
-            found_by=of_test[e.tests[0]],
-            models=tuple(CompetingModel.of(i, m) for i, m in ((f.key, fit), *f.competing.items())),
-        )
-        for e, f in zip(
-            findings_of(found.selection, points.measured[0].instrument, lambda key: found.tests[key]),
-            found.selection.found,
-            strict=True,
-        )
-    ]
+    rows = findings_of(found.selection, points.measured[0].instrument, lambda key: found.tests[key])
+    findings = []
+    for e, f in zip(rows, found.selection.found, strict=True):
+        models = tuple(CompetingModel.of(i, m) for i, m in ((f.key, fit), *f.competing.items()))
+        findings.append(replace(e, found_by=of_test[e.tests[0]], models=models))
     effects, rungs = ladder_of(
         findings,
         found.calibration,
