@@ -3,6 +3,8 @@ has shown. Campaigns of the independent generator.
 """
 
 import json
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,11 +14,14 @@ from commands import read
 import mjsim
 from mjsim.cli.plan import show_telling
 from mjsim.estimation.at_rest import RestFitter
+from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.planning.at_rest import Open, RestPlanner, planned_problem
+from mjsim.estimation.posterior import Posterior
 from mjsim.report.write import report
 from mjsim.units import UM
-from mjsim.workflow import plan_at_rest
+from mjsim.workflow import at_rest, plan_at_rest
 from mjsim.workflow.diagnose import diagnose
+from mjsim.workflow.finding import DiagnosedEffect
 from mjsim.workflow.plan import plan
 from mjsim.workflow.plan_targets import plan_targets
 from tests.independent import positions, routes, sphere
@@ -173,3 +178,23 @@ def test_what_a_plan_promises_is_what_a_fit_of_the_test_knows(tmp_path):
         ((name, spec),) = ((n, f.specs[n]) for n in f.names)
         known = 1.96 * spec.scale * float(np.sqrt(fit.covariance_of(f)[0, 0]))
         assert told[f.effect.id, name].after == pytest.approx(known, rel=1e-3)
+
+
+def test_points_do_not_take_back_waves_that_they_do_not_show(probed, monkeypatch):
+    """A ball bar has found a pitch error of 72 waves per turn of C. Points of a sphere are too far apart for it."""
+    campaign, points, _ = probed
+    machine = read(campaign.folder)[1]
+    effect = mjsim.make_effect("pitch_error.C", machine.chain, components=[[72.0, 0.004, 30.0]])
+    wave = EffectVector(effect, ("components",))
+    sheet = len(points.posterior.sheet)
+    known = Posterior((wave,), np.diag([1e-4, 1e-4, *np.ones(sheet)]))
+    ci = wave.interval(wave.vector, known.part(range(2)))
+    found = DiagnosedEffect(effect, wave.names, ci, 3.0 * UM, 0.1 * UM, (), ("cone",), probability=1.0)
+    bars = SimpleNamespace(instrument="ball_bar")
+    monkeypatch.setattr(at_rest, "compare_bars", lambda *_: bars)
+    beside = replace(points, before=bars, effects=(found,), calibration=(), posterior=known, verdict="identified")
+    result = at_rest.diagnose_at_rest(campaign, machine, beside=beside)
+    (kept,) = result.effects
+    assert kept.effect.id == "pitch_error.C" and result.verdict == "identified"
+    assert 72.0 in [row[0] for row in kept.effect.values["components"]] and kept.tests == ("cone",)
+    assert "pitch_error.C" not in {c.effect.effect.id for c in result.calibration}

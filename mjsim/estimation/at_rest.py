@@ -530,7 +530,7 @@ class RestReader(Reader[RestProblem]):
     def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit]:
         return None, self.search.misfit(self.model), fit
 
-    def _resolves(self, f: EffectVector) -> bool:
+    def resolves(self, f: EffectVector) -> bool:
         """Whether the places are close enough to tell the waves of a pitch error from those of other orders: at least
         two of them in each period (sampling theorem). Otherwise their waves stand for the noise that they make.
         """
@@ -569,7 +569,7 @@ class RestReader(Reader[RestProblem]):
         model, bank = self.model, self.found.bank
         white = Bank(bank.candidates, model.problem.whiten_further(bank.matrix), bank.slices)
         limits = detection_limits(Projector(model.fit), white)
-        limits |= {f.effect.id: 0.0 for f in model.fit.effects if self._resolves(f)}
+        limits |= {f.effect.id: 0.0 for f in model.fit.effects if self.resolves(f)}
         every = registry.all_ids(self.search.machine.chain)
         return tuple(sorted(i for i in every if limits.get(i, math.inf) > model.problem.settings.testable_size))
 
@@ -581,10 +581,12 @@ class ExplainedAtRest(Explained[RestProblem]):
     Attributes:
         tests: By key of an effect the tests that show it, the clearest first.
         hidden: Ids of effects that the values cannot show.
+        unresolved: Keys of effects of the model whose waves are finer than the places: they are no findings here.
     """
 
     tests: Mapping[str, tuple[str, ...]]
     hidden: tuple[str, ...]
+    unresolved: frozenset[str]
 
 
 def explain_at_rest(
@@ -606,4 +608,6 @@ def explain_at_rest(
     search = RestSearch(problem, machine, posterior, progress)
     reader = RestReader(search, search.run(), progress)
     found = reader.read(most)
-    return ExplainedAtRest(**vars(found), tests=reader.clear_tests(found.selection.fit), hidden=reader.hidden())
+    fit = found.selection.fit
+    unresolved = frozenset(f.effect.key for f in fit.effects if not reader.resolves(f))
+    return ExplainedAtRest(**vars(found), tests=reader.clear_tests(fit), hidden=reader.hidden(), unresolved=unresolved)

@@ -267,7 +267,7 @@ class Reader(ABC, Generic[D]):
         than its class allows; the model fitted beside it.
         """
 
-    def _resolves(self, f: EffectVector) -> bool:
+    def resolves(self, f: EffectVector) -> bool:
         """Whether the data tell an effect from others of its kind."""
         return True
 
@@ -307,7 +307,7 @@ class Reader(ABC, Generic[D]):
         unexplained, unknown, fit = self._unknown(fit)
         rows = self.of_class.findings(fit, rivals, self.model.evidence)
         self.progress("shares of the error", 0, 1)
-        coarse = {f.effect.key for f in fit.effects if not self._resolves(f)}
+        coarse = {f.effect.key for f in fit.effects if not self.resolves(f)}
         named = [r for r in rows if r.whole >= FINDING and r.key not in coarse]
         named = sorted(named, key=lambda r: -r.gain)[:most]
         excess = {f.effect.key: self.of_class.excess(f) for f in fit.effects}

@@ -3,7 +3,8 @@
 With a ball bar the fit is joint: the ball-bar tests come in as the normal distribution of the numbers that they
 determine, without their priors, at their best fit. So location errors and their like are those of one least-squares fit
 to both instruments. Which causes of the ball bar's own there are, and between which of them it cannot decide, is
-decided by the ball bar before; the points add causes, and do not take these back.
+decided by the ball bar before. The values at rest add causes, and take back only what they show to be within its
+class.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ from mjsim.workflow.finding import findings_of, ladder_of
 #: What a diagnosis with both says of itself.
 _JOINT = (
     "Numbers that both instruments see are fitted to both together: the ball-bar tests enter as the normal "
-    "distribution of the numbers that they determine. Causes that the ball bar has found are kept."
+    "distribution of the numbers that they determine. Causes that the ball bar has found are kept where the values at "
+    "rest do not show them."
 )
 
 
@@ -169,9 +171,14 @@ def _joined(alone: Diagnosis, beside: Diagnosis, found: ExplainedAtRest, threads
         progress: Called as work gets on.
     """
     fit, misfit, campaign = found.selection.fit, found.verdicts.unknown, alone.campaign
-    ours = {f.effect.key for f in fit.effects}
+    of_key = {f.effect.key: f for f in fit.effects}
+    ours = set(of_key) - found.unresolved  # of which the values at rest may say that they are within their class
     old = {e.effect.key: e for e in beside.effects}
-    named = [e for e in beside.effects if e.effect.key not in ours]
+    named = []
+    for e in (e for e in beside.effects if e.effect.key not in ours):
+        f = of_key.get(e.effect.key)
+        both = {} if f is None else {"effect": f.effect, "ci95": f.interval(f.vector, fit.covariance_of(f))}
+        named.append(replace(e, **both))
     for e in alone.effects:
         same = old.get(e.effect.key)
         if same is None:
@@ -180,7 +187,7 @@ def _joined(alone: Diagnosis, beside: Diagnosis, found: ExplainedAtRest, threads
         own = {"effect": e.effect, "free": e.free, "ci95": e.ci95, "tests": (*same.tests, *e.tests)}
         named.append(replace(same, **own, probability=e.probability if not same.alternatives else same.probability))
     keys = {e.effect.key for e in named}
-    calibration = [c for c in beside.calibration if c.effect.effect.key not in ours]
+    calibration = [c for c in beside.calibration if c.effect.effect.key not in of_key]
     calibration += [c for c in found.calibration if c.effect.effect.key not in keys]
     probable = [e for e in named if e.probability is None or e.probability >= 0.5]
     verdict = verdict_of((e.is_open for e in probable), beside.unexplained is not None or beside.verdict == "unknown")
