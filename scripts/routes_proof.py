@@ -157,7 +157,7 @@ def page(rows: list[dict]) -> str:
     """The tables."""
     sound, faulty = ([r for r in rows if bool(r["fault"]) == f] for f in (False, True))
     out = [f"{len(rows)} machines, {len(faulty)} of them with one fault.", ""]
-    out += ["Location errors inside their 95 % intervals; RMS of estimate less truth over its standard deviation:"]
+    out += ["Location errors inside their 95 % intervals; RMS of error over standard deviation:"]
     groups = (("all", rows), ("sound machines", sound), ("machines with a fault", faulty))
     body = [["machines", *(str(len(measured_by(rows, r))) for r in ROUTES)]]
     body += [[what, *(inside(group, r, LOCATIONS) for r in ROUTES)] for what, group in groups]
@@ -165,7 +165,7 @@ def page(rows: list[dict]) -> str:
         sum(n not in row["routes"][r]["numbers"] for row in measured_by(rows, r) for n in LOCATIONS) for r in ROUTES
     ]
     out += table(["", *ROUTES], [*body, ["without an interval", *map(str, missing)]])
-    out += ["Expanded uncertainty (k = 2), mean of all machines; in brackets twice the RMS error against the truth:"]
+    out += ["Expanded uncertainty (k = 2), mean of all machines; in brackets twice the RMS error:"]
     unit = {n: "µrad" if n.partition(".")[2][1] in "ABC" else "µm" for n in LOCATIONS}
     body = [[f"{n.partition('.')[2]}, {unit[n]}", *(half(rows, r, n) for r in ROUTES)] for n in LOCATIONS]
     out += table(["", *ROUTES], body)
@@ -173,7 +173,7 @@ def page(rows: list[dict]) -> str:
     out += table(
         ["", "circles", "mjsim, probe", "mjsim, bar and probe"], [_beside(rows, n, unit[n]) for n in LOCATIONS]
     )
-    out += ["Other errors inside their 95 % intervals; RMS of estimate less truth over its standard deviation:"]
+    out += ["Other errors inside their 95 % intervals; RMS of error over standard deviation:"]
     out += table(["", *ROUTES], [[n, *(inside(rows, r, (n,)) for r in ROUTES)] for n in OTHERS])
     out += ["Faults that were named, or named as one of several that the data cannot tell apart (+):"]
     body = []
