@@ -391,7 +391,7 @@ REFUSED = {
                 "G1 X=R9 F1": "R9", "CYCLE800(0,\"T\",0,192,0,0,0,30,0,0,0,0,0,1,,1)": "CYCLE800 with MODE 192",
                 "TRAANG": "TRAANG", "SCALE X2": "SCALE", "G1 A3=1 F1": "TRAORI", "POCKET3(1,2)": "POCKET3",
                 "RND=1": "RND", "G4 S3": "revolutions", "G1 POS[X]=5 F1": "POS[X]", "G505": "G505"},
-    "linuxcnc": {"G43.4 H1": "G43.4", "G5 X1 Y1 I0 J0 P0 Q1": "G5", "G38.2 Z-1 F10": "G38.2", "G41.1 D5": "G41.1",
+    "linuxcnc": {"G43.4 H1": "G43.4", "G5 X1 Y1 I0 J0 P0 Q1": "G5", "G38.6 Z-1 F10": "G38.6", "G41.1 D5": "G41.1",
                  "G7": "G7", "M66 P0 L3": "M66", "M100": "M100", "M68 E3 Q1": "M68", "G9": "G9", "G59.1": "G59.1"},
     "heidenhain": {"L X+5 RL F100": "RL", "CALL LBL 1 REP 3": "CALL LBL 1", "CALL PGM A": "CALL PGM",
                    "APPR LT X+5": "APPR", "FN 9: IF +Q1 EQU +Q2 GOTO LBL 1": "FN 9",

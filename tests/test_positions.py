@@ -16,7 +16,7 @@ from mjsim.estimation.calibration import expected_effects
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.instruments.positions.files import read_readings, trace_text
 from mjsim.instruments.positions.mistakes import position_mistakes, position_remarks
-from mjsim.report.beside import section_of_points
+from mjsim.report.beside import answer_of, section_of_points
 from mjsim.units import DEG, UM
 from mjsim.workflow.any_instrument import compare_plainly
 from tests.independent import positions
@@ -32,7 +32,7 @@ def intervals(result):
 
 def half_width(result, name, true):
     """95 % half width of a number that lies within three standard deviations of the true one; how often it lies within
-    the interval, ``scripts/line_proof.py`` tells.
+    the interval, ``scripts/routes_proof.py`` tells.
     """
     low, high = intervals(result)[name]
     assert abs(0.5 * (low + high) - true) < 1.53 * 0.5 * (high - low)
@@ -303,6 +303,22 @@ def test_angles_of_a_level_and_of_a_table(tmp_path):
     assert half_width(result, "backlash.C", 0.004) < 0.0002
 
 
+def test_a_rotary_table_alone_is_a_machine(tmp_path):
+    """A calibrator on the only axis that there is: nothing is asked of points in space."""
+    import tomlkit
+
+    table = {"name": "table", "axis": "C", "ends": (0.0, 360.0), "count": 13, "runs": 2}
+    positions.write(tmp_path, 7, {"play": {"C": 0.004 * DEG}}, [table], noise=0.5e-6)
+    machine = tomlkit.parse((tmp_path / "machine.toml").read_text()).unwrap()
+    alone = {"name": "table", "configuration": "C", "drive": {"C": machine["drive"]["C"]}}
+    alone["tolerance"] = {"backlash": {"deg": 0.0008}, "pitch_error": {"deg": 0.0014}}
+    (tmp_path / "machine.toml").write_text(tomlkit.dumps(alone))
+    result = mjsim.diagnose(*read(tmp_path))
+    assert [e.effect.id for e in result.effects] == ["backlash.C"]
+    assert half_width(result, "backlash.C", 0.004) < 0.0002
+    assert "radial_error_motion.C" not in result.not_testable
+
+
 # -- everything around it ----------------------------------------------------------------------------------------------
 
 
@@ -372,7 +388,7 @@ def test_plan_and_targets(worn, tmp_path):
 
 def test_the_page_says_what_the_standard_says(diagnosed):
     section = section_of_points(diagnosed, diagnosed.at_rest[0])
-    assert section["verdict"] == "identified" and section["by_itself"][0] == "from the means"
+    assert answer_of(diagnosed)["verdict"] == "identified" and section["by_itself"][0] == "from the means"
     rows = {row[0]: row[-1] for row in section["located"]}
     assert float(rows["backlash.X"]) == pytest.approx(6.0, abs=0.3)
     assert float(rows["scale_error.X"]) == pytest.approx(60.0, abs=2.0)
@@ -381,7 +397,7 @@ def test_the_page_says_what_the_standard_says(diagnosed):
 
 
 def test_commands_of_the_ball_bar_say_that_they_need_one(worn):
-    for command in (("explain", worn, "scale_error.X"), ("plan", worn), ("add", worn, "scale_error.X")):
+    for command in (("explain", worn, "scale_error.X"), ("add", worn, "scale_error.X")):
         assert "no ball-bar test was measured" in " ".join(run(*command, code=1).split())
 
 

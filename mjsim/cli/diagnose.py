@@ -100,7 +100,7 @@ def command(campaign, machine, write, max_effects, only, budget, force, threads,
         fitted = {row["id"]: row for row in [*data["calibration"], *data["effects"]]}
         for rest in result.at_rest:
             instrument = INSTRUMENTS[rest.after.instrument]
-            show_points(data[instrument.beside], fitted, instrument)
+            show_points(data[instrument.beside], fitted, instrument, rest is result.at_rest[0])
         if result.logs is not None:
             show_beside(data[INSTRUMENTS[LogTest.instrument].beside])
     if budget:

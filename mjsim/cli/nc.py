@@ -55,14 +55,20 @@ def command() -> None:
 @options.signs
 @options.limits
 @click.option("--number", type=int, default=1, show_default=True, help="Program number (fanuc).")
+@options.probing
 @options.force
 @common.machine_option
 @common.options
-def write(campaign, name, out, limit, max_speed, force, machine, as_json, quiet, **how) -> None:
-    """Write a test of CAMPAIGN as an NC program; of one that is measured at rest, the table of its positions."""
+def write(
+    campaign, name, out, limit, max_speed, force, machine, as_json, quiet, sphere, tip, clearance, safe, **how
+) -> None:
+    """Write a test of CAMPAIGN as an NC program; of one that is measured at rest, the table of its positions. A sphere
+    test in the dialect linuxcnc is a probing program.
+    """
     from mjsim.campaign.machine_file import machine_of
     from mjsim.instruments.ball_bar.speed import speed_warnings as ordinary_speed_warnings
     from mjsim.instruments.base import INSTRUMENTS
+    from mjsim.instruments.sphere.measurement import SphereTest
     from mjsim.io.files import check_writable
     from mjsim.nc.dialects import FEEDS
     from mjsim.nc.write import write_nc
@@ -70,6 +76,13 @@ def write(campaign, name, out, limit, max_speed, force, machine, as_json, quiet,
     c, test = options.find_test(campaign, name, *(n for n, i in INSTRUMENTS.items() if i.at_rest))
     m = machine_of(c, machine)
     check_writable(out, force)
+    if test.instrument == SphereTest.instrument and how["dialect"] == "linuxcnc":
+        from mjsim.cli.points import write_probing
+
+        limits = options.allowed(limit, max_speed, test.chain)
+        sizes = {"sphere": sphere, "tip": tip, "clearance": clearance, "safe": safe}
+        write_probing(test, out, sizes, limits, m.name, c.folder, force, as_json, quiet)
+        return
     if INSTRUMENTS[test.instrument].at_rest:
         from mjsim.cli.points import write_positions
 

@@ -48,6 +48,19 @@ reading = kept(
         "--ini", type=click.Path(path_type=Path), help="Configuration of LinuxCNC with subprograms and tools."
     ),
 )
+#: How a sphere is probed.
+probing = kept(
+    click.option("--sphere", type=common.NUMBER, default=25.0, show_default=True, help="Diameter of a sphere, mm."),
+    click.option("--tip", type=common.NUMBER, default=6.0, show_default=True, help="Diameter of the probe's tip, mm."),
+    click.option("--clearance", type=common.NUMBER, default=3.0, show_default=True, help="Way of a touch, mm."),
+    click.option(
+        "--safe",
+        type=common.NUMBER,
+        default=100.0,
+        show_default=True,
+        help="Height above the sphere at which rotary axes move, mm.",
+    ),
+)
 written_dialect = _dialect(tuple(DIALECTS), "Control.")
 writing = kept(
     click.option(

@@ -7,10 +7,11 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
+from mjsim.instruments.base import INSTRUMENTS
+from mjsim.units import unit_of
 
 #: JSON of a plan where nothing is to be separated.
 _NOTHING_OPEN = {"between": None, "test": None, "difference_um": None}
-_INSTRUMENTS = {"axis_log": "axis log", "ball_bar": "ball bar"}
 
 
 @click.command("plan")
@@ -107,6 +108,7 @@ def command(
     from mjsim.campaign.machine_file import machine_of
     from mjsim.instruments.axis_log.measurement import LogTest
     from mjsim.workflow.plan import plan
+    from mjsim.workflow.plan_at_rest import MostTelling
 
     if (sphere and points is None) or (ranges and points is None and targets is None):
         raise click.UsageError("--sphere needs --points, --range needs --points or --targets")
@@ -142,7 +144,9 @@ def command(
         result = plan(c, m, between, common.cores(threads), progress)
     recorded = LogTest.instrument in c.measured_parts
     if as_json:
-        common.print_json(result.to_json() if result else _NOTHING_OPEN | ({} if recorded else {"recordings": []}))
+        common.print_json(
+            result.to_json() if result else _NOTHING_OPEN | ({} if recorded else {"recordings": [], "at_rest": []})
+        )
     elif quiet:
         return
     elif result is None:
@@ -152,11 +156,15 @@ def command(
             else "every effect of the catalogue is testable with this campaign"
         )
         common.paragraph(f"Nothing to separate: no effect is ambiguous, and {known}.")
+    elif isinstance(result, MostTelling):
+        show_telling(result.to_json(), c)
     elif result.beside:
         show(result.bars, campaign)
-        show_recordings(result.to_json()["recordings"])
+        data = result.to_json()
+        show_recordings(data["recordings"])
+        show_at_rest(data["at_rest"])
     else:
-        show_recording(result.to_json(), str(c.folder))
+        show_measurement(result.to_json(), c)
 
 
 def _plan_new(machine, template_name, position_gain, minutes, out, threads, as_json, quiet) -> None:
@@ -275,17 +283,17 @@ def show(result, campaign) -> None:
         click.echo(f"  {number}. {step}")
 
 
-def show_recording(data: dict, folder: str) -> None:
+def show_measurement(data: dict, campaign) -> None:
     """A plan's JSON as text."""
-    import tomlkit
-
     verdict = "decides" if data["decides"] else "does not decide, but comes nearest"
     between = data["between"]
     known = data.get("left") is not None
     aim = f"what only a combination is known of: {', '.join(between)}" if known else f"between {' and '.join(between)}"
+    if not known and between[1] == "nothing":
+        aim = f"whether the machine has {between[0]}"
     log = data["instrument"] == "axis_log"
     common.paragraph(
-        f"This {'recording' if log else 'ball-bar test'} {verdict} {aim}: {data['test']['name']}. It takes "
+        f"This {_test_noun(data)} {verdict} {aim}: {data['test']['name']}. It takes "
         f"{data['minutes']:.1f} min with handling. {_effect(data)}."
     )
     common.paragraph(data["reason"])
@@ -295,22 +303,66 @@ def show_recording(data: dict, folder: str) -> None:
         for line in data["program"]:
             click.echo(f"  {line}")
     click.echo()
+    rows = [[_noun(r), r["test"]["name"], _effect(r), f"{r['minutes']:.1f}"] for r in [data, *data["runners_up"]]]
+    common.table(["instrument", "test", "expected", "time min"], rows, text=(0, 1, 2))
+    if log:
+        name = data["test"]["name"]
+        more = ", and its torque or current" if "torque" in name else ""
+        click.echo("\nNext:")
+        click.echo(f"  1. Run the program. Record command and position of the axis{more}.")
+        click.echo(f"  2. mjsim import FILE --campaign {campaign.folder} --log --test {name}")
+        click.echo(f"  3. mjsim diagnose {campaign.folder}")
+    else:
+        _show_test(data, campaign)
+
+
+def show_telling(data: dict, campaign) -> None:
+    """A plan's JSON as text where no finding is open."""
+    common.paragraph(
+        f"This {_test_noun(data)} tells most: {data['test']['name']}. It takes {data['minutes']:.0f} min with handling."
+    )
+    common.paragraph(data["reason"])
+    click.echo()
     rows = [
-        [_INSTRUMENTS[r["instrument"]], r["test"]["name"], _effect(r), f"{r['minutes']:.1f}"]
+        [_noun(r), r["test"]["name"], f"{r['bits']:.1f}", f"{r['minutes']:.0f}", _known(r)]
         for r in [data, *data["runners_up"]]
     ]
-    common.table(["instrument", "test", "expected", "time min"], rows, text=(0, 1, 2))
-    name = data["test"]["name"]
+    common.table(["instrument", "test", "bits", "time min", "makes known"], rows, text=(0, 1, 4))
+    _show_test(data, campaign)
+
+
+def _known(row: dict, most: int = 4) -> str:
+    """Whose numbers a test makes known."""
+    names = list(dict.fromkeys(k["id"] for k in row["known"]))
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def _show_test(data: dict, campaign) -> None:
+    """The table of a planned test, and what to do next."""
+    import tomlkit
+
+    name, folder, at_rest = data["test"]["name"], campaign.folder, INSTRUMENTS[data["instrument"]].at_rest
     click.echo("\nNext:")
-    if log:
-        more = ", and its torque or current" if "torque" in name else ""
-        click.echo(f"  1. Run the program. Record command and position of the axis{more}.")
-        click.echo(f"  2. mjsim import FILE --campaign {folder} --log --test {name}")
-    else:
-        click.echo("  1. Measure the ball-bar test; its table for campaign.toml:\n")
-        click.echo("[[test]]\n" + tomlkit.dumps(data["test"]).rstrip() + "\n")
-        click.echo(f"  2. mjsim import FILE --campaign {folder} --test {name}")
-    click.echo(f"  3. mjsim diagnose {folder}")
+    click.echo(f"  1. Put this table into {folder}/campaign.toml:\n")
+    click.echo("[[test]]\n" + tomlkit.dumps(data["test"]).rstrip() + "\n")
+    if data["instrument"] not in campaign.instruments:
+        common.paragraph(
+            f"The campaign has no {_noun(data)} yet: call its tables [instrument.NAME], and add one with kind = "
+            f'"{data["instrument"]}".',
+            "     ",
+        )
+    out, points = (f"{name}.csv", " --points") if at_rest else (f"{name}.nc", "")
+    click.echo(f"  2. mjsim nc {folder} --test {name} -o {out}")
+    click.echo(f"  3. Measure. mjsim import FILE --campaign {folder}{points} --test {name}")
+    click.echo(f"  4. mjsim diagnose {folder}")
+
+
+def _noun(row: dict) -> str:
+    return INSTRUMENTS[row["instrument"]].noun
+
+
+def _test_noun(row: dict) -> str:
+    return "recording" if row["instrument"] == "axis_log" else INSTRUMENTS[row["instrument"]].test_noun
 
 
 def show_recordings(rows: list[dict]) -> None:
@@ -327,9 +379,23 @@ def show_recordings(rows: list[dict]) -> None:
     )
 
 
+def show_at_rest(rows: list[dict]) -> None:
+    """Tests at rest that separate what a ball-bar test is to separate, below the test."""
+    if not rows:
+        return
+    click.echo()
+    common.paragraph("Or while the machine stands still:")
+    common.table(
+        ["instrument", "test", "expected", "time min"],
+        [[_noun(r), r["test"]["name"], _effect(r), f"{r['minutes']:.1f}"] for r in rows],
+        text=(0, 1, 2),
+    )
+
+
 def _effect(row: dict) -> str:
     """What a measurement is expected to bring."""
     if row.get("left") is not None:
         return f"{100.0 * row['left']:.2g} % of the uncertainty left"
-    size = f"{row['difference_um']:.2f} µm" if "difference_um" in row else f"{row['difference_deg']:.2g} °"
+    key = next(k for k in row if k.startswith("difference_"))
+    size = f"{row[key]:.{'2g' if key.endswith('deg') else '2f'}} {unit_of(key)[1]}"
     return f"{size} RMS, {row['separation']:.0f} σ"

@@ -16,12 +16,13 @@ from mjsim.units import unit_of
 _SOURCES = {"repeated points": "from repeated points", "stated": "as stated", "assumed": "assumed: nobody states it"}
 
 
-def show_points(data: dict, found: dict[str, dict], instrument: Instrument) -> None:
+def show_points(data: dict, found: dict[str, dict], instrument: Instrument, first: bool = True) -> None:
     """The part of a diagnosis that is of an instrument that measures at rest.
 
     Args:
         data: Its JSON.
         instrument: That instrument.
+        first: Whether no other one came before, which has said what is common to all of them.
         found: Parameters and 95 % intervals of all fitted effects, by id: dicts with ``parameters`` and ``ci95``.
     """
     click.echo()
@@ -29,7 +30,7 @@ def show_points(data: dict, found: dict[str, dict], instrument: Instrument) -> N
         f"{instrument.noun}: residual RMS {data['rms_before_um']:.3f} µm as given, {data['rms_after_um']:.3f} µm with "
         f"what was fitted; noise of one value {data['noise_um']:.3f} µm, {_SOURCES[data['noise_source']]}"
     )
-    if data["left_um"] > 0.0:
+    if data["left_um"] > 0.0 and first:
         common.paragraph(
             f"What is in no model is {data['left_um']:.2f} µm; the probability that it is more than the noise is "
             f"{100.0 * data['misfit']:.0f} %. The intervals have grown by it."
@@ -40,7 +41,7 @@ def show_points(data: dict, found: dict[str, dict], instrument: Instrument) -> N
                 "repeatability_um), or the machine has errors that are in no model: trust the numbers within their "
                 "intervals, and look for the cause."
             )
-    if data["joint"]:
+    if data["joint"] and first:
         common.paragraph(data["joint"])
     rows = []
     for row in data["classical"]:
@@ -178,3 +179,41 @@ def write_positions(test, out: Path, campaign, force: bool, as_json: bool, quiet
         common.print_json({"file": str(out), "test": test.name, "points": rows})
     else:
         common.say(f"{rows} positions written to {out}; add what is found: {wanted}", quiet)
+
+
+def write_probing(
+    test, out: Path, sizes_mm: dict, limits, machine: str, campaign, force: bool, as_json: bool, quiet: bool
+) -> None:
+    """``mjsim nc`` of a sphere test for LinuxCNC: the program that probes it.
+
+    Args:
+        test: With its positions.
+        out: The file.
+        sizes_mm: Attributes of :class:`mjsim.nc.probing.Probing` in mm.
+        limits: Of the axes.
+        machine: Name of the machine.
+        campaign: Folder of the campaign.
+        force: Replace a file that is there.
+        as_json: Print JSON.
+        quiet: Print nothing.
+    """
+    from mjsim.errors import InputError
+    from mjsim.instruments.sphere.touches import sides_of_points
+    from mjsim.io.files import write_whole
+    from mjsim.nc.probing import Probing, probing_program
+    from mjsim.units import MM
+
+    for name, value in sizes_mm.items():
+        if not 0.0 < value <= 1000.0:
+            raise InputError(f"--{name} {value:g}; allowed: above 0, up to 1000 mm")
+    text, _ = probing_program(test, Probing(**{k: v * MM for k, v in sizes_mm.items()}), limits, machine)
+    write_whole(out, text, force=force)
+    touches = sum(map(len, sides_of_points(test)))
+    if as_json:
+        common.print_json({"file": str(out), "test": test.name, "points": len(test.angles), "touches": touches})
+        return
+    common.say(
+        f"{len(test.angles)} positions with {touches} touches written to {out}; LinuxCNC writes what it finds into "
+        f"{test.name}.txt: mjsim import {test.name}.txt --campaign {campaign} --points --test {test.name}",
+        quiet,
+    )

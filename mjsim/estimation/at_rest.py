@@ -175,6 +175,14 @@ class RestProblem:
         )
 
     @property
+    def values_of(self) -> dict[str, slice]:
+        """Places of the values of every test, by its name."""
+        tests = self.campaign.measured
+        sizes = [len(self.stops[t.name].at) * len(INSTRUMENTS[t.instrument].channels(t)) for t in tests]
+        ends = np.cumsum([0, *sizes])
+        return {t.name: slice(int(a), int(b)) for t, (a, b) in zip(tests, pairwise(ends), strict=True)}
+
+    @property
     def rows(self) -> list[slice]:
         """Rows of the values, and of what another instrument has found."""
         m = len(self.value)
@@ -546,7 +554,7 @@ class RestReader(Reader[RestProblem]):
         nouns = tuple({INSTRUMENTS[t.instrument].noun for t in problem.campaign.measured})
         return budgets(fit, split_at_rest(problem), self.stated, nouns)
 
-    def _resolves(self, f: EffectVector) -> bool:
+    def resolves(self, f: EffectVector) -> bool:
         """Whether the places are close enough to tell the waves of a pitch error from those of other orders: at least
         two of them in each period (sampling theorem). Otherwise their waves stand for the noise that they make.
         """
@@ -566,14 +574,43 @@ class RestReader(Reader[RestProblem]):
         verdicts = Verdicts(**{k: (1.0 - unknown) * v for k, v in vars(clear).items()} | {"unknown": unknown})
         return "unknown" if unknown >= _LIKELY else verdict, verdicts
 
+    def clear_tests(self, fit: Fit) -> dict[str, tuple[str, ...]]:
+        """By key of an effect the tests in which its part of the reading stands out of the noise, the clearest first;
+        the clearest one alone where none does.
+        """
+        p, out = self.model.problem, {}
+        for key, part in self._parts(fit).items():
+            white = part / p.noise.deviation
+            sums = {name: float(np.sum(white[at] ** 2)) for name, at in p.values_of.items()}
+            order = sorted(sums, key=lambda name: -sums[name])
+            spread = {name: float(np.sqrt(np.mean(white[at] ** 2))) for name, at in p.values_of.items()}
+            clear = [name for name in order if spread[name] > p.settings.visible_share]
+            out[key] = tuple(clear or order[:1])
+        return out
+
     def hidden(self) -> tuple[str, ...]:
         """Ids of effects that change nothing here, or nothing that everything else could not change as well."""
         model, bank = self.model, self.found.bank
         white = Bank(bank.candidates, model.problem.whiten_further(bank.matrix), bank.slices)
         limits = detection_limits(Projector(model.fit), white)
-        limits |= {f.effect.id: 0.0 for f in model.fit.effects if self._resolves(f)}
+        limits |= {f.effect.id: 0.0 for f in model.fit.effects if self.resolves(f)}
         every = registry.all_ids(self.search.machine.chain)
         return tuple(sorted(i for i in every if limits.get(i, math.inf) > model.problem.settings.testable_size))
+
+
+@dataclass(frozen=True)
+class ExplainedAtRest(Explained[RestProblem]):
+    """What values at rest say.
+
+    Attributes:
+        tests: By key of an effect the tests that show it, the clearest first.
+        hidden: Ids of effects that the values cannot show.
+        unresolved: Keys of effects of the model whose waves are finer than the places: they are no findings here.
+    """
+
+    tests: Mapping[str, tuple[str, ...]]
+    hidden: tuple[str, ...]
+    unresolved: frozenset[str]
 
 
 def explain_at_rest(
@@ -582,8 +619,8 @@ def explain_at_rest(
     most: int | None = None,
     progress: Progress = silent,
     posterior: Posterior | None = None,
-) -> tuple[Explained[RestProblem], tuple[str, ...]]:
-    """What is missing from the model of a machine, and the ids of effects that the values cannot show.
+) -> ExplainedAtRest:
+    """What is missing from the model of a machine.
 
     Args:
         problem: The measured tests.
@@ -594,4 +631,7 @@ def explain_at_rest(
     """
     search = RestSearch(problem, machine, posterior, progress)
     reader = RestReader(search, search.run(), progress)
-    return reader.read(most), reader.hidden()
+    found = reader.read(most)
+    fit = found.selection.fit
+    unresolved = frozenset(f.effect.key for f in fit.effects if not reader.resolves(f))
+    return ExplainedAtRest(**vars(found), tests=reader.clear_tests(fit), hidden=reader.hidden(), unresolved=unresolved)

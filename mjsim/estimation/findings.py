@@ -280,7 +280,7 @@ class Reader(ABC, Generic[D]):
         """A model with the errors of the instrument that are no unknowns of it."""
         return fit
 
-    def _resolves(self, f: EffectVector) -> bool:
+    def resolves(self, f: EffectVector) -> bool:
         """Whether the data tell an effect from others of its kind."""
         return True
 
@@ -327,7 +327,7 @@ class Reader(ABC, Generic[D]):
         fit = with_choice(fit, rivals, self.model.evidence)
         budget = self._budget(replace(whitened, considered=fit.considered))
         self.progress("shares of the error", 0, 1)
-        coarse = {f.effect.key for f in fit.effects if not self._resolves(f)}
+        coarse = {f.effect.key for f in fit.effects if not self.resolves(f)}
         named = [r for r in rows if r.whole >= FINDING and r.key not in coarse]
         named = sorted(named, key=lambda r: -r.gain)[:most]
         excess = {f.effect.key: self.of_class.excess(f) for f in fit.effects}

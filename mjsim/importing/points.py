@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import gzip
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,8 @@ from mjsim.importing.reading import Options
 from mjsim.importing.table import Table
 from mjsim.importing.units import QUANTITIES, bare, factor, unit_named, unit_of_column
 from mjsim.instruments.base import INSTRUMENTS
-from mjsim.instruments.sphere.measurement import SphereTest
+from mjsim.instruments.sphere.measurement import Points, SphereTest
+from mjsim.instruments.sphere.touches import LOGGED, centres_of_log
 from mjsim.io.files import check_writable, write_all
 from mjsim.io.inputs import shown
 from mjsim.io.toml import parse, read_text
@@ -141,8 +142,12 @@ def import_points(
     instrument = INSTRUMENTS[made.instrument]
     target = file.parent / trace
     table = read_any(source, options)
-    columns, notes = _columns(table, made, signals)
-    recording, more = _recording(source, table, columns, made)
+    if isinstance(made, SphereTest) and made.angles and is_probe_log(table):
+        columns, notes = (), [f"{len(table.values)} touches of a probing program, as LinuxCNC writes them"]
+        recording, more = points_of_log(made, table.values), []
+    else:
+        columns, notes = _columns(table, made, signals)
+        recording, more = _recording(source, table, columns, made)
     if not preview:
         check_writable(target, force)
         out = instrument.trace_text(made, recording).encode()
@@ -151,6 +156,23 @@ def import_points(
         )
     asked = tuple(m.sentence for m in instrument.mistakes([made], {name: recording}, c.instruments[made.instrument]))
     return ImportedPoints(source, target, made, columns, recording, (*table.notes, *notes, *more), asked, known is None)
+
+
+def is_probe_log(table: Table) -> bool:
+    """Whether a table may be what LinuxCNC writes of its probings: the places of nine axes without a header."""
+    return table.values.shape[1] == LOGGED and not any(table.names)
+
+
+def points_of_log(test: SphereTest, values: np.ndarray) -> Points:
+    """The planned points with the centres that follow from touches.
+
+    Args:
+        test: With its positions.
+        values: Places of the axes X, Y, Z first, (touches, 9) mm.
+    """
+    planned = test.planned
+    found = centres_of_log(test, values * MM)
+    return replace(planned, deviation=found - planned.position[:, test.chain.linear_columns])
 
 
 def _columns(table: Table, test: Any, signals: tuple[str, ...]) -> tuple[tuple[PointColumn, ...], list[str]]:

@@ -165,6 +165,8 @@ class Instrument(ABC, Generic[T, R]):
         own_keys: Keys of its ``[instrument]`` table that not every instrument has: type and default of each.
         at_rest: Whether it measures while the machine stands still; it then says :meth:`stops`.
         plan_option: Option of ``mjsim plan`` that proposes positions.
+        usual: Its own numbers where a campaign does not have it.
+        handling: Time for mounting it and starting a test, s.
         by_itself_noun: What a table calls the numbers of :meth:`by_itself`.
         by_itself_note: What they are, in a sentence.
     """
@@ -177,6 +179,8 @@ class Instrument(ABC, Generic[T, R]):
     own_keys: ClassVar[Mapping[str, tuple[Any, Any]]] = {}
     at_rest: ClassVar[bool] = False
     plan_option: ClassVar[str] = ""
+    usual: ClassVar[Any] = None
+    handling: ClassVar[float] = 600.0
     by_itself_noun: ClassVar[str] = "by itself"
     by_itself_note: ClassVar[str] = ""
 
@@ -281,6 +285,23 @@ class Instrument(ABC, Generic[T, R]):
     def planned_text(self, test: T) -> str:
         """What a planned test is to be measured at, as a table; empty where the test does not say it."""
         return ""
+
+    def proposals(self, chain: Chain, periods: Mapping[str, float]) -> Sequence[T]:
+        """Planned tests that a plan looks at, with their positions; none where it proposes none.
+
+        Args:
+            chain: Axes of the machine.
+            periods: Of each axis' periodic error, such as the lead of its screw, m or rad.
+        """
+        return ()
+
+    def planned_noise(self, test: T, data: Any) -> np.ndarray:
+        """Standard deviation of one sample of a planned test, (channels,) SI."""
+        raise NotImplementedError
+
+    def test_table(self, test: T) -> dict[str, Any]:
+        """The ``[[test]]`` table of a planned test."""
+        raise NotImplementedError
 
     def facts(self, test: T, recording: R) -> dict[str, Any]:
         """What a check says of a recording besides its length; a name ends in its unit."""

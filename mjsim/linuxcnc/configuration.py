@@ -44,12 +44,15 @@ class Settings:
         speed: The control's clock runs so many times as fast as a real one. It needs a C compiler.
         corrections: Folder that ``mjsim compensate --control linuxcnc`` wrote, with ``joints.ini`` and its tables.
         limit: Longest run on the clock of the wall, s.
+        probe: Distance at which a simulated probe switches, mm, from the place that the program names by its analog
+            outputs 0 to 2 (``M68``), mm; 0: there is none.
     """
 
     acceleration: Mapping[str, float] = field(default_factory=dict)
     speed: float = 20.0
     corrections: Path | None = None
     limit: float = 600.0
+    probe: float = 0.0
 
     def model(self, chain: Chain) -> Control:
         """The model of LinuxCNC with these settings."""
@@ -96,7 +99,7 @@ def write_configuration(folder: Path, chain: Chain, settings: Settings, tip: boo
     (folder / "machine.ini").write_text(
         _ini(chain, settings, tip, _corrections(folder, settings.corrections)), encoding="utf-8"
     )
-    (folder / "machine.hal").write_text(_hal(chain, tip), encoding="utf-8")
+    (folder / "machine.hal").write_text(_hal(chain, tip, settings.probe), encoding="utf-8")
     (folder / "tool.tbl").write_text("T1 P1 Z0 D0 ;\n", encoding="utf-8")
     (folder / "linuxcnc.var").write_text("", encoding="utf-8")
     for code, text in _SWITCH.items() if tip else ():
@@ -193,8 +196,10 @@ def _ini(chain: Chain, settings: Settings, tip: bool, corrections: dict[int, lis
     return "\n\n".join(out) + "\n"
 
 
-def _hal(chain: Chain, tip: bool) -> str:
-    """Joints that follow at once, and the sampler: motor-pos-cmd and pos-cmd of every joint, line, kind of motion."""
+def _hal(chain: Chain, tip: bool, probe: float = 0.0) -> str:
+    """Joints that follow at once, and the sampler: motor-pos-cmd and pos-cmd of every joint, line, kind of motion; and
+    a probe that switches at a distance, mm.
+    """
     n = chain.count
     out = [
         "loadrt [KINS]KINEMATICS",
@@ -217,4 +222,19 @@ def _hal(chain: Chain, tip: bool) -> str:
         out.append(f"setp {_TIP.format(letters=''.join(chain.letters).lower())}.{_PIN} 1")
     if tip:
         out.append("net switch motion.analog-out-03 => motion.switchkins-type")
-    return "\n".join(out) + "\n"
+    return "\n".join([*out, *(_probe(chain, probe) if probe else [])]) + "\n"
+
+
+def _probe(chain: Chain, distance: float) -> list[str]:
+    """A probe's signal from where the linear axes are: one servo cycle late, as a real one is."""
+    axes = [chain.letters.index(a) for a in chain.linear]
+    out = ["loadrt sum2 count=3", "loadrt hypot", "loadrt comp"]
+    out += [f"addf {f} servo-thread" for f in ("sum2.0", "sum2.1", "sum2.2", "hypot.0", "comp.0")]
+    for k, joint in enumerate(axes):
+        out.append(f"net path{joint} => sum2.{k}.in0")
+        out.append(f"net place{k} motion.analog-out-0{k} => sum2.{k}.in1")
+        out.append(f"setp sum2.{k}.gain1 -1")
+        out.append(f"net away{k} sum2.{k}.out => hypot.0.in{k}")
+    out.append("net distance hypot.0.out => comp.0.in0")
+    out.append(f"setp comp.0.in1 {distance:.6f}")
+    return [*out, "setp comp.0.hyst 0", "net touch comp.0.out => motion.probe-input"]

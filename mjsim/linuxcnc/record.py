@@ -31,6 +31,7 @@ class Record:
         kind: Of the motion, as LinuxCNC numbers it, (n,).
         chain: Axes of the machine.
         seconds: The run took on the clock of the wall, s.
+        probed: What it wrote of its probings, (n, 9) mm and degrees; ``None`` where it has not probed.
     """
 
     told: np.ndarray
@@ -39,6 +40,7 @@ class Record:
     kind: np.ndarray
     chain: Chain
     seconds: float
+    probed: np.ndarray | None = None
 
     @cached_property
     def feed(self) -> slice:

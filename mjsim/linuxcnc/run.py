@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 import tempfile
@@ -25,6 +26,8 @@ from mjsim.nc.write import Options, nc_program
 _LONGEST = 95
 #: Slower clocks that are tried where the computer is too busy, times real time.
 _SLOWER = (5.0, 1.0)
+#: Names of the files into which a program has its probings written.
+_PROBED = re.compile(r"\(PROBEOPEN ([\w.+-]+)\)")
 #: Blocks that the planner looks ahead, with some to spare: with fewer in its queue the path depends on the pace.
 _AHEAD = 60
 #: A queue that has run empty is filled at some 3000 blocks per second: to this share of its blocks not within a gap of
@@ -86,7 +89,10 @@ def _run(text: str, chain: Chain, settings: Settings, tip: bool) -> Record:
         folder.chmod(0o777)  # its real-time part runs as another user where mjsim runs as root
         write_configuration(folder, chain, settings, tip)
         (folder / "program.ngc").write_text(text, encoding="utf-8")
-        return _recorded(folder, chain, settings, _clock(folder, settings.speed))
+        record = _recorded(folder, chain, settings, _clock(folder, settings.speed))
+        logs = [folder / name for name in _PROBED.findall(text)]
+        probed = [np.loadtxt(log, ndmin=2) for log in logs if log.exists()]
+        return replace(record, probed=np.vstack(probed)) if probed else record
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 

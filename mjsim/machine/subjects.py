@@ -21,7 +21,11 @@ def rotary_axes(chain: Chain) -> tuple[str, ...]:
 
 
 def wobbling_axes(chain: Chain) -> tuple[str, ...]:
-    """Rotary axes with an error motion: those that go round, and those of a head."""
+    """Rotary axes with an error motion: those that go round, and those of a head; where no point in space is measured,
+    none.
+    """
+    if not chain.spatial:
+        return ()
     return tuple(a.letter for a in chain.axes if a.letter in chain.round_axes or a in chain.swivelling)
 
 

@@ -83,6 +83,7 @@ _LINUXCNC = {
     30.1: _IGNORED,
     **dict.fromkeys((59.1, 59.2, 59.3), ("set_zero", "")),
     61.1: ("set_exact", ""),
+    **dict.fromkeys((38.2, 38.3, 38.4, 38.5), ("set_probing", "")),
     64: ("set_path", "PQ"),
     90.1: ("set_centre", ""),
     92.1: ("unshift", ""),
@@ -198,8 +199,8 @@ class LinuxCNC(Fanuc):
 
     g = _LINUXCNC
     allowed = (
-        "G0 to G3, G17 to G19, G90 G91, G90.1 G91.1, G93 G94, G20 G21, G4 G61 G64, G28 G30 G53, one of G54 to G59.3, "
-        "G43 G49, G52 G92, G68.2 G53.1 G69, G73 G81 to G83 G85 G89 G80, M428 M429"
+        "G0 to G3, G38.2 to G38.5, G17 to G19, G90 G91, G90.1 G91.1, G93 G94, G20 G21, G4 G61 G64, G28 G30 G53, one "
+        "of G54 to G59.3, G43 G49, G52 G92, G68.2 G53.1 G69, G73 G81 to G83 G85 G89 G80, M428 M429"
     )
     arc_words = frozenset("RP")
     rapid_stops = False
@@ -211,6 +212,8 @@ class LinuxCNC(Fanuc):
             return "tip", ""
         if m in (61, 62, 63, 64, 65):
             return "ignored", "PQ"
+        if m == 19:  # the spindle turns to an angle
+            return "ignored", "RQP"
         if m in (66, 67, 68, 72, 73, 98):
             modal.refuse(f"M{m:g}")
         return super().of_m(modal, m)

@@ -231,6 +231,11 @@ class Modal(Track):
     def _set_motion(self, g: float, block: Block) -> None:
         self.motion, self.cycle = int(g), None
 
+    def _set_probing(self, g: float, block: Block) -> None:
+        """A probing move (LinuxCNC): a feed move that ends where the probe switches, at its end at the latest."""
+        self.warn("probing", f"line {self.number}: a probe that never switches is taken for every G38")
+        self._set_motion(LINE, block)
+
     def _set_plane(self, g: float, block: Block) -> None:
         self.plane = int(g)
 

@@ -31,9 +31,9 @@ _SENTENCES = {
 }
 _OF_POINTS = {
     "identified": "These effects are larger than a machine of its class may have.",
-    "ambiguous": "Some of these effects cannot be told from others by these points.",
+    "ambiguous": "Some of these effects cannot be told from others by these measurements.",
     "unknown": "More is left than the noise, and no effect of the catalogue explains it.",
-    "nothing_found": "The points agree with a machine of its class.",
+    "nothing_found": "The measurements agree with a machine of its class.",
 }
 #: Findings that the first box names.
 _NAMED = 3
@@ -42,10 +42,7 @@ _NAMED = 3
 def section_of_points(found: Diagnosis, rest: AtRest) -> dict:
     """What the page says of an instrument that measures at rest, with what was found, as plain data."""
     said, instrument = rest.to_json(), INSTRUMENTS[rest.after.instrument]
-    mine = [e for e in found.effects if not found.has_bars or e.found_by == rest.after.instrument]
-    names = [f"{e.effect.noun or e.effect.kind.replace('_', ' ')} {e.effect.subject}" for e in mine[:_NAMED]]
-    more = f", and {len(mine) - len(names)} smaller" if len(mine) > len(names) else ""
-    answer = ", ".join(names) + more
+    mine = [e for e in found.effects if {t.test.name for t in rest.after.tests} & set(e.tests)]
     fitted = {c.effect.effect.id: (c.effect.effect.values, c.ci95) for c in found.calibration}
     fitted |= {e.effect.id: (e.effect.values, e.ci95) for e in found.effects}
     located = []
@@ -62,11 +59,6 @@ def section_of_points(found: Diagnosis, rest: AtRest) -> dict:
         f"{100 * said['misfit']:.0f} %."
     )
     return compared_section(rest.after) | {
-        "verdict": None if found.has_bars else found.verdict,
-        "answer": f"{answer[:1].upper()}{answer[1:]}."
-        if names
-        else "Nothing is larger than a machine of its class may have.",
-        "sentence": _OF_POINTS[found.verdict],
         "rms_before_um": said["rms_before_um"],
         "noise_source": said["noise_source"],
         "effects": [_finding(e, e.to_json(found.machine)) for e in mine],
@@ -74,7 +66,22 @@ def section_of_points(found: Diagnosis, rest: AtRest) -> dict:
         "by_itself": [instrument.by_itself_noun, instrument.by_itself_note],
         "points": True,
         "budget": budget,
-        "said": [left, said["joint"]] if said["joint"] else [left],
+        "said": [text for text in (left, said["joint"]) if text and rest is found.at_rest[0]],  # common to all
+    }
+
+
+def answer_of(found: Diagnosis) -> dict:
+    """What the first box of the page says where no ball bar has measured, as plain data: of all instruments."""
+    names = [f"{e.effect.noun or e.effect.kind.replace('_', ' ')} {e.effect.subject}" for e in found.effects[:_NAMED]]
+    left = len(found.effects) - len(names)
+    answer = ", ".join(names) + (f", and {left} smaller" if left > 0 else "")
+    return {
+        "verdict": found.verdict,
+        "answer": f"{answer[:1].upper()}{answer[1:]}."
+        if names
+        else "Nothing is larger than a machine of its class may have.",
+        "sentence": _OF_POINTS[found.verdict],
+        "not_testable": list(found.not_testable),
     }
 
 

@@ -20,7 +20,7 @@ from mjsim.machine.model import Machine
 from mjsim.prediction.part_run import PartRun
 from mjsim.progress import Progress, silent
 from mjsim.report import build, page, trend
-from mjsim.report.beside import compared_section, diagnosed_section, images_of, section_of_points
+from mjsim.report.beside import answer_of, compared_section, diagnosed_section, images_of, section_of_points
 from mjsim.workflow.ball_bar.compare import BarComparison, compare_bars
 from mjsim.workflow.compare import compare
 from mjsim.workflow.diagnose import diagnosable, diagnose
@@ -114,7 +114,7 @@ def _single(
     if parts and not bars:
         raise InputError(f"{campaign.folder / 'campaign.toml'}: the error of a part follows from ball-bar tests only")
     day = campaign.measured_on.isoformat() if campaign.measured_on else ""
-    content, sections = None, {}
+    content, answer, sections = None, {}, {}
     able = campaign.of(*diagnosable())
     if diagnosed and able.measured:
         found = diagnose(able, machine, max_effects, threads, progress, settings)
@@ -123,6 +123,7 @@ def _single(
             content = build.diagnosed(found.of_bars(), threads, progress, day, parts=parts)
         for rest in found.at_rest:
             sections[rest.after.instrument] = (section_of_points(found, rest), images_of(rest.after))
+            answer = answer_of(found)
         if found.logs is not None:
             said = [f"{e.effect.id}: {e.evidence}" for e in found.effects if e.evidence]
             sections[LogTest.instrument] = (diagnosed_section(found.logs, said), images_of(found.logs.after))
@@ -141,7 +142,7 @@ def _single(
     if content is not None:
         return Report(page.render(content, ordered), finite(page.data_of(content, ordered)))
     (data, images), *others = ordered.values()
-    data = data | {key: section for (key, (section, _)) in list(ordered.items())[1:]}
+    data = data | answer | {key: section for (key, (section, _)) in list(ordered.items())[1:]}
     verdict = page.VERDICTS.get(data["verdict"] or "")
     html = page.page("recordings.html", data, None, (), verdict=verdict, images=images, beside=others)
     return Report(html, finite(data))

@@ -6,7 +6,7 @@ the reading is fitted linearly with its priors, over all tests of a set-up toget
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -87,10 +87,10 @@ def _channel_json(c: ComparedChannel) -> dict:
 
 @dataclass(frozen=True)
 class PlainComparison(ComparedPart):
-    """The tests of one instrument against a machine.
+    """The tests of one instrument against a machine, or of several of which each was compared by itself.
 
     Attributes:
-        campaign: What was measured, the tests of this instrument alone.
+        campaign: What was measured, the tests of these instruments alone.
         machine: As compared.
         tests: One per measured test.
     """
@@ -164,6 +164,17 @@ def compare_plainly(
         numbers = dict(zip(set_up.names, map(float, fitted[test.name]), strict=True))
         tests.append(PlainTest(test, channels, numbers, figures, recording))
     return PlainComparison(campaign, machine, tuple(tests))
+
+
+def together(campaign: Campaign, machine: Machine, parts: Sequence[PlainComparison]) -> PlainComparison:
+    """The tests of several instruments in one comparison.
+
+    Args:
+        campaign: What they measured.
+        machine: As compared.
+        parts: What each shows.
+    """
+    return PlainComparison(campaign, machine, tuple(t for part in parts for t in part.tests))
 
 
 def shown_by(plant: Plant, test: Any, recording: Any, time: np.ndarray) -> np.ndarray:

@@ -3,7 +3,8 @@
 With a ball bar the fit is joint: the ball-bar tests come in as the normal distribution of the numbers that they
 determine, without their priors, at their best fit. So location errors and their like are those of one least-squares fit
 to both instruments. Which causes of the ball bar's own there are, and between which of them it cannot decide, is
-decided by the ball bar before; the points add causes, and do not take these back.
+decided by the ball bar before. The values at rest add causes, and take back only what they show to be within its
+class.
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from mjsim.campaign.model import Campaign
-from mjsim.estimation.at_rest import RestProblem, explain_at_rest
-from mjsim.estimation.findings import Explained
+from mjsim.estimation.at_rest import ExplainedAtRest, RestProblem, explain_at_rest
+from mjsim.estimation.competing import CompetingModel
+from mjsim.estimation.findings import Verdicts
 from mjsim.estimation.outcome import verdict_of
 from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
@@ -26,15 +28,18 @@ from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
-from mjsim.workflow.any_instrument import compare_plainly, refuse_mistakes
+from mjsim.workflow.any_instrument import compare_plainly, refuse_mistakes, together
+from mjsim.workflow.axis_log.diagnose import seen_by_logs
+from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
 from mjsim.workflow.ball_bar.compare import compare_bars
 from mjsim.workflow.diagnosis import AtRest, Diagnosis
-from mjsim.workflow.finding import DiagnosedEffect, findings_of, ladder_of
+from mjsim.workflow.finding import findings_of, ladder_of
 
 #: What a diagnosis with both says of itself.
 _JOINT = (
     "Numbers that both instruments see are fitted to both together: the ball-bar tests enter as the normal "
-    "distribution of the numbers that they determine. Causes that the ball bar has found are kept."
+    "distribution of the numbers that they determine. Causes that the ball bar has found are kept where the values at "
+    "rest do not show them."
 )
 
 
@@ -68,7 +73,7 @@ def diagnose_at_rest(
         refuse_mistakes(part)
     points = campaign.of(*parts)
     known = beside.posterior if beside is not None and beside.has_bars else None
-    found, hidden = explain_at_rest(RestProblem.of(points, settings), machine, max_effects, progress, known)
+    found = explain_at_rest(RestProblem.of(points, settings), machine, max_effects, progress, known)
     fit, misfit = found.selection.fit, found.verdicts.unknown
     final = (beside.machine if beside is not None else machine).with_effects(
         f.effect for f in fit.effects if not f.effect.is_neutral
@@ -93,24 +98,28 @@ def diagnose_at_rest(
                 _JOINT if known is not None else "",
             )
         )
-    rest = rests[0]
-    before, after = rest.before, rest.after
-    first, tests = before.campaign, tuple(t.name for t in before.campaign.measured)
-    findings = findings_of(found.selection, first.tests[0].instrument, lambda key: tests)
+    before = together(points, machine, [r.before for r in rests])
+    after = together(points, final, [r.after for r in rests])
+    of_test = {t.name: t.instrument for t in points.measured}
+    rows = findings_of(found.selection, points.measured[0].instrument, lambda key: found.tests[key])
+    findings = []
+    for e, f in zip(rows, found.selection.found, strict=True):
+        models = tuple(CompetingModel.of(i, m) for i, m in ((f.key, fit), *f.competing.items()))
+        findings.append(replace(e, found_by=of_test[e.tests[0]], models=models))
     effects, rungs = ladder_of(
-        findings, found.calibration, machine, (before, after), lambda m, _: compare_plainly(first, m)
+        findings,
+        found.calibration,
+        machine,
+        (before, after),
+        lambda m, _: together(points, m, [compare_plainly(part, m) for part in parts.values()]),
     )
-    if beside is not None:
-        chosen = _joined(campaign, beside, found, hidden, effects, tuple(rests), final, threads, progress)
-        ours = {b.effect_id for b in found.budget}
-        return replace(chosen, budget=(*(b for b in beside.budget if b.effect_id not in ours), *found.budget))
-    return Diagnosis(
+    alone = Diagnosis(
         campaign,
         found.verdict,
-        rest.noise,
+        before.noise,
         effects,
         None,
-        hidden,
+        found.hidden,
         final,
         before,
         after,
@@ -121,10 +130,15 @@ def diagnose_at_rest(
         posterior=Posterior.of(fit),
         settings=settings,
         probabilities=found.verdicts.to_json(),
-        discrepancy=rest.left,
+        discrepancy=found.discrepancy,
         at_rest=tuple(rests),
         budget=found.budget,
     )
+    if beside is None:
+        return alone
+    ours = {b.effect_id for b in found.budget}
+    budget = (*(b for b in beside.budget if b.effect_id not in ours), *found.budget)
+    return replace(_joined(alone, beside, found, threads, progress), budget=budget)
 
 
 def _shared(part: Campaign) -> set[str]:
@@ -137,7 +151,7 @@ def _shared(part: Campaign) -> set[str]:
     return out
 
 
-def _set_up(found: Explained[RestProblem]) -> dict[str, tuple[float, tuple[float, float]]]:
+def _set_up(found: ExplainedAtRest) -> dict[str, tuple[float, tuple[float, float]]]:
     """Fitted numbers of set-ups and probe with their 95 % intervals, by set-up and name."""
     fit, problem, out = found.selection.fit, found.data, {}
     spread = np.sqrt(np.diag(fit.covariance)[: problem.nuisances.size]) * problem.units
@@ -151,23 +165,26 @@ def _set_up(found: Explained[RestProblem]) -> dict[str, tuple[float, tuple[float
     return out
 
 
-def _joined(
-    campaign: Campaign,
-    bars: Diagnosis,
-    found: Explained[RestProblem],
-    unseen: tuple[str, ...],
-    effects: tuple[DiagnosedEffect, ...],
-    rests: tuple[AtRest, ...],
-    final: Machine,
-    threads: int,
-    progress: Progress,
-) -> Diagnosis:
-    """The diagnosis of another instrument with what the points have changed and added."""
-    fit, rest = found.selection.fit, rests[0]
-    ours = {f.effect.key for f in fit.effects}
-    old = {e.effect.key: e for e in bars.effects}
-    named = [e for e in bars.effects if e.effect.key not in ours]
-    for e in effects:
+def _joined(alone: Diagnosis, beside: Diagnosis, found: ExplainedAtRest, threads: int, progress: Progress) -> Diagnosis:
+    """The diagnosis of other instruments with what the values at rest have changed and added.
+
+    Args:
+        alone: Of the values at rest.
+        beside: Of the other instruments.
+        found: In the values at rest.
+        threads: Simulations side by side.
+        progress: Called as work gets on.
+    """
+    fit, misfit, campaign = found.selection.fit, found.verdicts.unknown, alone.campaign
+    of_key = {f.effect.key: f for f in fit.effects}
+    ours = set(of_key) - found.unresolved  # of which the values at rest may say that they are within their class
+    old = {e.effect.key: e for e in beside.effects}
+    named = []
+    for e in (e for e in beside.effects if e.effect.key not in ours):
+        f = of_key.get(e.effect.key)
+        both = {} if f is None else {"effect": f.effect, "ci95": f.interval(f.vector, fit.covariance_of(f))}
+        named.append(replace(e, **both))
+    for e in alone.effects:
         same = old.get(e.effect.key)
         if same is None:
             named.append(e)
@@ -175,46 +192,58 @@ def _joined(
         own = {"effect": e.effect, "free": e.free, "ci95": e.ci95, "tests": (*same.tests, *e.tests)}
         named.append(replace(same, **own, probability=e.probability if not same.alternatives else same.probability))
     keys = {e.effect.key for e in named}
-    calibration = [c for c in bars.calibration if c.effect.effect.key not in ours]
+    calibration = [c for c in beside.calibration if c.effect.effect.key not in of_key]
     calibration += [c for c in found.calibration if c.effect.effect.key not in keys]
-    verdict = verdict_of((e.is_open for e in named), bars.unexplained is not None or bars.verdict == "unknown")
+    probable = [e for e in named if e.probability is None or e.probability >= 0.5]
+    verdict = verdict_of((e.is_open for e in probable), beside.unexplained is not None or beside.verdict == "unknown")
     if found.verdict == "unknown":
         verdict = "unknown"
-    after = bars.after
-    if bars.has_bars:
-        progress("simulating the machine that both instruments support", 0, 1)
-        after = compare_bars(campaign.of(BallBarTest.instrument), final, threads, progress)
-    hidden = set(bars.not_testable) & set(unseen) if bars.has_bars else set(unseen)
-    hidden -= {e.effect.id for e in named}
     chosen = replace(
-        bars,
-        campaign=campaign,
+        alone,
         verdict=verdict,
         effects=tuple(named),
-        not_testable=tuple(sorted(hidden)),
-        machine=final,
-        next_test=bars.next_test if verdict == "ambiguous" else None,
         calibration=tuple(calibration),
-        combinations=found.combinations,
-        posterior=_both(bars.posterior, Posterior.of(fit)),
-        probabilities={k: round(v * (1.0 - rest.misfit), 4) for k, v in bars.probabilities.items() if k != "unknown"}
-        | {"unknown": round(1.0 - (1.0 - rest.misfit) * (1.0 - bars.probabilities.get("unknown", 0.0)), 4)},
-        at_rest=rests,
+        posterior=_both(beside.posterior, Posterior.of(fit)),
+        logs=beside.logs,
     )
-    if bars.has_bars:
-        return replace(chosen, after=after, rungs=(*bars.rungs[:-1], after))
-    # axis logs: the points have a unit and a comparison of their own, and come first
-    assert bars.logs is not None and LogTest.instrument in campaign.measured_parts
+    names = {e.effect.id for e in named}
+    if not beside.has_bars:
+        # axis logs: the points have a unit and a comparison of their own, and come first
+        assert beside.logs is not None and LogTest.instrument in campaign.measured_parts
+        hidden = set(found.hidden) - seen_by_logs(beside.logs.campaign, chosen.machine) - names
+        return replace(
+            chosen, not_testable=tuple(sorted(hidden)), probabilities=_with_logs(found.verdicts, beside.logs)
+        )
+    progress("simulating the machine that both instruments support", 0, 1)
+    after = compare_bars(campaign.of(BallBarTest.instrument), alone.machine, threads, progress)
+    told = beside.probabilities
     return replace(
-        chosen,
-        before=rest.before,
-        after=rest.after,
-        noise=rest.noise,
-        probabilities=found.verdicts.to_json(),
-        shares=found.shares,
-        rungs=(rest.before, rest.after),
-        discrepancy=rest.left,
+        beside,
+        **{k: getattr(chosen, k) for k in _OF_ALL},
+        after=after,
+        rungs=(*beside.rungs[:-1], after),
+        not_testable=tuple(sorted(set(beside.not_testable) & set(found.hidden) - names)),
+        next_test=beside.next_test if verdict == "ambiguous" else None,
+        probabilities={k: round(v * (1.0 - misfit), 4) for k, v in told.items() if k != "unknown"}
+        | {"unknown": round(1.0 - (1.0 - misfit) * (1.0 - told.get("unknown", 0.0)), 4)},
     )
+
+
+#: What a diagnosis beside ball-bar tests has of all instruments; the rest is the ball bar's.
+_OF_ALL = ("campaign", "verdict", "effects", "machine", "calibration", "combinations", "posterior", "at_rest")
+
+
+def _with_logs(verdicts: Verdicts, logs: LogDiagnosis) -> dict[str, float]:
+    """Probabilities of the verdicts on values at rest and axis logs, which are independent; none where something is
+    left in the logs that no cause explains, because nobody says how probable that is.
+    """
+    if logs.verdict == "unknown":
+        return {}
+    out = verdicts.to_json()
+    sound = float(np.prod([1.0 - (e.probability or 0.0) - sum(e.others.values()) for e in logs.effects]))
+    moved = out["nothing_found"] * (1.0 - sound)
+    named = "ambiguous" if logs.verdict == "ambiguous" else "identified"
+    return out | {"nothing_found": round(out["nothing_found"] - moved, 4), named: round(out[named] + moved, 4)}
 
 
 def _both(first: Posterior | None, second: Posterior) -> Posterior:

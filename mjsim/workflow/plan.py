@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,12 +18,15 @@ from mjsim.estimation.axis_logs.separability import inseparable
 from mjsim.estimation.axis_logs.shared import MOTOR_SIDE
 from mjsim.estimation.axis_logs.start import start_model
 from mjsim.estimation.competing import CompetingModel
+from mjsim.estimation.planning.at_rest import PlannedTest
 from mjsim.estimation.planning.choose import worth
 from mjsim.estimation.planning.next_test import NOTHING, Plan
 from mjsim.estimation.planning.separation import competing_of
+from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.settings import DIAGNOSIS, PLAN, DiagnosisSettings, PlanSettings
 from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
 from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.units import DEG, UM
@@ -31,6 +34,7 @@ from mjsim.workflow.axis_log.compare import checked_logs
 from mjsim.workflow.axis_log.judge import Judge
 from mjsim.workflow.ball_bar.plan import plan_bars
 from mjsim.workflow.diagnose import diagnose
+from mjsim.workflow.plan_at_rest import MostTelling, models_between, most_telling, separating, separating_row
 
 #: Command delay that is looked at where its size is not known, ms.
 _DELAY_MS = 0.5
@@ -43,6 +47,7 @@ class NextMeasurement:
     Attributes:
         between: Ids of two explanations, or labels of numbers of which only a combination is known.
         logs: Recordings, best first.
+        rests: Tests of instruments that measure at rest and would decide, best first.
         bars: The ball-bar tests; nothing where none were looked at.
         reason: One sentence.
         beside: Whether the recordings stand beside the ball-bar test, because nothing was recorded yet.
@@ -55,12 +60,16 @@ class NextMeasurement:
     reason: str
     beside: bool = False
     settings: PlanSettings = PLAN
+    rests: tuple[PlannedTest, ...] = ()
 
     def to_json(self, most: int = 5) -> dict:
-        """As ``mjsim plan --json`` prints it: the best measurement, and the runners-up of both instruments."""
+        """As ``mjsim plan --json`` prints it: the best measurement, and the runners-up of all instruments."""
+        rests = [separating_row(p, self.between) for p in self.rests]
         if self.beside and self.bars is not None:
-            return self.bars.to_json(most) | {"recordings": [log_row(p, self.between) for p in self.logs]}
+            recordings = [log_row(p, self.between) for p in self.logs]
+            return self.bars.to_json(most) | {"recordings": recordings, "at_rest": rests[:most]}
         rows = [(p.worth, log_row(p, self.between)) for p in self.logs]
+        rows += [(p.worth, row) for p, row in zip(self.rests, rests, strict=True)]
         if self.bars is not None:
             rows += [(worth(s), {"instrument": "ball_bar", **row}) for s, row in _bar_rows(self.bars, most)]
         rows.sort(key=lambda r: r[0], reverse=True)
@@ -105,12 +114,13 @@ def plan(
     threads: int = 2,
     progress: Progress = silent,
     settings: DiagnosisSettings = DIAGNOSIS,
-) -> NextMeasurement | None:
+) -> NextMeasurement | MostTelling | None:
     """The next measurement for what the campaign leaves open; ``None`` where it leaves nothing open.
 
     Without ``between`` the campaign is diagnosed first. The first finding that has alternatives is told from the first
-    of them; where nothing is ambiguous, the first numbers are made known of which the logs know a combination only, or
-    the first effect is made to show that ball-bar tests alone cannot show.
+    of them, with whatever instrument does it best. Where nothing is ambiguous, the first numbers are made known of
+    which the logs know a combination only, or the first effect is made to show that ball-bar tests alone cannot show.
+    Where something was measured at rest, the answer is the test that tells most of what the campaign does not show.
 
     Args:
         campaign: With recorded logs, ball-bar tests or both; with ``between`` also without any.
@@ -124,9 +134,14 @@ def plan(
         InputError: Nothing was recorded and no effects are named, or they are not of one axis that logs show.
     """
     parts = campaign.measured_parts
+    if any(INSTRUMENTS[name].at_rest for name in parts):
+        if between is None:
+            return _beside_rest(campaign, machine, threads, progress, settings)
+        if all(INSTRUMENTS[name].at_rest for name in parts):
+            return _at_rest_between(campaign, machine, between, progress, settings)
     if LogTest.instrument not in parts:
         bars = plan_bars(campaign, machine, between, threads, progress, settings)
-        return _with_recordings(bars, machine, settings.plan) if bars is not None else None
+        return _with_others(campaign, bars, machine, progress, settings.plan) if bars is not None else None
     logs = parts[LogTest.instrument]
     if between is not None:
         return _between(campaign, machine, between, threads, progress, settings)
@@ -139,6 +154,45 @@ def plan(
     models = [next(m for m in found[0].models if m.effect_id.split("[")[0] == i) for i in pair]
     bars = plan_bars(campaign, machine, pair, threads, progress, settings)
     return _across(logs, machine, models, bars, threads, settings)
+
+
+def _beside_rest(
+    campaign: Campaign, machine: Machine, threads: int, progress: Progress, settings: DiagnosisSettings
+) -> NextMeasurement | MostTelling | None:
+    """For a campaign in which something was measured at rest."""
+    parts = campaign.measured_parts
+    result = diagnose(campaign, machine, None, threads, progress, settings)
+    found = [e for e in result.effects if e.alternatives]
+    if not found:
+        return most_telling(campaign, machine, result, threads, progress, settings.plan)
+    if not found[0].models:
+        assert result.logs is not None
+        return _for_logs(parts[LogTest.instrument], machine, result.logs.selections, settings.plan)
+    pair = found[0].effect.id, found[0].alternatives[0]
+    models = [next(m for m in found[0].models if m.effect_id.split("[")[0] == i) for i in pair]
+    bars = plan_bars(campaign, machine, pair, threads, progress, settings) if result.has_bars else None
+    rests = separating(campaign, machine, models, progress, settings.plan)
+    logs: tuple[PlannedLog, ...] = ()
+    if LogTest.instrument in parts:
+        further = _across(parts[LogTest.instrument], machine, models, bars, threads, settings)
+        logs = further.logs if further is not None else ()
+    if not rests and not logs and bars is None:
+        return None
+    return replace(_said(pair, logs, bars, settings.plan, rests), rests=tuple(rests))
+
+
+def _at_rest_between(
+    campaign: Campaign, machine: Machine, between: tuple[str, str], progress: Progress, settings: DiagnosisSettings
+) -> NextMeasurement:
+    """For two effects that a user names, in a campaign where all was measured at rest."""
+    if len(set(between)) != 2:
+        raise InputError(f"plan between {' and '.join(between)}: allowed are two different effects")
+    models = models_between(campaign, machine, between)
+    between = (models[0].effect_id, models[1].effect_id)
+    rests = separating(campaign, machine, models, progress, settings.plan)
+    if not rests:
+        raise InputError(f"plan between {' and '.join(between)}: no test at rest within reach separates them at all")
+    return replace(_said(between, (), None, settings.plan, rests), rests=tuple(rests))
 
 
 def _for_logs(campaign: Campaign, machine: Machine, selections, settings: PlanSettings) -> NextMeasurement | None:
@@ -187,10 +241,13 @@ def _across(
     return _said(ids, sorted(choices, key=lambda p: p.worth, reverse=True), bars, settings.plan)
 
 
-def _with_recordings(bars: Plan, machine: Machine, settings: PlanSettings, most: int = 3) -> NextMeasurement:
-    """A plan for ball-bar tests with recordings of the control that separate the same, the best first.
+def _with_others(
+    campaign: Campaign, bars: Plan, machine: Machine, progress: Progress, settings: PlanSettings, most: int = 3
+) -> NextMeasurement:
+    """A plan for ball-bar tests with recordings of the control and tests at rest that separate the same, the best
+    first.
 
-    What a ball bar cannot tell apart, the encoder of one axis often can, without any set-up.
+    What a ball bar cannot tell apart, the encoder of one axis often can, without any set-up; or a laser.
     """
     axes = {i.partition(".")[2] for i in bars.between}
     kinds = {i.partition(".")[0] for i in bars.between}
@@ -199,7 +256,13 @@ def _with_recordings(bars: Plan, machine: Machine, settings: PlanSettings, most:
         (axis,) = axes
         models = [unmeasured(machine, axis, competing_of(e)) for e in bars.explanations]
         choices = [p for p in LogPlanner(machine, axis, models, settings=settings).apart()[:most] if p.decides]
-    return NextMeasurement(bars.between, tuple(choices), bars, bars.reason, True, settings)
+    truth, other = bars.explanations
+    nothing = Posterior((), np.zeros((0, 0)))  # what is taken for true does not adapt
+    first = CompetingModel(bars.between[0], truth.machine, nothing, 0.0)
+    standing = any(registry.effect_class(i, machine.chain)[0].search.quasi_static for i in bars.between if i != NOTHING)
+    rests = separating(campaign, machine, (first, competing_of(other)), progress, settings) if standing else []
+    deciding = tuple(p for p in rests if p.decides)
+    return NextMeasurement(bars.between, tuple(choices), bars, bars.reason, True, settings, deciding)
 
 
 def _between(
@@ -246,15 +309,26 @@ def _with(search: AxisSearch, effect_id: str, place) -> AxisFit:
 
 
 def _said(
-    between: Sequence[str], choices: Sequence[PlannedLog], bars: Plan | None, settings: PlanSettings
+    between: Sequence[str],
+    choices: Sequence[PlannedLog],
+    bars: Plan | None,
+    settings: PlanSettings,
+    rests: Sequence[PlannedTest] = (),
 ) -> NextMeasurement:
     """A plan with its reason."""
     known = bool(choices) and choices[0].left is not None
     what = f"makes {', '.join(between)} known" if known else f"separates {between[0]} from {between[1]}"
-    count = len(choices) + (len(bars.choices) if bars is not None else 0)
-    kinds = "recordings and ball-bar tests" if bars is not None else "recordings"
-    decides = any(c.decides for c in choices[:1]) or (bars is not None and bars.decides)
-    if decides:
+    if not known and between[1] == NOTHING:
+        what = f"makes {between[0]} show"
+    count = len(choices) + len(rests) + (len(bars.choices) if bars is not None else 0)
+    named = (("recordings", bool(choices)), ("tests at rest", bool(rests)), ("ball-bar tests", bars is not None))
+    kinds = " and ".join(name for name, have in named if have)
+    decides = (
+        any(p.decides for p in rests[:1]) or any(c.decides for c in choices[:1]) or (bars is not None and bars.decides)
+    )
+    if decides and count == 1:
+        reason = f"It is the only one within reach that {what}."
+    elif decides:
         reason = f"Of {count} {kinds} within reach this one {what} best per minute of machine time."
     else:
         reason = f"None of {count} {kinds} within reach {what} clearly; this one comes nearest."

@@ -15,11 +15,13 @@ import numpy as np
 
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
-from mjsim.estimation.at_rest import RestFitter, RestProblem
+from mjsim.estimation.at_rest import RestFitter
 from mjsim.estimation.calibration import expected_effects
-from mjsim.instruments.sphere.measurement import Probe, SphereTest
+from mjsim.estimation.planning.at_rest import planned_problem
+from mjsim.instruments.base import INSTRUMENTS
+from mjsim.instruments.sphere.measurement import SphereTest
 from mjsim.machine.model import Machine
-from mjsim.units import DEG, MM
+from mjsim.units import DEG
 
 #: Steps of the places that are looked at: axes that go round, and those that tilt; how far these tilt, rad.
 _ROUND, _TILT, _FARTHEST = 30.0 * DEG, 15.0 * DEG, 90.0 * DEG
@@ -43,26 +45,17 @@ class PlannedPoints:
     noise: float
     there: bool = False
 
-    def table(self) -> dict:
-        """The ``[[test]]`` table."""
-        t = self.test
-        return {
-            "name": t.name,
-            "kind": t.kind,
-            "sphere_mm": [round(v / MM, 4) for v in t.sphere],
-            "setup": t.setup,
-            "angles_deg": [[round(a / DEG, 4) for a in row] for row in t.angles],
-            "spindle_deg": [round(a / DEG, 4) for a in t.spindle],
-            "approach": [list(row) for row in t.approach],
-        }
-
     def to_json(self) -> dict:
         """Plain data."""
         rows = [
             {"id": k, "half_width95": float(f"{v:.3g}"), "class_half_width95": float(f"{self.before[k]:.3g}")}
             for k, v in self.known.items()
         ]
-        return {"test": self.table(), "points": len(self.test.angles), "location_errors": rows}
+        return {
+            "test": INSTRUMENTS[self.test.instrument].test_table(self.test),
+            "points": len(self.test.angles),
+            "location_errors": rows,
+        }
 
 
 def plan_points(
@@ -144,11 +137,7 @@ def _linear(campaign: Campaign, machine: Machine, every: SphereTest):
     """The linear problem of all candidates: noise of a centre, m; whitened columns (3n, p); prior precisions (p,);
     places and units of the location errors, by id.
     """
-    probe = campaign.instruments.get(SphereTest.instrument, Probe())
-    planned = replace(
-        campaign, tests=(every,), traces={every.name: every.planned}, instruments={SphereTest.instrument: probe}
-    )
-    problem = RestProblem.of(planned)
+    problem = planned_problem(campaign, every)
     shown = [c.free for c in expected_effects(machine) if problem.shows(machine, c.free)]
     fit = RestFitter(problem, machine).fit(shown, iterations=0)
     located = {

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
-from mjsim.estimation.at_rest import RestFitter, RestProblem, SampleNoise
+from mjsim.estimation.at_rest import RestFitter
 from mjsim.estimation.calibration import expected_effects
-from mjsim.instruments.positions.measurement import PositionTest, Reader
-from mjsim.instruments.positions.plan import fewest_targets, targets_over
+from mjsim.estimation.planning.at_rest import planned_problem
+from mjsim.instruments.base import INSTRUMENTS
+from mjsim.instruments.positions.measurement import PositionTest
+from mjsim.instruments.positions.plan import planned_test
 from mjsim.machine.model import Machine
+from mjsim.units import DEG, MM
 
-#: Digits of a target, of its unit (mm or °).
-_DIGITS = 3
 #: A number is told where the measurement takes at least this share of its uncertainty.
 _TOLD = 0.1
 
@@ -39,21 +40,17 @@ class PlannedTargets:
     noise: float
     unit: str
 
-    def table(self) -> dict:
-        """The ``[[test]]`` table."""
-        t = self.test
-        line = {} if t.rotary else {"line_mm": [0.0, 0.0, 0.0]}
-        targets = [round(float(v) / t.unit, _DIGITS) for v in t.targets]
-        key = "targets_deg" if t.rotary else "targets_mm"
-        return {"name": t.name, "kind": t.kind, "axis": t.axis, **line, key: targets, "runs": t.runs}
-
     def to_json(self) -> dict:
         """Plain data."""
         rows = [
             {"id": i, "parameter": n, "half_width95": float(f"{after:.3g}"), "class_half_width95": float(f"{now:.3g}")}
             for (i, n), (now, after) in self.known.items()
         ]
-        return {"test": self.table(), "targets": len(self.test.targets), "known": rows}
+        return {
+            "test": INSTRUMENTS[self.test.instrument].test_table(self.test),
+            "targets": len(self.test.targets),
+            "known": rows,
+        }
 
 
 def plan_targets(
@@ -82,18 +79,16 @@ def plan_targets(
     names = {t.name for t in campaign.tests}
     first = f"targets-{axis.lower()}"
     name = next(n for n in itertools.chain([first], (f"{first}-{i}" for i in itertools.count(2))) if n not in names)
-    test = PositionTest(name, axis, f"E{axis}{axis}", setup=name, chain=chain)
+    unit = DEG if chain.is_rotary(axis) else MM
     if axis not in ends:
-        if not test.rotary:
+        if not chain.is_rotary(axis):
             raise InputError(f"no range of {axis}; allowed: --range {axis} LOW HIGH, mm")
         ends = {axis: (0.0, 360.0)}
-    low, high = (v * test.unit for v in ends[axis])
+    low, high = ends[axis]
     if not low < high:
-        raise InputError(f"range of {axis}: {ends[axis][0]:g} to {ends[axis][1]:g}; allowed: the lower end first")
+        raise InputError(f"range of {axis}: {low:g} to {high:g}; allowed: the lower end first")
     period = 2.0 * math.pi / machine.drives[axis].gear
-    targets = targets_over(low, high, count or fewest_targets(test.rotary, high - low), period)
-    targets = np.round(targets / test.unit, _DIGITS) * test.unit
-    test = replace(test, targets=tuple(float(v) for v in targets))
+    test = planned_test(name, axis, f"E{axis}{axis}", chain, (low * unit, high * unit), period, count)
     known, noise = _known_after(campaign, machine, test)
     return PlannedTargets(test, known, noise / test.channel.size, test.channel.unit)
 
@@ -102,11 +97,7 @@ def _known_after(
     campaign: Campaign, machine: Machine, test: PositionTest
 ) -> tuple[dict[tuple[str, str], tuple[float, float]], float]:
     """Half widths of what a test tells, and its noise in SI."""
-    reader = campaign.instruments.get(test.instrument, Reader())
-    planned = replace(campaign, tests=(test,), traces={test.name: test.planned}, instruments={test.instrument: reader})
-    problem = RestProblem.of(planned)
-    noise = reader.stated_noise(test)[0]
-    problem = replace(problem, noise=SampleNoise(np.full(len(problem.value), noise)))
+    problem = planned_problem(campaign, test)
     shown = [c.free for c in expected_effects(machine) if problem.shows(machine, c.free)]
     fit = RestFitter(problem, machine).fit(shown, iterations=0)
     prior, after = fit.parameters.precision(), np.sqrt(np.diag(fit.covariance))
@@ -119,4 +110,4 @@ def _known_after(
             if then <= (1.0 - _TOLD) * before:
                 scale = f.specs[name].scale
                 known[f.effect.id, name] = 1.96 * before * scale, 1.96 * then * scale
-    return known, float(noise)
+    return known, problem.noise.rms

@@ -226,7 +226,8 @@ def tables(errors: dict) -> list[dict]:
     for n, (two, three) in errors["straight"].items():
         out.append({"id": f"straightness.{n}", "quadratic_um": two / MICRO, "cubic_um": three / MICRO})
     out += [{"id": f"scale_error.{n}", "ppm": v / MICRO} for n, v in errors["scale"].items()]
-    out += [{"id": f"backlash.{n}", "width_deg": v / DEG} for n, v in errors["play"].items()]
+    for n, v in errors["play"].items():
+        out.append({"id": f"backlash.{n}"} | ({"width_deg": v / DEG} if n in "ABC" else {"width_um": v / MICRO}))
     for n, rows in errors["waves"].items():
         unit, times = (DEG, teeth[n]) if n in "AC" else (MICRO, 1)
         waves = [

@@ -9,7 +9,7 @@ minute.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -102,17 +102,26 @@ class CampaignPlanner:
         machine: As its file says.
         threads: Tests that are looked at side by side.
         progress: Called as work gets on.
+        effects: What the tests may show; without it everything of the catalogue that has a typical size.
+        tests: That are looked at; without it all that the machine can run.
 
     Raises:
         InputError: A ball bar runs no test on this machine.
     """
 
-    def __init__(self, machine: Machine, threads: int = 2, progress: Progress = silent) -> None:
+    def __init__(
+        self,
+        machine: Machine,
+        threads: int = 2,
+        progress: Progress = silent,
+        effects: Sequence[EffectVector] | None = None,
+        tests: Sequence[BallBarTest] | None = None,
+    ) -> None:
         self.machine, self._workers = machine, Workers(threads)
         self._noise, self._plant = usual_noise(), build(machine)
         self._sheet = sheet_of(machine)
         self._plants = sheet_plants(machine, machine.chain.letters)
-        self._effects = _typical_effects(machine)
+        self._effects = _typical_effects(machine) if effects is None else effects
         sizes = [len(f.vector) for f in self._effects]
         ends = np.cumsum([0, *sizes])
         self._places = {f.effect.id: slice(a, b) for f, a, b in zip(self._effects, ends, ends[1:], strict=False)}
@@ -121,7 +130,7 @@ class CampaignPlanner:
             f.effect.id: build(machine.with_effect(f.effect)) for f in self._effects if not f.effect.search.quasi_static
         }
         self._told: dict[str, np.ndarray] = {}  # information of each test
-        tests = list(_possible(machine))
+        tests = list(possible_tests(machine) if tests is None else tests)
         if not tests:
             raise InputError(
                 f"machine {machine.name!r} runs no ball-bar test within the usual travel; allowed: a machine with X, Y "
@@ -150,21 +159,21 @@ class CampaignPlanner:
             if minutes is None and chosen and set(self._judge(tests)[0]) <= set(self._judge(chosen)[0]):
                 break
             rest = [t for t in tests if t not in chosen]
-            able = [t for t in rest if minutes is None or _minutes([*chosen, t]) <= minutes]
+            able = [t for t in rest if minutes is None or minutes_of([*chosen, t]) <= minutes]
             if not able:
                 break
-            now, spent = self._entropy(chosen), _minutes(chosen)
-            worth = [(now - self._entropy([*chosen, t])) / (_minutes([*chosen, t]) - spent) for t in able]
+            now, spent = self._entropy(chosen), minutes_of(chosen)
+            worth = [(now - self._entropy([*chosen, t])) / (minutes_of([*chosen, t]) - spent) for t in able]
             chosen.append(able[int(np.argmax(worth))])
             other = _named(kind_of(chosen[-1]).turned(chosen[-1]))
             if other.name not in [t.name for t in tests] and reachable(other):
                 self._add([other])
                 tests.append(other)
         if not chosen:
-            least = min(_minutes([t]) for t in tests)
+            least = min(minutes_of([t]) for t in tests)
             raise InputError(f"{minutes:g} min is too short for a test; allowed: {least:.1f} min or more")
         known, alike, hidden = self._judge(chosen)
-        return CampaignPlan(_in_order(chosen), _minutes(chosen), tuple(known), alike, tuple(hidden))
+        return CampaignPlan(_in_order(chosen), minutes_of(chosen), tuple(known), alike, tuple(hidden))
 
     # -- what a test shows ---------------------------------------------------------------------------------------------
 
@@ -221,6 +230,12 @@ class CampaignPlanner:
             balls = np.eye(_SETUP_SIZE) + of_setup[shared:, shared:]
             out += of_setup[:shared, :shared] - cross @ np.linalg.solve(balls, cross.T)
         return out
+
+    def told_by(self, test: BallBarTest) -> np.ndarray:
+        """What one test tells of the effects, the rest unknown within its priors, (p, p) per typical sizes."""
+        known, n = self._information([test]), self._count
+        cross = known[:n, n:]
+        return known[:n, :n] - np.eye(n) - cross @ np.linalg.solve(known[n:, n:], cross.T)
 
     def _entropy(self, tests: list[BallBarTest]) -> float:
         """Entropy of the effects after some tests, nats, but for a constant."""
@@ -285,7 +300,7 @@ def _typical_effects(machine: Machine) -> list[EffectVector]:
     return out
 
 
-def _possible(machine: Machine) -> Iterator[BallBarTest]:
+def possible_tests(machine: Machine) -> Iterator[BallBarTest]:
     """What the machine can run, of every kind."""
     for kind in KINDS.values():
         if kind.cannot(machine.chain):
@@ -301,7 +316,7 @@ def _named(test: BallBarTest) -> BallBarTest:
     return replace(test, name=kind_of(test).short_name(test), setup=place_name(test))
 
 
-def _minutes(tests: Iterable[BallBarTest]) -> float:
+def minutes_of(tests: Iterable[BallBarTest]) -> float:
     """Machine time of some tests: balls are mounted once for each set-up."""
     tests = list(tests)
     setups = len({t.setup for t in tests})

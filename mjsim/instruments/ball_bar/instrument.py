@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
-from mjsim.instruments.ball_bar.files import check_span, test_of
+from mjsim.instruments.ball_bar.files import check_span, test_of, test_table
 from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.measurement import BallBarData, BallBarTest, Trace
 from mjsim.instruments.ball_bar.tables import BallBarTable, ball_bar_table
@@ -61,6 +61,9 @@ class BallBar(Instrument[BallBarTest, Trace]):
         }
         known = {key: value for key, value in stated.items() if value is not None}
         return replace(usual, resolution=resolution, range=table.range_mm * MM, rate=table.sample_rate_Hz, **known)
+
+    def test_table(self, test: BallBarTest) -> dict[str, Any]:
+        return test_table(test)
 
     def read(self, path: Path, test: BallBarTest, data: BallBarData) -> Trace:
         return data.corrected(read_trace(path, data), test.length)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field
@@ -140,6 +140,19 @@ def position_test(file: Path, t: PositionTable, chain: Chain) -> PositionTest:
         t.runs,
         t.started_s,
     )
+
+
+def test_table(test: PositionTest) -> dict:
+    """The ``[[test]]`` table of a planned test."""
+    out: dict[str, Any] = {"name": test.name, "kind": test.kind, "axis": test.axis}
+    if not test.positioning:
+        out["component"] = test.component
+    if not test.rotary:
+        out["line_mm"] = [round(v / MM, 4) for v in test.line]
+    if test.at:
+        out["at_mm"] = {a: round(v / MM, 4) for a, v in test.at}
+    targets = [round(float(v) / test.unit, 6) for v in test.targets]
+    return out | {"targets_deg" if test.rotary else "targets_mm": targets, "runs": test.runs}
 
 
 def target_column(test: PositionTest) -> str:

@@ -15,6 +15,7 @@ from mjsim.instruments.positions.files import PositionTable, position_test
 from mjsim.instruments.positions.iso230_2 import REVERSAL, positioning_figures
 from mjsim.instruments.positions.measurement import PositionTest, Reader, Readings, stops_of
 from mjsim.instruments.positions.mistakes import position_mistakes, position_remarks
+from mjsim.instruments.positions.plan import proposals
 from mjsim.instruments.schema import GainUncertainty, OwnLength
 from mjsim.machine.chain import COORDINATES, Chain
 from mjsim.machine.kinematics import Geometry, bar_vector
@@ -48,6 +49,8 @@ class Positions(Instrument[PositionTest, Readings]):
     order = 3
     at_rest = True
     plan_option = "--targets AXIS"
+    usual = Reader(compensated=True)
+    handling = 1200.0  # a laser is to be aligned (assumed)
     by_itself_noun = "from the means"
     by_itself_note = (
         "From the means: scale error as the slope of all deviations, backlash as the mean reversal error of ISO 230-2, "
@@ -106,6 +109,18 @@ class Positions(Instrument[PositionTest, Readings]):
 
     def planned_text(self, test: PositionTest) -> str:
         return files.targets_text(test)
+
+    def proposals(self, chain: Chain, periods: Mapping[str, float]) -> list[PositionTest]:
+        """Of each linear axis its position along three lines, its straightness and its angles; of each rotary axis its
+        position.
+        """
+        return proposals(chain, periods)
+
+    def planned_noise(self, test: PositionTest, data: Reader) -> np.ndarray:
+        return np.array([data.stated_noise(test)[0]])
+
+    def test_table(self, test: PositionTest) -> dict[str, Any]:
+        return files.test_table(test)
 
     def facts(self, test: PositionTest, recording: Readings) -> dict[str, Any]:
         ends = float(recording.target.min()) / test.unit, float(recording.target.max()) / test.unit
@@ -181,7 +196,8 @@ class Positions(Instrument[PositionTest, Readings]):
     ) -> dict[str, float]:
         """A, R, E, M and B of ISO 230-2."""
         found = positioning_figures(recording.target, recording.side, reading[:, 0])
-        return {f"{k}_{test.channel.suffix}": v / test.channel.size for k, v in found.items()}
+        # readings of a model repeat to rounding errors only
+        return {f"{k}_{test.channel.suffix}": round(v / test.channel.size, 6) for k, v in found.items()}
 
     def by_itself(self, tests: Sequence[PositionTest], recordings: Mapping[str, Readings]) -> dict[str, float]:
         """Scale error from the line through the mean deviations, and play as the mean reversal error."""

@@ -261,3 +261,16 @@ def positions_text(test: SphereTest) -> str:
     kept = [i for i, n in enumerate(names) if n not in DEVIATIONS]
     lines = [",".join(row.split(",")[i] for i in kept) for row in (head, *rows)]
     return "\n".join([*lines, ""])
+
+
+def test_table(test: SphereTest) -> dict:
+    """The ``[[test]]`` table of a planned test."""
+    return {
+        "name": test.name,
+        "kind": test.kind,
+        "sphere_mm": [round(v / MM, 4) for v in test.sphere],
+        "setup": test.setup,
+        "angles_deg": [[round(a / DEG, 4) for a in row] for row in test.angles],
+        "spindle_deg": [round(a / DEG, 4) for a in test.spindle],
+        "approach": [list(row) for row in test.approach],
+    }

@@ -40,6 +40,7 @@ class SphereProbe(Instrument[SphereTest, Points]):
     order = 2
     at_rest = True
     plan_option = "--points 30"
+    usual = Probe()
     by_itself_noun = "from circles"
     by_itself_note = (
         "From circles: centre and direction of each axis as the cycles of controls compute them, with linear axes and "
@@ -87,6 +88,12 @@ class SphereProbe(Instrument[SphereTest, Points]):
 
     def planned_text(self, test: SphereTest) -> str:
         return files.positions_text(test)
+
+    def planned_noise(self, test: SphereTest, data: Probe) -> np.ndarray:
+        return np.full(3, data.noise)
+
+    def test_table(self, test: SphereTest) -> dict[str, Any]:
+        return files.test_table(test)
 
     def facts(self, test: SphereTest, recording: Points) -> dict[str, Any]:
         angles = recording.position[:, test.chain.rotary_columns] / DEG

@@ -20,6 +20,7 @@ from mjsim.estimation.axis_logs.found import AxisSelection, FoundCause
 from mjsim.estimation.axis_logs.gains import unused
 from mjsim.estimation.axis_logs.selection import AxisSearch
 from mjsim.estimation.axis_logs.separability import inseparable, undetermined
+from mjsim.estimation.axis_logs.shared import MOTOR_SIDE
 from mjsim.estimation.axis_logs.together import known_together
 from mjsim.estimation.axis_logs.unexplained import unexplained_rest
 from mjsim.estimation.hypotheses import CAUSE
@@ -171,6 +172,13 @@ def hidden_effects(campaign: Campaign, machine: Machine) -> list[str]:
     shown = {a: ("backlash",) if loop_at[a] == "load" else BETWEEN if a in loads else () for a in axes}
     hidden = [f"{kind}.{a}" for a in axes for kind in _BEHIND if kind not in shown[a]]
     return [h for h in hidden if exists(h, machine)]
+
+
+def seen_by_logs(campaign: Campaign, machine: Machine) -> set[str]:
+    """Ids of effects of the recorded drives that the recordings can show."""
+    axes = recorded_axes(campaign.measured)
+    every = {f"{kind}.{a}" for a in axes for kind in (*MOTOR_SIDE, *_BEHIND)}
+    return {i for i in every if exists(i, machine)} - set(hidden_effects(campaign, machine))
 
 
 def exists(effect_id: str, machine: Machine) -> bool:
