@@ -283,7 +283,7 @@ class BarSearch(Search[Problem]):
                 if best.leaves_nothing and first is not None and odds < first - max(NEAR, ROUGH * first):
                     continue
                 first = odds if first is None else first
-                best = max(best, self._fitted(model, hypotheses, chosen, level), key=lambda m: m.evidence)
+                best = max(best, self._fitted(model, (hypotheses, chosen, level)), key=lambda m: m.evidence)
             if best.evidence <= model.evidence + LEAST or best.left > model.left:
                 break
             model = best
