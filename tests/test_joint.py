@@ -134,7 +134,7 @@ def test_two_candidates_are_resolved_by_one_log(mixed, fast_plans, tmp_path):
     assert effect["alternatives"] == [] and data["next_test"] is None
     assert data["rms_after_um"] < 1.05 * data["noise_um"]
     assert {"servo_gain.C", "servo_delay.C"}.isdisjoint(data["not_testable"])
-    assert "less log evidence in the axis log" in effect["evidence"]
+    assert "that of servo_delay.C differs by" in effect["evidence"]
 
 
 def test_compare_and_check_work_on_both(mixed, tmp_path):

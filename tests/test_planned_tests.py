@@ -188,7 +188,7 @@ def test_both_instruments_are_in_one_result(both, diagnosed):
 def test_the_sentence_says_how_much_tells_two_apart(diagnosed):
     found, *_ = diagnosed
     effect = replace(found.effects[0], worse={"ball_bar": {"a": 1.0}, "axis_log": {"a": 2.0}}, decided_by="axis_log")
-    assert "a has 1.0 less log evidence in the ball bar and 2.0 less in the axis log" in effect.evidence
+    assert "that of a differs by -1.0 in the ball bar and by -2.0 in the axis log" in effect.evidence
     assert effect.evidence.endswith("; 3 together are odds of 20 to 1.")
 
 

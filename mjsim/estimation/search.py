@@ -292,7 +292,7 @@ class Ascent(ABC, Generic[M]):
         """The model with a change, fitted exactly."""
 
     def _retimed(self, model: M) -> M:
-        """The model at a better set-up, where steps from the present one do not lead to it."""
+        """The model at better values, where steps from the present ones do not lead to them."""
         return model
 
     def _searched(self, model: M, rounds: int = _ROUNDS) -> M:

@@ -102,9 +102,11 @@ class DiagnosedEffect:
         if not self.worse:
             return f"Found by {who}."
         bars, logs = (self.worse[n] for n in (BallBarTest.instrument, LogTest.instrument))
-        parts = [f"{i} has {bars[i]:.1f} less log evidence in {bar} and {logs[i]:.1f} less in {log}" for i in logs]
+        parts = [f"that of {i} differs by {-bars[i]:+.1f} in {bar} and by {-logs[i]:+.1f} in {log}" for i in logs]
         said = f"Decided by {who}" if self.decided_by != BallBarTest.instrument else "Not decided"
-        return f"{said}: {', '.join(parts)}; {LEAST:g} together are odds of {math.exp(LEAST):.0f} to 1."
+        return (
+            f"{said}, by log evidence: {', '.join(parts)}; {LEAST:g} together are odds of {math.exp(LEAST):.0f} to 1."
+        )
 
     def to_json(self, machine: Machine) -> dict:
         """As one of ``effects`` in the JSON of ``mjsim diagnose``; ``machine`` has its axis."""

@@ -45,6 +45,7 @@ class LogDiscrepancy:
 
     Attributes:
         evidence: Log evidence of the recordings, the model's entries marginalised.
+        missing: Log evidence that a model which leaves nothing would have more.
         step: From the model's vector to the likeliest one within its bounds, if the derivatives hold, (p,).
         left: RMS of the discrepancy in each recording, axis units.
         allowed: RMS that a sound machine may leave in each, axis units.
@@ -52,6 +53,7 @@ class LogDiscrepancy:
     """
 
     evidence: float
+    missing: float
     step: np.ndarray
     left: tuple[float, ...]
     allowed: tuple[float, ...]
@@ -115,7 +117,7 @@ def discrepancy_of(
     columns = [np.asarray(dct(c / s, axis=0, norm="ortho")) for c, s in zip(design, noise, strict=True)]
     octaves = [np.maximum(np.log2(np.maximum(np.arange(len(r)), _LOWEST) / _LOWEST), 0.0).astype(int) for r in rows]
     expected = [r**2 for r in rows]  # squares of the amplitudes, of noise and discrepancy together
-    evidence, before, step = -np.inf, -np.inf, np.zeros(len(vector))
+    evidence, before, step, variance = -np.inf, -np.inf, np.zeros(len(vector)), rows
     for _ in range(_ROUNDS):
         power = [np.bincount(o, x) / np.bincount(o) for o, x in zip(octaves, expected, strict=True)]
         variance = [np.maximum(p, 1.0)[o] for p, o in zip(power, octaves, strict=True)]
@@ -140,7 +142,8 @@ def discrepancy_of(
     left = tuple(s * float(np.sqrt(square)) for s, (square, _) in zip(noise, found, strict=True))
     limits = zip(found, allowed, noise, strict=False)
     beyond = tuple(float(ndtr((square - (most / s) ** 2) / spread)) for (square, spread), most, s in limits)
-    return LogDiscrepancy(evidence, step, left, tuple(allowed), beyond)
+    missing = 0.5 * sum(float(np.log(v).sum()) for v in variance)
+    return LogDiscrepancy(evidence, missing, step, left, tuple(allowed), beyond)
 
 
 def _left(rows: np.ndarray, octave: np.ndarray) -> tuple[float, float]:

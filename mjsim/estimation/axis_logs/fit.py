@@ -267,6 +267,7 @@ class LogFitter:
         least: float = FALL,
         former: AxisFit | None = None,
         anew: Collection[str] = (),
+        renew: bool = True,
     ) -> AxisFit:
         """Fit all entries of a model, see :mod:`mjsim.estimation.axis_logs.descent`.
 
@@ -278,6 +279,7 @@ class LogFitter:
             least: A pass ends where the objective falls by less in a step.
             former: Fit of a similar model, whose derivatives serve for the first steps.
             anew: Labels of entries that both have, whose derivatives are new as well.
+            renew: Take new derivatives where those of the ``former`` fit fail.
         """
         priors = model.priors
         vector = priors.inside(model.vector)
@@ -297,6 +299,7 @@ class LogFitter:
                 lambda x, r: self.columns(model, x, r, central=central),
                 steps,
                 least,
+                renew,
             )
             if np.abs(mean_logs(at.residual, self.noise) - begun).max() < _SAME:
                 break

@@ -23,7 +23,8 @@ def take_first_steps(fitter: LogFitter, fit: AxisFit, *causes: Candidate) -> Axi
         model = c.extend(model)
         if c.wave:
             model = with_phases(fitter, fit, model, c)
-    return fitter.fit(model, _FIRST, 1, former=fit, anew={e.label for c in causes for e in c.entries})
+    anew = {e.label for c in causes for e in c.entries}
+    return fitter.fit(model, _FIRST, 1, former=fit, anew=anew, renew=False)
 
 
 def with_phases(fitter: LogFitter, fit: AxisFit, model: AxisModel, candidate: Candidate) -> AxisModel:

@@ -1,15 +1,14 @@
 """Which causes an axis lacks: the search by log evidence, on axis logs.
 
 The loop is that of every search (:mod:`mjsim.estimation.search`). What is proposed here: causes that the model does not
-have, each from the best of its starts, by the evidence that one linear step promises; where none gains evidence, the
-model without a cause that the others have made needless; the same model with a setting as stated; and the same model
-from elsewhere.
+have, by the evidence that the first steps from their starts promise. Where none gains evidence: the model without a
+cause that the others have made needless, the same model with a setting as stated, and the same model from elsewhere.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,6 +36,8 @@ _STATED = 0.03
 _CURVED, _RESTARTS = ("presliding_rad", "velocity_rad_per_s", "stribeck_velocity_rad_per_s"), (0.2, 5.0)
 #: Share by which the mean square of a recording grows without a cause that shows in it (assumed).
 _SHOWS = 0.02
+#: Starts of one cause that are fitted, and steps after which the best of them is known.
+_STARTS, _FEW = 3, 3
 #: Most changes of a model for each cause that may be found: it comes, another goes, and all are fitted anew.
 _CHANGES = 3
 
@@ -121,40 +122,52 @@ class AxisSearch(Ascent[LogModel]):
 
     # -- proposals -----------------------------------------------------------------------------------------------------
 
-    def extend_by_each(self, model: LogModel) -> list[LogModel]:
-        """A model with every cause that it does not have, after the first steps from the best of its starts; those of
+    def extend_by_each(self, model: LogModel) -> list[list[LogModel]]:
+        """A model with every cause that it does not have, after the first steps from each of its starts; those of
         largest evidence first.
 
         A data sheet that was bent to stand for what is missing hides it, so steps are taken from the printed one too.
         Friction and a wrong integral time hide each other, so they are tried together.
         """
-        fit, printed = model.fit, model.fit.model.as_printed()
-        bases = [fit] if printed == fit.model else [fit, self.fitter.evaluated(printed)]
+        fit = model.fit
+        bases = [fit, self.fitter.evaluated(fit.model.as_printed())] if _has_bent_sheet(fit.model) else [fit]
         missing = self.catalogue.missing(fit.model, self.orders(fit))
         friction = [c for c in missing if c.effect.kind == FRICTION and not c.shape]
         pairs = itertools.product(friction, [c for c in missing if c.effect.kind == "integral_time"])
-        best: dict[tuple[str, ...], LogModel] = {}
+        out: dict[tuple[str, ...], list[LogModel]] = {}
         for causes, base in itertools.product([*((c,) for c in missing), *pairs], bases):
             trial = LogModel(take_first_steps(self.fitter, base, *causes), (*model.causes, *causes))
-            keys = tuple(c.effect.id if c.wave else c.key for c in causes)
-            if keys not in best or trial.evidence > best[keys].evidence:
-                best[keys] = trial
-        return sorted(best.values(), key=lambda m: -m.evidence)
+            out.setdefault(tuple(c.effect.id if c.wave else c.key for c in causes), []).append(trial)
+        rows = (sorted(row, key=lambda m: -m.evidence) for row in out.values())
+        return sorted(rows, key=lambda row: -row[0].evidence)
 
     def _proposals(self, model: LogModel) -> list[Proposal]:
         """The causes that promise most, in turn beside the noise alone and by evidence: one that explains nearly all of
-        the data is seen best where nothing else may.
+        the data is seen best where nothing else may. What is left of the data is how far the first steps may be wrong.
         """
         entries = model.fit.model.entries
         if len(model.causes) >= self._most or (model.leaves_nothing and not any(map(_is_bent, entries))):
             return []
-        by_evidence = self.extend_by_each(model)
-        alone = sorted(by_evidence, key=lambda m: m.fit.squares)
-        in_turn = dict.fromkeys(itertools.chain(*zip(alone, by_evidence, strict=True)))
-        return [Proposal(m.keys, m) for m in list(in_turn)[:FITTED]]
+        rows = self.extend_by_each(model)
+        alone = sorted(range(len(rows)), key=lambda i: min(m.fit.squares for m in rows[i]))
+        in_turn = dict.fromkeys(itertools.chain(*zip(alone, range(len(rows)), strict=True)))
+        least = model.evidence - max(NEAR, ROUGH * model.fit.discrepancy.missing)
+        best = [rows[i] for i in list(in_turn)[:FITTED]]
+        return [Proposal(row[0].keys, row) for row in best if row[0].evidence > least]
 
-    def _fitted(self, model: LogModel, change: LogModel) -> LogModel:
-        return replace(change, fit=self.fitter.fit(change.fit.model, former=change.fit))
+    def _fitted(self, model: LogModel, change: list[LogModel]) -> LogModel:
+        """The model with a cause, fitted from the best of its starts: some steps tell which."""
+        starts = change[:_STARTS]
+        if len(starts) > 1 and not starts[0].causes[-1].wave:
+            starts = [replace(m, fit=self.fitter.fit(m.fit.model, _FEW, 1, former=m.fit)) for m in starts]
+        best = max(starts, key=lambda m: m.evidence)
+        return replace(best, fit=self.fitter.fit(best.fit.model))
+
+    def _retimed(self, model: LogModel) -> LogModel:
+        """The model from the printed data sheet, where that has more evidence."""
+        if model.leaves_nothing:
+            return model
+        return max(model, replace(model, fit=self.fitter.fit(model.fit.model.as_printed())), key=lambda m: m.evidence)
 
     def _better(self, model: LogModel) -> LogModel | None:
         better = super()._better(model) or self._simpler(model) or self._as_stated(model) or self._restarted(model)
@@ -193,32 +206,26 @@ class AxisSearch(Ascent[LogModel]):
         return None
 
     def _restarted(self, model: LogModel) -> LogModel | None:
-        """The same model with more evidence: from the printed data sheet, which was not bent for causes that came
-        before others, or from other ways and speeds of its friction.
-        """
-        trials = (replace(model, fit=self.fitter.fit(m, passes=1)) for m in self._elsewhere(model.fit.model))
-        best = max(trials, key=lambda m: m.evidence, default=model)
-        return best if best.evidence > model.evidence + LEAST else None
-
-    def _elsewhere(self, model: AxisModel) -> Iterator[AxisModel]:
-        """Other starts of a model."""
-        if _has_bent_sheet(model):
-            yield model.as_printed()
-        for j, e in enumerate(model.entries):
+        """The same model with more evidence, from other ways and speeds of its friction."""
+        best, free = model, model.fit.model
+        for j, e in enumerate(free.entries):
             for factor in _RESTARTS if e.name in _CURVED else ():
-                moved = model.vector
+                moved = free.vector
                 moved[j] = np.clip(e.encode(e.value * factor), *e.bounds)
-                yield model.with_values(moved)
+                trial = replace(model, fit=self.fitter.fit(free.with_values(moved), passes=1))
+                best = max(best, trial, key=lambda m: m.evidence)
+        return best if best.evidence > model.evidence + LEAST else None
 
     # -- what competes -------------------------------------------------------------------------------------------------
 
     def _rivals_of(self, model: LogModel, cause: Candidate) -> Rivals:
-        """What else could stand in the place of a cause: the likeliest by a linear step are fitted."""
+        """What else could stand in the place of a cause: the likeliest after the first steps are fitted."""
         self.progress(f"what could stand in the place of {cause.key}", 0, 1)
         without = self._lesser[1][cause.key] if self._lesser[0] is model else self._less(model, cause)
         own = model.evidence - without.evidence
         models, rejected, looked_at = [], {}, 0
-        for m in self.extend_by_each(without):
+        for row in self.extend_by_each(without):
+            m = row[0]
             other, worse = m.causes[-1].effect.id, model.evidence - m.evidence
             # the same effect at another order, or in another shape, is no other cause
             if other == cause.effect.id or len(m.causes) > len(without.causes) + 1:
@@ -227,7 +234,7 @@ class AxisSearch(Ascent[LogModel]):
                 rejected[other] = round(worse, 1)
                 break
             looked_at += 1
-            trial = self._fitted(without, m)
+            trial = self._fitted(without, row)
             models.append((other, trial))
         return Rivals(without, models, rejected)
 

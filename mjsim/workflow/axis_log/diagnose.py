@@ -209,7 +209,9 @@ def effects_of(selection: AxisSelection) -> list[DiagnosedEffect]:
     for cause in selection.found:
         effect, ci = fit.model.machine.effect(cause.effect_id), ranges.get(cause.effect_id, {})
         assert effect is not None
-        if cause.whole < FINDING or (effect.id in out and out[effect.id].gain >= cause.gain):
+        # where more is left than a sound machine leaves, a finding may be the work of what is in no catalogue
+        is_finding = cause.whole >= FINDING and cause.probability + sum(cause.others.values()) >= 0.5
+        if not is_finding or (effect.id in out and out[effect.id].gain >= cause.gain):
             continue
         out[effect.id] = DiagnosedEffect(
             effect,
