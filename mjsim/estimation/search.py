@@ -210,13 +210,17 @@ def with_curves(problem: D, curves: Sequence[Curve]) -> D:
     return problem.whitened_by(problem.whitening.beside(columns))
 
 
-class Explaining(Protocol):
-    """A fitted model of data."""
+class WithEvidence(Protocol):
+    """What the log evidence judges."""
 
     @property
     def evidence(self) -> float:
         """Log evidence, prior odds included."""
         ...
+
+
+class Explaining(WithEvidence, Protocol):
+    """A fitted model of data."""
 
     @property
     def leaves_nothing(self) -> bool:
@@ -229,6 +233,7 @@ class Explaining(Protocol):
         ...
 
 
+E = TypeVar("E", bound=WithEvidence)
 M = TypeVar("M", bound=Explaining)
 
 
@@ -250,7 +255,7 @@ class Proposal:
     is_enough: bool = True
 
 
-def names_to_tell(rivals: Sequence[tuple[str, M]], evidence: float, own: str = "") -> dict[str, tuple[float, M]]:
+def names_to_tell(rivals: Sequence[tuple[str, E]], evidence: float, own: str = "") -> dict[str, tuple[float, E]]:
     """What is told of rivals of a cause: share of the probability, and model, by id; the fewest that hold the truth
     with the probability of what is told.
 
@@ -260,7 +265,7 @@ def names_to_tell(rivals: Sequence[tuple[str, M]], evidence: float, own: str = "
         own: Id of the cause.
     """
     logs = np.array([0.0, *(m.evidence - evidence for _, m in rivals)])
-    others: dict[str, tuple[float, M]] = {}
+    others: dict[str, tuple[float, E]] = {}
     for (i, m), share in zip(rivals, np.exp(logs - np.logaddexp.reduce(logs))[1:], strict=True):
         if share > others.get(i, (0.0,))[0] and i != own:
             others[i] = float(share), m
@@ -482,8 +487,8 @@ class Search(Ascent[Model[D]]):
         trial = self._tuned(Model(model.expected, fit, problem, sizes, tuple(curves), odds))
         noise, before = self.plain.noise.rms, sizes
         for _ in range(_SETTLING):  # fitted at other sizes than it turned out to leave
-            change = (trial.left + SEEN * noise) / (before.left(noise) + SEEN * noise)
-            if 0.7 < change < 1.5:
+            ratio = (trial.left + SEEN * noise) / (before.left(noise) + SEEN * noise)
+            if 0.7 < ratio < 1.5:
                 break
             before, trial = trial.sizes, self._settled(trial, _AGAIN)
         return trial

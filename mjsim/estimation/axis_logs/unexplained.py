@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -62,14 +63,14 @@ def unexplained_rest(fitter: LogFitter, fit: AxisFit, gear: float) -> Unexplaine
     motions = [fitter.motion(fit.model, fit.model.vector, k) for k in range(len(data))]
     variables = [_variables(d, motion) for d, motion in zip(data, motions, strict=True)]
     period, wave = _wave(data, fit.residual, gear)
-    rows = [("position", period, -float(np.log(len(_ORDERS))), wave)]
-    for name in variables[0]:
-        rows.append((name, None, 0.0, _cells([v[name] for v in variables], [v["direction"] for v in variables])))
+    ways = [v["direction"] for v in variables]
+    rows = [(name, None, 1, _cells([v[name] for v in variables], ways)) for name in variables[0]]
     best, said = none + LEAST, ("", None, fit.residual)
-    for name, length, odds, columns in rows:
+    for name, length, choices, columns in (*rows, ("position", period, len(_ORDERS), wave)):
         evidence, parts = _explained(fitter, fit, columns)
-        if evidence + odds - np.log(len(rows)) > best:
-            best, said = evidence + odds - float(np.log(len(rows))), (name, length, parts)
+        evidence -= math.log(choices * (len(rows) + 1))
+        if evidence > best:
+            best, said = evidence, (name, length, parts)
     return _described(fitter, fit, *said)
 
 
@@ -94,8 +95,9 @@ def _described(
     sized, d = (at.left[k], at.allowed[k], at.probability), fitter.data[k]
     block = int(np.argmax(np.abs(fit.residual[k])))
     worst = d.name, float(d.means(d.time)[block]), float(d.means(d.record.actual)[block])
-    left = [(r - p) @ (r - p) / (r @ r) if variable else 0.0 for r, p in zip(fit.residual, parts, strict=True)]
-    return UnexplainedRest(fit.model.axis, variable, period, rms, 1.0 - float(np.mean(left)), tests, *sized, worst)
+    left = [float((r - p) @ (r - p) / (r @ r)) for r, p in zip(fit.residual, parts, strict=True)]
+    share = 1.0 - sum(left) / len(left)
+    return UnexplainedRest(fit.model.axis, variable, period, rms, share, tests, *sized, worst)
 
 
 def _variables(d: AxisData, motion) -> dict[str, np.ndarray]:
