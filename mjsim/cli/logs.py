@@ -133,8 +133,8 @@ def show_diagnosis(data: dict) -> None:
     show_effects(data)
     if data["without_support"]:
         common.paragraph(
-            f"in the fit, and no findings: {', '.join(data['without_support'])}; with less than 95 % they are larger "
-            "than on a sound machine"
+            f"in the fit, and no findings: {', '.join(data['without_support'])}; chance, a sound machine or a cause "
+            "that is in no catalogue may do as much"
         )
     click.echo()
     show_sheet(data)

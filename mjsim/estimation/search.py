@@ -5,7 +5,8 @@ Two kinds of proposals are judged in each round: the best set of the linear prob
 that promise much of what that set promises. Near the data the linear problem is right. Far from them it is one of
 imitation, where many small things stand for one large one; there the exact fits of single hypotheses decide.
 
-What was measured, and how, the search does not ask. It needs data that can be fitted, whitened and linearised.
+What was measured, and how, the search does not ask. It needs data that can be fitted, whitened and linearised. Its loop
+(:class:`Ascent`) needs less: proposals, and exact fits with an evidence. The search on axis logs is that loop as well.
 """
 
 from __future__ import annotations

@@ -156,12 +156,16 @@ class AxisSearch(Ascent[LogModel]):
         return [Proposal(row[0].keys, row) for row in best if row[0].evidence > least]
 
     def _fitted(self, model: LogModel, change: list[LogModel]) -> LogModel:
-        """The model with a cause, fitted from the best of its starts: some steps tell which."""
+        """The model with a cause, fitted from the best of its starts: some steps tell which.
+
+        With the derivatives that are there and with new ones, a fit may end in two places.
+        """
         starts = change[:_STARTS]
         if len(starts) > 1 and not starts[0].causes[-1].wave:
             starts = [replace(m, fit=self.fitter.fit(m.fit.model, _FEW, 1, former=m.fit)) for m in starts]
         best = max(starts, key=lambda m: m.evidence)
-        return replace(best, fit=self.fitter.fit(best.fit.model))
+        ends = (self.fitter.fit(best.fit.model, former=former) for former in (best.fit, None))
+        return replace(best, fit=max(ends, key=lambda fit: fit.evidence))
 
     def _retimed(self, model: LogModel) -> LogModel:
         """The model from the printed data sheet, where that has more evidence."""
@@ -181,7 +185,7 @@ class AxisSearch(Ascent[LogModel]):
         best = max(self._lesser[1].values(), key=lambda m: m.evidence, default=model)
         if best is model or best.evidence <= model.evidence:
             return None
-        return replace(best, fit=self.fitter.fit(best.fit.model, former=best.fit))
+        return replace(best, fit=self.fitter.fit(best.fit.model))
 
     def _less(self, model: LogModel, cause: Candidate) -> LogModel:
         """A model without a cause, and without what is a shape of it."""
