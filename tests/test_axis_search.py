@@ -1,4 +1,4 @@
-"""The search on axis logs: its likelihood, its descent, waves over the motor's angle, and prediction of other logs."""
+"""The search on axis logs: its evidence, its descent, waves over the motor's angle, and prediction of other logs."""
 
 import json
 
@@ -11,7 +11,9 @@ from mjsim.campaign.machine_file import read_machine, write_machine
 from mjsim.cli.main import main
 from mjsim.errors import InputError
 from mjsim.estimation.axis_logs.descent import Descended, Priors, bounded_step, descend
-from mjsim.estimation.axis_logs.likelihood import independent_count, likelihood_gain
+from mjsim.estimation.axis_logs.discrepancy import discrepancy_of
+from mjsim.estimation.axis_logs.entries import AxisModel
+from mjsim.estimation.axis_logs.fit import independent_count
 from mjsim.machine.model import build
 from mjsim.simulation.servo import ServoStart, block_means, follow, sampled
 from mjsim.workflow.axis_log.compare import compare_logs
@@ -115,16 +117,22 @@ def test_block_means_are_those_of_the_samples(folder):
         assert found == pytest.approx(wanted, abs=1e-12)
 
 
-def test_the_likelihood_counts_what_is_independent():
-    """White residuals of twice the size: n log 4, of which a window leaves half. A slow misfit beside them hides
-    nothing of it.
+def test_the_evidence_counts_what_is_independent():
+    """White residuals of twice the size: n log 2. A slow misfit beside them hides little of it, and what is below the
+    noise counts nothing.
     """
     random = np.random.default_rng(1)
     white, n = random.normal(size=4096), 4096
-    assert likelihood_gain([2.0 * white], [white], [0.0]) == pytest.approx(0.514 * n * np.log(4.0), rel=0.01)
+
+    def gained(less, more, noise):
+        none = AxisModel(None, "X")
+        less, more = (discrepancy_of(none, [r], [np.zeros((n, 0))], [noise], ()).evidence for r in (less, more))
+        return more - less
+
+    assert gained(2.0 * white, white, 0.1) == pytest.approx(n * np.log(2.0), rel=0.01)
     slow = 30.0 * np.sin(2 * np.pi * 3.0 * np.arange(n) / n)
-    assert likelihood_gain([2.0 * white + slow], [white + slow], [0.0]) > 0.9 * 0.514 * n * np.log(4.0)
-    assert likelihood_gain([2.0 * white], [white], [2.0]) < 0.1 * n
+    assert gained(2.0 * white + slow, white + slow, 0.1) > 0.9 * n * np.log(2.0)
+    assert gained(2.0 * white, white, 20.0) < 0.01 * n
     assert independent_count(white, np.inf) == pytest.approx(n, rel=0.1)
     assert independent_count(np.repeat(white, 8), np.inf) == pytest.approx(n, rel=0.1)
 

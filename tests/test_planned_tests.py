@@ -16,7 +16,6 @@ from mjsim.cli.main import main
 from mjsim.estimation.data_sheet import data_sheet
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.posterior import Posterior
-from mjsim.estimation.settings import DIAGNOSIS
 from mjsim.estimation.unexplained import Unexplained
 from mjsim.instruments.ball_bar.commanded import Commanded
 from mjsim.instruments.ball_bar.measurement import BallBarTest
@@ -186,11 +185,11 @@ def test_both_instruments_are_in_one_result(both, diagnosed):
     assert [e.effect.id for e in found.of_bars().effects] == ["servo_gain.C"]
 
 
-def test_settings_reach_the_sentence(diagnosed):
+def test_the_sentence_says_how_much_tells_two_apart(diagnosed):
     found, *_ = diagnosed
     effect = replace(found.effects[0], worse={"ball_bar": {"a": 1.0}, "axis_log": {"a": 2.0}}, decided_by="axis_log")
-    assert f"; {DIAGNOSIS.indistinguishable:g} together" in effect.evidence
-    assert "; 77 together" in replace(effect, enough=77.0).evidence
+    assert "that of a differs by -1.0 in the ball bar and by -2.0 in the axis log" in effect.evidence
+    assert effect.evidence.endswith("; 3 together are odds of 20 to 1.")
 
 
 def test_the_part_of_a_report_is_kept_beside_logs(both, tmp_path):

@@ -134,8 +134,8 @@ def show_diagnosis(data: dict) -> None:
     show_effects(data)
     if data["without_support"]:
         common.paragraph(
-            f"in the fit, and not supported by the logs: {', '.join(data['without_support'])}; no more than chance or "
-            "a sound machine explains"
+            f"in the fit, and no findings: {', '.join(data['without_support'])}; chance, a sound machine or a cause "
+            "that is in no catalogue may do as much"
         )
     click.echo()
     show_sheet(data)

@@ -407,7 +407,7 @@ class RestSearch(Search[RestProblem]):
         hypotheses = self._hypotheses(model, curves=False)
         sets = [(none, linear, linear.best_set(hypotheses.present)) for none, linear, _ in hypotheses.levels]
         level = int(np.argmax([none + linear.total(chosen) for none, linear, chosen in sets]))
-        trial = self._fitted(model, hypotheses, sets[level][-1], level)
+        trial = self._fitted(model, (hypotheses, sets[level][-1], level))
         model = max(model, trial, key=lambda m: m.evidence)
         start = RestFitter(replace(self.plain, known=None), self.machine).fit([])
         return Found(start, model, self.signatures_at(model)[0], self.trail)

@@ -168,7 +168,7 @@ class BarSearch(Search[Problem]):
         chosen = linear.best_set(hypotheses.present)
         if none + linear.total(chosen) < usual.evidence - NEAR:
             return usual
-        return self._searched(self._fitted(model, hypotheses, chosen))
+        return self._searched(self._fitted(model, (hypotheses, chosen, 0)))
 
     def _found(self, model: Model[Problem]) -> Found[Problem]:
         """The outcome, on tests with all samples that the model follows, and the machine as given beside it: where
@@ -317,7 +317,7 @@ class BarSearch(Search[Problem]):
                 if best.leaves_nothing and first is not None and odds < first - max(NEAR, ROUGH * first):
                     continue
                 first = odds if first is None else first
-                best = max(best, self._fitted(model, hypotheses, chosen, level), key=lambda m: m.evidence)
+                best = max(best, self._fitted(model, (hypotheses, chosen, level)), key=lambda m: m.evidence)
             if best.evidence <= model.evidence + LEAST or best.left > model.left:
                 break
             model = best

@@ -17,15 +17,15 @@ class CompetingModel:
         effect_id: Id of the effect that it has in the place of another one.
         machine: With the fitted effects and the calibrated data sheet.
         posterior: What the tests leave uncertain about it.
-        objective: Squared residuals in units of the noise plus squared prior departures.
+        evidence: Log evidence of the tests with it, prior odds included, but for what all have in common.
     """
 
     effect_id: str
     machine: Machine
     posterior: Posterior
-    objective: float
+    evidence: float
 
     @classmethod
-    def of(cls, effect_id: str, fit: Fit) -> CompetingModel:
+    def of(cls, effect_id: str, fit: Fit, evidence: float = 0.0) -> CompetingModel:
         """From a finished fit."""
-        return cls(effect_id, fit.machine, Posterior.of(fit), float(fit.objective))
+        return cls(effect_id, fit.machine, Posterior.of(fit), evidence)

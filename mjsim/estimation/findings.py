@@ -35,7 +35,7 @@ from mjsim.estimation.hypotheses import entries_of, log_odds_of
 from mjsim.estimation.outcome import Found as FoundEffect
 from mjsim.estimation.outcome import Selection, verdict_of
 from mjsim.estimation.problem import Problem
-from mjsim.estimation.search import D, Found, Model, Search, with_curves
+from mjsim.estimation.search import TOLD, D, Found, Model, Search, names_to_tell, with_curves
 from mjsim.estimation.shares import Calibration, calibrations, parts_of
 from mjsim.estimation.unexplained import Unexplained, describe
 from mjsim.estimation.unknown_curves import FINER, LONGEST, Curve, best_curves
@@ -44,9 +44,8 @@ from mjsim.machine.chain import is_rotary
 from mjsim.progress import Progress, silent
 from mjsim.units import DEG, UM
 
-#: Probability from which something is a finding: with which ISO 14253-1 takes it for proven that a number is beyond its
-#: limit. The set of names that is told for a finding has the same.
-FINDING = TOLD = 0.95
+#: Probability from which something is a finding: the same as that of the names that are told for it.
+FINDING = TOLD
 #: Curves that are fitted in the place of the one of an unknown cause, those of largest evidence.
 _OTHERS = 3
 #: How often something else may take a finding's place.
@@ -147,18 +146,7 @@ class ClassSizes:
         out = []
         for f in fit.effects:
             key, large = f.effect.key, size[f.effect.key]
-            rivals = rivals_of.get(key, [])
-            logs = np.array([0.0, *(m.evidence - evidence for _, m in rivals)])
-            shares = np.exp(logs - np.logaddexp.reduce(logs))
-            others: dict[str, tuple[float, Model]] = {}
-            for (effect_id, m), share in zip(rivals, shares[1:], strict=True):
-                if share > others.get(effect_id, (0.0,))[0] and effect_id != f.effect.id:
-                    others[effect_id] = float(share), m
-            told, covered = {}, 1.0 - sum(p for p, _ in others.values())
-            for i, (p, m) in sorted(others.items(), key=lambda row: -row[1][0]):
-                if covered < TOLD and not i.startswith("curve"):
-                    told[i] = p, m
-                covered += p
+            told = names_to_tell(rivals_of.get(key, []), evidence, f.effect.id)
             columns = fit.design.columns(fit.parameters[f.block.name]) @ (f.vector - f.off)
             mine = 1.0 - sum(p for p, _ in told.values())
             entry = FoundEffect(key, float(columns @ columns), {i: m.fit for i, (_, m) in told.items()})
@@ -319,6 +307,7 @@ class Reader(ABC, Generic[D]):
             self.found = replace(self.found, model=best)
         unexplained, unknown, moved = self._unknown(fit)
         if unexplained is not None:  # the same model where that cause is part of what the data are whitened by
+            fitter = self.search.fitter.with_problem(self.model.problem)
             fit = fitter.fit(moved.effects, start=moved, exact=True, iterations=0, fresh=False)
         whitened = self._with_instrument(fit)
         fit = replace(moved, considered=whitened.considered)

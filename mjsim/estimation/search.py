@@ -5,7 +5,8 @@ Two kinds of proposals are judged in each round: the best set of the linear prob
 that promise much of what that set promises. Near the data the linear problem is right. Far from them it is one of
 imitation, where many small things stand for one large one; there the exact fits of single hypotheses decide.
 
-What was measured, and how, the search does not ask. It needs data that can be fitted, whitened and linearised.
+What was measured, and how, the search does not ask. It needs data that can be fitted, whitened and linearised. Its loop
+(:class:`Ascent`) needs less: proposals, and exact fits with an evidence. The search on axis logs is that loop as well.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from mjsim.progress import Progress, silent
 #: J. Am. Statist. Assoc. 90 (1995) 773-795, call them strong).
 LEAST = 3.0
 #: Nothing is looked for in a discrepancy that is smaller than such a share of one sample's noise.
-_SEEN = 0.5
+SEEN = 0.5
 #: Most proposals that are fitted in a round, and single hypotheses among them at each level.
 FITTED, _SINGLES = 4, 3
 #: Share of the best promise from which the best single cause of the catalogue is fitted as well.
@@ -47,9 +48,12 @@ _LEVELS = (0.4, 0.15, 0.0)
 ROUNDS = 8
 #: Difference in log evidence within which another hypothesis may stand in the place of one, nats: odds of 160,000 to
 #: one; the share of its log odds that the linear problem may be wrong by (assumed); and most that are fitted there.
-NEAR, ROUGH, _RIVALS = 12.0, 0.1, 2
+NEAR, ROUGH, RIVALS = 12.0, 0.1, 2
 #: Evidence against a cause of a size that makes no sense by itself, nats: odds of one to twenty (assumed).
 _UNLIKELY = 3.0
+#: Probability that the causes which are told in the place of one have together: with which ISO 14253-1 takes it for
+#: proven that a number is beyond its limit.
+TOLD = 0.95
 #: Most Gauss-Newton steps of the first fit of everything that a machine may have, and of the others.
 FIRST, STEPS, _AGAIN = 16, 5, 3
 #: Most times that a model is fitted again at the sizes that it leaves.
@@ -140,7 +144,7 @@ class Model(Generic[D]):
     @property
     def leaves_nothing(self) -> bool:
         """Whether what it leaves cannot be seen beside the noise."""
-        return self.left < _SEEN * self.problem.noise.rms
+        return self.left < SEEN * self.problem.noise.rms
 
     @property
     def left(self) -> float:
@@ -166,10 +170,10 @@ class Found(Generic[D]):
 
 
 #: What may be gained by a set of hypotheses, the set, and the level at which it is judged.
-Proposal = tuple[float, Chosen, int]
+Promised = tuple[float, Chosen, int]
 
 
-def _best_single(hypotheses: Hypotheses, here: Chosen, judged: Sequence[Judged]) -> Proposal | None:
+def _best_single(hypotheses: Hypotheses, here: Chosen, judged: Sequence[Judged]) -> Promised | None:
     """The single cause of the catalogue that promises most beside what is in the model; ``None`` where none does.
 
     Args:
@@ -177,7 +181,7 @@ def _best_single(hypotheses: Hypotheses, here: Chosen, judged: Sequence[Judged])
         here: What is in it.
         judged: What each level says.
     """
-    best: Proposal | None = None
+    best: Promised | None = None
     for level, (evidence, odds, width) in enumerate(judged):
         for g in [g for g in np.argsort(-odds) if hypotheses.all[g].curve is None][:_SINGLES]:
             promise = evidence - judged[0].evidence + float(odds[g])
@@ -207,8 +211,128 @@ def with_curves(problem: D, curves: Sequence[Curve]) -> D:
     return problem.whitened_by(problem.whitening.beside(columns))
 
 
-class Search(ABC, Generic[D]):
-    """One search.
+class WithEvidence(Protocol):
+    """What the log evidence judges."""
+
+    @property
+    def evidence(self) -> float:
+        """Log evidence, prior odds included."""
+        ...
+
+
+class Explaining(WithEvidence, Protocol):
+    """A fitted model of data."""
+
+    @property
+    def leaves_nothing(self) -> bool:
+        """Whether what it leaves cannot be seen beside the noise."""
+        ...
+
+    @property
+    def left(self) -> float:
+        """RMS of what it leaves besides the noise, SI."""
+        ...
+
+
+E = TypeVar("E", bound=WithEvidence)
+M = TypeVar("M", bound=Explaining)
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A change of a model.
+
+    Attributes:
+        names: Of the hypotheses that the changed model has.
+        change: What is changed, as the search that proposes it has it.
+        promise: Log evidence that it gains in the linear problem; infinite where that is a poor judge, so that it is
+            fitted whatever others gain.
+        is_enough: Whether no other is fitted where it keeps its promise.
+    """
+
+    names: Sequence[str]
+    change: Any
+    promise: float = np.inf
+    is_enough: bool = True
+
+
+def names_to_tell(rivals: Sequence[tuple[str, E]], evidence: float, own: str = "") -> dict[str, tuple[float, E]]:
+    """What is told of rivals of a cause: share of the probability, and model, by id; the fewest that hold the truth
+    with the probability of what is told.
+
+    Args:
+        rivals: Ids, and models with them in the cause's place.
+        evidence: Log evidence of the model with the cause.
+        own: Id of the cause.
+    """
+    logs = np.array([0.0, *(m.evidence - evidence for _, m in rivals)])
+    others: dict[str, tuple[float, E]] = {}
+    for (i, m), share in zip(rivals, np.exp(logs - np.logaddexp.reduce(logs))[1:], strict=True):
+        if share > others.get(i, (0.0,))[0] and i != own:
+            others[i] = float(share), m
+    told, covered = {}, 1.0 - sum(p for p, _ in others.values())
+    for i, (p, m) in sorted(others.items(), key=lambda row: -row[1][0]):
+        if covered < TOLD and not i.startswith("curve"):
+            told[i] = p, m
+        covered += p
+    return told
+
+
+class Ascent(ABC, Generic[M]):
+    """The loop of every search: proposals are fitted exactly, and the log evidence decides.
+
+    Args:
+        progress: Called as work gets on.
+    """
+
+    def __init__(self, progress: Progress = silent) -> None:
+        self.progress = progress
+        self.trail: list[dict] = []
+
+    @abstractmethod
+    def _proposals(self, model: M) -> list[Proposal]:
+        """Changes of a model that promise evidence, in the order in which they are fitted."""
+
+    @abstractmethod
+    def _fitted(self, model: M, change: Any) -> M:
+        """The model with a change, fitted exactly."""
+
+    def _retimed(self, model: M) -> M:
+        """The model at better values, where steps from the present ones do not lead to them."""
+        return model
+
+    def _searched(self, model: M, rounds: int = ROUNDS) -> M:
+        """The best model that is found from one."""
+        for number in range(rounds):
+            self.progress("looking for what explains the rest", number, rounds)
+            model = self._retimed(model)
+            better = self._better(model)
+            if better is None:
+                break
+            model = better
+        return model
+
+    def _better(self, model: M) -> M | None:
+        """A model of larger evidence; ``None`` where no proposal has one.
+
+        Proposals are fitted until one keeps its promise.
+        """
+        best: M | None = None
+        for p in self._proposals(model):
+            if best is not None and p.promise < best.evidence - model.evidence:
+                break
+            trial = self._fitted(model, p.change)
+            gain = trial.evidence - model.evidence
+            self.trail.append({"hypotheses": p.names, "promise": p.promise, "gain": gain, "left": trial.left})
+            if gain > (LEAST if best is None else best.evidence - model.evidence):
+                best = trial
+            if trial is best and (trial.leaves_nothing or (gain > _KEPT * p.promise and p.is_enough)):
+                break
+        return best
+
+
+class Search(Ascent[Model[D]]):
+    """One search on data that can be fitted, whitened and linearised.
 
     Args:
         fitter: Of the machine, on data whitened by their noise alone.
@@ -216,8 +340,8 @@ class Search(ABC, Generic[D]):
     """
 
     def __init__(self, fitter: DataFitter[D], progress: Progress = silent) -> None:
-        self.progress, self.machine = progress, fitter.machine
-        self.trail: list[dict] = []
+        super().__init__(progress)
+        self.machine = fitter.machine
         self._begin(fitter)
 
     def _begin(self, fitter: DataFitter[D]) -> None:
@@ -242,10 +366,6 @@ class Search(ABC, Generic[D]):
 
     def _cleaned(self, model: Model[D]) -> Model[D]:
         """The model on data without what then stands out as having happened once."""
-        return model
-
-    def _retimed(self, model: Model[D]) -> Model[D]:
-        """The model at a better set-up, where steps from the present one do not lead to it."""
         return model
 
     @property
@@ -318,28 +438,15 @@ class Search(ABC, Generic[D]):
 
     # -- the loop ------------------------------------------------------------------------------------------------------
 
-    def _searched(self, model: Model[D]) -> Model[D]:
-        """The best model that is found from one."""
-        for number in range(ROUNDS):
-            self.progress("looking for what explains the rest", number, ROUNDS)
-            model = self._retimed(model)
-            better = self._better(model)
-            if better is None:
-                break
-            model = better
-        return model
-
-    def _better(self, model: Model[D]) -> Model[D] | None:
-        """A model of larger evidence; ``None`` where no proposal has one.
-
-        Proposals are fitted exactly, the most promising first, until one keeps its promise. The best single cause of
-        the catalogue comes before them: far from the data many small things imitate it.
+    def _proposals(self, model: Model[D]) -> list[Proposal]:
+        """The best sets of the linear problem and the best single hypotheses, the most promising first; before them the
+        best single cause of the catalogue: far from the data many small things imitate it.
         """
         hypotheses = self._hypotheses(model, curves=not model.leaves_nothing)
         here = self._widths(hypotheses)
         judged = hypotheses.judged(here)
         now = judged[0].evidence
-        proposals: dict[frozenset[int], Proposal] = {}
+        proposals: dict[frozenset[int], Promised] = {}
 
         def propose(promise: float, chosen: Chosen, level: int) -> None:
             key = frozenset(chosen)
@@ -358,24 +465,17 @@ class Search(ABC, Generic[D]):
                     propose(evidence - now + float(odds[g]), {**here, int(g): float(width[g])}, level)
         ranked = sorted(proposals.values(), key=lambda row: -row[0])[:FITTED]
         single = _best_single(hypotheses, here, judged)
-        first = [single] if single is not None and single[0] > _SHARE * ranked[0][0] else []
-        best: Model[D] | None = None
-        for promise, chosen, level in [*first, *(row for row in ranked if row[:2] not in [f[:2] for f in first])]:
-            if best is not None and promise < best.evidence - model.evidence:
-                break
-            trial = self._fitted(model, hypotheses, chosen, level)
-            gain = trial.evidence - model.evidence
-            names = [hypotheses.all[g].name for g in chosen]
-            self.trail.append({"hypotheses": names, "promise": promise, "gain": gain, "sizes": trial.sizes})
-            if gain > (LEAST if best is None else best.evidence - model.evidence):
-                best = trial
-            is_alone = any(chosen is f[1] for f in first)
-            if trial is best and (trial.leaves_nothing or (gain > _KEPT * promise and not is_alone)):
-                break
-        return best
+        rows = [] if single is None or single[0] <= _SHARE * ranked[0][0] else [single]
+        alone = len(rows)
+        rows += [row for row in ranked if row[:2] not in [r[:2] for r in rows]]
+        return [
+            Proposal([hypotheses.all[g].name for g in chosen], (hypotheses, chosen, level), p, i >= alone)
+            for i, (p, chosen, level) in enumerate(rows)
+        ]
 
-    def _fitted(self, model: Model[D], hypotheses: Hypotheses, chosen: Chosen, level: int = 0) -> Model[D]:
-        """The model with a set of hypotheses, fitted exactly."""
+    def _fitted(self, model: Model[D], change: tuple[Hypotheses, Chosen, int]) -> Model[D]:
+        """The model with a set of hypotheses as one level has it, fitted exactly."""
+        hypotheses, chosen, level = change
         _, linear, sizes = hypotheses.levels[level]
         effects, curves = hypotheses.model_of(chosen, linear)
         odds = sum(hypotheses.all[g].log_odds for g in chosen)
@@ -388,8 +488,8 @@ class Search(ABC, Generic[D]):
         trial = self._tuned(Model(model.expected, fit, problem, sizes, tuple(curves), odds))
         noise, before = self.plain.noise.rms, sizes
         for _ in range(_SETTLING):  # fitted at other sizes than it turned out to leave
-            change = (trial.left + _SEEN * noise) / (before.left(noise) + _SEEN * noise)
-            if 0.7 < change < 1.5:
+            ratio = (trial.left + SEEN * noise) / (before.left(noise) + SEEN * noise)
+            if 0.7 < ratio < 1.5:
                 break
             before, trial = trial.sizes, self._settled(trial, _AGAIN)
         return trial
@@ -410,9 +510,9 @@ class Search(ABC, Generic[D]):
                 continue
             self.progress(f"what could stand in the place of {mine.name}", 0, 1)
             rest = without(chosen, h)
-            rivals = {g: w for _, g, w in hypotheses.linear.rivals(chosen, h, NEAR, ROUGH)[:_RIVALS]}
+            rivals = {g: w for _, g, w in hypotheses.linear.rivals(chosen, h, NEAR, ROUGH)[:RIVALS]}
             for g in (*rivals, *(g for g in hypotheses.look_alikes(h) if g not in rivals)):
-                trial = self._fitted(model, hypotheses, {**rest, g: rivals.get(g, 1.0)})
+                trial = self._fitted(model, (hypotheses, {**rest, g: rivals.get(g, 1.0)}, 0))
                 if g not in rivals:
                     trial = replace(trial, evidence=trial.evidence - _UNLIKELY)
                 if g in rivals or (trial.fit.effects[-1].vector > trial.fit.effects[-1].neutral).all():

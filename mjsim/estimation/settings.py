@@ -91,8 +91,6 @@ class DiagnosisSettings:
     Attributes:
         likelihood_ratio: Likelihood-ratio statistic below which nothing is called an effect. Some 4,000 cells with two
             entries each are tried; chance passes 30 once in a thousand campaigns (nulls).
-        parameter_penalty: Penalty of one more free parameter when models are compared, as in BIC, where it is the
-            logarithm of the number of independent residuals: 8 is that of 3,000 (bank).
         indistinguishable: Likelihood-ratio statistic within which a competing model cannot be told from the best one,
             and within which another axis of a vibration cannot: a likelihood ratio of e^6 (bank).
         visible_share: Least size of an effect: standard deviation of its part of the reading in its clearest test, as a
@@ -126,7 +124,6 @@ class DiagnosisSettings:
     """
 
     likelihood_ratio: float = 30.0
-    parameter_penalty: float = 8.0
     indistinguishable: float = 12.0
     visible_share: float = 0.25
     setup_limit: float = 5.0

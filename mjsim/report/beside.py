@@ -209,8 +209,7 @@ def _ladders(result: LogDiagnosis) -> list[dict]:
         names = [t.test.name for t in result.after.tests if axis in t.axes]
         rotary = result.machine.chain.is_rotary(axis)
         unit = DEG if rotary else UM
-        steps = [("as given", s.given), ("data sheet fitted", s.ladder[0])]
-        steps += [(f"+ {key}", fit) for key, fit in zip(s.order, s.ladder[1:], strict=False)]
+        steps = [("as given", s.given), ("data sheet fitted", s.sheet), *s.rungs]
         steps.append(("final model", s.fit))
         rows = [[name, [float(v) / unit for v in np.sqrt(fit.mean_squares)]] for name, fit in steps]
         symbol = "°" if rotary else "µm"

@@ -13,11 +13,12 @@ from mjsim.estimation.axis_logs.candidates import Catalogue
 from mjsim.estimation.axis_logs.data import axis_data
 from mjsim.estimation.axis_logs.entries import Entry
 from mjsim.estimation.axis_logs.fit import LogFitter
+from mjsim.estimation.axis_logs.found import LogModel
 from mjsim.estimation.axis_logs.gains import read_gains
-from mjsim.estimation.axis_logs.promise import linear_step
+from mjsim.estimation.axis_logs.promise import take_first_steps
 from mjsim.estimation.axis_logs.start import start_model
 from mjsim.estimation.axis_logs.waves import strongest_orders
-from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
+from mjsim.estimation.search import LEAST
 from mjsim.instruments.axis_log.measurement import recorded_axes
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
@@ -186,7 +187,6 @@ def log_gains(
     machine: Machine,
     threads: int = 2,
     stopped: Callable[[], bool] = lambda: False,
-    settings: DiagnosisSettings = DIAGNOSIS,
 ) -> dict[str, Gain]:
     """What each effect could explain of the residual of its axis, alone, by the effect's id.
 
@@ -195,7 +195,6 @@ def log_gains(
         machine: The model.
         threads: Simulations side by side.
         stopped: Asked after every effect.
-        settings: What decides whether chance explains as much.
 
     Raises:
         Stopped: It was stopped.
@@ -210,11 +209,13 @@ def log_gains(
         for candidate in Catalogue(machine, fitter.data).missing(fit.model, strongest_orders(fitter, fit)):
             if stopped():
                 raise Stopped
-            step = linear_step(fitter, fit, candidate)
-            left = float(sum(r @ r / len(r) for r in step.left))
+            step = LogModel(take_first_steps(fitter, fit, candidate), (candidate,))
+            left = float(step.fit.mean_squares.sum())
             share = min(max((now - left) / (now - noise), 0.0), 1.0) if now > noise else 0.0
             best = out.get(candidate.effect.id)
             if best is None or share > best.share:
-                significant = step.gain(fit, fitter, settings.parameter_penalty).largest > settings.likelihood_ratio
-                out[candidate.effect.id] = Gain(share, step.effect, significant)
+                significant = step.evidence > fit.evidence + LEAST
+                effect = step.fit.model.machine.effect(candidate.effect.id)
+                assert effect is not None
+                out[candidate.effect.id] = Gain(share, effect, significant)
     return out

@@ -1,7 +1,7 @@
 """What is missing from a machine's model, from ball-bar tests and axis logs of one campaign.
 
 The ball bar is diagnosed first. What it cannot tell apart is fitted to the logs, each explanation with what the ball
-bar knows of the drive as its priors: the sum of both objectives is that of one fit to both instruments, and it decides.
+bar knows of the drive as its priors: the sum of both log evidences is that of both instruments, and it decides.
 Then the logs are searched for what the ball bar cannot see. Causes that they find enter the machine, and the ball bar
 is diagnosed again with them.
 """
@@ -13,6 +13,7 @@ from dataclasses import replace
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.axis_logs.shared import MOTOR_SIDE
 from mjsim.estimation.outcome import verdict_of
+from mjsim.estimation.search import LEAST
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.measurement import BallBarTest
@@ -54,9 +55,9 @@ def diagnose_jointly(
     """
     recorded, bars = checked_logs(campaign, machine), campaign.of(BallBarTest.instrument)
     given = diagnose_bars(bars, machine, max_effects, threads, progress, settings)
-    judge = Judge(recorded, machine, threads, settings)
+    judge = Judge(recorded, machine, threads)
     judged = judge.of(given, {})
-    logs = diagnose_logs(recorded, judged.machine, max_effects, threads, progress, settings, judged.shared(judge.axes))
+    logs = diagnose_logs(recorded, judged.machine, max_effects, threads, progress, judged.shared(judge.axes))
     bar = given
     if logs.effects:  # with what the logs have found, the ball bar is looked at again
         known = machine
@@ -65,7 +66,7 @@ def diagnose_jointly(
         bar = diagnose_bars(bars, known, max_effects, threads, progress, settings)
         judged = judge.of(bar, {a: s.fit for a, s in logs.selections.items()})
         logs = judge.again(logs, judged)
-    return _result(campaign, given, bar, judged, logs, settings, threads, progress)
+    return _result(campaign, given, bar, judged, logs, threads, progress)
 
 
 def _result(
@@ -74,20 +75,18 @@ def _result(
     bar: Diagnosis,
     judged: Judged,
     logs: LogDiagnosis,
-    settings: DiagnosisSettings,
     threads: int,
     progress: Progress,
 ) -> Diagnosis:
     final = logs.machine
-    found = [_of_bar(e, judged, logs, settings) for e in bar.effects]
+    found = [_of_bar(e, judged, logs) for e in bar.effects]
     names = {e.effect.id for e in found}
     found += [replace(e, decided_by=e.found_by) for e in logs.effects if e.effect.id not in names]
     progress("simulating the machine that both instruments support", 0, 1)
     after = compare_bars(campaign, final, threads, progress) if final != bar.machine else bar.after
     before = compare_logs(campaign, given.before.machine, threads, progress)
-    has_rest = bool(bar.unexplained or logs.rest)
-    verdict = verdict_of((bool(e.alternatives) or e.contradicted for e in found), has_rest)
-    verdict = "unknown" if any(r.is_beyond for r in logs.rest) else verdict
+    verdict = verdict_of((bool(e.alternatives) or e.contradicted for e in found), bool(bar.unexplained))
+    verdict = "unknown" if logs.rest else verdict
     seen = {f"{kind}.{a}" for a in judged.axes for kind in MOTOR_SIDE if exists(f"{kind}.{a}", final)}
     named = {e.effect.id for e in found} | {a for e in found for a in e.alternatives}
     posterior = judged.model.posterior if judged.model is not None else bar.posterior
@@ -107,13 +106,13 @@ def _result(
     )
 
 
-def _of_bar(e: DiagnosedEffect, judged: Judged, logs: LogDiagnosis, settings: DiagnosisSettings) -> DiagnosedEffect:
+def _of_bar(e: DiagnosedEffect, judged: Judged, logs: LogDiagnosis) -> DiagnosedEffect:
     """A finding of the ball bar with what the logs say of it."""
     decision = judged.decisions.get(e.effect.id)
     effect, ci, alternatives, tests = e.effect, e.ci95, e.alternatives, list(e.tests)
     excluded: tuple[str, ...] = ()
     if decision is not None:
-        excluded = decision.excluded(settings.indistinguishable)
+        excluded = decision.excluded
         alternatives = tuple(m.effect_id for m in e.models if m.effect_id != decision.effect_id)
         alternatives = tuple(a.split("[")[0] for a in alternatives if a not in excluded)
         if decision.effect_id not in (effect.id, effect.key):
@@ -123,7 +122,7 @@ def _of_bar(e: DiagnosedEffect, judged: Judged, logs: LogDiagnosis, settings: Di
     by_log = bool(excluded)
     support = judged.support.get(effect.id)
     by = LogTest.instrument if by_log else BallBarTest.instrument
-    if not by_log and support is not None and support > settings.likelihood_ratio:
+    if not by_log and support is not None and support > LEAST:
         by = BOTH
     axis = logs.selections.get(effect.subject)
     if axis is not None:
@@ -131,11 +130,11 @@ def _of_bar(e: DiagnosedEffect, judged: Judged, logs: LogDiagnosis, settings: Di
         now = axis.fit.model.machine.effect(effect.id)
         if mine and now is not None:
             effect, ci = now, {**ci, **mine}
-            if support is not None and support > settings.likelihood_ratio:
+            if support is not None and support > LEAST:
                 tests += [d.test.name for d in logs.after.tests if effect.subject in d.axes]
     competitors = {} if decision is None else {BallBarTest.instrument: decision.bar, LogTest.instrument: decision.logs}
-    told = {i: p for i, p in e.others.items() if i in alternatives}
     whole = None if e.probability is None else e.probability + sum(e.others.values())
+    told = e.others if decision is None else {i.split("[")[0]: (whole or 0.0) * p for i, p in decision.told.items()}
     return replace(
         e,
         probability=None if whole is None else whole - sum(told.values()),
@@ -147,6 +146,5 @@ def _of_bar(e: DiagnosedEffect, judged: Judged, logs: LogDiagnosis, settings: Di
         tests=tuple(tests),
         decided_by=by,
         worse={who: dict(rows) for who, rows in competitors.items()},
-        enough=settings.indistinguishable,
-        contradicted=support is not None and support < -settings.indistinguishable,
+        contradicted=support is not None and support < -LEAST,
     )

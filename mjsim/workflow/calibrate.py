@@ -8,7 +8,7 @@ from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.axis_logs.data import axis_data
 from mjsim.estimation.axis_logs.found import AxisSelection
-from mjsim.estimation.axis_logs.selection import AxisSearch
+from mjsim.estimation.axis_logs.search import AxisSearch
 from mjsim.estimation.budget import Budget, budgets, split_of_bars
 from mjsim.estimation.calibration import calibrated_effects
 from mjsim.estimation.combinations import Combination, combinations
@@ -117,7 +117,7 @@ def _calibrated_by_logs(
         search = AxisSearch(machine, axis_data(logs, axis, machine), threads)
         fit = search.sheet()
         fits.append(fit)
-        numbers += sheet_of(machine, axis, AxisSelection(axis, fit, fit, (fit,), fit, ()))
+        numbers += sheet_of(machine, axis, AxisSelection(axis, fit, fit, fit))
     return merged(machine, fits), numbers
 
 

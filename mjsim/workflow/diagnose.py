@@ -60,7 +60,7 @@ def diagnose(
     if len(have) == 2:
         return diagnose_jointly(campaign, machine, max_effects, threads, progress, settings)
     if LogTest.instrument in have:
-        logs = diagnose_logs(campaign, machine, max_effects, threads, progress, settings)
+        logs = diagnose_logs(campaign, machine, max_effects, threads, progress)
         return Diagnosis(
             campaign,
             logs.verdict,

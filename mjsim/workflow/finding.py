@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 from mjsim.estimation.axis_logs.together import KnownTogether
 from mjsim.estimation.competing import CompetingModel
 from mjsim.estimation.outcome import Selection
-from mjsim.estimation.settings import DIAGNOSIS
+from mjsim.estimation.search import LEAST
 from mjsim.estimation.shares import Calibration
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.measurement import BallBarTest
@@ -38,15 +39,15 @@ class DiagnosedEffect:
         rms_after: The same with it.
         alternatives: Ids that the data cannot tell from this one.
         tests: Where it shows.
-        gain: How far the objective (squared residuals in units of the noise) falls with it.
-        rejected: How much less of that the others reach that were fitted in its place, by id.
+        gain: How far the objective (squared residuals in units of the noise) falls with it; for one of axis logs, the
+            log evidence that it gains.
+        rejected: How much less of that the others reach that were tried in its place, by id.
         models: The model with it, and those with its alternatives.
         found_by: Name of the instrument that has found it.
         together: How its leading number is known where that number's own interval holds the value that means no cause.
         decided_by: Name of the instrument that decides, or ``both``; empty where there is one instrument only.
-        worse: By instrument, how much worse each competitor fits, by id; empty where nothing competes.
+        worse: By instrument, how much less log evidence each competitor has, by id; empty where nothing competes.
         contradicted: Whether the axis logs are explained better without it.
-        enough: Difference of the objectives that tells two explanations apart.
         probability: That it is this cause, and larger than a machine of its class may have; ``None`` where no posterior
             says so.
         others: Probabilities of its alternatives, by id.
@@ -68,7 +69,6 @@ class DiagnosedEffect:
     decided_by: str = ""
     worse: dict[str, dict[str, float]] = field(default_factory=dict)
     contradicted: bool = False
-    enough: float = DIAGNOSIS.indistinguishable
     probability: float | None = None
     others: dict[str, float] = field(default_factory=dict)
     undetermined: tuple[str, ...] = ()
@@ -102,9 +102,11 @@ class DiagnosedEffect:
         if not self.worse:
             return f"Found by {who}."
         bars, logs = (self.worse[n] for n in (BallBarTest.instrument, LogTest.instrument))
-        parts = [f"{i} fits worse by {bars[i]:.1f} in {bar} and by {logs[i]:.1f} in {log}" for i in logs]
+        parts = [f"that of {i} differs by {-bars[i]:+.1f} in {bar} and by {-logs[i]:+.1f} in {log}" for i in logs]
         said = f"Decided by {who}" if self.decided_by != BallBarTest.instrument else "Not decided"
-        return f"{said}: {', '.join(parts)}; {self.enough:g} together tell two apart."
+        return (
+            f"{said}, by log evidence: {', '.join(parts)}; {LEAST:g} together are odds of {math.exp(LEAST):.0f} to 1."
+        )
 
     def to_json(self, machine: Machine) -> dict:
         """As one of ``effects`` in the JSON of ``mjsim diagnose``; ``machine`` has its axis."""

@@ -11,9 +11,9 @@ from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.estimation.axis_logs.data import axis_data
-from mjsim.estimation.axis_logs.fit import AxisFit, misfits
+from mjsim.estimation.axis_logs.fit import AxisFit
 from mjsim.estimation.axis_logs.planning import LogPlanner, PlannedLog, unmeasured
-from mjsim.estimation.axis_logs.selection import AxisSearch
+from mjsim.estimation.axis_logs.search import AxisSearch
 from mjsim.estimation.axis_logs.separability import inseparable
 from mjsim.estimation.axis_logs.shared import MOTOR_SIDE
 from mjsim.estimation.axis_logs.start import start_model
@@ -227,7 +227,7 @@ def _across(
     kinds = {i.partition(".")[0] for i in ids}
     axes = [a for a in dict.fromkeys(i.partition(".")[2] for i in ids) if a in machine.chain.letters]
     choices: list[PlannedLog] = []
-    judge = Judge(campaign, machine, threads, settings)
+    judge = Judge(campaign, machine, threads)
     for axis in axes if kinds & set(MOTOR_SIDE) else ():
         if axis in judge.axes:
             fitter = judge.fitters[axis]
@@ -287,7 +287,7 @@ def _between(
     if axis not in recorded:
         raise InputError(f"{place}: no log of {axis} has a trace; allowed: effects of {', '.join(recorded)}")
     data = axis_data(campaign, axis, machine)
-    search = AxisSearch(machine, data, threads, settings, progress)
+    search = AxisSearch(machine, data, threads, progress)
     fits = [_with(search, effect_id, place) for effect_id in between]
     choices = LogPlanner(machine, axis, fits, data[0], settings.plan).apart()
     return _said(between, choices, bars, settings.plan)
@@ -305,7 +305,7 @@ def _with(search: AxisSearch, effect_id: str, place) -> AxisFit:
         allowed = ", ".join(sorted({c.effect.id for c in search.catalogue.missing(sheet.model)}))
         raise InputError(f"{place}: plan for {effect_id}; allowed for this axis' logs: {allowed}")
     fits = [search.fitter.fit(c.extend(sheet.model)) for c in able]
-    return search.fitter.polished(fits[int(np.argmin(misfits(fits)))])
+    return search.fitter.polished(max(fits, key=lambda f: f.evidence))
 
 
 def _said(

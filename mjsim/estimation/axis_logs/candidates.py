@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,12 +15,12 @@ from mjsim.estimation.axis_logs.entries import SHIFT, AxisModel, Entry
 from mjsim.estimation.axis_logs.gains import GainsRead, torque_limit
 from mjsim.estimation.axis_logs.start import nuisance_entries, only, typical_torque
 from mjsim.estimation.axis_logs.waves import near
+from mjsim.estimation.hypotheses import CAUSE, ORDERS
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 
-#: Kinds that are preferred to others that do as well, and each kind's like that is not sought beside it: while an axis
-#: slides, a friction that depends on the direction is a constant force.
-SIMPLER = ("constant_force", "torque_ripple", "cogging")
+#: Each kind's like that is not sought beside it: while an axis slides, a friction that depends on the direction is a
+#: constant force.
 _LIKE = {"constant_force": "friction_direction", "friction_direction": "constant_force"}
 #: Ids that belong to the same effect of the machine file: a falling friction is a shape of the friction.
 FRICTION = "friction"
@@ -32,8 +33,8 @@ _RENEWED, _RENEWED_DEG = (2e-5, 2e-4), (1e-4, 1e-3)
 _REST, _REST_WIDE = 10.0, 2.0
 
 
-#: Prior standard deviation of the two parts of a wave, in starting sizes of a tenth of what is usual (assumed).
-_WAVES = 30.0
+#: Prior standard deviation of a size, in typical ones, and of the logarithm of one that may be anything (assumed).
+_WIDE, _ANY = 30.0, 10.0
 #: Delays of the command from which fits start, ms.
 _DELAYS_MS = (5.0, 40.0)
 #: Limits of the torque from which fits start, in the largest torque that the motion needs; and how well a recorded one
@@ -75,6 +76,11 @@ class Candidate:
         if self.wave:
             return f"{self.effect.id} order {self.cycles:g}"
         return " ".join(filter(None, (self.effect.id, "shape" if self.shape else "", self.variant)))
+
+    @property
+    def log_odds(self) -> float:
+        """Logarithm of its prior odds: a wave may have one of many orders."""
+        return CAUSE - (math.log(ORDERS) if self.wave else 0.0)
 
     @property
     def cycles(self) -> float:
@@ -167,13 +173,13 @@ class Catalogue:
     def _log(self, effect: Effect, name: str) -> Entry:
         p = next(p for p in effect.parameters_of(self.axis) if p.name == name)
         low = max(p.lower, 1e-6 * effect.values[name])
-        return Entry(effect.id, name, effect.values[name], log=True, lower=low, upper=p.upper, deviation=10.0)
+        return Entry(effect.id, name, effect.values[name], log=True, lower=low, upper=p.upper, deviation=_ANY)
 
     def _linear(self, effect: Effect, name: str, scale: float) -> Entry:
         p = next(p for p in effect.parameters_of(self.axis) if p.name == name)
         value = effect.values[name]
         return Entry(
-            effect.id, name, value, scale=scale, lower=p.lower, upper=p.upper, deviation=1e3, centre=p.neutral or 0.0
+            effect.id, name, value, scale=scale, lower=p.lower, upper=p.upper, deviation=_WIDE, centre=p.neutral or 0.0
         )
 
     def _control(self) -> list[Candidate]:
@@ -324,5 +330,5 @@ def _largest_torque(machine: Machine, data: Sequence[AxisData]) -> float:
 
 def wave_entries(effect: Effect, size: float, order: str = "") -> tuple[Entry, Entry]:
     """The two parts of a wave as entries: the motion is linear in them, unlike in amplitude and phase."""
-    cosine = Entry(effect.id, f"cosine{order}", size, scale=size, deviation=_WAVES, centre=0.0)
+    cosine = Entry(effect.id, f"cosine{order}", size, scale=size, deviation=_WIDE, centre=0.0)
     return cosine, replace(cosine, name=f"sine{order}", value=0.0)

@@ -78,6 +78,7 @@ def descend(
     columns_of: Callable[[np.ndarray, Residuals], tuple[np.ndarray, ...]],
     steps: int,
     least: float = FALL,
+    renew: bool = True,
 ) -> Descended:
     """Lower the objective from a point on.
 
@@ -90,6 +91,7 @@ def descend(
         columns_of: Derivatives of the modelled values at a vector, whose residuals are given as well.
         steps: At most so many steps.
         least: It ends where the objective falls by less in one.
+        renew: Take new derivatives where those that were carried on fail. Without, a step is only made shorter.
     """
     n = np.array(count)
 
@@ -101,7 +103,7 @@ def descend(
     now, damping, well = objective(vector, residual), 1e-3, True
     kept = 1 if design and all(d.shape[1] == len(vector) for d in design) else _KEPT
     for _ in range(steps):
-        if kept >= _KEPT:
+        if kept >= _KEPT and renew:
             design, kept = columns_of(vector, residual), 0
         weight = np.sqrt(n / np.exp(mean_logs(residual, noise)) / [len(r) for r in residual])
         normal = np.diag(priors.deviation**-2.0)
@@ -119,12 +121,12 @@ def descend(
                 design, well = _broyden(design, step, residual, rest, weight)
                 kept = kept + 1 if well else _KEPT
                 vector, residual, damping = vector + step, rest, max(0.1 * damping, 1e-9)
-            elif kept:
+            elif kept and renew:
                 break
             else:
                 damping *= 10.0
         if fall < least:
-            if not kept or (fall and well):
+            if not kept or (fall and well) or not renew:
                 break
             kept = _KEPT  # the derivatives were carried on: try new ones before giving up
     return Descended(vector, residual, design)

@@ -6,10 +6,11 @@ normal amplitudes:
 
     d(t) = Σ aₙ cos(π n (t + ½ h)/T),   Var aₙ = σ²(octave of n)
 
-T is the length of the recording, h the length of a block. The variances are constant in every octave, as in
-:mod:`mjsim.estimation.axis_logs.likelihood`, and zero where a model explains everything. They are those of the largest
-evidence, with the parameters of the model marginalised (MacKay, "Bayesian interpolation", Neural Computation 4 (1992)
-415-447). The evidence of a cause is that beside it: what a cause explains counts for little where as much is left.
+T is the length of the recording, h the length of a block. The variances are constant in every octave: slow misfit, of
+which a recording has few independent values, does not hide what is fast, nor count as if every sample were independent.
+They are zero where a model explains everything. They are those of the largest evidence, with the parameters of the
+model marginalised within their bounds (MacKay, "Bayesian interpolation", Neural Computation 4 (1992) 415-447). The
+evidence of a cause is that beside it: what a cause explains counts for little where as much is left.
 
 What a sound machine may leave follows from its tolerance, as stated or as is typical. The friction of an axis is as
 stated only within it, and another one at each place and at each hour, which no model has. What this does to the
@@ -27,18 +28,15 @@ from scipy.special import ndtr
 
 from mjsim.campaign.tolerance import RATIO, TYPICAL_TOLERANCE
 from mjsim.estimation.axis_logs.data import AxisData
+from mjsim.estimation.axis_logs.descent import bounded_step
 from mjsim.estimation.axis_logs.entries import AxisModel
-from mjsim.estimation.discrepancy import marginalised
 from mjsim.machine.model import Machine
 from mjsim.units import DEG, UM
 
 #: The lowest frequencies share one variance up to this one, in half waves over the recording: each alone says nothing.
 _LOWEST = 8
-#: How often the variances are taken anew.
-_ROUNDS = 6
-#: Largest prior standard deviation of an entry, in units of the vector: evidence needs a proper prior (assumed: thirty
-#: times what is typical of an effect).
-_WIDEST = 30.0
+#: How often the variances are taken anew at most; they are settled where the log evidence gains less, nats.
+_ROUNDS, _SETTLED = 12, 0.1
 
 
 @dataclass(frozen=True)
@@ -47,12 +45,16 @@ class LogDiscrepancy:
 
     Attributes:
         evidence: Log evidence of the recordings, the model's entries marginalised.
+        missing: Log evidence that a model which leaves nothing would have more.
+        step: From the model's vector to the likeliest one within its bounds, if the derivatives hold, (p,).
         left: RMS of the discrepancy in each recording, axis units.
         allowed: RMS that a sound machine may leave in each, axis units.
         beyond: Probability for each that more than that is left.
     """
 
     evidence: float
+    missing: float
+    step: np.ndarray
     left: tuple[float, ...]
     allowed: tuple[float, ...]
     beyond: tuple[float, ...]
@@ -60,7 +62,7 @@ class LogDiscrepancy:
     @property
     def probability(self) -> float:
         """That more is left than a sound machine leaves, in the recording that shows it best."""
-        return max(self.beyond)
+        return max(self.beyond, default=0.0)
 
 
 def allowed_in(
@@ -97,55 +99,62 @@ def discrepancy_of(
     model: AxisModel,
     residual: Sequence[np.ndarray],
     design: Sequence[np.ndarray],
-    data: Sequence[AxisData],
+    noise: Sequence[float],
     allowed: Sequence[float],
 ) -> LogDiscrepancy:
-    """What a fitted model leaves.
+    """What a model leaves, and its log evidence.
 
     Args:
-        model: With the fitted values.
+        model: With the values at which the residuals are. It need not be fitted: one linear step is taken.
         residual: Measured less modelled block means per recording, (blocks,) axis units.
         design: Derivatives of the modelled ones, (blocks, p) each.
-        data: The recordings.
+        noise: RMS of each recording's noise, axis units.
         allowed: What a sound machine may leave in each, axis units.
     """
-    precision = np.minimum([e.deviation for e in model.entries], _WIDEST) ** -2.0
-    departure = np.array([e.encode(e.value) - e.mean for e in model.entries])
-    rows = [np.asarray(dct(r / d.noise.rms, norm="ortho")) for r, d in zip(residual, data, strict=True)]
-    columns = [np.asarray(dct(c / d.noise.rms, axis=0, norm="ortho")) for c, d in zip(design, data, strict=True)]
+    priors, vector = model.priors, model.vector
+    precision, departure, room = priors.deviation**-2.0, vector - priors.mean, priors.room(vector)
+    rows = [np.asarray(dct(r / s, norm="ortho")) for r, s in zip(residual, noise, strict=True)]
+    columns = [np.asarray(dct(c / s, axis=0, norm="ortho")) for c, s in zip(design, noise, strict=True)]
     octaves = [np.maximum(np.log2(np.maximum(np.arange(len(r)), _LOWEST) / _LOWEST), 0.0).astype(int) for r in rows]
     expected = [r**2 for r in rows]  # squares of the amplitudes, of noise and discrepancy together
-    evidence = -np.inf
+    evidence, before, step, variance = -np.inf, -np.inf, np.zeros(len(vector)), rows
     for _ in range(_ROUNDS):
         power = [np.bincount(o, x) / np.bincount(o) for o, x in zip(octaves, expected, strict=True)]
         variance = [np.maximum(p, 1.0)[o] for p, o in zip(power, octaves, strict=True)]
-        normal = sum(c.T @ (c / v[:, None]) for c, v in zip(columns, variance, strict=True))
-        score = sum(c.T @ (r / v) for r, c, v in zip(rows, columns, variance, strict=True))
-        square = sum(float(r @ (r / v)) for r, v in zip(rows, variance, strict=True))
-        log_det = sum(float(np.log(v).sum()) for v in variance)
-        evidence, step = marginalised(np.asarray(normal), np.asarray(score), square, log_det, precision, departure)
-        covariance = np.linalg.inv(normal + np.diag(precision))
+        normal = np.diag(precision)
+        pull = -precision * departure
+        square = float(precision @ departure**2)
+        for r, c, v in zip(rows, columns, variance, strict=True):
+            normal = normal + c.T @ (c / v[:, None])
+            pull = pull + c.T @ (r / v)
+            square += float(r @ (r / v)) + float(np.log(v).sum())
+        step = bounded_step(normal, pull, 0.0, *room)
+        flexibility = float(np.linalg.slogdet(normal)[1] - np.log(precision).sum())
+        evidence = -0.5 * (square - float((2.0 * pull - normal @ step) @ step) + flexibility)
+        if evidence < before + _SETTLED:
+            break
+        before, covariance = evidence, np.linalg.inv(normal)
         # where the entries are as well as they can be known
         expected = [
-            (r - c @ step) ** 2 + np.einsum("ij,jk,ik->i", c, covariance, c) for r, c in zip(rows, columns, strict=True)
+            (r - c @ step) ** 2 + np.sum(c @ covariance * c, axis=1) for r, c in zip(rows, columns, strict=True)
         ]
-    found = [_left(r, o, u, d.noise.rms) for r, o, u, d in zip(rows, octaves, allowed, data, strict=True)]
-    left, beyond = zip(*found, strict=True)
-    return LogDiscrepancy(evidence, left, tuple(allowed), beyond)
+    found = [_left(r, o) for r, o in zip(rows, octaves, strict=True)]
+    left = tuple(s * float(np.sqrt(square)) for s, (square, _) in zip(noise, found, strict=True))
+    limits = zip(found, allowed, noise, strict=False)
+    beyond = tuple(float(ndtr((square - (most / s) ** 2) / spread)) for (square, spread), most, s in limits)
+    missing = 0.5 * sum(float(np.log(v).sum()) for v in variance)
+    return LogDiscrepancy(evidence, missing, step, left, tuple(allowed), beyond)
 
 
-def _left(rows: np.ndarray, octave: np.ndarray, allowed: float, noise: float) -> tuple[float, float]:
-    """RMS of the discrepancy of one recording, axis units, and the probability that it is larger than allowed.
+def _left(rows: np.ndarray, octave: np.ndarray) -> tuple[float, float]:
+    """Mean square of the discrepancy of one recording, in its noise, and the standard deviation of that.
 
     The variance of each octave is known as well as its number of amplitudes tells.
 
     Args:
         rows: Amplitudes of what the model leaves, in the noise.
         octave: Of each.
-        allowed: RMS, axis units.
-        noise: RMS, axis units.
     """
     count, power = np.bincount(octave), np.bincount(octave, rows**2)
     square = float(np.maximum(power - count, 0.0).sum()) / len(rows)
-    spread = float(np.sqrt(np.sum(2.0 * np.maximum(power, count) ** 2 / count))) / len(rows)
-    return noise * float(np.sqrt(square)), float(ndtr((square - (allowed / noise) ** 2) / spread))
+    return square, float(np.sqrt(np.sum(2.0 * np.maximum(power, count) ** 2 / count))) / len(rows)

@@ -19,7 +19,7 @@ The recorded motion of the motor has noise, which the load does not follow: nois
 push the load off it, and the play would come out too wide. So the load leaves a flank only where the motor would have
 to pull it by more than the largest acceleration that noise makes in a recording.
 
-The search is that of :mod:`mjsim.estimation.axis_logs.selection`.
+The search is that of :mod:`mjsim.estimation.axis_logs.search`.
 """
 
 from __future__ import annotations
@@ -39,9 +39,7 @@ from mjsim.estimation.axis_logs.derivatives import AxisRuns
 from mjsim.estimation.axis_logs.discrepancy import pitch_limit
 from mjsim.estimation.axis_logs.entries import DRAG, GLIDE, LAG, OFFSET, PHASE, SHIFT, START_PLAY, AxisModel, Entry
 from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter
-from mjsim.estimation.axis_logs.found import FoundCause
-from mjsim.estimation.axis_logs.probability import beyond_class
-from mjsim.estimation.axis_logs.selection import AxisSearch
+from mjsim.estimation.axis_logs.search import AxisSearch
 from mjsim.estimation.axis_logs.start import MOST_SHIFT
 from mjsim.estimation.axis_logs.waves import near, orders_over
 from mjsim.instruments.axis_log.measurement import AxisRecord
@@ -204,15 +202,6 @@ class EncoderSearch(AxisSearch):
     def sheet(self) -> AxisFit:
         """The same: no number of the data sheet is between the encoders."""
         return self.as_given()
-
-    def _opening(self, sheet: AxisFit) -> tuple[list[Candidate], list[AxisFit]]:
-        return [], [sheet]
-
-    def _against_competing(self, fit: AxisFit, candidate: Candidate, without: AxisFit | None) -> FoundCause:
-        """As there; what a sound transmission may have is no cause."""
-        cause = super()._against_competing(fit, candidate, without)
-        large = beyond_class(candidate, fit)
-        return cause if large is None or large >= 0.5 else replace(cause, gain=0.0)
 
     def orders(self, fit: AxisFit) -> list[float]:
         """Orders of waves over the position that stand out, in turns of the motor."""

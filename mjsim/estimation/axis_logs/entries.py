@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from mjsim.estimation.axis_logs.descent import Priors
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 
@@ -20,6 +21,8 @@ from mjsim.machine.model import Machine
 DRIVE, CONTROLLER, SHIFT, ZERO, START_TORQUE, PHASE = "drive", "controller", "shift", "zero", "start_torque", "phase"
 START_PLAY, GLIDE, DRAG, LAG, OFFSET = "start_play", "glide", "drag", "lag", "offset"
 NUISANCES = (SHIFT, ZERO, START_TORQUE, PHASE, START_PLAY, GLIDE, DRAG, LAG, OFFSET)
+#: Longest step of a logarithm.
+_LONGEST = 1.5
 
 
 @dataclass(frozen=True)
@@ -97,6 +100,13 @@ class AxisModel:
     def vector(self) -> np.ndarray:
         """Starting values, (p,)."""
         return np.array([e.encode(e.value) for e in self.entries])
+
+    @property
+    def priors(self) -> Priors:
+        """Priors and bounds of the vector."""
+        low, high = np.array([e.bounds for e in self.entries]).reshape(-1, 2).T
+        mean, deviation = np.array([(e.mean, e.deviation) for e in self.entries]).reshape(-1, 2).T
+        return Priors(mean, deviation, low, high, np.array([_LONGEST if e.log else np.inf for e in self.entries]))
 
     def place(self, label: str) -> int | None:
         """Where an entry stands in the vector."""

@@ -8,17 +8,17 @@ and how probable that makes it, is the subject of :mod:`mjsim.estimation.axis_lo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from mjsim.estimation.axis_logs.data import AxisData
 from mjsim.estimation.axis_logs.derivatives import LOST, AxisRuns, columns
-from mjsim.estimation.axis_logs.descent import FALL, Descended, Priors, descend, mean_logs
+from mjsim.estimation.axis_logs.descent import FALL, Descended, descend, mean_logs
 from mjsim.estimation.axis_logs.discrepancy import LogDiscrepancy, allowed_in, discrepancy_of
 from mjsim.estimation.axis_logs.entries import PHASE, SHIFT, START_TORQUE, ZERO, AxisModel
-from mjsim.estimation.axis_logs.likelihood import Gain, independent_count
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import AxisPlant
 from mjsim.simulation.servo import ServoMotion, ServoStart, block_means, follow_sampled, sampled
@@ -27,8 +27,10 @@ from mjsim.threads import Workers
 #: Number of the plant -> kind of the effect that puts a wave there, whose phase is free in every set-up; so are those
 #: of the waves of ``cogging``.
 WAVES = {"ripple": "torque_ripple", "friction_ripple": "friction_ripple"}
-#: A pass is the last where no logarithm of a mean square moved more. Longest step of a logarithm.
-_SAME, _LONGEST = 0.02, 1.5
+#: A pass is the last where no logarithm of a mean square moved more.
+_SAME = 0.02
+#: Correlation at which the sum over a series' correlations ends.
+_UNCORRELATED = 0.05
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ class AxisFit:
         weight: One over the standard deviation that each test's block means are given, 1/axis units; one number, or
             one of each block.
         noise: RMS of each test's noise, axis units.
-        discrepancy: What the model leaves beside the noise; of the final model alone.
+        allowed: RMS that a sound machine may leave in each, axis units.
     """
 
     model: AxisModel
@@ -52,12 +54,27 @@ class AxisFit:
     independent: tuple[float, ...]
     weight: tuple[float | np.ndarray, ...]
     noise: tuple[float, ...]
-    discrepancy: LogDiscrepancy | None = None
+    allowed: tuple[float, ...] = ()
+
+    @cached_property
+    def discrepancy(self) -> LogDiscrepancy:
+        """What the model leaves beside the noise, and its log evidence."""
+        return discrepancy_of(self.model, self.residual, self.design, self.noise, self.allowed)
+
+    @property
+    def evidence(self) -> float:
+        """Log evidence of the recordings, everything that is free marginalised."""
+        return self.discrepancy.evidence
 
     @property
     def mean_squares(self) -> np.ndarray:
         """Mean square of the residuals, one per test."""
         return np.array([r @ r / len(r) for r in self.residual])
+
+    @property
+    def squares(self) -> float:
+        """Sum of the squared residuals in the noise of each test."""
+        return sum(float(r @ r) / rms**2 for r, rms in zip(self.residual, self.noise, strict=True))
 
     @property
     def rms(self) -> float:
@@ -207,27 +224,30 @@ class LogFitter:
     def evaluated(self, model: AxisModel) -> AxisFit:
         """A model as it stands, with the derivatives there."""
         residual = self.residual(model, model.vector)
-        return AxisFit(
-            model, residual, self.columns(model, model.vector, residual), *self.weights(residual), self.noise
-        )
+        return self._fit(model, residual, self.columns(model, model.vector, residual))
+
+    def _fit(self, model: AxisModel, residual, design: Sequence[np.ndarray]) -> AxisFit:
+        """The fit with these residuals and derivatives."""
+        allowed = self.allowed(model, design)
+        return AxisFit(model, tuple(residual), tuple(design), *self.weights(residual), self.noise, allowed)
 
     def polished(self, fit: AxisFit, steps: int = 3) -> AxisFit:
-        """A fit after some steps with central derivatives, which it keeps, and what it leaves.
+        """A fit after some steps with central derivatives, which it keeps.
 
         Along combinations that only the priors fix, one-sided derivatives lead astray.
         """
         fit = self.fit(fit.model, steps, 1, central=True)
-        design = self.columns(fit.model, fit.model.vector, fit.residual, central=True)
-        left = discrepancy_of(fit.model, fit.residual, design, self.data, self.allowed(fit.model, design))
-        return replace(fit, design=design, discrepancy=left)
+        return self._fit(fit.model, fit.residual, self.columns(fit.model, fit.model.vector, fit.residual, central=True))
 
     def allowed(self, model: AxisModel, design: Sequence[np.ndarray]) -> tuple[float, ...]:
         """RMS that a sound machine may leave in each recording, axis units."""
         return allowed_in(self.machine, model, design, self.data)
 
-    def _carried(self, model: AxisModel, residual, former: AxisFit) -> tuple[np.ndarray, ...]:
-        """Derivatives at the start of a model: those of a similar one, and new ones for what that one has not."""
-        places = [former.model.place(e.label) for e in model.entries]
+    def _carried(self, model: AxisModel, residual, former: AxisFit, anew: Collection[str]) -> tuple[np.ndarray, ...]:
+        """Derivatives at the start of a model: those of a similar one, and new ones for what that one has not, and for
+        the labels ``anew``.
+        """
+        places = [None if e.label in anew else former.model.place(e.label) for e in model.entries]
         fresh = [j for j, p in enumerate(places) if p is None]
         there = [(j, p) for j, p in enumerate(places) if p is not None]
         out = []
@@ -246,6 +266,8 @@ class LogFitter:
         central: bool = False,
         least: float = FALL,
         former: AxisFit | None = None,
+        anew: Collection[str] = (),
+        renew: bool = True,
     ) -> AxisFit:
         """Fit all entries of a model, see :mod:`mjsim.estimation.axis_logs.descent`.
 
@@ -256,11 +278,15 @@ class LogFitter:
             central: Take derivatives from both sides.
             least: A pass ends where the objective falls by less in a step.
             former: Fit of a similar model, whose derivatives serve for the first steps.
+            anew: Labels of entries that both have, whose derivatives are new as well.
+            renew: Take new derivatives where those of the ``former`` fit fail.
         """
-        priors = priors_of(model)
+        priors = model.priors
         vector = priors.inside(model.vector)
         residual = self.residual(model, vector)
-        design = self._carried(model, residual, former) if former else tuple(np.zeros((len(r), 0)) for r in residual)
+        design = (
+            self._carried(model, residual, former, anew) if former else tuple(np.zeros((len(r), 0)) for r in residual)
+        )
         at = Descended(vector, residual, design)
         for _ in range(passes if model.entries else 0):
             begun = mean_logs(at.residual, self.noise)
@@ -273,35 +299,27 @@ class LogFitter:
                 lambda x, r: self.columns(model, x, r, central=central),
                 steps,
                 least,
+                renew,
             )
             if np.abs(mean_logs(at.residual, self.noise) - begun).max() < _SAME:
                 break
-        weights = self.weights(at.residual)
-        return AxisFit(model.with_values(at.vector), tuple(at.residual), at.design, *weights, self.noise)
+        return self._fit(model.with_values(at.vector), at.residual, at.design)
 
 
-def priors_of(model: AxisModel) -> Priors:
-    """Priors and bounds of a model's vector."""
-    low, high = np.array([e.bounds for e in model.entries]).reshape(-1, 2).T
-    return Priors(
-        np.array([e.mean for e in model.entries]),
-        np.array([e.deviation for e in model.entries]),
-        low,
-        high,
-        np.array([_LONGEST if e.log else np.inf for e in model.entries]),
-    )
+def independent_count(residual: np.ndarray, memory: float) -> float:
+    """Number of independent residuals that a correlated series (n,) is worth: n over its integrated correlation.
 
-
-def gain(less: AxisFit, more: AxisFit) -> float:
-    """Twice the logarithm of the likelihood ratio of two fits, the noise of every test unknown; see :class:`Gain`."""
-    return Gain.of(less.residual, more.residual, more.independent, less.noise).largest
-
-
-def misfits(fits: Sequence[AxisFit]) -> np.ndarray:
-    """Minus twice the log likelihood of several fits, less a constant, (fits,).
-
-    Each recording counts by the number of independent residuals that it is worth in all fits on average: a fit does
-    not win because what it leaves is less correlated.
+    Args:
+        residual: (n,)
+        memory: Number of samples beyond which a correlation belongs to what the model lacks, not to noise.
     """
-    count = np.mean([f.independent for f in fits], axis=0)
-    return np.array([count @ np.log(np.maximum(f.mean_squares, 1e-30)) for f in fits])
+    n = len(residual)
+    r = residual - residual.mean()
+    power = np.abs(np.fft.rfft(r, 2 * n)) ** 2
+    correlation = np.fft.irfft(power)[:n]
+    if correlation[0] <= 0.0:
+        return float(n)
+    correlation = correlation / correlation[0]
+    below = np.flatnonzero(correlation < _UNCORRELATED)
+    end = int(below[0]) if len(below) else n
+    return float(n / min(1.0 + 2.0 * correlation[1:end].sum(), max(memory, 1.0)))

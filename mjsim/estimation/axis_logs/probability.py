@@ -1,66 +1,65 @@
-"""How probable it is that a cause found in axis logs is this one, and larger than a machine of its class may have.
+"""How probable it is that a cause of axis logs is larger than a machine of its class may have, and that it is this one.
 
-Three things make it less than sure: that it is not there, that it is small, and that something else looks like it. The
-first is a matter of evidence beside the discrepancy, with the prior odds that every cause has. The second is one of its
-size and of its tolerance. A cause without one is small where it changes a recording by no more than a sound machine may
-leave there. The third is unknown by its nature. Where a model leaves more than a sound machine does, a cause that is in
-no catalogue is at work. Of what the causes found explain, a share like that which it leaves is taken for its own
-(assumed).
+Three things make a cause less than sure: that it is not there, that it is small, and that something else looks like it.
+The first is a matter of evidence (:mod:`mjsim.estimation.axis_logs.search`). The second is one of its size and of its
+tolerance. A cause without one is small where it changes a recording by no more than a sound machine may leave there.
+The third is unknown by its nature. Where a model leaves more than a sound machine does, a cause that is in no catalogue
+is at work. Of what the causes found explain, a share like that which it leaves is taken for its own (assumed).
 """
 
 from __future__ import annotations
-
-import math
-from collections.abc import Sequence
 
 import numpy as np
 from scipy.special import ndtr
 
 from mjsim.campaign.tolerance import TYPICAL_TOLERANCE, unit_of_size
-from mjsim.estimation.axis_logs.candidates import Candidate
-from mjsim.estimation.axis_logs.data import AxisData
-from mjsim.estimation.axis_logs.discrepancy import discrepancy_of
+from mjsim.estimation.axis_logs.candidates import FRICTION, Candidate
 from mjsim.estimation.axis_logs.entries import Entry
 from mjsim.estimation.axis_logs.fit import AxisFit
+from mjsim.estimation.axis_logs.start import MOST_SHIFT
 from mjsim.estimation.axis_logs.together import deviation_along, leading_number
-from mjsim.estimation.axis_logs.trifles import OF_SHEET, WITHIN
-from mjsim.estimation.hypotheses import CAUSE
+from mjsim.estimation.calibration import LIMIT_DEVIATIONS
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import TOLERANCE, Machine
 
+#: Kinds whose ratio is that of a number of the data sheet.
+OF_SHEET = {
+    "inertia": "inertia",
+    "integral_time": "integral_time",
+    "servo_gain": "position_gain",
+    "velocity_gain": "velocity_gain",
+    "viscous_friction": "viscous",
+}
+#: Share of the Coulomb friction that a torque may have which does not turn with the direction (assumed: a bearing drags
+#: a little more one way).
+_DIRECTION = 0.02
 
-def probability_of(candidate: Candidate, fit: AxisFit, without: AxisFit, data: Sequence[AxisData]) -> float:
-    """Probability of one cause of the final model.
+
+def probability_of_size(candidate: Candidate, fit: AxisFit, without: AxisFit) -> float:
+    """Probability that a cause that is there is larger than a machine of its class may have.
 
     Args:
         candidate: The cause.
-        fit: The final model, with its discrepancy.
+        fit: The final model.
         without: The model without the cause.
-        data: The recordings.
     """
-    assert fit.discrepancy is not None
-    less = discrepancy_of(without.model, without.residual, without.design, data, fit.discrepancy.allowed)
-    odds = fit.discrepancy.evidence - less.evidence + CAUSE
-    there = 1.0 / (1.0 + math.exp(-np.clip(odds, -700.0, 700.0)))
-    share = min(fit.rms / max(without.rms, 1e-30), 1.0)
     large = beyond_class(candidate, fit)
-    if large is None:
-        large = _beyond_allowed(fit, without)
-    return there * large * (1.0 - share * fit.discrepancy.probability)
-
-
-def _beyond_allowed(fit: AxisFit, without: AxisFit) -> float:
-    """Probability that what a cause changes in some recording is more than a sound machine may leave there."""
-    assert fit.discrepancy is not None
+    if large is not None:
+        return large
     changed = np.maximum(without.mean_squares - fit.mean_squares, 1e-30)
     # a mean square is known as well as the number of independent residuals tells
     spread = changed * np.sqrt(2.0 / np.array(fit.independent))
-    return float(ndtr((changed - np.square(fit.discrepancy.allowed)) / spread).max())
+    return float(ndtr((changed - np.square(fit.allowed)) / spread).max())
+
+
+def probability_known(fit: AxisFit, without: AxisFit) -> float:
+    """Probability that what a cause explains is not that of a cause which is in no catalogue; arguments as there."""
+    return 1.0 - min(fit.rms / max(without.rms, 1e-30), 1.0) * fit.discrepancy.probability
 
 
 def beyond_class(candidate: Candidate, fit: AxisFit) -> float | None:
-    """Probability that a cause that is there is larger than a machine of its class may have: than the tolerance of the
-    data sheet, or that of the machine. Nothing where neither has one.
+    """Probability that a cause that is there is larger than the tolerance of the data sheet, or that of the machine.
+    Nothing where neither has one.
     """
     effect = fit.model.machine.effect(candidate.effect.id)
     assert effect is not None
@@ -77,7 +76,14 @@ def beyond_class(candidate: Candidate, fit: AxisFit) -> float | None:
 def _limit_of(machine: Machine, effect: Effect, entry: Entry) -> float:
     """What a machine of its class may have of an effect, in units of the vector; zero where nothing says so."""
     if effect.kind in OF_SHEET:
-        return WITHIN * TOLERANCE[OF_SHEET[effect.kind]]
+        return LIMIT_DEVIATIONS * TOLERANCE[OF_SHEET[effect.kind]]
+    if effect.kind == "servo_delay":  # a recorder may be so late
+        return MOST_SHIFT
+    if effect.kind == "friction_direction":
+        return _DIRECTION / entry.scale
+    friction = machine.effect(f"{FRICTION}.{effect.subject}")
+    if effect.kind == "constant_force" and friction is not None:
+        return _DIRECTION * friction.values["coulomb_Nm"] / entry.scale
     limits = (machine.tolerance or TYPICAL_TOLERANCE).get(effect.kind, {})
     unit = unit_of_size(effect.parameters_of(effect.subject)[0], effect.subject)
     return limits.get(unit, 0.0) / entry.scale if not entry.log else 0.0

@@ -1,8 +1,8 @@
 """What ball-bar tests say about one axis, as priors of a fit of its logs.
 
-The posterior of the ball bar enters the fit of the logs as prior, so that the result is that of one fit to both. Only
-the standard deviations are handed on, not the correlations: numbers of which the ball bar knows a combination only are
-given more room than it leaves them.
+The posterior of the ball bar enters the fit of the logs as prior, so that the result is that of one fit to both, and
+the log evidences of both add. Only the standard deviations are handed on, not the correlations: numbers of which the
+ball bar knows a combination only are given more room than it leaves them.
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ import numpy as np
 
 from mjsim.estimation.axis_logs.data import AxisData
 from mjsim.estimation.axis_logs.entries import DRIVE, NUISANCES, AxisModel, Entry
-from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter, gain, misfits
+from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter
 from mjsim.estimation.axis_logs.gains import GainsRead
 from mjsim.estimation.axis_logs.start import start_model
 from mjsim.estimation.competing import CompetingModel
 from mjsim.estimation.data_sheet import sheet_of
 from mjsim.estimation.effect_vector import EffectVector
+from mjsim.estimation.search import names_to_tell
 from mjsim.machine.model import FRICTION_PARAMETERS
 
 #: Kinds of effects that change the motion of a motor under its control: what an encoder on it sees.
@@ -43,17 +44,20 @@ class Decision:
 
     Attributes:
         effect_id: Of the best model.
-        bar: By how much each other model's objective is larger for the ball bar, by effect id.
+        bar: By how much less log evidence each other model has for the ball bar, by effect id.
         logs: The same for the axis logs.
+        told: Share of the probability of those that both together leave, by effect id.
     """
 
     effect_id: str
     bar: dict[str, float]
     logs: dict[str, float]
+    told: dict[str, float]
 
-    def excluded(self, indistinguishable: float) -> tuple[str, ...]:
+    @property
+    def excluded(self) -> tuple[str, ...]:
         """Ids of the models that both instruments together exclude."""
-        return tuple(i for i in self.bar if self.bar[i] + self.logs[i] > indistinguishable)
+        return tuple(i for i in self.bar if i not in self.told)
 
 
 def shared_entries(model: CompetingModel, axis: str, sheet: bool = True) -> tuple[Entry, ...]:
@@ -143,19 +147,6 @@ def _with_extra(start: AxisModel, extra: AxisModel, data: Sequence[AxisData]) ->
     return replace(start, entries=(*start.entries, *phases))
 
 
-def advantage(one: AxisFit, other: AxisFit) -> float:
-    """By how much the objective of ``other`` lies above that of ``one``: misfit and squared prior departures."""
-    further = departure(other) - departure(one)
-    first, second = misfits([one, other])
-    return gain(other, one) + further if first <= second + further else further - gain(one, other)
-
-
-def departure(fit: AxisFit) -> float:
-    """Squared departures of a fit from its priors, in standard deviations; nuisances included."""
-    moved = [(e.encode(e.value) - e.mean) / e.deviation for e in fit.model.entries if np.isfinite(e.deviation)]
-    return float(np.square(moved).sum())
-
-
 def decide(models: Sequence[CompetingModel], fits: Sequence[Sequence[AxisFit]]) -> Decision:
     """Which of several explanations both instruments support best.
 
@@ -163,16 +154,14 @@ def decide(models: Sequence[CompetingModel], fits: Sequence[Sequence[AxisFit]]) 
         models: The explanations.
         fits: For each of them its fits to the logs, one per axis.
     """
-
-    def distance(i: int, j: int) -> float:
-        """By how much model j is worse than model i in the logs."""
-        return sum(advantage(a, b) for a, b in zip(fits[i], fits[j], strict=True))
-
-    totals = [m.objective + distance(0, j) for j, m in enumerate(models)]
-    best = int(np.argmin(totals))
+    logs = [sum(f.evidence for f in row) for row in fits]
+    joint = [replace(m, evidence=m.evidence + e) for m, e in zip(models, logs, strict=True)]
+    best = max(range(len(models)), key=lambda j: joint[j].evidence)
     others = [j for j in range(len(models)) if j != best]
+    told = names_to_tell([(joint[j].effect_id, joint[j]) for j in others], joint[best].evidence)
     return Decision(
         models[best].effect_id,
-        {models[j].effect_id: models[j].objective - models[best].objective for j in others},
-        {models[j].effect_id: distance(best, j) for j in others},
+        {models[j].effect_id: models[best].evidence - models[j].evidence for j in others},
+        {models[j].effect_id: logs[best] - logs[j] for j in others},
+        {i: share for i, (share, _) in told.items()},
     )

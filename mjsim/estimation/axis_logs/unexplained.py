@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from mjsim.estimation.axis_logs.data import AxisData
+from mjsim.estimation.axis_logs.discrepancy import discrepancy_of
+from mjsim.estimation.axis_logs.entries import AxisModel, Entry
 from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter
-from mjsim.estimation.axis_logs.likelihood import independent_count
-from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
+from mjsim.estimation.search import LEAST
 
 #: Cells of a variable, each with the mean of the residual in it.
 _CELLS = 24
-#: Least share of the rest that a variable must explain to be named (assumed).
-_SHARE = 0.25
-#: Screw turns per wave that are looked for, in orders of the motor.
+#: Waves over the position that are looked for, in orders of the motor.
 _ORDERS = np.concatenate([np.arange(0.25, 4.01, 0.05), np.arange(5.0, 13.0, 1.0)])
-#: Share of the rest that one wave over the position must explain to be its period.
-_WAVE = 0.1
 
 
 @dataclass(frozen=True)
@@ -51,59 +50,54 @@ class UnexplainedRest:
     worst: tuple[str, float, float]
     between: bool = False
 
-    @property
-    def is_beyond(self) -> bool:
-        """Whether more is left than a sound machine leaves, more probably than not."""
-        return self.probability >= 0.5
 
+def unexplained_rest(fitter: LogFitter, fit: AxisFit, gear: float) -> UnexplainedRest | None:
+    """What the final model leaves on one axis, and the variable on which it depends by the largest log evidence.
 
-def unexplained_rest(
-    fitter: LogFitter, fit: AxisFit, gear: float, settings: DiagnosisSettings = DIAGNOSIS
-) -> UnexplainedRest | None:
-    """What the final model leaves on one axis, and the variable that explains most of it.
-
-    Nothing where it is no more than a sound machine leaves, and no variable explains it better than chance.
+    Nothing where it is, more probably than not, no more than a sound machine leaves.
     """
     data = fitter.data
-    noisy = [float(np.sqrt(m)) > 3.0 * d.noise.rms for m, d in zip(fit.mean_squares, data, strict=True)]
-    assert fit.discrepancy is not None
-    beyond = fit.discrepancy.probability >= 0.5
-    if not any(noisy) and not beyond:
+    if fit.discrepancy.probability < 0.5:
         return None
-    residual = [r / max(float(np.sqrt(r @ r / len(r))), 1e-30) for r in fit.residual]
-    total = sum(r @ r for r in residual)
-    count = sum(independent_count(r, d.memory / (d.step * d.block)) for r, d in zip(residual, data, strict=True))
-    columns = [_variables(d, fitter.motion(fit.model, fit.model.vector, k)) for k, d in enumerate(data)]
-    best: tuple[float, str, list[np.ndarray]] | None = None
-    for name in columns[0]:
-        parts = _cell_means([c[name] for c in columns], [c["direction"] for c in columns], residual)
-        share = 1.0 - sum((r - p) @ (r - p) for r, p in zip(residual, parts, strict=True)) / total
-        cells = 2 if name == "direction" else 2 * _CELLS
-        gain = -count * float(np.log(max(1.0 - share, 1e-9))) - settings.parameter_penalty * cells
-        if gain > settings.likelihood_ratio and (best is None or gain > best[0]):
-            best = (gain, name, parts)
-    wave = _wave(data, residual, gear)
-    if wave is not None and (best is None or wave[0] * count > best[0]):
-        share, period, parts = wave
-        return _described(fitter, fit, "position", period, share, parts)
-    if best is not None:
-        _, name, parts = best
-        share = 1.0 - sum((r - p) @ (r - p) for r, p in zip(residual, parts, strict=True)) / total
-        if share > _SHARE:
-            return _described(fitter, fit, name, None, float(share), parts)
-    return _described(fitter, fit, "", None, 1.0, residual) if beyond else None
+    none, _ = _explained(fitter, fit, [np.zeros((len(r), 0)) for r in fit.residual])
+    motions = [fitter.motion(fit.model, fit.model.vector, k) for k in range(len(data))]
+    variables = [_variables(d, motion) for d, motion in zip(data, motions, strict=True)]
+    period, wave = _wave(data, fit.residual, gear)
+    ways = [v["direction"] for v in variables]
+    rows = [(name, None, 1, _cells([v[name] for v in variables], ways)) for name in variables[0]]
+    best, said = none + LEAST, ("", None, fit.residual)
+    for name, length, choices, columns in (*rows, ("position", period, len(_ORDERS), wave)):
+        evidence, parts = _explained(fitter, fit, columns)
+        evidence -= math.log(choices * (len(rows) + 1))
+        if evidence > best:
+            best, said = evidence, (name, length, parts)
+    return _described(fitter, fit, *said)
 
 
-def _described(fitter, fit: AxisFit, variable: str, period: float | None, share: float, parts) -> UnexplainedRest:
-    sizes = np.array([np.sqrt(m * np.mean(p**2)) for m, p in zip(fit.mean_squares, parts, strict=True)])
+def _explained(fitter: LogFitter, fit: AxisFit, columns: list[np.ndarray]) -> tuple[float, list[np.ndarray]]:
+    """Log evidence of what a fit leaves where it depends on some columns, each recording in its own size, and the part
+    of every recording that depends on them.
+    """
+    design = [m * c for m, c in zip(np.sqrt(fit.mean_squares), columns, strict=True)]
+    entries = tuple(Entry("rest", str(i), 0.0, deviation=1.0) for i in range(columns[0].shape[1]))
+    found = discrepancy_of(AxisModel(fitter.machine, fit.model.axis, entries), fit.residual, design, fit.noise, ())
+    return found.evidence, [d @ found.step for d in design]
+
+
+def _described(
+    fitter: LogFitter, fit: AxisFit, variable: str, period: float | None, parts: Sequence[np.ndarray]
+) -> UnexplainedRest:
+    """The rest with the part of every recording that depends on a variable."""
+    sizes = np.array([np.sqrt(np.mean(p**2)) for p in parts])
     tests = tuple(d.name for d, s in zip(fitter.data, sizes, strict=True) if s > 0.5 * sizes.max())
     rms, at = float(np.sqrt(np.mean(sizes**2))), fit.discrepancy
-    assert at is not None
     k = int(np.argmax(np.array(at.left) / at.allowed))
     sized, d = (at.left[k], at.allowed[k], at.probability), fitter.data[k]
     block = int(np.argmax(np.abs(fit.residual[k])))
     worst = d.name, float(d.means(d.time)[block]), float(d.means(d.record.actual)[block])
-    return UnexplainedRest(fit.model.axis, variable, period, rms, float(share), tests, *sized, worst)
+    left = [float((r - p) @ (r - p) / (r @ r)) for r, p in zip(fit.residual, parts, strict=True)]
+    share = 1.0 - sum(left) / len(left)
+    return UnexplainedRest(fit.model.axis, variable, period, rms, share, tests, *sized, worst)
 
 
 def _variables(d: AxisData, motion) -> dict[str, np.ndarray]:
@@ -128,30 +122,31 @@ def _variables(d: AxisData, motion) -> dict[str, np.ndarray]:
     return {k: d.means(v) for k, v in means.items()} | {"direction": np.sign(d.means(velocity))}
 
 
-def _cell_means(values: list[np.ndarray], direction: list[np.ndarray], residual: list[np.ndarray]) -> list[np.ndarray]:
-    """Mean of the residual in cells of a variable, by direction, common to all recordings."""
-    v, way, r = (np.concatenate(x) for x in (values, direction, residual))
+def _cells(values: list[np.ndarray], direction: list[np.ndarray]) -> list[np.ndarray]:
+    """Columns, one of every cell of a variable and direction, common to all recordings."""
+    v, way = np.concatenate(values), np.concatenate(direction)
     edges = np.unique(np.quantile(v, np.linspace(0.0, 1.0, _CELLS + 1)[1:-1]))
-    cell = np.searchsorted(edges, v) * 2 + (way > 0)
-    sums, counts = np.bincount(cell, r, 2 * _CELLS + 2), np.bincount(cell, minlength=2 * _CELLS + 2)
-    mean = (sums / np.maximum(counts, 1))[cell]
-    return np.split(mean, np.cumsum([len(x) for x in residual])[:-1])
+    _, cell = np.unique(np.searchsorted(edges, v) * 2 + (way > 0), return_inverse=True)
+    columns = np.eye(int(cell.max()) + 1)[cell]
+    return np.split(columns, np.cumsum([len(x) for x in values])[:-1])
 
 
-def _wave(data, residual: list[np.ndarray], gear: float) -> tuple[float, float, list[np.ndarray]] | None:
-    """Share, period and parts of the strongest wave over the position; its phase is each set-up's own."""
-    total = sum(r @ r for r in residual)
-    best: tuple[float, float, list[np.ndarray]] | None = None
-    for order in _ORDERS:
-        parts = []
+def _wave(data: Sequence[AxisData], residual: Sequence[np.ndarray], gear: float) -> tuple[float, list[np.ndarray]]:
+    """Period and columns of the strongest wave over the position; its phase is each set-up's own."""
+    setups = list(dict.fromkeys(d.test.setup for d in data))
+
+    def columns(order: float) -> list[np.ndarray]:
+        out = []
         for d, r in zip(data, residual, strict=True):
-            angle = order * gear * d.means(d.record.actual)
-            if np.ptp(angle) < 4.0 * np.pi:
-                parts.append(np.zeros(len(r)))
-                continue
-            design = np.column_stack([np.cos(angle), np.sin(angle)])
-            parts.append(design @ np.linalg.lstsq(design, r, rcond=None)[0])
-        share = sum(p @ p for p in parts) / total
-        if share > _WAVE and (best is None or share > best[0]):
-            best = (float(share), float(2.0 * np.pi / (order * gear)), parts)
-    return best
+            angle, i = order * gear * d.means(d.record.actual), 2 * setups.index(d.test.setup)
+            out.append(np.zeros((len(r), 2 * len(setups))))
+            if np.ptp(angle) >= 4.0 * np.pi:
+                out[-1][:, i : i + 2] = np.column_stack([np.cos(angle), np.sin(angle)])
+        return out
+
+    def explained(order: float) -> float:
+        rows = zip(columns(order), residual, strict=True)
+        return sum(float(np.sum((c.T @ r) ** 2) / (len(r) * (r @ r))) for c, r in rows)
+
+    best = max(_ORDERS, key=explained)
+    return float(2.0 * np.pi / (best * gear)), columns(best)

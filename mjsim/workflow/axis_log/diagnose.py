@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -18,14 +16,13 @@ from mjsim.estimation.axis_logs.entries import CONTROLLER, Entry
 from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter
 from mjsim.estimation.axis_logs.found import AxisSelection, FoundCause
 from mjsim.estimation.axis_logs.gains import unused
-from mjsim.estimation.axis_logs.selection import AxisSearch
+from mjsim.estimation.axis_logs.search import AxisSearch
 from mjsim.estimation.axis_logs.separability import inseparable, undetermined
 from mjsim.estimation.axis_logs.shared import MOTOR_SIDE
 from mjsim.estimation.axis_logs.together import known_together
 from mjsim.estimation.axis_logs.unexplained import unexplained_rest
-from mjsim.estimation.hypotheses import CAUSE
+from mjsim.estimation.findings import FINDING
 from mjsim.estimation.outcome import verdict_of
-from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
 from mjsim.instruments.axis_log.signals import Finding, findings, not_used_because, used_up_to_a_factor
 from mjsim.machine.model import Machine
@@ -43,8 +40,6 @@ _BEHIND = ("backlash", "pitch_error", "scale_error", "worm_wear", "thermal_drift
 _ACTUAL_IS_LOAD = 'the actual position is that of the load (encoder = "load" in the machine file)'
 #: Most causes that are looked for on each axis where the user does not say.
 _MOST = 8
-#: Probability of a cause before anything was recorded: one that is less probable afterwards has no support.
-_BEFORE = 1.0 / (1.0 + math.exp(-CAUSE))
 
 
 @one_blas_thread
@@ -54,7 +49,6 @@ def diagnose_logs(
     max_effects: int | None = None,
     threads: int = 2,
     progress: Progress = silent,
-    settings: DiagnosisSettings = DIAGNOSIS,
     shared: Mapping[str, Sequence[Entry]] | None = None,
 ) -> LogDiagnosis:
     """Find what is missing from the model of the recorded axes, and the numbers of their drives.
@@ -67,7 +61,6 @@ def diagnose_logs(
         max_effects: At most so many causes on each axis; without it eight.
         threads: Simulations side by side.
         progress: Called as work gets on.
-        settings: What decides.
         shared: By axis what another instrument knows, with its uncertainty as priors.
 
     Raises:
@@ -82,16 +75,15 @@ def diagnose_logs(
             found = pool.map(lambda s: s.run(max_effects or _MOST), searches.values())
             return dict(zip(searches, found, strict=True))
 
-    between = run({a: EncoderSearch(machine, d, threads, settings, progress) for a, d in loads.items()})
+    between = run({a: EncoderSearch(machine, d, threads, progress) for a, d in loads.items()})
     # where the loop is closed on the load, what is between the encoders is inside it
     inside = merged(machine, [s.fit for a, s in between.items() if machine.drives[a].encoder != "motor"])
     searches = {
-        axis: AxisSearch(inside, d, threads, settings, progress, (shared or {}).get(axis, ()))
-        for axis, d in data.items()
+        axis: AxisSearch(inside, d, threads, progress, (shared or {}).get(axis, ())) for axis, d in data.items()
     }
     selections = run(searches)
     fitters = {a: s.fitter for a, s in searches.items()}
-    return log_diagnosis(campaign, machine, fitters, selections, settings, between)
+    return log_diagnosis(campaign, machine, fitters, selections, between)
 
 
 def log_diagnosis(
@@ -99,7 +91,6 @@ def log_diagnosis(
     machine: Machine,
     fitters: Mapping[str, LogFitter],
     selections: Mapping[str, AxisSelection],
-    settings: DiagnosisSettings = DIAGNOSIS,
     between: Mapping[str, AxisSelection] | None = None,
 ) -> LogDiagnosis:
     """What the searches of all axes come to.
@@ -109,7 +100,6 @@ def log_diagnosis(
         machine: As given.
         fitters: Of the axes, by letter.
         selections: What was found, by letter.
-        settings: What decides.
         between: What was found between the two encoders of an axis, by letter.
     """
     between = between or {}
@@ -117,21 +107,20 @@ def log_diagnosis(
     before = overlay_logs(campaign, machine, {a: (fitters[a], s.given) for a, s in selections.items()})
     after = overlay_logs(campaign, fitted, {a: (fitters[a], s.fit) for a, s in selections.items()})
     every = (*selections.values(), *between.values())
-    fits = sorted((e for s in every for e in effects_of(s)), key=lambda e: -e.gain)
-    effects = [e for e in fits if e.probability is None or e.probability >= _BEFORE]
+    effects = sorted((e for s in every for e in effects_of(s)), key=lambda e: -e.gain)
+    small = {c.effect_id: None for s in every for c in s.found}
     rest = [
         r
         for a, s in selections.items()
-        if (r := unexplained_rest(fitters[a], s.fit, machine.drives[a].gear, settings)) is not None
+        if (r := unexplained_rest(fitters[a], s.fit, machine.drives[a].gear)) is not None
     ]
     for a, s in between.items():
         own = EncoderFitter(machine, encoder_data(fitters[a].data, machine), 1)
-        if (r := unexplained_rest(own, s.fit, machine.drives[a].gear, settings)) is not None:
+        if (r := unexplained_rest(own, s.fit, machine.drives[a].gear)) is not None:
             rest.append(replace(r, between=True))
-    probable = [e for e in effects if e.probability is None or e.probability >= 0.5]
     return LogDiagnosis(
         campaign,
-        "unknown" if any(r.is_beyond for r in rest) else verdict_of((e.is_open for e in probable), bool(rest)),
+        "unknown" if rest else verdict_of((e.is_open for e in effects), False),
         tuple(effects),
         tuple(n for a, s in selections.items() for n in sheet_of(machine, a, s)),
         tuple(i for s in selections.values() for i in inseparable(s.fit)),
@@ -143,7 +132,7 @@ def log_diagnosis(
         selections,
         between,
         tuple(_signals(campaign, machine, fitters, selections)),
-        tuple(e.effect.id for e in fits if e not in effects),
+        tuple(i for i in small if i not in {e.effect.id for e in effects}),
     )
 
 
@@ -222,33 +211,29 @@ def _order_of(cause: FoundCause) -> float | None:
 
 
 def effects_of(selection: AxisSelection) -> list[DiagnosedEffect]:
-    """Causes of one axis with their parameters; two shapes of one effect are one cause."""
+    """Findings on one axis with their parameters; two shapes of one effect are one cause."""
     fit, out = selection.fit, {}
-    ranges = parameter_intervals(fit)
-    open_ = undetermined(fit)
-    ladder = [selection.sheet.rms, *[f.rms for f in selection.ladder[1:]]]
-    steps = dict(zip(selection.order, pairwise(ladder), strict=False))
+    ranges, open_ = parameter_intervals(fit), undetermined(fit)
     for cause in selection.found:
-        effect = fit.model.machine.effect(cause.effect_id)
+        effect, ci = fit.model.machine.effect(cause.effect_id), ranges.get(cause.effect_id, {})
         assert effect is not None
-        before, after = steps.get(cause.key, (ladder[0], ladder[-1]))
-        ci = ranges.get(cause.effect_id, {})
-        mine = DiagnosedEffect(
+        # where more is left than a sound machine leaves, a finding may be the work of what is in no catalogue
+        is_finding = cause.whole >= FINDING and cause.probability + sum(cause.others.values()) >= 0.5
+        if not is_finding or (effect.id in out and out[effect.id].gain >= cause.gain):
+            continue
+        out[effect.id] = DiagnosedEffect(
             effect,
             tuple(ci),
             ci,
-            before,
-            after,
-            cause.alternatives,
+            *selection.step_of(cause.key),
+            tuple(cause.others),
             cause.tests,
             cause.gain,
             cause.rejected,
             found_by=LogTest.instrument,
             together=known_together(fit, effect.id, _order_of(cause)),
             probability=cause.probability,
+            others=cause.others,
             undetermined=tuple(name for name in ci if f"{effect.id}.{name}" in open_),
         )
-        former = out.get(effect.id)
-        if former is None or former.gain < mine.gain:
-            out[effect.id] = mine
     return list(out.values())

@@ -99,11 +99,19 @@ class LogDiagnosis:
         """Of the four verdicts: unknown where an axis leaves more than a sound machine; findings are taken for
         independent of each other.
         """
-        known = float(np.prod([1.0 - f.discrepancy.probability for f in self._fits if f.discrepancy is not None]))
-        nothing = known * float(np.prod([1.0 - (e.probability or 0.0) for e in self.effects]))
-        is_open = any(e.is_open for e in self.effects)
-        named = {"identified": 0.0, "ambiguous": 0.0, "ambiguous" if is_open else "identified": known - nothing}
-        return {k: round(p, 4) for k, p in ({"nothing_found": nothing} | named | {"unknown": 1.0 - known}).items()}
+        known = float(np.prod([1.0 - f.discrepancy.probability for f in self._fits]))
+        mine = [e.probability or 0.0 for e in self.effects]
+        whole = [p + sum(e.others.values()) for p, e in zip(mine, self.effects, strict=True)]
+        nothing = known * float(np.prod([1.0 - p for p in whole]))
+        is_sized = all(e.together is None or e.together.others for e in self.effects)
+        clear = is_sized * float(np.prod([p / max(w, 1e-30) for p, w in zip(mine, whole, strict=True)]))
+        rows = {
+            "nothing_found": nothing,
+            "identified": (known - nothing) * clear,
+            "ambiguous": (known - nothing) * (1.0 - clear),
+            "unknown": 1.0 - known,
+        }
+        return {k: round(p, 4) for k, p in rows.items()}
 
     @property
     def _fits(self) -> list[AxisFit]:
@@ -111,7 +119,7 @@ class LogDiagnosis:
 
     def to_json(self) -> dict:
         """The JSON of ``mjsim diagnose``: keys as for ball-bar tests, and the data sheet."""
-        rest = max(self.rest, key=lambda r: (r.is_beyond, r.rms), default=None)
+        rest = max(self.rest, key=lambda r: r.rms, default=None)
         return {
             "verdict": self.verdict,
             "probabilities": self.probabilities,
@@ -175,10 +183,11 @@ class LogDiagnosis:
         unit, travel, small, large = (DEG, DEG, "°", "°") if rotary else (UM, MM, "µm", "mm")
         name, time, place = rest.worst
         place_of = "Between the encoders of" if rest.between else "On"
-        said = f"{place_of} {rest.axis}, {rest.left / unit:.3g} {small} RMS are left"
-        if rest.is_beyond:
-            said += f", and a sound machine leaves at most {rest.allowed / unit:.2g} {small}"
-        said += f". The largest error is at {time:.3f} s of {name}, at {place / travel:.4g} {large}. "
+        said = (
+            f"{place_of} {rest.axis}, {rest.left / unit:.3g} {small} RMS are left, and a sound machine leaves at most "
+            f"{rest.allowed / unit:.2g} {small}. The largest error is at {time:.3f} s of {name}, at "
+            f"{place / travel:.4g} {large}. "
+        )
         if not rest.variable:
             return said + "It follows none of position, direction, speed, acceleration, torque and time."
         period = f" with a period of {rest.period / travel:.4g} {large}" if rest.period is not None else ""

@@ -10,9 +10,8 @@ from mjsim.estimation.axis_logs.data import axis_data
 from mjsim.estimation.axis_logs.fit import AxisFit, LogFitter
 from mjsim.estimation.axis_logs.found import AxisSelection
 from mjsim.estimation.axis_logs.gains import read_gains
-from mjsim.estimation.axis_logs.shared import MOTOR_SIDE, Decision, advantage, decide, fitted_to_logs, shared_entries
+from mjsim.estimation.axis_logs.shared import MOTOR_SIDE, Decision, decide, fitted_to_logs, shared_entries
 from mjsim.estimation.competing import CompetingModel
-from mjsim.estimation.settings import DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
@@ -30,7 +29,7 @@ class Judged:
         machine: With the explanations that both instruments support best.
         model: The fit of the ball bar that these are from; nothing where it has found nothing.
         decisions: By the id of the finding in the ball bar's diagnosis.
-        support: By how much better a finding does in the logs than its absence, by id.
+        support: By how much more log evidence a finding has in the logs than its absence, by id.
         axes: Letters of the recorded axes.
     """
 
@@ -53,11 +52,10 @@ class Judge:
         campaign: With recorded axis logs.
         machine: As given.
         threads: Simulations side by side.
-        settings: What decides.
     """
 
-    def __init__(self, campaign: Campaign, machine: Machine, threads: int, settings: DiagnosisSettings) -> None:
-        self.machine, self.settings, campaign = machine, settings, campaign.of(LogTest.instrument)
+    def __init__(self, campaign: Campaign, machine: Machine, threads: int) -> None:
+        self.machine, campaign = machine, campaign.of(LogTest.instrument)
         self.axes = recorded_axes(campaign.measured)
         self.fitters = {a: LogFitter(machine, axis_data(campaign, a, machine), threads) for a in self.axes}
         self.gains = {a: read_gains(machine, f.data) for a, f in self.fitters.items()}
@@ -112,7 +110,7 @@ class Judge:
         less = model.posterior.within(model.machine.without(effect.key))
         rest = replace(model, machine=without, posterior=less)
         here, there = (self.fit(effect.subject, m, extra) for m in (model, rest))
-        return advantage(here, there)
+        return here.evidence - there.evidence
 
     def again(self, logs: LogDiagnosis, judged: Judged) -> LogDiagnosis:
         """The diagnosis of the logs with the explanations that were chosen last."""
@@ -124,7 +122,7 @@ class Judge:
             fit = fitter.polished(self.fit(axis, judged.model, {axis: s.fit}))
             kept = {e.owner for e in fit.model.entries}
             selections[axis] = replace(s, fit=fit, found=tuple(c for c in s.found if c.effect_id in kept))
-        return log_diagnosis(logs.campaign, judged.machine, self.fitters, selections, self.settings, logs.between)
+        return log_diagnosis(logs.campaign, judged.machine, self.fitters, selections, logs.between)
 
 
 def _without(machine: Machine, effect: Effect, given: Machine) -> Machine:

@@ -7,8 +7,8 @@ import numpy as np
 from mjsim.estimation.axis_logs.entries import CONTROLLER, DRIVE, NUISANCES, Entry
 from mjsim.estimation.axis_logs.fit import AxisFit
 from mjsim.estimation.axis_logs.found import AxisSelection
+from mjsim.estimation.axis_logs.probability import OF_SHEET
 from mjsim.estimation.axis_logs.separability import inseparable, intervals, undetermined
-from mjsim.estimation.axis_logs.trifles import OF_SHEET
 from mjsim.machine.model import Machine
 from mjsim.workflow.axis_log.diagnosis import SheetNumber
 

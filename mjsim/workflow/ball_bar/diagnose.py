@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -133,8 +134,11 @@ def _found(problem: Problem, selection: Selection) -> list[DiagnosedEffect]:
     """Every effect of the search, with the models that compete for it."""
     fit = selection.fit
     found = findings_of(selection, BallBarTest.instrument, lambda key: clear_tests(problem, fit, key))
-    rows = ([(f.key, fit), *f.competing.items()] for f in selection.found)
-    models = (tuple(CompetingModel.of(i, m) for i, m in row) for row in rows)
+    # between models of the same tests, log probabilities differ as log evidences do
+    rows = (
+        [(f.key, fit, f.probability), *((i, m, f.others[i]) for i, m in f.competing.items())] for f in selection.found
+    )
+    models = (tuple(CompetingModel.of(i, m, math.log(max(p, 1e-300))) for i, m, p in row) for row in rows)
     return [replace(e, models=m) for e, m in zip(found, models, strict=True)]
 
 
