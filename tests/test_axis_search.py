@@ -64,6 +64,16 @@ def test_friction_after_a_rest_is_found(folder):
     assert low < 0.8 < high and result.after.rms < 0.1e-6
 
 
+@pytest.mark.parametrize("ratio", [0.5, 2.5])
+def test_a_coulomb_torque_that_is_not_that_of_the_data_sheet_is_found(folder, ratio):
+    """As a number of its own, and not as another shape of the friction that the data sheet allows."""
+    (found,) = diagnosed(folder(Axis(coulomb=0.12 * ratio))).effects
+    assert found.effect.id == "friction.X" and found.probability > 0.95
+    low, high = found.ci95["coulomb_Nm"]
+    assert low < 0.12 * ratio < high and high - low < 0.02 * 0.12
+    assert found.effect.values["static_ratio"] == 1.0
+
+
 def test_a_fitted_machine_predicts_a_log_that_begins_elsewhere_on_the_screw(folder, tmp_path):
     """The encoder of another day has another zero: the phase of a wave is a nuisance, its amplitude is not."""
     ripple = Axis(coulomb=0.12, ripple=0.03, ripple_phase=0.7)

@@ -58,7 +58,7 @@ def test_a_knock_that_the_waves_of_a_worm_hide_is_no_further_cause(tmp_path):
     explained = explain(separate(checked_problem(c, build(machine), 2), machine))
     assert [f.key for f in explained.selection.found] == ["pitch_error.A"]
     assert explained.unexplained is None
-    assert sum(explained.data.outliers.values()) == 6
+    assert sum(explained.data.outliers.values()) == 5  # the sixth lies within five times the noise
 
 
 def test_the_bank_is_large_enough_and_halved():

@@ -220,20 +220,22 @@ def test_a_wave_of_order_1_stands_in_the_place_of_a_windup():
 
 
 @pytest.mark.parametrize(
-    ("hidden", "wrong"),
+    ("hidden", "told", "wrong"),
     [
-        (registry.make("velocity_feedforward.X", ratio=0.08), "servo_gain.X"),
-        (registry.make("velocity_feedforward.X", ratio=0.012), None),  # a servo gain fits as well
-        (registry.make("servo_delay.X", delay_ms=1.8), "velocity_feedforward.X"),
+        (registry.make("velocity_feedforward.X", ratio=0.08), "velocity_feedforward.X", "servo_gain.X"),
+        (registry.make("velocity_feedforward.X", ratio=0.012), "servo_gain.X", "friction.X"),
+        (registry.make("servo_delay.X", delay_ms=1.8), "servo_delay.X", "velocity_feedforward.X"),
     ],
 )
-def test_a_small_feedforward_stands_for_an_early_command_and_not_for_a_late_one(hidden, wrong):
-    """A late command would be a feedforward below zero, which nobody sets."""
+def test_a_small_feedforward_stands_for_an_early_command_and_not_for_a_late_one(hidden, told, wrong):
+    """A late command would be a feedforward below zero, which nobody sets. Nor does anybody set one of 1 %: a gain or a
+    delay fits as well, and they have most of the probability.
+    """
     problem, machine = healthy("circle-xy-ccw", "circle-xy-cw", "circle-yz-ccw", "cone15-parallel-ccw")
     hide(problem, machine, hidden)
     (found,) = explain(separate(problem, machine), most=1).selection.found
     said = {found.key, *found.alternatives}
-    assert hidden.id in said and wrong not in said
+    assert told in said and wrong not in said
 
 
 def test_a_stiffness_is_fitted_as_its_compliance():

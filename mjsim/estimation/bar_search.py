@@ -171,10 +171,13 @@ class BarSearch(Search[Problem]):
         return self._searched(self._fitted(model, (hypotheses, chosen, 0)))
 
     def _found(self, model: Model[Problem]) -> Found[Problem]:
-        """The outcome, on tests with all samples that the model follows, and the machine as given beside it: where
-        nothing repeats, a quick local fault looks like a knock until it is known.
+        """The outcome, on tests with the samples that the model follows, and the machine as given beside it. A model
+        may show a knock that its waves have hidden; and where nothing repeats, a quick local fault looks like a knock
+        until it is known.
         """
         other = model if model.curves else self._on_samples(model, readmitted)
+        if model.leaves_nothing and not model.curves:
+            other = self._cleaned(other)
         model = model if other is model else self._settled(other)
         return Found(self.fitter.fit([], exact=False), model, self.signatures_at(model)[0], self.trail)
 

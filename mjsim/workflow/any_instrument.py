@@ -143,7 +143,7 @@ def compare_plainly(
     instrument = INSTRUMENTS[campaign.tests[0].instrument]
     refuse_mistakes(campaign)
     plant = build(machine)
-    check_stable(plant)
+    check_stable(plant, moving=False)
     seen: list[tuple[Any, Observation, np.ndarray, Nuisances]] = []
     for i, test in enumerate(campaign.measured):
         progress("simulating", i, len(campaign.measured))

@@ -62,6 +62,7 @@ class Candidate:
         shape: Whether it is another shape of an effect that the model has already.
         order: Of the wave that it adds to an effect of several waves.
         variant: What tells it from other causes of the same effect, each tried for itself.
+        sheet: Entries of the data sheet that its own take the place of, as stated.
     """
 
     effect: Effect
@@ -69,6 +70,7 @@ class Candidate:
     shape: bool = False
     order: float | None = None
     variant: str = ""
+    sheet: tuple[Entry, ...] = ()
 
     @property
     def key(self) -> str:
@@ -113,6 +115,8 @@ class Candidate:
         """
         effect = model.machine.effect(self.effect.id)
         assert effect is not None
+        if self.sheet:
+            return model.extended(effect.replaced(**{e.name: e.value for e in self.sheet}), self.sheet)
         if self.order is not None:
             return model.without_wave(effect.id, self.order)
         if not self.shape:
@@ -164,6 +168,7 @@ class Catalogue:
             out += self._shapes(orders)
             shaped = any(e.owner == friction.id and e.name == "static_ratio" for e in model.entries)
             out = [c for c in out if not (c.shape and shaped)]
+            out += self._torque(model, friction)
         like = {f"{_LIKE[kind]}.{self.axis}" for kind in _LIKE if f"{kind}.{self.axis}" in has}
         return [c for c in out if c.shape or c.order or c.effect.id not in has | like]
 
@@ -268,6 +273,20 @@ class Catalogue:
         for way in _PRESLIDING_DEG if self.rotary else _PRESLIDING:
             e = self._make(FRICTION, coulomb_Nm=0.5 * self.torque, presliding_rad=way * self.gear)
             out.append(Candidate(e, (self._log(e, "coulomb_Nm"), self._log(e, "presliding_rad"))))
+        return out
+
+    def _torque(self, model: AxisModel, friction: Effect) -> list[Candidate]:
+        """The Coulomb torque of a friction of the data sheet, half and twice of what is stated."""
+        place = model.place(f"{friction.id}.coulomb_Nm")
+        if place is None or self.machine.factor or model.entries[place].deviation >= _ANY:
+            return []
+        stated = model.entries[place]
+        stated = replace(stated, value=stated.decode(stated.mean))
+        out = []
+        for ratio in (0.5, 2.0):
+            e = friction.replaced(coulomb_Nm=ratio * stated.value)
+            own = replace(self._log(e, "coulomb_Nm"), centre=stated.value)
+            out.append(Candidate(e, (own,), True, variant="torque", sheet=(stated,)))
         return out
 
     def _shapes(self, orders: Sequence[float]) -> list[Candidate]:
