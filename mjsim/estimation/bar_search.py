@@ -137,28 +137,25 @@ class BarSearch(Search[Problem]):
             return self._found(self._extended(few, most))
         if few.leaves_nothing:
             return self._found(self._searched(few))
-        data, usual = self.plain, self._begun(expected_effects(self.machine))
+        usual = self._begun(expected_effects(self.machine))
         if usual.leaves_nothing:
             few = self._with_few(usual)
             if few.evidence > usual.evidence:
                 return self._found(few)
             usual = self._searched(usual)
         else:  # a fault that is no small error: by itself, or beside them
-            few = self._on_these_samples(few, data)
-            data, few = self.plain, self._extended(few, ROUNDS, usual.evidence)
+            few = self._extended(self._on_present_samples(few), ROUNDS, usual.evidence)
             if few.leaves_nothing:
                 return self._found(self._searched(few))
-            usual = self._on_these_samples(usual, data)
-            data, usual = self.plain, self._searched(usual)
-            few = self._on_these_samples(few, data)
+            usual = self._searched(self._on_present_samples(usual))
             if few.evidence > usual.evidence:
                 usual = max(usual, self._searched(few), key=lambda m: m.evidence)
         return self._found(max(usual, self._with_few(usual), key=lambda m: m.evidence))
 
     def _with_few(self, usual: Model[Problem]) -> Model[Problem]:
         """The best model of a machine that is as its file says but for a few causes, found from one with everything
-        that is usual: what the data do not need of it goes. The same where that promises nothing, or
-        it has no more already.
+        that is usual: what the data do not need of it goes. The same where that promises nothing, or it has no more
+        already.
         """
         if not usual.expected:
             return usual
@@ -212,9 +209,10 @@ class BarSearch(Search[Problem]):
         self._begin(self.fitter.with_problem(data))
         return self._refitted(model)
 
-    def _on_these_samples(self, model: Model[Problem], data: Problem) -> Model[Problem]:
-        """A model that was fitted to some samples, on the present ones."""
-        return model if self.plain is data else self._settled(self._refitted(model))
+    def _on_present_samples(self, model: Model[Problem]) -> Model[Problem]:
+        """A model on the samples that count now; itself where it was fitted to these."""
+        is_so = model.problem.samples is self.plain.samples
+        return model if is_so else self._settled(self._refitted(model))
 
     def _refitted(self, model: Model[Problem]) -> Model[Problem]:
         """A model without curves, fitted to the present samples."""
@@ -250,8 +248,8 @@ class BarSearch(Search[Problem]):
     def _beside(self, model: Model[Problem], levels: Sequence[Sizes], curves: bool) -> Hypotheses:
         competing = [*model.curves]
         if curves:
-            base, is_so = model.base, not model.curves and model.fit.whitening is model.problem.whitening
-            beside = model.fit if is_so else self._whitened_by(model, base)
+            base = model.base
+            beside = model.fit if model.fit.whitening is base.whitening else self._whitened_by(model, base)
             found = [c for _, c in best_curves(base, beside, self.plain)]
             competing += [c for c in found if not any(map(c.is_like, model.curves))]
         bank, products = self.signatures_at(model)
