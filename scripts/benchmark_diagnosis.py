@@ -10,8 +10,8 @@ known.
 
 `run` appends one line of JSON per campaign to FILE (--out) and goes on where it stopped. Ctrl-C lets the groups of
 campaigns that are running finish, a second one stops at once. One half of the bank is for tuning, and each of its
-campaigns is printed. The other is published: it is run whole, nobody looks into a campaign of it, and the figures come
-at its end with one line per miss. --publish lifts that, for who has published.
+campaigns is printed. The other is published: it is run by whole worlds, nobody looks into a campaign of it, and the
+figures come at its end with one line per miss. --publish lifts that, for who has published.
 
 With --simple two simple methods answer instead of the diagnosis, into that file (see scripts/diagnosis_baselines.py);
 `report --simple` prints their figures beside. `report` writes the page, its figure and, in PAGES/data, the answers.
@@ -196,10 +196,10 @@ def run(options: argparse.Namespace) -> None:
 
 
 def chosen(options: argparse.Namespace) -> list:
-    """Cases that the options choose; the published half is taken whole."""
+    """Cases that the options choose; of the published half, whole worlds."""
     if options.half == "publish" and not options.publish:
-        if options.category or options.only or options.most or options.world or options.action == "write":
-            sys.exit("the published half is only run whole; allowed without --publish: run, and no choice of campaigns")
+        if options.category or options.only or options.most or options.action == "write":
+            sys.exit("the published half is run by whole worlds; allowed without --publish: run, and --world")
     from independent.bank import cases, world
 
     return [
