@@ -86,11 +86,11 @@ BUGS = (
         "test_estimation",
     ),
     Bug(
-        "thresholds",
-        "an effect is believed at a tenth of the evidence",
-        "mjsim/estimation/settings.py",
-        "likelihood_ratio: float = 30.0",
-        "likelihood_ratio: float = 3.0",
+        "prior odds",
+        "most causes are expected in every machine",
+        "mjsim/estimation/hypotheses.py",
+        "CAUSE = -7.0",
+        "CAUSE = 7.0",
         "test_estimation test_bank test_examples",
     ),
     Bug(

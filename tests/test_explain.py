@@ -56,7 +56,7 @@ def test_the_signature_is_what_the_effect_changes_beyond_the_set_up(measured, na
     campaign, machine = measured
     low, high = named.ci95["width_deg"]
     assert named.role == "named" and low < WIDTH < high and named.fitted
-    assert "cannot tell it from worm_wear.A" in named.reason
+    assert "cannot tell it from worm_wear.A" in named.reason and named.probability > 0.999
     problem = Problem.of(campaign, build(machine))
     with_it = problem.readings(build(machine.with_effect(named.effect)))
     changes = problem.difference(problem.readings(build(machine)), with_it, problem.nuisances.mean)
@@ -79,14 +79,14 @@ def test_a_gain_is_a_delay_and_a_feedforward_on_these_tests(measured):
     assert found.alike["velocity_feedforward.A"] > 0.99 and found.alike["servo_gain.A"] > 0.97
     assert found.role == "not named" and "The data do not need it" in found.reason
     low, high = found.ci95["delay_ms"]
-    assert low < 0.0 < high and not found.fitted and found.gain < found.threshold
+    assert low < 0.0 < high and not found.fitted and found.probability < 0.01
 
 
 def test_an_effect_that_was_not_looked_for_is_estimated_all_the_same(measured):
     found = explain(*measured, "backlash.A", result=diagnosed())
-    assert found.role == "not named" and found.gain > 100.0 * found.threshold
+    assert found.role == "not named" and found.probability > 0.999
     assert found.estimate.values["width_deg"] == pytest.approx(WIDTH, rel=0.2)  # a linear step from a model without it
-    assert "more than" in found.reason
+    assert "more than 99.9 %" in found.reason
 
 
 def test_what_nothing_moves_is_not_testable(tmp_path):
@@ -95,7 +95,7 @@ def test_what_nothing_moves_is_not_testable(tmp_path):
     campaign = read_campaign(tmp_path)
     found = explain(campaign, read_machine(campaign.machine_file), "backlash.A", result=diagnosed())
     assert found.role == "not testable" and "It changes no reading" in found.reason
-    assert found.tests == () and found.alike == {} and found.to_json()["gain"] == 0.0
+    assert found.tests == () and found.alike == {} and found.to_json()["probability"] == 0.0
 
 
 def test_a_pitch_error_is_shown_with_both_phases(measured):

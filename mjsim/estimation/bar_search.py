@@ -12,13 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from mjsim.estimation.calibration import calibrated_effects, expected_effects
+from mjsim.estimation.calibration import Calibrated, calibrated_effects, expected_effects
 from mjsim.estimation.discrepancy import Discrepancy, Products, Sizes
 from mjsim.estimation.disturbances import readmitted, without_disturbances
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.hypotheses import WIDTHS, Hypotheses
-from mjsim.estimation.linear_evidence import Chosen
+from mjsim.estimation.linear_evidence import Chosen, without
 from mjsim.estimation.nuisance import TRIGGER, TRIGGERS
 from mjsim.estimation.one_direction import one_direction_candidates
 from mjsim.estimation.problem import Problem
@@ -249,7 +249,7 @@ class BarSearch(Search[Problem]):
         competing = [*model.curves]
         if curves:
             base = model.base
-            beside = model.fit if model.fit.whitening is base.whitening else self._whitened_by(model, base)
+            beside = model.fit if model.fit.whitening is base.whitening else self.whitened_by(model, base)
             found = [c for _, c in best_curves(base, beside, self.plain)]
             competing += [c for c in found if not any(map(c.is_like, model.curves))]
         bank, products = self.signatures_at(model)
@@ -257,7 +257,7 @@ class BarSearch(Search[Problem]):
         design = self.discrepancy.plain(model.fit)
         return Hypotheses(model.fit, design, bank, products, model.expected, levels, competing, further)
 
-    def _whitened_by(self, model: Model[Problem], problem: Problem) -> Fit:
+    def whitened_by(self, model: Model[Problem], problem: Problem) -> Fit:
         """The fit of a model with its design and residual whitened by another problem."""
         fitter = self.fitter.with_problem(problem)
         return fitter.fit(model.fit.effects, start=model.fit, exact=True, iterations=0, fresh=False)
@@ -288,6 +288,25 @@ class BarSearch(Search[Problem]):
             if not found.fit.effects[-1].effect.search.scanned:
                 break
         return found
+
+    def of_effects(self, effects: Sequence[EffectVector], expected: dict[str, Calibrated]) -> Model[Problem]:
+        """The model that has these effects and nothing else, beside what repeats and is in no model.
+
+        Args:
+            effects: Near where they are fitted.
+            expected: What a machine of the class has, by key.
+        """
+        model = self._settled(self._model_of(self.fitter.fit(list(effects), exact=False, iterations=FIRST), expected))
+        return replace(model, fit=self.whitened_by(model, model.problem))
+
+    def log_odds(self, model: Model[Problem], effect_id: str) -> float:
+        """Log posterior odds of an effect beside everything else in a model, at its best seed or wave; minus infinity
+        where it changes no reading.
+        """
+        hypotheses = self._hypotheses(model, curves=False)
+        here = self._widths(hypotheses)
+        mine = (g for g, h in enumerate(hypotheses.all) if h.id == effect_id)
+        return max((float(hypotheses.linear.odds(without(here, g))[0][g]) for g in mine), default=-np.inf)
 
     def _beside_noise(self, model: Model[Problem], hypotheses: Hypotheses, chosen: Chosen) -> Model[Problem]:
         """The model with a set of hypotheses, fitted beside the noise alone first: a discrepancy would stand for what

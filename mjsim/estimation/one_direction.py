@@ -8,6 +8,7 @@ the difference of the two directions, at its own place.
 from __future__ import annotations
 
 from mjsim.estimation.fit import Fit
+from mjsim.estimation.hypotheses import CAUSE
 from mjsim.estimation.signatures import Candidate, Offer, Row, SignatureBank
 from mjsim.machine.effect import Effect
 
@@ -32,7 +33,7 @@ def one_direction_candidates(fit: Fit, bank: SignatureBank, rows: list[Row]) -> 
     whole = [Candidate(f.effect, f.names) for f in fit.effects if not f.effect.search.scanned]
     tried: dict[str, int] = {}
     for gain, c in rows:
-        if gain < 0.5 * bank.problem.settings.likelihood_ratio:  # what acting in both must explain
+        if gain < -2.0 * CAUSE:  # acting in both directions, it would be there less likely than not
             break
         if in_each_direction(c.effect) and tried.setdefault(c.id, 0) < _SEEDS:
             tried[c.id] += 1

@@ -410,11 +410,18 @@ class Search(Ascent[Model[D]]):
         """
         self.progress("fitting the machine as given" if not expected else "fitting what its class has", 0, 1)
         fit = self._first([c.free for c in expected])
-        known = {c.key: c for c in expected}
-        effects = with_priors_of_size(fit.effects, known)
-        odds = sum(log_odds_of(f, self.machine) for f in effects if f.effect.key not in known)
-        model = Model(known, replace(fit, effects=effects), self.plain, self._usual, (), odds)
-        return self._settled(self._cleaned(model))
+        return self._settled(self._cleaned(self._model_of(fit, {c.key: c for c in expected})))
+
+    def _model_of(self, fit: Fit, expected: dict[str, Calibrated]) -> Model[D]:
+        """A fit as a model, with priors of its effects' sizes, before it is settled.
+
+        Args:
+            fit: Of any effects.
+            expected: What a machine of the class has, by key.
+        """
+        effects = with_priors_of_size(fit.effects, expected)
+        odds = sum(log_odds_of(f, self.machine) for f in effects if f.effect.key not in expected)
+        return Model(expected, replace(fit, effects=effects), self.plain, self._usual, (), odds)
 
     # -- hypotheses ----------------------------------------------------------------------------------------------------
 

@@ -89,8 +89,6 @@ class DiagnosisSettings:
     """Settings of a diagnosis.
 
     Attributes:
-        likelihood_ratio: Likelihood-ratio statistic below which nothing is called an effect. Some 4,000 cells with two
-            entries each are tried; chance passes 30 once in a thousand campaigns (nulls).
         indistinguishable: Likelihood-ratio statistic within which a competing model cannot be told from the best one,
             and within which another axis of a vibration cannot: a likelihood ratio of e^6 (bank).
         visible_share: Least size of an effect: standard deviation of its part of the reading in its clearest test, as a
@@ -123,7 +121,6 @@ class DiagnosisSettings:
         plan: How the next test is chosen.
     """
 
-    likelihood_ratio: float = 30.0
     indistinguishable: float = 12.0
     visible_share: float = 0.25
     setup_limit: float = 5.0

@@ -7,16 +7,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import expit
 
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
+from mjsim.estimation.bar_search import BarSearch
+from mjsim.estimation.calibration import expected_effects
 from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.fit import Fit, Fitter
+from mjsim.estimation.fit import Fitter
 from mjsim.estimation.mistakes.checked_problem import trusted_problem
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.signature_study import SignatureStudy, study_of_candidate, study_of_member
-from mjsim.estimation.signatures import Projector
 from mjsim.estimation.vibration import separate
 from mjsim.instruments.ball_bar.events import reversals
 from mjsim.instruments.ball_bar.measurement import BallBarTest
@@ -34,8 +36,6 @@ from mjsim.workflow.reasons import Case, Role, reason_of
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Gauss-Newton steps of the final model.
-_STEPS = 4
 #: Most effects that look alike in the JSON.
 _MOST_ALIKE = 12
 
@@ -89,7 +89,7 @@ class Explanation:
         ci95: 95 % intervals of its fitted size beside everything else in the model.
         estimate: The effect at that size.
         gain: Fall of the squared residuals, in units of the noise, if it is fitted beside everything else.
-        threshold: Gain that chance alone hardly reaches.
+        probability: That it is there beside everything else in the model, or larger than its tolerance.
         absorbed: Share of its squared signature that set-up errors take up.
         alike: Cosine of other effects' signatures with this one once the set-up is fitted, the largest first.
         noise: RMS of one block of the traces, m.
@@ -104,7 +104,7 @@ class Explanation:
     ci95: dict
     estimate: Effect
     gain: float
-    threshold: float
+    probability: float
     absorbed: float
     alike: dict[str, float]
     noise: float
@@ -121,7 +121,7 @@ class Explanation:
             "parameters": self.estimate.values,
             "ci95": self.ci95,
             "gain": round(self.gain, 1),
-            "threshold": self.threshold,
+            "probability": round(self.probability, 4),
             "taken_up_by_setup": round(self.absorbed, 4),
             "shown_at": self.effect.values,
             "shown_at_fitted_size": self.fitted,
@@ -190,18 +190,27 @@ def explain(
     result = result or diagnose(campaign, machine, threads=threads, progress=progress)
     progress("fitting the final model again", 0, 2)
     separated = separate(trusted_problem(campaign, build(machine), threads), machine)
-    problem, fitter = separated.problem, Fitter(separated.problem, separated.machine)
-    final = _final_fit(fitter, result)
+    search = BarSearch(Fitter(separated.problem, separated.machine))
+    named = [EffectVector(e.effect, e.free) for e in result.effects if e.effect.kind != "vibration"]
+    of_class = [c.effect for c in result.calibration]
+    expected = {c.key: c for c in expected_effects(separated.machine)} if of_class else {}
+    model = search.of_effects([*of_class, *named], expected)
+    problem = model.problem
     progress("signatures", 1, 2)
-    mine = next((f for f in final.effects if f.effect.id == effect), None)
-    found = study_of_member(problem, final, mine) if mine else study_of_candidate(problem, final, effect)
-    case = Case(effect, result, found, problem, None if mine else _gain_alone(problem, fitter, result, found))
-    role, reason = reason_of(case)
+    mine = next((f for f in model.fit.effects if f.effect.id == effect), None)
+    if mine:
+        found = study_of_member(problem, model.fit, mine)
+    else:  # beside the noise alone: what is left may be all its doing
+        found = study_of_candidate(search.plain, search.whitened_by(model, search.plain), effect)
+    probability = probability_of(search.log_odds(model, effect))
+    alone = None
+    if named and found is not None and not mine:
+        alone = probability_of(search.log_odds(search.of_effects(of_class, expected), effect))
+    role, reason = reason_of(Case(effect, result, found, problem, probability, alone))
     if found is None:
         nothing = cls(subject, **_typical_values(cls, subject, machine))
         return Explanation(
-            campaign, nothing, False, role, reason, {}, nothing, 0.0, problem.settings.likelihood_ratio, 0.0, {},
-            problem.noise.block_rms, (),
+            campaign, nothing, False, role, reason, {}, nothing, 0.0, 0.0, 0.0, {}, problem.noise.block_rms, (),
         )  # fmt: skip
     return Explanation(
         campaign,
@@ -212,29 +221,12 @@ def explain(
         found.ci95,
         found.estimate,
         found.gain,
-        problem.settings.likelihood_ratio,
+        probability,
         found.absorbed,
         found.alike,
         problem.noise.block_rms,
         tuple(_tests(problem, found)),
     )
-
-
-def _final_fit(fitter: Fitter, result: Diagnosis) -> Fit:
-    """The final model of a diagnosis, fitted again from where it ended."""
-    named = [EffectVector(e.effect, e.free) for e in result.effects if e.effect.kind != "vibration"]
-    fit = fitter.fit([*(c.effect for c in result.calibration), *named], exact=False, iterations=_STEPS)
-    return fitter.fit(fit.effects, start=fit, exact=True, iterations=_STEPS, fresh=False)
-
-
-def _gain_alone(problem: Problem, fitter: Fitter, result: Diagnosis, found: SignatureStudy | None) -> float | None:
-    """What the effect would explain if none of the named ones were in the model; ``None`` where none is."""
-    named = {e.effect.key for e in result.effects if e.effect.kind != "vibration"}
-    if found is None or not named:
-        return None
-    inside = [f for f in found.fit.effects if f.effect.key not in named]
-    bare = fitter.fit(inside, start=found.fit, exact=False, iterations=2)
-    return Projector(bare).gain(problem.whiten([p[:, None] for p in found.parts]))[0]
 
 
 def _tests(problem: Problem, found: SignatureStudy) -> Iterator[ExplainedTest]:
@@ -253,6 +245,11 @@ def _typical_values(cls: type[Effect], subject: str, machine: Machine) -> dict:
     if any(p.kind == "components" for p in parameters):
         return {"components": []}
     return next(iter(cls.search.seeds_of(parameters, subject, machine.chain)), {})
+
+
+def probability_of(log_odds: float) -> float:
+    """Probability of what has these log odds."""
+    return float(expit(log_odds))
 
 
 def _rms(x: np.ndarray) -> float:

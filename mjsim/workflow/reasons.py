@@ -16,6 +16,8 @@ from mjsim.workflow.diagnosis import Diagnosis
 
 #: Cosine from which one named effect is said to explain what this one would.
 _SOME = 0.3
+#: Probability from which the data need an effect: it is there more likely than not.
+_NEEDED = 0.5
 Role = Literal["named", "calibrated", "not named", "not testable"]
 
 
@@ -28,14 +30,16 @@ class Case:
         result: The diagnosis.
         found: The study of its signature beside the model without it; ``None`` where it has none.
         problem: The measured tests.
-        gain_alone: What it would explain without the named effects; ``None`` where none is named.
+        probability: That it is there beside everything else in the model, or larger than its tolerance.
+        alone: The same without the named effects; ``None`` where none is named, or this one is.
     """
 
     effect_id: str
     result: Diagnosis
     found: SignatureStudy | None
     problem: Problem
-    gain_alone: float | None
+    probability: float
+    alone: float | None
 
 
 def reason_of(case: Case) -> tuple[Role, str]:
@@ -65,11 +69,7 @@ def _named(case: Case, entry) -> str:
     parts = ["The data need it."]
     if share is not None:
         parts.append(f"It makes {_percent(share)} of the explained error.")
-    if case.found is not None:
-        parts.append(
-            f"Beside everything else in the model it takes {_number(case.found.gain)} off the squared residuals in "
-            f"units of the noise; chance alone hardly reaches {_number(case.problem.settings.likelihood_ratio)}."
-        )
+    parts.append(f"Beside everything else in the model it has a probability of {_percent(case.probability)}.")
     if entry.alternatives:
         parts.append(f"These tests cannot tell it from {' and '.join(entry.alternatives)}.")
     elif case.found is not None and (near := _nearest(case.found)):
@@ -91,15 +91,11 @@ def _calibrated(case: Case, entry) -> str:
 
 
 def _not_named(case: Case, found: SignatureStudy) -> str:
-    limit = case.problem.settings.likelihood_ratio
     largest = max(float(np.std(p[s.good])) for p, s in zip(found.parts, case.problem.samples, strict=True))
     parts = []
-    if found.gain < limit:
-        parts.append(
-            f"The data do not need it. Beside the final model it would take {_number(found.gain)} off the squared "
-            f"residuals in units of the noise; chance alone reaches {_number(limit)} about once in a thousand "
-            "campaigns."
-        )
+    there = f"Beside the final model the probability that it is there is {_percent(case.probability)}"
+    if case.probability < _NEEDED:
+        parts.append(f"The data do not need it. {there}.")
     elif largest < case.problem.settings.visible_share * case.problem.noise.rms:
         parts.append(
             f"It is too small to matter: in its clearest test it changes the reading by {largest / UM:.3f} µm RMS, "
@@ -107,16 +103,15 @@ def _not_named(case: Case, found: SignatureStudy) -> str:
         )
     elif case.result.unexplained is not None:
         parts.append(
-            f"Something is left that no effect of the catalogue explains. This one would take {_number(found.gain)} "
-            "off the squared residuals, and a generic curve does better."
+            "Something is left that no effect of the catalogue explains. This one would explain a part of it, and a "
+            "generic curve does better."
         )
     else:
         parts.append(
-            f"Beside the final model it would take {_number(found.gain)} off the squared residuals in units of the "
-            f"noise, more than the {_number(limit)} that chance reaches. The selection preferred the model without "
-            "it, because the size would be impossible, or because set-up and data sheet explain it as well."
+            f"{there}, by a linear estimate. The full fit preferred the model without it, because the size would be "
+            "impossible, or because set-up and data sheet explain it as well."
         )
-    if case.gain_alone is not None and case.gain_alone > limit and case.gain_alone > 4.0 * found.gain:
+    if case.alone is not None and case.probability < _NEEDED <= case.alone:
         rivals = [e.effect.id for e in case.result.effects]
         near = max(rivals, key=lambda name: found.alike.get(name, 0.0))
         cosine = found.alike.get(near, 0.0)
@@ -125,7 +120,7 @@ def _not_named(case: Case, found: SignatureStudy) -> str:
             if cosine > _SOME
             else "but the named effects explain that part of the data"
         )
-        parts.append(f"Without the named effects it would take {_number(case.gain_alone)}, {what}.")
+        parts.append(f"Without the named effects it would have {_percent(case.alone)}, {what}.")
     if any(case.effect_id in e.alternatives for e in case.result.effects):
         owner = next(e.effect.id for e in case.result.effects if case.effect_id in e.alternatives)
         parts.append(f"These tests cannot tell it from {owner}, which was named. One of the two is there.")
@@ -147,7 +142,3 @@ def _percent(share: float) -> str:
     if share > 0.9995:
         return "more than 99.9 %"
     return "less than 0.1 %" if share < 0.001 else f"{100.0 * share:.{1 if share < 0.1 or share > 0.99 else 0}f} %"
-
-
-def _number(x: float) -> str:
-    return f"{x:,.0f}".replace(",", "\u202f") if x >= 10.0 else f"{max(x, 0.0):.1f}"
