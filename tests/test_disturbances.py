@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from noisy_traces import CIRCLE, samples
 
-from mjsim.estimation.jumps import largest_jump, leave_out_shorter_side
+from mjsim.estimation.disturbances import largest_jump, leave_out_shorter_side, mark_outliers, readmit_outliers
 from mjsim.estimation.noise import estimate_noise
-from mjsim.estimation.outliers import mark_outliers, readmit_outliers
 from mjsim.estimation.samples import Samples, revolution_time
 
 
