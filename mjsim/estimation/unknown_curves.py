@@ -1,9 +1,9 @@
 """Causes that are in no catalogue: a curve of one variable of one axis' motion, with a Gaussian process as its prior.
 
 A cause that nobody listed still depends on something: a position, a velocity, the time since a reversal. Each such
-variable of each axis is a hypothesis whose curve is a Gaussian process over the variable. Its prior is one of four:
-smooth, rough, a walk of steps, or a stretch of worn teeth. Its coefficients are marginalised, so a curve of many
-numbers pays for its freedom by itself.
+variable of each axis is a hypothesis whose curve is a Gaussian process over the variable. Its prior is one of five:
+smooth, rough, a walk of steps, a stretch of worn teeth, or the lobes of a table that is not round. Its coefficients are
+marginalised, so a curve of many numbers pays for its freedom by itself.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_array
 
-from mjsim.estimation.curve_terms import CurveTerm, CurveTerms
+from mjsim.estimation.curve_terms import RADIAL, CurveTerm, CurveTerms
 from mjsim.estimation.curve_waves import radial_curves
 from mjsim.estimation.fit import Fit
 from mjsim.estimation.linear_evidence import Columns, LinearEvidence
@@ -33,6 +33,8 @@ _LENGTH = 0.3
 _CLOSED = {"smooth": (2.0, 2.5), "rough": (8.0, 1.0)}
 #: Lengths over which a worn stretch of a wheel may change, rad (assumed: a few teeth, a part of the wheel).
 _STRETCHES = (math.radians(10.0), math.radians(30.0))
+#: Lobes that a table which is not round may have (assumed: what is turned or clamped is oval or has a few lobes).
+_LOBES = range(1, 9)
 #: Share of the largest variance below which a direction of a prior is left out.
 _SMALL = 2e-3
 #: The best curves are looked at with so many times the knots, up to such a number of knots: steps and single teeth are
@@ -48,7 +50,7 @@ class Curve:
 
     Attributes:
         term: What it is a curve of.
-        prior: ``smooth``, ``rough``, ``steps`` or ``teeth``.
+        prior: ``smooth``, ``rough``, ``steps``, ``teeth`` or ``lobes``.
         root: From normal coefficients of variance one to values at the knots, (knots, k).
         columns: Readings by these coefficients, whitened by the campaign's noise alone, (count, k).
         log_odds: Logarithm of its prior odds.
@@ -114,6 +116,12 @@ def steps_of(term: CurveTerm) -> np.ndarray:
     return (walk - walk.mean(axis=0)) * math.sqrt(6.0 / k)
 
 
+def lobes_of(term: CurveTerm, lobes: int) -> np.ndarray:
+    """Root of the prior of a wave with so many periods in one turn, of any phase, (knots, 2)."""
+    angle = 2.0 * np.pi * lobes * np.arange(len(term.knots)) / len(term.knots)
+    return np.column_stack([np.cos(angle), np.sin(angle)])
+
+
 def teeth_of(term: CurveTerm, teeth: float, stretch: float) -> np.ndarray:
     """Root of the prior of a stretch of worn teeth: waves of the tooth's period whose size changes from place to place,
     (knots, k).
@@ -171,6 +179,8 @@ def best_curves(problem: Problem, fit: Fit, plain: Problem) -> list[tuple[float,
             known = linear.of(term)
             for prior, root in (*priors_of(term), ("steps", steps_of(term))):
                 compete(term, known, prior, root, odds)
+            for lobes in _LOBES if term.moves == RADIAL else ():
+                compete(term, known, "lobes", lobes_of(term, lobes), odds - math.log(len(_LOBES)))
     for axis in (a for a in plain.chain.rotary if a in tried):
         odds = _LOG_ODDS - math.log(3 * tried[axis])
         for term in terms.fine(axis):
