@@ -186,7 +186,37 @@ def _calibration(worlds: dict[str, list[Score]], folder: Path) -> list[str]:
     if not groups:
         return out[:-1]
     draw_reliability(groups, folder / "images" / "reliability")
-    rows = [
+    names = [n for mine in groups.values() for n in mine]
+    return [
+        *out,
+        "![Reliability diagram](images/reliability.png)",
+        "",
+        "The target is an error below 0.05 in each bin of at least 20 names.",
+        "",
+        *table(["probability", "names", "mean", "true", "error"], _reliability_rows(names)),
+        *_limits(scores),
+    ]
+
+
+def _limits(scores: list[Score]) -> list[str]:
+    """Whether the probabilities that a number is beyond its limit are right."""
+    numbers = [n for s in scores for n in s.limits]
+    if not numbers:
+        return []
+    return [
+        "",
+        "Where a tolerance is stated, every number has a probability that it is beyond its limit. That is right or",
+        "wrong for each of them:",
+        "",
+        *table(["probability", "numbers", "mean", "beyond", "error"], _reliability_rows(numbers)),
+        "",
+        f"Brier score {brier_score(numbers, 0):.4f}, logarithmic score {log_score(numbers, 0):.4f} nats.",
+    ]
+
+
+def _reliability_rows(cases: list[tuple[float, bool]]) -> list[list[str]]:
+    """One row for each bin of a reliability diagram."""
+    return [
         [
             f"{b.low:.1f} to {b.high:.1f}",
             str(b.count),
@@ -194,15 +224,7 @@ def _calibration(worlds: dict[str, list[Score]], folder: Path) -> list[str]:
             rate(b.true, b.count),
             f"{b.error:+.3f}" if b.count else "-",
         ]
-        for b in reliability([n for names in groups.values() for n in names])
-    ]
-    return [
-        *out,
-        "![Reliability diagram](images/reliability.png)",
-        "",
-        "The target is an error below 0.05 in each bin of at least 20 names.",
-        "",
-        *table(["probability", "names", "mean", "true", "error"], rows),
+        for b in reliability(cases)
     ]
 
 

@@ -48,6 +48,7 @@ class Score:
         numbers: True numbers that have an interval.
         names: (probability, whether it is true) of every name that was given with a probability.
         findings: The same of the findings alone, without their alternatives.
+        limits: (probability that it is beyond its limit, whether it is) of every number with a stated limit.
         unseen: Number of clear causes that were not named, where the findings have probabilities.
     """
 
@@ -59,6 +60,7 @@ class Score:
     numbers: list[Number] = field(default_factory=list)
     names: list[tuple[float, bool]] = field(default_factory=list)
     findings: list[tuple[float, bool]] = field(default_factory=list)
+    limits: list[tuple[float, bool]] = field(default_factory=list)
     unseen: int = 0
 
     @property
@@ -102,6 +104,7 @@ def score(row: dict) -> Score:
         numbers=_numbers(row),
         names=[(p, right) for p, right, _ in probable],
         findings=[(p, right) for p, right, alone in probable if alone],
+        limits=_limits(row),
         unseen=clear.count(False) if any(e.get("probability") is not None for e in found) or not found else 0,
     )
 
@@ -187,6 +190,29 @@ def _numbers(row: dict) -> list[Number]:
             for truth, value, low, high in _pairs(true.get(key), values.get(key), pair, key):
                 vague = answer.get("defined_to", 0.0) * (limit or abs(truth))
                 out.append(_number(name in planted, finding, truth, value, low, high, vague))
+    return out
+
+
+def _limits(row: dict) -> list[tuple[float, bool]]:
+    """Of every number with a stated limit the probability that it is beyond, and whether it is. Numbers that a machine
+    does not have, or has no more closely defined than that, are left out; so are those that look like what was planted.
+    """
+    answer = row["answer"]
+    true = {e["id"]: e for e in (*answer.get("within", []), *answer.get("effect", []))}
+    alike = {name for e in answer.get("effect", []) for name in e.get("equivalent", [])} - true.keys()
+    out = []
+    for b in row["result"].get("budget", []):
+        p, limit, name = b["probability_beyond"], b["limit"], b["id"]
+        if p is None or name in alike or name in answer.get("undefined", []):
+            continue
+        mine = true.get(name, {})
+        if b["number"].startswith("order "):
+            sizes = {f"order {order:g}": amplitude for order, amplitude, _ in mine.get("components", [])}
+            size = abs(sizes.get(b["number"], 0.0))
+        else:
+            size = abs(mine.get(b["number"], b["expected"]) - b["expected"])
+        if abs(size - limit) >= answer.get("defined_to", 0.0) * limit:
+            out.append((p, size > limit))
     return out
 
 
