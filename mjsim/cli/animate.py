@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
@@ -19,9 +17,7 @@ from mjsim.cli import common
     shell_complete=common.test_names,
     help="The test to show (with --ladder: up to nine of them).",
 )
-@click.option(
-    "-o", "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="File to write: .mp4 or .gif."
-)
+@common.file_option("-o", "--out", required=True, help="File to write: .mp4 or .gif.")
 @click.option(
     "--ladder", is_flag=True, help="Show the models of the campaign's history one after the other instead of one test."
 )

@@ -14,11 +14,7 @@ from mjsim.instruments.axis_log.measurement import LogTest
 @click.command("check")
 @common.campaign_argument
 @common.machine_option
-@click.option(
-    "--fix",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="Write a corrected copy of the campaign into this new folder.",
-)
+@common.folder_option("--fix", help="Write a corrected copy of the campaign into this new folder.")
 @common.threads_option
 @common.options
 def command(campaign, machine, fix, threads, as_json, quiet) -> None:

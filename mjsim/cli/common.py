@@ -151,10 +151,28 @@ def test_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> l
     return []
 
 
+def path_option(*names: str, **more):
+    """An option with the path of a file or folder that is read.
+
+    Args:
+        names: Of the option, as :func:`click.option` takes them.
+        more: As there.
+    """
+    return click.option(*names, type=click.Path(path_type=Path), **more)
+
+
+def file_option(*names: str, **more):
+    """An option with the path of a file to write; see :func:`path_option`."""
+    return click.option(*names, type=click.Path(path_type=Path, dir_okay=False), **more)
+
+
+def folder_option(*names: str, **more):
+    """An option with the path of a folder to write into; see :func:`path_option`."""
+    return click.option(*names, type=click.Path(path_type=Path, file_okay=False), **more)
+
+
 campaign_argument = click.argument("campaign", type=click.Path(path_type=Path))
-machine_option = click.option(
-    "--machine", type=click.Path(path_type=Path), help="Machine file to use instead of the campaign's."
-)
+machine_option = path_option("--machine", help="Machine file to use instead of the campaign's.")
 test_option = click.option(
     "--test",
     "only",

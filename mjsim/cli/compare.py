@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
@@ -23,11 +21,7 @@ _CONFORMITY = 4
 @click.command("compare")
 @common.campaign_argument
 @common.machine_option
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="Folder for plots (default: .mjsim/compare in the campaign).",
-)
+@common.folder_option("--out", help="Folder for plots (default: .mjsim/compare in the campaign).")
 @click.option(
     "--calibrate",
     "calibrated",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
@@ -15,9 +13,7 @@ CONTROLS = ("linuxcnc", "sinumerik", "heidenhain", "fanuc", "csv")
 @click.command("compensate")
 @common.campaign_argument
 @click.option("--control", type=click.Choice(CONTROLS), required=True, help="Control that gets the corrections.")
-@click.option(
-    "-o", "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the files."
-)
+@common.folder_option("-o", "--out", required=True, help="Folder for the files.")
 @common.machine_option
 @click.option(
     "--programs",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
@@ -23,26 +21,12 @@ def command() -> None:
 @command.command("linuxcnc", short_help="LinuxCNC, without a machine and without a window.")
 @common.campaign_argument
 @click.option("--test", "name", required=True, shell_complete=common.test_names, help="Test to run.")
-@click.option(
-    "-o",
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    required=True,
-    help="The record: an axis log (.csv).",
-)
-@click.option(
-    "--program",
-    type=click.Path(path_type=Path),
-    help="NC file of the dialect linuxcnc (default: what mjsim writes for the test).",
-)
+@common.file_option("-o", "--out", required=True, help="The record: an axis log (.csv).")
+@common.path_option("--program", help="NC file of the dialect linuxcnc (default: what mjsim writes for the test).")
 @click.option("--tool-centre", is_flag=True, help="Tool centre point control (xyzac-trt-kins, xyzbc-trt-kins).")
 @click.option("--step-deg", type=common.NUMBER, default=0.1, show_default=True, help="Angle φ from block to block.")
 @options.acceleration
-@click.option(
-    "--corrections",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="Folder of `mjsim compensate --control linuxcnc`.",
-)
+@common.folder_option("--corrections", help="Folder of `mjsim compensate --control linuxcnc`.")
 @click.option("--drives", is_flag=True, help="Actual positions by the drives of the campaign's machine.")
 @common.machine_option
 @click.option(

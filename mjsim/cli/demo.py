@@ -11,12 +11,8 @@ from mjsim.units import UM
 
 
 @click.command("demo")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("mjsim-demo"),
-    show_default=True,
-    help="Folder for the working copy and the report.",
+@common.folder_option(
+    "--out", default=Path("mjsim-demo"), show_default=True, help="Folder for the working copy and the report."
 )
 @common.threads_option
 @common.options

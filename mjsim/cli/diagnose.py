@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import click
 
@@ -32,9 +31,8 @@ _LONG_S = 5.0
 @click.command("diagnose")
 @common.campaign_argument
 @common.machine_option
-@click.option(
+@common.file_option(
     "--write",
-    type=click.Path(path_type=Path, dir_okay=False),
     help="Save the machine with the effects found, the curve of what is unexplained, and the calibrated data sheet.",
 )
 @common.max_effects_option

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
@@ -13,12 +11,7 @@ from mjsim.machine.subjects import in_words
 
 @click.command("effects")
 @click.argument("effect", required=False, shell_complete=common.effect_ids)
-@click.option(
-    "--machine",
-    "machine_file",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Machine file whose axes count (default: the shipped machine's).",
-)
+@common.file_option("--machine", "machine_file", help="Machine file whose axes count (default: the shipped machine's).")
 @common.options
 def command(effect, machine_file, as_json, quiet) -> None:
     """The catalogue of effects, or one of them (an id such as backlash.A, or a kind such as backlash).

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
@@ -18,11 +16,7 @@ _MOST, _LEAST = 6, 0.2
 @common.campaign_argument
 @click.argument("effect", shell_complete=common.effect_ids)
 @common.machine_option
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Plot file (default: .mjsim/explain-EFFECT.png in the campaign).",
-)
+@common.file_option("--out", help="Plot file (default: .mjsim/explain-EFFECT.png in the campaign).")
 @click.option("--no-plots", is_flag=True, help="Numbers only.")
 @click.option("--force", is_flag=True, help="Replace the file named by --out.")
 @common.as_is_option

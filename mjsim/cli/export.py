@@ -17,9 +17,7 @@ _OF_MAP = {"control": "--control", "ranges": "--range", "step": "--step", "rotar
 @common.campaign_argument
 @common.machine_option
 @common.names_option
-@click.option(
-    "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the CSV files."
-)
+@common.folder_option("--out", required=True, help="Folder for the CSV files.")
 @click.option("--decimal-comma", is_flag=True, help="Semicolons and decimal commas, for spreadsheets that expect them.")
 @click.option("--volumetric", is_flag=True, help="Write the error of the tool over the volume instead.")
 @click.option(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
 
 import click
 
@@ -25,7 +24,7 @@ def _said(agrees: bool) -> str:
 
 
 @click.command("figures")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the figures.")
+@common.folder_option("--out", required=True, help="Folder for the figures.")
 @click.option("--only", type=int, multiple=True, help="Only this figure, 3 to 17 (may be given more than once).")
 @click.option("--force", is_flag=True, help="Replace files that exist.")
 @common.threads_option

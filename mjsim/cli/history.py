@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
@@ -11,11 +9,7 @@ from mjsim.cli import common
 
 @click.command("history")
 @common.campaign_argument
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Plot file (default: .mjsim/ladder.png in the campaign).",
-)
+@common.file_option("--out", help="Plot file (default: .mjsim/ladder.png in the campaign).")
 @click.option("--force", is_flag=True, help="Replace the file named by --out.")
 @common.options
 def command(campaign, out, force, as_json, quiet) -> None:

@@ -24,14 +24,8 @@ def command() -> None:
 @click.option("--axis", type=click.Choice(TURNING), help="Rotary axis (default: every one that has tangential tests).")
 @common.machine_option
 @click.option("--per-direction", is_flag=True, help="Keep CW and CCW apart even where they agree.")
-@click.option(
-    "--write", type=click.Path(path_type=Path, dir_okay=False), help="Save the machine with the pitch errors put in."
-)
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="Folder for plots (default: .mjsim/identify in the campaign).",
-)
+@common.file_option("--write", help="Save the machine with the pitch errors put in.")
+@common.folder_option("--out", help="Folder for plots (default: .mjsim/identify in the campaign).")
 @click.option("--no-plots", is_flag=True, help="Numbers only.")
 @click.option("--force", is_flag=True, help="Replace the file named by --write and plots in the folder named by --out.")
 @common.as_is_option
@@ -159,9 +153,7 @@ def show_encoders(data: dict) -> None:
 @command.command("drive")
 @common.campaign_argument
 @common.machine_option
-@click.option(
-    "--write", type=click.Path(path_type=Path, dir_okay=False), help="Save the machine with the numbers found."
-)
+@common.file_option("--write", help="Save the machine with the numbers found.")
 @click.option(
     "--max-effects", type=click.IntRange(0, 20), default=8, show_default=True, help="At most so many causes per axis."
 )

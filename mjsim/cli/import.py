@@ -12,7 +12,7 @@ from mjsim.cli.import_show import model_effects, runs_json, show_features, show_
 
 @click.command("import")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--campaign", type=click.Path(path_type=Path), required=True, help="Folder of the campaign.")
+@common.path_option("--campaign", required=True, help="Folder of the campaign.")
 @import_options.test
 @import_options.columns
 @import_options.angles

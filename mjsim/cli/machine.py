@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
@@ -88,9 +86,7 @@ def templates(as_json, quiet) -> None:
     help="In which sense a rotary axis counts: as ISO 841 says (default), or the other way. Repeatable.",
 )
 @click.option("--tool-length", type=float, help="From the pivot of a turning head to the ball, mm (default 250).")
-@click.option(
-    "-o", "--out", "folder", required=True, type=click.Path(path_type=Path, file_okay=False), help="New folder."
-)
+@common.folder_option("-o", "--out", "folder", required=True, help="New folder.")
 @click.option("--name", help="Name of the machine (default: the folder's).")
 @common.options
 def new(

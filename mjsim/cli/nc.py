@@ -49,7 +49,7 @@ def command() -> None:
 @command.command("write", hidden=True)
 @common.campaign_argument
 @click.option("--test", "name", required=True, shell_complete=common.test_names, help="Test to write.")
-@click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The NC file.")
+@common.file_option("-o", "--out", required=True, help="The NC file.")
 @options.written_dialect
 @options.writing
 @options.signs
@@ -115,15 +115,10 @@ def write(
 @click.argument("file", type=click.Path(path_type=Path))
 @options.reading
 @options.limits
-@click.option("--machine", type=click.Path(path_type=Path), help="Machine file whose axes the program moves.")
-@click.option("--campaign", type=click.Path(path_type=Path), help="Compare with a test of this campaign.")
+@common.path_option("--machine", help="Machine file whose axes the program moves.")
+@common.path_option("--campaign", help="Compare with a test of this campaign.")
 @click.option("--test", "name", shell_complete=common.test_names, help="That test.")
-@click.option(
-    "-o",
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="CSV: time_s and the five axes at every block's end.",
-)
+@common.file_option("-o", "--out", help="CSV: time_s and the five axes at every block's end.")
 @options.force
 @common.options
 def read(

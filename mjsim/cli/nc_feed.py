@@ -13,7 +13,7 @@ from mjsim.cli import nc_options as options
 @click.command("feed", short_help="The feed that its blocks really give.")
 @common.campaign_argument
 @click.option("--test", "name", required=True, shell_complete=common.test_names, help="Test that the program is for.")
-@click.option("--program", type=click.Path(path_type=Path), help="NC file (default: what `mjsim nc` would write).")
+@common.path_option("--program", help="NC file (default: what `mjsim nc` would write).")
 @options.reading
 @options.writing
 @click.option(
@@ -33,20 +33,9 @@ from mjsim.cli import nc_options as options
     help="The block times of this control, in place of the three options above.",
 )
 @options.acceleration
-@click.option(
-    "--record",
-    type=click.Path(path_type=Path),
-    help="Hold the model against this axis log of a control, with all axes.",
-)
-@click.option(
-    "-o",
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="CSV: time_s, phi_deg, feed_mm_min, reading_um.",
-)
-@click.option(
-    "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Picture of feed and reading over φ (.png or .svg)."
-)
+@common.path_option("--record", help="Hold the model against this axis log of a control, with all axes.")
+@common.file_option("-o", "--out", help="CSV: time_s, phi_deg, feed_mm_min, reading_um.")
+@common.file_option("--plot", help="Picture of feed and reading over φ (.png or .svg).")
 @options.force
 @common.options
 def command(

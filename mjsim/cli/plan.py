@@ -27,9 +27,7 @@ _NOTHING_OPEN = {"between": None, "test": None, "difference_um": None}
 @click.option(
     "--minutes", help="With --new: machine time, a number or full (default): 10 and 30 are usual.", default=None
 )
-@click.option(
-    "-o", "--out", type=click.Path(path_type=Path, file_okay=False), help="With --new: new folder for the campaign."
-)
+@common.folder_option("-o", "--out", help="With --new: new folder for the campaign.")
 @click.option(
     "--between",
     nargs=2,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
@@ -13,11 +11,11 @@ from mjsim.digits import estimate, interval
 
 @click.command("predict")
 @click.argument("program")
-@click.option("--campaign", type=click.Path(path_type=Path), help="Campaign whose diagnosis says how the machine is.")
+@common.path_option("--campaign", help="Campaign whose diagnosis says how the machine is.")
 @common.machine_option
 @PART
-@click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), help="Picture (.png or .svg).")
-@click.option("--csv", "table", type=click.Path(path_type=Path, dir_okay=False), help="Deviation along the path.")
+@common.file_option("-o", "--out", help="Picture (.png or .svg).")
+@common.file_option("--csv", "table", help="Deviation along the path.")
 @click.option("--force", is_flag=True, help="Replace files that are there.")
 @common.threads_option
 @common.options

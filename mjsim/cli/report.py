@@ -12,12 +12,8 @@ from mjsim.cli.part_options import PART, part_runs
 
 @click.command("report")
 @click.argument("campaigns", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="CAMPAIGN...")
-@click.option(
-    "-o",
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    show_default="report.html, or certificate.pdf",
-    help="The page or certificate to write.",
+@common.file_option(
+    "-o", "--out", show_default="report.html, or certificate.pdf", help="The page or certificate to write."
 )
 @common.machine_option
 @common.max_effects_option

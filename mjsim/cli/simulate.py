@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
@@ -13,9 +11,7 @@ from mjsim.cli import common
 @common.campaign_argument
 @common.machine_option
 @common.names_option
-@click.option(
-    "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the traces and plots."
-)
+@common.folder_option("--out", required=True, help="Folder for the traces and plots.")
 @click.option("--no-plots", is_flag=True, help="Only the CSV files.")
 @click.option("--force", is_flag=True, help="Replace files that exist.")
 @common.threads_option
