@@ -49,7 +49,7 @@ LIMIT = _LimitType()
 
 @click.command("batch")
 @click.argument("sweep", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder of the results.")
+@common.folder_option("--out", help="Folder of the results.")
 @click.option("--scheduler", metavar="ADDRESS", help="Run on the workers of this Dask scheduler.")
 @click.option("--dry-run", is_flag=True, help="Only say how many runs there are, and how long they take.")
 @click.option(
@@ -85,11 +85,9 @@ def command(sweep, out, scheduler, dry_run, limits, force, threads, as_json, qui
     try:
         with common.progress_bar(quiet, left=True) as bar:
 
-            def progress(done: int, total: int, steps: int, all_steps: int) -> None:
+            def progress(stage: str, done: int, total: int) -> None:
                 signals.raise_again()
-                bar(
-                    "simulating", round(total * steps / all_steps), total
-                )  # a long test counts more, so that the time left is right
+                bar(stage, done, total)
 
             result = batch(s, out, cores, scheduler, force, progress)
     except KeyboardInterrupt as stop:
@@ -188,12 +186,12 @@ def _describe(s, cores: int, as_json: bool, quiet: bool) -> None:
     many = f"{len(s.tests)} test{'s' if len(s.tests) > 1 else ''}"
     common.paragraph(f"{s.runs} runs of {many}: {s.runs * len(s.tests)} simulations, {steps} steps")
     common.paragraph(f"about {_duration(seconds)} on {cores} core{'s' if cores > 1 else ''}")
-    drawn = len(names) - len(s.recipe.targets)
-    if s.recipe.targets:
-        few = slice(0, min(4, len(s.recipe.targets)))
+    drawn = len(names) - len(s.targets)
+    if s.targets:
+        few = slice(0, min(4, len(s.targets)))
         common.table(["run", *names[few]], [[str(i), *(f"{v:.6g}" for v in row[few])] for i, row in enumerate(rows)])
-        if len(s.recipe.targets) > 4:
-            common.paragraph(f"and {len(s.recipe.targets) - 4} more parameters")
+        if len(s.targets) > 4:
+            common.paragraph(f"and {len(s.targets) - 4} more parameters")
     if drawn:
         common.paragraph(f"{drawn} numbers of the data sheet are drawn in every run")
 

@@ -15,7 +15,7 @@ _MOST = 10
 
 @click.command("fleet")
 @click.argument("folders", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="FOLDER...")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder of the results.")
+@common.folder_option("--out", required=True, help="Folder of the results.")
 @click.option("--scheduler", metavar="ADDRESS", help="Diagnose on the workers of this Dask scheduler.")
 @click.option(
     "--max-effects",
@@ -49,7 +49,7 @@ def command(folders, out, scheduler, max_effects, time_limit, threads, as_is, as
     \b
     Example: mjsim fleet examples --out fleet
     """
-    from mjsim.fleet.run import fleet
+    from mjsim.batch.fleet import fleet
 
     try:
         with common.progress_bar(quiet, left=True) as bar:
