@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
-from mjsim.cli import common, signals
+from mjsim.cli import common
 
 
 @dataclass(frozen=True)
@@ -62,7 +61,7 @@ LIMIT = _LimitType()
 @click.option("--force", is_flag=True, help="Start anew, whatever --out holds.")
 @common.threads_option
 @common.options
-def command(sweep, out, scheduler, dry_run, limits, force, threads, as_json, quiet) -> None:
+def command(sweep, out, scheduler, dry_run, limits, force, threads) -> None:
     """Run a sweep: many machines through the same tests.
 
     SWEEP is a TOML file: tests, what is varied, and how. The result is a Parquet
@@ -80,33 +79,18 @@ def command(sweep, out, scheduler, dry_run, limits, force, threads, as_json, qui
     s = read_sweep(sweep)
     cores = common.cores(threads)
     if dry_run or out is None:
-        _describe(s, cores, as_json, quiet)
+        _describe(s, cores)
         return
-    try:
-        with common.progress_bar(quiet, left=True) as bar:
-
-            def progress(stage: str, done: int, total: int) -> None:
-                signals.raise_again()
-                bar(stage, done, total)
-
-            result = batch(s, out, cores, scheduler, force, progress)
-    except KeyboardInterrupt as stop:
-        common.say(f"mjsim: stopped; finished results are in {out}, and the same command continues from there", False)
-        sys.exit(signals.status(stop))
-    if as_json:
-        summary = _summary(result)
-        if limits:
-            data = result.to_dataframe()
-            summary["within_limits"] = {x.text: int(x.within(data[x.figure]).sum()) for x in limits}
-        common.print_json(summary)
-    elif not quiet:
+    with common.resumable_progress(out) as progress:
+        result = batch(s, out, cores, scheduler, force, progress)
+    if not common.answered(_summary(result, limits)):
         _say(result, limits)
     if result.failed == result.runs * result.tests:
         common.fail(f"every simulation of the sweep failed; the column 'error' of {out / 'results'} says why")
 
 
-def _summary(r) -> dict:
-    return {
+def _summary(r, limits: list[Limit]) -> dict:
+    summary = {
         "name": r.name,
         "out": str(r.out),
         "runs": r.runs,
@@ -119,6 +103,10 @@ def _summary(r) -> dict:
         "simulations_per_s": round(r.simulated / r.seconds, 3),
         "steps_per_s": round(r.steps / r.seconds),
     }
+    if limits:
+        data = r.to_dataframe()
+        summary["within_limits"] = {x.text: int(x.within(data[x.figure]).sum()) for x in limits}
+    return summary
 
 
 def _say(r, limits: list[Limit]) -> None:
@@ -162,26 +150,24 @@ def _results(r, limits: list[Limit]) -> None:
         )
 
 
-def _describe(s, cores: int, as_json: bool, quiet: bool) -> None:
+def _describe(s, cores: int) -> None:
     from mjsim.batch.run import estimate
 
     steps, seconds = estimate(s, cores)
     shown = min(5, s.runs)
     names = [c.name for c in s.columns]
     rows = [s.parameters(run) for run in range(shown)]
-    if as_json:
-        first = [{"run": run, **dict(zip(names, row, strict=True))} for run, row in enumerate(rows)]
-        data = {
-            "name": s.name,
-            "runs": s.runs,
-            "tests": [t.name for t in s.tests],
-            "simulations": s.runs * len(s.tests),
-        }
-        common.print_json(
-            {**data, "steps": steps, "estimated_seconds": round(seconds, 1), "threads": cores, "first": first}
-        )
-        return
-    if quiet:
+    data = {
+        "name": s.name,
+        "runs": s.runs,
+        "tests": [t.name for t in s.tests],
+        "simulations": s.runs * len(s.tests),
+        "steps": steps,
+        "estimated_seconds": round(seconds, 1),
+        "threads": cores,
+        "first": [{"run": run, **dict(zip(names, row, strict=True))} for run, row in enumerate(rows)],
+    }
+    if common.answered(data):
         return
     many = f"{len(s.tests)} test{'s' if len(s.tests) > 1 else ''}"
     common.paragraph(f"{s.runs} runs of {many}: {s.runs * len(s.tests)} simulations, {steps} steps")

@@ -39,8 +39,7 @@ def command() -> None:
 @options.force
 @common.options
 def linuxcnc(
-    campaign, name, out, program, tool_centre, step_deg, acceleration, corrections, drives, machine, speed, force,
-    as_json, quiet,
+    campaign, name, out, program, tool_centre, step_deg, acceleration, corrections, drives, machine, speed, force
 ) -> None:  # fmt: skip
     """Have LinuxCNC run the program of a test, and record at 1 kHz what it tells the axes.
 
@@ -84,11 +83,11 @@ def linuxcnc(
     write_whole(out, record.to_csv(actual), force)
     data = {"file": str(out), "test": name, "program": str(program) if program else None}
     data |= {"rows": len(record.told), "seconds": round(record.seconds, 2), "drives": drives, **held.to_json()}
-    if common.answered(data, as_json, quiet):
+    if common.answered(data):
         return
     common.table(["", "LinuxCNC", "model"], held.rows(), text=(0, 1, 2))
     common.paragraph(
         f"{len(nc.motion.seconds)} blocks, {held.by_f:.3f} s by their F; run in {record.seconds:.1f} s. "
         + ("Actual positions are those of the simulated drives." if drives else "Joints follow at once.")
     )
-    common.say(f"written to {out}", quiet)
+    common.say(f"written to {out}")
