@@ -121,7 +121,7 @@ def check_program(nc):
 
 
 def check_sweep(sweep):
-    assert np.isfinite(sweep.design.values).all() and 1 <= sweep.runs <= 1_000_000
+    assert np.isfinite(sweep.values).all() and 1 <= sweep.runs <= 1_000_000
 
 
 def import_table(path):

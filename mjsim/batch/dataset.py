@@ -157,10 +157,9 @@ class Folder:
             check_folder(self._sweep, self._out)
         self._out.mkdir(parents=True, exist_ok=True)
         self._lock = locked(self._out, "mjsim batch")
-        for file in [*self._out.glob(".sweep.json.*"), *self._out.glob("*/.part-*")]:
-            file.unlink()
-        if self._force:
-            for file in self._out.glob("*/part-*.parquet"):
+        stray = [".sweep.json.*", "results/.part-*", "traces/.part-*"]
+        for pattern in [*stray, *(["results/part-*.parquet", "traces/part-*.parquet"] if self._force else [])]:
+            for file in self._out.glob(pattern):
                 file.unlink()
         text = json.dumps(self._about, indent=1, ensure_ascii=False) + "\n"
         write_whole(self._out / "sweep.json", text, force=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -109,11 +108,15 @@ def batch(
         callback.installed(),
     ):
         writer = _Writer(sweep, folder, progress)
-        submit = partial(crew.executor.submit, Simulator(sweep).run)
-        if scheduler is not None:
-            submit = partial(crew.executor.submit, run_elsewhere, crew.share(packed(sweep)), versions())
+        simulator = Simulator(sweep)
+        shared = None if scheduler is None else crew.share(packed(sweep))
 
-        def deliver(job: Job, future: Future[Outcome]) -> None:
+        def submit(job: Job) -> Future[Outcome]:
+            if scheduler is None:
+                return crew.executor.submit(simulator.run, job)
+            return crew.executor.submit(run_elsewhere, shared, versions(), job)
+
+        def deliver(_: Job, future: Future[Outcome]) -> None:
             try:
                 writer.take(future.result())
             except (InputError, SimulationError):
