@@ -42,7 +42,7 @@ _WHERE = {
     "animate_ladder": "mjsim.animation.ladder",
     "figures": "mjsim.paper.figures",
     "run_batch": "mjsim.batch.run",
-    "run_fleet": "mjsim.fleet.run",
+    "run_fleet": "mjsim.batch.fleet",
     "write_nc": "mjsim.nc.write",
     "read_nc": "mjsim.nc.read",
     "driven_by": "mjsim.instruments.ball_bar.program",

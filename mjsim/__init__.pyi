@@ -2,6 +2,7 @@
 
 from mjsim.animation.ladder import animate_ladder as animate_ladder
 from mjsim.animation.movie import animate as animate
+from mjsim.batch.fleet import fleet as run_fleet
 from mjsim.batch.run import batch as run_batch
 from mjsim.campaign.files import read_campaign as read_campaign
 from mjsim.campaign.machine_file import read_machine as read_machine
@@ -16,7 +17,6 @@ from mjsim.effects.registry import register as register
 from mjsim.errors import InputError as InputError
 from mjsim.errors import SimulationError as SimulationError
 from mjsim.estimation.pitch.identify import identify_pitch_errors as identify_pitch_errors
-from mjsim.fleet.run import fleet as run_fleet
 from mjsim.importing.features import import_features as import_features
 from mjsim.importing.features import imported_features as imported_features
 from mjsim.importing.importer import import_trace as import_trace

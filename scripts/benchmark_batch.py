@@ -21,15 +21,16 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from mjsim.batch.local import run_local
 from mjsim.batch.run import batch
+from mjsim.batch.scheduler import crew_of, work_off
+from mjsim.batch.simulate import Simulator
 from mjsim.batch.sweep import Sweep, read_sweep
-from mjsim.batch.workshop import Workshop
 from mjsim.io.resources import examples
 from mjsim.machine.model import build
-from mjsim.simulation import mjmodel
+from mjsim.simulation import callback, mjmodel
 from mjsim.simulation.drive import STEP
 from mjsim.simulation.multibody import prepare
+from mjsim.threads import one_blas_thread
 
 SWEEP = """
 name = "benchmark"
@@ -55,8 +56,8 @@ def bare_rollouts(sweep: Sweep):
     """``run(threads)``: every job's model rolled out with the same controls, without the callback."""
     full, made = mujoco.mjtState.mjSTATE_FULLPHYSICS, []
     for job in sweep.jobs():
-        plant = build(sweep.recipe.machine(job.values, job.sheet))
-        *_, sent, model, data = prepare(mjmodel.build_model(plant), plant, job.conditions, STEP)
+        plant = build(sweep.machine(job.run))
+        *_, sent, model, data = prepare(mjmodel.build_model(plant), plant, sweep.test_of(job), STEP)
         initial = np.zeros(mujoco.mj_stateSize(model, full))
         mujoco.mj_getState(model, data, initial, full)
         made.append((model, data, initial[None], np.vstack([sent[1:], sent[-1:]])[None]))
@@ -66,6 +67,13 @@ def bare_rollouts(sweep: Sweep):
             list(pool.map(lambda args: rollout.rollout(*args), made))
 
     return run, sum(control.shape[1] for *_, control in made)
+
+
+@one_blas_thread
+def simulations(simulator: Simulator, sweep: Sweep, threads: int) -> None:
+    """All jobs as ``mjsim batch`` runs them, nothing written."""
+    with callback.installed(), crew_of(ThreadPoolExecutor(threads), threads, None) as crew:
+        work_off(crew, sweep.jobs(), lambda job: crew.executor.submit(simulator.run, job), lambda *_: None)
 
 
 def main() -> None:
@@ -79,11 +87,10 @@ def main() -> None:
         file.write_text(SWEEP.format(runs=options.runs))
         sweep = read_sweep(file)
         bare, steps = bare_rollouts(sweep)
-        shop = Workshop(sweep.recipe)
-        jobs = list(sweep.jobs())
+        simulator = Simulator(sweep)
         measured = {
-            "1 core": lambda: run_local(shop, jobs, 1, lambda _: None),
-            "2 cores": lambda: run_local(shop, jobs, 2, lambda _: None),
+            "1 core": lambda: simulations(simulator, sweep, 1),
+            "2 cores": lambda: simulations(simulator, sweep, 2),
             "bare, 1 core": lambda: bare(1),
             "bare, 2 cores": lambda: bare(2),
             "whole command, 2 cores": lambda: batch(sweep, Path(tempfile.mkdtemp(dir=scratch)), 2),

@@ -113,8 +113,8 @@ BUGS = (
         "batch resume",
         "a run of which one test is done is not finished",
         "mjsim/batch/run.py",
-        "if (j.run, j.test) not in done",
-        "if j.run not in {run for run, _ in done}",
+        "if job not in done",
+        "if job.run not in {run for run, _ in done}",
         "test_batch",
     ),
 )

@@ -10,7 +10,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -20,10 +19,11 @@ from click.testing import CliRunner
 from commands import POSIX, run, with_b_axis
 
 import mjsim
-from mjsim.batch import cluster, dataset
+from mjsim.batch import dataset, scheduler
 from mjsim.batch.dataset import Folder
-from mjsim.batch.figures import FIGURES
-from mjsim.batch.sweep import read_sweep
+from mjsim.batch.simulate import FIGURES
+from mjsim.batch.sweep import Job, read_sweep
+from mjsim.batch.tables import check_versions
 from mjsim.cli.main import main
 from mjsim.errors import InputError
 from mjsim.estimation.data_sheet import data_sheet
@@ -114,32 +114,32 @@ def files(out):
 def test_grid(folder):
     s = read_sweep(sweep_file(folder, BACKLASH + GAIN + BALL))
     assert s.runs == 12 and len(list(s.jobs())) == 24
-    assert s.design.values[0].tolist() == [0.0, 40.0, 0.0] and s.design.values[-1].tolist() == [0.01, 50.0, 20.0]
-    assert len({tuple(v) for v in s.design.values}) == 12
+    assert s.values[0].tolist() == [0.0, 40.0, 0.0] and s.values[-1].tolist() == [0.01, 50.0, 20.0]
+    assert len({tuple(v) for v in s.values}) == 12
     log = BACKLASH.replace("from = 0.0", "from = 0.0001").replace("count = 3", 'count = 3\nscale = "log"')
-    np.testing.assert_allclose(read_sweep(sweep_file(folder, log)).design.values[:, 0], [1e-4, 1e-3, 1e-2])
+    np.testing.assert_allclose(read_sweep(sweep_file(folder, log)).values[:, 0], [1e-4, 1e-3, 1e-2])
 
 
 def test_latin_hypercube_is_stratified_and_reproducible(folder):
     body = (BACKLASH + BALL.replace("values = [0.0, 20.0]", "from = -10.0\nto = 10.0")).replace("count = 3\n", "")
     body += '[[vary]]\nparameter = "friction.X.coulomb_Nm"\nfrom = 0.1\nto = 10.0\nscale = "log"\n' + GAIN
     head = 'design = "latin_hypercube"\nsamples = 40\nseed = '
-    values = read_sweep(sweep_file(folder, body, head + "7")).design.values
+    values = read_sweep(sweep_file(folder, body, head + "7")).values
     parts = np.arange(40)
     assert np.array_equal(np.sort(np.floor(values[:, 0] / 0.01 * 40)), parts)
     assert np.array_equal(np.sort(np.floor((values[:, 1] + 10.0) / 20.0 * 40)), parts)
     assert np.array_equal(np.sort(np.floor(np.log(values[:, 2] / 0.1) / np.log(100.0) * 40)), parts)
     assert np.unique(values[:, 3], return_counts=True)[1].tolist() == [20, 20]
-    assert np.array_equal(values, read_sweep(sweep_file(folder, body, head + "7")).design.values)
-    assert not np.array_equal(values, read_sweep(sweep_file(folder, body, head + "8")).design.values)
+    assert np.array_equal(values, read_sweep(sweep_file(folder, body, head + "7")).values)
+    assert not np.array_equal(values, read_sweep(sweep_file(folder, body, head + "8")).values)
 
 
 def test_tolerances_have_the_data_sheets_spread(folder):
     s = read_sweep(sweep_file(folder, BACKLASH, 'design = "tolerances"\nsamples = 200'))
-    assert s.runs == 600 and s.design.sheet.shape == (600, SHEET)
-    assert np.array_equal(s.design.sheet[:200], s.design.sheet[200:400])  # the same machines at each point of the grid
+    assert s.runs == 600 and s.sheet.shape == (600, SHEET)
+    assert np.array_equal(s.sheet[:200], s.sheet[200:400])  # the same machines at each point of the grid
     table = pd.DataFrame([s.parameters(r) for r in range(200)], columns=[c.name for c in s.columns])
-    base = s.recipe.base
+    base = s.base
     for axis in "XYZAC":
         for column, nominal, name in (
             (f"drive.{axis}.position_gain_per_s", base.drives[axis].position_gain, "position_gain"),
@@ -149,7 +149,7 @@ def test_tolerances_have_the_data_sheets_spread(folder):
             ratio = table[column] / nominal
             assert abs(ratio.mean() - 1.0) < 0.02 * TOLERANCE[name]
             assert ratio.std() == pytest.approx(TOLERANCE[name], rel=0.03)
-    correlation = np.corrcoef(s.design.sheet[:200].T) - np.eye(SHEET)
+    correlation = np.corrcoef(s.sheet[:200].T) - np.eye(SHEET)
     assert np.abs(correlation).max() < 0.3
 
 
@@ -171,7 +171,7 @@ def test_another_machine_runs_its_own_tests(b_folder):
     table, sweep = result.to_dataframe(), read_sweep(file)
     assert len(table) == 12 and not result.failed
     for number in (0, 3):
-        want = simulate(sweep.recipe.machine(sweep.design.values[number]), [sweep.test_of(number, 0)], 1)[0]
+        want = simulate(sweep.machine(number), [sweep.test_of(Job(number, 0))], 1)[0]
         lo, hi = Program(want.test).measured_span
         keep = (want.time >= lo) & (want.time <= hi)
         mine = table[(table["run"] == number) & (table["test"] == "turn")].iloc[0]
@@ -210,7 +210,7 @@ def test_results_are_those_of_single_simulations(folder):
     sweep = read_sweep(file)
     for row in table.to_dict("records"):
         changed = {k: row[k] for k in vary}
-        machine = sweep.recipe.base
+        machine = sweep.base
         for key in ("backlash.A", "batch_wave.X", "axis_location.EX0C", "squareness.XY", "servo_delay.X"):
             parameter = next(k for k in vary if k.startswith(key))
             value = {parameter.rpartition(".")[2]: changed[parameter]}
@@ -303,7 +303,7 @@ for line in sys.stdin:
     arguments, stderr = json.loads(line)
     if (child := os.fork()) == 0:
         os.dup2(os.open(stderr, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)
-        run.FLUSH_S = 0.0
+        run.FLUSH_S, run.FLUSH_SHARE = 0.0, 1e9
         try:
             command.main(arguments)
         except SystemExit as end:
@@ -325,14 +325,14 @@ def nursery():
     process.wait()
 
 
-def stop_it(nursery, file, out, shards, sign):
-    """Start ``mjsim batch`` and send it a signal once there are so many shards: exit status and what it said."""
+def stop_it(nursery, file, out, rows, sign):
+    """Start ``mjsim batch`` and send it a signal once so many runs are there: exit status and what it said."""
     said = out.with_suffix(".stderr")
     nursery.stdin.write(json.dumps([["--quiet", str(file), "--out", str(out)], str(said)]) + "\n")
     nursery.stdin.flush()
     child = int(nursery.stdout.readline())
     try:
-        wait_for(lambda: len(list(out.glob("results/part-s*.parquet"))) >= shards, nursery)
+        wait_for(lambda: sum(pq.read_metadata(f).num_rows for f in out.glob("results/part-*")) >= rows, nursery)
     finally:
         os.kill(child, sign)
     return int(nursery.stdout.readline()), said.read_text()
@@ -397,69 +397,70 @@ def wait_for(condition, process=None, seconds=60.0):
         time.sleep(0.005)
 
 
-@pytest.mark.parametrize("step", range(7))
-def test_killed_while_the_data_set_is_put_together(folder, monkeypatch, step):
-    """Whatever moves or removal is the last one before the kill, the next call ends the work."""
-    file = sweep_file(folder, GAIN, tests=TESTS[: TESTS.index("[[test]]", 10)])
-    monkeypatch.setattr(
-        mjsim.run_batch.__globals__["_Writer"], "take", _one_by_one(mjsim.run_batch.__globals__["_Writer"].take)
-    )
+@pytest.fixture
+def each_written(monkeypatch):
+    """Every outcome is written at once, into files of two rows."""
+    monkeypatch.setattr("mjsim.batch.run.FLUSH_S", -1.0)
+    monkeypatch.setattr("mjsim.batch.run.FLUSH_SHARE", 1e9)
+    monkeypatch.setattr(dataset, "ROWS", 2)
+    monkeypatch.setattr(dataset, "TRACES", 2)
+
+
+@pytest.mark.parametrize("step", range(9))
+def test_killed_while_files_are_written(folder, monkeypatch, each_written, step):
+    """Whichever file is the last one that gets into its place before the kill, the next call ends the work."""
+    file = sweep_file(folder, GAIN, "traces = true", tests=TESTS[: TESTS.index("[[test]]", 10)])
     whole, out = folder / "whole", folder / "out"
     mjsim.run_batch(file, whole)
-    count = [0]
+    assert len(files(whole)) == 3
+    moved = []
 
     class Killed(BaseException):
         pass
 
-    def dying(function):
-        def call(*args, **kwargs):
-            if armed:
-                count[0] += 1
-                if count[0] > step:
-                    raise Killed
-            return function(*args, **kwargs)
+    def replace(a, b, move=os.replace):
+        if len(moved) == step:
+            raise Killed
+        moved.append(b)
+        move(a, b)
 
-        return call
-
-    armed = []
     with monkeypatch.context() as m:
-        m.setattr(Path, "unlink", dying(Path.unlink))
-        m.setattr(os, "replace", dying(os.replace))
-        finish = Folder.finish
-        m.setattr(Folder, "finish", lambda self: (armed.append(1), finish(self)))
+        m.setattr(os, "replace", replace)
         try:
-            mjsim.run_batch(file, out)
+            mjsim.run_batch(file, out, threads=1)
             survived = True
         except Killed:
             survived = False
-    assert survived == (count[0] <= step) and (step > 5) >= survived
-    assert mjsim.run_batch(file, out).simulated == 0
+    assert survived == (step >= 5)  # sweep.json, and twice a trace and a result
+    assert mjsim.run_batch(file, out).simulated == (0 if survived else 2 - max(step - 1, 0) // 2)
     assert files(out) == files(whole)
 
 
-def _one_by_one(take):
-    def each(self, outcomes):
-        take(self, outcomes)
-        self.flush()
-
-    return each
-
-
-def test_a_shard_that_a_power_cut_spoiled_is_computed_again(folder, monkeypatch):
+def test_a_file_that_a_power_cut_spoiled_is_computed_again(folder, each_written):
     file = sweep_file(folder, BACKLASH)
     whole, out = folder / "whole", folder / "out"
     mjsim.run_batch(file, whole)
-    monkeypatch.setattr(
-        mjsim.run_batch.__globals__["_Writer"], "take", _one_by_one(mjsim.run_batch.__globals__["_Writer"].take)
-    )
-    with monkeypatch.context() as m:
-        m.setattr(Folder, "finish", lambda self: None)
-        mjsim.run_batch(file, out)
-    shards = sorted(out.glob("results/part-s*"))
-    assert len(shards) == 6
-    shards[2].write_bytes(shards[2].read_bytes()[:100])
-    assert mjsim.run_batch(file, out).simulated == 1
+    mjsim.run_batch(file, out)
+    parts = sorted(out.glob("results/part-*"))
+    assert len(parts) == 3
+    parts[1].write_bytes(parts[1].read_bytes()[:100])
+    assert mjsim.run_batch(file, out).simulated == 2
     assert files(out) == files(whole)
+
+
+def test_a_file_of_something_else_is_refused(folder):
+    file, out = sweep_file(folder, GAIN), folder / "out"
+    mjsim.run_batch(file, out)
+    other = folder / "other"
+    mjsim.run_batch(sweep_file(folder, GAIN + BALL), other)
+    sweep_file(folder, GAIN)
+    for name, source in (("part-00001", other / "results" / "part-00000.parquet"), ("part-x", file)):
+        foreign = out / "results" / f"{name}.parquet"
+        shutil.copy(source, foreign)
+        with pytest.raises(InputError, match=f"{name}.parquet: is no file of this sweep; move it away"):
+            mjsim.run_batch(file, out)
+        foreign.unlink()
+    assert mjsim.run_batch(file, out).simulated == 0
 
 
 # -- refusals ----------------------------------------------------------------------------------------------------------
@@ -609,7 +610,7 @@ def test_example_sweeps_are_right(name):
 
 
 def test_no_scheduler_there(folder, monkeypatch):
-    monkeypatch.setattr(cluster, "TIMEOUT_S", 0.3)
+    monkeypatch.setattr(scheduler, "TIMEOUT_S", 0.3)
     file = sweep_file(folder, GAIN)
     with pytest.raises(InputError, match=r"--scheduler tcp://127\.0\.0\.1:9: no Dask scheduler answered within 0\.3 s"):
         mjsim.run_batch(file, folder / "out", scheduler="tcp://127.0.0.1:9")
@@ -623,9 +624,9 @@ def test_no_scheduler_there(folder, monkeypatch):
 
 def test_workers_must_have_the_same_versions():
     here = {"mjsim": "0.1.0", "numpy": "2"}
-    cluster._check_versions("w", here, here)
+    check_versions("w", here, here)
     with pytest.raises(InputError, match=r"worker w has numpy 1, this machine 2; allowed: the same"):
-        cluster._check_versions("w", {**here, "numpy": "1"}, here)
+        check_versions("w", here, {**here, "numpy": "1"})
 
 
 @pytest.fixture
@@ -669,7 +670,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_bytes(folder, dask):
     file = sweep_file(folder, BACKLASH.replace("count = 3", "count = 12") + BALL, "traces = true")
     seen = []
 
-    def progress(done, total, *_):
+    def progress(stage, done, total):
         seen.append(done)
         if done and workers[0].poll() is None:
             workers[0].kill()
@@ -690,4 +691,3 @@ def test_the_callback_stays_as_long_as_one_user_needs_it(m1, circle):
         assert np.array_equal(simulate(m1, [test], 1)[0].deviation, want)
         assert callback._users
     assert not callback._users
-    assert dataset.ROWS > 0

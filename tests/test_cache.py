@@ -193,12 +193,12 @@ def test_how_long_it_will_take_is_known_from_the_last_time(kept, capsys):
 
     campaign = SimpleNamespace(traces={"a": SimpleNamespace(time=np.array([0.0, 100.0]))}, measured=["a"])
     campaign.of = lambda instrument: campaign
-    done = say_how_long(campaign, quiet=False)
+    done = say_how_long(campaign)
     assert capsys.readouterr().err == ""
     done()
     assert kept.seconds("diagnose") < 0.1
     kept.took("diagnose", 0.3)
-    say_how_long(campaign, quiet=False)
+    say_how_long(campaign)
     assert "a diagnosis of 1 test takes about 30 s" in " ".join(capsys.readouterr().err.split())
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from test_report import _content, _plain
 
-from mjsim.cli.compare import calibration_sentence, percent
+from mjsim.cli.compare import calibration_sentence, share_text
 from mjsim.effects.registry import make
 from mjsim.estimation.budget import Budget
 from mjsim.estimation.calibration import calibrated_effects
@@ -151,7 +151,7 @@ def test_the_line_on_the_calibration():
     }
     sentence = calibration_sentence(data)
     assert "2 effects, 30 % of the error, 1 of them observable" in sentence and "squareness.XY (0.40 µm)" in sentence
-    assert [percent(x) for x in (0.62, 0.034, 0.0002)] == ["62 %", "3.4 %", "< 0.1 %"]
+    assert [share_text(x) for x in (0.62, 0.034, 0.0002)] == ["62 %", "3.4 %", "< 0.1 %"]
 
 
 def test_calibrating_needs_a_tolerance(m1, tmp_path):

@@ -69,7 +69,7 @@ def test_a_table_without_its_extra(without):
 
 
 def test_a_cluster_without_its_extra(without):
-    from mjsim.batch.cluster import connected
+    from mjsim.batch.scheduler import connected
 
     without("distributed")
     with pytest.raises(InputError, match="--scheduler needs the extra"), connected("tcp://127.0.0.1:9"):

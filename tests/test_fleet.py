@@ -4,18 +4,18 @@ import html
 import json
 import os
 import shutil
+from concurrent.futures import Executor, Future
+from contextlib import nullcontext
 
 import pytest
 from commands import as_json, refused, run
 from test_report import HOSTILE, _Checker, _plain
 
 import mjsim
+from mjsim.batch import fleet, fleet_page
+from mjsim.batch.diagnoses import Options, campaigns_in, diagnosed, diagnosed_elsewhere, files_of, job_of, unpack
+from mjsim.batch.scheduler import Crew
 from mjsim.errors import InputError
-from mjsim.fleet import page, tables
-from mjsim.fleet.cluster import run_on_cluster
-from mjsim.fleet.jobs import Job, Options, campaigns_in, files_of, job_of, unpack
-from mjsim.fleet.local import run_local
-from mjsim.fleet.one import diagnosed, diagnosed_elsewhere
 from mjsim.io.files import locked
 
 pd = pytest.importorskip("pandas")
@@ -100,11 +100,22 @@ def test_what_is_there_is_not_diagnosed_again(result, folders):
     assert any(json.loads(f.read_text())["error"] is None for f in kept)
 
 
-def test_a_campaign_that_takes_too_long_is_given_up(folders):
-    rows = []
-    jobs = [job_of(folders / "hall" / "one", Options(as_is=True))]
-    run_local(jobs, Options(as_is=True), 1, lambda _, row: rows.append(row), time_limit=0.05)
-    assert [row["error"] for row in rows] == ["stopped after 0.05 s, the limit for one campaign"]
+def test_a_campaign_that_takes_too_long_is_given_up(folders, tmp_path):
+    result = mjsim.run_fleet(folders / "hall" / "one", tmp_path, time_limit=0.05)
+    assert [row["error"] for row in result.campaigns] == ["stopped after 0.05 s, the limit for one campaign"]
+
+
+def test_a_fleet_that_is_stopped_ends_its_processes(folders, tmp_path):
+    """What was being diagnosed leaves no row behind."""
+
+    def stop(stage, done, total):
+        if done:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        mjsim.run_fleet([folders / "hall" / "two", folders / "hall" / "one"], tmp_path, progress=stop)
+    assert len(list((tmp_path / "diagnoses").glob("*.json"))) == 1
+    locked(tmp_path, "mjsim fleet").release()
 
 
 def test_a_folder_in_use_is_refused(result, folders):
@@ -115,37 +126,28 @@ def test_a_folder_in_use_is_refused(result, folders):
     locked(result.out, "mjsim fleet").release()
 
 
-class _Future:
-    """A future of a cluster that has run the work at once."""
+class _Worker(Executor):
+    """A cluster that does the work at once, and loses the worker that gets a fatal campaign."""
 
-    def __init__(self, work, args):
-        self.key, self._work, self._args = str(id(self)), work, args
+    def submit(self, work, files, options):
+        assert work is diagnosed_elsewhere and all(isinstance(b, bytes) for b in files.values())
+        done = Future()
+        if b"fatal" in files["machine.toml"]:
+            done.set_exception(ZeroDivisionError("lost"))
+        else:
+            done.set_result(campaign("2026-06-01", 0.0006))
+        return done
 
-    def result(self):
-        return self._work(*self._args)
 
-
-def test_on_a_cluster_a_lost_worker_is_a_row(folders, monkeypatch):
+def test_on_a_cluster_a_lost_worker_is_a_row(folders, tmp_path, monkeypatch):
     """Without a cluster: campaigns travel as bytes, and whatever the cluster raises becomes a row."""
-    from mjsim.fleet import cluster
-
-    def feed(client, submit, parts, deliver):
-        for part in parts:
-            deliver(part, submit(part))
-
-    class Client:
-        def submit(self, work, files, options, **_):
-            assert work is diagnosed_elsewhere and all(isinstance(b, bytes) for b in files.values())
-            if b"fatal" in files["machine.toml"]:
-                return _Future(lambda: 1 / 0, ())
-            return _Future(lambda: {"error": None, "verdict": "nothing_found"}, ())
-
-    monkeypatch.setattr(cluster, "feed", feed)
-    got = {}
-    jobs = [Job(folders / "hall" / "one", "a"), Job(folders / "fatal", "b")]
-    run_on_cluster(Client(), jobs, Options(), lambda job, row: got.update({job.key: row}))
-    assert got["a"]["verdict"] == "nothing_found" and got["a"]["folder"] == str(folders / "hall" / "one")
-    assert "the cluster gave it back: ZeroDivisionError" in got["b"]["error"]
+    crew = nullcontext(Crew(_Worker(), lambda: 1, lambda value: value))
+    monkeypatch.setattr(fleet, "crew_of", lambda here, count, scheduler: crew)
+    both = [folders / "hall" / "one", folders / "fatal"]
+    one, fatal = mjsim.run_fleet(both, tmp_path, scheduler="tcp://here:1").campaigns
+    assert one["error"] is None and one["folder"] == str(folders / "hall" / "one")
+    assert fatal["campaign"] == "fatal"
+    assert fatal["error"] == "the cluster gave it back: ZeroDivisionError: lost"
 
 
 def test_a_campaign_elsewhere_gives_the_same(result, folders):
@@ -182,7 +184,7 @@ def campaign(date, width, limit=0.0008, machine="M1", verdict="identified"):
 def test_the_page_shows_each_machine_over_time():
     rows = [campaign("2026-06-01", 0.0024), campaign("2026-03-01", 0.0006, verdict="nothing_found")]
     other = campaign("2026-01-01", 0.0003, machine="M2", verdict="nothing_found")
-    data = page.content([other, *rows])
+    data = fleet_page.content([other, *rows])
     assert [m["name"] for m in data["machines"]] == ["M1", "M2"]  # the one with a finding first
     first, last = data["machines"][0]["campaigns"]
     assert first["date"] < last["date"]
@@ -191,7 +193,7 @@ def test_the_page_shows_each_machine_over_time():
     assert [p["finding"] for p in series["points"]] == [False, True]
     assert series["points"][0]["y"] > series["points"][1]["y"]  # larger is higher
     assert data["frequent"] == [{"effect": "backlash.A", "title": "Backlash", "campaigns": 1, "machines": 1}]
-    text = html.unescape(_plain(page.render([other, *rows])))
+    text = html.unescape(_plain(fleet_page.render([other, *rows])))
     assert "Fleet of 2 machines" in text and "grew by 0.001800 °" in text and "limit ±0.0008" in text
     assert "backlash.A width_deg 0.002400 [0.002390, 0.002410] °, 80 %" in text
 
@@ -200,7 +202,7 @@ def test_the_page_loads_nothing_and_escapes_names():
     row = campaign("2026-06-01", 0.0024, machine=HOSTILE)
     row |= {"campaign": HOSTILE, "folder": HOSTILE}
     failed = {"folder": HOSTILE, "campaign": HOSTILE, "machine": "", "error": HOSTILE}
-    text = page.render([row, {**row, "date": "2026-07-01"}, failed])
+    text = fleet_page.render([row, {**row, "date": "2026-07-01"}, failed])
     checker = _Checker()
     checker.feed(text)
     assert checker.open == [] and "<script src" not in text and "&lt;script src" in text
@@ -210,16 +212,16 @@ def test_the_page_loads_nothing_and_escapes_names():
 def test_tables_have_a_row_for_each_number(tmp_path):
     rows = [campaign("2026-06-01", 0.0024), campaign("2026-03-01", 0.0006)]
     rows.append({"folder": "/x", "campaign": "broken", "machine": "", "error": "why", "seconds": None})
-    files = tables.write(tmp_path, rows)
+    files = fleet.write_tables(tmp_path, rows)
     campaigns, findings, calibration = (pd.read_parquet(f) for f in files)
     assert campaigns.error.tolist()[2] == "why" and len(campaigns) == 3
     assert findings.alternatives.tolist() == ["servo_delay.A, x"] and findings.share.tolist() == [0.8]
     assert calibration.used_percent.tolist() == pytest.approx([75.0])
-    for file, name in zip(files, tables.TABLES, strict=True):
+    for file, name in zip(files, fleet.TABLES, strict=True):
         import pyarrow.parquet as pq
 
         schema = pq.read_schema(file)
-        assert schema.names == list(tables.TABLES[name])
+        assert schema.names == list(fleet.TABLES[name])
         assert all(schema.field(n).metadata[b"meaning"] for n in schema.names)
 
 

@@ -17,8 +17,7 @@ import numpy as np
 import pytest
 from commands import CAMPAIGN, OWN
 
-from mjsim.batch.dataset import Folder
-from mjsim.batch.describe import describe
+from mjsim.batch.dataset import check_folder, describe
 from mjsim.batch.sweep import read_sweep
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import machine_document, read_machine
@@ -122,7 +121,7 @@ def check_program(nc):
 
 
 def check_sweep(sweep):
-    assert np.isfinite(sweep.design.values).all() and 1 <= sweep.runs <= 1_000_000
+    assert np.isfinite(sweep.values).all() and 1 <= sweep.runs <= 1_000_000
 
 
 def import_table(path):
@@ -204,7 +203,7 @@ KINDS = {
     "history": Kind(
         "short/.mjsim/history.json", HISTORY, lambda p: read_history(read_campaign(p.parent.parent, traces=False))
     ),
-    "data set": Kind("out/sweep.json", None, lambda p: Folder.check(sweep_of(p.parent.parent), p.parent), named="out"),
+    "data set": Kind("out/sweep.json", None, lambda p: check_folder(sweep_of(p.parent.parent), p.parent), named="out"),
     "effect": Kind("mine.py", OWN.format(kind="mine_spoiled").encode(), registry.load_file),
 }
 

@@ -92,7 +92,7 @@ def folder(good, tmp_path, monkeypatch):
     def works(*args, **more):
         raise Worked
 
-    for owner, name in ((Problem, "of"), (mjmodel, "build_model"), (scene, "Stage"), (batch_run, "run_local")):
+    for owner, name in ((Problem, "of"), (mjmodel, "build_model"), (scene, "Stage"), (batch_run, "work_off")):
         monkeypatch.setattr(owner, name, works)
     monkeypatch.setattr(batch_run, "estimate", lambda *_: (1, 1.0))
     shutil.copytree(good, tmp_path / "short")

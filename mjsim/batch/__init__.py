@@ -1,1 +1,1 @@
-"""Sweeps: many machines through the same tests, on all cores or on a cluster, into one Parquet data set."""
+"""Many at once, on all cores or a cluster: sweeps of machines, and fleets of campaigns."""

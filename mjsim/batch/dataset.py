@@ -1,232 +1,189 @@
-"""The folder of a sweep: shards that appear whole, what is done already, and one data set at the end.
+"""The folder of a sweep, and the description of what is in it.
 
-    DIR/sweep.json                     description
-    DIR/results/part-s000001.parquet   shards of an unfinished sweep: whole or not there, no run twice
-    DIR/results/part-00000.parquet     the finished data set
-    DIR/traces/                        likewise, where traces are asked for
-    DIR/.lock                          empty; held by the process that writes
+    DIR/sweep.json                    description
+    DIR/results/part-00000.parquet    one row a simulation
+    DIR/traces/part-00000.parquet     likewise, where traces are asked for
+    DIR/.lock                         empty; held by the process that writes
 
-A process that is killed leaves nothing else behind than hidden temporary files, which the next one takes away. A shard
-of traces is written before its shard of results, so a run with results has its trace.
+Traces are written before results, so a run with results has its trace. A process that is killed leaves nothing else
+behind than hidden temporary files, which the next one takes away.
 """
 
 from __future__ import annotations
 
-import io
 import json
 import os
-import re
 from pathlib import Path
 
 import numpy as np
 
-from mjsim.batch.arrow import integers, lists, numbers, pa, pq, texts
-from mjsim.batch.describe import describe, difference, result_columns, schema, trace_columns
-from mjsim.batch.sweep import Sweep
-from mjsim.batch.workshop import Outcome
+from mjsim.batch.simulate import Outcome
+from mjsim.batch.sweep import Job, Sweep
+from mjsim.batch.tables import NUMBER, NUMBERS, TEXT, WHOLE, Columns, Table, schema, versions
 from mjsim.errors import InputError
+from mjsim.instruments.ball_bar.files import test_table
 from mjsim.io.files import check_writable, locked, write_whole
 from mjsim.io.inputs import file_bytes
 
-#: Largest description, bytes, and the names of the data set's files.
-_LARGEST, _NAME = 50_000_000, re.compile(r"part-s?\d{1,9}\.parquet", re.ASCII)
-_SHARD, _NEW = "part-s", ".new-part-"
-#: Rows of one file of the finished data set.
-ROWS, TRACES = 200_000, 256
+_KEYS: Columns = {"run": (WHOLE, "", "run, counted from 0"), "test": (TEXT, "", "name of the test")}
+#: Columns of the results of a sweep beside the run's parameters.
+RESULT_COLUMNS: Columns = {
+    "duration_s": (NUMBER, "s", "duration of the test's program, rest to rest"),
+    "circular_error_um": (
+        NUMBER,
+        "µm",
+        "circular error G (ISO 230-4), about the least-squares centre; null for arcs",
+    ),
+    "radial_max_um": (NUMBER, "µm", "largest radial error Fmax (ISO 230-4), outward positive; null for arcs"),
+    "radial_min_um": (NUMBER, "µm", "smallest radial error Fmin (ISO 230-4); null for arcs"),
+    "centre_phi0_um": (NUMBER, "µm", "least-squares centre that was taken out, along φ = 0; null for arcs"),
+    "centre_phi90_um": (NUMBER, "µm", "least-squares centre that was taken out, along φ = 90°; null for arcs"),
+    "rms_um": (NUMBER, "µm", "root mean square of the reading over the measured part, nothing taken out"),
+    "max_um": (NUMBER, "µm", "largest reading over the measured part, bar longer positive"),
+    "min_um": (NUMBER, "µm", "smallest reading over the measured part"),
+    "error": (TEXT, "", "why the run has no figures; null where it has"),
+}
+#: Columns of its traces.
+TRACE_COLUMNS: Columns = {
+    **_KEYS,
+    "time_s": (NUMBERS, "s", "time from the program's start"),
+    "phi_deg": (NUMBERS, "°", "signed angle φ of the test; the axis' command in rotary tests"),
+    "deviation_um": (NUMBERS, "µm", "change of the bar's length, outward positive"),
+}
+#: Rows of one file of the results and of the traces: some that are rewritten in a moment.
+ROWS, TRACES = 4096, 64
+#: Largest description, bytes.
+_LARGEST = 50_000_000
+
+
+def result_columns(sweep: Sweep) -> Columns:
+    """Columns of the results."""
+    return {**_KEYS, **{t.name: (NUMBER, t.unit, t.meaning) for t in sweep.columns}, **RESULT_COLUMNS}
+
+
+def describe(sweep: Sweep) -> dict:
+    """``sweep.json``: the sweep with its text, inputs, versions, seed, and every column's unit and meaning."""
+    shown = lambda columns: {k: {"unit": u, "meaning": m} for k, (_, u, m) in columns.items()}  # noqa: E731
+    return {
+        "name": sweep.name,
+        "design": sweep.data.get("design", "grid"),
+        "seed": sweep.data.get("seed", 0),
+        "runs": sweep.runs,
+        "tests": [test_table(t) for t in sweep.tests],
+        "machine": sweep.base.name,
+        "inputs_sha256": sweep.inputs,
+        "versions": versions(),
+        "columns": shown(result_columns(sweep)),
+        "trace_columns": shown(TRACE_COLUMNS) if sweep.every else {},
+        "sweep": sweep.data,
+        "text": sweep.text,
+    }
+
+
+def check_folder(sweep: Sweep, out: Path) -> None:
+    """Refuse a folder that holds something else's results; writes nothing.
+
+    Raises:
+        InputError: It does.
+    """
+    file = Path(out) / "sweep.json"
+    if not os.path.lexists(file):
+        for folder in ("results", "traces"):
+            if any((Path(out) / folder).glob("*")):
+                raise InputError(f"{out}: has a folder {folder!r} but no sweep.json; name another folder for --out")
+        return
+    try:
+        then = json.loads(
+            file_bytes(file, _LARGEST, f"allowed: up to {_LARGEST / 1e6:.0f} MB; name another folder for --out")
+        )
+        changed = _difference(describe(sweep), then)
+    except InputError:
+        raise
+    except (ValueError, AttributeError, TypeError):
+        raise InputError(f"{file}: is no description of a sweep; name another folder for --out") from None
+    if changed:
+        raise InputError(
+            f"{out}: was begun with another sweep: {changed}; name another folder, or give --force to start anew"
+        )
+
+
+def _difference(now: dict, then: dict) -> str | None:
+    """In what a sweep differs from the one that a folder was begun with, or ``None``; comments and line breaks do
+    not count.
+    """
+    if now["sweep"] != then.get("sweep"):
+        a, b = now["sweep"], then.get("sweep") or {}
+        keys = [k for k in sorted({*a, *b}) if a.get(k) != b.get(k)]
+        return f"the sweep file has another {', '.join(map(repr, keys))}"
+    for what in sorted({*now["inputs_sha256"], *then.get("inputs_sha256", {})}):
+        if now["inputs_sha256"].get(what) != then.get("inputs_sha256", {}).get(what):
+            return f"the {what} has changed"
+    if now["tests"] != then.get("tests"):
+        return "the campaign's tests have changed"
+    for what, version in now["versions"].items():
+        if version != then.get("versions", {}).get(what):
+            return f"{what} is {version[:12]} now and was {str(then.get('versions', {}).get(what))[:12]}"
+    return None
 
 
 class Folder:
     """The result folder of one sweep, held by one process at a time; use it in a ``with`` block.
 
     Args:
-        out: the folder; made when it is missing. force: forget results of another sweep (or of this one) and start
-            anew.
+        sweep: What is run.
+        out: The folder; made when it is missing.
+        force: Forget results of another sweep, or of this one, and start anew.
 
     Raises:
-        InputError: the folder holds another sweep's results, belongs to a running process, or cannot be written.
+        InputError: The folder holds another sweep's results, belongs to a running process, or cannot be written.
     """
 
     def __init__(self, sweep: Sweep, out: Path, force: bool = False) -> None:
-        self.sweep, self.out, self._force = sweep, Path(out), force
-        self.description = describe(sweep)
-        self.results, self.traces = self.out / "results", self.out / "traces"
-        self._schema = schema(result_columns(sweep), self.description)
-        self._trace_schema = schema(trace_columns(), self.description)
-        self._tests = [t.name for t in sweep.tests]
-        self._last = 0
+        self._sweep, self._out, self._force = sweep, out, force
+        self._about = describe(sweep)
+        self._names = [t.name for t in sweep.tests]
+        places = np.arange(sweep.runs * len(self._names))
+        by_run, by_order = places.reshape(sweep.runs, -1), np.empty((sweep.runs, len(self._names)), int)
+        by_order[sweep.order] = places.reshape(-1, sweep.runs).T
+        self._results = self._table("results", result_columns(sweep), ROWS, by_run)
+        self._traces = self._table("traces", TRACE_COLUMNS, TRACES, by_order) if sweep.every else None
+
+    def _table(self, name: str, columns: Columns, rows: int, places: np.ndarray) -> Table:
+        return Table(self._out / name, schema(columns, "mjsim.sweep", self._about), rows, places, self._names)
 
     def __enter__(self) -> Folder:
-        check_writable(self.out / "sweep.json", force=True)
-        self.check(self.sweep, self.out, self._force)
-        self.out.mkdir(parents=True, exist_ok=True)
-        self._lock = locked(self.out, "mjsim batch")
-        if self._force:
-            for folder in (self.results, self.traces):
-                for file in [*folder.glob("part-*.parquet"), *folder.glob(".*part-*"), *folder.glob(".commit")]:
-                    file.unlink()
-        for file in self.out.glob(".sweep.json.*"):
-            file.unlink()
-        write_whole(
-            self.out / "sweep.json", json.dumps(self.description, indent=1, ensure_ascii=False) + "\n", force=True
-        )
-        for folder in (self.results, *([self.traces] if self.sweep.every else [])):
-            folder.mkdir(exist_ok=True)
-            _recover(folder)
+        check_writable(self._out / "sweep.json", force=True)
+        if not self._force:
+            check_folder(self._sweep, self._out)
+        self._out.mkdir(parents=True, exist_ok=True)
+        self._lock = locked(self._out, "mjsim batch")
+        stray = [".sweep.json.*", "results/.part-*", "traces/.part-*"]
+        for pattern in [*stray, *(["results/part-*.parquet", "traces/part-*.parquet"] if self._force else [])]:
+            for file in self._out.glob(pattern):
+                file.unlink()
+        text = json.dumps(self._about, indent=1, ensure_ascii=False) + "\n"
+        write_whole(self._out / "sweep.json", text, force=True)
         return self
 
     def __exit__(self, *_: object) -> None:
         self._lock.release()
 
-    @staticmethod
-    def check(sweep: Sweep, out: Path, force: bool = False) -> None:
-        """Refuse a folder that holds something else's results; writes nothing.
+    def done(self) -> set[Job]:
+        """What is there.
 
         Raises:
-            InputError: it does.
+            InputError: A file has the name of one of this sweep's, and is none.
         """
-        file = Path(out) / "sweep.json"
-        if force:
-            return
-        if not os.path.lexists(file):
-            for folder in ("results", "traces"):
-                if any((Path(out) / folder).glob("*")):
-                    raise InputError(f"{out}: has a folder {folder!r} but no sweep.json; name another folder for --out")
-            return
-        try:
-            then = json.loads(
-                file_bytes(file, _LARGEST, f"allowed: up to {_LARGEST / 1e6:.0f} MB; name another folder for --out")
-            )
-            changed = difference(describe(sweep), then)
-        except InputError:
-            raise
-        except (ValueError, AttributeError, TypeError):
-            raise InputError(f"{file}: is no description of a sweep; name another folder for --out") from None
-        if changed:
-            raise InputError(
-                f"{out}: was begun with another sweep: {changed}; name another folder, or give --force to start anew"
-            )
-
-    def done(self) -> set[tuple[int, int]]:
-        """(run, test) of everything that is there; shards that cannot be read (a power cut) are taken away and so
-        computed again.
-
-        Raises:
-            InputError: a file has the name of one of this sweep's, and is none.
-        """
-        out: set[tuple[int, int]] = set()
-        index = {name: i for i, name in enumerate(self._tests)}
-        for file in sorted(self.results.glob("part-*.parquet")):
-            foreign = InputError(f"{file}: is no file of this sweep; move it away, or name another folder for --out")
-            if not _NAME.fullmatch(file.name) or not file.is_file():
-                raise foreign
-            try:
-                keys = pq.ParquetFile(file).read(columns=["run", "test"])
-            except (pa.ArrowException, OSError):
-                file.unlink()
-                continue
-            try:
-                rows = {
-                    (int(r), index[t]) for r, t in zip(keys["run"].to_pylist(), keys["test"].to_pylist(), strict=True)
-                }
-            except (KeyError, TypeError, ValueError):
-                raise foreign from None
-            if not all(0 <= r < self.sweep.runs for r, _ in rows):
-                raise foreign
-            out |= rows
-            self._last = max(self._last, _number(file))
-        if self.sweep.every:
-            for file in self.traces.glob(f"{_SHARD}*.parquet"):
-                if not (self.results / file.name).exists():
-                    file.unlink()
-        return out
+        return self._results.jobs()
 
     def write(self, outcomes: list[Outcome]) -> None:
-        """Write finished runs as one more shard."""
+        """Write finished runs."""
         if not outcomes:
             return
-        self._last += 1
-        name = f"{_SHARD}{self._last:06d}.parquet"
-        if self.sweep.every:
-            _write(self.traces / name, self._trace_table(outcomes))
-        _write(self.results / name, self._table(outcomes))
-
-    def _table(self, outcomes: list[Outcome]) -> pa.Table:
-        parameters = np.array([self.sweep.parameters(o.run) for o in outcomes]).reshape(len(outcomes), -1)
-        figures = np.array([o.figures for o in outcomes]).reshape(len(outcomes), -1)
-        of_run = [numbers(p) for p in (*parameters.T, [o.duration for o in outcomes], *figures.T)]
-        return pa.table([*self._keys(outcomes), *of_run, texts([o.error for o in outcomes])], schema=self._schema)
-
-    def _trace_table(self, outcomes: list[Outcome]) -> pa.Table:
-        traces = [lists([None if o.trace is None else o.trace[i] for o in outcomes]) for i in range(3)]
-        return pa.table([*self._keys(outcomes), *traces], schema=self._trace_schema)
-
-    def _keys(self, outcomes: list[Outcome]) -> list[pa.Array]:
-        return [integers([o.run for o in outcomes]), texts([self._tests[o.test] for o in outcomes])]
-
-    def finish(self) -> None:
-        """Make one data set of all shards: results in the order of runs, traces in the order of tests."""
-        if self.sweep.every:
-            _consolidate(self.traces, self._trace_schema, self._tests, ("test", "run"), TRACES)
-        _consolidate(self.results, self._schema, self._tests, ("run", "test"), ROWS)
-
-
-def _number(file: Path) -> int:
-    """Number of a shard; 0 for a file of a finished data set."""
-    return int(file.stem.removeprefix(_SHARD)) if file.name.startswith(_SHARD) else 0
-
-
-def _write(path: Path, table: pa.Table) -> None:
-    buffer = io.BytesIO()
-    pq.write_table(table, buffer, compression="zstd")
-    write_whole(path, buffer.getvalue(), force=True)
-
-
-def _consolidate(folder: Path, wanted: pa.Schema, tests: list[str], order: tuple[str, str], rows: int) -> None:
-    """Rewrite the shards of a folder as files of ``rows`` rows in order.
-
-    The new files are hidden until all are there; from the commit mark on, a killed process' successor ends the work. At
-    no time has the folder a run twice.
-    """
-    shards = sorted(folder.glob(f"{_SHARD}*.parquet"))
-    if not shards:
-        return
-    files = [*shards, *(f for f in sorted(folder.glob("part-*.parquet")) if f not in shards)]
-    keys = [pq.ParquetFile(f).read(columns=["run", "test"]) for f in files]
-    run = np.array([r for k in keys for r in k["run"].to_pylist()], int)
-    rank = {name: i for i, name in enumerate(tests)}
-    test = np.array([rank[t] for k in keys for t in k["test"].to_pylist()], int)
-    source = np.repeat(np.arange(len(files)), [len(k) for k in keys])
-    row = np.concatenate([np.arange(len(k)) for k in keys])
-    by = {"run": run, "test": test}
-    sequence = np.lexsort([by[order[1]], by[order[0]]])
-    twice = (np.diff(run[sequence]) == 0) & (
-        np.diff(test[sequence]) == 0
-    )  # only where a shard was lost and computed again
-    sequence = sequence[np.concatenate([[True], ~twice])]
-    for part, begin in enumerate(range(0, len(sequence), rows)):
-        chosen = sequence[begin : begin + rows]
-        _write(folder / f"{_NEW}{part:05d}.parquet", _gather(files, source[chosen], row[chosen]).cast(wanted))
-    write_whole(folder / ".commit", "", force=True)
-    _recover(folder)
-
-
-def _gather(files: list[Path], source: np.ndarray, row: np.ndarray) -> pa.Table:
-    """Row ``row[i]`` of file ``source[i]``, for every i, in that order."""
-    used = np.unique(source)
-    tables = [pq.ParquetFile(files[f]).read().take(integers(row[source == f])) for f in used]
-    place = np.argsort(np.concatenate([np.flatnonzero(source == f) for f in used]))
-    return pa.concat_tables(tables).take(integers(place))
-
-
-def _recover(folder: Path) -> None:
-    """End or undo what a killed process began, and take its temporary files away."""
-    commit = folder / ".commit"
-    if commit.exists():
-        new = sorted(folder.glob(f"{_NEW}*.parquet"))
-        for file in folder.glob(f"{_SHARD}*.parquet"):
-            file.unlink()
-        for file in new:
-            os.replace(file, folder / file.name.removeprefix(".new-"))
-        commit.unlink()
-    for file in [*folder.glob(".*part-*"), *folder.glob("..commit*")]:
-        file.unlink()
+        keys = [o.job.run for o in outcomes], [self._names[o.job.test] for o in outcomes]
+        if self._traces:
+            traces = [[None if o.trace is None else o.trace[i] for o in outcomes] for i in range(3)]
+            self._traces.add([*keys, *traces])
+        parameters = np.array([self._sweep.parameters(o.job.run) for o in outcomes]).T
+        figures = np.array([o.figures for o in outcomes]).T
+        self._results.add([*keys, *parameters, [o.duration for o in outcomes], *figures, [o.error for o in outcomes]])

@@ -38,7 +38,7 @@ def driven(file: Path, test: BallBarTest, t: BallBarTable) -> BallBarTest:
     place = f'{file}: [[test]] "{t.name}"'
     check_keys(place, t)
     if t.program is not None:
-        return with_program(place, named_file(file, t.program, f"{place} program"), test, t)
+        return with_program(named_file(file, t.program, f"{place} program"), test, t)
     if t.driven_by is not None:
         return with_record(named_file(file, t.driven_by, f"{place} driven_by"), test)
     return test
@@ -57,11 +57,10 @@ def check_keys(place: str, t: BallBarTable) -> None:
         raise InputError(f"{place}: has program and driven_by; allowed: one of them")
 
 
-def with_program(place: str, path: Path, test: BallBarTest, t: BallBarTable) -> BallBarTest:
+def with_program(path: Path, test: BallBarTest, t: BallBarTable) -> BallBarTest:
     """The test with the motion that its NC file commands.
 
     Args:
-        place: Of the table, for messages.
         path: The NC file.
         test: As the campaign has it.
         t: Its table.

@@ -15,7 +15,7 @@ from mjsim.cli import common
 @common.as_is_option
 @common.threads_option
 @common.options
-def command(campaign, effect, machine, force, threads, as_is, as_json, quiet) -> None:
+def command(campaign, effect, machine, force, threads, as_is) -> None:
     """Fit EFFECT (an id such as backlash.A, or the path of your own effect file) to CAMPAIGN and put it into the
     machine file.
 
@@ -29,15 +29,13 @@ def command(campaign, effect, machine, force, threads, as_is, as_json, quiet) ->
     from mjsim.workflow.edit import add
 
     c = read_campaign(campaign, as_is=as_is)
-    with common.progress_bar(quiet) as progress:
+    with common.progress_bar() as progress:
         change = add(c, effect, machine, common.cores(threads), progress, force=force)
     data = change_json(change)
-    if common.answered(data, as_json, quiet):
+    if common.answered(data):
         return
     show_change("added", data)
-    common.say(
-        f"{change.machine.path} now has {change.id}; `mjsim remove {campaign} {change.id}` takes it out again", quiet
-    )
+    common.say(f"{change.machine.path} now has {change.id}; `mjsim remove {campaign} {change.id}` takes it out again")
 
 
 def change_json(change) -> dict:
@@ -60,7 +58,7 @@ def change_json(change) -> dict:
 
 def show_change(word: str, data: dict) -> None:
     """Table of the error before and after."""
-    from mjsim.cli.parameter_lines import parameter_lines
+    from mjsim.cli.diagnose import parameter_lines
 
     e = data["effect"]
     click.echo(f"{word} {e['id']}")

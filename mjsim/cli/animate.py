@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
@@ -19,9 +17,7 @@ from mjsim.cli import common
     shell_complete=common.test_names,
     help="The test to show (with --ladder: up to nine of them).",
 )
-@click.option(
-    "-o", "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="File to write: .mp4 or .gif."
-)
+@common.file_option("-o", "--out", required=True, help="File to write: .mp4 or .gif.")
 @click.option(
     "--ladder", is_flag=True, help="Show the models of the campaign's history one after the other instead of one test."
 )
@@ -44,23 +40,7 @@ from mjsim.cli import common
 @common.threads_option
 @common.options
 def command(
-    campaign,
-    machine,
-    tests,
-    out,
-    ladder,
-    camera,
-    size,
-    fps,
-    speed,
-    seconds,
-    magnify,
-    shadows,
-    force,
-    threads,
-    as_is,
-    as_json,
-    quiet,
+    campaign, machine, tests, out, ladder, camera, size, fps, speed, seconds, magnify, shadows, force, threads, as_is
 ) -> None:
     """Write a video of a test of CAMPAIGN: the machine moving, the bar's error magnified, the trace growing beside it.
 
@@ -94,7 +74,7 @@ def command(
     recorded = not ladder and any(t.name == tests[0] and t.instrument != BallBarTest.instrument for t in c.tests)
     if recorded and (camera is not None or speed is not None or shadows):
         raise click.UsageError("--camera, --speed and --shadows have no meaning without a ball bar")
-    with common.progress_bar(quiet, left=True) as progress:
+    with common.progress_bar(left=True) as progress:
         if recorded:
             from mjsim.animation.recording import animate_recording
             from mjsim.campaign.machine_file import machine_of
@@ -140,20 +120,18 @@ def command(
             about = {"test": film.test, "camera": film.camera, "speed": round(film.speed, 4)}
             about |= {"magnification": film.magnification, "magnified": film.magnified}
             words = film.magnified
-    if as_json:
-        size_px = {"width": film.size[0], "height": film.size[1]}
-        common.print_json(
-            {
-                "file": str(film.file),
-                "frames": film.frames,
-                "fps": film.fps,
-                "seconds": round(film.seconds, 3),
-                **size_px,
-                **about,
-            }
-        )
-        return
-    common.say(f"{film.file}: {film.seconds:.1f} s, {film.size[0]}x{film.size[1]}, {words}", quiet)
+    size_px = {"width": film.size[0], "height": film.size[1]}
+    if not common.answered(
+        {
+            "file": str(film.file),
+            "frames": film.frames,
+            "fps": film.fps,
+            "seconds": round(film.seconds, 3),
+            **size_px,
+            **about,
+        }
+    ):
+        common.say(f"{film.file}: {film.seconds:.1f} s, {film.size[0]}x{film.size[1]}, {words}")
 
 
 def _factor(text: str) -> float | None:

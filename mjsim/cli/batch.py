@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
-from mjsim.cli import common, signals
+from mjsim.cli import common
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ LIMIT = _LimitType()
 
 @click.command("batch")
 @click.argument("sweep", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder of the results.")
+@common.folder_option("--out", help="Folder of the results.")
 @click.option("--scheduler", metavar="ADDRESS", help="Run on the workers of this Dask scheduler.")
 @click.option("--dry-run", is_flag=True, help="Only say how many runs there are, and how long they take.")
 @click.option(
@@ -62,7 +61,7 @@ LIMIT = _LimitType()
 @click.option("--force", is_flag=True, help="Start anew, whatever --out holds.")
 @common.threads_option
 @common.options
-def command(sweep, out, scheduler, dry_run, limits, force, threads, as_json, quiet) -> None:
+def command(sweep, out, scheduler, dry_run, limits, force, threads) -> None:
     """Run a sweep: many machines through the same tests.
 
     SWEEP is a TOML file: tests, what is varied, and how. The result is a Parquet
@@ -80,35 +79,18 @@ def command(sweep, out, scheduler, dry_run, limits, force, threads, as_json, qui
     s = read_sweep(sweep)
     cores = common.cores(threads)
     if dry_run or out is None:
-        _describe(s, cores, as_json, quiet)
+        _describe(s, cores)
         return
-    try:
-        with common.progress_bar(quiet, left=True) as bar:
-
-            def progress(done: int, total: int, steps: int, all_steps: int) -> None:
-                signals.raise_again()
-                bar(
-                    "simulating", round(total * steps / all_steps), total
-                )  # a long test counts more, so that the time left is right
-
-            result = batch(s, out, cores, scheduler, force, progress)
-    except KeyboardInterrupt as stop:
-        common.say(f"mjsim: stopped; finished results are in {out}, and the same command continues from there", False)
-        sys.exit(signals.status(stop))
-    if as_json:
-        summary = _summary(result)
-        if limits:
-            data = result.to_dataframe()
-            summary["within_limits"] = {x.text: int(x.within(data[x.figure]).sum()) for x in limits}
-        common.print_json(summary)
-    elif not quiet:
+    with common.resumable_progress(out) as progress:
+        result = batch(s, out, cores, scheduler, force, progress)
+    if not common.answered(_summary(result, limits)):
         _say(result, limits)
     if result.failed == result.runs * result.tests:
         common.fail(f"every simulation of the sweep failed; the column 'error' of {out / 'results'} says why")
 
 
-def _summary(r) -> dict:
-    return {
+def _summary(r, limits: list[Limit]) -> dict:
+    summary = {
         "name": r.name,
         "out": str(r.out),
         "runs": r.runs,
@@ -121,6 +103,10 @@ def _summary(r) -> dict:
         "simulations_per_s": round(r.simulated / r.seconds, 3),
         "steps_per_s": round(r.steps / r.seconds),
     }
+    if limits:
+        data = r.to_dataframe()
+        summary["within_limits"] = {x.text: int(x.within(data[x.figure]).sum()) for x in limits}
+    return summary
 
 
 def _say(r, limits: list[Limit]) -> None:
@@ -164,36 +150,34 @@ def _results(r, limits: list[Limit]) -> None:
         )
 
 
-def _describe(s, cores: int, as_json: bool, quiet: bool) -> None:
+def _describe(s, cores: int) -> None:
     from mjsim.batch.run import estimate
 
     steps, seconds = estimate(s, cores)
     shown = min(5, s.runs)
     names = [c.name for c in s.columns]
     rows = [s.parameters(run) for run in range(shown)]
-    if as_json:
-        first = [{"run": run, **dict(zip(names, row, strict=True))} for run, row in enumerate(rows)]
-        data = {
-            "name": s.name,
-            "runs": s.runs,
-            "tests": [t.name for t in s.tests],
-            "simulations": s.runs * len(s.tests),
-        }
-        common.print_json(
-            {**data, "steps": steps, "estimated_seconds": round(seconds, 1), "threads": cores, "first": first}
-        )
-        return
-    if quiet:
+    data = {
+        "name": s.name,
+        "runs": s.runs,
+        "tests": [t.name for t in s.tests],
+        "simulations": s.runs * len(s.tests),
+        "steps": steps,
+        "estimated_seconds": round(seconds, 1),
+        "threads": cores,
+        "first": [{"run": run, **dict(zip(names, row, strict=True))} for run, row in enumerate(rows)],
+    }
+    if common.answered(data):
         return
     many = f"{len(s.tests)} test{'s' if len(s.tests) > 1 else ''}"
     common.paragraph(f"{s.runs} runs of {many}: {s.runs * len(s.tests)} simulations, {steps} steps")
     common.paragraph(f"about {_duration(seconds)} on {cores} core{'s' if cores > 1 else ''}")
-    drawn = len(names) - len(s.recipe.targets)
-    if s.recipe.targets:
-        few = slice(0, min(4, len(s.recipe.targets)))
+    drawn = len(names) - len(s.targets)
+    if s.targets:
+        few = slice(0, min(4, len(s.targets)))
         common.table(["run", *names[few]], [[str(i), *(f"{v:.6g}" for v in row[few])] for i, row in enumerate(rows)])
-        if len(s.recipe.targets) > 4:
-            common.paragraph(f"and {len(s.recipe.targets) - 4} more parameters")
+        if len(s.targets) > 4:
+            common.paragraph(f"and {len(s.targets) - 4} more parameters")
     if drawn:
         common.paragraph(f"{drawn} numbers of the data sheet are drawn in every run")
 

@@ -7,21 +7,15 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
-from mjsim.cli.logs import NOT_CHECKED, show_check, show_findings
-from mjsim.instruments.axis_log.measurement import LogTest
 
 
 @click.command("check")
 @common.campaign_argument
 @common.machine_option
-@click.option(
-    "--fix",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="Write a corrected copy of the campaign into this new folder.",
-)
+@common.folder_option("--fix", help="Write a corrected copy of the campaign into this new folder.")
 @common.threads_option
 @common.options
-def command(campaign, machine, fix, threads, as_json, quiet) -> None:
+def command(campaign, machine, fix, threads) -> None:
     """Look for what people get wrong in CAMPAIGN: unit, sign, direction, feed, clock, exchanged traces.
 
     Friction leaves a spike where an axis reverses, and tests of one set-up share the balls' offsets. Both tell whether
@@ -39,23 +33,42 @@ def command(campaign, machine, fix, threads, as_json, quiet) -> None:
     result = check(campaign, read_machine(machine) if machine else None, common.cores(threads))
     files = write_corrected(result, fix) if fix and result.bars is not None and result.bars.mistakes else []
     data = result.to_json()
-    if common.answered({**data, "files": [str(f) for f in files]}, as_json, quiet):
+    if common.answered({**data, "files": [str(f) for f in files]}):
         return
     for part, mine in common.each_part(result.parts, data):
         if part is result.bars:
             _show_bars(mine, part, fix, files)
-        elif part.instrument == LogTest.instrument:
-            show_check(mine)
         else:
-            _show_plain(mine)
+            _show(mine)
 
 
-def _show_plain(data: dict) -> None:
+#: What a check says of tests without a trace.
+_NOT_CHECKED = "Not checked, because campaign.toml names no trace for them: {}."
+#: What it shows of a test, where an instrument has it, and the heading.
+_COLUMNS = {"axes": "axes", "samples": "samples", "rate_Hz": "rate Hz", "duration_s": "duration s"}
+
+
+def _show(data: dict) -> None:
     """The check of an instrument without a table of its own."""
-    rows = [[t["name"], str(t["samples"]), f"{t['duration_s']:g}", ", ".join(t["finding"])] for t in data["tests"]]
-    common.table(["test", "samples", "duration s", "finding"], rows, text=(0, 3))
+    tests = data["tests"]
+    keys = [k for k in _COLUMNS if all(k in t for t in tests)]
+    rows = [[t["name"], *(_cell(t[k]) for k in keys), ", ".join(t["finding"])] for t in tests]
+    words = [1 + i for i, k in enumerate(keys) if k == "axes"]
+    common.table(["test", *(_COLUMNS[k] for k in keys), "finding"], rows, text=(0, *words, 1 + len(keys)))
     click.echo()
-    show_findings(data, "No mistake found.")
+    for finding in [*data["mistakes"], *data.get("signals", ())]:
+        common.paragraph(finding["sentence"])
+    if not data["mistakes"]:
+        logs = ": command and actual position, axes, units and time fit each other" if "axes" in keys else ""
+        common.paragraph(f"No mistake found{logs}.")
+    if data["not_measured"]:
+        common.paragraph(_NOT_CHECKED.format(", ".join(data["not_measured"])))
+
+
+def _cell(value) -> str:
+    if isinstance(value, list):
+        return " ".join(value)
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _show_bars(data: dict, part, fix: Path | None, files: list[Path]) -> None:
@@ -80,15 +93,15 @@ def _show_bars(data: dict, part, fix: Path | None, files: list[Path]) -> None:
     for question in data["questions"]:
         common.paragraph(question)
     if data["not_measured"]:
-        common.paragraph(NOT_CHECKED.format(", ".join(data["not_measured"])))
+        common.paragraph(_NOT_CHECKED.format(", ".join(data["not_measured"])))
     for m in data["mistakes"]:
         common.paragraph(m["sentence"])
     if files:
-        common.say(f"corrected copy in {fix}", False)
+        common.say(f"corrected copy in {fix}")
     elif part.mistakes and all(m.certain for m in part.mistakes):
-        common.say("--fix FOLDER writes a corrected copy", False)
+        common.say("--fix FOLDER writes a corrected copy")
     elif not part.mistakes:
         shown = sum(row[3] == "ok" for row in rows)
         common.paragraph(f"No mistake found. The data show that {shown} of {len(rows)} tests are right.")
         if fix:
-            common.say(f"nothing was written to {fix}", False)
+            common.say(f"nothing was written to {fix}")

@@ -23,6 +23,8 @@ from mjsim.errors import InputError, SimulationError, shortened
 
 #: Columns that output fits where stdout is no terminal.
 WIDTH = 80
+#: Where the context of a command has its wishes.
+_JSON, _QUIET = "mjsim.json", "mjsim.quiet"
 #: With this variable set, a fault of mjsim's own shows where it happened.
 TRACEBACK = "MJSIM_TRACEBACK"
 
@@ -67,10 +69,32 @@ def options(command: Callable) -> Callable:
             _own_fault(fault)
 
     run = click.option("--no-cache", is_flag=True, help="Compute everything anew.")(run)
-    run = click.option("--quiet", is_flag=True, help="Print nothing but errors (and the JSON, with --json).")(run)
-    return click.option(
-        "--json", "as_json", is_flag=True, help="Print one JSON object on stdout and nothing else there."
-    )(run)
+    run = _flag("--quiet", _QUIET, "Print nothing but errors (and the JSON, with --json).")(run)
+    return _flag("--json", _JSON, "Print one JSON object on stdout and nothing else there.")(run)
+
+
+def _flag(option: str, key: str, text: str):
+    """An option that all below the command can look at, whatever stands between."""
+
+    def keep(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+        ctx.meta[key] = value
+
+    return click.option(option, is_flag=True, expose_value=False, callback=keep, help=text)
+
+
+def _is_set(key: str) -> bool:
+    context = click.get_current_context(silent=True)
+    return context is not None and context.meta.get(key, False)
+
+
+def wants_json() -> bool:
+    """Whether stdout is for one JSON object."""
+    return _is_set(_JSON)
+
+
+def is_quiet() -> bool:
+    """Whether nothing but errors and JSON is printed."""
+    return _is_set(_QUIET)
 
 
 def _line_of_user(fault: Exception) -> str:
@@ -151,10 +175,28 @@ def test_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> l
     return []
 
 
+def path_option(*names: str, **more):
+    """An option with the path of a file or folder that is read.
+
+    Args:
+        names: Of the option, as :func:`click.option` takes them.
+        more: As there.
+    """
+    return click.option(*names, type=click.Path(path_type=Path), **more)
+
+
+def file_option(*names: str, **more):
+    """An option with the path of a file to write; see :func:`path_option`."""
+    return click.option(*names, type=click.Path(path_type=Path, dir_okay=False), **more)
+
+
+def folder_option(*names: str, **more):
+    """An option with the path of a folder to write into; see :func:`path_option`."""
+    return click.option(*names, type=click.Path(path_type=Path, file_okay=False), **more)
+
+
 campaign_argument = click.argument("campaign", type=click.Path(path_type=Path))
-machine_option = click.option(
-    "--machine", type=click.Path(path_type=Path), help="Machine file to use instead of the campaign's."
-)
+machine_option = path_option("--machine", help="Machine file to use instead of the campaign's.")
 test_option = click.option(
     "--test",
     "only",
@@ -203,6 +245,25 @@ threads_option = click.option(
 )
 
 
+def campaign_and_machine(campaign: Path, machine: Path | None, as_is: bool = False, traces: bool = True):
+    """What a command is about.
+
+    Args:
+        campaign: Folder of the campaign.
+        machine: Machine file in the place of the campaign's own.
+        as_is: Do not look for mistakes in it.
+        traces: Read the measurements.
+
+    Raises:
+        InputError: One of them cannot be read.
+    """
+    from mjsim.campaign.files import read_campaign
+    from mjsim.campaign.machine_file import machine_of
+
+    c = read_campaign(campaign, traces, as_is=as_is)
+    return c, machine_of(c, machine)
+
+
 def cores(threads: int | None) -> int:
     """Threads asked for, or all cores."""
     if threads:
@@ -238,11 +299,11 @@ def print_json(data: dict) -> None:
     click.echo(text)
 
 
-def answered(data: dict, as_json: bool, quiet: bool) -> bool:
-    """Print the JSON where it is asked for; whether there is nothing more to print."""
-    if as_json:
+def answered(data: dict) -> bool:
+    """Print the JSON where it is asked for; whether there is nothing more to print on stdout."""
+    if wants_json():
         print_json(data)
-    return as_json or quiet
+    return wants_json() or is_quiet()
 
 
 def styled(stream) -> bool:
@@ -257,7 +318,7 @@ def styled(stream) -> bool:
 
 
 @contextmanager
-def progress_bar(quiet: bool, left: bool = False):
+def progress_bar(left: bool = False):
     """A ``progress(stage, done, total)`` function that draws on stderr; silent when quiet or when stderr is no
     terminal.
 
@@ -265,7 +326,7 @@ def progress_bar(quiet: bool, left: bool = False):
 
     Without colours the bar is plain text on one line that is written again and again.
     """
-    if quiet or not sys.stderr.isatty():
+    if is_quiet() or not sys.stderr.isatty():
         yield lambda stage, done, total: None
         return
     if not styled(sys.stderr):
@@ -297,14 +358,39 @@ def progress_bar(quiet: bool, left: bool = False):
         yield show
 
 
+@contextmanager
+def resumable_progress(out: Path):
+    """A progress bar for work that the same command continues where it was stopped.
+
+    Args:
+        out: Where finished results are.
+    """
+    try:
+        with progress_bar(left=True) as bar:
+
+            def progress(stage: str, done: int, total: int) -> None:
+                signals.raise_again()
+                bar(stage, done, total)
+
+            yield progress
+    except KeyboardInterrupt as stop:
+        say(f"mjsim: stopped; finished results are in {out}, and the same command continues from there", always=True)
+        sys.exit(signals.status(stop))
+
+
 def _plain_progress(stage: str, done: int, total: int) -> None:
     sys.stderr.write("\r" + f"{stage} {done}/{total}"[: WIDTH - 1].ljust(WIDTH - 1))
     sys.stderr.flush()
 
 
-def say(text: str, quiet: bool) -> None:
-    """A message for the user on stderr; wrapped on a terminal, one line elsewhere."""
-    if not quiet:
+def say(text: str, always: bool = False) -> None:
+    """A message for the user on stderr; wrapped on a terminal, one line elsewhere.
+
+    Args:
+        text: Of one or several lines.
+        always: Also where the user wants it quiet.
+    """
+    if always or not is_quiet():
         columns = shutil.get_terminal_size((WIDTH, 24)).columns
         click.echo(
             "\n".join(_wrapped(line, columns) for line in text.split("\n")) if sys.stderr.isatty() else text, err=True
@@ -331,6 +417,13 @@ def _wrapped(text: str, columns: int, indent: str = "") -> str:
         break_on_hyphens=False,
         break_long_words=False,
     )
+
+
+def next_steps(*steps: str) -> None:
+    """What a user does next, numbered."""
+    click.echo("\nNext:")
+    for number, step in enumerate(steps, start=1):
+        click.echo(f"  {number}. {step}")
 
 
 def table(columns: list[str], rows: list[list[str]], text: tuple[int, ...] = (0,)) -> None:

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
 from mjsim.cli.import_show import show_features
-from mjsim.cli.logs import show_comparison, show_left_out, show_sheet
-from mjsim.digits import decimals_of, estimate, fixed, with_interval
+from mjsim.digits import decimals_of, estimate, fixed, interval, with_interval
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.measurement import BallBarTest
-from mjsim.units import DEG, UM, unit_of
-from mjsim.units import percent as probability
+from mjsim.units import DEG, UM, percent, unit_of
 
 #: Most numbers that are named of those which are not within their limits.
 _CONFORMITY = 4
@@ -23,11 +19,7 @@ _CONFORMITY = 4
 @click.command("compare")
 @common.campaign_argument
 @common.machine_option
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="Folder for plots (default: .mjsim/compare in the campaign).",
-)
+@common.folder_option("--out", help="Folder for plots (default: .mjsim/compare in the campaign).")
 @click.option(
     "--calibrate",
     "calibrated",
@@ -40,7 +32,7 @@ _CONFORMITY = 4
 @common.as_is_option
 @common.threads_option
 @common.options
-def command(campaign, machine, out, calibrated, only, no_plots, force, threads, as_is, as_json, quiet) -> None:
+def command(campaign, machine, out, calibrated, only, no_plots, force, threads, as_is) -> None:
     """Lay the simulation over the measurement of CAMPAIGN, test by test.
 
     The ball offsets of every set-up, the bar's length and each trigger are fitted with their priors and shown. The
@@ -50,21 +42,19 @@ def command(campaign, machine, out, calibrated, only, no_plots, force, threads, 
     \b
     Example: mjsim compare examples/hidden-backlash
     """
-    from mjsim.campaign.files import read_campaign
-    from mjsim.campaign.machine_file import machine_of
     from mjsim.importing.features import circles_of, imported_features
     from mjsim.io.files import check_writable
     from mjsim.plots.comparison import comparison_plots, plot_files
     from mjsim.workflow.calibrate import calibrate
     from mjsim.workflow.compare import compare
 
-    c = read_campaign(campaign, as_is=as_is).only(only)
-    m = machine_of(c, machine)
+    c, m = common.campaign_and_machine(campaign, machine, as_is=as_is)
+    c = c.only(only)
     imported = imported_features(c)
     folder = out or c.state_folder / "compare"
     for file in [] if no_plots else plot_files(c, folder):
         check_writable(file, force or out is None)
-    with common.progress_bar(quiet) as progress:
+    with common.progress_bar() as progress:
         fitted = calibrate(c, m, common.cores(threads), progress) if calibrated else None
         result = fitted.after if fitted else compare(c, m, common.cores(threads), progress)
         plots = [] if no_plots else comparison_plots(result, folder, progress)
@@ -74,19 +64,19 @@ def command(campaign, machine, out, calibrated, only, no_plots, force, threads, 
     if imported and result.of(BallBarTest.instrument):
         found = {e.id: e.values for e in m.effects}
         data["imported"] = show_features(imported, found, circles_of(c, data), silent=True)
-    if common.answered({**data, "plots": [str(p) for p in plots]}, as_json, quiet):
+    if common.answered({**data, "plots": [str(p) for p in plots]}):
         return
     for part, mine in common.each_part(result.parts, data):
         if fitted:
             _show_calibration(mine, m, fitted)
         _SHOW.get(part.instrument, show_channels)(mine)
     for warning in result.warnings:
-        common.say(f"warning: {warning}", quiet)
+        common.say(f"warning: {warning}")
     if "imported" in data:
         click.echo("\nwhat the other system found:")
         show_features(imported, found, circles_of(c, data))
     if plots:
-        common.say(f"plots in {plots[0].parent}", quiet)
+        common.say(f"plots in {plots[0].parent}")
 
 
 def _add_calibration(data: dict, fitted) -> None:
@@ -175,7 +165,7 @@ def show_conformity(budget: list[dict]) -> None:
     said = []
     for decision in ("beyond", "open"):
         found = sorted((b for b in rows if b["decision"] == decision), key=lambda b: -b["probability_beyond"])
-        names = [f"{b['id']} {b['number']} ({probability(b['probability_beyond'])})" for b in found[:_CONFORMITY]]
+        names = [f"{b['id']} {b['number']} ({percent(b['probability_beyond'])})" for b in found[:_CONFORMITY]]
         more = f" and {len(found) - len(names)} more" if len(found) > len(names) else ""
         said.append(f"{len(found)} {decision}" + (f": {', '.join(names)}{more}" if names else ""))
     within = sum(b["decision"] == "within" for b in rows)
@@ -197,7 +187,7 @@ def show_beyond(machine, calibration) -> None:
             )
 
 
-def percent(share: float) -> str:
+def share_text(share: float) -> str:
     """A share between 0 and 1 in per cent, as finely as one reads it."""
     return "< 0.1 %" if share < 0.001 else f"{100.0 * share:.{1 if share < 0.1 else 0}f} %"
 
@@ -211,8 +201,8 @@ def calibration_sentence(data: dict) -> str:
     largest = sorted(rows, key=lambda row: -row["rms_um"])[:3]
     names = ", ".join(f"{row['id']} ({row['rms_um']:.2f} µm)" for row in largest)
     return (
-        f"Calibrated within tolerance: {len(rows)} effects, {percent(share)} of the error, {seen} of them observable "
-        f"with these tests. Largest in the readings: {names}."
+        f"Calibrated within tolerance: {len(rows)} effects, {share_text(share)} of the error, {seen} of them "
+        f"observable with these tests. Largest in the readings: {names}."
     )
 
 
@@ -312,7 +302,7 @@ def show(data: dict) -> None:
                 f"{a['limit_um']:g}",
                 fixed(a["guard_band_um"], decimals_of(None, known(a))),
                 a["decision"],
-                percent(a["probability_beyond"]),
+                share_text(a["probability_beyond"]),
             ]
             for a in data["acceptance"]
         ]
@@ -321,5 +311,71 @@ def show(data: dict) -> None:
             common.paragraph(f"limits: {source}")
 
 
+def show_logs(data: dict) -> None:
+    """Tables of a comparison's JSON."""
+    rows = []
+    for t in data["tests"]:
+        for a in t["axes"]:
+            symbol = symbol_of(a)
+            place = next(k for k in a if k.startswith("worst_position"))
+            where = f"{a['worst_time_s']:.3f} s, {a[place]:.2f} {'°' if place.endswith('deg') else 'mm'}"
+            numbers = [f"{a[f'{n}_{symbol}']:.4g}" for n in ("following_error", "rms", "max", "noise")]
+            rows.append([t["name"], a["axis"], *numbers, where, f"{a['shift_ms']:+.3f}"])
+    head = ["test", "axis", "following", "RMS", "max", "noise", "worst at", "shift ms"]
+    common.table(head, rows, text=(0, 1, 6))
+    click.echo()
+    common.paragraph(
+        "RMS and max: measured less simulated position, µm (rotary axes °). Following: command less measured, RMS. "
+        f"Shift: fitted between recording and simulation. Noise: {data['noise_source']}."
+    )
+    for t in data["tests"]:
+        for a in (a for a in t["axes"] if a["shift_at_limit"]):
+            common.paragraph(
+                f"{t['name']}: the time shift of {a['axis']} is at its limit, {a['shift_ms']:+.3g} ms: no recorder is "
+                f"so late or early. Look for a delay in the control (loop_delay_s), a filter of the command, wrong "
+                f"gains or a wrong command."
+            )
+        if t["radial"]:
+            r = t["radial"]
+            common.paragraph(
+                f"{t['name']}: radial deviation on the circle, measured less simulated {r['rms_um']:.2f} µm RMS; "
+                f"circular error {r['measured_circular_error_um']:.1f} µm measured, "
+                f"{r['simulated_circular_error_um']:.1f} µm simulated"
+            )
+    show_left_out(data)
+
+
+def show_left_out(data: dict) -> None:
+    """Tests that a comparison leaves out."""
+    if data["not_measured"]:
+        common.paragraph(f"Not compared, because they have no trace: {', '.join(data['not_measured'])}.")
+
+
+def show_sheet(data: dict) -> None:
+    """The data sheet as stated and as found, and what cannot be separated."""
+    from mjsim.machine.sheet_names import sheet_name
+
+    rows = []
+    for s in data["data_sheet"]:
+        name, unit = sheet_name(s["name"])
+        known = "recorded output" if s["source"] == "recorded output" else "motion" if s["known"] else "the sheet"
+        label = f"{s['axis']} {name}" + (f" ({s['controller']})" if s["controller"] else "")
+        found = [estimate(s["found"], s["ci95"]), interval(s["ci95"])]
+        numbers = [f"{s['stated']:.4g}", *(found if known != "the sheet" else ["not determined", "–"])]
+        rows.append([label, *numbers, unit, known])
+    if rows:
+        common.table(["data sheet", "stated", "found", "95 %", "unit", "known from"], rows, text=(0, 3, 4, 5))
+    for i in data["not_separable"]:
+        if len(i["numbers"]) == 1:
+            common.paragraph(f"{i['axis']}: the logs say little about {i['numbers'][0]}; {i['remedy']}")
+        else:
+            common.paragraph(f"{i['axis']}: only a combination of {', '.join(i['numbers'])} is known; {i['remedy']}")
+
+
+def symbol_of(axis: dict) -> str:
+    """In which unit the JSON has the errors of an axis."""
+    return "um" if "rms_um" in axis else "deg"
+
+
 #: What is printed of an instrument, where it is more than the errors of its channels.
-_SHOW = {BallBarTest.instrument: show, LogTest.instrument: show_comparison}
+_SHOW = {BallBarTest.instrument: show, LogTest.instrument: show_logs}

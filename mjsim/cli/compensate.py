@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
@@ -15,9 +13,7 @@ CONTROLS = ("linuxcnc", "sinumerik", "heidenhain", "fanuc", "csv")
 @click.command("compensate")
 @common.campaign_argument
 @click.option("--control", type=click.Choice(CONTROLS), required=True, help="Control that gets the corrections.")
-@click.option(
-    "-o", "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the files."
-)
+@common.folder_option("-o", "--out", required=True, help="Folder for the files.")
 @common.machine_option
 @click.option(
     "--programs",
@@ -51,20 +47,7 @@ CONTROLS = ("linuxcnc", "sinumerik", "heidenhain", "fanuc", "csv")
 @common.threads_option
 @common.options
 def command(
-    campaign,
-    control,
-    out,
-    machine,
-    programs,
-    ranges,
-    detection_unit,
-    acceleration,
-    friction,
-    force,
-    threads,
-    as_is,
-    as_json,
-    quiet,
+    campaign, control, out, machine, programs, ranges, detection_unit, acceleration, friction, force, threads, as_is
 ) -> None:
     """Turn what was found about the machine of CAMPAIGN into what its control can take, and say what it will bring.
 
@@ -74,8 +57,6 @@ def command(
     \b
     Example: mjsim compensate examples/hidden-backlash --control linuxcnc -o corrections
     """
-    from mjsim.campaign.files import read_campaign
-    from mjsim.campaign.machine_file import machine_of
     from mjsim.compensation.compensate import compensate, write_compensation
     from mjsim.compensation.controls import Settings
     from mjsim.compensation.tables import scale
@@ -83,8 +64,7 @@ def command(
     from mjsim.plots.forecast import forecast_figure
     from mjsim.plots.save import encode
 
-    c = read_campaign(campaign, as_is=as_is)
-    m = machine_of(c, machine)
+    c, m = common.campaign_and_machine(campaign, machine, as_is=as_is)
     chain = m.chain
     for axis in [r[0] for r in ranges] + [a[0] for a in acceleration]:
         if axis not in chain.letters:
@@ -93,17 +73,15 @@ def command(
         raise InputError("--acceleration: allowed: values above 0")
     settings = Settings(detection_unit, {a: v * scale(chain, a) for a, v in acceleration}, programs == "tcp")
     spans = {a: (low * scale(chain, a), high * scale(chain, a)) for a, low, high in ranges}
-    with common.progress_bar(quiet) as progress:
+    with common.progress_bar() as progress:
         result = compensate(c, m, control, settings, spans, common.cores(threads), progress, friction=friction)
     picture = encode(forecast_figure(result.forecast), "png")
     paths = write_compensation(result, out, force, {"forecast.png": picture})
     data = result.to_json()
-    if as_json:
-        common.print_json({**data, "written": [str(p) for p in paths]})
+    if common.answered({**data, "written": [str(p) for p in paths]}):
         return
-    if not quiet:
-        show(data, result)
-        common.say(f"files in {out}: {', '.join(p.name for p in paths)}", quiet)
+    show(data, result)
+    common.say(f"files in {out}: {', '.join(p.name for p in paths)}")
 
 
 def show(data: dict, result) -> None:

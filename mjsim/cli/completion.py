@@ -10,7 +10,7 @@ from mjsim.cli import common
 @click.command("completion")
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 @common.options
-def command(shell, as_json, quiet) -> None:
+def command(shell) -> None:
     """Print the script that completes mjsim's commands, options, effects and tests in SHELL.
 
     \b
@@ -28,7 +28,5 @@ def command(shell, as_json, quiet) -> None:
     assert kind is not None
     script = kind(main, {}, "mjsim", "_MJSIM_COMPLETE")
     text = script.source_template % script.source_vars()
-    if as_json:
-        common.print_json({"shell": shell, "script": text})
-    elif not quiet:
+    if not common.answered({"shell": shell, "script": text}):
         click.echo(text)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
@@ -23,26 +21,12 @@ def command() -> None:
 @command.command("linuxcnc", short_help="LinuxCNC, without a machine and without a window.")
 @common.campaign_argument
 @click.option("--test", "name", required=True, shell_complete=common.test_names, help="Test to run.")
-@click.option(
-    "-o",
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    required=True,
-    help="The record: an axis log (.csv).",
-)
-@click.option(
-    "--program",
-    type=click.Path(path_type=Path),
-    help="NC file of the dialect linuxcnc (default: what mjsim writes for the test).",
-)
+@common.file_option("-o", "--out", required=True, help="The record: an axis log (.csv).")
+@common.path_option("--program", help="NC file of the dialect linuxcnc (default: what mjsim writes for the test).")
 @click.option("--tool-centre", is_flag=True, help="Tool centre point control (xyzac-trt-kins, xyzbc-trt-kins).")
 @click.option("--step-deg", type=common.NUMBER, default=0.1, show_default=True, help="Angle φ from block to block.")
 @options.acceleration
-@click.option(
-    "--corrections",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="Folder of `mjsim compensate --control linuxcnc`.",
-)
+@common.folder_option("--corrections", help="Folder of `mjsim compensate --control linuxcnc`.")
 @click.option("--drives", is_flag=True, help="Actual positions by the drives of the campaign's machine.")
 @common.machine_option
 @click.option(
@@ -55,8 +39,7 @@ def command() -> None:
 @options.force
 @common.options
 def linuxcnc(
-    campaign, name, out, program, tool_centre, step_deg, acceleration, corrections, drives, machine, speed, force,
-    as_json, quiet,
+    campaign, name, out, program, tool_centre, step_deg, acceleration, corrections, drives, machine, speed, force
 ) -> None:  # fmt: skip
     """Have LinuxCNC run the program of a test, and record at 1 kHz what it tells the axes.
 
@@ -100,11 +83,11 @@ def linuxcnc(
     write_whole(out, record.to_csv(actual), force)
     data = {"file": str(out), "test": name, "program": str(program) if program else None}
     data |= {"rows": len(record.told), "seconds": round(record.seconds, 2), "drives": drives, **held.to_json()}
-    if common.answered(data, as_json, quiet):
+    if common.answered(data):
         return
     common.table(["", "LinuxCNC", "model"], held.rows(), text=(0, 1, 2))
     common.paragraph(
         f"{len(nc.motion.seconds)} blocks, {held.by_f:.3f} s by their F; run in {record.seconds:.1f} s. "
         + ("Actual positions are those of the simulated drives." if drives else "Joints follow at once.")
     )
-    common.say(f"written to {out}", quiet)
+    common.say(f"written to {out}")

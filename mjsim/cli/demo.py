@@ -11,16 +11,12 @@ from mjsim.units import UM
 
 
 @click.command("demo")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("mjsim-demo"),
-    show_default=True,
-    help="Folder for the working copy and the report.",
+@common.folder_option(
+    "--out", default=Path("mjsim-demo"), show_default=True, help="Folder for the working copy and the report."
 )
 @common.threads_option
 @common.options
-def command(out, threads, as_json, quiet) -> None:
+def command(out, threads) -> None:
     """Walk through a campaign with a hidden effect: compare, diagnose, add it, watch the error fall, report.
 
     \b
@@ -33,30 +29,26 @@ def command(out, threads, as_json, quiet) -> None:
     folder = prepare(out)
     common.say(
         "A five-axis machine was measured with a ball bar in 13 tests. Something is wrong with it; its model does "
-        "not know what.",
-        quiet,
+        "not know what."
     )
-    common.say("When mjsim runs for the first time, it compiles the simulation, which takes some ten seconds.", quiet)
-    with common.progress_bar(quiet) as progress:
+    common.say("When mjsim runs for the first time, it compiles the simulation, which takes some ten seconds.")
+    with common.progress_bar() as progress:
         given, picture = first_look(folder, common.cores(threads), progress)
     difference = (
         f"Measured and simulated differ by {given.rms / UM:.3f} µm RMS. The noise is {given.noise / UM:.3f} µm."
     )
-    common.say(f"{difference}\npicture: {picture.resolve()}", quiet)
-    with common.progress_bar(quiet) as progress:
+    common.say(f"{difference}\npicture: {picture.resolve()}")
+    with common.progress_bar() as progress:
         demo = walk(folder, common.cores(threads), progress)
     data = demo.diagnosis.to_json()
-    if as_json:
-        common.print_json(
-            {
-                "report": str(demo.report) if demo.report else None,
-                "pictures": [str(picture), str(demo.picture)],
-                "diagnosis": data,
-                "steps": [{**vars(s), "effects": list(s.effects)} for s in demo.steps],
-            }
-        )
-        return
-    if quiet:
+    if common.answered(
+        {
+            "report": str(demo.report) if demo.report else None,
+            "pictures": [str(picture), str(demo.picture)],
+            "diagnosis": data,
+            "steps": [{**vars(s), "effects": list(s.effects)} for s in demo.steps],
+        }
+    ):
         return
     show_diagnosis(data)
     click.echo("\nThe error ladder:")

@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Collection
 
 import click
 
 from mjsim.cli import common
-from mjsim.cli.compare import calibration_sentence, left_out_sentence, percent, show_combinations, show_conformity
+from mjsim.cli.compare import (
+    calibration_sentence,
+    left_out_sentence,
+    share_text,
+    show_combinations,
+    show_conformity,
+    show_sheet,
+    symbol_of,
+)
 from mjsim.cli.import_show import show_features
-from mjsim.cli.logs import change_of, show_beside, show_diagnosis
-from mjsim.cli.parameter_lines import finding_lines
-from mjsim.cli.points import show_points
-from mjsim.digits import decimals_of, estimate, expanded, fixed, interval, wave_ends
+from mjsim.digits import decimals_of, estimate, expanded, fixed, interval, wave_ends, with_interval
 from mjsim.effects.registry import kinds
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
-from mjsim.instruments.base import INSTRUMENTS
+from mjsim.instruments.base import INSTRUMENTS, Instrument
 from mjsim.machine.remedy import UNKNOWN
-from mjsim.units import percent as probability
+from mjsim.units import percent, unit_of
 
 #: Findings that are shown in full; the smaller ones follow one a line.
 _DETAILED = 4
@@ -32,9 +36,8 @@ _LONG_S = 5.0
 @click.command("diagnose")
 @common.campaign_argument
 @common.machine_option
-@click.option(
+@common.file_option(
     "--write",
-    type=click.Path(path_type=Path, dir_okay=False),
     help="Save the machine with the effects found, the curve of what is unexplained, and the calibrated data sheet.",
 )
 @common.max_effects_option
@@ -44,7 +47,7 @@ _LONG_S = 5.0
 @common.as_is_option
 @common.threads_option
 @common.options
-def command(campaign, machine, write, max_effects, only, budget, force, threads, as_is, as_json, quiet) -> None:
+def command(campaign, machine, write, max_effects, only, budget, force, threads, as_is) -> None:
     """Say which effects are missing from the machine model of CAMPAIGN.
 
     It also says if none is missing, if two effects cannot be told apart, and if the cause is not in the catalogue.
@@ -53,8 +56,7 @@ def command(campaign, machine, write, max_effects, only, budget, force, threads,
     \b
     Example: mjsim diagnose examples/hidden-backlash --write fitted.toml
     """
-    from mjsim.campaign.files import read_campaign
-    from mjsim.campaign.machine_file import machine_of, write_machine
+    from mjsim.campaign.machine_file import write_machine
     from mjsim.errors import InputError
     from mjsim.importing.features import circles_of, imported_features
     from mjsim.io.files import check_writable
@@ -64,24 +66,24 @@ def command(campaign, machine, write, max_effects, only, budget, force, threads,
     from mjsim.workflow.edit import with_effect_file
     from mjsim.workflow.saved import keep
 
-    c = read_campaign(campaign, as_is=as_is).only(only)
-    m = machine_of(c, machine)
+    c, m = common.campaign_and_machine(campaign, machine, as_is=as_is)
+    c = c.only(only)
     imported = imported_features(c)
     if write is not None:
         check_writable(write, force)
     bars_alone = set(c.measured_parts) == {BallBarTest.instrument}  # whose pace is known
-    done = say_how_long(c.of(BallBarTest.instrument), quiet or as_json) if bars_alone else None
-    with common.progress_bar(quiet) as progress:
+    done = say_how_long(c.of(BallBarTest.instrument)) if bars_alone else None
+    with common.progress_bar() as progress:
         result = diagnose(c, m, max_effects, common.cores(threads), progress)
     if done is not None:
         done()
-    say_cached(quiet or as_json)
+    say_cached()
     try:
         result = unexplained_plot(write_effect_file(result, c.state_folder), c.state_folder)
         if result.posterior is not None:
             keep(result, m)
     except InputError as error:
-        common.say(f"the diagnosis was not kept beside the campaign: {error}", quiet)
+        common.say(f"the diagnosis was not kept beside the campaign: {error}")
     rest = result.unexplained.effect_file if result.unexplained else None
     if write is not None:
         fitted = with_effect_file(result.machine, rest) if rest else result.machine
@@ -91,18 +93,16 @@ def command(campaign, machine, write, max_effects, only, budget, force, threads,
         found = {e.id: e.values for e in m.effects} | {e["id"]: e["parameters"] for e in data["effects"]}
         circles = circles_of(c, result.before.to_json())
         data["imported"] = show_features(imported, found, circles, silent=True)
-    if common.answered(data, as_json, quiet):
+    if common.answered(data):
         return
-    if not result.has_bars and not result.at_rest:
-        show_diagnosis(data)
-    else:
-        show(data, str(campaign), result.has_bars)
-        fitted = {row["id"]: row for row in [*data["calibration"], *data["effects"]]}
-        for rest in result.at_rest:
-            instrument = INSTRUMENTS[rest.after.instrument]
-            show_points(data[instrument.beside], fitted, instrument, rest is result.at_rest[0])
-        if result.logs is not None:
-            show_beside(data[INSTRUMENTS[LogTest.instrument].beside])
+    show(data, str(campaign), result.has_bars)
+    fitted = {row["id"]: row for row in [*data.get("calibration", ()), *data["effects"]]}
+    for rest in result.at_rest:
+        instrument = INSTRUMENTS[rest.after.instrument]
+        show_at_rest(data[instrument.beside], fitted, instrument, rest is result.at_rest[0])
+    if (beside := INSTRUMENTS[LogTest.instrument].beside) in data:
+        click.echo()
+        show_logs(data[beside], "axis log")
     if budget:
         show_budget(data.get("budget", []), c)
     for axis in _identifiable(c, data):
@@ -115,7 +115,7 @@ def command(campaign, machine, write, max_effects, only, budget, force, threads,
         show_features(imported, found, circles)
     if write is not None:
         beside = f", with the empirical curve of {rest}" if rest else ""
-        common.say(f"fitted machine written to {write}{beside}", quiet)
+        common.say(f"fitted machine written to {write}{beside}")
 
 
 def _identifiable(campaign, data: dict) -> list[str]:
@@ -127,16 +127,16 @@ def _identifiable(campaign, data: dict) -> list[str]:
     return [axis for axis in rest["axes"] if axis in tests]
 
 
-def say_cached(quiet: bool) -> None:
+def say_cached() -> None:
     """Say that a diagnosis was not computed but taken from the cache."""
     from mjsim.io.cache import store
 
     kept = store()
-    if kept is not None and kept.hits["diagnoses"]:
-        common.say("this campaign was diagnosed before: taken from the cache (--no-cache repeats it)", quiet)
+    if kept is not None and kept.hits["diagnoses"] and not common.wants_json():
+        common.say("this campaign was diagnosed before: taken from the cache (--no-cache repeats it)")
 
 
-def say_how_long(campaign, quiet: bool) -> Callable[[], None]:
+def say_how_long(campaign) -> Callable[[], None]:
     """Say how long a diagnosis will take, by the last one on this computer.
 
     Returns:
@@ -147,9 +147,9 @@ def say_how_long(campaign, quiet: bool) -> Callable[[], None]:
     kept, begun = store(), time.monotonic()
     measured = sum(float(t.time[-1] - t.time[0]) for t in campaign.traces.values())
     pace = kept.seconds("diagnose") if kept else None
-    if pace and pace * measured > _LONG_S:
+    if pace and pace * measured > _LONG_S and not common.wants_json():
         tests = f"{len(campaign.measured)} test{'s' if len(campaign.measured) > 1 else ''}"
-        common.say(f"a diagnosis of {tests} takes about {pace * measured:.0f} s, by the last one", quiet)
+        common.say(f"a diagnosis of {tests} takes about {pace * measured:.0f} s, by the last one")
 
     def done() -> None:
         if kept is not None and measured and not kept.hits["diagnoses"]:
@@ -166,37 +166,50 @@ def show(data: dict, campaign: str = "CAMPAIGN", explained: bool = True) -> None
     """A diagnosis' JSON as text: what matters first, then the calibration, then where to look.
 
     Args:
-        data: as :meth:`mjsim.workflow.diagnosis.Diagnosis.to_json` gives it.
-        campaign: its folder, for the commands that are proposed.
-        explained: whether ``mjsim explain`` knows the campaign: it needs ball-bar tests.
+        data: As :meth:`mjsim.workflow.diagnosis.Diagnosis.to_json` gives it, of any instrument.
+        campaign: Its folder, for the commands that are proposed.
+        explained: Whether ``mjsim explain`` knows the campaign: it needs ball-bar tests.
     """
     from mjsim.workflow.diagnosis import VERDICTS
 
+    calibration = data.get("calibration", ())
     common.paragraph(VERDICTS[data["verdict"]])
-    common.paragraph(
-        f"residual RMS {data['rms_before_um']:.3f} µm as given, "
-        f"{data['rms_after_um']:.3f} µm {_FITTED[bool(data['calibration'])]}; noise {data['noise_um']:.3f} µm"
-    )
-    if data["left_out"]:
+    fitted = _FITTED[bool(calibration)]
+    if data["rms_before_um"] or data["noise_um"]:
+        common.paragraph(
+            f"residual RMS {data['rms_before_um']:.3f} µm as given, {data['rms_after_um']:.3f} µm {fitted}; noise "
+            f"{data['noise_um']:.3f} µm"
+        )
+    if "rms_before_deg" in data:
+        before, after = data["rms_before_deg"], data["rms_after_deg"]
+        common.paragraph(f"rotary axes: residual RMS {before:.3g}° as given, {after:.3g}° {fitted}")
+    if data.get("left_out"):
         common.paragraph(left_out_sentence(data["left_out"], data["samples"]))
-    shares = {row["id"]: row["share"] for row in data["shares"]}
-    for e in data["effects"][:_DETAILED]:
-        _show_effect(e, shares.get(_key(e)))
-    _show_smaller(data["effects"][_DETAILED:], shares)
-    if data["calibration"]:
+    shares = {row["id"]: row["share"] for row in data.get("shares", ())}
+    detailed = _DETAILED if shares else len(data["effects"])
+    for e in data["effects"][:detailed]:
+        show_effect(e, shares.get(_key(e)))
+    _show_smaller(data["effects"][detailed:], shares)
+    if data.get("without_support"):
+        common.paragraph(
+            f"in the fit, and no findings: {', '.join(data['without_support'])}; chance, a sound machine or a cause "
+            "that is in no catalogue may do as much"
+        )
+    if calibration:
         click.echo()
         common.paragraph(calibration_sentence(data))
         show_combinations(data)
         show_conformity(data.get("budget", []))
     if data["unexplained"]:
         click.echo()
-        common.paragraph(data["unexplained"]["summary"])
-        if data["unexplained"]["effect_file"]:
-            common.paragraph(f"an effect file in that form, ready to edit: {data['unexplained']['effect_file']}")
-        if data["unexplained"]["plot"]:
-            common.paragraph(f"its curve: {data['unexplained']['plot']}")
-    if data["next_test"]:
-        following = data["next_test"]
+        _show_unexplained(data["unexplained"])
+        if data["verdict"] == "unknown" and data["effects"]:
+            common.paragraph("The effects describe a part of the error. The unknown cause may look like them.")
+    if "data_sheet" in data:
+        click.echo()
+        show_logs(data | {"unexplained": None}, "with all of them")
+    following = data["next_test"]
+    if following and following["difference_um"] is not None:
         a, b = following["between"]
         click.echo()
         common.paragraph(
@@ -208,15 +221,110 @@ def show(data: dict, campaign: str = "CAMPAIGN", explained: bool = True) -> None
     if data["not_testable"]:
         click.echo()
         common.paragraph(f"not testable with this campaign: {', '.join(data['not_testable'])}")
-    if data["effects"] or data["calibration"]:
+    if data["effects"] or calibration:
         click.echo("\nWhere to look:")
         for e in data["effects"][:_DETAILED]:
             common.paragraph(f"{e['id']}: {remedy_text(e['id'])}", "  ")
         if explained:
             which = data["effects"][0]["id"] if data["effects"] else "EFFECT"
             common.paragraph(f"mjsim explain {campaign} {which}   shows its signature, and what looks like it", "  ")
-        table = "the calibration against its limits and " if data["calibration"] else ""
+        table = "the calibration against its limits and " if calibration else ""
         common.paragraph(f"mjsim report {campaign}   shows {table}the error by cause", "  ")
+
+
+def _show_unexplained(rest: dict) -> None:
+    common.paragraph(rest["summary"])
+    if rest["effect_file"]:
+        common.paragraph(f"an effect file in that form, ready to edit: {rest['effect_file']}")
+    if rest.get("plot"):
+        common.paragraph(f"its curve: {rest['plot']}")
+
+
+def show_logs(data: dict, title: str) -> None:
+    """What axis logs show beside the effects: errors of every axis, data sheet, encoders, channels.
+
+    Args:
+        data: Their part of a diagnosis' JSON.
+        title: Of the table of errors.
+    """
+    show_axes(data["tests"], title)
+    click.echo()
+    show_sheet(data)
+    if data["unexplained"]:
+        common.paragraph(data["unexplained"]["summary"])
+    for e in data.get("encoders", ()):
+        symbol, unit = ("um", "µm") if "rms_after_um" in e else ("deg", "°")
+        common.paragraph(
+            f"load less motor encoder of {e['axis']}: residual RMS {e[f'rms_before_{symbol}']:.3g} {unit} as given, "
+            f"{e[f'rms_after_{symbol}']:.3g} {unit} with what was found"
+        )
+    for f in data.get("signals", ()):
+        common.paragraph(f["sentence"])
+
+
+def show_axes(tests: list[dict], title: str) -> None:
+    """What is left in every axis of every log."""
+    rows = []
+    for t in tests:
+        for a in t["axes"]:
+            symbol = symbol_of(a)
+            unit = {"um": "µm", "deg": "°"}[symbol]
+            radial = f"{t['radial']['rms_um']:.2f}" if t["radial"] else "–"
+            sizes = [f"{a[f'{n}_{symbol}']:.4g} {unit}" for n in ("rms", "max", "noise")]
+            rows.append([t["name"], a["axis"], *sizes, radial])
+    common.table([title, "axis", "RMS", "max", "noise", "radial µm"], rows, text=(0, 1))
+
+
+_SOURCES = {"repeated points": "from repeated points", "stated": "as stated", "assumed": "assumed: nobody states it"}
+
+
+def show_at_rest(data: dict, found: dict[str, dict], instrument: Instrument, first: bool = True) -> None:
+    """The part of a diagnosis that is of an instrument that measures at rest.
+
+    Args:
+        data: Its JSON.
+        instrument: That instrument.
+        first: Whether no other one came before, which has said what is common to all of them.
+        found: Parameters and 95 % intervals of all fitted effects, by id: dicts with ``parameters`` and ``ci95``.
+    """
+    click.echo()
+    common.paragraph(
+        f"{instrument.noun}: residual RMS {data['rms_before_um']:.3f} µm as given, {data['rms_after_um']:.3f} µm with "
+        f"what was fitted; noise of one value {data['noise_um']:.3f} µm, {_SOURCES[data['noise_source']]}"
+    )
+    if data["left_um"] > 0.0 and first:
+        common.paragraph(
+            f"What is in no model is {data['left_um']:.2f} µm; the probability that it is more than the noise is "
+            f"{100.0 * data['misfit']:.0f} %. The intervals have grown by it."
+        )
+        if data["misfit"] >= 0.5:
+            common.paragraph(
+                "Either the values repeat worse than the noise says (measure some of them twice, or state "
+                "repeatability_um), or the machine has errors that are in no model: trust the numbers within their "
+                "intervals, and look for the cause."
+            )
+    if data["joint"] and first:
+        common.paragraph(data["joint"])
+    rows = []
+    for row in data["classical"]:
+        known = found.get(row["id"])
+        name = next(iter(known["ci95"])) if known else None
+        if known is None or name is None:
+            continue
+        ends = known["ci95"][name]
+        numbers = [estimate(known["parameters"][name], ends, "+"), interval(ends, sign="+")]
+        rows.append([row["id"], unit_of(name)[1], *numbers, fixed(row["value"], decimals_of(None, ends), "+")])
+    if rows:
+        click.echo()
+        head = ["error", "unit", "fitted", "95 % interval", instrument.by_itself_noun]
+        common.table(head, rows, text=(0, 1, 3))
+        common.paragraph(instrument.by_itself_note)
+    click.echo()
+    common.table(
+        ["set-up and instrument", "value", "95 % interval"],
+        [[r["name"], estimate(r["value"], r["ci95"], "+"), interval(r["ci95"], sign="+")] for r in data["set_up"]],
+        text=(0, 2),
+    )
 
 
 def remedy_text(effect_id: str) -> str:
@@ -238,7 +346,8 @@ def _show_smaller(effects: list[dict], shares: dict[str, float]) -> None:
         return
     click.echo()
     rows = [
-        [", or ".join([e["id"], *e["alternative_ids"]]), percent(shares.get(_key(e), 0.0)), *_size(e)] for e in effects
+        [", or ".join([e["id"], *e["alternative_ids"]]), share_text(shares.get(_key(e), 0.0)), *_size(e)]
+        for e in effects
     ]
     common.table(["smaller findings", "of the error", "size", "95 % interval"], rows, text=(0, 2, 3))
 
@@ -277,7 +386,7 @@ def show_budget(rows: list[dict], campaign) -> None:
         parts = sorted(b["parts"].items(), key=lambda row: -row[1])
         told = [f"{NAMES[row]} {fixed(size, digits)}" for row, size in parts if float(fixed(size, digits))]
         chance = b["probability_beyond"]
-        limit = "" if chance is None else f", beyond its limit of {b['limit']:.4g} {unit} with {probability(chance)}"
+        limit = "" if chance is None else f", beyond its limit of {b['limit']:.4g} {unit} with {percent(chance)}"
         value = f"{estimate(b['value'], ends)} {expanded(ends)} {unit}".rstrip()
         common.paragraph(f"{b['id']} {b['number']} = {value}{limit}: {', '.join(told)}", "  ")
     click.echo()
@@ -288,10 +397,53 @@ def show_budget(rows: list[dict], campaign) -> None:
         common.paragraph(f"The errors of the ball bar are known from: {bar.source}.")
 
 
-def _show_effect(e: dict, share: float | None) -> None:
+def show_effect(e: dict, share: float | None = None) -> None:
     """One finding: its share of the explained squared error, its parameters, and where it shows."""
-    part = "" if share is None else f"   {percent(share)} of the error"
-    change = change_of(e) if "rms_before_um" not in e else f"{e['rms_before_um']:.3f} → {e['rms_after_um']:.3f} µm"
+    part = "" if share is None else f"   {share_text(share)} of the error"
+    if "rms_before_deg" in e:
+        change = f"{e['rms_before_deg']:.3g} → {e['rms_after_deg']:.3g} °"
+    else:
+        change = f"{e['rms_before_um']:.3f} → {e['rms_after_um']:.3f} µm"
     click.echo(f"\n  {e['id']}{part}   {change}")
     for line in finding_lines(e):
         common.paragraph(line, "    ")
+
+
+def parameter_lines(parameters: dict, intervals: dict, undetermined: Collection[str] = ()) -> list[str]:
+    """``name = value  [low, high]`` per parameter, components one by one; no value of one that is not determined."""
+    lines = []
+    for name, value in parameters.items():
+        if name in undetermined:
+            lines.append(f"{name}: not determined by the data")
+            continue
+        ci = intervals.get(name)
+        if name == "components":
+            for i, (order, amplitude, phase) in enumerate(value):
+                size = with_interval(amplitude, wave_ends(ci, i, 1))
+                lines.append(f"order {order:g}: amplitude {size}, phase {estimate(phase, wave_ends(ci, i, 2))}°")
+        elif isinstance(value, str):
+            lines.append(f"{name} = {value}")
+        else:
+            lines.append(f"{name} = {with_interval(value, ci)}" + (" (95 %)" if ci else ""))
+    return lines
+
+
+def _with(probability: float | None) -> str:
+    return "" if probability is None else f" ({percent(probability)})"
+
+
+def finding_lines(finding: dict) -> list[str]:
+    """What stands below the name of a finding: its parameters, what looks like it, and where it shows."""
+    lines = parameter_lines(finding["parameters"], finding["ci95"], finding.get("undetermined", ()))
+    if finding.get("known_together"):
+        lines.append(finding["known_together"]["sentence"])
+    if finding["probability"] is not None:
+        lines.append(f"probability: {percent(finding['probability'])}")
+    if finding["alternatives"]:
+        others = (f"{a['id']}" + _with(a["probability"]) for a in finding["alternatives"])
+        lines.append(f"cannot be told from: {', '.join(others)}")
+    if finding["tests"]:
+        lines.append(f"shows in: {', '.join(finding['tests'])}")
+    if finding.get("evidence"):
+        lines.append(finding["evidence"])
+    return lines

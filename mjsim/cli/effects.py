@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
@@ -13,14 +11,9 @@ from mjsim.machine.subjects import in_words
 
 @click.command("effects")
 @click.argument("effect", required=False, shell_complete=common.effect_ids)
-@click.option(
-    "--machine",
-    "machine_file",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Machine file whose axes count (default: the shipped machine's).",
-)
+@common.file_option("--machine", "machine_file", help="Machine file whose axes count (default: the shipped machine's).")
 @common.options
-def command(effect, machine_file, as_json, quiet) -> None:
+def command(effect, machine_file) -> None:
     """The catalogue of effects, or one of them (an id such as backlash.A, or a kind such as backlash).
 
     \b
@@ -33,13 +26,10 @@ def command(effect, machine_file, as_json, quiet) -> None:
     chain = FIVE_AXIS if machine_file is None else read_machine(machine_file).chain
     known = {k: c for k, c in registry.kinds().items() if c.subjects_of(chain)}
     if effect is None:
-        if as_json:
-            common.print_json({"effects": [describe(cls, None, chain) for cls in known.values()]})
-            return
-        if not quiet:
+        if not common.answered({"effects": [describe(cls, None, chain) for cls in known.values()]}):
             rows = [[k, " ".join(c.subjects_of(chain)), c.title] for k, c in known.items()]
             common.table(["kind", "of", "what it is"], rows, text=(0, 1, 2))
-            common.say("an effect's id is kind.SUBJECT; `mjsim effects KIND` or `mjsim effects ID` tells more", quiet)
+            common.say("an effect's id is kind.SUBJECT; `mjsim effects KIND` or `mjsim effects ID` tells more")
         return
     if "." in effect:
         cls, subject = registry.effect_class(effect, chain)
@@ -48,7 +38,7 @@ def command(effect, machine_file, as_json, quiet) -> None:
     else:
         raise InputError(f"unknown effect {effect!r}; known kinds: {', '.join(known)}")
     data, subjects = describe(cls, subject, chain), cls.subjects_of(chain)
-    if common.answered(data, as_json, quiet):
+    if common.answered(data):
         return
     common.paragraph(
         f"{data['id'] if subject else cls.kind}: {data['title']}" + ("" if subject else f" ({', '.join(subjects)})")

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
-from mjsim.cli.diagnose import say_cached
-from mjsim.cli.parameter_lines import parameter_lines
+from mjsim.cli.diagnose import parameter_lines, say_cached
 
 #: Most effects that look alike on the terminal, and the cosine from which one is worth a line.
 _MOST, _LEAST = 6, 0.2
@@ -18,47 +15,40 @@ _MOST, _LEAST = 6, 0.2
 @common.campaign_argument
 @click.argument("effect", shell_complete=common.effect_ids)
 @common.machine_option
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Plot file (default: .mjsim/explain-EFFECT.png in the campaign).",
-)
+@common.file_option("--out", help="Plot file (default: .mjsim/explain-EFFECT.png in the campaign).")
 @click.option("--no-plots", is_flag=True, help="Numbers only.")
 @click.option("--force", is_flag=True, help="Replace the file named by --out.")
 @common.as_is_option
 @common.threads_option
 @common.options
-def command(campaign, effect, machine, out, no_plots, force, threads, as_is, as_json, quiet) -> None:
+def command(campaign, effect, machine, out, no_plots, force, threads, as_is) -> None:
     """Show EFFECT (an id such as backlash.A) in detail: its signature over the traces of CAMPAIGN, test by test, what
     else looks like it, and why the diagnosis has named it or not.
 
     \b
     Example: mjsim explain examples/hidden-backlash backlash.A
     """
-    from mjsim.campaign.files import read_campaign
-    from mjsim.campaign.machine_file import machine_of
     from mjsim.effects import registry
     from mjsim.io.files import check_writable
     from mjsim.plots.output import explanation_plot
     from mjsim.workflow.explain import explain
 
-    c = read_campaign(campaign, as_is=as_is)
-    m = machine_of(c, machine)
+    c, m = common.campaign_and_machine(campaign, machine, as_is=as_is)
     registry.effect_class(effect, m.chain)
     plot = None if no_plots else out or c.state_folder / f"explain-{effect}.png"
     if plot is not None:
         check_writable(plot, force or out is None)
-    with common.progress_bar(quiet) as progress:
+    with common.progress_bar() as progress:
         result = explain(c, m, effect, common.cores(threads), progress)
-    say_cached(quiet or as_json)
+    say_cached()
     if plot is not None and result.tests:
         explanation_plot(result, plot)
     data = result.to_json() | {"plot": str(plot) if plot is not None and result.tests else None}
-    if common.answered(data, as_json, quiet):
+    if common.answered(data):
         return
     show(data)
     if data["plot"]:
-        common.say(f"plot in {plot}", quiet)
+        common.say(f"plot in {plot}")
 
 
 _ROLES = {

@@ -17,9 +17,7 @@ _OF_MAP = {"control": "--control", "ranges": "--range", "step": "--step", "rotar
 @common.campaign_argument
 @common.machine_option
 @common.names_option
-@click.option(
-    "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the CSV files."
-)
+@common.folder_option("--out", required=True, help="Folder for the CSV files.")
 @click.option("--decimal-comma", is_flag=True, help="Semicolons and decimal commas, for spreadsheets that expect them.")
 @click.option("--volumetric", is_flag=True, help="Write the error of the tool over the volume instead.")
 @click.option(
@@ -46,9 +44,7 @@ _OF_MAP = {"control": "--control", "ranges": "--range", "step": "--step", "rotar
 @common.as_is_option
 @common.threads_option
 @common.options
-def command(
-    campaign, machine, names, out, decimal_comma, volumetric, force, threads, as_is, as_json, quiet, **of_map
-) -> None:
+def command(campaign, machine, names, out, decimal_comma, volumetric, force, threads, as_is, **of_map) -> None:
     """Write the compared traces and their figures as CSV.
 
     <test>.csv has time_s, phi_deg, measured_um, simulated_um, residual_um and valid (0: missing or left out);
@@ -62,17 +58,14 @@ def command(
     Example: mjsim export examples/hidden-backlash --out tables
              mjsim export my-campaign --volumetric --control csv --out map
     """
-    from mjsim.campaign.files import read_campaign
-    from mjsim.campaign.machine_file import machine_of
     from mjsim.errors import InputError
     from mjsim.workflow.export import export
 
-    c = read_campaign(campaign, as_is=as_is)
-    m = machine_of(c, machine)
+    c, m = common.campaign_and_machine(campaign, machine, as_is=as_is)
     given = [option for name, option in _OF_MAP.items() if of_map[name] not in (None, ())]
     if given and not volumetric:
         raise InputError(f"{given[0]}; allowed: with --volumetric")
-    with common.progress_bar(quiet) as progress:
+    with common.progress_bar() as progress:
         if volumetric:
             if names or decimal_comma:
                 raise InputError("--volumetric has no tests and no decimal comma; leave --test and --decimal-comma out")
@@ -80,12 +73,12 @@ def command(
         else:
             files = export(c, m, out, names, decimal_comma, force, common.cores(threads), progress)
             data = {"files": [str(f) for f in files]}
-    if as_json:
+    if common.wants_json():
         common.print_json({"campaign": c.name, "machine": m.name, **data})
         return
-    if volumetric and not quiet:
+    if volumetric and not common.is_quiet():
         show_map(data)
-    common.say(f"{len(data['files'])} files written to {out}", quiet)
+    common.say(f"{len(data['files'])} files written to {out}")
 
 
 def show_map(data: dict) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
 
 import click
 
@@ -25,12 +24,12 @@ def _said(agrees: bool) -> str:
 
 
 @click.command("figures")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the figures.")
+@common.folder_option("--out", required=True, help="Folder for the figures.")
 @click.option("--only", type=int, multiple=True, help="Only this figure, 3 to 17 (may be given more than once).")
 @click.option("--force", is_flag=True, help="Replace files that exist.")
 @common.threads_option
 @common.options
-def command(out, only, force, threads, as_json, quiet) -> None:
+def command(out, only, force, threads) -> None:
     """Regenerate figures 3 to 17 of the paper (Kato, Tsutsumi, Sato 2013) and print its numbers beside the simulated
     ones.
 
@@ -42,13 +41,10 @@ def command(out, only, force, threads, as_json, quiet) -> None:
     """
     from mjsim.paper.figures import NUMBERS, figures, plain
 
-    with common.progress_bar(quiet) as progress:
+    with common.progress_bar() as progress:
         made = figures(out, only or NUMBERS, force, common.cores(threads), progress)
-    if as_json:
-        rows = [{**asdict(n), "agrees": n.agrees} for n in made.numbers]
-        common.print_json({"files": [str(f) for f in made.files], "numbers": rows})
-        return
-    if quiet:
+    rows = [{**asdict(n), "agrees": n.agrees} for n in made.numbers]
+    if common.answered({"files": [str(f) for f in made.files], "numbers": rows}):
         return
     for group in dict.fromkeys(n.group for n in made.numbers):
         click.echo(f"\n{_GROUPS.get(group, group)}")
@@ -76,4 +72,4 @@ def command(out, only, force, threads, as_json, quiet) -> None:
     click.echo()
     for n in notes:
         common.paragraph(f"{n.name}: {n.note}")
-    common.say(f"\n{len(made.files)} files written to {out}", quiet)
+    common.say(f"\n{len(made.files)} files written to {out}")

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import click
 
-from mjsim.cli import common, signals
+from mjsim.cli import common
 
 #: Most failures that are listed on the terminal.
 _MOST = 10
@@ -15,7 +14,7 @@ _MOST = 10
 
 @click.command("fleet")
 @click.argument("folders", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="FOLDER...")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder of the results.")
+@common.folder_option("--out", required=True, help="Folder of the results.")
 @click.option("--scheduler", metavar="ADDRESS", help="Diagnose on the workers of this Dask scheduler.")
 @click.option(
     "--max-effects",
@@ -38,7 +37,7 @@ _MOST = 10
 )
 @common.as_is_option
 @common.options
-def command(folders, out, scheduler, max_effects, time_limit, threads, as_is, as_json, quiet) -> None:
+def command(folders, out, scheduler, max_effects, time_limit, threads, as_is) -> None:
     """Diagnose many campaigns side by side.
 
     FOLDER is a campaign, or a folder with campaigns below it. The results are
@@ -49,24 +48,11 @@ def command(folders, out, scheduler, max_effects, time_limit, threads, as_is, as
     \b
     Example: mjsim fleet examples --out fleet
     """
-    from mjsim.fleet.run import fleet
+    from mjsim.batch.fleet import fleet
 
-    try:
-        with common.progress_bar(quiet, left=True) as bar:
-
-            def progress(stage: str, done: int, total: int) -> None:
-                signals.raise_again()
-                bar(stage, done, total)
-
-            result = fleet(
-                folders, out, common.cores(threads), scheduler, max_effects, as_is, float(time_limit), progress
-            )
-    except KeyboardInterrupt as stop:
-        common.say(f"mjsim: stopped; finished results are in {out}, and the same command continues from there", False)
-        sys.exit(signals.status(stop))
-    if as_json:
-        common.print_json(result.to_json())
-    elif not quiet:
+    with common.resumable_progress(out) as progress:
+        result = fleet(folders, out, common.cores(threads), scheduler, max_effects, as_is, float(time_limit), progress)
+    if not common.answered(result.to_json()):
         _show(result)
     if result.failed == len(result.campaigns):
         common.fail(f"no campaign could be diagnosed; the column 'error' of {out / 'campaigns.parquet'} says why")

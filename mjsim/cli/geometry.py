@@ -16,27 +16,23 @@ from mjsim.units import unit_of
 @common.as_is_option
 @common.threads_option
 @common.options
-def command(campaign, machine, threads, as_is, as_json, quiet) -> None:
+def command(campaign, machine, threads, as_is) -> None:
     """Where the axes of the machine of CAMPAIGN are: the location errors of its rotary axes and the squareness of its
     linear axes, each with its 95 % interval, and what the tests cannot tell apart.
 
     \b
     Example: mjsim geometry examples/healthy
     """
-    from mjsim.campaign.files import read_campaign
-    from mjsim.campaign.machine_file import machine_of
     from mjsim.workflow.geometry import geometry
 
-    c = read_campaign(campaign, as_is=as_is).of("ball_bar")
-    m = machine_of(c, machine)
-    with common.progress_bar(quiet) as progress:
+    c, m = common.campaign_and_machine(campaign, machine, as_is=as_is)
+    c = c.of("ball_bar")
+    with common.progress_bar() as progress:
         result = geometry(c, m, common.cores(threads), progress)
     data = result.to_json()
-    if as_json:
-        common.print_json(data)
+    if common.answered(data):
         return
-    if not quiet:
-        show(data)
+    show(data)
 
 
 def show(data: dict) -> None:

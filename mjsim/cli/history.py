@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
@@ -11,14 +9,10 @@ from mjsim.cli import common
 
 @click.command("history")
 @common.campaign_argument
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Plot file (default: .mjsim/ladder.png in the campaign).",
-)
+@common.file_option("--out", help="Plot file (default: .mjsim/ladder.png in the campaign).")
 @click.option("--force", is_flag=True, help="Replace the file named by --out.")
 @common.options
-def command(campaign, out, force, as_json, quiet) -> None:
+def command(campaign, out, force) -> None:
     """The ladder of CAMPAIGN: every model tried, its effects, its error per test.
 
     \b
@@ -39,14 +33,11 @@ def command(campaign, out, force, as_json, quiet) -> None:
     plot = out or c.state_folder / "ladder.png"
     check_writable(plot, force or out is None)
     ladder_plot(steps, plot)
-    if as_json:
-        rows = [{**{k: v for k, v in vars(s).items() if k != "model"}, "effects": list(s.effects)} for s in steps]
-        common.print_json({"campaign": c.name, "steps": rows, "plot": str(plot)})
-        return
-    if quiet:
+    rows = [{**{k: v for k, v in vars(s).items() if k != "model"}, "effects": list(s.effects)} for s in steps]
+    if common.answered({"campaign": c.name, "steps": rows, "plot": str(plot)}):
         return
     show(steps)
-    common.say(f"plot in {plot}", quiet)
+    common.say(f"plot in {plot}")
 
 
 def show(steps: list) -> None:

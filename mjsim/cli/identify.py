@@ -7,7 +7,8 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
-from mjsim.cli.logs import show_drive
+from mjsim.cli.compare import show_sheet
+from mjsim.cli.diagnose import show_axes, show_effect
 from mjsim.digits import estimate, expanded
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.measurement import BallBarTest
@@ -24,22 +25,14 @@ def command() -> None:
 @click.option("--axis", type=click.Choice(TURNING), help="Rotary axis (default: every one that has tangential tests).")
 @common.machine_option
 @click.option("--per-direction", is_flag=True, help="Keep CW and CCW apart even where they agree.")
-@click.option(
-    "--write", type=click.Path(path_type=Path, dir_okay=False), help="Save the machine with the pitch errors put in."
-)
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="Folder for plots (default: .mjsim/identify in the campaign).",
-)
+@common.file_option("--write", help="Save the machine with the pitch errors put in.")
+@common.folder_option("--out", help="Folder for plots (default: .mjsim/identify in the campaign).")
 @click.option("--no-plots", is_flag=True, help="Numbers only.")
 @click.option("--force", is_flag=True, help="Replace the file named by --write and plots in the folder named by --out.")
 @common.as_is_option
 @common.threads_option
 @common.options
-def pitch_error(
-    campaign, axis, machine, per_direction, write, out, no_plots, force, threads, as_is, as_json, quiet
-) -> None:
+def pitch_error(campaign, axis, machine, per_direction, write, out, no_plots, force, threads, as_is) -> None:
     """Pitch errors of the rotary axes of CAMPAIGN: orders, amplitudes and phases per direction, from tangential tests.
 
     Without such tests, from axis logs that recorded the load side of an axis as well: a second encoder, or a guide log
@@ -48,8 +41,7 @@ def pitch_error(
     \b
     Example: mjsim identify pitch-error examples/kato2013 --axis C
     """
-    from mjsim.campaign.files import read_campaign
-    from mjsim.campaign.machine_file import machine_of, write_machine
+    from mjsim.campaign.machine_file import write_machine
     from mjsim.estimation.pitch.encoders import axes_with_two_encoders
     from mjsim.estimation.pitch.identify import (
         identified_machine,
@@ -60,11 +52,10 @@ def pitch_error(
     from mjsim.io.files import check_writable
     from mjsim.plots.output import pitch_plot_files, pitch_plots
 
-    whole = read_campaign(campaign, as_is=as_is)
-    m = machine_of(whole, machine)
+    whole, m = common.campaign_and_machine(campaign, machine, as_is=as_is)
     logged = axes_with_two_encoders(whole.of(LogTest.instrument))
     if logged and not any(tangential_tests(whole, a) for a in ((axis,) if axis else logged)):
-        _from_encoders(whole, m, (axis,) if axis else logged, write, force, as_json, quiet)
+        _from_encoders(whole, m, (axis,) if axis else logged, write, force)
         return
     c = whole.of(BallBarTest.instrument)
     axes = (axis,) if axis else testable_axes(c)
@@ -74,7 +65,7 @@ def pitch_error(
     if not no_plots:
         for file in pitch_plot_files(axes, folder):
             check_writable(file, force or out is None)
-    with common.progress_bar(quiet) as progress:
+    with common.progress_bar() as progress:
         results = identify_pitch_errors(c, m, axes, per_direction, common.cores(threads), progress)
         plots = [] if no_plots else pitch_plots(c.name, results, folder)
     if write is not None:
@@ -85,19 +76,19 @@ def pitch_error(
         "effects": [{"id": e.id, **e.values} for r in results.values() for e in r.effects],
         "plots": [str(p) for p in plots],
     }
-    if common.answered(data, as_json, quiet):
+    if common.answered(data):
         return
     for i, (a, result) in enumerate(data["axes"].items()):
         if i:
             click.echo()
         show(a, result)
     if plots:
-        common.say(f"plots in {folder}", quiet)
+        common.say(f"plots in {folder}")
     if write is not None:
-        common.say(f"machine with the pitch errors written to {write}", quiet)
+        common.say(f"machine with the pitch errors written to {write}")
 
 
-def _from_encoders(campaign, machine, axes, write: Path | None, force: bool, as_json: bool, quiet: bool) -> None:
+def _from_encoders(campaign, machine, axes, write: Path | None, force: bool) -> None:
     """Pitch errors from the two encoders of each axis: printed, and written into a machine file."""
     from mjsim.campaign.machine_file import write_machine
     from mjsim.estimation.pitch.encoders import identify_from_encoders, machine_with_waves
@@ -105,19 +96,19 @@ def _from_encoders(campaign, machine, axes, write: Path | None, force: bool, as_
 
     if write is not None:
         check_writable(write, force)
-    with common.progress_bar(quiet) as progress:
+    with common.progress_bar() as progress:
         found = {}
         for i, axis in enumerate(axes):
             progress(f"looking for waves of {axis}", i, len(axes))
             found[axis] = identify_from_encoders(campaign.of(LogTest.instrument), axis)
     if write is not None:
         write_machine(machine_with_waves(machine, found), machine.file, write, force=force)
-    if common.answered({"campaign": campaign.name, "axes": {a: r.to_json() for a, r in found.items()}}, as_json, quiet):
+    if common.answered({"campaign": campaign.name, "axes": {a: r.to_json() for a, r in found.items()}}):
         return
     for data in (r.to_json() for r in found.values()):
         show_encoders(data)
     if write is not None:
-        common.say(f"machine with the pitch errors written to {write}", quiet)
+        common.say(f"machine with the pitch errors written to {write}")
 
 
 def show_encoders(data: dict) -> None:
@@ -159,9 +150,7 @@ def show_encoders(data: dict) -> None:
 @command.command("drive")
 @common.campaign_argument
 @common.machine_option
-@click.option(
-    "--write", type=click.Path(path_type=Path, dir_okay=False), help="Save the machine with the numbers found."
-)
+@common.file_option("--write", help="Save the machine with the numbers found.")
 @click.option(
     "--max-effects", type=click.IntRange(0, 20), default=8, show_default=True, help="At most so many causes per axis."
 )
@@ -169,7 +158,7 @@ def show_encoders(data: dict) -> None:
 @click.option("--force", is_flag=True, help="Replace the file named by --write.")
 @common.threads_option
 @common.options
-def drive(campaign, machine, write, max_effects, only, force, threads, as_json, quiet) -> None:
+def drive(campaign, machine, write, max_effects, only, force, threads) -> None:
     """Numbers of the drives from the axis logs of CAMPAIGN: gains, inertia, friction, each with its interval.
 
     A table [identify] in the machine file says how far the data sheet is believed. Numbers that the logs cannot
@@ -190,17 +179,19 @@ def drive(campaign, machine, write, max_effects, only, force, threads, as_json, 
     m = machine_of(c, machine)
     if write is not None:
         check_writable(write, force)
-    with common.progress_bar(quiet) as progress:
+    with common.progress_bar() as progress:
         result = diagnose_logs(c, m, max_effects, common.cores(threads), progress)
     if write is not None:
         write_machine(result.machine, m.file, write, force=force)
     data = result.to_json()
-    if as_json:
-        common.print_json(data)
-    elif not quiet:
-        show_drive(data)
+    if not common.answered(data):
+        show_sheet(data)
+        for effect in data["effects"]:
+            show_effect(effect)
+        click.echo()
+        show_axes(data["tests"], "with all of them")
         if write is not None:
-            common.say(f"machine with the numbers found written to {write}", quiet)
+            common.say(f"machine with the numbers found written to {write}")
 
 
 def show(axis: str, data: dict) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
@@ -22,7 +20,7 @@ def command() -> None:
 
 @command.command("templates", short_help="List the machines that a file can begin with.")
 @common.options
-def templates(as_json, quiet) -> None:
+def templates() -> None:
     """List the templates of machines: layouts of axes, each in three sizes.
 
     A template has typical numbers for what nobody knows of a machine, such as inertias. The machine file says that they
@@ -33,10 +31,7 @@ def templates(as_json, quiet) -> None:
     """
     from mjsim.campaign.machine_templates import FACTOR, LAYOUTS, SIZES, TEMPLATES
 
-    if as_json:
-        common.print_json({"templates": [t.to_json() for t in TEMPLATES.values()]})
-        return
-    if quiet:
+    if common.answered({"templates": [t.to_json() for t in TEMPLATES.values()]}):
         return
     common.table(
         ["layout", "axes", "what it is"], [[x.name, x.configuration, x.words] for x in LAYOUTS], text=(0, 1, 2)
@@ -88,14 +83,10 @@ def templates(as_json, quiet) -> None:
     help="In which sense a rotary axis counts: as ISO 841 says (default), or the other way. Repeatable.",
 )
 @click.option("--tool-length", type=float, help="From the pivot of a turning head to the ball, mm (default 250).")
-@click.option(
-    "-o", "--out", "folder", required=True, type=click.Path(path_type=Path, file_okay=False), help="New folder."
-)
+@common.folder_option("-o", "--out", "folder", required=True, help="New folder.")
 @click.option("--name", help="Name of the machine (default: the folder's).")
 @common.options
-def new(
-    configuration, template_name, position_gain, directions, offsets, senses, tool_length, folder, name, as_json, quiet
-) -> None:
+def new(configuration, template_name, position_gain, directions, offsets, senses, tool_length, folder, name) -> None:
     """Write machine.toml and a MuJoCo model of a machine with these axes, ready to edit.
 
     With --template the numbers are typical of its size, and believed within a factor only.
@@ -134,14 +125,11 @@ def new(
     length = None if tool_length is None else tool_length * MM
     files = new_machine(folder, configuration, placed, length, name, template, position_gain)
     chain = chain_of(configuration, with_senses(configuration, placed), length)
-    if as_json:
-        common.print_json(
-            {"folder": str(folder), "files": [str(f) for f in files], "axes": list(chain.letters)}
-            | {"sense": {a: chain.sense(a) for a in chain.rotary}}
-            | {"location_errors": [e.name for e in chain.location_errors]}
-        )
-        return
-    if quiet:
+    if common.answered(
+        {"folder": str(folder), "files": [str(f) for f in files], "axes": list(chain.letters)}
+        | {"sense": {a: chain.sense(a) for a in chain.rotary}}
+        | {"location_errors": [e.name for e in chain.location_errors]}
+    ):
         return
     click.echo(f"{folder} has {', '.join(f.name for f in files)}. Next:\n")
     click.echo(f"  (edit {folder}/machine.toml: every number marked CHANGE)")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from mjsim.cli import common, nc_feed
+from mjsim.cli import common
 from mjsim.cli import nc_options as options
 from mjsim.machine.chain import FIVE_AXIS, is_rotary
 
@@ -49,7 +49,7 @@ def command() -> None:
 @command.command("write", hidden=True)
 @common.campaign_argument
 @click.option("--test", "name", required=True, shell_complete=common.test_names, help="Test to write.")
-@click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The NC file.")
+@common.file_option("-o", "--out", required=True, help="The NC file.")
 @options.written_dialect
 @options.writing
 @options.signs
@@ -59,9 +59,7 @@ def command() -> None:
 @options.force
 @common.machine_option
 @common.options
-def write(
-    campaign, name, out, limit, max_speed, force, machine, as_json, quiet, sphere, tip, clearance, safe, **how
-) -> None:
+def write(campaign, name, out, limit, max_speed, force, machine, sphere, tip, clearance, safe, **how) -> None:
     """Write a test of CAMPAIGN as an NC program; of one that is measured at rest, the table of its positions. A sphere
     test in the dialect linuxcnc is a probing program.
     """
@@ -77,16 +75,12 @@ def write(
     m = machine_of(c, machine)
     check_writable(out, force)
     if test.instrument == SphereTest.instrument and how["dialect"] == "linuxcnc":
-        from mjsim.cli.points import write_probing
-
         limits = options.allowed(limit, max_speed, test.chain)
         sizes = {"sphere": sphere, "tip": tip, "clearance": clearance, "safe": safe}
-        write_probing(test, out, sizes, limits, m.name, c.folder, force, as_json, quiet)
+        _write_probing(test, out, sizes, limits, m.name, c.folder, force)
         return
     if INSTRUMENTS[test.instrument].at_rest:
-        from mjsim.cli.points import write_positions
-
-        write_positions(test, out, c, force, as_json, quiet)
+        _write_positions(test, out, c, force)
         return
     written = write_nc(
         test, out, options.write_options(**how), options.allowed(limit, max_speed, test.chain), m.name, force
@@ -104,31 +98,72 @@ def write(
     _show(
         data,
         f"{len(written.motion.seconds)} blocks, {written.motion.duration:.3f} s, F: {FEEDS[written.feed]}",
-        as_json,
-        quiet,
     )
-    if not as_json:
-        common.say(f"written to {out}", quiet)
+    if not common.wants_json():
+        common.say(f"written to {out}")
+
+
+def _write_positions(test, out: Path, campaign, force: bool) -> None:
+    """``mjsim nc`` of a test that is measured at rest: the table of its positions, to which what was found is added."""
+    from mjsim.errors import InputError
+    from mjsim.instruments.base import INSTRUMENTS
+    from mjsim.io.files import write_whole
+
+    instrument = INSTRUMENTS[test.instrument]
+    text = instrument.planned_text(test)
+    if not text:
+        raise InputError(
+            f'{campaign.folder / "campaign.toml"}: [[test]] "{test.name}" says no positions; `mjsim plan '
+            f"{campaign.folder}` with {instrument.plan_option} proposes some"
+        )
+    write_whole(out, text, force=force)
+    rows, wanted = len(text.splitlines()) - 1, ", ".join(instrument.found_columns(test))
+    if not common.answered({"file": str(out), "test": test.name, "points": rows}):
+        common.say(f"{rows} positions written to {out}; add what is found: {wanted}")
+
+
+def _write_probing(test, out: Path, sizes_mm: dict, limits, machine: str, campaign, force: bool) -> None:
+    """``mjsim nc`` of a sphere test for LinuxCNC: the program that probes it.
+
+    Args:
+        test: With its positions.
+        out: The file.
+        sizes_mm: Attributes of :class:`mjsim.nc.probing.Probing` in mm.
+        limits: Of the axes.
+        machine: Name of the machine.
+        campaign: Folder of the campaign.
+        force: Replace a file that is there.
+    """
+    from mjsim.errors import InputError
+    from mjsim.instruments.sphere.touches import sides_of_points
+    from mjsim.io.files import write_whole
+    from mjsim.nc.probing import Probing, probing_program
+    from mjsim.units import MM
+
+    for name, value in sizes_mm.items():
+        if not 0.0 < value <= 1000.0:
+            raise InputError(f"--{name} {value:g}; allowed: above 0, up to 1000 mm")
+    text, _ = probing_program(test, Probing(**{k: v * MM for k, v in sizes_mm.items()}), limits, machine)
+    write_whole(out, text, force=force)
+    touches = sum(map(len, sides_of_points(test)))
+    if not common.answered({"file": str(out), "test": test.name, "points": len(test.angles), "touches": touches}):
+        common.say(
+            f"{len(test.angles)} positions with {touches} touches written to {out}; LinuxCNC writes what it finds into "
+            f"{test.name}.txt: mjsim import {test.name}.txt --campaign {campaign} --points --test {test.name}"
+        )
 
 
 @command.command("read", short_help="Read one as the motion that it commands.")
 @click.argument("file", type=click.Path(path_type=Path))
 @options.reading
 @options.limits
-@click.option("--machine", type=click.Path(path_type=Path), help="Machine file whose axes the program moves.")
-@click.option("--campaign", type=click.Path(path_type=Path), help="Compare with a test of this campaign.")
+@common.path_option("--machine", help="Machine file whose axes the program moves.")
+@common.path_option("--campaign", help="Compare with a test of this campaign.")
 @click.option("--test", "name", shell_complete=common.test_names, help="That test.")
-@click.option(
-    "-o",
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="CSV: time_s and the five axes at every block's end.",
-)
+@common.file_option("-o", "--out", help="CSV: time_s and the five axes at every block's end.")
 @options.force
 @common.options
-def read(
-    file, dialect, turned, rollover, skip, ini, limit, max_speed, machine, campaign, name, out, force, as_json, quiet
-) -> None:
+def read(file, dialect, turned, rollover, skip, ini, limit, max_speed, machine, campaign, name, out, force) -> None:
     """Read an NC program as the motion that it commands: blocks, time, travel and speed of the axes.
 
     Words that change no motion are listed. What changes the motion and is not understood is refused by its name.
@@ -190,8 +225,8 @@ def read(
     said += f", {data['paths']} cutting paths" if data["paths"] > 1 else ""
     said += ", tool centre point" if data["tool_centre_point"] else ""
     said += f", axes at rest {data['rests']} times" if data["rests"] else ""
-    _show(data, said, as_json, quiet)
-    if as_json or quiet:
+    _show(data, said)
+    if common.wants_json() or common.is_quiet():
         return
     if nc.ignored:
         words = ", ".join(f"{w} (line {line}{f', {n} times' if n > 1 else ''})" for w, (line, n) in nc.ignored.items())
@@ -210,7 +245,7 @@ def read(
             f"{compared['reading_um'][0]:.3f} to {compared['reading_um'][1]:.3f} µm"
         )
     if out:
-        common.say(f"written to {out}", quiet)
+        common.say(f"written to {out}")
 
 
 def axes_json(motion) -> dict:
@@ -239,10 +274,8 @@ def axes_json(motion) -> dict:
     return rows
 
 
-def _show(data: dict, said: str, as_json: bool, quiet: bool) -> None:
-    if as_json:
-        common.print_json(data)
-    elif not quiet:
+def _show(data: dict, said: str) -> None:
+    if not common.answered(data):
         common.paragraph(said)
         common.table(
             ["axis", "from", "to", "lowest", "highest", "mean /min", "max /min"],
@@ -253,7 +286,136 @@ def _show(data: dict, said: str, as_json: bool, quiet: bool) -> None:
             ],
         )  # fmt: skip
     for warning in data["warnings"]:
-        common.say(f"warning: {warning}", quiet)
+        common.say(f"warning: {warning}")
 
 
-command.add_command(nc_feed.command)
+@command.command("feed", short_help="The feed that its blocks really give.")
+@common.campaign_argument
+@click.option("--test", "name", required=True, shell_complete=common.test_names, help="Test that the program is for.")
+@common.path_option("--program", help="NC file (default: what `mjsim nc` would write).")
+@options.reading
+@options.writing
+@click.option(
+    "--cycle-ms", type=common.NUMBER, default=0.0, show_default=True, help="Interpolation cycle; 0: continuous."
+)
+@click.option(
+    "--block-ms",
+    type=common.NUMBER,
+    default=0.0,
+    show_default=True,
+    help="Shortest time that the control needs for a block.",
+)
+@click.option("--whole-cycles", is_flag=True, help="Every block lasts whole cycles, rounded up.")
+@click.option(
+    "--like",
+    type=click.Choice(["linuxcnc"]),
+    help="The block times of this control, in place of the three options above.",
+)
+@options.acceleration
+@common.path_option("--record", help="Hold the model against this axis log of a control, with all axes.")
+@common.file_option("-o", "--out", help="CSV: time_s, phi_deg, feed_mm_min, reading_um.")
+@common.file_option("--plot", help="Picture of feed and reading over φ (.png or .svg).")
+@options.force
+@common.options
+def feed(
+    campaign, name, program, cycle_ms, block_ms, whole_cycles, like, acceleration, record, out, plot, force, **how
+) -> None:  # fmt: skip
+    """The peripheral feed that block-wise interpolation of a test's program really gives, and what its straight blocks
+    do to the reading.
+
+    The control modelled moves the axes linearly within each block, without look-ahead and smoothing. `--like linuxcnc`
+    keeps the block times of LinuxCNC: whole cycles, rounded down, where a rotary axis turns.
+
+    \b
+    Example: mjsim nc feed examples/healthy --test cone15-x50-ccw \\
+                 --cycle-ms 2 --whole-cycles --plot feed.png
+    """
+    from mjsim.campaign.driven import on_path, read_record
+    from mjsim.io.files import check_writable, write_all
+    from mjsim.linuxcnc.configuration import Settings, check_settings
+    from mjsim.nc.control import Control, feed_report
+    from mjsim.nc.read import parse_nc, read_nc
+    from mjsim.nc.write import nc_program
+
+    test = replace(options.find_test(campaign, name)[1], commanded=None)
+    for file in (out, plot):
+        if file:
+            check_writable(file, force)
+    reading = options.how_read(how["dialect"], how["turned"], how["rollover"], how.pop("skip"), how.pop("ini"))
+    if program:
+        nc = read_nc(program, chain=test.chain, **reading)
+    else:
+        how["rollover"] = bool(how["rollover"])
+        text = nc_program(test, options.write_options(**how)).text
+        nc = parse_nc(text, Path(f"{test.name}.nc"), chain=test.chain, **reading)
+    control = Control(cycle_ms * 1e-3, block_ms * 1e-3, whole_cycles)
+    if like:
+        if cycle_ms or block_ms or whole_cycles:
+            raise click.UsageError("--like has the block times of a control; leave out --cycle-ms and the like")
+        settings = Settings(dict(acceleration))
+        check_settings(settings, test.chain)
+        control = settings.model(test.chain)
+    elif acceleration:
+        raise click.UsageError("--acceleration needs --like linuxcnc")
+    report = feed_report(test, nc.motion, control, str(nc.path))
+    held = (
+        feed_report(test, on_path(read_record(record, test.chain), test, record), None, str(record)) if record else None
+    )
+    data = {
+        "test": test.name,
+        "program": str(program) if program else None,
+        "dialect": nc.dialect,
+        "blocks": len(nc.motion.seconds),
+    }
+    data |= {"cycle_ms": cycle_ms, "block_ms": block_ms, "whole_cycles": whole_cycles, "like": like}
+    data |= {**report.to_json(), **({"record": held.to_json()} if held else {})}
+    pages: dict[Path, str | bytes] = {out: report.to_csv()} if out else {}
+    if plot:
+        from mjsim.plots.feed import feed_figure
+        from mjsim.plots.save import encoded
+
+        title = (
+            f"{test.name}: {len(nc.motion.seconds)} blocks, {data['mean_block_ms']:.3g} ms each; mean feed "
+            f"{data['mean_mm_min']:.1f} mm/min"
+        )
+        figure = feed_figure(report.phi_deg, report.feed_mm_min, report.reading_um, data["nominal_mm_min"], title)
+        pages[plot] = encoded(figure, plot)
+    write_all(pages, force)
+    if common.answered(data | {"csv": str(out) if out else None, "plot": str(plot) if plot else None}):
+        return
+    first, second = _rows(report.to_json(), data["blocks"]), _rows(held.to_json(), None) if held else None
+    if second is None:
+        common.table(["", ""], first, text=(0, 1))
+    else:
+        rows = [[*a, b[1]] for a, b in zip(first, second, strict=True)]
+        common.table(["", "model", "record"], rows, text=(0, 1, 2))
+    for file in (out, plot):
+        if file:
+            common.say(f"written to {file}")
+
+
+def _rows(r: dict, blocks: int | None) -> list[list[str]]:
+    """The figures of one report; a record has no blocks."""
+    bar = r["reading_um"]
+    return [
+        [
+            "feed, mm/min",
+            f"nominal {r['nominal_mm_min']:.2f}, mean {r['mean_mm_min']:.2f}, {r['min_mm_min']:.2f} to "
+            f"{r['max_mm_min']:.2f}",
+        ],
+        ["ripple", f"{r['ripple_percent']:.3f} % of the mean, lowest to highest"],
+        ["duration", f"{r['duration_s']:.3f} s, ideal {r['ideal_duration_s']:.3f} s"],
+        [
+            "blocks",
+            "-"
+            if blocks is None
+            else f"{blocks}, shortest {r['shortest_block_ms']:.3f} ms, mean {r['mean_block_ms']:.3f} ms",
+        ],
+        [
+            "reading, µm",
+            f"{bar['min']:.3f} to {bar['max']:.3f}, mean {bar['mean']:.3f} (chords and rounding, ideal machine)",
+        ],
+        ["position, µm", ", ".join(f"{a} {v:.3f}" for a, v in r["position_um"].items()) + " off the path at most"],
+        ["angle, µrad", ", ".join(f"{a} {v:.2f}" for a, v in r["angle_urad"].items()) + " off the path at most"],
+        ["speed jumps", ", ".join(f"{a} {v:.2f}" for a, v in r["speed_jump_per_min"].items()) + " mm/min or °/min"],
+    ]

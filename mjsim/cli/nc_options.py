@@ -44,9 +44,7 @@ reading = kept(
     _turned,
     click.option("--rollover/--no-rollover", default=None, help=f"{_ROLLOVER} Default: what the feed moves imply."),
     click.option("--skip", is_flag=True, help="Leave out blocks with /."),
-    click.option(
-        "--ini", type=click.Path(path_type=Path), help="Configuration of LinuxCNC with subprograms and tools."
-    ),
+    common.path_option("--ini", help="Configuration of LinuxCNC with subprograms and tools."),
 )
 #: How a sphere is probed.
 probing = kept(

@@ -23,7 +23,7 @@ def command() -> None:
 @click.option("--name", help="Name of the campaign (default: the folder's).")
 @click.option("--logs", metavar="AXES", help="For axis logs of a machine with these axes, such as XY or C.")
 @common.options
-def campaign(folder, name, logs, as_json, quiet) -> None:
+def campaign(folder, name, logs) -> None:
     """Start a campaign in FOLDER: commented campaign.toml and machine.toml that run as they are, and a folder for the
     traces. With --logs, it is a campaign of axis logs; the axes that were recorded are enough.
 
@@ -37,7 +37,7 @@ def campaign(folder, name, logs, as_json, quiet) -> None:
     from mjsim.campaign.new_machine import new_log_campaign
 
     files = new_campaign(folder, name) if logs is None else new_log_campaign(folder, logs, name)
-    if common.answered({"folder": str(folder), "files": [str(f) for f in files]}, as_json, quiet):
+    if common.answered({"folder": str(folder), "files": [str(f) for f in files]}):
         return
     click.echo(f"{folder} has campaign.toml, machine.toml and traces/. Next:\n")
     steps = (

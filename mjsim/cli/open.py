@@ -20,7 +20,7 @@ from mjsim.cli import common
 @common.as_is_option
 @common.threads_option
 @common.options
-def command(campaign, machine, host, port, no_browser, as_is, threads, as_json, quiet) -> None:
+def command(campaign, machine, host, port, no_browser, as_is, threads) -> None:
     """Open CAMPAIGN in the workbench: change the model and watch the error, in the browser.
 
     The page shows traces, machine and effects of the campaign; of axis logs errors and torques. Nothing is written
@@ -51,6 +51,8 @@ def command(campaign, machine, host, port, no_browser, as_is, threads, as_json, 
 
     could = "write campaigns on this computer" if campaign is None else "change the machine file"
 
+    as_json, is_quiet = common.wants_json(), common.is_quiet()
+
     def say(address: str) -> None:
         if host not in (LOOPBACK, "localhost", "::1"):
             click.echo(
@@ -60,7 +62,7 @@ def command(campaign, machine, host, port, no_browser, as_is, threads, as_json, 
         if as_json:
             common.print_json({"address": address})
         else:
-            click.echo(f"{address}\nCtrl-C ends it" if not quiet else address)
+            click.echo(address if is_quiet else f"{address}\nCtrl-C ends it")
 
     if c is None or m is None:
         from mjsim.workbench.start.server import serve_start

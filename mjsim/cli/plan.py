@@ -7,7 +7,9 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
+from mjsim.digits import expanded
 from mjsim.instruments.base import INSTRUMENTS
+from mjsim.machine.chain import is_rotary
 from mjsim.units import unit_of
 
 #: JSON of a plan where nothing is to be separated.
@@ -27,9 +29,7 @@ _NOTHING_OPEN = {"between": None, "test": None, "difference_um": None}
 @click.option(
     "--minutes", help="With --new: machine time, a number or full (default): 10 and 30 are usual.", default=None
 )
-@click.option(
-    "-o", "--out", type=click.Path(path_type=Path, file_okay=False), help="With --new: new folder for the campaign."
-)
+@common.folder_option("-o", "--out", help="With --new: new folder for the campaign.")
 @click.option(
     "--between",
     nargs=2,
@@ -64,8 +64,6 @@ def command(
     ranges,
     threads,
     as_is,
-    as_json,
-    quiet,
 ) -> None:
     """Say which test to measure next: the one that best separates the effects that the data of CAMPAIGN cannot tell
     apart.
@@ -98,14 +96,12 @@ def command(
             raise click.UsageError("--new needs either --machine or --template")
         if machine is not None and position_gain is not None:
             raise click.UsageError("--position-gain needs --template")
-        _plan_new(machine, template_name, position_gain, minutes, out, threads, as_json, quiet)
+        _plan_new(machine, template_name, position_gain, minutes, out, threads)
         return
     if campaign is None:
         raise click.UsageError("Missing argument 'CAMPAIGN' (or --new)")
     if template_name is not None or minutes is not None or out is not None or position_gain is not None:
         raise click.UsageError("--template, --position-gain, --minutes and --out need --new")
-    from mjsim.campaign.files import read_campaign
-    from mjsim.campaign.machine_file import machine_of
     from mjsim.instruments.axis_log.measurement import LogTest
     from mjsim.workflow.plan import plan
     from mjsim.workflow.plan_at_rest import MostTelling
@@ -114,20 +110,15 @@ def command(
         raise click.UsageError("--sphere needs --points, --range needs --points or --targets")
     if targets is not None and (sphere or between is not None):
         raise click.UsageError("--targets excludes --sphere and --between")
-    c = read_campaign(campaign, as_is=as_is)
-    m = machine_of(c, machine)
+    c, m = common.campaign_and_machine(campaign, machine, as_is=as_is)
     if targets is not None:
-        from mjsim.cli.points import show_targets
         from mjsim.workflow.plan_targets import plan_targets
 
         aim = plan_targets(c, m, targets, {a: (low, high) for a, low, high in ranges}, points)
-        if as_json:
-            common.print_json(aim.to_json())
-        elif not quiet:
+        if not common.answered(aim.to_json()):
             show_targets(aim, str(campaign))
         return
     if points is not None:
-        from mjsim.cli.points import show_plan
         from mjsim.units import DEG, MM
         from mjsim.workflow.plan_points import plan_points
 
@@ -135,21 +126,17 @@ def command(
             raise click.UsageError("--points and --between exclude each other")
         ends = {a: (low * DEG, high * DEG) for a, low, high in ranges}
         planned = plan_points(c, m, points, tuple(v * MM for v in sphere) if sphere else None, ends)
-        if as_json:
-            common.print_json(planned.to_json())
-        elif not quiet:
-            show_plan(planned, str(campaign))
+        if not common.answered(planned.to_json()):
+            show_points(planned, str(campaign))
         return
-    with common.progress_bar(quiet) as progress:
+    with common.progress_bar() as progress:
         result = plan(c, m, between, common.cores(threads), progress)
     recorded = LogTest.instrument in c.measured_parts
-    if as_json:
-        common.print_json(
-            result.to_json() if result else _NOTHING_OPEN | ({} if recorded else {"recordings": [], "at_rest": []})
-        )
-    elif quiet:
+    if common.answered(
+        result.to_json() if result else _NOTHING_OPEN | ({} if recorded else {"recordings": [], "at_rest": []})
+    ):
         return
-    elif result is None:
+    if result is None:
         known = (
             "the logs know every number of the drives"
             if recorded
@@ -167,7 +154,7 @@ def command(
         show_measurement(result.to_json(), c)
 
 
-def _plan_new(machine, template_name, position_gain, minutes, out, threads, as_json, quiet) -> None:
+def _plan_new(machine, template_name, position_gain, minutes, out, threads) -> None:
     """The tests of a new campaign."""
     from mjsim.campaign.machine_file import read_machine
     from mjsim.campaign.machine_templates import template_named
@@ -186,14 +173,11 @@ def _plan_new(machine, template_name, position_gain, minutes, out, threads, as_j
         m = read_machine(Path("machine.toml"), text)
     else:
         m, text = read_machine(machine), read_text(machine)
-    with common.progress_bar(quiet) as progress:
+    with common.progress_bar() as progress:
         plan = CampaignPlanner(m, common.cores(threads), progress).plan(time)
     data = plan.to_json()
     files = [] if out is None else new_planned_campaign(out, text, data["tests"])
-    if as_json:
-        common.print_json(data | {"files": [str(f) for f in files]})
-        return
-    if quiet:
+    if common.answered(data | {"files": [str(f) for f in files]}):
         return
     show_new(data)
     if out is not None:
@@ -269,18 +253,13 @@ def show(result, campaign) -> None:
             f"A separation of {data['enough']:.0f} σ decides. {data['plenty']:.0f} σ are certain: beyond that the "
             "shorter test is better."
         )
-    click.echo("\nNext:")
-    for number, step in enumerate(
-        (
-            f"Paste the table above into {campaign}/campaign.toml.",
-            f"mjsim nc {campaign} --test {name} -o {name}.nc",
-            "Run the program on the machine, and record it with the ball bar.",
-            f"mjsim import FILE --campaign {campaign} --test {name}",
-            f"mjsim diagnose {campaign}",
-        ),
-        start=1,
-    ):
-        click.echo(f"  {number}. {step}")
+    common.next_steps(
+        f"Paste the table above into {campaign}/campaign.toml.",
+        f"mjsim nc {campaign} --test {name} -o {name}.nc",
+        "Run the program on the machine, and record it with the ball bar.",
+        f"mjsim import FILE --campaign {campaign} --test {name}",
+        f"mjsim diagnose {campaign}",
+    )
 
 
 def show_measurement(data: dict, campaign) -> None:
@@ -308,10 +287,11 @@ def show_measurement(data: dict, campaign) -> None:
     if log:
         name = data["test"]["name"]
         more = ", and its torque or current" if "torque" in name else ""
-        click.echo("\nNext:")
-        click.echo(f"  1. Run the program. Record command and position of the axis{more}.")
-        click.echo(f"  2. mjsim import FILE --campaign {campaign.folder} --log --test {name}")
-        click.echo(f"  3. mjsim diagnose {campaign.folder}")
+        common.next_steps(
+            f"Run the program. Record command and position of the axis{more}.",
+            f"mjsim import FILE --campaign {campaign.folder} --log --test {name}",
+            f"mjsim diagnose {campaign.folder}",
+        )
     else:
         _show_test(data, campaign)
 
@@ -399,3 +379,59 @@ def _effect(row: dict) -> str:
     key = next(k for k in row if k.startswith("difference_"))
     size = f"{row[key]:.{'2g' if key.endswith('deg') else '2f'}} {unit_of(key)[1]}"
     return f"{size} RMS, {row['separation']:.0f} σ"
+
+
+def show_points(planned, campaign: str) -> None:
+    """Positions to probe as text: what they bring, the table, what to do next."""
+    data = planned.to_json()
+    rows = []
+    for row in data["location_errors"]:
+        unit = "µrad" if is_rotary(row["id"].partition(".")[2][1]) else "µm"
+        rows.append([row["id"], unit, *(expanded((-h, h)) for h in (row["class_half_width95"], row["half_width95"]))])
+    common.paragraph(
+        f"{data['points']} points, each from a stated side, some with the spindle turned. With a noise of "
+        f"{planned.noise * 1e6:g} µm for one centre, the location errors will be known so (95 %):"
+    )
+    common.table(["location error", "unit", "today", "after"], rows, text=(0, 1, 2, 3))
+    click.echo("\n[[test]]")
+    for key, value in data["test"].items():
+        if isinstance(value, list) and value and isinstance(value[0], list):
+            lines = [str(value[i : i + 8])[1:-1] for i in range(0, len(value), 8)]
+            click.echo(f"{key} = [\n  " + ",\n  ".join(lines) + ",\n]")
+        else:
+            click.echo(f"{key} = {value!r}".replace("'", '"'))
+    name = data["test"]["name"]
+    common.next_steps(
+        f"Put the table above into {campaign}/campaign.toml"
+        + (f", in the place of that of {name}." if planned.there else "."),
+        f"mjsim nc {campaign} --test {name} -o {name}.csv   writes the positions as a table.",
+        "Probe the sphere at each of them; write dx_um, dy_um, dz_um beside it.",
+        f"mjsim import FILE --campaign {campaign} --points --test {name}",
+        f"mjsim diagnose {campaign}",
+    )
+
+
+def show_targets(planned, campaign: str) -> None:
+    """Planned targets as text: what they bring, the table, what to do next."""
+    import tomlkit
+
+    data = planned.to_json()
+    common.paragraph(
+        f"{data['targets']} targets, {data['test']['runs']} runs from each side. With a noise of {planned.noise:g} "
+        f"{planned.unit} for one reading, this will be known so (95 %):"
+    )
+    rows = []
+    for row in data["known"]:
+        unit = unit_of(row["parameter"])[1]
+        rows.append([row["id"], unit, *(expanded((-h, h)) for h in (row["class_half_width95"], row["half_width95"]))])
+    common.table(["error", "unit", "today", "after"], rows, text=(0, 1, 2, 3))
+    click.echo("\n[[test]]\n" + tomlkit.dumps(data["test"]).rstrip())
+    name = data["test"]["name"]
+    common.next_steps(
+        f"Put the table above into {campaign}/campaign.toml"
+        + ("; correct line_mm, where the beam runs." if "line_mm" in data["test"] else "."),
+        f"mjsim nc {campaign} --test {name} -o {name}.csv   writes the targets in the order of measuring.",
+        "Measure. Overrun the first and the last target, so that each is approached from its side.",
+        f"mjsim import FILE --campaign {campaign} --points --test {name}",
+        f"mjsim diagnose {campaign}",
+    )

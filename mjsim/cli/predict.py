@@ -2,28 +2,60 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
-from mjsim.cli.part_options import PART, part_runs
+from mjsim.cli.nc_options import how_read, kept, reading
 from mjsim.digits import estimate, interval
+
+#: Of a program that is predicted.
+PART = kept(
+    click.option(
+        "--tolerance", type=common.NUMBER, help="Allowed deviation of the part normal to the path, µm: gives a verdict."
+    ),
+    click.option("--tool", type=common.NUMBER, default=0.0, help="Tool's length less that of the ball's holder, mm."),
+    click.option(
+        "--zero",
+        type=(common.NUMBER, common.NUMBER, common.NUMBER),
+        default=(0.0, 0.0, 0.0),
+        metavar="X Y Z",
+        help="Zero point of the part, mm from where the rotary centrelines meet.",
+    ),
+    click.option("--feed", type=common.NUMBER, default=1000.0, show_default=True, help="Of a built-in part, mm/min."),
+    reading,
+)
+
+
+def part_runs(programs: tuple[str, ...], tolerance, tool, zero, feed, **how) -> list:
+    """The programs with the values of :data:`PART`.
+
+    Raises:
+        InputError: a tolerance or feed that is none.
+    """
+    from mjsim.errors import InputError
+    from mjsim.prediction.part_run import PartRun, Reading
+    from mjsim.units import MM, UM
+
+    if tolerance is not None and tolerance <= 0:
+        raise InputError(f"--tolerance {tolerance:g}; allowed: above 0 µm")
+    if feed <= 0:
+        raise InputError(f"--feed {feed:g}; allowed: above 0 mm/min")
+    place = (zero[0] * MM, zero[1] * MM, zero[2] * MM)
+    allowed = None if tolerance is None else tolerance * UM
+    return [PartRun(p, place, tool * MM, feed * MM / 60.0, Reading(**how_read(**how)), allowed) for p in programs]
 
 
 @click.command("predict")
 @click.argument("program")
-@click.option("--campaign", type=click.Path(path_type=Path), help="Campaign whose diagnosis says how the machine is.")
+@common.path_option("--campaign", help="Campaign whose diagnosis says how the machine is.")
 @common.machine_option
 @PART
-@click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), help="Picture (.png or .svg).")
-@click.option("--csv", "table", type=click.Path(path_type=Path, dir_okay=False), help="Deviation along the path.")
+@common.file_option("-o", "--out", help="Picture (.png or .svg).")
+@common.file_option("--csv", "table", help="Deviation along the path.")
 @click.option("--force", is_flag=True, help="Replace files that are there.")
 @common.threads_option
 @common.options
-def command(
-    program, campaign, machine, tolerance, tool, zero, feed, out, table, force, threads, as_json, quiet, **how
-) -> None:
+def command(program, campaign, machine, tolerance, tool, zero, feed, out, table, force, threads, **how) -> None:
     """Predict the error that a part will have: deviation of the tool's tip from the programmed path of PROGRAM.
 
     PROGRAM is an NC file, or a built-in part: cone, s-shape, sphere, boss, pocket. The machine is that of a diagnosed
@@ -33,8 +65,7 @@ def command(
     Example: mjsim predict cone --campaign examples/hidden-backlash
              --tolerance 20 -o cone.png
     """
-    from mjsim.campaign.files import read_campaign
-    from mjsim.campaign.machine_file import machine_of, read_machine
+    from mjsim.campaign.machine_file import read_machine
     from mjsim.errors import InputError
     from mjsim.instruments.ball_bar.measurement import BallBarTest
     from mjsim.io.files import check_writable, write_whole
@@ -51,12 +82,11 @@ def command(
             check_writable(file, force)
     saved = None
     if campaign is not None:
-        c = read_campaign(campaign)
-        m = machine_of(c, machine)
+        c, m = common.campaign_and_machine(campaign, machine)
         saved = read_saved(c, m)
         if saved is None:
             c.of(BallBarTest.instrument).need_traces("what a prediction leaves uncertain follows from ball-bar tests")
-            with common.progress_bar(quiet) as progress:
+            with common.progress_bar() as progress:
                 saved = keep(diagnose(c, m, threads=common.cores(threads), progress=progress), m)
     else:
         m = read_machine(machine)
@@ -66,9 +96,7 @@ def command(
     if table is not None:
         write_whole(table, result.to_csv(), force)
     data = result.to_json()
-    if as_json:
-        common.print_json(data)
-    elif not quiet:
+    if not common.answered(data):
         show(data)
 
 

@@ -13,7 +13,7 @@ from mjsim.cli import common
 @common.machine_option
 @common.threads_option
 @common.options
-def command(campaign, effect, machine, threads, as_json, quiet) -> None:
+def command(campaign, effect, machine, threads) -> None:
     """Take EFFECT out of the machine file of CAMPAIGN again.
 
     \b
@@ -24,14 +24,10 @@ def command(campaign, effect, machine, threads, as_json, quiet) -> None:
     from mjsim.workflow.edit import remove
 
     c = read_campaign(campaign)
-    with common.progress_bar(quiet) as progress:
+    with common.progress_bar() as progress:
         change = remove(c, effect, machine, common.cores(threads), progress)
     data = change_json(change)
-    if as_json:
-        common.print_json(data)
+    if common.answered(data):
         return
-    if not quiet:
-        show_change("removed", data)
-        common.say(
-            f"{change.machine.path} no longer has {change.id}; the previous version is in {c.state_folder}", quiet
-        )
+    show_change("removed", data)
+    common.say(f"{change.machine.path} no longer has {change.id}; the previous version is in {c.state_folder}")

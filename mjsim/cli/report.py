@@ -7,17 +7,13 @@ from pathlib import Path
 import click
 
 from mjsim.cli import common
-from mjsim.cli.part_options import PART, part_runs
+from mjsim.cli.predict import PART, part_runs
 
 
 @click.command("report")
 @click.argument("campaigns", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="CAMPAIGN...")
-@click.option(
-    "-o",
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    show_default="report.html, or certificate.pdf",
-    help="The page or certificate to write.",
+@common.file_option(
+    "-o", "--out", show_default="report.html, or certificate.pdf", help="The page or certificate to write."
 )
 @common.machine_option
 @common.max_effects_option
@@ -37,7 +33,7 @@ from mjsim.cli.part_options import PART, part_runs
 @common.options
 def command(
     campaigns, out, machine, max_effects, no_diagnose, parts, tolerance, tool, zero, feed, certificate, force,
-    threads, as_is, as_json, quiet, **how,
+    threads, as_is, **how
 ) -> None:  # fmt: skip
     """Write what CAMPAIGN shows as one HTML page that works offline and prints well.
 
@@ -69,18 +65,14 @@ def command(
     if certificate:
         from mjsim.report.certificate import make_certificate
 
-        with common.progress_bar(quiet) as progress:
+        with common.progress_bar() as progress:
             made = make_certificate(read, machines, common.cores(threads), progress)
         write_whole(out, made.pdf(), force=force)
-        if as_json:
-            common.print_json(made.to_json())
-        else:
-            common.say(f"{made.title}: {out}", quiet)
+        if not common.answered(made.to_json()):
+            common.say(f"{made.title}: {out}")
         return
-    with common.progress_bar(quiet) as progress:
+    with common.progress_bar() as progress:
         result = report(read, machines, max_effects, not no_diagnose, common.cores(threads), progress, runs)
     write_whole(out, result.html, force=force)
-    if as_json:
-        common.print_json(result.data)
-        return
-    common.say(f"{result.data['title']}: {out} ({len(result.html.encode()) / 1e6:.1f} MB)", quiet)
+    if not common.answered(result.data):
+        common.say(f"{result.data['title']}: {out} ({len(result.html.encode()) / 1e6:.1f} MB)")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
@@ -13,14 +11,12 @@ from mjsim.cli import common
 @common.campaign_argument
 @common.machine_option
 @common.names_option
-@click.option(
-    "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the traces and plots."
-)
+@common.folder_option("--out", required=True, help="Folder for the traces and plots.")
 @click.option("--no-plots", is_flag=True, help="Only the CSV files.")
 @click.option("--force", is_flag=True, help="Replace files that exist.")
 @common.threads_option
 @common.options
-def command(campaign, machine, names, out, no_plots, force, threads, as_json, quiet) -> None:
+def command(campaign, machine, names, out, no_plots, force, threads) -> None:
     """Run the tests of CAMPAIGN in the multibody model. Needs no traces.
 
     Writes <test>.csv (time_s, phi_deg, deviation_um, commanded and actual axis positions) and a polar plot per test.
@@ -28,8 +24,6 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
     \b
     Example: mjsim simulate examples/hidden-backlash --out simulated
     """
-    from mjsim.campaign.files import read_campaign
-    from mjsim.campaign.machine_file import machine_of
     from mjsim.errors import InputError
     from mjsim.instruments.ball_bar.speed import range_warning, speed_warnings
     from mjsim.io.files import check_writable, together
@@ -38,8 +32,8 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
     from mjsim.progress import counted
     from mjsim.simulation.multibody import simulate
 
-    c = read_campaign(campaign, traces=False).of("ball_bar")
-    m = machine_of(c, machine)
+    c, m = common.campaign_and_machine(campaign, machine, traces=False)
+    c = c.of("ball_bar")
     known = [t.name for t in c.tests]
     for name in names:
         if name not in known:
@@ -48,7 +42,7 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
     targets = [out / f"{t.name}.csv" for t in tests] + ([] if no_plots else [out / f"{t.name}.png" for t in tests])
     for file in targets:
         check_writable(file, force)
-    with common.progress_bar(quiet) as progress:
+    with common.progress_bar() as progress:
         progress("simulating", 0, len(tests))
         results = simulate(m, tests, common.cores(threads), counted(progress, "simulating", len(tests)))
         with together(force) as write:
@@ -64,12 +58,9 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
         for w in (*speed_warnings(s.test), range_warning(s.test, s.deviation, c.instrument.range))
         if w
     ]
-    if as_json:
-        common.print_json(
-            {"campaign": c.name, "machine": m.name, "out": str(out), "tests": summary, "warnings": warnings}
-        )
-        return
-    if quiet:
+    if common.answered(
+        {"campaign": c.name, "machine": m.name, "out": str(out), "tests": summary, "warnings": warnings}
+    ):
         return
     common.table(
         ["test", "duration s", "G µm", "max µm", "min µm"],
@@ -85,5 +76,5 @@ def command(campaign, machine, names, out, no_plots, force, threads, as_json, qu
         ],
     )
     for warning in warnings:
-        common.say(f"warning: {warning}", quiet)
-    common.say(f"written to {out}", quiet)
+        common.say(f"warning: {warning}")
+    common.say(f"written to {out}")

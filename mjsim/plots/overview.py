@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 def overview_figure(
     tests: Sequence[tuple[str, Sequence[polar.PolarTrace]]],
     columns: int = 4,
-    um_per_div: float | None = None,
     title: str | None = None,
 ) -> Figure:
     """One small polar plot per test, each with its scale below it.
@@ -24,7 +23,6 @@ def overview_figure(
     Args:
         tests: (name of the test, its traces); the legend is drawn once, from all labels that occur.
         columns: plots per row at most.
-        um_per_div: one scale for all [µm per division]; each test's own when missing.
         title: heading of the whole figure.
 
     Raises:
@@ -44,7 +42,7 @@ def overview_figure(
         x = left + (index % columns) * cell_w + 0.5 * (cell_w - plot)
         y = height - top - (index // columns + 1) * cell_h + 0.36
         axes = style.polar_axes(figure, (x / width, y / height, plot / width, plot / height))
-        step = polar.draw_polar(axes, traces, um_per_div, small=True)
+        step = polar.draw_polar(axes, traces, small=True)
         centre = (x + 0.5 * plot) / width
         figure.text(
             centre, (y + plot + 0.3) / height, name, ha="center", va="center", fontweight="bold", color=style.INK,

@@ -235,7 +235,7 @@ def spectrum_figure(spectra: Sequence[PitchSpectrum], title: str) -> Figure:
     return figure
 
 
-def curves_figure(curves: Sequence[PitchCurves], title: str, degrees_per_div: float | None = None) -> Figure:
+def curves_figure(curves: Sequence[PitchCurves], title: str) -> Figure:
     """Curves side by side, as in the paper's Fig. 4.
 
     Raises:
@@ -246,7 +246,7 @@ def curves_figure(curves: Sequence[PitchCurves], title: str, degrees_per_div: fl
     side, head, foot = 3.6, 0.4, 0.75
     width, height = side * len(curves) + 0.2, side + head + foot + 0.2
     figure = style.new_figure(width, height)
-    shared = degrees_per_div if degrees_per_div is not None else division_deg(curves)
+    shared = division_deg(curves)
     for i, c in enumerate(curves):
         place = ((0.1 + side * i + 0.3) / width, foot / height, (side - 0.6) / width, (side - 0.1) / height)
         axes = style.polar_axes(figure, place)

@@ -60,16 +60,13 @@ class ResidualTrace:
         return self.goes_round and float(np.ptp(np.asarray(self.phi_deg, dtype=float))) > 359.0
 
 
-def residual_figure(
-    tests: Sequence[ResidualTrace], width_in: float = 7.6, panel_in: float = 1.35, title: str | None = None
-) -> Figure:
+def residual_figure(tests: Sequence[ResidualTrace], title: str | None = None) -> Figure:
     """One panel per test, stacked, all with the same µm scale.
 
     Revolutions lie over each other: what repeats is the model's, what does not is noise or drift.
 
     Args:
         tests: in the order of the panels, at least one.
-        width_in, panel_in: width of the figure and height of one panel's plot area [inch].
         title: heading.
 
     Raises:
@@ -77,6 +74,7 @@ def residual_figure(
     """
     if not tests:
         raise ValueError("a residual figure needs at least one test")
+    width_in, panel_in = 7.6, 1.35
     gap, top, bottom, left, right = 0.74, (0.3 if title else 0.0) + 0.5, 0.62, 0.72, 0.15
     height = top + bottom + len(tests) * panel_in + (len(tests) - 1) * gap
     figure = style.new_figure(width_in, height)

@@ -27,7 +27,7 @@ class TrendSeries:
     changed: bool = False
 
 
-def trend_figure(series: Sequence[TrendSeries], labels: Sequence[str], columns: int = 3) -> Figure:
+def trend_figure(series: Sequence[TrendSeries], labels: Sequence[str]) -> Figure:
     """Small multiples over the campaigns ``labels``; panels of changed quantities are drawn in vermilion.
 
     Raises:
@@ -37,7 +37,7 @@ def trend_figure(series: Sequence[TrendSeries], labels: Sequence[str], columns: 
         raise ValueError("a trend needs at least one series")
     if any(len(s.values) != len(labels) for s in series):
         raise ValueError(f"every series needs {len(labels)} values, one per campaign")
-    columns = min(columns, len(series))
+    columns = min(3, len(series))
     rows = math.ceil(len(series) / columns)
     width, height = 7.6, 1.75 * rows + 0.1
     figure = style.new_figure(width, height)

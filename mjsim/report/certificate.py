@@ -21,7 +21,6 @@ from mjsim.campaign.model import Campaign
 from mjsim.digits import decimals_of, estimate, expanded, fixed
 from mjsim.errors import InputError
 from mjsim.estimation.budget import NAMES, Budget
-from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.acceptance import RANGE, UNDECIDED, Acceptance, Judged, Limit, Measured, judge
 from mjsim.instruments.ball_bar.kinds import kind_of
@@ -99,7 +98,6 @@ def make_certificate(
     machines: Machine | Sequence[Machine],
     threads: int = 2,
     progress: Progress = silent,
-    settings: DiagnosisSettings = DIAGNOSIS,
 ) -> Certificate:
     """The certificate of a campaign, or of two of the same machine: as found and as left. Nothing is written.
 
@@ -108,7 +106,6 @@ def make_certificate(
         machines: The model of each.
         threads: Tests simulated side by side.
         progress: Called as work gets on.
-        settings: What decides.
 
     Raises:
         InputError: Nothing measured, more than two campaigns, or of different machines.
@@ -121,9 +118,7 @@ def make_certificate(
         check_same_machine(list(zip(every, models, strict=True)))
     for c in every:
         c.of(*diagnosable()).need_traces("a certificate needs measured tests")
-    found = [
-        diagnose(c.of(*diagnosable()), m, None, threads, progress, settings) for c, m in zip(every, models, strict=True)
-    ]
+    found = [diagnose(c.of(*diagnosable()), m, None, threads, progress) for c, m in zip(every, models, strict=True)]
     return certificate(found)
 
 

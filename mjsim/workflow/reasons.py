@@ -49,7 +49,7 @@ def reason_of(case: Case) -> tuple[Role, str]:
         return "named", _named(case, named[0])
     inside = [c for c in case.result.calibration if c.effect.effect.id == case.effect_id]
     if inside:
-        return "calibrated", _calibrated(case, inside[0])
+        return "calibrated", _calibrated(inside[0])
     if case.found is None:
         return (
             "not testable",
@@ -77,7 +77,7 @@ def _named(case: Case, entry) -> str:
     return " ".join(parts)
 
 
-def _calibrated(case: Case, entry) -> str:
+def _calibrated(entry) -> str:
     if not entry.observable:
         return (
             "The machine file has a tolerance for it, so it is fitted with that tolerance as prior. These tests do not "

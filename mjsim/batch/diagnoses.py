@@ -1,20 +1,27 @@
-"""One campaign of a fleet: its diagnosis as plain data. Run as a module, it is a process that diagnoses one campaign
-after another: a folder and the options on each line of its input, the result on a line of its output.
+"""The campaigns of a fleet: where they are, what they consist of, and the diagnosis of one as plain data.
+
+Run as a module, it is a process that diagnoses one campaign after another: a folder and the options on each line of its
+input, the result on a line of its output. To the workers of a cluster a campaign travels as its files.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import sys
 import tempfile
 import time
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+from mjsim.batch.tables import versions
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.errors import InputError, SimulationError, shortened
-from mjsim.fleet.jobs import Options, unpack
+from mjsim.io.cache import code
 from mjsim.io.files import finite
 from mjsim.machine.chain import is_rotary
 from mjsim.report.causes import CalibrationRow, calibration_rows
@@ -24,14 +31,124 @@ from mjsim.workflow.diagnose import diagnose
 from mjsim.workflow.diagnosis import Diagnosis
 from mjsim.workflow.finding import DiagnosedEffect
 
+_CAMPAIGN = "campaign.toml"
 
-def diagnosed(folder: Path, options: Options, threads: int = 1) -> dict:
+
+@dataclass(frozen=True)
+class Options:
+    """How every campaign is diagnosed.
+
+    Attributes:
+        max_effects: At most so many missing effects are looked for; without it as many as the data prove.
+        as_is: Do not look for a wrong unit, sign or direction first.
+    """
+
+    max_effects: int | None = None
+    as_is: bool = False
+
+
+@dataclass(frozen=True)
+class Job:
+    """One campaign.
+
+    Attributes:
+        folder: Where it is.
+        key: Hash of its files, of the versions and of the options: the same key, the same result.
+    """
+
+    folder: Path
+    key: str
+
+
+def campaigns_in(folders: Sequence[Path]) -> list[Path]:
+    """Folders with a ``campaign.toml``, in order and each once: the given ones, and what lies below them.
+
+    What lies below a campaign, such as its held-out tests, belongs to it and is not looked at.
+
+    Raises:
+        InputError: A folder is missing, or has no campaign.
+    """
+    out: dict[Path, None] = {}
+    for folder in folders:
+        if not folder.is_dir():
+            raise InputError(f"{folder}: no such folder; allowed: a campaign's folder, or one with campaigns below it")
+        found = False
+        for place, below, files in os.walk(folder):
+            below[:] = sorted(name for name in below if not name.startswith("."))
+            if _CAMPAIGN in files:
+                out.setdefault(Path(place).resolve())
+                below.clear()
+                found = True
+        if not found:
+            raise InputError(f"{folder}: has no campaign.toml, and no folder below it has one")
+    return list(out)
+
+
+def job_of(folder: Path, options: Options) -> Job:
+    """A campaign as a job."""
+    digest = hashlib.sha256(json.dumps([versions(), vars(options), code()]).encode())
+    for name, content in sorted(files_of(folder).items()):
+        digest.update(f"{name}\0{len(content)}\0".encode())
+        digest.update(content)
+    return Job(folder, digest.hexdigest()[:32])
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    """What a campaign consists of: its files by their path relative to the folder. What is missing is left out."""
+    folder = folder.resolve()
+    names = {_CAMPAIGN}
+    campaign = _table(folder / _CAMPAIGN)
+    machine = str(campaign.get("machine", "machine.toml"))
+    names.add(machine)
+    for test in _tables(campaign.get("test")):
+        names |= {str(test[key]) for key in ("trace", "program") if key in test}
+    beside = os.path.dirname(machine)
+    for effect in _tables(_table(folder / machine).get("effect")):
+        if "file" in effect:
+            names.add(os.path.join(beside, str(effect["file"])))
+    out = {}
+    for name in names:
+        try:
+            out[Path(os.path.relpath(folder / name, folder)).as_posix()] = (folder / name).read_bytes()
+        except (OSError, ValueError):
+            continue
+    return out
+
+
+def unpack(files: dict[str, bytes], into: Path) -> Path:
+    """Write the files of a campaign below ``into``; the campaign's folder there."""
+    up = max((name.split("/").count("..") for name in files), default=0)
+    folder = into.joinpath(*(f"level{i}" for i in range(up)), "campaign")
+    for name, content in files.items():
+        place = Path(os.path.normpath(folder / name))
+        if not place.is_relative_to(into):
+            raise InputError(f"{name}: lies outside of the campaign; allowed: paths relative to it")
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes(content)
+    return folder
+
+
+def _table(file: Path) -> dict:
+    """A TOML file as it is; empty where it cannot be read, which the diagnosis says."""
+    try:
+        return tomllib.loads(file.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError):
+        return {}
+
+
+def _tables(value: object) -> list[dict]:
+    return [row for row in value if isinstance(row, dict)] if isinstance(value, list) else []
+
+
+# -- diagnosis ---------------------------------------------------------------------------------------------------------
+
+
+def diagnosed(folder: Path, options: Options) -> dict:
     """The diagnosis of one campaign as plain data; what goes wrong is part of it.
 
     Args:
         folder: Of the campaign.
         options: How it is diagnosed.
-        threads: Tests that are worked on side by side.
     """
     begun = time.monotonic()
     row: dict = {"folder": str(folder), "campaign": folder.name, "machine": "", "configuration": "", "date": None}
@@ -45,7 +162,7 @@ def diagnosed(folder: Path, options: Options, threads: int = 1) -> dict:
             "date": campaign.measured_on.isoformat() if campaign.measured_on else None,
             "tests": len(campaign.measured),
         }
-        result = diagnose(campaign, machine, options.max_effects, threads)
+        result = diagnose(campaign, machine, options.max_effects, threads=1)
         found = finite(plain(_found(result)))  # plain numbers, which JSON has
         return row | found | {"error": None, "seconds": round(time.monotonic() - begun, 2)}
     except (InputError, SimulationError) as error:

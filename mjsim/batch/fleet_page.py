@@ -21,7 +21,7 @@ def render(campaigns: Sequence[dict]) -> str:
     """The page as HTML text.
 
     Args:
-        campaigns: Results of :func:`mjsim.fleet.one.diagnosed`.
+        campaigns: Results of :func:`mjsim.batch.diagnoses.diagnosed`.
     """
     data = content(campaigns)
     return page("fleet.html", data, None, (), verdict_names=VERDICTS, changed=CHANGED)
