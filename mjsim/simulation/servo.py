@@ -5,6 +5,11 @@ The control is sampled: with the motor's angle y, the command r and its sampling
     x = [(Kpp + ratio·s) r − (Kpp + s) y] / (1 + lag·s)      by Tustin's rule, s = (2/h)(z − 1)/(z + 1)
     u = Kvp [x + (1/Ti) ∫ x dt]                              trapezoidal; clipped, delayed, held for one sample
 
+The velocity set-point in x, Kpp (r − y) + ratio·s r, stays within a speed limit. With a lag it is the mean of two
+samples. A limited voltage leaves the motor a torque between
+
+    −τs (1 + ω/ω0)  and  τs (1 − ω/ω0),   τs its torque at rest, ω0 its speed without load
+
 Without a lag (or one below h/2) s is a difference over ``velocity_samples`` samples, backwards. A control that states
 no sampling time is continuous: r, y and their rates are then those of the middle of a step. A discrete law
 ``R u = T r − S y`` stands in place of both lines. Between samples the mechanics are those of
