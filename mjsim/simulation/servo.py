@@ -153,8 +153,11 @@ def follow_sampled(axis: AxisPlant, command: Sampled, start: ServoStart) -> Serv
     return ServoMotion(command.time, angle / axis.gear, rate / axis.gear, torque)
 
 
-def block_means(axis: AxisPlant, command: Sampled, start: ServoStart, shift: float, block: int) -> np.ndarray:
-    """Means of blocks of ``block`` samples of the motion that a command makes, (n // block,) axis units.
+def block_means(
+    axis: AxisPlant, command: Sampled, start: ServoStart, shift: float, block: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Means of blocks of ``block`` samples of the motion that a command makes, (n // block,) axis units, and the
+    torques of the motor at the samples, (n,) N·m.
 
     Args:
         axis: The drive with its effects.
@@ -163,10 +166,10 @@ def block_means(axis: AxisPlant, command: Sampled, start: ServoStart, shift: flo
         shift: Time by which the samples are read earlier, s.
         block: Samples of a block.
     """
-    angle, rate, _ = _run(axis, command, start)
+    angle, rate, torque = _run(axis, command, start)
     if axis.encoder == "load" and axis.play > 0.0:
         angle, rate = _behind(angle, rate, axis.play)
-    return _means(angle, rate, command.step, shift, block) / axis.gear
+    return _means(angle, rate, command.step, shift, block) / axis.gear, torque
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
