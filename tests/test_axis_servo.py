@@ -1,5 +1,7 @@
 """The digital servo loop against closed forms: the difference equation of its control, and the motion of its plant."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -86,6 +88,61 @@ def test_the_clip_limits_and_the_integrator_winds_up():
         assert np.abs(found.torque).max() <= 0.05
         overshoot[anti_windup] = found.position.max() - 2e-3
     assert overshoot[False] > 2.0 * overshoot[True]
+
+
+@pytest.mark.parametrize("feedforward", [0.0, 1.0])
+def test_a_limited_set_point_is_a_limited_speed(feedforward):
+    time = STEP * np.arange(4000)
+    command = 0.4 * np.clip(time - 0.02, 0.0, 0.2)
+    control = Control(sample_time=STEP, fastest=0.25 * GEAR)
+    found = follow(drive(viscous=0.0, feedforward=feedforward, control=control), time, command, ServoStart(0.0))
+    falls_behind = (time > 0.1) & (time < 0.2)
+    assert found.velocity[falls_behind] == pytest.approx(0.25, rel=1e-6)
+    assert np.abs(found.velocity).max() < 0.251 and found.position[-1] == pytest.approx(command[-1], abs=1e-9)
+
+
+def test_a_limited_voltage_leaves_a_speed_torque_line():
+    """At full voltage, J dω/dt = τs (1 − ω/ω0) has its closed form; against the motion there is more torque."""
+    time, stall, no_load = STEP * np.arange(4000), 0.5, 60.0
+    command = np.where(time > 0.01, 1.0, 0.0)
+    control = Control(sample_time=STEP, voltage=(stall, 1.0 / no_load))
+    axis = drive(viscous=0.0, control=control)
+    found = follow(axis, time, command, ServoStart(0.0))
+    k = int(np.argmax(command > 0.0))
+    kept = 1.0 - stall * STEP / (axis.inertia * no_load)  # of what is missing to ω0, in a sample of constant torque
+    expected = no_load * (1.0 - kept ** np.arange(300))
+    assert found.velocity[k : k + 300] * GEAR == pytest.approx(expected, rel=1e-6, abs=1e-9)
+    back = follow(axis, time, np.where(time > 0.3, -1.0, command), ServoStart(0.0))
+    assert back.torque.min() == pytest.approx(-2.0 * stall, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"fastest": 90.0}, {"stall": 2.0, "no_load": 130.0}, {"clip": 1.2}], ids=["speed", "voltage", "torque"]
+)
+@pytest.mark.parametrize("integral_time", [np.inf, 0.04])
+def test_limits_are_those_of_an_independent_integration(changes, integral_time):
+    axis = logs.Axis(coulomb=0.15)
+    control = logs.Control(integral_time=integral_time, feedforward=0.5, **changes)
+    command = logs.to_and_fro()
+    truth, _ = logs.record(axis, control, command, noise=0.0, step=1e-13)
+    limits = {"fastest": control.fastest, "clip": control.clip, "voltage": (control.stall, 1.0 / control.no_load)}
+    plant = AxisPlant(
+        2.0 * np.pi / axis.lead,
+        control.position_gain,
+        control.velocity_gain,
+        integral_time,
+        axis.inertia,
+        axis.viscous,
+        0.0,
+        feedforward=0.5,
+        coulomb=axis.coulomb,
+        presliding=axis.presliding,
+        control=Control(sample_time=1e-3, **limits),
+    )
+    motion = follow(plant, 1e-3 * np.arange(len(command)), command, ServoStart(0.0))
+    free = follow(replace(plant, control=Control(sample_time=1e-3)), motion.time, command, ServoStart(0.0))
+    assert np.sqrt(np.mean((motion.position - truth) ** 2)) < 10e-9
+    assert np.abs(free.position - truth).max() > 100e-6
 
 
 def test_a_delay_of_whole_samples_moves_the_torque():

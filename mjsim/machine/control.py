@@ -37,6 +37,8 @@ class Control:
         anti_windup: Whether the integrator stops while the output is at its limit.
         velocity_samples: Samples over which the velocity is taken where there is no lag.
         law: What stands in place of the cascade; then the velocity gain is its torque per unit of output.
+        fastest: Largest velocity set-point, rad/s of the motor; infinite: none.
+        voltage: Torque of the motor at rest with all the voltage, N·m, and one over its speed without load, s/rad.
     """
 
     sample_time: float = 0.0
@@ -46,6 +48,8 @@ class Control:
     anti_windup: bool = False
     velocity_samples: int = 1
     law: Law | None = None
+    fastest: float = np.inf
+    voltage: tuple[float, float] = (np.inf, 0.0)
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,11 @@ The control is sampled: with the motor's angle y, the command r and its sampling
     x = [(Kpp + ratio·s) r − (Kpp + s) y] / (1 + lag·s)      by Tustin's rule, s = (2/h)(z − 1)/(z + 1)
     u = Kvp [x + (1/Ti) ∫ x dt]                              trapezoidal; clipped, delayed, held for one sample
 
+The velocity set-point in x, Kpp (r − y) + ratio·s r, stays within a speed limit. With a lag it is the mean of two
+samples. A limited voltage leaves the motor a torque between
+
+    −τs (1 + ω/ω0)  and  τs (1 − ω/ω0),   τs its torque at rest, ω0 its speed without load
+
 Without a lag (or one below h/2) s is a difference over ``velocity_samples`` samples, backwards. A control that states
 no sampling time is continuous: r, y and their rates are then those of the middle of a step. A discrete law
 ``R u = T r − S y`` stands in place of both lines. Between samples the mechanics are those of
@@ -148,8 +153,11 @@ def follow_sampled(axis: AxisPlant, command: Sampled, start: ServoStart) -> Serv
     return ServoMotion(command.time, angle / axis.gear, rate / axis.gear, torque)
 
 
-def block_means(axis: AxisPlant, command: Sampled, start: ServoStart, shift: float, block: int) -> np.ndarray:
-    """Means of blocks of ``block`` samples of the motion that a command makes, (n // block,) axis units.
+def block_means(
+    axis: AxisPlant, command: Sampled, start: ServoStart, shift: float, block: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Means of blocks of ``block`` samples of the motion that a command makes, (n // block,) axis units, and the
+    torques of the motor at the samples, (n,) N·m.
 
     Args:
         axis: The drive with its effects.
@@ -158,10 +166,10 @@ def block_means(axis: AxisPlant, command: Sampled, start: ServoStart, shift: flo
         shift: Time by which the samples are read earlier, s.
         block: Samples of a block.
     """
-    angle, rate, _ = _run(axis, command, start)
+    angle, rate, torque = _run(axis, command, start)
     if axis.encoder == "load" and axis.play > 0.0:
         angle, rate = _behind(angle, rate, axis.play)
-    return _means(angle, rate, command.step, shift, block) / axis.gear
+    return _means(angle, rate, command.step, shift, block) / axis.gear, torque
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

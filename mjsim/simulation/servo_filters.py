@@ -36,3 +36,14 @@ def position_part(axis: AxisPlant, step: float) -> np.ndarray:
     if lag < 0.5 * step:
         return axis.position_gain * np.array([1.5, -0.5] if axis.control.sample_time == 0.0 else [1.0])
     return axis.position_gain * np.ones(2) / (1.0 + 2.0 * lag / step)
+
+
+def set_point_share(axis: AxisPlant, step: float) -> float:
+    """The velocity set-point Kpp (r − y) + ratio·s r as T and the position's part have it, over its value.
+
+    A law has none: there its limit is of no effect.
+    """
+    lag = axis.control.torque_lag
+    if axis.control.law is not None:
+        return np.inf
+    return 1.0 if lag < 0.5 * step else 2.0 / (1.0 + 2.0 * lag / step)

@@ -10,15 +10,15 @@ from numba import njit
 from mjsim.machine.control import MOST_COEFFICIENTS
 from mjsim.machine.plant import AxisPlant
 from mjsim.simulation.drive import bristle
-from mjsim.simulation.servo_filters import filters, position_part
+from mjsim.simulation.servo_filters import filters, position_part, set_point_share
 
 # parameters of one axis
 _J, _C, _CONSTANT, _COULOMB, _SIGMA0, _SIGMA1, _STATIC, _STRIBECK, _ASYMMETRY, _RISE, _RISE_AT = range(11)
 _CLIP, _DELAY, _ANTI_WINDUP, _RATE, _GAIN, _HOLD, _LINEAR, _QUADRATIC = range(11, 19)
 _WAVE, _TAPS, _EVEN, _EXCESS, _WAY, _REST, _LOSS = range(19, 26)
-_PLAY = 26
-_R, _S, _T, _P = (27 + i * MOST_COEFFICIENTS for i in range(4))
-_SIZE = 27 + 4 * MOST_COEFFICIENTS
+_PLAY, _FASTEST, _SET_POINT, _STALL, _NO_LOAD = range(26, 31)
+_R, _S, _T, _P = (31 + i * MOST_COEFFICIENTS for i in range(4))
+_SIZE = 31 + 4 * MOST_COEFFICIENTS
 #: Longest delay, samples of the control, and outputs that are kept, a power of two.
 MOST_DELAY = 200
 _RING = 256
@@ -56,6 +56,7 @@ def parameters(axis: AxisPlant, step: float) -> np.ndarray:
     out[_EVEN] = p.viscous_share * p.viscous
     out[[_EXCESS, _WAY, _REST]] = p.resting[0], 1.0 / p.resting[1], 1.0 / p.resting[2]
     out[_PLAY] = p.play
+    out[[_FASTEST, _SET_POINT, _STALL, _NO_LOAD]] = c.fastest, set_point_share(p, step), *c.voltage
     laws = (*filters(axis, step), position_part(axis, step))
     out[_TAPS] = max(len(values) for values in laws)
     for at, values in zip((_R, _S, _T, _P), laws, strict=True):
@@ -127,19 +128,25 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
         if p[_PLAY] > 0.0:
             behind = min(max(behind, th - p[_PLAY]), th + p[_PLAY])
             lost[0] = behind - th
-        x = 0.0
+        x, set_point = 0.0, 0.0
         for i in range(taps):
             x += p[_T + i] * wanted[i] - p[_S + i] * actual[i] - p[_P + i] * lost[i]
+            set_point += p[_T + i] * wanted[i] - p[_P + i] * (actual[i] + lost[i])
             if i:
                 x -= p[_R + i] * before[i]
+        if abs(set_point) > p[_SET_POINT] * p[_FASTEST]:
+            x -= set_point - math.copysign(p[_SET_POINT] * p[_FASTEST], set_point)
         before[0] = x
         more = integral + 0.5 * p[_RATE] * (x + last_x) if k else integral
         last_x = x
         out = p[_GAIN] * (x + more)
-        if abs(out) > p[_CLIP]:
+        # what the voltage leaves beside that of the motor's speed
+        most = min(p[_CLIP], p[_STALL] * (1.0 - om * p[_NO_LOAD]))
+        least = max(-p[_CLIP], -p[_STALL] * (1.0 + om * p[_NO_LOAD]))
+        if out > most or out < least:
             if p[_ANTI_WINDUP] == 0.0 or out * x < 0.0:
                 integral = more
-            out = math.copysign(p[_CLIP], out)
+            out = min(max(out, least), most)
         else:
             integral = more
         former, tau = tau, out

@@ -3,6 +3,8 @@
 x = Kpp (r − y) + ratio·Δr/h − Δy/h,   u = Kvp [x + (1/Ti) Σ ½(x + x₋₁) h]      every sample h, held
 J dω/dt = u − C (ω + share |ω|) − c − a sin(n θ + φ) − F,     F = σ0 z + σ1 dz/dt,  dz/dt = ω − |ω| σ0 z / g
 With the position loop closed on the load behind a play w, yl = clip(yl, y − w/2, y + w/2) stands in Kpp (r − yl).
+The velocity set-point Kpp (r − y) + ratio·Δr/h may be limited, and u by a motor's voltage: it stays within the line
+from ``stall`` at rest to zero at ``no_load`` in the direction of the motion.
 g grows by loss·|u|, and times 1 + excess·s after a rest:  ds/dt = (1 − s)/rest − s |ω|/way,  s = 1 at the start
 """
 
@@ -50,12 +52,15 @@ class Control:
     delay_samples: int = 0
     on_load: bool = False
     clip: float = np.inf
+    fastest: float = np.inf
+    stall: float = np.inf
+    no_load: float = np.inf
 
 
 @njit(cache=True)
 def _run(r, h, steps, axis, control, th, u_start, error, resolution, position, torque, load):
     j, c, tc, pre, static, stribeck, constant, ripple, phase, order, even, excess, way, rest, loss, play = axis
-    kpp, kvp, of_ti, ff, delay, on_load, clip = control
+    kpp, kvp, of_ti, ff, delay, on_load, clip, fastest, stall, no_load = control
     s0 = tc / pre if tc > 0.0 else 0.0
     dt = h / steps
     om, z, integral, last_x = 0.0, 0.0, 0.0, 0.0
@@ -70,7 +75,8 @@ def _run(r, h, steps, axis, control, th, u_start, error, resolution, position, t
             y1 = y
         behind = min(max(behind, th - 0.5 * play), th + 0.5 * play)
         load[k] = np.round((behind + error[len(r) - 1 - k]) / resolution) * resolution
-        x = kpp * (r[k] - (load[k] if on_load > 0.0 else y)) + ff * (r[k] - r1) / h - (y - y1) / h
+        set_point = kpp * (r[k] - (load[k] if on_load > 0.0 else y)) + ff * (r[k] - r1) / h
+        x = min(max(set_point, -fastest), fastest) - (y - y1) / h
         if k == 0:
             last_x = x
             integral = u_start / kvp - x if of_ti > 0.0 else 0.0
@@ -78,6 +84,8 @@ def _run(r, h, steps, axis, control, th, u_start, error, resolution, position, t
             integral += 0.5 * (x + last_x) * h * of_ti
         last_x, y1, r1 = x, y, r[k]
         held[k % 64] = min(max(kvp * (x + integral), -clip), clip)  # the integrator runs on
+        if stall < np.inf:
+            held[k % 64] = min(max(held[k % 64], -stall * (1.0 + om / no_load)), stall * (1.0 - om / no_load))
         u = held[(k - int(delay)) % 64] if k >= delay else u_start
         position[k], torque[k] = y, u
         for _ in range(steps):
@@ -146,6 +154,7 @@ def record_both(
     of_ti = 0.0 if np.isinf(control.integral_time) else 1.0 / control.integral_time
     law = (control.position_gain, control.velocity_gain, of_ti, control.feedforward)
     law = (*law, float(control.delay_samples), float(control.on_load), control.clip)
+    law = (*law, control.fastest, control.stall, control.no_load)
     steps = max(1, round(control.sample / 2e-6))
     error = noise * gear * np.random.default_rng(seed).normal(size=len(command))
     start = command[0] * gear

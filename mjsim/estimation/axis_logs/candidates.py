@@ -40,6 +40,11 @@ _DELAYS_MS = (5.0, 40.0)
 #: Limits of the torque from which fits start, in the largest torque that the motion needs; and how well a recorded one
 #: says it, relative (assumed: its scale).
 _LIMITS, _LIMIT_READ = (0.7, 0.9, 1.0), 0.02
+#: Limits of the speed from which fits start, in the largest recorded speed.
+_SPEEDS = (0.9, 1.0)
+#: Voltages from which fits start: speed without load in the largest recorded speed, torque at rest in the largest
+#: torque that the motion needs.
+_VOLTAGES = ((1.0, 3.0), (1.3, 1.5), (2.0, 1.5))
 #: Widths of a play from which fits start, in usual ones.
 _PLAYS = (1.0, 5.0)
 #: Filters of the command from which fits start, ms.
@@ -141,6 +146,7 @@ class Catalogue:
         self.machine, self.axis, self.gains = machine, data[0].axis, gains
         self.torque = typical_torque(machine, data)
         self.limit, self.most = torque_limit(machine, data), _largest_torque(machine, data)
+        self.fastest = _largest_speed(machine, data)
         gear = machine.drives[self.axis].gear
         speeds = [np.abs(np.diff(d.record.command)).max() / d.step for d in data]
         self.speed = max(max(speeds) * gear, _SLOWEST)
@@ -246,8 +252,18 @@ class Catalogue:
         return [Candidate(e, (self._linear(e, "torque_Nm", 0.1 * self.torque),)), *self._limits()]
 
     def _limits(self) -> list[Candidate]:
-        """A limit of the torque: where a recorded torque stands, or about the largest that the motion needs."""
+        """Limits of torque, speed and voltage, about the largest values of the motion.
+
+        That of the torque stands where a recorded torque does.
+        """
         out = []
+        if any(d.control.law is None for d in self.drives):
+            for share in _SPEEDS:
+                e = self._make("speed_limit", speed_rad_per_s=share * self.fastest)
+                out.append(Candidate(e, (self._log(e, "speed_rad_per_s"),)))
+        for speed, torque in _VOLTAGES:
+            e = self._make("voltage_limit", no_load_rad_per_s=speed * self.fastest, stall_Nm=torque * self.most)
+            out.append(Candidate(e, (self._log(e, "no_load_rad_per_s"), self._log(e, "stall_Nm"))))
         for torque in (self.limit,) if self.limit else [share * self.most for share in _LIMITS]:
             e = self._make("current_clip", torque_Nm=torque)
             entry = self._log(e, "torque_Nm")
@@ -344,6 +360,16 @@ def _largest_torque(machine: Machine, data: Sequence[AxisData]) -> float:
         torque = drive.inertia * np.gradient(speed, n * d.step) + drive.viscous * speed
         torque += (friction.values["coulomb_Nm"] if friction is not None else 0.0) * np.sign(speed)
         found.append(float(np.quantile(np.abs(torque), 0.99)))
+    return max(found)
+
+
+def _largest_speed(machine: Machine, data: Sequence[AxisData]) -> float:
+    """Largest recorded speed of the motor, rad/s: a limited one stands there for more than one percent of the time."""
+    gear, found = machine.drives[data[0].axis].gear, [_SLOWEST]
+    for d in data:
+        n = max(1, int(0.01 / d.step))
+        smooth = np.convolve(d.record.actual, np.ones(n) / n, "valid")[::n] * gear
+        found.append(float(np.quantile(np.abs(np.gradient(smooth, n * d.step)), 0.99)))
     return max(found)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.instruments.axis_log.measurement import AxisRecord, LogTest
+from mjsim.instruments.axis_log.signals import step_of
 from mjsim.machine.model import Machine
 
 #: Shortest block, s: no drive moves visibly faster (assumed).
@@ -24,6 +25,10 @@ _FORGOTTEN, _USUAL_GAIN = 3.0, 50.0
 _REPEATED = 0.98
 #: Shifts by which a command hardly changes that are tried as its period.
 _MINIMA = 10
+#: Residuals beyond this belong to a model that has run away: m or rad, and in the largest of a recorded torque.
+_LOST, _LOST_TORQUE = 0.1, 1e3
+#: Step of a recorded torque or current at least, in its largest value (assumed: ten bits).
+_TEN_BITS = 1e-3
 
 
 @dataclass(frozen=True)
@@ -41,7 +46,7 @@ class LogNoise:
 
 @dataclass(frozen=True)
 class AxisData:
-    """One axis in one recording.
+    """One channel of one axis in one recording: a row of its fit.
 
     Attributes:
         test: The log.
@@ -53,6 +58,7 @@ class AxisData:
         noise: Of one sample.
         resolution: Encoder step, axis units.
         memory: Time after which the control loop has forgotten a disturbance, s: what is left for longer is no noise.
+        channel: Which one; beside the actual position one that is the motor's torque times a number, in its own unit.
     """
 
     test: LogTest
@@ -64,6 +70,22 @@ class AxisData:
     noise: LogNoise
     resolution: float
     memory: float
+    channel: str = "actual"
+
+    @property
+    def recorded(self) -> np.ndarray:
+        """Samples of the channel, (n,)."""
+        return self.record.channels[self.channel]
+
+    @property
+    def is_position(self) -> bool:
+        """Whether it is the actual position."""
+        return self.channel == "actual"
+
+    @property
+    def lost(self) -> float:
+        """A residual beyond this belongs to a model that has run away."""
+        return _LOST if self.is_position else _LOST_TORQUE * float(np.abs(self.recorded).max())
 
     @property
     def name(self) -> str:
@@ -102,6 +124,24 @@ def axis_data(logs: Campaign, axis: str, machine: Machine, block: float = _BLOCK
         start = _start(recording.time, record, resolution)
         out.append(AxisData(test, axis, recording.time, record, size, start, noise, resolution, memory))
     return tuple(out)
+
+
+def output_row(d: AxisData) -> AxisData | None:
+    """The row of what a recording has of the motor's torque; nothing where it has none, or one that never changes.
+
+    Its noise is what changes faster than any drive, from its third differences. That of the encoder is in it, through
+    the control.
+    """
+    if d.record.output is None or not np.ptp(d.record.output[1]):
+        return None
+    name, values = d.record.output
+    step = max(step_of(values), _TEN_BITS * float(np.abs(values).max()))
+    third = np.abs(np.diff(values, 3))
+    rough = float(np.median(third[third > 0.0])) if third.any() else 0.0
+    # of white noise: the median of the size of a normal value, and the norm of the weights 1, 3, 3, 1
+    spread = rough / (0.6745 * np.sqrt(20.0))
+    noise = LogNoise(max(spread, step / float(np.sqrt(12.0))), "from its third differences")
+    return replace(d, channel=name, noise=noise, resolution=step)
 
 
 def _with_torque(record: AxisRecord, constant: float) -> AxisRecord:

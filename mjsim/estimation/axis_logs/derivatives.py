@@ -12,13 +12,11 @@ from typing import Protocol
 import numpy as np
 
 from mjsim.estimation.axis_logs.data import AxisData
-from mjsim.estimation.axis_logs.entries import CONTROLLER, NUISANCES, PHASE, ZERO, AxisModel
+from mjsim.estimation.axis_logs.entries import CONTROLLER, NUISANCES, OUTPUT_ZERO, PER_TORQUE, PHASE, ZERO, AxisModel
 from mjsim.machine.plant import AxisPlant
 
 #: Step of numerical derivatives, units of the vector.
 _STEP = 1e-3
-#: A residual beyond so many metres or radians belongs to a model that has run away.
-LOST = 0.1
 #: An axis as each controller runs it, by the controller's name.
 AxisRuns = Mapping[str | None, AxisPlant]
 
@@ -27,10 +25,12 @@ class Simulator(Protocol):
     """What simulates the recordings of an axis: :class:`mjsim.estimation.axis_logs.fit.LogFitter`."""
 
     data: tuple[AxisData, ...]
+    rows: tuple[AxisData, ...]
+    rows_of: list[tuple[int, ...]]
     measured: list[np.ndarray]
 
     def axes(self, model: AxisModel, vector: np.ndarray) -> AxisRuns: ...
-    def means(self, axes: AxisRuns, model: AxisModel, vector: np.ndarray, k: int) -> np.ndarray: ...
+    def means(self, axes: AxisRuns, model: AxisModel, vector: np.ndarray, k: int) -> tuple[np.ndarray, ...]: ...
     def map(self, jobs: Sequence) -> list: ...
 
 
@@ -42,7 +42,7 @@ def columns(
     entries: Sequence[int] | None = None,
     central: bool = False,
 ) -> tuple[np.ndarray, ...]:
-    """Derivatives of the modelled block means, (blocks, len(entries)) per recording.
+    """Derivatives of the modelled block means, (blocks, len(entries)) per row.
 
     Args:
         fitter: Simulates.
@@ -56,18 +56,21 @@ def columns(
     at = {j: i for i, j in enumerate(which)}
     parts = {j: p for j in which if (p := _parts_of(model, j)) is not None and at.keys() >= set(p)}
     now = fitter.axes(model, vector)
-    shown = {j: [k for k in range(len(fitter.data)) if _shows(fitter, model, j, k)] for j in which}
+    of_entry = {j: [k for k in range(len(fitter.data)) if _shows(fitter, model, j, k)] for j in which}
+    shown = {j: [i for k in of_entry[j] for i in fitter.rows_of[k]] for j in which}
 
     def moved(j: int, by: float) -> list[np.ndarray]:
         """Modelled block means of the recordings that an entry changes, with the entry moved."""
         other = vector.copy()
         other[j] += by
         axes = now if model.entries[j].owner in NUISANCES else fitter.axes(model, other)
-        return [fitter.means(axes, model, other, k) for k in shown[j]]
+        return [x for k in of_entry[j] for x in fitter.means(axes, model, other, k)]
 
     def slopes(j: int) -> list[np.ndarray]:
-        if model.entries[j].owner == ZERO:  # simply added
-            return [np.full(len(residual[k]), model.entries[j].scale) for k in shown[j]]
+        e = model.entries[j]
+        if e.owner in (ZERO, OUTPUT_ZERO):  # simply added
+            mine = [fitter.rows[i].is_position == (e.owner == ZERO) for i in shown[j]]
+            return [np.full(len(residual[i]), e.scale * there) for i, there in zip(shown[j], mine, strict=True)]
         low, high = model.entries[j].bounds
         step = _STEP if vector[j] + _STEP <= high else -_STEP
         if central and low + _STEP < vector[j] < high - _STEP:
@@ -80,7 +83,8 @@ def columns(
     simulated = [j for j in which if j not in parts]
     for j, found in zip(simulated, fitter.map([(slopes, j) for j in simulated]), strict=True):
         for k, column in zip(shown[j], found, strict=True):
-            out[k][:, at[j]] = np.clip(np.nan_to_num(column), -LOST / _STEP, LOST / _STEP)
+            most = fitter.rows[k].lost / _STEP
+            out[k][:, at[j]] = np.clip(np.nan_to_num(column), -most, most)
     for j, (cosine, sine) in parts.items():
         for k in shown[j]:
             out[k][:, at[j]] = vector[cosine] * out[k][:, at[sine]] - vector[sine] * out[k][:, at[cosine]]
@@ -94,6 +98,8 @@ def _shows(fitter: Simulator, model: AxisModel, j: int, k: int) -> bool:
         return e.where == (d.test.controller or next(iter(model.machine.controllers)))
     if e.owner == PHASE:
         return e.where == d.test.setup
+    if e.owner == PER_TORQUE:
+        return any(e.where == fitter.rows[i].channel for i in fitter.rows_of[k])
     return e.owner not in NUISANCES or e.where == d.name
 
 

@@ -35,6 +35,8 @@ from mjsim.units import DEG, UM
 
 #: The lowest frequencies share one variance up to this one, in half waves over the recording: each alone says nothing.
 _LOWEST = 8
+#: Share by which the torque of a sound motor differs from its current times a number (assumed: slots and saturation).
+_TORQUE = 0.03
 #: How often the variances are taken anew at most; they are settled where the log evidence gains less, nats.
 _ROUNDS, _SETTLED = 12, 0.1
 
@@ -68,13 +70,13 @@ class LogDiscrepancy:
 def allowed_in(
     machine: Machine, model: AxisModel, design: Sequence[np.ndarray], data: Sequence[AxisData]
 ) -> tuple[float, ...]:
-    """RMS that a sound machine may leave in each recording, axis units.
+    """RMS that a sound machine may leave in each row, axis units or those of a recorded torque.
 
     Args:
         machine: As given, with its tolerance.
         model: With the friction of the axis.
-        design: Derivatives of the modelled block means, (blocks, p) per recording.
-        data: The recordings.
+        design: Derivatives of the modelled block means, (blocks, p) per row.
+        data: The rows.
     """
     limits, most = (machine.tolerance or TYPICAL_TOLERANCE).get("friction", {}), pitch_limit(machine, model.axis)
     place, out = model.place(f"friction.{model.axis}.coulomb_Nm"), []
@@ -85,6 +87,10 @@ def allowed_in(
             share = limits.get(RATIO, limits.get("Nm", 0.0) / max(e.value, 1e-12))
             moved = columns[:, place] * (share if e.log else share * e.value / e.scale)
             friction = float(np.sqrt(np.mean(moved**2)))
+        if not d.is_position:
+            varies = _TORQUE * float(np.sqrt(np.mean(d.recorded**2)))
+            out.append(float(np.linalg.norm([d.resolution, friction, varies])))
+            continue
         out.append(float(np.hypot(d.resolution, min(friction, most))))
     return tuple(out)
 
@@ -140,7 +146,7 @@ def discrepancy_of(
         ]
     found = [_left(r, o) for r, o in zip(rows, octaves, strict=True)]
     left = tuple(s * float(np.sqrt(square)) for s, (square, _) in zip(noise, found, strict=True))
-    limits = zip(found, allowed, noise, strict=False)
+    limits = zip(found, allowed, noise, strict=False)  # of torques, nothing is said
     beyond = tuple(float(ndtr((square - (most / s) ** 2) / spread)) for (square, spread), most, s in limits)
     missing = 0.5 * sum(float(np.log(v).sum()) for v in variance)
     return LogDiscrepancy(evidence, missing, step, left, tuple(allowed), beyond)

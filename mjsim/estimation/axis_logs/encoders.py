@@ -102,6 +102,7 @@ class EncoderFitter(LogFitter):
     #: At rest, the rounding of an encoder is the same in every sample: means over noise of a fifth of a step are off by
     #: a tenth of it.
     true = 0.1
+    has_outputs = False
 
     def __init__(self, machine: Machine, data: Sequence[AxisData], threads: int = 2) -> None:
         super().__init__(machine, data, threads)
@@ -145,9 +146,9 @@ class EncoderFitter(LogFitter):
             out += transmit(ops[~play], motor, d.time)[:, self._column] - m.position
         return out + zero - late * m.velocity
 
-    def means(self, axes: AxisRuns, model: AxisModel, vector: np.ndarray, k: int) -> np.ndarray:
+    def means(self, axes: AxisRuns, model: AxisModel, vector: np.ndarray, k: int) -> tuple[np.ndarray, ...]:
         """Block means of :meth:`positions`, times how sure they are."""
-        return self._sure[k] * self.data[k].means(self.positions(model, vector, k))
+        return (self._sure[k] * self.data[k].means(self.positions(model, vector, k)),)
 
     def polished(self, fit: AxisFit, steps: int = 3) -> AxisFit:
         """As there, with what is left counted where it is.

@@ -14,11 +14,20 @@ from functools import cached_property
 
 import numpy as np
 
-from mjsim.estimation.axis_logs.data import AxisData
-from mjsim.estimation.axis_logs.derivatives import LOST, AxisRuns, columns
+from mjsim.estimation.axis_logs.data import AxisData, output_row
+from mjsim.estimation.axis_logs.derivatives import AxisRuns, columns
 from mjsim.estimation.axis_logs.descent import FALL, Descended, descend, mean_logs
 from mjsim.estimation.axis_logs.discrepancy import LogDiscrepancy, allowed_in, discrepancy_of
-from mjsim.estimation.axis_logs.entries import PHASE, SHIFT, START_TORQUE, ZERO, AxisModel
+from mjsim.estimation.axis_logs.entries import (
+    OUTPUT_LATE,
+    OUTPUT_ZERO,
+    PER_TORQUE,
+    PHASE,
+    SHIFT,
+    START_TORQUE,
+    ZERO,
+    AxisModel,
+)
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import AxisPlant
 from mjsim.simulation.servo import ServoMotion, ServoStart, block_means, follow_sampled, sampled
@@ -46,6 +55,8 @@ class AxisFit:
             one of each block.
         noise: RMS of each test's noise, axis units.
         allowed: RMS that a sound machine may leave in each, axis units.
+        positions: How many of the rows are positions; those of recorded torques and currents follow, in their units.
+            Nothing: all are.
     """
 
     model: AxisModel
@@ -55,11 +66,13 @@ class AxisFit:
     weight: tuple[float | np.ndarray, ...]
     noise: tuple[float, ...]
     allowed: tuple[float, ...] = ()
+    positions: int | None = None
 
     @cached_property
     def discrepancy(self) -> LogDiscrepancy:
-        """What the model leaves beside the noise, and its log evidence."""
-        return discrepancy_of(self.model, self.residual, self.design, self.noise, self.allowed)
+        """What the model leaves beside the noise, and its log evidence. What is left of positions is judged."""
+        judged = self.allowed[: self.positions]
+        return discrepancy_of(self.model, self.residual, self.design, self.noise, judged)
 
     @property
     def evidence(self) -> float:
@@ -78,8 +91,8 @@ class AxisFit:
 
     @property
     def rms(self) -> float:
-        """Of all tests together, axis units."""
-        return float(np.sqrt(np.mean(self.mean_squares)))
+        """Of the positions of all tests together, axis units."""
+        return float(np.sqrt(np.mean(self.mean_squares[: self.positions])))
 
     @property
     def precision(self) -> np.ndarray:
@@ -111,16 +124,23 @@ class LogFitter:
 
     #: Share of its step within which an encoder, and what is computed of it, is true (assumed: interpolation errors).
     true = 0.03
+    #: Whether recorded torques and currents are rows of their own.
+    has_outputs = True
 
     def __init__(self, machine: Machine, data: Sequence[AxisData], threads: int = 2) -> None:
         self.machine, self.data = machine, tuple(data)
+        rows = [output_row(d) if self.has_outputs else None for d in self.data]
+        self.outputs = dict(enumerate(rows))
+        self.rows = (*self.data, *(r for r in rows if r is not None))
+        places = np.cumsum([r is not None for r in rows]) + len(rows) - 1
+        self.rows_of = [(k,) if r is None else (k, int(at)) for k, (r, at) in enumerate(zip(rows, places, strict=True))]
         self._commands = [
             sampled(build(machine.under(d.test.controller)).axes[d.axis], d.time, d.record.command) for d in self.data
         ]
-        self.measured = [d.means(d.record.actual) for d in self.data]
+        self.measured = [d.means(d.recorded) for d in self.rows]
         self._controllers = tuple(dict.fromkeys(d.test.controller for d in self.data))
         self._workers = Workers(threads)
-        self.noise = tuple(d.noise.rms for d in self.data)
+        self.noise = tuple(d.noise.rms for d in self.rows)
         # phases count from the set-up that shows most of a wave
         self.first_setup = max(self.data, key=lambda d: np.ptp(d.record.command)).test.setup
 
@@ -169,8 +189,8 @@ class LogFitter:
             return shift
         return shift + (axes or self.axes(model, vector))[d.test.controller].delay
 
-    def means(self, axes: AxisRuns, model: AxisModel, vector: np.ndarray, k: int) -> np.ndarray:
-        """Modelled block means of recording ``k``, (blocks,) axis units.
+    def means(self, axes: AxisRuns, model: AxisModel, vector: np.ndarray, k: int) -> tuple[np.ndarray, ...]:
+        """Modelled block means of every row of recording ``k``, (blocks,) axis units, and those of its torque.
 
         Args:
             axes: Of the model at the vector, see :meth:`axes`.
@@ -178,12 +198,39 @@ class LogFitter:
             vector: Where.
             k: Number of the recording.
         """
-        d = self.data[k]
-        if not self._commands[k].as_recorded:
-            return d.means(self.positions(model, vector, k, axes))
+        d, command = self.data[k], self._commands[k]
         shift, zero = self._late(model, vector, d, axes), model.nuisance(vector, ZERO, d.name)
         axis, start = self._under(axes, model, vector, k)
-        return block_means(axis, self._commands[k], start, shift, d.block)[: d.blocks] + zero
+        if command.as_recorded:
+            positions, torque = block_means(axis, command, start, shift, d.block)
+            positions = positions[: d.blocks]
+        else:
+            motion = follow_sampled(axis, command, start)
+            positions, torque = d.means(motion.at(d.time - shift)), motion.torque
+        row = self.outputs[k]
+        return (
+            (positions + zero,)
+            if row is None
+            else (positions + zero, self._output(row, model, vector, shift, torque, k))
+        )
+
+    def _output(
+        self, row: AxisData, model: AxisModel, vector: np.ndarray, shift: float, torque: np.ndarray, k: int
+    ) -> np.ndarray:
+        """Modelled block means of a recorded torque or current, (blocks,) in its unit.
+
+        Args:
+            row: Of the fit.
+            model: What is free.
+            vector: Where.
+            shift: Time by which the recording is late, s.
+            torque: Simulated, at the samples of the control, N·m.
+            k: Number of the recording.
+        """
+        late = shift + model.nuisance(vector, OUTPUT_LATE, row.name)
+        seen = np.interp(row.time - late, self._commands[k].time, torque)
+        zero = model.nuisance(vector, OUTPUT_ZERO, row.name)
+        return model.nuisance(vector, PER_TORQUE, row.channel) * row.means(seen) + zero
 
     def map(self, jobs: Sequence) -> list:
         """Results of ``f(*arguments)`` for every job ``(f, *arguments)``, in order."""
@@ -193,8 +240,12 @@ class LogFitter:
         """Measured less modelled block means of every recording."""
         axes = self.axes(model, vector)
         modelled = self.map([(self.means, axes, model, vector, k) for k in range(len(self.data))])
+        of_row = {
+            i: x for rows, found in zip(self.rows_of, modelled, strict=True) for i, x in zip(rows, found, strict=True)
+        }
         return tuple(
-            np.nan_to_num(np.clip(m - x, -LOST, LOST), nan=LOST) for m, x in zip(self.measured, modelled, strict=True)
+            np.nan_to_num(np.clip(m - of_row[i], -d.lost, d.lost), nan=d.lost)
+            for i, (m, d) in enumerate(zip(self.measured, self.rows, strict=True))
         )
 
     def columns(
@@ -208,7 +259,7 @@ class LogFitter:
     def independent(self, residual: Sequence[np.ndarray]) -> tuple[float, ...]:
         """Number of independent residuals per test; no mean of them is known better than the encoder is true."""
         out = []
-        for d, r in zip(self.data, residual, strict=True):
+        for d, r in zip(self.rows, residual, strict=True):
             most = float(r @ r) / len(r) / (self.true * d.resolution) ** 2
             out.append(max(min(independent_count(r, d.memory / (d.step * d.block)), most), 1.0))
         return tuple(out)
@@ -216,7 +267,7 @@ class LogFitter:
     def weights(self, residual: Sequence[np.ndarray]) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Number of independent residuals per test, and the weight of one block mean."""
         independent, weight = self.independent(residual), []
-        for d, r, n in zip(self.data, residual, independent, strict=True):
+        for d, r, n in zip(self.rows, residual, independent, strict=True):
             rms = max(float(np.sqrt(r @ r / len(r))), d.noise.rms)
             weight.append(float(np.sqrt(n / len(r)) / rms))
         return independent, tuple(weight)
@@ -229,7 +280,8 @@ class LogFitter:
     def _fit(self, model: AxisModel, residual, design: Sequence[np.ndarray]) -> AxisFit:
         """The fit with these residuals and derivatives."""
         allowed = self.allowed(model, design)
-        return AxisFit(model, tuple(residual), tuple(design), *self.weights(residual), self.noise, allowed)
+        weights = self.weights(residual)
+        return AxisFit(model, tuple(residual), tuple(design), *weights, self.noise, allowed, len(self.data))
 
     def polished(self, fit: AxisFit, steps: int = 3) -> AxisFit:
         """A fit after some steps with central derivatives, which it keeps.
@@ -241,7 +293,7 @@ class LogFitter:
 
     def allowed(self, model: AxisModel, design: Sequence[np.ndarray]) -> tuple[float, ...]:
         """RMS that a sound machine may leave in each recording, axis units."""
-        return allowed_in(self.machine, model, design, self.data)
+        return allowed_in(self.machine, model, design, self.rows)
 
     def _carried(self, model: AxisModel, residual, former: AxisFit, anew: Collection[str]) -> tuple[np.ndarray, ...]:
         """Derivatives at the start of a model: those of a similar one, and new ones for what that one has not, and for

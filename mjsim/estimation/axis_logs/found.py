@@ -32,7 +32,7 @@ class LogModel:
     @property
     def left(self) -> float:
         """RMS of the discrepancy in the recording that shows most of it, axis units."""
-        return max(self.fit.discrepancy.left)
+        return max(self.fit.discrepancy.left[: self.fit.positions])
 
     @property
     def leaves_nothing(self) -> bool:

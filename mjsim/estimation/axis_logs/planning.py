@@ -204,8 +204,9 @@ class LogPlanner:
     def _weight(self, fit: AxisFit, data: AxisData) -> float:
         """One over the standard deviation that one position counts with, from what the present recordings leave."""
         if fit.residual:
-            rms = max(float(np.sqrt(fit.mean_squares.max())), data.noise.rms)
-            share = min(n / len(r) for n, r in zip(fit.independent, fit.residual, strict=True))
+            rms = max(float(np.sqrt(fit.mean_squares[: fit.positions].max())), data.noise.rms)
+            rows = zip(fit.independent[: fit.positions], fit.residual, strict=False)
+            share = min(n / len(r) for n, r in rows)
         else:
             rms, share = data.noise.rms, _STEP / self.memory
         return float(np.sqrt(share) / rms)

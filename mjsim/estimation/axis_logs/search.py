@@ -258,7 +258,7 @@ class AxisSearch(Ascent[LogModel]):
         p = whole * probability_known(fit, without)
         others = {i: p * share for i, (share, _) in told.items()}
         shows = without.mean_squares > (1.0 + _SHOWS) * fit.mean_squares
-        tests = tuple(d.name for d, there in zip(self.fitter.data, shows, strict=True) if there)
+        tests = tuple(dict.fromkeys(d.name for d, there in zip(self.fitter.rows, shows, strict=True) if there))
         competing = {i: m.fit for i, (_, m) in told.items()}
         mine = p - sum(others.values())
         return FoundCause(cause.key, cause.effect.id, own, whole, mine, others, rivals.rejected, tests, competing)

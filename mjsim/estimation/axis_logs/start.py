@@ -8,8 +8,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from mjsim.estimation.axis_logs.data import AxisData
-from mjsim.estimation.axis_logs.entries import CONTROLLER, DRIVE, PHASE, SHIFT, START_TORQUE, ZERO, AxisModel, Entry
+from mjsim.estimation.axis_logs.data import AxisData, output_row
+from mjsim.estimation.axis_logs.entries import (
+    CONTROLLER,
+    DRIVE,
+    OUTPUT_LATE,
+    OUTPUT_ZERO,
+    PER_TORQUE,
+    PHASE,
+    SHIFT,
+    START_TORQUE,
+    ZERO,
+    AxisModel,
+    Entry,
+)
 from mjsim.estimation.axis_logs.gains import GainsRead
 from mjsim.machine.model import TOLERANCE, Machine
 
@@ -24,6 +36,9 @@ MOST_SHIFT = 5.0
 #: Share of the recorded output that must follow from the recorded positions for them to be of the same samples, and the
 #: standard deviation of their time shift then, samples (assumed).
 _SAME_SAMPLE, _KNOWN_SHIFT = 0.999, 0.001
+#: How well a recorded torque is known: its number, relative, and its zero, in its largest value (assumed). Deviation of
+#: a number that may be anything, in the one from which it starts.
+_CONSTANT, _ZERO_OUTPUT, _UNKNOWN = 0.02, 0.01, 30.0
 
 
 def start_model(
@@ -67,12 +82,15 @@ def sampled_as_read(machine: Machine, axis: str, gains: Sequence[GainsRead]) -> 
 def _read_back(entry: Entry, gains: Sequence[GainsRead]) -> Entry:
     """An entry of the data sheet with what the recorded output says about it.
 
-    A reading that contradicts the data sheet is left out: its cause is looked for, with what was read.
+    A reading that contradicts the data sheet is left out: its cause is looked for, with what was read. A velocity gain
+    starts from what was read. How well it is known, the row of the recorded torque says, with that torque's number.
     """
     for g in gains:
         if entry.name in g.values and entry.owner in (DRIVE, CONTROLLER) and entry.where == (g.controller or ""):
             value, deviation = g.values[entry.name], g.deviations[entry.name]
             if entry.lower < value < entry.upper:
+                if entry.name == "velocity_gain":
+                    return replace(entry, value=value, centre=entry.decode(entry.mean))
                 both = deviation**-2 + entry.deviation**-2
                 mean = entry.decode((entry.encode(value) / deviation**2 + entry.mean / entry.deviation**2) / both)
                 return replace(entry, value=mean, deviation=both**-0.5, centre=mean)
@@ -153,7 +171,7 @@ def _positive(owner: str, name: str, value: float, deviation: float, where: str 
 
 def nuisance_entries(machine: Machine, data: Sequence[AxisData]) -> tuple[Entry, ...]:
     """Time shift, encoder zero and, where there is an integrator, the torque at the start, of every recording."""
-    out = []
+    out = _output_entries(machine, data)
     late = machine.effect(f"servo_delay.{data[0].axis}")
     for d in data:
         # a recording has the command before its delay, or behind it: nobody knows
@@ -166,6 +184,40 @@ def nuisance_entries(machine: Machine, data: Sequence[AxisData]) -> tuple[Entry,
             torque = typical_torque(machine, data)
             out.append(Entry(START_TORQUE, START_TORQUE, 0.0, d.name, 1.0, scale=torque))
     return tuple(out)
+
+
+def _output_entries(machine: Machine, data: Sequence[AxisData]) -> list[Entry]:
+    """Of what was recorded of the motor's torque: its number, one of an axis and channel, and zero and time of each.
+
+    A current, or a share of a rated value, starts from the number that the data sheet's torque has in it.
+    """
+    rows = [row for d in data if (row := output_row(d)) is not None]
+    out, gear = [], machine.drives[data[0].axis].gear
+    for channel in dict.fromkeys(r.channel for r in rows):
+        mine = [r for r in rows if r.channel == channel]
+        number = {"torque": 1.0, "force": gear}.get(channel)
+        if number is not None:
+            out.append(Entry(PER_TORQUE, PER_TORQUE, number, channel, _CONSTANT, scale=number))
+            continue
+        needed, found = zip(*(_against(machine, r) for r in mine), strict=True)
+        u, x = np.concatenate(needed), np.concatenate(found)
+        number = float(u @ x / max(float(u @ u), 1e-30)) or 1.0
+        out.append(Entry(PER_TORQUE, PER_TORQUE, number, channel, _UNKNOWN, scale=abs(number)))
+    for r in rows:
+        most, size = MOST_SHIFT * r.step, _ZERO_OUTPUT * float(np.abs(r.recorded).max())
+        out.append(Entry(OUTPUT_ZERO, OUTPUT_ZERO, 0.0, r.name, 1.0, scale=size))
+        out.append(Entry(OUTPUT_LATE, OUTPUT_LATE, 0.0, r.name, 1.0, scale=r.step, lower=-most, upper=most))
+    return out
+
+
+def _against(machine: Machine, r: AxisData) -> tuple[np.ndarray, np.ndarray]:
+    """Torques that the recorded motion needs by the data sheet, N·m, and what was recorded, means of 10 ms."""
+    drive, n = machine.drives[r.axis], max(1, int(0.01 / r.step))
+    angle, recorded = (np.convolve(x, np.ones(n) / n, "valid")[::n] for x in (r.record.actual, r.recorded))
+    speed = np.gradient(angle * drive.gear, n * r.step)
+    friction = machine.effect(f"friction.{r.axis}")
+    needed = drive.inertia * np.gradient(speed, n * r.step) + drive.viscous * speed
+    return needed + (friction.values["coulomb_Nm"] if friction is not None else 0.0) * np.sign(speed), recorded
 
 
 def typical_torque(machine: Machine, data: Sequence[AxisData]) -> float:

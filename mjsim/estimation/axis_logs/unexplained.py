@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,6 +59,8 @@ def unexplained_rest(fitter: LogFitter, fit: AxisFit, gear: float) -> Unexplaine
     data = fitter.data
     if fit.discrepancy.probability < 0.5:
         return None
+    n = len(data)  # of the positions
+    fit = replace(fit, residual=fit.residual[:n], design=fit.design[:n], noise=fit.noise[:n], allowed=fit.allowed[:n])
     none, _ = _explained(fitter, fit, [np.zeros((len(r), 0)) for r in fit.residual])
     motions = [fitter.motion(fit.model, fit.model.vector, k) for k in range(len(data))]
     variables = [_variables(d, motion) for d, motion in zip(data, motions, strict=True)]

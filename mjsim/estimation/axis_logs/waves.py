@@ -42,7 +42,7 @@ def strongest_orders(fitter: LogFitter, fit: AxisFit, most: int = 3) -> list[flo
     turns = max(s.turns for s in spectra)
     orders = np.arange(0.5, _HIGHEST, min(0.25, 0.25 / turns))
     gain = np.zeros(len(orders))
-    for s, independent in zip(spectra, fit.independent, strict=True):
+    for s, independent in zip(spectra, fit.independent, strict=False):  # of the positions
         seen = (orders <= s.highest) & (orders * s.turns >= _COVERED)
         share = np.where(seen, np.interp(orders, s.orders, s.share), 0.0)
         gain -= independent * s.moving * np.log(1.0 - share)

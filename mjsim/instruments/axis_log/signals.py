@@ -344,6 +344,15 @@ def not_used_because(test: str, axis: str, name: str, why: str) -> Finding:
     return Finding("not used", test, (axis,), said)
 
 
+def used_without_law(test: str, axis: str, name: str, why: str) -> Finding:
+    """The sentence that a channel of a log is held against the model's torque, and says nothing about the control."""
+    number = "" if name in ("torque", "force") else " times a number that is not known"
+    said = (
+        f"{test}: the {_words(name)} of {axis} is held against the torque of the model{number}; no gain of the control "
+    )
+    return Finding("used", test, (axis,), f"{said}is read from it: {why}")
+
+
 def used_up_to_a_factor(test: str, axis: str, name: str, said: Sequence[str]) -> Finding:
     """The sentence that a channel of a log counts as a torque times an unknown number.
 
@@ -361,7 +370,7 @@ def used_up_to_a_factor(test: str, axis: str, name: str, said: Sequence[str]) ->
         test,
         (axis,),
         f"{test}: the {_words(name)} of {axis} is taken for the torque of the motor times a number that is not known, "
-        f"of either sign: {what} of the control follow from it, and no inertia"
+        f"of either sign: {what} of the control follow from it, and what share of it is friction; no inertia"
         + (constant if name == "current" else "; record the torque in N m for that"),
     )
 

@@ -24,7 +24,13 @@ from mjsim.estimation.axis_logs.unexplained import unexplained_rest
 from mjsim.estimation.findings import FINDING
 from mjsim.estimation.outcome import verdict_of
 from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
-from mjsim.instruments.axis_log.signals import Finding, findings, not_used_because, used_up_to_a_factor
+from mjsim.instruments.axis_log.signals import (
+    Finding,
+    findings,
+    not_used_because,
+    used_up_to_a_factor,
+    used_without_law,
+)
 from mjsim.machine.model import Machine
 from mjsim.machine.sheet_names import sheet_name
 from mjsim.progress import Progress, silent
@@ -146,8 +152,9 @@ def _signals(
             said = [sheet_name(name)[0] for name in g.values]
             mine = [d.name for d in fitters[axis].data if d.test.controller == g.controller]
             yield from (used_up_to_a_factor(test, axis, g.channel, said) for test in mine)
+        rows = {(r.name, r.channel) for r in fitters[axis].rows}
         for (test, name), why in unused(machine, fitters[axis].data, s.gains).items():
-            yield not_used_because(test, axis, name, why)
+            yield (used_without_law if (test, name) in rows else not_used_because)(test, axis, name, why)
         if machine.drives[axis].encoder == "load":
             for d in (d for d in fitters[axis].data if d.record.load is not None):
                 yield not_used_because(d.name, axis, "load", _ACTUAL_IS_LOAD)
