@@ -36,7 +36,6 @@ def command(
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import machine_of, read_machine
     from mjsim.errors import InputError
-    from mjsim.instruments.ball_bar.measurement import BallBarTest
     from mjsim.io.files import check_writable, write_whole
     from mjsim.plots.part import part_figure
     from mjsim.plots.save import encoded
@@ -55,7 +54,7 @@ def command(
         m = machine_of(c, machine)
         saved = read_saved(c, m)
         if saved is None:
-            c.of(BallBarTest.instrument).need_traces("what a prediction leaves uncertain follows from ball-bar tests")
+            c.in_motion.need_traces("what a prediction leaves uncertain follows from ball-bar tests")
             with common.progress_bar(quiet) as progress:
                 saved = keep(diagnose(c, m, threads=common.cores(threads), progress=progress), m)
     else:

@@ -24,7 +24,7 @@ from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import PLAY, Plant
 from mjsim.machine.sensitivity import BarSensitivity
 from mjsim.simulation.axes import AxesMotion
-from mjsim.simulation.bar import reading
+from mjsim.simulation.bar import reading_in
 from mjsim.simulation.transmission import reading_change, transmit
 
 #: Size of the numerical step, of a typical size; of an effect that the reading is linear in.
@@ -220,7 +220,7 @@ class Linearisation:
     def _of_geometry(self, k: int, alone: Plant, axis: str) -> np.ndarray:
         """The reading of test ``k`` with the geometry of one effect, on the grid, m."""
         test = self.problem.motions[k].test
-        return reading(alone.chain, self._axes(k), np.asarray(test.table_ball), test.length, alone.geometry)
+        return reading_in(test, self._axes(k), alone.geometry)
 
     def _of_table(self, k: int, alone: Plant, axis: str) -> np.ndarray:
         """What error motions of the table add to the reading of test ``k``, on the grid, m."""
@@ -246,7 +246,7 @@ class Linearisation:
         axes, test = self._axes(k), self.problem.motions[k].test
         q = np.zeros((len(axes), column + 1))
         q[:, : axes.shape[1]], q[:, column] = axes, _MOTION
-        return reading(self.plant.chain, q, np.asarray(test.table_ball), test.length, Geometry())
+        return reading_in(test, q, Geometry())
 
     def _of_operations(self, k: int, alone: Plant, axis: str) -> np.ndarray:
         """What the operations of one effect add to the reading of test ``k``, on the grid, m."""

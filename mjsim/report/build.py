@@ -13,7 +13,6 @@ from mjsim.campaign.machine_file import machine_document
 from mjsim.compensation.compensate import compensate
 from mjsim.estimation.problem import Problem
 from mjsim.instruments.ball_bar.iso230 import BidirectionalFigures, CircularFigures
-from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.model import Machine
 from mjsim.plots.output import conditions, polar_traces, residual_trace
 from mjsim.plots.part import part_figure
@@ -75,7 +74,7 @@ def diagnosed(
             "calibration": calibration_rows(result),
             "waterfall": waterfall(result),
             "diagnosis": result.to_json(),
-            "instrument_source": result.campaign.of(BallBarTest.instrument).instrument.source,
+            "instrument_source": result.campaign.in_motion.instrument.source,
             "compensation": _correctable(result, threads, progress) if thorough else None,
             "parts": part_sections(parts, result.machine, result, progress),
         }

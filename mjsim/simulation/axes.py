@@ -19,7 +19,7 @@ from mjsim.machine import own
 from mjsim.machine.kinematics import rotation
 from mjsim.machine.plant import AxisPlant, Plant
 from mjsim.machine.sensitivity import BarSensitivity, sensitivity
-from mjsim.simulation.bar import reading
+from mjsim.simulation.bar import reading_in
 from mjsim.simulation.drive import STEP, SUBSTEPS, discretise, run, substeps_of
 from mjsim.simulation.tracker import MotionTracker
 from mjsim.simulation.transmission import transmit
@@ -205,16 +205,14 @@ class AxesMotion:
         ball's offset is the one at the spindle's angle 0.
         """
         q = self.load(plant, every)[:, : plant.chain.count]
-        out = sensitivity(plant.chain, q, np.asarray(self.test.table_ball))
+        out = sensitivity(plant.chain, q, np.asarray(self.test.table_ball), self.test.component)
         if self.test.spindle:
             out = replace(out, spindle=out.spindle @ rotation(2, self.test.spindle))
         return out
 
     def reading(self, plant: Plant, every: int = 1) -> np.ndarray:
         """Ball-bar reading in m at every ``every``-th instant."""
-        return reading(
-            plant.chain, self.load(plant, every), np.asarray(self.test.table_ball), self.test.length, plant.geometry
-        )
+        return reading_in(self.test, self.load(plant, every), plant.geometry)
 
 
 def load_of(

@@ -16,6 +16,7 @@ from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.extras import need
 from mjsim.machine.chain import Chain
+from mjsim.machine.kinematics import read_along
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant
 from mjsim.simulation import callback, mjmodel
@@ -253,7 +254,8 @@ def _collect(
 ) -> Simulation:
     check_warnings(program.test, data)
     bar = np.hstack([sensors[:, sensor(model, n)] for n in mjmodel.BALLS])
-    deviation = np.linalg.norm(bar[:, :3] - bar[:, 3:], axis=1) - program.test.length
+    away, test = bar[:, :3] - bar[:, 3:], program.test
+    deviation = away @ read_along(test.component) if test.component else np.linalg.norm(away, axis=1) - test.length
     if not np.isfinite(deviation).all():
         raise not_finite(program.test)
     position = q[:, [model.joint(a).qposadr[0] for a in program.test.chain.letters]]

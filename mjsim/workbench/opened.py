@@ -47,7 +47,7 @@ class OpenCampaign:
         Raises:
             InputError: The traces show a mistake.
         """
-        campaign = campaign.of(BallBarTest.instrument)
+        campaign = campaign.in_motion
         problem = checked_problem(campaign, build(machine), threads) if campaign.measured else None
         motions = {t.name: AxesMotion(t) for t in campaign.tests}
         background = None

@@ -171,7 +171,7 @@ def compare_bars(
         InputError: no test of the campaign has a trace, or the traces show a mistake
             (:mod:`mjsim.estimation.mistakes`).
     """
-    campaign = campaign.of(BallBarTest.instrument)
+    campaign = campaign.in_motion
     campaign.need_traces("comparing needs at least one measured test")
     plant = build(machine)
     problem = problem or checked_problem(campaign, plant, threads, keep_motions=False)

@@ -54,7 +54,10 @@ class Rotary(Turn):
         return float(np.hypot(away[first], away[second]))
 
     def words(self, test: BallBarTest) -> str:
-        return f"{test.axis} from {test.start / DEG:g}° to {test.stop / DEG:g}°, {test.sensitive}"
+        return f"{test.axis} from {test.start / DEG:g}° to {test.stop / DEG:g}°, {test.component or test.sensitive}"
+
+    def repeats(self, test: BallBarTest) -> bool:
+        return abs(test.stop - test.start) > 4 * np.pi - 1e-9
 
     def turns(self, test: BallBarTest) -> str:
         return test.axis

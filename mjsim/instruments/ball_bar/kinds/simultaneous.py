@@ -99,9 +99,10 @@ class Simultaneous(Turn):
 
     def words(self, test: BallBarTest) -> str:
         start, stop = (float(test.more[k]) / DEG for k in ("second_start", "second_stop"))
+        seen = test.component or f"bar along {test.sensitive}"
         return (
             f"{test.axis} from {test.start / DEG:g}° to {test.stop / DEG:g}° with {_second(test)} from {start:g}° to "
-            f"{stop:g}°, bar along {test.sensitive}"
+            f"{stop:g}°, {seen}"
         )
 
     def short_name(self, test: BallBarTest) -> str:
