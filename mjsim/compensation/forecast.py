@@ -153,12 +153,12 @@ def forecast_at_rest(
 
 
 def _reading(plant: Plant, test: BallBarTest, time: np.ndarray, commands: np.ndarray) -> np.ndarray:
-    q = np.ascontiguousarray(load_of(plant, time, commands, test.started, test.name, test.table_ball))
+    q = np.ascontiguousarray(load_of(plant, time, commands, test.started, test.recording, test.table_ball))
     return reading_in(test, q, plant.geometry)
 
 
 def _columns(plant: Plant, test: BallBarTest, q: np.ndarray) -> np.ndarray:
-    """What the bar's length and the offsets of both balls add to the reading, (n, 7); a sensor has a zero for a length."""
+    """What the bar's length, or a sensor's zero, and the offsets of both balls add to the reading, (n, 7)."""
     s = sensitivity(plant.chain, q, np.asarray(test.table_ball), test.component)
     return np.column_stack([np.ones(len(q)), s.table, s.spindle])
 

@@ -206,7 +206,7 @@ class Linearisation:
         if play.ops:  # while the play is crossed, what the drive does is not seen
             q = np.zeros((len(position), plant.chain.count))
             q[:, i] = position
-            position = transmit(play.op_table(motion.test.name, motion.test.started), q, self._clock(k))[:, i]
+            position = transmit(play.op_table(motion.test.recording, motion.test.started), q, self._clock(k))[:, i]
         return p.sensitivity[k].axes[:, i] * position
 
     def _play_of(self, axis: str) -> Plant:
@@ -232,7 +232,7 @@ class Linearisation:
         q[:, :count], weight[:, :count] = axes, self.problem.sensitivity[k].axes
         for column in {op.out for op in alone.ops if op.out >= count}:
             weight[:, column] = self._by_motion[column][k]
-        return reading_change(alone.op_table(test.name, test.started), q, self._clock(k), weight)
+        return reading_change(alone.op_table(test.recording, test.started), q, self._clock(k), weight)
 
     def _with_motions(self, plants: list[Plant]) -> None:
         """Compute the derivatives of the readings by the error motions that occur in ``plants``."""
@@ -258,7 +258,7 @@ class Linearisation:
             i = alone.chain.index(axis)
             axes = axes.copy()
             axes[:, i] = self.problem.motions[k].motor(axis, self.plant.axes[axis], GRID_STEPS)
-        ops = alone.op_table(test.name, test.started)
+        ops = alone.op_table(test.recording, test.started)
         return reading_change(ops, axes, self._clock(k), self.problem.sensitivity[k].axes)
 
     def _axes(self, k: int) -> np.ndarray:

@@ -29,7 +29,7 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant
 from mjsim.machine.sensitivity import BarSensitivity
-from mjsim.simulation.axes import AxesMotion
+from mjsim.simulation.axes import AxesMotion, motions_of
 from mjsim.simulation.stability import check_stable
 from mjsim.threads import Workers
 
@@ -124,7 +124,7 @@ class Problem:
         tests = campaign.measured
         samples = make_samples(tests, campaign.traces, block)
         noises = noises_of(samples, campaign.instruments)
-        motions = tuple(AxesMotion(t) if keep_motions else AxesMotion(t, keep=1, light=True) for t in tests)
+        motions = motions_of(tests) if keep_motions else motions_of(tests, keep=1, light=True)
         sensitivity = workers.map(lambda k: motions[k].sensitivity(plant, GRID_STEPS), range(len(tests)))
         nuisances = Nuisances.of_tests(tests, settings.trigger_limit)
         outliers = {t.name: 0 for t in tests}

@@ -17,7 +17,7 @@ from mjsim.workflow.diagnosis import Diagnosis
 
 
 def diagnosable() -> tuple[str, ...]:
-    """Instruments whose recordings a diagnosis explains: readings along a motion, axis logs, and all that measure at rest."""
+    """Instruments whose recordings a diagnosis explains: along a motion, axis logs, and all that measure at rest."""
     at_rest = (name for name, i in INSTRUMENTS.items() if i.at_rest)
     in_motion = (name for name, i in INSTRUMENTS.items() if i.in_motion)
     return (*in_motion, LogTest.instrument, *at_rest)

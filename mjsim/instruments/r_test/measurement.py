@@ -1,7 +1,7 @@
 """One reading of an R-test, what was recorded, and the nest.
 
-A nest of three sensors in the spindle reads where the centre of a sphere on the table is, while the rotary axes turn and
-the tool centre follows the sphere. Each coordinate is a reading of its own: a ball-bar test with a sensor that does not
+A nest of three sensors in the spindle reads where the centre of a sphere on the table is, while the rotary axes turn
+and the tool centre follows the sphere. Each coordinate is a reading of its own: a ball-bar test with a sensor that does not
 turn with the bar. The three share their clock, the place of the sphere, and the nest.
 """
 
@@ -22,8 +22,8 @@ USUAL_NOISE = 0.2e-6
 class SphereReading(BallBarTest):
     """One coordinate of an R-test: how far the sphere's centre is from the tool centre point, machine frame.
 
-    ``table_ball`` is the nominal centre of the sphere in the work frame, and ``length`` is 0: the tool centre follows it.
-    The name is that of the recording with ``.dx``, ``.dy`` or ``.dz`` behind.
+    ``table_ball`` is the nominal centre of the sphere in the work frame, and ``length`` is 0: the tool centre follows
+    it. The name is that of the recording with ``.dx``, ``.dy`` or ``.dz`` behind.
     """
 
     instrument: ClassVar[str] = "r_test"
