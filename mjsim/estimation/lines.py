@@ -50,9 +50,15 @@ class Line:
 
 @dataclass(frozen=True)
 class Record:
-    """One test's residual in single samples, by name of its recording: ``x`` (n,) m with bad samples at 0, ``weight`` (n, 3) sensitivities to the
-    linear axes (0 at bad samples), ``time`` (n,) s from the program's start, ``noise`` power per sample, m², over the
-    frequencies of ``x``'s spectrum.
+    """One test's residual in single samples.
+
+    Attributes:
+        name: Of its recording.
+        time: From the program's start, (n,) s.
+        x: (n,) m, with bad samples at 0.
+        weight: Sensitivities to the linear axes, 0 at bad samples, (n, 3).
+        noise: Power per sample over the frequencies of the spectrum of ``x``, m².
+        rate: Samples per second, Hz.
     """
 
     name: str

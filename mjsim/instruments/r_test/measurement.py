@@ -1,8 +1,8 @@
 """One reading of an R-test, what was recorded, and the nest.
 
 A nest of three sensors in the spindle reads where the centre of a sphere on the table is, while the rotary axes turn
-and the tool centre follows the sphere. Each coordinate is a reading of its own: a ball-bar test with a sensor that does not
-turn with the bar. The three share their clock, the place of the sphere, and the nest.
+and the tool centre follows the sphere. Each coordinate is a reading of its own: a ball-bar test with a sensor that does
+not turn with the bar. The three share their clock, the place of the sphere, and the nest.
 """
 
 from __future__ import annotations
