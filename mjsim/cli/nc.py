@@ -93,7 +93,7 @@ def write(
     )
     data = {
         "file": str(out),
-        "test": test.name,
+        "test": test.recording,
         "dialect": how["dialect"],
         "feed": written.feed,
         "blocks": len(written.motion.seconds),

@@ -28,6 +28,11 @@ _NOTHING_OPEN = {"between": None, "test": None, "difference_um": None}
     "--minutes", help="With --new: machine time, a number or full (default): 10 and 30 are usual.", default=None
 )
 @click.option(
+    "--instrument",
+    type=click.Choice([n for n, i in INSTRUMENTS.items() if i.in_motion]),
+    help="With --new: what it is measured with (default: ball_bar).",
+)
+@click.option(
     "-o", "--out", type=click.Path(path_type=Path, file_okay=False), help="With --new: new folder for the campaign."
 )
 @click.option(
@@ -56,6 +61,7 @@ def command(
     template_name,
     position_gain,
     minutes,
+    instrument,
     out,
     between,
     points,
@@ -78,7 +84,7 @@ def command(
     well, both instruments are compared.
 
     With --new, no campaign is there yet: the tests are chosen that tell most of the machine in some minutes, and it is
-    said what they can and cannot tell.
+    said what they can and cannot tell. --instrument r_test chooses R-tests.
 
     With --points, the answer is a [[test]] with the positions at which to probe a sphere: those after which the
     location errors of the rotary axes are known best.
@@ -98,12 +104,12 @@ def command(
             raise click.UsageError("--new needs either --machine or --template")
         if machine is not None and position_gain is not None:
             raise click.UsageError("--position-gain needs --template")
-        _plan_new(machine, template_name, position_gain, minutes, out, threads, as_json, quiet)
+        _plan_new(machine, template_name, position_gain, minutes, instrument, out, threads, as_json, quiet)
         return
     if campaign is None:
         raise click.UsageError("Missing argument 'CAMPAIGN' (or --new)")
-    if template_name is not None or minutes is not None or out is not None or position_gain is not None:
-        raise click.UsageError("--template, --position-gain, --minutes and --out need --new")
+    if any(given is not None for given in (template_name, minutes, instrument, out, position_gain)):
+        raise click.UsageError("--template, --position-gain, --minutes, --instrument and --out need --new")
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import machine_of
     from mjsim.instruments.axis_log.measurement import LogTest
@@ -167,13 +173,14 @@ def command(
         show_measurement(result.to_json(), c)
 
 
-def _plan_new(machine, template_name, position_gain, minutes, out, threads, as_json, quiet) -> None:
+def _plan_new(machine, template_name, position_gain, minutes, instrument, out, threads, as_json, quiet) -> None:
     """The tests of a new campaign."""
     from mjsim.campaign.machine_file import read_machine
     from mjsim.campaign.machine_templates import template_named
     from mjsim.campaign.new import check_new_folder, new_planned_campaign
     from mjsim.campaign.new_machine import check_position_gain, machine_text
-    from mjsim.estimation.planning.whole_campaign import CampaignPlanner
+    from mjsim.estimation.planning.whole_campaign import CampaignPlanner, possible_motions
+    from mjsim.instruments.r_test.measurement import SphereReading
     from mjsim.io.toml import read_text
 
     time = _minutes(minutes)
@@ -187,9 +194,10 @@ def _plan_new(machine, template_name, position_gain, minutes, out, threads, as_j
     else:
         m, text = read_machine(machine), read_text(machine)
     with common.progress_bar(quiet) as progress:
-        plan = CampaignPlanner(m, common.cores(threads), progress).plan(time)
+        tests = list(possible_motions(m)) if instrument == SphereReading.instrument else None
+        plan = CampaignPlanner(m, common.cores(threads), progress, tests=tests).plan(time)
     data = plan.to_json()
-    files = [] if out is None else new_planned_campaign(out, text, data["tests"])
+    files = [] if out is None else new_planned_campaign(out, text, data["tests"], instrument=instrument)
     if as_json:
         common.print_json(data | {"files": [str(f) for f in files]})
         return
@@ -198,8 +206,9 @@ def _plan_new(machine, template_name, position_gain, minutes, out, threads, as_j
     show_new(data)
     if out is not None:
         click.echo(f"\n{out} has campaign.toml and machine.toml. Next:\n")
-        click.echo(f"  mjsim nc {out} --test {plan.tests[0].name} -o {plan.tests[0].name}.nc   (and the others)")
-        click.echo(f"  mjsim import FILE --campaign {out} --test NAME")
+        first, how = plan.tests[0].recording, "--points " if instrument == SphereReading.instrument else ""
+        click.echo(f"  mjsim nc {out} --test {first} -o {first}.nc   (and the others)")
+        click.echo(f"  mjsim import FILE --campaign {out} {how}--test NAME")
         click.echo(f"  mjsim diagnose {out}")
 
 
@@ -228,13 +237,19 @@ def show_new(data: dict) -> None:
         "handling."
     )
     rows = [
-        [t["name"], t["setup"], " ".join(f"{x:g}" for x in t["table_ball_mm"]), f"{t['started_s'] / 60:.0f}"]
+        [t["name"], t["setup"], " ".join(f"{x:g}" for x in _ball(t)), f"{t['started_s'] / 60:.0f}"]
         for t in data["tests"]
     ]
-    common.table(["test", "set-up", "table ball mm", "begins min"], rows, text=(0, 1, 2))
+    ball = "sphere mm" if "sphere_mm" in data["tests"][0] else "table ball mm"
+    common.table(["test", "set-up", ball, "begins min"], rows, text=(0, 1, 2))
     click.echo()
     for sentence in told_sentences(data):
         common.paragraph(sentence)
+
+
+def _ball(table: dict) -> list[float]:
+    """Where the ball of a test is, mm."""
+    return table["sphere_mm"] if "sphere_mm" in table else table["table_ball_mm"]
 
 
 def show(result, campaign) -> None:

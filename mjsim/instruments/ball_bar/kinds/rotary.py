@@ -81,7 +81,8 @@ class Rotary(Turn):
         return super().cannot(chain) or ("" if chain.rotary else "it turns a rotary axis, and the machine has none")
 
     def short_name(self, test: BallBarTest) -> str:
-        return f"rotary-{test.axis.lower()}-{test.sensitive}-{self.way(test).lower()}-{place_name(test)}"
+        sensitive = "" if test.component else f"{test.sensitive}-"
+        return f"rotary-{test.axis.lower()}-{sensitive}{self.way(test).lower()}-{place_name(test)}"
 
     def proposals(self, chain: Chain, length: float, height: float) -> Iterator[BallBarTest]:
         turn = {a.letter: _first_turn(chain, a) for a in (*chain.turning, *chain.swivelling)}

@@ -109,7 +109,8 @@ class Simultaneous(Turn):
         axes = f"{test.axis}{_second(test)}".lower()
         turns = test.stop - test.start, float(test.more["second_stop"]) - float(test.more["second_start"])
         ends = "-".join(number_name(round(v / DEG)) for v in turns)
-        return f"simultaneous-{axes}-{ends}-{test.sensitive.lower()}-{self.way(test).lower()}-{place_name(test)}"
+        sensitive = "" if test.component else f"{test.sensitive.lower()}-"
+        return f"simultaneous-{axes}-{ends}-{sensitive}{self.way(test).lower()}-{place_name(test)}"
 
     def proposals(self, chain: Chain, length: float, height: float) -> Iterator[BallBarTest]:
         if self.cannot(chain):
