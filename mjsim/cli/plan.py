@@ -256,7 +256,7 @@ def show(result, campaign) -> None:
     """A plan as text: the verdict, the test as a table for campaign.toml, the runners-up, what to do next."""
     import tomlkit
 
-    from mjsim.instruments.ball_bar.files import test_table
+    from mjsim.instruments.base import table_of
 
     data, name = result.to_json(), result.best.test.name
     a, b = data["between"]
@@ -270,7 +270,7 @@ def show(result, campaign) -> None:
     common.paragraph(data["reason"])
     speeds = ", ".join(f"{axis} {speed:.0f} {unit}" for axis, (speed, unit) in data["axis_speeds"].items())
     common.paragraph(f"Highest axis speeds: {speeds}.")
-    click.echo("\n[[test]]\n" + tomlkit.dumps(test_table(result.best.test)).rstrip() + "\n")
+    click.echo("\n[[test]]\n" + tomlkit.dumps(table_of(result.best.test)).rstrip() + "\n")
     rows = [data, *data["runners_up"]]
     common.table(
         ["test", "difference µm", "separation σ", "time min"],

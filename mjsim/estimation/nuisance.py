@@ -83,6 +83,15 @@ class Nuisances(Parameters):
         own = vector[self[setup_block(setup)]]
         return NEST_PLACE * vector[self[NEST]][:3] if len(own) == len(_SPHERE) else SPINDLE_BALL * own[3:]
 
+    def nest(self, vector: np.ndarray) -> dict[str, float]:
+        """Angles and gains of the nest of an R-test, by name with the unit; empty where there is none."""
+        if not any(b.name == NEST for b in self.blocks):
+            return {}
+        own = vector[self[NEST]]
+        angles = {f"angle_{c.lower()}_mrad": 1e3 * NEST_ANGLE * v for c, v in zip(COORDINATES, own[3:6], strict=True)}
+        gains = {f"gain_{c.lower()}_percent": 1e2 * NEST_GAIN * v for c, v in zip(COORDINATES, own[6:9], strict=True)}
+        return {k: float(v) for k, v in (angles | gains).items()}
+
     def length(self, vector: np.ndarray, setup: str = "") -> float:
         """Error of the bar's length in one set-up, m; 0 where there is no bar."""
         name = length_block(setup)
@@ -91,6 +100,11 @@ class Nuisances(Parameters):
     def trigger(self, vector: np.ndarray, recording: str) -> float:
         """Trigger shift of one recording, s."""
         return float(TRIGGER * vector[self.place(TRIGGERS, recording)])
+
+
+def instrument_blocks() -> list[Block]:
+    """What a ball bar and the nest of an R-test add to readings in all set-ups."""
+    return [Block.normal(BAR_LENGTH, ("length",)), Block.normal(NEST, _NEST)]
 
 
 def set_up_columns(test: BallBarTest, sensitivity: BarSensitivity, shown: np.ndarray | None = None) -> np.ndarray:

@@ -405,3 +405,8 @@ def register(cls: type[_I]) -> type[_I]:
 def instrument_of(kind: object) -> Instrument | None:
     """The instrument whose tests are of a kind; ``None`` where no instrument has it."""
     return next((i for i in INSTRUMENTS.values() if kind in i.kinds()), None)
+
+
+def table_of(test: Any) -> dict[str, Any]:
+    """The ``[[test]]`` table of a planned test of any instrument."""
+    return INSTRUMENTS[test.instrument].test_table(test)

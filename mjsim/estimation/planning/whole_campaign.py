@@ -10,7 +10,7 @@ minute.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.noise import usual_noise
 from mjsim.estimation.nuisance import TRIGGER, set_up_columns
-from mjsim.estimation.planning.candidates import reachable
+from mjsim.estimation.planning.candidates import motions_at, reachable, renamed
 from mjsim.estimation.planning.next_test import typical
 from mjsim.estimation.planning.separation import Unmeasured, whitened
 from mjsim.estimation.problem import sheet_grid, sheet_plants
@@ -31,7 +31,7 @@ from mjsim.instruments.ball_bar.kinds import KINDS, kind_of
 from mjsim.instruments.ball_bar.kinds.base import place_name
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
-from mjsim.instruments.base import INSTRUMENTS
+from mjsim.instruments.base import table_of
 from mjsim.instruments.r_test.measurement import USUAL_NOISE, SphereReading
 from mjsim.machine.chain import COORDINATES
 from mjsim.machine.model import Machine, build
@@ -72,9 +72,7 @@ class CampaignPlan:
         """Plain data, as ``mjsim plan --new --json`` prints it."""
         return {
             "minutes": round(self.minutes, 1),
-            "tests": [
-                {**INSTRUMENTS[t.instrument].test_table(t), "started_s": round(t.started, 1)} for t in self.tests
-            ],
+            "tests": [{**table_of(t), "started_s": round(t.started, 1)} for t in self.tests],
             "told": list(self.told),
             "alike": [{"id": i, "like": other} for i, other in self.alike.items()],
             "hidden": list(self.hidden),
@@ -328,21 +326,15 @@ def possible_tests(machine: Machine) -> Iterator[BallBarTest]:
 
 def possible_motions(machine: Machine) -> Iterator[SphereReading]:
     """R-tests that the machine can run, one reading of each: every rotary axis alone, and two together."""
-    for kind in (k for k in KINDS.values() if not k.moves_on_table and not k.cannot(machine.chain)):
-        seen = set()
-        for test in kind.proposals(machine.chain, 0.0, HEIGHT):
-            given = {f.name: getattr(test, f.name) for f in fields(BallBarTest)}
-            place = (SPHERE, 0.0, HEIGHT)
-            one = _named(SphereReading(**given | {"component": COORDINATES[0], "table_ball": place, "feed": FEED}))
-            if one.name not in seen and not kind.wrong(one) and not kind.out_of_reach(one) and reachable(one):
-                seen.add(one.name)
-                yield one
+    for test in motions_at(machine.chain, (SPHERE, 0.0, HEIGHT)):
+        named = _named(replace(test, feed=FEED))
+        if not kind_of(named).out_of_reach(named) and reachable(named):
+            yield named
 
 
 def _named(test: BallBarTest) -> BallBarTest:
     """A test named by what it is; tests with the balls in one place have one set-up."""
-    name, which = kind_of(test).short_name(test), f".d{test.component.lower()}" if test.component else ""
-    return replace(test, name=name + which, setup=place_name(test))
+    return renamed(test, kind_of(test).short_name(test), place_name(test))
 
 
 def minutes_of(tests: Iterable[BallBarTest]) -> float:

@@ -34,7 +34,7 @@ class RTest(Instrument[SphereReading, NestTrace]):
     noun = "R-test"
     test_noun = "R-test reading"
     beside = "r_tests"
-    order = 2
+    order = 0
     in_motion = True
     own_keys = {"repeatability_um": (OwnLength, None)}  # noqa: RUF012
 
