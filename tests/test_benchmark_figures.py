@@ -236,7 +236,9 @@ def test_the_published_half_is_run_by_whole_worlds(monkeypatch, capsys, tmp_path
 
     for choice in (["--only", "x"], ["--most", "1"], ["--category", "null"]):
         assert "the published half is run by whole worlds" in call("run", "--half", "publish", *choice)
-    assert "the published half is run by whole worlds" in call("write", "--half", "publish", "--folder", str(tmp_path / "f"))
+    assert "the published half is run by whole worlds" in call(
+        "write", "--half", "publish", "--folder", str(tmp_path / "f")
+    )
     assert not (tmp_path / "f").exists()
     (tmp_path / "rows.jsonl").write_text(json.dumps(row() | {"half": "publish"}) + "\n")
     monkeypatch.setattr("independent.bank.cases", lambda: [SimpleNamespace(name="another", half="publish")])

@@ -108,7 +108,7 @@ def test_another_instrument_has_no_repeatability(folder, tmp_path):
     (tmp_path / "machine.toml").write_bytes((folder / "machine.toml").read_bytes())
     text = (folder / "campaign.toml").read_text().replace('kind = "sphere"\nrepeat', 'kind = "ball_bar"\nrepeat', 1)
     (tmp_path / "campaign.toml").write_text(text)
-    with pytest.raises(InputError, match="repeatability_um only with kind = 'sphere'"):
+    with pytest.raises(InputError, match="repeatability_um only with kind = 'r_test' or 'sphere'"):
         mjsim.read_campaign(tmp_path, traces=False)
 
 

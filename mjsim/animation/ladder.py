@@ -12,7 +12,6 @@ from mjsim.animation.board import Board
 from mjsim.animation.movie import Film, Format
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
-from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.io import files
 from mjsim.progress import Progress, silent
 from mjsim.workflow.ball_bar.compare import BarComparison, compare_bars
@@ -55,7 +54,7 @@ def animate_ladder(
     """
     file = Path(file)
     form = Format.of(file, size, fps)
-    measured = [t.name for t in campaign.of(BallBarTest.instrument).measured]
+    measured = [t.name for t in campaign.in_motion.measured]
     for name in tests:
         if name not in measured:
             raise InputError(

@@ -16,7 +16,6 @@ from mjsim.animation.story import Story, tell
 from mjsim.campaign.machine_file import machine_of
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
-from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.io import files
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
@@ -140,7 +139,7 @@ def animate(
         InputError: an unknown test, camera or suffix, a value out of bounds, a file in the way, or no OpenGL.
     """
     file = Path(file)
-    form, campaign = Format.of(file, size, fps), campaign.of(BallBarTest.instrument)
+    form, campaign = Format.of(file, size, fps), campaign.in_motion
     chosen = next((t for t in campaign.tests if t.name == test), None)
     if chosen is None:
         names = ", ".join(t.name for t in campaign.tests)

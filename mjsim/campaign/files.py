@@ -56,14 +56,14 @@ def campaign_from(
     one = {"instrument": next(iter(instruments.values()))} if "instrument" in data else {}
     none = {"test": [{}]} if empty and not data.get("test") else {}
     table = check(file, CampaignTable, data | one | none)
-    tests: dict[int, Any] = {}
+    tests: dict[int, tuple[Any, ...]] = {}
     for name, rows in groups.items():
         schema = with_tests(CampaignTable, INSTRUMENTS[name].table(chain))
         part = check(file, schema, data | {"instrument": instruments[name], "test": [t for _, t in rows]})
         for (place, _), t in zip(rows, part.test, strict=True):
-            test = INSTRUMENTS[name].test_of(file, t, chain)
-            tests[place] = driven(file, test, t) if isinstance(test, BallBarTest) else test
-    ordered = tuple(tests[place] for place in sorted(tests))
+            mine = INSTRUMENTS[name].tests_of(file, t, chain)
+            tests[place] = tuple(driven(file, test, t) if isinstance(test, BallBarTest) else test for test in mine)
+    ordered = tuple(test for place in sorted(tests) for test in tests[place])
     names = [t.name for t in ordered]
     for name in names:
         if names.count(name) > 1:
@@ -80,7 +80,7 @@ def campaign_from(
         read,
         table.measured_on,
         as_is,
-        acceptance_of(file, table.acceptance, [t for t in ordered if isinstance(t, BallBarTest)]),
+        acceptance_of(file, table.acceptance, [t for t in ordered if t.instrument == BallBarTest.instrument]),
         table.serial_number or "",
     )
     if traces:

@@ -64,6 +64,11 @@ class Campaign:
         data = {name: numbers for name, numbers in self.instruments.items() if name in instruments}
         return replace(self._with(t for t in self.tests if t.instrument in instruments), instruments=data)
 
+    @property
+    def in_motion(self) -> Campaign:
+        """The part whose tests are readings along a motion, as those of a ball bar are."""
+        return self.of(*(name for name, i in INSTRUMENTS.items() if i.in_motion))
+
     def only(self, names: Collection[str]) -> Campaign:
         """The part of some measured tests; all of it where none is named.
 

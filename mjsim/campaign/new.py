@@ -16,7 +16,7 @@ from mjsim.io.files import check_writable, write_all
 #: Folder of the files that a new campaign begins with.
 TEMPLATE = Path(__file__).resolve().parent / "template"
 #: A campaign of planned tests, before its tables.
-_PLANNED = """# A ball-bar campaign: the tests of one machine, in the order of measuring.
+_PLANNED = """# A campaign: the tests of one machine, in the order of measuring.
 # Keys end in their unit. docs/campaign-format.md explains every key.
 # When a test is measured: mjsim import FILE --campaign FOLDER --test NAME
 
@@ -24,7 +24,7 @@ name = {name}
 machine = "machine.toml"
 
 [instrument]
-kind = "ball_bar"
+kind = "{kind}"
 resolution_um = {resolution_um:g}
 range_mm = {range_mm:g}
 sample_rate_Hz = {sample_rate_Hz:g}
@@ -56,24 +56,28 @@ def new_campaign(folder: str | Path, name: str | None = None) -> list[Path]:
     return write_new(contents)
 
 
-def planned_text(name: str, tests: Sequence[dict[str, Any]]) -> str:
+def planned_text(name: str, tests: Sequence[dict[str, Any]], kind: str = "ball_bar") -> str:
     """A campaign.toml of tests that are not measured yet.
 
     Args:
         name: of the campaign.
         tests: their tables, in the order of measuring; there may be none yet.
+        kind: of the instrument.
     """
-    text = _PLANNED.format(name=json.dumps(name, ensure_ascii=False), **BALL_BAR)
+    text = _PLANNED.format(name=json.dumps(name, ensure_ascii=False), kind=kind, **BALL_BAR)
     return text + "".join("\n[[test]]\n" + tomlkit.dumps(t).rstrip() + "\n" for t in tests)
 
 
-def new_planned_campaign(folder: str | Path, machine_file: str, tests: Sequence[dict[str, Any]]) -> list[Path]:
+def new_planned_campaign(
+    folder: str | Path, machine_file: str, tests: Sequence[dict[str, Any]], instrument: str | None = None
+) -> list[Path]:
     """Start a campaign of planned tests: campaign.toml, machine.toml and a folder for the traces; all, or nothing.
 
     Args:
         folder: new, or empty.
         machine_file: text of the machine file.
         tests: tables of the tests.
+        instrument: kind of it; a ball bar when missing.
 
     Returns:
         The files.
@@ -84,7 +88,7 @@ def new_planned_campaign(folder: str | Path, machine_file: str, tests: Sequence[
     folder = Path(folder)
     name = check_new_folder(folder, None, "campaign")
     contents = {
-        folder / "campaign.toml": planned_text(name, tests),
+        folder / "campaign.toml": planned_text(name, tests, kind=instrument or "ball_bar"),
         folder / "machine.toml": machine_file,
         folder / "traces" / "README.md": (TEMPLATE / "README.md").read_text(encoding="utf-8"),
     }

@@ -10,6 +10,7 @@ from mjsim.digits import decimals_of, estimate, fixed, interval, with_interval
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.base import INSTRUMENTS
 from mjsim.units import DEG, UM, percent, unit_of
 
 #: Most numbers that are named of those which are not within their limits.
@@ -222,7 +223,8 @@ def show_combinations(data: dict) -> None:
 
 
 def show(data: dict) -> None:
-    """Tables of a comparison's JSON."""
+    """Tables of a comparison's JSON, of a ball bar or of an R-test."""
+    sphere = list(data.get("nest", {}).items())
     if data["not_measured"]:
         common.paragraph(
             f"Not compared, because campaign.toml names no trace for them: {', '.join(data['not_measured'])}."
@@ -244,8 +246,9 @@ def show(data: dict) -> None:
         click.echo()
     rows = []
     for t in data["tests"]:
-        iso = t["iso230_4"]
-        g = [f"{iso[k]['circular_error_um']:.2f}" if iso else "–" for k in ("measured", "simulated")]
+        iso = t.get("iso10791_6") or t["iso230_4"]
+        name = "range_um" if sphere else "circular_error_um"
+        g = [f"{iso[k][name]:.2f}" if iso else "–" for k in ("measured", "simulated")]
         angle = t["worst_plot_angle_deg"] if KINDS[t["kind"]].goes_round else t["worst_phi_deg"]
         reverses = t["worst_event"].removeprefix("reversal of ")
         rows.append(
@@ -258,7 +261,8 @@ def show(data: dict) -> None:
                 "–" if reverses == t["worst_event"] else reverses,
             ]
         )
-    common.table(["test", "RMS µm", "max µm", "G meas.", "G sim.", "worst at", "reverses"], rows)
+    figure = "range" if sphere else "G"
+    common.table(["test", "RMS µm", "max µm", f"{figure} meas.", f"{figure} sim.", "worst at", "reverses"], rows)
     ratio = f"{data['rms_um'] / data['noise_um']:.2f}" if data["noise_um"] else "–"
     click.echo(f"\nresidual RMS {data['rms_um']:.3f} µm, noise {data['noise_um']:.3f} µm: ratio {ratio}")
     for t in data["tests"]:
@@ -267,19 +271,30 @@ def show(data: dict) -> None:
                 f"{t['name']}: the sensor stood at its stop, or beyond its range, in {t['samples_saturated']} of "
                 f"{t['samples']} samples. They are left out. The largest errors of this test are not known."
             )
-    common.paragraph(
-        f"RMS and max: measured less simulated; G: circular error (ISO 230-4), µm. Worst: angle φ (rotary tests: axis "
-        f"angle), and the axis that reverses there. Noise: {data['noise_source']}."
+    said = (
+        "range: of the coordinate, without what the places of sphere and nest make of it (ISO 10791-6), µm. Worst: "
+        "angle of the axis, and the axis that reverses there"
+        if sphere
+        else "G: circular error (ISO 230-4), µm. Worst: angle φ (rotary tests: axis angle), and the axis that reverses "
+        "there"
     )
+    common.paragraph(f"RMS and max: measured less simulated; {said}. Noise: {data['noise_source']}.")
     click.echo()
     rows = [
         [k, *(f"{x:+.1f}" for x in v["table_ball_um"]), *(f"{x:+.1f}" for x in v["spindle_ball_um"])]
         for k, v in data["setups"].items()
     ]
-    common.table(["set-up (µm)", "table ball x", "y", "z", "spindle ball x", "y", "z"], rows)
-    shifts = ", ".join(f"{t['name']} {t['trigger_ms']:+.1f}" for t in data["tests"])
-    click.echo(f"\nbar length {data['length_um']:+.2f} µm")
-    common.paragraph(f"trigger shifts (ms): {shifts}")
+    balls = ("sphere x", "nest x") if sphere else ("table ball x", "spindle ball x")
+    common.table(["set-up (µm)", balls[0], "y", "z", balls[1], "y", "z"], rows)
+    click.echo()
+    if sphere:
+        unit = {"mrad": "mrad", "percent": "%"}
+        parts = (f"{k.rpartition('_')[0].replace('_', ' ')} {v:+.2f} {unit[k.rpartition('_')[2]]}" for k, v in sphere)
+        common.paragraph(f"nest: {', '.join(parts)}")
+    else:
+        click.echo(f"bar length {data['length_um']:+.2f} µm")
+    shifts = {t["name"].rpartition(".d")[0] if sphere else t["name"]: t["trigger_ms"] for t in data["tests"]}
+    common.paragraph(f"trigger shifts (ms): {', '.join(f'{name} {ms:+.1f}' for name, ms in shifts.items())}")
     for b in data["iso230_4_bidirectional"]:
         m, s = b["measured"], b["simulated"]
         common.paragraph(
@@ -378,4 +393,4 @@ def symbol_of(axis: dict) -> str:
 
 
 #: What is printed of an instrument, where it is more than the errors of its channels.
-_SHOW = {BallBarTest.instrument: show, LogTest.instrument: show_logs}
+_SHOW = {**{n: show for n, i in INSTRUMENTS.items() if i.in_motion}, LogTest.instrument: show_logs}

@@ -72,7 +72,7 @@ def command(campaign, machine, write, max_effects, only, budget, force, threads,
     if write is not None:
         check_writable(write, force)
     bars_alone = set(c.measured_parts) == {BallBarTest.instrument}  # whose pace is known
-    done = say_how_long(c.of(BallBarTest.instrument)) if bars_alone else None
+    done = say_how_long(c.in_motion) if bars_alone else None
     with common.progress_bar() as progress:
         result = diagnose(c, m, max_effects, common.cores(threads), progress)
     if done is not None:
@@ -120,7 +120,7 @@ def command(campaign, machine, write, max_effects, only, budget, force, threads,
 
 def _identifiable(campaign, data: dict) -> list[str]:
     """Rotary axes of an unexplained rest that depends on position, where it shows in a tangential test."""
-    rest, bars = data["unexplained"], campaign.of(BallBarTest.instrument)
+    rest, bars = data["unexplained"], campaign.in_motion
     if not rest or rest["variable"] != "position":
         return []
     tests = {kind_of(t).turns(t) for t in bars.measured if t.sensitive == "tangential" and t.name in rest["tests"]}

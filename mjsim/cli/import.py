@@ -136,7 +136,8 @@ def command(
     current, control.
 
     With --points, FILES were measured at rest. Of a sphere they have one row for each centre: angles of the rotary
-    axes, and dx, dy, dz (measured less commanded) or x_measured, y_measured, z_measured. Of a laser, scale or level
+    axes, and dx, dy, dz (measured less commanded) or x_measured, y_measured, z_measured. Of an R-test, along a motion,
+    they have time, dx, dy, dz. Of a laser, scale or level
     they have target and deviation or measured; or one row a target, and columns up_1, down_1, up_2 ... --signal names
     columns that the header does not.
 

@@ -87,7 +87,7 @@ def write(campaign, name, out, limit, max_speed, force, machine, sphere, tip, cl
     )
     data = {
         "file": str(out),
-        "test": test.name,
+        "test": test.recording,
         "dialect": how["dialect"],
         "feed": written.feed,
         "blocks": len(written.motion.seconds),

@@ -125,12 +125,21 @@ def allowed(limit, max_speed, chain: Chain = FIVE_AXIS):
 
 
 def find_test(campaign: Path, name: str, *more: str):
-    """The campaign and its test of that name: a ball-bar test, or one of ``more`` instruments."""
+    """The campaign and its test of that name: a reading along a motion, or a test of one of ``more`` instruments. The
+    readings of one recording have one program, whichever is named.
+    """
     from mjsim.campaign.files import read_campaign
     from mjsim.errors import InputError
+    from mjsim.instruments.base import INSTRUMENTS
 
-    c = read_campaign(campaign, traces=False).of("ball_bar", *more)
+    c = read_campaign(campaign, traces=False).of(*(n for n, i in INSTRUMENTS.items() if i.in_motion), *more)
     for t in c.tests:
-        if t.name == name:
+        if name in (t.name, recording_of(t)):
             return c, t
-    raise InputError(f"{c.folder / 'campaign.toml'}: no test {name!r}; it has: {', '.join(t.name for t in c.tests)}")
+    names = dict.fromkeys(map(recording_of, c.tests))
+    raise InputError(f"{c.folder / 'campaign.toml'}: no test {name!r}; it has: {', '.join(names)}")
+
+
+def recording_of(test) -> str:
+    """Name of a test in campaign.toml: of the recording where it is one reading of several."""
+    return getattr(test, "recording", test.name)

@@ -29,6 +29,11 @@ _NOTHING_OPEN = {"between": None, "test": None, "difference_um": None}
 @click.option(
     "--minutes", help="With --new: machine time, a number or full (default): 10 and 30 are usual.", default=None
 )
+@click.option(
+    "--instrument",
+    type=click.Choice([n for n, i in INSTRUMENTS.items() if i.in_motion]),
+    help="With --new: what it is measured with (default: ball_bar).",
+)
 @common.folder_option("-o", "--out", help="With --new: new folder for the campaign.")
 @click.option(
     "--between",
@@ -56,6 +61,7 @@ def command(
     template_name,
     position_gain,
     minutes,
+    instrument,
     out,
     between,
     points,
@@ -76,7 +82,7 @@ def command(
     well, both instruments are compared.
 
     With --new, no campaign is there yet: the tests are chosen that tell most of the machine in some minutes, and it is
-    said what they can and cannot tell.
+    said what they can and cannot tell. --instrument r_test chooses R-tests.
 
     With --points, the answer is a [[test]] with the positions at which to probe a sphere: those after which the
     location errors of the rotary axes are known best.
@@ -96,12 +102,12 @@ def command(
             raise click.UsageError("--new needs either --machine or --template")
         if machine is not None and position_gain is not None:
             raise click.UsageError("--position-gain needs --template")
-        _plan_new(machine, template_name, position_gain, minutes, out, threads)
+        _plan_new(machine, template_name, position_gain, minutes, instrument, out, threads)
         return
     if campaign is None:
         raise click.UsageError("Missing argument 'CAMPAIGN' (or --new)")
-    if template_name is not None or minutes is not None or out is not None or position_gain is not None:
-        raise click.UsageError("--template, --position-gain, --minutes and --out need --new")
+    if any(given is not None for given in (template_name, minutes, instrument, out, position_gain)):
+        raise click.UsageError("--template, --position-gain, --minutes, --instrument and --out need --new")
     from mjsim.instruments.axis_log.measurement import LogTest
     from mjsim.workflow.plan import plan
     from mjsim.workflow.plan_at_rest import MostTelling
@@ -154,13 +160,14 @@ def command(
         show_measurement(result.to_json(), c)
 
 
-def _plan_new(machine, template_name, position_gain, minutes, out, threads) -> None:
+def _plan_new(machine, template_name, position_gain, minutes, instrument, out, threads) -> None:
     """The tests of a new campaign."""
     from mjsim.campaign.machine_file import read_machine
     from mjsim.campaign.machine_templates import template_named
     from mjsim.campaign.new import check_new_folder, new_planned_campaign
     from mjsim.campaign.new_machine import check_position_gain, machine_text
-    from mjsim.estimation.planning.whole_campaign import CampaignPlanner
+    from mjsim.estimation.planning.whole_campaign import CampaignPlanner, possible_motions
+    from mjsim.instruments.r_test.measurement import SphereReading
     from mjsim.io.toml import read_text
 
     time = _minutes(minutes)
@@ -174,16 +181,18 @@ def _plan_new(machine, template_name, position_gain, minutes, out, threads) -> N
     else:
         m, text = read_machine(machine), read_text(machine)
     with common.progress_bar() as progress:
-        plan = CampaignPlanner(m, common.cores(threads), progress).plan(time)
+        tests = list(possible_motions(m)) if instrument == SphereReading.instrument else None
+        plan = CampaignPlanner(m, common.cores(threads), progress, tests=tests).plan(time)
     data = plan.to_json()
-    files = [] if out is None else new_planned_campaign(out, text, data["tests"])
+    files = [] if out is None else new_planned_campaign(out, text, data["tests"], instrument)
     if common.answered(data | {"files": [str(f) for f in files]}):
         return
     show_new(data)
     if out is not None:
         click.echo(f"\n{out} has campaign.toml and machine.toml. Next:\n")
-        click.echo(f"  mjsim nc {out} --test {plan.tests[0].name} -o {plan.tests[0].name}.nc   (and the others)")
-        click.echo(f"  mjsim import FILE --campaign {out} --test NAME")
+        first, how = plan.tests[0].recording, "--points " if instrument == SphereReading.instrument else ""
+        click.echo(f"  mjsim nc {out} --test {first} -o {first}.nc   (and the others)")
+        click.echo(f"  mjsim import FILE --campaign {out} {how}--test NAME")
         click.echo(f"  mjsim diagnose {out}")
 
 
@@ -212,20 +221,26 @@ def show_new(data: dict) -> None:
         "handling."
     )
     rows = [
-        [t["name"], t["setup"], " ".join(f"{x:g}" for x in t["table_ball_mm"]), f"{t['started_s'] / 60:.0f}"]
+        [t["name"], t["setup"], " ".join(f"{x:g}" for x in _ball(t)), f"{t['started_s'] / 60:.0f}"]
         for t in data["tests"]
     ]
-    common.table(["test", "set-up", "table ball mm", "begins min"], rows, text=(0, 1, 2))
+    ball = "sphere mm" if "sphere_mm" in data["tests"][0] else "table ball mm"
+    common.table(["test", "set-up", ball, "begins min"], rows, text=(0, 1, 2))
     click.echo()
     for sentence in told_sentences(data):
         common.paragraph(sentence)
+
+
+def _ball(table: dict) -> list[float]:
+    """Where the ball of a test is, mm."""
+    return table["sphere_mm"] if "sphere_mm" in table else table["table_ball_mm"]
 
 
 def show(result, campaign) -> None:
     """A plan as text: the verdict, the test as a table for campaign.toml, the runners-up, what to do next."""
     import tomlkit
 
-    from mjsim.instruments.ball_bar.files import test_table
+    from mjsim.instruments.base import table_of
 
     data, name = result.to_json(), result.best.test.name
     a, b = data["between"]
@@ -239,7 +254,7 @@ def show(result, campaign) -> None:
     common.paragraph(data["reason"])
     speeds = ", ".join(f"{axis} {speed:.0f} {unit}" for axis, (speed, unit) in data["axis_speeds"].items())
     common.paragraph(f"Highest axis speeds: {speeds}.")
-    click.echo("\n[[test]]\n" + tomlkit.dumps(test_table(result.best.test)).rstrip() + "\n")
+    click.echo("\n[[test]]\n" + tomlkit.dumps(table_of(result.best.test)).rstrip() + "\n")
     rows = [data, *data["runners_up"]]
     common.table(
         ["test", "difference µm", "separation σ", "time min"],

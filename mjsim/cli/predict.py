@@ -67,7 +67,6 @@ def command(program, campaign, machine, tolerance, tool, zero, feed, out, table,
     """
     from mjsim.campaign.machine_file import read_machine
     from mjsim.errors import InputError
-    from mjsim.instruments.ball_bar.measurement import BallBarTest
     from mjsim.io.files import check_writable, write_whole
     from mjsim.plots.part import part_figure
     from mjsim.plots.save import encoded
@@ -85,7 +84,7 @@ def command(program, campaign, machine, tolerance, tool, zero, feed, out, table,
         c, m = common.campaign_and_machine(campaign, machine)
         saved = read_saved(c, m)
         if saved is None:
-            c.of(BallBarTest.instrument).need_traces("what a prediction leaves uncertain follows from ball-bar tests")
+            c.in_motion.need_traces("what a prediction leaves uncertain follows from ball-bar tests")
             with common.progress_bar() as progress:
                 saved = keep(diagnose(c, m, threads=common.cores(threads), progress=progress), m)
     else:

@@ -60,7 +60,7 @@ def compensate(
         InputError: unknown control, nothing measured, or a range that is none.
     """
     who = control(control_name, settings)
-    bars = campaign.of(BallBarTest.instrument)
+    bars = campaign.in_motion
     points = campaign.of(*(name for name, i in INSTRUMENTS.items() if i.at_rest))
     if not bars.measured and not points.measured:
         bars.need_traces("a correction needs measured tests of a ball bar, or of an instrument that measures at rest")

@@ -23,7 +23,7 @@ from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant
 from mjsim.machine.sensitivity import sensitivity
 from mjsim.simulation.axes import load_of, time_grid
-from mjsim.simulation.bar import reading
+from mjsim.simulation.bar import reading_in
 from mjsim.simulation.drive import STEP
 from mjsim.simulation.standing import standing
 
@@ -153,13 +153,13 @@ def forecast_at_rest(
 
 
 def _reading(plant: Plant, test: BallBarTest, time: np.ndarray, commands: np.ndarray) -> np.ndarray:
-    q = np.ascontiguousarray(load_of(plant, time, commands, test.started, test.name, test.table_ball))
-    return reading(plant.chain, q, np.asarray(test.table_ball), test.length, plant.geometry)
+    q = np.ascontiguousarray(load_of(plant, time, commands, test.started, test.recording, test.table_ball))
+    return reading_in(test, q, plant.geometry)
 
 
 def _columns(plant: Plant, test: BallBarTest, q: np.ndarray) -> np.ndarray:
-    """What the bar's length and the offsets of both balls add to the reading, (n, 7)."""
-    s = sensitivity(plant.chain, q, np.asarray(test.table_ball))
+    """What the bar's length, or a sensor's zero, and the offsets of both balls add to the reading, (n, 7)."""
+    s = sensitivity(plant.chain, q, np.asarray(test.table_ball), test.component)
     return np.column_stack([np.ones(len(q)), s.table, s.spindle])
 
 

@@ -65,23 +65,22 @@ def errors_of_bar(problem: Problem, fit: Fit) -> Design:
     """What the ball bar may be off, whitened, one standard deviation a column: first a difference between growing and
     falling readings, which is another one in every piece of a test, then gain of its sensor and form of its balls.
     """
-    bar = problem.campaign.instrument
-    # two balls with two degrees each share the variance of the form; certificates state two standard deviations
-    form = 0.25 * bar.form
+    bars = [problem.campaign.instruments[t.instrument] for t in problem.tests]
 
     def by_piece(k: int) -> np.ndarray:
         s = problem.samples[k]
         piece = np.arange(len(s.centre)) * _PIECES // len(s.centre)
         out = np.zeros((len(piece), _PIECES))
         rate = np.sign(np.gradient(fit.readings[k], GRID))
-        out[np.arange(len(piece)), piece] = 0.5 * bar.hysteresis * s.sample(rate, problem.shift(k, fit.nuisance))
+        out[np.arange(len(piece)), piece] = 0.5 * bars[k].hysteresis * s.sample(rate, problem.shift(k, fit.nuisance))
         return problem.whiten_test(k, out)
 
     def of_all(k: int) -> np.ndarray:
         s, sens, shift = problem.samples[k], problem.sensitivity[k], problem.shift(k, fit.nuisance)
         forms = np.hstack([harmonics(-sens.table), harmonics(sens.spindle)])
-        columns = [form * s.sample(column, shift) for column in forms.T]
-        return np.column_stack([0.5 * bar.gain_uncertainty * s.mean, *columns])
+        # two balls with two degrees each share the variance of the form; certificates state two standard deviations
+        columns = [0.25 * bars[k].form * s.sample(column, shift) for column in forms.T]
+        return np.column_stack([0.5 * bars[k].gain_uncertainty * s.mean, *columns])
 
     count = _PIECES * len(problem.tests)
     blocks = [(_PIECES * k + np.arange(_PIECES), own) for k, own in enumerate(problem.map(by_piece))]

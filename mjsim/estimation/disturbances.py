@@ -41,11 +41,12 @@ def without_disturbances(
     rest = problem.sample_residuals(readings, fit_nuisance(problem, readings) if nuisance is None else nuisance)
     samples = [s.copy() for s in problem.samples]
     tests, events = list(problem.tests), {t.name: 0 for t in problem.tests}
-    noise, settings = problem.noise.rms, problem.settings.outliers
-    for s, r in zip(samples, rest, strict=True):
-        events[s.test.name] = mark_outliers(s, r, noise, settings)
+    noise, settings = [problem.noise_of(k).rms for k in range(len(samples))], problem.settings.outliers
+    for s, r, n in zip(samples, rest, noise, strict=True):
+        events[s.test.name] = mark_outliers(s, r, n, settings)
     for _ in range(settings.most_events):
-        jumps = {k: at for k, s in enumerate(samples) if (at := largest_jump(s, rest[k], noise, settings)) is not None}
+        found = {k: largest_jump(s, rest[k], noise[k], settings) for k, s in enumerate(samples)}
+        jumps = {k: at for k, at in found.items() if at is not None}
         accidents = [k for k in jumps if not _jumps_elsewhere(problem, jumps, k)]
         for k in accidents:
             if leave_out_shorter_side(samples[k], jumps[k], rest[k], settings):  # the ball sits anew in what is kept
@@ -72,8 +73,8 @@ def readmitted(problem: Problem, readings: Sequence[np.ndarray], nuisance: np.nd
     samples, events = [s.copy() for s in problem.samples], dict(problem.outliers)
     found = 0
     rest = problem.sample_residuals(readings, nuisance)
-    for s, r in zip(samples, rest, strict=True):
-        back = readmit_outliers(s, s.given, r, problem.noise.rms, problem.settings.outliers)
+    for k, (s, r) in enumerate(zip(samples, rest, strict=True)):
+        back = readmit_outliers(s, s.given, r, problem.noise_of(k).rms, problem.settings.outliers)
         events[s.test.name] = max(0, events[s.test.name] - back)
         found += back
     return problem.with_samples(samples, problem.tests, events) if found else problem

@@ -24,7 +24,7 @@ from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import PLAY, Plant
 from mjsim.machine.sensitivity import BarSensitivity
 from mjsim.simulation.axes import AxesMotion
-from mjsim.simulation.bar import reading
+from mjsim.simulation.bar import reading_in
 from mjsim.simulation.transmission import reading_change, transmit
 
 #: Size of the numerical step, of a typical size; of an effect that the reading is linear in.
@@ -206,7 +206,7 @@ class Linearisation:
         if play.ops:  # while the play is crossed, what the drive does is not seen
             q = np.zeros((len(position), plant.chain.count))
             q[:, i] = position
-            position = transmit(play.op_table(motion.test.name, motion.test.started), q, self._clock(k))[:, i]
+            position = transmit(play.op_table(motion.test.recording, motion.test.started), q, self._clock(k))[:, i]
         return p.sensitivity[k].axes[:, i] * position
 
     def _play_of(self, axis: str) -> Plant:
@@ -220,7 +220,7 @@ class Linearisation:
     def _of_geometry(self, k: int, alone: Plant, axis: str) -> np.ndarray:
         """The reading of test ``k`` with the geometry of one effect, on the grid, m."""
         test = self.problem.motions[k].test
-        return reading(alone.chain, self._axes(k), np.asarray(test.table_ball), test.length, alone.geometry)
+        return reading_in(test, self._axes(k), alone.geometry)
 
     def _of_table(self, k: int, alone: Plant, axis: str) -> np.ndarray:
         """What error motions of the table add to the reading of test ``k``, on the grid, m."""
@@ -232,7 +232,7 @@ class Linearisation:
         q[:, :count], weight[:, :count] = axes, self.problem.sensitivity[k].axes
         for column in {op.out for op in alone.ops if op.out >= count}:
             weight[:, column] = self._by_motion[column][k]
-        return reading_change(alone.op_table(test.name, test.started), q, self._clock(k), weight)
+        return reading_change(alone.op_table(test.recording, test.started), q, self._clock(k), weight)
 
     def _with_motions(self, plants: list[Plant]) -> None:
         """Compute the derivatives of the readings by the error motions that occur in ``plants``."""
@@ -246,7 +246,7 @@ class Linearisation:
         axes, test = self._axes(k), self.problem.motions[k].test
         q = np.zeros((len(axes), column + 1))
         q[:, : axes.shape[1]], q[:, column] = axes, _MOTION
-        return reading(self.plant.chain, q, np.asarray(test.table_ball), test.length, Geometry())
+        return reading_in(test, q, Geometry())
 
     def _of_operations(self, k: int, alone: Plant, axis: str) -> np.ndarray:
         """What the operations of one effect add to the reading of test ``k``, on the grid, m."""
@@ -258,7 +258,7 @@ class Linearisation:
             i = alone.chain.index(axis)
             axes = axes.copy()
             axes[:, i] = self.problem.motions[k].motor(axis, self.plant.axes[axis], GRID_STEPS)
-        ops = alone.op_table(test.name, test.started)
+        ops = alone.op_table(test.recording, test.started)
         return reading_change(ops, axes, self._clock(k), self.problem.sensitivity[k].axes)
 
     def _axes(self, k: int) -> np.ndarray:

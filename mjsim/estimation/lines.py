@@ -50,9 +50,15 @@ class Line:
 
 @dataclass(frozen=True)
 class Record:
-    """One test's residual in single samples: ``x`` (n,) m with bad samples at 0, ``weight`` (n, 3) sensitivities to the
-    linear axes (0 at bad samples), ``time`` (n,) s from the program's start, ``noise`` power per sample, m², over the
-    frequencies of ``x``'s spectrum.
+    """One test's residual in single samples.
+
+    Attributes:
+        name: Of its recording.
+        time: From the program's start, (n,) s.
+        x: (n,) m, with bad samples at 0.
+        weight: Sensitivities to the linear axes, 0 at bad samples, (n, 3).
+        noise: Power per sample over the frequencies of the spectrum of ``x``, m².
+        rate: Samples per second, Hz.
     """
 
     name: str
@@ -109,7 +115,7 @@ def records_of(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray, r
             2.0
         )  # the median of an exponential is ln 2 of its mean
         out.append(
-            Record(s.test.name, time, x, np.where(valid[:, None], weight, 0.0), np.maximum(floor, 1e-18), 1.0 / dt)
+            Record(s.test.recording, time, x, np.where(valid[:, None], weight, 0.0), np.maximum(floor, 1e-18), 1.0 / dt)
         )
     return out
 
@@ -173,6 +179,15 @@ def amplitude_of(r: Record, frequency: float, i: int) -> tuple[complex, float]:
     return complex(c[0], c[1]), 0.5 * scale / float(r.noise_at(frequency))
 
 
+def phases_of(records: list[Record], frequency: float, i: int) -> dict[str, float]:
+    """Phase of a wave of the ``i``-th axis in every recording, rad by name: readings of one share it."""
+    sums: dict[str, complex] = {}
+    for r in records:
+        wave, information = amplitude_of(r, frequency, i)
+        sums[r.name] = sums.get(r.name, 0j) + information * wave
+    return {name: float(np.angle(wave)) for name, wave in sums.items()}
+
+
 def _common(records: list[Record], frequency: float, i: int) -> tuple[float, float, float]:
     """Gain with one amplitude for all tests, that amplitude (m), and the gain with an amplitude for each."""
     pairs = [amplitude_of(r, frequency, i) for r in records]
@@ -191,11 +206,10 @@ def _line(records: list[Record], frequency: float, chain: Chain, settings: Diagn
     f, gain, amplitude, free = fits[best]
     if gain < settings.vibration_common * free or amplitude == 0.0:
         return None
-    waves, info = zip(*(amplitude_of(r, f, best) for r in records), strict=True)
-    info = np.array(info)
+    info = np.array([amplitude_of(r, f, best)[1] for r in records])
     spread = float(info @ [np.var(r.time) for r in records])
-    phases = {r.name: float(np.angle(c)) for r, c in zip(records, waves, strict=True)}
-    effect = Vibration(chain.linear[best], amplitude_um=amplitude / UM, frequency_Hz=f).with_phases(phases)
+    effect = Vibration(chain.linear[best], amplitude_um=amplitude / UM, frequency_Hz=f)
+    effect = effect.with_phases(phases_of(records, f, best))
     size, sd_a, sd_f = amplitude / UM, 1.0 / UM / np.sqrt(info.sum()), 1.0 / (2.0 * np.pi * amplitude * np.sqrt(spread))
     ci = {
         "amplitude_um": [max(0.0, size - 1.96 * sd_a), size + 1.96 * sd_a],

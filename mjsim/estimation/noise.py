@@ -5,8 +5,9 @@ It is coloured, so neighbouring samples are no independent evidence. All fits an
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -15,6 +16,7 @@ from scipy.sparse import csr_array
 
 from mjsim.estimation.samples import BLOCKS, Samples, revolution_time
 from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.instruments.ball_bar.measurement import USUAL_NOISE
 
 #: A test whose revolutions have fewer samples or blocks in common says nothing about the noise.
 _FEWEST = 50
@@ -117,31 +119,55 @@ def half_differences(s: Samples) -> tuple[np.ma.MaskedArray, np.ma.MaskedArray]:
     return out[0], out[1]
 
 
-def usual_noise(block: float = BLOCKS[0], resolution: float = 0.1e-6) -> Noise:
-    """The noise of an ordinary ball bar, where none can be measured (assumed: 0.12 µm, correlated over 0.05 s)."""
-    ar = np.array([np.exp(-block / 0.05)])
-    rms = max(0.12e-6, resolution)
-    return Noise(
-        rms, 0.93 * rms, ar, 0.93 * rms * float(np.sqrt(1 - ar[0] ** 2)), "assumed: no test repeats its revolution"
-    )
+def usual_noise(
+    block: float = BLOCKS[0], resolution: float = 0.1e-6, rms: float = USUAL_NOISE, stated: bool = False
+) -> Noise:
+    """The noise of an ordinary instrument, where none can be measured (assumed: correlated over 0.05 s).
+
+    Args:
+        block: Length of an averaging block, s.
+        resolution: Of a reading, m.
+        rms: Of one sample, m.
+        stated: Whether the user says so.
+    """
+    ar, rms = np.array([np.exp(-block / 0.05)]), max(rms, resolution)
+    source = "as stated: no test repeats its revolution" if stated else "assumed: no test repeats its revolution"
+    return Noise(rms, 0.93 * rms, ar, 0.93 * rms * float(np.sqrt(1 - ar[0] ** 2)), source)
 
 
-def estimate_noise(samples: Sequence[Samples], resolution: float, order: int = 5) -> Noise:
-    """Noise model of a campaign.
-
-    Tests with two revolutions or more give half-differences. Those that are much louder than the median of all are left
-    out: something in them does not repeat, and must not raise the floor. Without any, 0.12 µm with the usual colour is
-    assumed.
+def noises_of(samples: Sequence[Samples], instruments: Mapping[str, Any]) -> dict[str, Noise]:
+    """Noise model of each instrument, by its name.
 
     Args:
         samples: Of all tests.
+        instruments: Numbers of the instruments, by name.
+    """
+    out = {}
+    for name in dict.fromkeys(s.test.instrument for s in samples):
+        mine, data = [s for s in samples if s.test.instrument == name], instruments[name]
+        usual = usual_noise(mine[0].block, data.resolution, data.usual_noise, data.noise_stated)
+        out[name] = estimate_noise(mine, data.resolution, usual)
+    return out
+
+
+def estimate_noise(
+    samples: Sequence[Samples], resolution: float, usual_one: Noise | None = None, order: int = 5
+) -> Noise:
+    """Noise model of one instrument.
+
+    Tests with two revolutions or more give half-differences. Those that are much louder than the median of all are left
+    out: something in them does not repeat, and must not raise the floor.
+
+    Args:
+        samples: Of all its tests.
         resolution: Of the instrument, m.
+        usual_one: What it is without any; by default that of an ordinary ball bar.
         order: Of the autoregressive model.
     """
     repeated = [half_differences(s) for s in samples if kind_of(s.test).repeats(s.test)]
     repeated = [(fine, coarse) for fine, coarse in repeated if coarse.count() > _FEWEST]
     if not repeated:
-        return usual_noise(samples[0].block, resolution)
+        return usual_one or usual_noise(samples[0].block, resolution)
     levels = np.array([coarse.var() for _, coarse in repeated])
     usual = _LOUD * np.percentile(levels, 50, method="lower")  # of two tests the quieter: the other may have a knock
     repeated = [both for both, level in zip(repeated, levels, strict=True) if level <= usual]

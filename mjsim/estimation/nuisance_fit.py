@@ -38,12 +38,13 @@ def fit_nuisance(
     x = np.zeros(p.size) if begin is None else begin
     for _ in range(iterations):
         columns, rest = problem.nuisance_columns(readings, x), problem.residual(readings, x)
-        misfit = max(0.0, _spread(problem, rest) - problem.noise.block_rms)
+        noises = [problem.noise_of(k).block_rms for k in range(len(rest))]
+        misfit = max(0.0, _spread(problem, rest) - float(np.sqrt(np.mean(np.square(noises)))))
         normal, gradient = np.zeros((p.size, p.size)), np.zeros(p.size)
-        for c, r, s, t in zip(columns, rest, problem.samples, problem.tests, strict=True):
+        for c, r, s, t, noise in zip(columns, rest, problem.samples, problem.tests, noises, strict=True):
             c, r, at = c[s.good], r[s.good], p.of_test(t)
             c[:, -1] -= c[:, -1].mean()  # its trigger's
-            weight = 1.0 / (_CORRELATED * problem.noise.block_rms**2 + max(1.0, len(r) / _MISFIT_POINTS) * misfit**2)
+            weight = 1.0 / (_CORRELATED * noise**2 + max(1.0, len(r) / _MISFIT_POINTS) * misfit**2)
             normal[np.ix_(at, at)] += weight * c.T @ c
             gradient[at] += weight * c.T @ r
         step = LeastSquares(p, normal).step(gradient, x)

@@ -18,8 +18,8 @@ from mjsim.effects import registry
 from mjsim.estimation.data_sheet import calibrated, data_sheet, sheet_of
 from mjsim.estimation.design import Design
 from mjsim.estimation.kept_changes import KeptChanges
-from mjsim.estimation.noise import Noise, estimate_noise
-from mjsim.estimation.nuisance import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, Nuisances
+from mjsim.estimation.noise import Noise, noises_of
+from mjsim.estimation.nuisance import TRIGGER, Nuisances, set_up_columns
 from mjsim.estimation.samples import GRID, GRID_STEPS, Samples, make_samples
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.estimation.whitening import Whitening
@@ -29,7 +29,7 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant
 from mjsim.machine.sensitivity import BarSensitivity
-from mjsim.simulation.axes import AxesMotion
+from mjsim.simulation.axes import AxesMotion, motions_of
 from mjsim.simulation.stability import check_stable
 from mjsim.threads import Workers
 
@@ -68,7 +68,7 @@ class Problem:
         campaign: As it was read.
         tests: The measured tests.
         samples: Their traces in blocks, one per test.
-        noise: Noise model of the block means.
+        noises: Noise models of the block means, by name of the instrument.
         motions: The axes' motions, one per test.
         sensitivity: The reading's derivatives along each test, at the positions that the machine as given reaches.
         nuisances: Blocks of set-up and instrument.
@@ -82,7 +82,7 @@ class Problem:
     campaign: Campaign
     tests: tuple[BallBarTest, ...]
     samples: tuple[Samples, ...]
-    noise: Noise
+    noises: Mapping[str, Noise]
     motions: tuple[AxesMotion, ...]
     sensitivity: tuple[BarSensitivity, ...]
     nuisances: Nuisances
@@ -120,16 +120,16 @@ class Problem:
         # calling thread only; one that is to be fitted is in no plant yet
         known = {*registry.kinds().values(), *map(type, plant.python_effects)}
         workers = Workers(1 if any(c.position_error is not Effect.position_error for c in known) else threads)
-        campaign = campaign.of(BallBarTest.instrument)
+        campaign = campaign.in_motion
         tests = campaign.measured
         samples = make_samples(tests, campaign.traces, block)
-        noise = estimate_noise(samples, campaign.instrument.resolution)
-        motions = tuple(AxesMotion(t) if keep_motions else AxesMotion(t, keep=1, light=True) for t in tests)
+        noises = noises_of(samples, campaign.instruments)
+        motions = motions_of(tests) if keep_motions else motions_of(tests, keep=1, light=True)
         sensitivity = workers.map(lambda k: motions[k].sensitivity(plant, GRID_STEPS), range(len(tests)))
         nuisances = Nuisances.of_tests(tests, settings.trigger_limit)
         outliers = {t.name: 0 for t in tests}
         return cls(
-            campaign, tests, tuple(samples), noise, motions, tuple(sensitivity), nuisances, outliers, workers, settings
+            campaign, tests, tuple(samples), noises, motions, tuple(sensitivity), nuisances, outliers, workers, settings
         )
 
     def with_samples(
@@ -141,7 +141,7 @@ class Problem:
 
     def with_noise_of_samples(self) -> Problem:
         """The problem with the noise estimated again, from its samples."""
-        return replace(self, noise=estimate_noise(self.samples, self.campaign.instrument.resolution))
+        return replace(self, noises=noises_of(self.samples, self.campaign.instruments))
 
     def without(self, parts: Sequence[np.ndarray]) -> Problem:
         """The problem with parts of the readings that are understood left out of the data.
@@ -176,6 +176,15 @@ class Problem:
         return self.workers.map(work, range(len(self.tests)))
 
     @property
+    def noise(self) -> Noise:
+        """Noise model of the first test."""
+        return self.noise_of(0)
+
+    def noise_of(self, k: int) -> Noise:
+        """Noise model of test ``k``."""
+        return self.noises[self.tests[k].instrument]
+
+    @property
     def chain(self) -> Chain:
         """Axes of the machine that was measured."""
         return self.tests[0].chain
@@ -193,7 +202,7 @@ class Problem:
     @cached_property
     def _kept(self) -> list[np.ndarray]:
         """Per test, the blocks that have a whitened residual."""
-        return [np.flatnonzero(self.noise.rows(s)) for s in self.samples]
+        return [np.flatnonzero(self.noise_of(k).rows(s)) for k, s in enumerate(self.samples)]
 
     def readings(self, plant: Plant) -> list[np.ndarray]:
         """Simulated readings of all tests on the GRID, m."""
@@ -201,16 +210,26 @@ class Problem:
 
     def shift(self, k: int, nuisance: np.ndarray) -> float:
         """Trigger shift of test ``k``, s."""
-        return self.nuisances.trigger(nuisance, self.tests[k].name)
+        return self.nuisances.trigger(nuisance, self.tests[k].recording)
+
+    @cached_property
+    def set_up(self) -> list[np.ndarray]:
+        """Derivatives of every test's reading by its nuisances but for the trigger, on the GRID, (n, k) m per prior
+        standard deviation.
+        """
+
+        def one(k: int) -> np.ndarray:
+            test, trace, shown = self.tests[k], self.campaign.traces[self.tests[k].name], None
+            if test.component:
+                time = GRID * np.arange(len(self.sensitivity[k].table))
+                shown = np.column_stack([np.interp(time, trace.time, x) for x in trace.vector.T])
+            return set_up_columns(test, self.sensitivity[k], shown)
+
+        return self.map(one)
 
     def offsets(self, k: int, nuisance: np.ndarray) -> np.ndarray:
-        """What the set-up's ball offsets and the bar's length add to test ``k``'s reading, on the GRID, m."""
-        n, sens, setup = self.nuisances, self.sensitivity[k], self.tests[k].setup
-        return (
-            sens.table @ n.table_ball(nuisance, setup)
-            + sens.spindle @ n.spindle_ball(nuisance, setup)
-            + n.length(nuisance, setup)
-        )
+        """What set-up and instrument add to test ``k``'s reading, on the GRID, m."""
+        return self.set_up[k] @ nuisance[self.nuisances.of_test(self.tests[k])[:-1]]
 
     def modelled(self, readings: Sequence[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
         """Modelled block means of every test, m: simulated readings on the GRID with the nuisances
@@ -227,7 +246,7 @@ class Problem:
         return [s.mean - x for s, x in zip(self.samples, self.modelled(readings, nuisance), strict=True)]
 
     def nuisance_columns(self, readings: Sequence[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
-        """Derivatives of the modelled block means, (m, 8) per test, m per prior standard deviation.
+        """Derivatives of the modelled block means, (m, k) per test, m per prior standard deviation.
 
         Columns are those of ``nuisances.of_test(test)``. The other nuisances do not reach that test: what is computed
         with these columns grows with the tests, not with their square.
@@ -235,18 +254,20 @@ class Problem:
         return self.map(lambda k: self.nuisance_columns_of_test(k, readings[k], nuisance))
 
     def nuisance_columns_of_test(self, k: int, reading: np.ndarray, nuisance: np.ndarray) -> np.ndarray:
-        """The same of one test, (m, 8)."""
-        s, sens, shift = self.samples[k], self.sensitivity[k], self.shift(k, nuisance)
-        out = np.empty((len(s.centre), 8))
-        for j in range(3):
-            out[:, j] = s.sample(sens.table[:, j], shift) * TABLE_BALL
-            out[:, 3 + j] = s.sample(sens.spindle[:, j], shift) * SPINDLE_BALL
-        out[:, 6] = LENGTH
-        out[:, 7] = -s.sample(np.gradient(reading + self.offsets(k, nuisance), GRID), shift) * TRIGGER
-        return out
+        """The same of one test, (m, k)."""
+        s, shift = self.samples[k], self.shift(k, nuisance)
+        late = -s.sample(np.gradient(reading + self.offsets(k, nuisance), GRID), shift) * TRIGGER
+        return np.column_stack([*self.set_up_means(k, shift), late])
+
+    def set_up_means(self, k: int, shift: float) -> list[np.ndarray]:
+        """Block means (m,) of test ``k``'s :attr:`set_up` at a trigger shift, s, column by column."""
+        return [
+            self.samples[k].sample(column, shift) if column.any() else np.zeros(len(self.samples[k].centre))
+            for column in self.set_up[k].T
+        ]
 
     def whiten_nuisance(self, columns: Sequence[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Per test, the places (8,) of its nuisances and the whitened rows of its :meth:`nuisance_columns`."""
+        """Per test, the places (k,) of its nuisances and the whitened rows of its :meth:`nuisance_columns`."""
         parts = self.map(lambda k: self.whiten_test(k, columns[k]))
         blocks = [(self.nuisances.of_test(t), part) for t, part in zip(self.tests, parts, strict=True)]
         if self.whitening is None or not self.whitening.shared:
@@ -306,7 +327,10 @@ class Problem:
     @cached_property
     def filters(self) -> list[csr_array]:
         """What the noise model does to the blocks of each test, as sparse matrices."""
-        return [self.noise.filter(kept, len(s.centre)) for kept, s in zip(self._kept, self.samples, strict=True)]
+        return [
+            self.noise_of(k).filter(kept, len(s.centre))
+            for k, (kept, s) in enumerate(zip(self._kept, self.samples, strict=True))
+        ]
 
     def whitened_by(self, whitening: Whitening) -> Problem:
         """The problem with another whitening of what its errors are beyond the campaign's noise."""
@@ -318,5 +342,5 @@ class Problem:
 
     def whiten_test(self, k: int, columns: np.ndarray) -> np.ndarray:
         """Whitened rows of block columns (m,) or (m, k) of one test, but for what it shares with other tests."""
-        rows = self.noise.whiten(self.samples[k], columns, self._kept[k])
+        rows = self.noise_of(k).whiten(self.samples[k], columns, self._kept[k])
         return rows if self.whitening is None else self.whitening.of_test(k, rows)

@@ -59,10 +59,11 @@ def better_triggers(
     """
     rests = problem.residual(list(readings), nuisance)
     size = np.array([np.sqrt(np.mean(r[s.good] ** 2)) for r, s in zip(rests, problem.samples, strict=True)])
-    poor = np.flatnonzero(size > _GOOD * problem.noise.block_rms).tolist()
+    noise = np.array([problem.noise_of(k).block_rms for k in range(len(size))])
+    poor = np.flatnonzero(size > _GOOD * noise).tolist()
     if not len(poor) or len(poor) > largest_share * len(size):
         return None
-    at = [problem.nuisances.place(TRIGGERS, problem.tests[k].name) for k in poor]
+    at = [problem.nuisances.place(TRIGGERS, problem.tests[k].recording) for k in poor]
     better = [_better_trigger(problem, k, readings[k], nuisance) for k in poor]
     if all(trigger is None for trigger in better):
         return None
@@ -83,7 +84,7 @@ def _better_trigger(problem: Problem, k: int, reading: np.ndarray, nuisance: np.
 def _left(problem: Problem, k: int, reading: np.ndarray, nuisance: np.ndarray, trigger: float) -> float:
     """Squared residual of test ``k`` at a trigger, once the set-up has taken up what it can."""
     moved, s = nuisance.copy(), problem.samples[k]
-    moved[problem.nuisances.place(TRIGGERS, problem.tests[k].name)] = trigger
+    moved[problem.nuisances.place(TRIGGERS, problem.tests[k].recording)] = trigger
     rest = (s.mean - problem.modelled_test(k, reading, moved))[s.good]
     columns = problem.nuisance_columns_of_test(k, reading, moved)[s.good]
     slow = np.delete(columns, -1, axis=1)  # all but the trigger's own

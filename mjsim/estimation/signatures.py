@@ -180,7 +180,7 @@ class SignatureBank(Bank):
         """Everything that the matrix follows from, for the cache."""
         p, fit = self.problem, self.fit
         model = fit.base, [f.effect for f in fit.effects], fit.sheet_deviation, fit.nuisance
-        return (*model, p.tests, p.samples, p.noise, p.sensitivity, [(c.effect, c.names) for c in candidates])
+        return (*model, p.tests, p.samples, p.noises, p.sensitivity, [(c.effect, c.names) for c in candidates])
 
     def columns(self, c: Candidate) -> list[np.ndarray]:
         """Block-mean signatures per test, (m, k), m per typical size."""

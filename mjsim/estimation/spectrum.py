@@ -7,6 +7,7 @@ import numpy as np
 from mjsim.effects import registry
 from mjsim.estimation.fit import Fit
 from mjsim.estimation.linearisation import OfTest
+from mjsim.estimation.noise import Noise
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.signatures import Candidate, Offer, SignatureBank
 from mjsim.machine.chain import is_rotary
@@ -46,11 +47,11 @@ def orders(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: in
         shift = problem.shift(k, fit.nuisance)
         x, weight = s.sample(q, shift), s.sample(problem.sensitivity[k].axes[:, i], shift)
         speed = np.gradient(x) / turn
-        score = _backward(problem, np.where(s.good, rest[k], 0.0))
+        score = _backward(problem.noise_of(k), np.where(s.good, rest[k], 0.0))
         place = (np.floor(x / turn * _BINS) % _BINS).astype(int)
         for sense, there in enumerate((speed > 0.0, speed <= 0.0)):
             gathered[sense] = np.bincount(place[there], (weight * score)[there], _BINS)
-            variance[sense] = _variance(problem, highest, np.abs(speed[there]), weight[there])
+            variance[sense] = _variance(problem.noise_of(k), highest, np.abs(speed[there]), weight[there])
         return gathered, variance
 
     gathered, variance = (np.sum(parts, axis=0) for parts in zip(*problem.map(one), strict=True))
@@ -66,21 +67,21 @@ def orders(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: in
     return out
 
 
-def _backward(problem: Problem, rest: np.ndarray) -> np.ndarray:
+def _backward(noise: Noise, rest: np.ndarray) -> np.ndarray:
     """The residual weighted with the inverse noise covariance (generalised least squares): filtered forwards and
     backwards.
     """
-    taps = problem.noise.taps
+    taps = noise.taps
     whitened = np.convolve(rest, taps)[: len(rest)]
     return np.convolve(whitened[::-1], taps)[: len(rest)][::-1]
 
 
-def _variance(problem: Problem, highest: int, speed: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def _variance(noise: Noise, highest: int, speed: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Information about every order's amplitude, (highest,): by the noise at the frequency at which the order passes.
 
     ``speed`` is in turns per block.
     """
-    taps = problem.noise.taps
+    taps = noise.taps
     bins = np.minimum((speed * highest * 1.001 * 2).astype(int), 400)
     power = np.bincount(bins, weight**2, 401)
     centre = (np.arange(401) + 0.5) / (2 * highest * 1.001)

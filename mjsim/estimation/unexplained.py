@@ -120,7 +120,7 @@ def describe(
     )
     spread = [float(np.std(p)) for p in parts]
     order = sorted(
-        (k for k in range(len(parts)) if spread[k] > problem.settings.visible_share * problem.noise.rms),
+        (k for k in range(len(parts)) if spread[k] > problem.settings.visible_share * problem.noise_of(k).rms),
         key=lambda k: -spread[k],
     )
     where = tuple(

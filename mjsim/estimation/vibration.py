@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mjsim.effects.vibration import Vibration
-from mjsim.estimation.lines import Line, amplitude_of, find, records_of
+from mjsim.estimation.lines import Line, find, phases_of, records_of
 from mjsim.estimation.nuisance_fit import fit_nuisance
 from mjsim.estimation.problem import Problem
 from mjsim.machine.effect import Effect
@@ -144,7 +144,7 @@ def _with_phases(
     for effect in waves:
         records = records_of(problem, rest, nuisance, False)
         i, f = problem.chain.index(effect.subject), effect.values["frequency_Hz"]
-        out.append(effect.with_phases({r.name: float(np.angle(amplitude_of(r, f, i)[0])) for r in records}))
+        out.append(effect.with_phases(phases_of(records, f, i)))
         rest = [r - _wave(problem, k, out[-1], problem.shift(k, nuisance)) for k, r in enumerate(rest)]
     return out
 
@@ -154,4 +154,4 @@ def _wave(problem: Problem, k: int, effect, shift: float) -> np.ndarray:
     s = problem.samples[k]
     w = 2.0 * np.pi * effect.values["frequency_Hz"]
     weight = s.sample_all(problem.sensitivity[k].axes[:, problem.chain.index(effect.subject)], shift)
-    return weight * effect.si("amplitude_um") * np.sin(w * (s.time - shift) + effect.phases.get(s.test.name, 0.0))
+    return weight * effect.si("amplitude_um") * np.sin(w * (s.time - shift) + effect.phases.get(s.test.recording, 0.0))

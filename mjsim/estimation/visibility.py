@@ -29,12 +29,12 @@ def clear_tests(problem: Problem, fit: Fit, key: str) -> tuple[str, ...]:
         without = without.with_effect(stated)
     parts = problem.difference(problem.readings(build(without)), fit.readings, fit.nuisance)
     left = unabsorbed(problem, fit, parts, problem.settings.setup_limit)
-    least = problem.settings.visible_share * problem.noise.rms
+    share = problem.settings.visible_share
     good = [s.good for s in problem.samples]
     return tuple(
         t.name
-        for t, ok, *both in zip(problem.tests, good, parts, left, strict=True)
-        if min(np.std(p[ok]) for p in both) > least
+        for k, (t, ok, *both) in enumerate(zip(problem.tests, good, parts, left, strict=True))
+        if min(np.std(p[ok]) for p in both) > share * problem.noise_of(k).rms
     )
 
 

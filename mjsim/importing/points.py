@@ -22,7 +22,7 @@ from mjsim.importing.into_campaign import campaign_file, test_name
 from mjsim.importing.reading import Options
 from mjsim.importing.table import Table
 from mjsim.importing.units import QUANTITIES, bare, factor, unit_named, unit_of_column
-from mjsim.instruments.base import INSTRUMENTS
+from mjsim.instruments.base import INSTRUMENTS, Instrument
 from mjsim.instruments.sphere.measurement import Points, SphereTest
 from mjsim.instruments.sphere.touches import LOGGED, centres_of_log
 from mjsim.io.files import check_writable, write_all
@@ -81,7 +81,7 @@ class ImportedPoints:
         return {
             "source": str(self.source),
             "trace": str(self.target),
-            "test": self.test.name,
+            "test": getattr(self.test, "recording", self.test.name),
             "new_test": self.new_test,
             "points": len(value),
             "columns": [{"column": c.place + 1, "is": c.name, "unit": c.unit} for c in self.columns],
@@ -121,9 +121,10 @@ def import_points(
     data = parse(file)
     c = campaign_from(file, data, traces=False, empty=True)
     chain, name = read_machine(c.machine_file).chain, test or test_name(source)
-    known = next((t for t in c.tests if t.name == name), None)
-    if known is not None and not INSTRUMENTS[known.instrument].at_rest:
-        kinds = ", ".join(k for i in INSTRUMENTS.values() if i.at_rest for k in i.kinds())
+    known = next((t for t in c.tests if name in (t.name, getattr(t, "recording", t.name))), None)
+    if known is not None and not INSTRUMENTS[known.instrument].file_columns(known):
+        able = (i for i in INSTRUMENTS.values() if type(i).file_columns is not Instrument.file_columns)
+        kinds = ", ".join(k for i in able for k in i.kinds())
         raise InputError(f'{file}: [[test]] "{name}" is of the kind {known.kind!r}; allowed with --points: {kinds}')
     if known is not None and sphere_mm is not None:
         raise InputError(f'{file}: [[test]] "{name}" says where the sphere is; leave out --sphere')
@@ -154,7 +155,9 @@ def import_points(
         write_all(
             {target: gzip.compress(out, mtime=0) if target.suffix == ".gz" else out, file: text.encode()}, force=True
         )
-    asked = tuple(m.sentence for m in instrument.mistakes([made], {name: recording}, c.instruments[made.instrument]))
+    asked = tuple(
+        m.sentence for m in instrument.mistakes([made], {made.name: recording}, c.instruments[made.instrument])
+    )
     return ImportedPoints(source, target, made, columns, recording, (*table.notes, *notes, *more), asked, known is None)
 
 

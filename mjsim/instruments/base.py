@@ -163,6 +163,8 @@ class Instrument(ABC, Generic[T, R]):
         beside: JSON key of its answer in a campaign whose first answer is another instrument's.
         order: Place of its answer in a campaign of several instruments.
         own_keys: Keys of its ``[instrument]`` table that not every instrument has: type and default of each.
+        in_motion: Whether each of its tests is one reading along a motion, as a ball bar's: its tests are
+            :class:`~mjsim.instruments.ball_bar.measurement.BallBarTest`, and all such instruments are fitted together.
         at_rest: Whether it measures while the machine stands still; it then says :meth:`stops`.
         plan_option: Option of ``mjsim plan`` that proposes positions.
         usual: Its own numbers where a campaign does not have it.
@@ -177,6 +179,7 @@ class Instrument(ABC, Generic[T, R]):
     beside: ClassVar[str]
     order: ClassVar[int] = 9
     own_keys: ClassVar[Mapping[str, tuple[Any, Any]]] = {}
+    in_motion: ClassVar[bool] = False
     at_rest: ClassVar[bool] = False
     plan_option: ClassVar[str] = ""
     usual: ClassVar[Any] = None
@@ -206,6 +209,16 @@ class Instrument(ABC, Generic[T, R]):
         Raises:
             InputError: A value is wrong, or does not go with another one.
         """
+
+    def tests_of(self, file: Path, table: Any, chain: Chain) -> tuple[T, ...]:
+        """All tests that a checked table describes: several where one recording holds several readings.
+
+        Args:
+            file: As for :meth:`test_of`.
+            table: As for :meth:`test_of`.
+            chain: As for :meth:`test_of`.
+        """
+        return (self.test_of(file, table, chain),)
 
     def data_of(self, table: Any) -> Any:
         """The instrument's own numbers from its ``[instrument]`` table, SI."""
@@ -392,3 +405,8 @@ def register(cls: type[_I]) -> type[_I]:
 def instrument_of(kind: object) -> Instrument | None:
     """The instrument whose tests are of a kind; ``None`` where no instrument has it."""
     return next((i for i in INSTRUMENTS.values() if kind in i.kinds()), None)
+
+
+def table_of(test: Any) -> dict[str, Any]:
+    """The ``[[test]]`` table of a planned test of any instrument."""
+    return INSTRUMENTS[test.instrument].test_table(test)

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mjsim.machine.chain import Axis, Chain, ErrorMotion
+from mjsim.machine.chain import COORDINATES, Axis, Chain, ErrorMotion
 
 
 @dataclass
@@ -302,9 +302,23 @@ def bar_vector(
 
 
 def reading(
-    chain: Chain, q: np.ndarray, point: np.ndarray, length: float, geometry: Geometry | None = None
+    chain: Chain,
+    q: np.ndarray,
+    point: np.ndarray,
+    length: float,
+    geometry: Geometry | None = None,
+    component: str = "",
 ) -> np.ndarray:
     """Ball-bar reading ``|OS − OT| − L``, positive outward, (n,) m; arguments as :func:`bar_vector`, and the bar's
-    length, m.
+    length, m. With a ``component`` (X, Y or Z) that coordinate of ``OT − OS`` instead, which one sensor of an R-test
+    reads.
     """
-    return np.linalg.norm(bar_vector(chain, q, point, geometry), axis=1) - length
+    bar = bar_vector(chain, q, point, geometry)
+    return bar @ read_along(component) if component else np.linalg.norm(bar, axis=1) - length
+
+
+def read_along(component: str) -> np.ndarray:
+    """What a sensor along a coordinate makes of the vector from the table ball to the spindle ball, (3,); zero where
+    there is none.
+    """
+    return np.array([-1.0 if c == component else 0.0 for c in COORDINATES])

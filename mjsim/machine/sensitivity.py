@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjsim.machine.chain import Axis, Chain
-from mjsim.machine.kinematics import bar_vector, turn_about
+from mjsim.machine.kinematics import bar_vector, read_along, turn_about
 
 
 @dataclass(frozen=True)
@@ -26,16 +26,20 @@ class BarSensitivity:
     table: np.ndarray
 
 
-def sensitivity(chain: Chain, q: np.ndarray, point: np.ndarray) -> BarSensitivity:
+def sensitivity(chain: Chain, q: np.ndarray, point: np.ndarray, component: str = "") -> BarSensitivity:
     """Derivatives of the ideal machine's reading.
 
     Args:
         chain: the machine's axes.
         q: (n, axes) axis positions, m and rad.
         point: (3,) table-ball centre in the work frame, m.
+        component: Coordinate that is read; empty: the distance of the balls.
     """
-    bar = bar_vector(chain, q, point)
-    unit = bar / np.linalg.norm(bar, axis=1)[:, None]
+    if component:
+        unit = np.broadcast_to(read_along(component), (len(q), 3))
+    else:
+        bar = bar_vector(chain, q, point)
+        unit = bar / np.linalg.norm(bar, axis=1)[:, None]
     axes = np.zeros((len(q), chain.count))
     axes[:, chain.linear_columns] = unit
     _per_axis(chain, chain.work, q, point, unit, -1.0, axes)

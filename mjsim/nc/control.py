@@ -247,7 +247,7 @@ def feed_report(
     return FeedReport(
         fine[part],
         phi[part],
-        reading(test.chain, q[part], np.asarray(test.table_ball), test.length),
+        reading(test.chain, q[part], np.asarray(test.table_ball), test.length, None, test.component),
         radius,
         test.feed,
         given.duration,

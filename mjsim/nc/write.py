@@ -251,16 +251,18 @@ def _comment_lines(
         "tcp": f"tool tip on workpiece, {test.feed / MM * 60:g} mm/min",
     }[feed]
     where = "tool tip in table coordinates" if feed == "tcp" else "axis positions"
+    ball, bar = ("sphere", "") if test.component else ("table ball", f"bar {test.length / MM:g} mm, ")
+    centre = "centre of the sphere" if test.component else "spindle ball centre"
     lines = [
-        f"mjsim ball-bar test {test.name}",
+        f"mjsim {'R-test' if test.component else 'ball-bar test'} {test.recording}",
         *([f"machine {machine}"] if machine else []),
         kind,
         *([f"hold the spindle at {test.spindle / DEG:g} deg"] if test.spindle else []),
-        f"table ball X{x} Y{y} Z{z} mm, bar {test.length / MM:g} mm, feed {test.feed / MM * 60:g} mm/min",
+        f"{ball} X{x} Y{y} Z{z} mm, {bar}feed {test.feed / MM * 60:g} mm/min",
         f"phi {phi[0] / DEG:g} to {phi[-1] / DEG:g} deg, {len(phi) - 1} blocks, step "
         f"{abs(phi[1] - phi[0]) / DEG:.6g} deg, "
         f"{decimals} decimals, {motion.duration:.3f} s",
-        f"{_zero_point(test.chain)}. {' '.join(test.chain.linear)}: spindle ball centre, {where}",
+        f"{_zero_point(test.chain)}. {' '.join(test.chain.linear)}: {centre}, {where}",
         f"F: {said}. {table} {'0 to 360' if o.rollover else 'unwrapped'}",
         *([f"sense of the rotary axes, iso is that of ISO 841: {senses}"] if senses else []),
         "not tried on a real control: run it clear of everything first",

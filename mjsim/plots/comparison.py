@@ -10,7 +10,6 @@ import numpy as np
 
 from mjsim.campaign.model import Campaign
 from mjsim.instruments.axis_log.measurement import LogTest
-from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import INSTRUMENTS, Over
 from mjsim.instruments.sphere.measurement import SphereTest
 from mjsim.plots import style
@@ -30,7 +29,7 @@ def plot_files(campaign: Campaign, folder: Path) -> list[Path]:
     """Files that :func:`comparison_plots` writes for the measured tests of a campaign."""
     out: list[Path] = []
     for name, part in campaign.measured_parts.items():
-        if name == BallBarTest.instrument:
+        if INSTRUMENTS[name].in_motion:
             out += bar_plot_files(part.measured, folder)
         else:
             out += [folder / f for t in part.measured for f in _files(t)]
@@ -50,7 +49,7 @@ def comparison_plots(result: Comparison, folder: Path, progress: Progress = sile
     """
     out: list[Path] = []
     for part in result.parts:
-        if part.instrument == BallBarTest.instrument:
+        if INSTRUMENTS[part.instrument].in_motion:
             out += bar_plots(part, folder, progress)
             continue
         for i, t in enumerate(part.tests):

@@ -19,7 +19,6 @@ from mjsim.compensation.compensate import compensate
 from mjsim.compensation.tables import Corrections, ranges_of
 from mjsim.errors import InputError
 from mjsim.estimation.posterior import Posterior
-from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.chain import COORDINATES, Chain
 from mjsim.machine.effect import Effect
 from mjsim.machine.kinematics import bar_vector, machine_to_work, spindle_ball
@@ -357,7 +356,7 @@ def volume_of(
         for letter in letters:
             if letter not in allowed:
                 raise InputError(f"{what} of {letter}; allowed: {', '.join(allowed) or 'no axis of this machine'}")
-    tests = campaign.of(BallBarTest.instrument)
+    tests = campaign.in_motion
     covered = {**(ranges_of(tests.tests, chain) if tests.tests else {}), **given}
     missing = [a for a in chain.linear if a not in covered]
     if missing:

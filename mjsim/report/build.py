@@ -13,7 +13,7 @@ from mjsim.campaign.machine_file import machine_document
 from mjsim.compensation.compensate import compensate
 from mjsim.estimation.problem import Problem
 from mjsim.instruments.ball_bar.iso230 import BidirectionalFigures, CircularFigures
-from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.model import Machine
 from mjsim.plots.output import conditions, polar_traces, residual_trace
 from mjsim.plots.part import part_figure
@@ -63,7 +63,7 @@ def diagnosed(
     return ReportContent(
         **{
             **base,
-            "title": f"{result.campaign.name}: ball-bar diagnosis",
+            "title": f"{result.campaign.name}: {_noun(result.before)} diagnosis",
             "verdict": result.verdict,
             "answer": headlines(result),
             "verdict_sentence": explained(result),
@@ -75,11 +75,20 @@ def diagnosed(
             "calibration": calibration_rows(result),
             "waterfall": waterfall(result),
             "diagnosis": result.to_json(),
-            "instrument_source": result.campaign.of(BallBarTest.instrument).instrument.source,
+            "instrument_source": "; ".join(
+                f"{INSTRUMENTS[n].noun}: {data.source}" for n, data in result.campaign.in_motion.instruments.items()
+            )
+            if len(result.campaign.in_motion.instruments) > 1
+            else result.campaign.in_motion.instrument.source,
             "compensation": _correctable(result, threads, progress) if thorough else None,
             "parts": part_sections(parts, result.machine, result, progress),
         }
     )
+
+
+def _noun(comparison: BarComparison) -> str:
+    """What was measured, as the title says it."""
+    return INSTRUMENTS[comparison.instrument].noun.replace(" ", "-")
 
 
 def _correctable(result: Diagnosis, threads: int, progress: Progress) -> dict | None:
@@ -118,7 +127,7 @@ def compared(
     base = _content(models, len(models) - 1, given.machine, repairs, date)
     return ReportContent(
         **base,
-        title=f"{given.campaign.name}: ball-bar comparison",
+        title=f"{given.campaign.name}: {_noun(given)} comparison",
         verdict=None,
         verdict_sentence="The campaign was compared with the machine as given. It was not diagnosed.",
         findings=[],
@@ -167,10 +176,13 @@ def _content(models: list[Model], start: int, final: Machine, repairs: WhatIf | 
             ("Machine", f"{m.name}, configuration {m.configuration}"),
             *([("Sense of the rotary axes (ISO 841)", m.chain.senses)] if m.chain.rotary else []),
             ("Campaign", f"{c.name}: {len(before.tests)} measured tests in {len(setups)} set-ups"),
-            (
-                "Instrument",
-                f"ball bar, resolution {c.instrument.resolution / UM:g} µm, range ±{c.instrument.range * 1e3:g} mm, "
-                f"{c.instrument.rate:g} Hz",
+            *(
+                (
+                    "Instrument",
+                    f"{INSTRUMENTS[n].noun}, resolution {data.resolution / UM:g} µm, range ±{data.range * 1e3:g} mm, "
+                    f"{data.rate:g} Hz",
+                )
+                for n, data in c.instruments.items()
             ),
             ("Effects in the model as given", ", ".join(e.key for e in m.effects) or "none"),
         ],

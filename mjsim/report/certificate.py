@@ -203,7 +203,7 @@ def _judged(r: Diagnosis) -> Iterator[Judged]:
     """Every figure with a limit, then the circular error or range of each other ball-bar test."""
     if not r.has_bars:
         return
-    stated, bar = r.campaign.acceptance, r.before.campaign.instrument
+    stated, data = r.campaign.acceptance, r.before.campaign.instruments
     tests = [t for t in r.before.tests if t.iso or not kind_of(t.test).goes_round]
     traces = [Measured(t.test.name, t.phi[t.valid], t.measured[t.valid]) for t in tests]
     limited = {(row.tests, row.figure) for row in stated.limits} if stated else set()
@@ -213,7 +213,8 @@ def _judged(r: Diagnosis) -> Iterator[Judged]:
     for t in tests:
         figure = "circular_error" if kind_of(t.test).goes_round else RANGE
         if (t.test.name, figure) not in shown:
-            free = Acceptance((Limit((t.test.name,), figure, math.inf, ""),), stated.instrument if stated else bar.form)
+            form = stated.instrument if stated else data[t.test.instrument].form
+            free = Acceptance((Limit((t.test.name,), figure, math.inf, ""),), form)
             yield from judge(free, traces, r.noise)
 
 

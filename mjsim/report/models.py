@@ -6,8 +6,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from mjsim.digits import estimate
 from mjsim.estimation.disturbances import readmitted, without_disturbances
 from mjsim.estimation.mistakes.checked_problem import trusted_problem
@@ -17,10 +15,11 @@ from mjsim.estimation.vibration import phased, phased_at
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.effect import Effect
-from mjsim.machine.kinematics import reading
+from mjsim.machine.kinematics import Geometry
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, counted, silent
 from mjsim.simulation.axes import time_grid
+from mjsim.simulation.bar import reading_in
 from mjsim.simulation.multibody import Reading, Simulation
 from mjsim.simulation.readings import readings_of
 from mjsim.workflow.ball_bar.compare import BarComparison, overlay
@@ -60,7 +59,7 @@ def rigid(test: BallBarTest) -> Simulation:
     program = Program(test)
     time = time_grid(program)
     command = program.commands(time)
-    deviation = reading(test.chain, command, np.asarray(test.table_ball), test.length)
+    deviation = reading_in(test, command, Geometry())
     return Simulation(test, time, program.phi(time), command, command, deviation)
 
 

@@ -11,7 +11,6 @@ from mjsim.errors import InputError
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest
-from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.io.extras import need
 from mjsim.io.files import finite
@@ -110,7 +109,7 @@ def _single(
     settings: DiagnosisSettings,
 ) -> Report:
     campaign.need_traces("a report needs at least one measured test")
-    bars = BallBarTest.instrument in campaign.measured_parts
+    bars = bool(campaign.in_motion.measured)
     if parts and not bars:
         raise InputError(f"{campaign.folder / 'campaign.toml'}: the error of a part follows from ball-bar tests only")
     day = campaign.measured_on.isoformat() if campaign.measured_on else ""
@@ -133,7 +132,7 @@ def _single(
             problem = checked_problem(campaign, model.build(machine), threads)
             compared = compare_bars(campaign, machine, threads, progress, problem)
             content = build.compared(problem, compared, threads, progress, day, parts)
-    left = [n for n in campaign.measured_parts if n not in sections and n != BallBarTest.instrument]
+    left = [n for n in campaign.measured_parts if n not in sections and not INSTRUMENTS[n].in_motion]
     if left:
         for part in compare(campaign.of(*left), final, threads, progress).parts:
             sections[part.instrument] = (compared_section(part), images_of(part))
@@ -155,7 +154,7 @@ def check_same_machine(pairs: Sequence[tuple[Campaign, Machine]]) -> None:
         InputError: names both campaigns and what differs.
     """
     for c, _ in pairs:
-        c.of(BallBarTest.instrument).need_traces("a trend needs ball-bar tests")
+        c.in_motion.need_traces("a trend needs ball-bar tests")
     (first, one), *others = pairs
     for c, m in others:
         if (m.name, m.configuration) != (one.name, one.configuration):

@@ -8,8 +8,11 @@ the MuJoCo simulation.
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from threading import RLock
 
 import numpy as np
 
@@ -19,7 +22,7 @@ from mjsim.machine import own
 from mjsim.machine.kinematics import rotation
 from mjsim.machine.plant import AxisPlant, Plant
 from mjsim.machine.sensitivity import BarSensitivity, sensitivity
-from mjsim.simulation.bar import reading
+from mjsim.simulation.bar import reading_in
 from mjsim.simulation.drive import STEP, SUBSTEPS, discretise, run, substeps_of
 from mjsim.simulation.tracker import MotionTracker
 from mjsim.simulation.transmission import transmit
@@ -78,7 +81,7 @@ def own_effects(plant: Plant, test: BallBarTest, time: np.ndarray) -> np.ndarray
     q[:, plant.chain.count :] = 0.0
     for i, a in enumerate(plant.chain.letters):
         q[:, i] = _driven(plant.axes[a], commands[:, i], step)
-    ops = plant.op_table(test.name, test.started)
+    ops = plant.op_table(test.recording, test.started)
     if len(ops):
         q = transmit(ops, q, test.started + time)
     return added(plant, test.started, time, q[:, : plant.chain.count], step, test.table_ball)
@@ -119,6 +122,13 @@ class AxesMotion:
         self.program = Program(self.test)
         self._kept: dict[str, OrderedDict] = {a: OrderedDict() for a in self.test.chain.letters}
         self._late: OrderedDict[float, np.ndarray] = OrderedDict()
+        self._turn = RLock()
+
+    def read_as(self, test: BallBarTest) -> AxesMotion:
+        """The same motion for another reading of it; both keep what the drives do in one place."""
+        out = copy(self)
+        out.test = test
+        return out
 
     @cached_property
     def time(self) -> np.ndarray:
@@ -138,13 +148,14 @@ class AxesMotion:
     def motor(self, axis: str, drive: AxisPlant, every: int = 1, substeps: int = SUBSTEPS) -> np.ndarray:
         """Motor position of one axis in axis units at every ``every``-th instant; no more than that is kept."""
         kept, key = self._kept[axis], (every, substeps, drive.key())
-        if key in kept:
-            kept.move_to_end(key)
-            return kept[key]
-        kept[key] = self._motor(axis, drive, every, substeps)
-        while len(kept) > self.keep:
-            kept.popitem(last=False)
-        return kept[key]
+        with self._turn:
+            if key in kept:
+                kept.move_to_end(key)
+                return kept[key]
+            kept[key] = out = self._motor(axis, drive, every, substeps)
+            while len(kept) > self.keep:
+                kept.popitem(last=False)
+            return out
 
     def motor_change(self, axis: str, before: AxisPlant, after: AxisPlant, every: int = 1) -> np.ndarray:
         """How far another drive moves the motor of one axis, in axis units at every ``every``-th instant.
@@ -162,12 +173,14 @@ class AxesMotion:
         """
         if not delay:
             return self.commands
-        if delay not in self._late:
-            self._late[delay] = self.program.commands(self.time - delay)
-        self._late.move_to_end(delay)
-        while len(self._late) > self.keep:
-            self._late.popitem(last=False)
-        return self._late[delay]
+        with self._turn:
+            if delay not in self._late:
+                self._late[delay] = self.program.commands(self.time - delay)
+            self._late.move_to_end(delay)
+            out = self._late[delay]
+            while len(self._late) > self.keep:
+                self._late.popitem(last=False)
+            return out
 
     def _motor(self, axis: str, drive: AxisPlant, every: int, substeps: int) -> np.ndarray:
         i = self.test.chain.index(axis)
@@ -182,7 +195,7 @@ class AxesMotion:
         (n, axes), or with the table's error motion behind where the plant has one. A user's own effects see every
         instant; play and direction see the given ones, which miss a turning point by less than 0.01 µm.
         """
-        ops = plant.op_table(self.test.name, self.test.started)
+        ops = plant.op_table(self.test.recording, self.test.started)
         fine = 1 if plant.python_effects else every
         time = self.time[::fine]
         q = np.zeros((len(time), plant.width))
@@ -195,7 +208,8 @@ class AxesMotion:
             axes = q[:, : plant.chain.count]
             axes += added(plant, self.test.started, time, axes, STEP, self.test.table_ball)
         if self.light:
-            self._late.clear()
+            with self._turn:
+                self._late.clear()
             for name in ("time", "commands"):
                 vars(self).pop(name, None)
         return np.ascontiguousarray(q[:: every // fine])
@@ -205,16 +219,28 @@ class AxesMotion:
         ball's offset is the one at the spindle's angle 0.
         """
         q = self.load(plant, every)[:, : plant.chain.count]
-        out = sensitivity(plant.chain, q, np.asarray(self.test.table_ball))
+        out = sensitivity(plant.chain, q, np.asarray(self.test.table_ball), self.test.component)
         if self.test.spindle:
             out = replace(out, spindle=out.spindle @ rotation(2, self.test.spindle))
         return out
 
     def reading(self, plant: Plant, every: int = 1) -> np.ndarray:
         """Ball-bar reading in m at every ``every``-th instant."""
-        return reading(
-            plant.chain, self.load(plant, every), np.asarray(self.test.table_ball), self.test.length, plant.geometry
-        )
+        return reading_in(self.test, self.load(plant, every), plant.geometry)
+
+
+def motions_of(tests: Sequence[BallBarTest], keep: int = 3, light: bool = False) -> tuple[AxesMotion, ...]:
+    """The motion of each test; readings of one recording share it.
+
+    Args:
+        tests: Of one campaign.
+        keep: Motions kept per axis.
+        light: As of :class:`AxesMotion`.
+    """
+    known: dict[str, AxesMotion] = {}
+    for t in tests:
+        known.setdefault(t.recording, AxesMotion(t, keep, light))
+    return tuple(known[t.recording].read_as(t) for t in tests)
 
 
 def load_of(

@@ -12,8 +12,9 @@ from functools import cache
 import numpy as np
 from numba import njit
 
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.chain import Axis, Chain
-from mjsim.machine.kinematics import Geometry
+from mjsim.machine.kinematics import Geometry, read_along
 
 #: How an axis of a side acts: about a coordinate through the origin, about any centreline, or along a line.
 _TURN, _TILTED, _SLIDE = range(3)
@@ -31,7 +32,14 @@ _CCW = 25 + 3 * _MOTIONS
 _SIZE = _CCW + 1
 
 
-def reading(chain: Chain, q: np.ndarray, point: np.ndarray, length: float, geometry: Geometry) -> np.ndarray:
+def reading_in(test: BallBarTest, q: np.ndarray, geometry: Geometry) -> np.ndarray:
+    """Reading (n,) m of a test whose axes stand at ``q`` (n, axes), or with error motions behind, m and rad."""
+    return reading(test.chain, q, np.asarray(test.table_ball), test.length, geometry, test.component)
+
+
+def reading(
+    chain: Chain, q: np.ndarray, point: np.ndarray, length: float, geometry: Geometry, component: str = ""
+) -> np.ndarray:
     """As :func:`mjsim.machine.kinematics.reading`: (n,) m for motions (n, axes), or with error motions behind."""
     square = np.zeros((3, 3))
     for error in chain.squareness:
@@ -43,7 +51,7 @@ def reading(chain: Chain, q: np.ndarray, point: np.ndarray, length: float, geome
     _displace(tool, chain, True, width, geometry)
     _reading(
         np.ascontiguousarray(q), np.asarray(point, float), length, square, on_ground, _crosswise(chain, width),
-        len(work), np.vstack([work, tool]), out,
+        len(work), np.vstack([work, tool]), read_along(component), out,
     )  # fmt: skip
     return out
 
@@ -130,8 +138,11 @@ def _moved(along, by, x, y, z):
 
 # One loop, and helpers that take numbers alone: arrays that are handed on cost more than the arithmetic.
 @njit(cache=True, nogil=True, error_model="numpy")
-def _reading(q, point, length, square, on_ground, crosswise, on_work, axes, out):
-    """The loop of :func:`reading`; of the ``axes`` (k, _SIZE) the first ``on_work`` carry the table."""
+def _reading(q, point, length, square, on_ground, crosswise, on_work, axes, sensor, out):
+    """The loop of :func:`reading`; of the ``axes`` (k, _SIZE) the first ``on_work`` carry the table. ``sensor`` (3,) is
+    zero where the distance is read.
+    """
+    distance = sensor[0] == 0.0 and sensor[1] == 0.0 and sensor[2] == 0.0
     for n in range(len(q)):
         x, y, z = point[0], point[1], point[2]
         px, py, pz = x, y, z
@@ -184,4 +195,7 @@ def _reading(q, point, length, square, on_ground, crosswise, on_work, axes, out)
         z += c + square[2, 0] * a + square[2, 1] * b - pz
         for k in range(len(crosswise)):
             x, y, z = _moved(crosswise[k, 1], q[n, crosswise[k, 0]], x, y, z)
-        out[n] = math.sqrt(x * x + y * y + z * z) - length
+        if distance:
+            out[n] = math.sqrt(x * x + y * y + z * z) - length
+        else:
+            out[n] = x * sensor[0] + y * sensor[1] + z * sensor[2]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
@@ -16,6 +16,7 @@ from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.extras import need
 from mjsim.machine.chain import Chain
+from mjsim.machine.kinematics import read_along
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant
 from mjsim.simulation import callback, mjmodel
@@ -112,17 +113,22 @@ def simulate_each(
     tests = list(tests)
     check_axes(plant.chain, tests)
 
+    together = {}
+    for test in tests:  # readings of one recording are of one motion
+        together.setdefault(test.recording, []).append(test)
+    runs = list(together.values())
     # in the calling thread, where calls of a user's own code have a time limit
-    own = [own_effects(plant, t, _grid(Program(t), step)) if plant.python_effects else None for t in tests]
+    own = [own_effects(plant, r[0], _grid(Program(r[0]), step)) if plant.python_effects else None for r in runs]
 
-    def one(test: BallBarTest, added: np.ndarray | None) -> T:
-        result = keep(_run(prepare(model, plant, test, step, added)))
-        if done:
+    def one(readings: list[BallBarTest], added: np.ndarray | None) -> list[tuple[str, T]]:
+        out = [(s.test.name, keep(s)) for s in _run(prepare(model, plant, readings[0], step, added), readings)]
+        for test in readings if done else ():
             done(test)
-        return result
+        return out
 
-    with callback.installed(), ThreadPoolExecutor(max(1, min(threads, len(tests)))) as pool:
-        return list(pool.map(one, tests, own))
+    with callback.installed(), ThreadPoolExecutor(max(1, min(threads, len(runs)))) as pool:
+        found = dict(result for results in pool.map(one, runs, own) for result in results)
+    return [found[test.name] for test in tests]
 
 
 def check_axes(chain: Chain, tests: Iterable[BallBarTest]) -> None:
@@ -190,7 +196,7 @@ def prepare(
     time = _grid(program, step)
     command = program.commands(time)
     sent = behind(program, time, command, plant)
-    ops = plant.op_table(test.name, test.started)
+    ops = plant.op_table(test.recording, test.started)
     model = mjmodel.for_test(model, test, sent[0], ops)
     data = mujoco.MjData(model)
     if plant.python_effects:
@@ -216,7 +222,8 @@ def set_at_rest(
         data.qpos[int(block[callback.JOINTS + i])] = first[i]
 
 
-def _run(ready: Prepared) -> Simulation:
+def _run(ready: Prepared, readings: list[BallBarTest]) -> Iterator[Simulation]:
+    """Step a motion, and what each reading of it shows."""
     program, time, command, sent, model, data = ready
     control = np.vstack([sent[1:], sent[-1:]])
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -224,7 +231,8 @@ def _run(ready: Prepared) -> Simulation:
     mujoco.mj_getState(model, data, initial, full)
     state, sensors = rollout.rollout(model, data, initial[None], control[None])
     q = np.vstack([initial[1 : 1 + model.nq], state[0, :-1, 1 : 1 + model.nq]])
-    return _collect(program, time, command, model, data, q, sensors[0])
+    for test in readings:
+        yield _collect(test, program, time, command, model, data, q, sensors[0])
 
 
 def check_warnings(test: BallBarTest, data: mujoco.MjData) -> None:
@@ -249,15 +257,16 @@ def not_finite(test: BallBarTest) -> SimulationError:
 
 
 def _collect(
-    program: Program, time: np.ndarray, command: np.ndarray, model, data, q: np.ndarray, sensors
+    test: BallBarTest, program: Program, time: np.ndarray, command: np.ndarray, model, data, q: np.ndarray, sensors
 ) -> Simulation:
-    check_warnings(program.test, data)
+    check_warnings(test, data)
     bar = np.hstack([sensors[:, sensor(model, n)] for n in mjmodel.BALLS])
-    deviation = np.linalg.norm(bar[:, :3] - bar[:, 3:], axis=1) - program.test.length
+    away = bar[:, :3] - bar[:, 3:]
+    deviation = away @ read_along(test.component) if test.component else np.linalg.norm(away, axis=1) - test.length
     if not np.isfinite(deviation).all():
-        raise not_finite(program.test)
-    position = q[:, [model.joint(a).qposadr[0] for a in program.test.chain.letters]]
-    return Simulation(program.test, time, program.phi(time), command, position, deviation)
+        raise not_finite(test)
+    position = q[:, [model.joint(a).qposadr[0] for a in test.chain.letters]]
+    return Simulation(test, time, program.phi(time), command, position, deviation)
 
 
 def sensor(model: mujoco.MjModel, name: str) -> slice:

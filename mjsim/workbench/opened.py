@@ -10,7 +10,7 @@ from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.problem import Problem
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.model import Machine, build
-from mjsim.simulation.axes import AxesMotion
+from mjsim.simulation.axes import AxesMotion, motions_of
 from mjsim.threads import Workers, one_blas_thread
 
 
@@ -47,13 +47,13 @@ class OpenCampaign:
         Raises:
             InputError: The traces show a mistake.
         """
-        campaign = campaign.of(BallBarTest.instrument)
+        campaign = campaign.in_motion
         problem = checked_problem(campaign, build(machine), threads) if campaign.measured else None
-        motions = {t.name: AxesMotion(t) for t in campaign.tests}
+        motions = {t.name: m for t, m in zip(campaign.tests, motions_of(campaign.tests), strict=True)}
         background = None
         if problem is not None:
             motions |= {t.name: m for t, m in zip(problem.tests, problem.motions, strict=True)}
-            own = tuple(AxesMotion(t, light=True) for t in problem.tests)
+            own = motions_of(problem.tests, light=True)
             background = replace(problem, motions=own, workers=Workers(1), changes=KeptChanges())
         return cls(campaign, machine, problem, background, motions, threads)
 

@@ -14,7 +14,6 @@ from mjsim.errors import InputError
 from mjsim.estimation.considered import with_instrument
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.instruments.axis_log.measurement import LogTest
-from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.io.toml import read_text
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
@@ -199,7 +198,7 @@ def workbench(campaign: Campaign | str | Path, machine: Machine | str | Path | N
 def shared_of(campaign: Campaign, machine: Machine, threads: int) -> Shared | SharedRecordings:
     """What all workbenches of a campaign share; ball-bar tests go first."""
     measured = campaign.measured_parts
-    if BallBarTest.instrument in measured or not measured:
+    if campaign.in_motion.measured or not measured:
         return Shared(OpenCampaign.of(campaign, machine, threads))
     return SharedRecordings(campaign, machine, threads)
 

@@ -23,7 +23,6 @@ from mjsim.estimation.outcome import verdict_of
 from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest
-from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
@@ -215,7 +214,7 @@ def _joined(alone: Diagnosis, beside: Diagnosis, found: ExplainedAtRest, threads
             chosen, not_testable=tuple(sorted(hidden)), probabilities=_with_logs(found.verdicts, beside.logs)
         )
     progress("simulating the machine that both instruments support", 0, 1)
-    after = compare_bars(campaign.of(BallBarTest.instrument), alone.machine, threads, progress)
+    after = compare_bars(campaign.in_motion, alone.machine, threads, progress)
     told = beside.probabilities
     return replace(
         beside,

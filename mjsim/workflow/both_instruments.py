@@ -53,7 +53,7 @@ def diagnose_jointly(
     Raises:
         InputError: An instrument has no data, or they show a mistake.
     """
-    recorded, bars = checked_logs(campaign, machine), campaign.of(BallBarTest.instrument)
+    recorded, bars = checked_logs(campaign, machine), campaign.in_motion
     given = diagnose_bars(bars, machine, max_effects, threads, progress, settings)
     judge = Judge(recorded, machine, threads)
     judged = judge.of(given, {})

@@ -19,7 +19,6 @@ from mjsim.estimation.retiming import retimed
 from mjsim.estimation.shares import Calibration, calibrations, parts_of
 from mjsim.estimation.vibration import separate
 from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
-from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
@@ -76,7 +75,7 @@ def calibrate(campaign: Campaign, machine: Machine, threads: int = 2, progress: 
         InputError: The machine has no tolerance, no test is measured, or the traces show a mistake.
     """
     parts = campaign.measured_parts
-    if BallBarTest.instrument in parts and not machine.tolerance:
+    if campaign.in_motion.measured and not machine.tolerance:
         raise InputError(
             f"{machine.file}: has no [tolerance] table, so there is nothing to calibrate; "
             "`mjsim new` writes the table of a typical machine, commented out"
@@ -89,7 +88,7 @@ def calibrate(campaign: Campaign, machine: Machine, threads: int = 2, progress: 
     budget: tuple[Budget, ...] = ()
     if LogTest.instrument in parts:
         final, sheet = _calibrated_by_logs(parts[LogTest.instrument], machine, threads, progress)
-    if BallBarTest.instrument in parts:
+    if campaign.in_motion.measured:
         progress("calibrating within tolerance", 0, 1)
         problem = checked_problem(campaign, build(final), threads)
         separated = separate(problem, final)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.problem import Problem
 from mjsim.instruments.axis_log.measurement import LogTest
-from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.workflow.any_instrument import compare_plainly
@@ -37,8 +37,9 @@ def compare(
     campaign.need_traces("comparing needs at least one measured test")
     parts = []
     for name, part in campaign.measured_parts.items():
-        if name == BallBarTest.instrument:
-            parts.append(compare_bars(part, machine, threads, progress, problem))
+        if INSTRUMENTS[name].in_motion:
+            own = problem if problem is not None and set(problem.noises) == {name} else None
+            parts.append(compare_bars(part, machine, threads, progress, own))
         else:
             parts.append(_COMPARE.get(name, compare_plainly)(part, machine, threads, progress))
     return Comparison(campaign, machine, tuple(parts))

@@ -6,7 +6,6 @@ from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest
-from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
@@ -18,9 +17,10 @@ from mjsim.workflow.diagnosis import Diagnosis
 
 
 def diagnosable() -> tuple[str, ...]:
-    """Instruments whose recordings a diagnosis explains: ball bar, axis log, and all that measure at rest."""
+    """Instruments whose recordings a diagnosis explains: along a motion, axis logs, and all that measure at rest."""
     at_rest = (name for name, i in INSTRUMENTS.items() if i.at_rest)
-    return (BallBarTest.instrument, LogTest.instrument, *at_rest)
+    in_motion = (name for name, i in INSTRUMENTS.items() if i.in_motion)
+    return (*in_motion, LogTest.instrument, *at_rest)
 
 
 def diagnose(
@@ -57,7 +57,7 @@ def diagnose(
         if others:
             beside = diagnose(campaign.of(*others), machine, max_effects, threads, progress, settings)
         return diagnose_at_rest(campaign, machine, max_effects, threads, progress, settings, beside)
-    if len(have) == 2:
+    if LogTest.instrument in have and campaign.in_motion.measured:
         return diagnose_jointly(campaign, machine, max_effects, threads, progress, settings)
     if LogTest.instrument in have:
         logs = diagnose_logs(campaign, machine, max_effects, threads, progress)

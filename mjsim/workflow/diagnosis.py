@@ -141,8 +141,8 @@ class Diagnosis:
 
     @property
     def has_bars(self) -> bool:
-        """Whether ball-bar tests were measured."""
-        return self.before.instrument == BallBarTest.instrument
+        """Whether ball-bar tests were measured, or other readings along a motion."""
+        return INSTRUMENTS[self.before.instrument].in_motion
 
     def of_bars(self) -> Diagnosis:
         """What concerns the ball-bar tests, whose causes the ladder has."""
@@ -163,7 +163,7 @@ class Diagnosis:
         """Share of each cause in the explained squared error, the largest first; from the ladder where the selection
         has not computed them. They sum to 1.
         """
-        mine = [e for e in self.effects if e.found_by == self.before.instrument]
+        mine = self.of_bars().effects if self.has_bars else self.effects
         if self.shares or not mine:
             return self.shares
         gains = {e.effect.key: max(0.0, e.rms_before**2 - e.rms_after**2) for e in mine}

@@ -16,7 +16,6 @@ from mjsim.estimation.mistakes.checked_problem import checked_problem, trusted_p
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.search import Model
 from mjsim.estimation.vibration import separate
-from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.io.files import write_all
 from mjsim.io.toml import read_text
 from mjsim.machine.chain import Chain
@@ -184,7 +183,7 @@ def _remove_unreadable(
 
 def _with_traces(campaign: Campaign) -> Campaign:
     """The ball-bar tests of a campaign, of which one was measured."""
-    bars = campaign.of(BallBarTest.instrument)
+    bars = campaign.in_motion
     bars.need_traces("the error before and after needs at least one measured test")
     return bars
 

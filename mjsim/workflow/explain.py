@@ -186,7 +186,7 @@ def explain(
             f"effect {effect}: a vibration has a frequency in time and no signature along the path; "
             "`mjsim diagnose` says which vibrations there are"
         )
-    campaign = campaign.of(BallBarTest.instrument)
+    campaign = campaign.in_motion
     result = result or diagnose(campaign, machine, threads=threads, progress=progress)
     progress("fitting the final model again", 0, 2)
     separated = separate(trusted_problem(campaign, build(machine), threads), machine)

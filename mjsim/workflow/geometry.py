@@ -18,7 +18,6 @@ from mjsim.estimation.considered import with_instrument
 from mjsim.estimation.fit import Fit, Fitter
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.vibration import separate
-from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.chain import Chain
 from mjsim.machine.model import Machine, build
 from mjsim.machine.subjects import in_words
@@ -133,7 +132,7 @@ def geometry(campaign: Campaign, machine: Machine, threads: int = 2, progress: P
         InputError: no test is measured with the ball bar, no axis turns and none is square to another, or the traces
             show a mistake.
     """
-    campaign = campaign.of(BallBarTest.instrument)
+    campaign = campaign.in_motion
     if not campaign.measured:
         raise InputError(
             f"{campaign.folder / 'campaign.toml'}: no ball-bar test has a trace; the geometry needs measured tests"

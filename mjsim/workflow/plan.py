@@ -25,7 +25,6 @@ from mjsim.estimation.planning.separation import competing_of
 from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.settings import DIAGNOSIS, PLAN, DiagnosisSettings, PlanSettings
 from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
-from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
@@ -280,7 +279,7 @@ def _between(
         raise InputError(f"{place}: plan between {' and '.join(between)}; allowed for logs: two effects of one axis")
     (axis,) = axes
     bars = None
-    if BallBarTest.instrument in campaign.measured_parts:
+    if campaign.in_motion.measured:
         bars = plan_bars(campaign, machine, between, threads, progress, settings)
     campaign = checked_logs(campaign, machine)
     recorded = recorded_axes(campaign.measured)

@@ -11,6 +11,7 @@ from mjsim.estimation.mistakes.mistakes import Mistake
 from mjsim.estimation.mistakes.recognise import find_mistakes
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
+from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.plant import Plant
 from mjsim.threads import one_blas_thread
 
@@ -41,6 +42,7 @@ def checked_problem(
     problem = Problem.of(campaign, plant, threads, block, keep_motions, settings)
     readings = problem.readings(plant)
     if not campaign.as_is:
+        _refuse_own(problem.campaign)
         refuse(campaign, find_mistakes(problem, plant, readings).mistakes)
     return without_disturbances(problem, readings)
 
@@ -52,6 +54,17 @@ def trusted_problem(
     """As :func:`checked_problem`, for a campaign that is not looked at again."""
     problem = Problem.of(campaign, plant, threads, settings=settings)
     return without_disturbances(problem, problem.readings(plant))
+
+
+def _refuse_own(campaign: Campaign) -> None:
+    """Raise an error where an instrument finds its recordings wrong by themselves.
+
+    Raises:
+        InputError: The first mistake.
+    """
+    for name, part in campaign.measured_parts.items():
+        for m in INSTRUMENTS[name].mistakes(part.measured, part.traces, part.instrument):
+            raise InputError(f"{campaign.folder / 'campaign.toml'}: {m.sentence}, or say --as-is")
 
 
 def refuse(campaign: Campaign, mistakes: tuple[Mistake, ...]) -> None:

@@ -62,9 +62,15 @@ def recognise(campaign: Campaign, machine: Machine, threads: int = 2, settings: 
 def find_mistakes(
     problem: Problem, plant: Plant, readings: list[np.ndarray], settings: MistakeSettings = MISTAKES
 ) -> Findings:
-    """The same for a problem whose samples are as given, with the plant of the machine as given and its readings."""
-    variants = [Variant(t, readings[k], problem.sensitivity[k]) for k, t in enumerate(problem.tests)]
-    traces = make_samples(problem.tests, problem.campaign.traces)
+    """The same for a problem whose samples are as given, with the plant of the machine as given and its readings.
+
+    Tests without a ball bar are left out: their instrument looks for its own mistakes.
+    """
+    bars = [k for k, t in enumerate(problem.tests) if not t.component]
+    if not bars:
+        return Findings((), ())
+    variants = [Variant(problem.tests[k], readings[k], problem.sensitivity[k]) for k in bars]
+    traces = make_samples(tuple(problem.tests[k] for k in bars), problem.campaign.traces)
     state = State(variants, traces, [1.0] * len(traces), settings)
     given = [state.spikes_of(v, s) for v, s in zip(variants, traces, strict=True)]
     tests = tuple(

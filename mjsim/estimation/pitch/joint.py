@@ -67,7 +67,7 @@ def refined_noise(model: PitchModel, state: State) -> None:
     if any(kind_of(s.test).repeats(s.test) for s in model.problem.samples):
         return
     try:
-        model.problem = replace(model.problem, noise=residual_noise(model, state))
+        model.problem = replace(model.problem, noises=dict.fromkeys(model.problem.noises, residual_noise(model, state)))
     except ValueError:
         return
 

@@ -14,7 +14,7 @@ from numba import njit
 
 from mjsim.estimation.data_sheet import DATA_SHEET, calibrated, data_sheet, sheet_block
 from mjsim.estimation.least_squares import LeastSquares
-from mjsim.estimation.nuisance import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER, Nuisances
+from mjsim.estimation.nuisance import TRIGGER, Nuisances
 from mjsim.estimation.parameters import Block, Parameters
 from mjsim.estimation.pitch.settings import PITCH, PitchSettings
 from mjsim.estimation.pitch.terms import Term
@@ -205,13 +205,11 @@ class PitchModel:
 
     def _nuisance_columns(self, k: int, state: State) -> np.ndarray:
         p = self.problem
-        s, sens, shift = p.samples[k], p.sensitivity[k], p.shift(k, state.nuisance)
+        s, shift = p.samples[k], p.shift(k, state.nuisance)
         moving = self.terms_total(k, state)
         if k not in self.frozen:
             moving = moving + self.readings[k] + p.offsets(k, state.nuisance)
-        own = [s.sample(sens.table[:, j], shift) * TABLE_BALL for j in range(3)]
-        own += [s.sample(sens.spindle[:, j], shift) * SPINDLE_BALL for j in range(3)]
-        own += [np.full(len(s.centre), LENGTH), -s.sample(np.gradient(moving, GRID), shift) * TRIGGER]
+        own = [*p.set_up_means(k, shift), -s.sample(np.gradient(moving, GRID), shift) * TRIGGER]
         out = np.zeros((len(s.centre), state.nuisances.size))
         out[:, state.nuisances.of_test(p.tests[k])] = np.column_stack(own)
         return out

@@ -5,7 +5,7 @@ ball-bar campaign.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import product
 
 import numpy as np
@@ -15,6 +15,8 @@ from mjsim.instruments.ball_bar.kinds import KINDS, kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.instruments.ball_bar.speed import commanded_speed
+from mjsim.instruments.r_test.measurement import SphereReading
+from mjsim.machine.chain import COORDINATES, Chain
 from mjsim.machine.reach import usual_speed, usual_travel
 from mjsim.units import DEG, MM
 
@@ -60,9 +62,36 @@ def minutes(test: BallBarTest, handling: float = PLAN.handling) -> float:
 
 def first_round(tests: tuple[BallBarTest, ...]) -> Iterator[BallBarTest]:
     """A coarse choice over all kinds, with the bar and the height of the table ball of ``tests``."""
+    if tests[0].component:  # the sphere stays where it is
+        for test, feed in product(motions_at(tests[0].chain, tests[0].table_ball), FIRST_FEEDS):
+            yield _named(replace(test, feed=feed))
+        return
     for kind in KINDS.values():
         for test, feed in product(kind.proposals(tests[0].chain, tests[0].length, tests[0].table_ball[2]), FIRST_FEEDS):
             yield _named(replace(test, feed=feed))
+
+
+def motions_at(chain: Chain, sphere: tuple[float, float, float]) -> Iterator[SphereReading]:
+    """R-tests with a sphere at a place, one reading of each: every rotary axis alone, and two together.
+
+    Args:
+        chain: The machine's axes.
+        sphere: Its centre in the work frame, m.
+    """
+    for kind in (k for k in KINDS.values() if not k.moves_on_table and not k.cannot(chain)):
+        seen = set()
+        for test in kind.proposals(chain, 0.0, sphere[2]):
+            given = {f.name: getattr(test, f.name) for f in fields(BallBarTest)}
+            one = SphereReading(**given | {"component": COORDINATES[0], "table_ball": sphere})
+            path = one.axis, one.start, one.stop
+            if path not in seen and not kind.wrong(one):
+                seen.add(path)
+                yield one
+
+
+def renamed(test: BallBarTest, name: str, setup: str) -> BallBarTest:
+    """A test with another name and set-up; of one reading, ``name`` is that of its recording."""
+    return replace(test, name=f"{name}.d{test.component.lower()}" if test.component else name, setup=setup)
 
 
 def neighbours(test: BallBarTest) -> Iterator[BallBarTest]:
@@ -78,5 +107,5 @@ def neighbours(test: BallBarTest) -> Iterator[BallBarTest]:
 def _named(test: BallBarTest) -> BallBarTest:
     name = f"{kind_of(test).short_name(test)}-f{round(test.feed / MM * 60)}"
     return replace(
-        test, name=name, setup=name, commanded=None
+        renamed(test, name, name), commanded=None
     )  # another test than the one that an NC file was written for

@@ -8,8 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 from mjsim.estimation.planning.candidates import first_round, minutes, neighbours, reachable
 from mjsim.estimation.planning.separation import Separation, Separator
 from mjsim.estimation.settings import PLAN, PlanSettings
-from mjsim.instruments.ball_bar.files import test_table
 from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.base import table_of
 from mjsim.progress import Progress, silent
 
 
@@ -46,7 +46,7 @@ def choose(
                 progress(stage, n + 1, len(fresh))
 
     def key(t: BallBarTest) -> str:
-        return str({k: v for k, v in test_table(t).items() if k not in ("name", "setup")})
+        return str({k: v for k, v in table_of(t).items() if k not in ("name", "setup")})
 
     def ranked() -> list[Separation]:
         return sorted(seen.values(), key=lambda s: worth(s, settings), reverse=True)

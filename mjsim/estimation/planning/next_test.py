@@ -17,7 +17,7 @@ from mjsim.estimation.problem import Problem
 from mjsim.estimation.settings import PLAN, PlanSettings
 from mjsim.estimation.signatures import Projector
 from mjsim.estimation.testability import not_testable
-from mjsim.instruments.ball_bar.files import test_table
+from mjsim.instruments.base import table_of
 from mjsim.machine.chain import Chain
 from mjsim.progress import Progress, silent
 from mjsim.units import UM
@@ -69,7 +69,7 @@ class Plan:
     def _row(self, s: Separation) -> dict:
         return {
             "between": list(self.between),
-            "test": test_table(s.test),
+            "test": table_of(s.test),
             "difference_um": round(s.difference / UM, 3),
             "separation": round(s.deviance**0.5, 1),
             "minutes": round(minutes(s.test, self.settings.handling), 1),

@@ -7,7 +7,7 @@ what the campaign has left open, the new set-up within its priors.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,15 +20,16 @@ from mjsim.estimation.kept_changes import KeptChanges
 from mjsim.estimation.least_squares import ridge_solution
 from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.noise import Noise
-from mjsim.estimation.nuisance import BAR_LENGTH, LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER
+from mjsim.estimation.nuisance import BAR_LENGTH, NEST, TRIGGER, instrument_blocks, set_up_columns
 from mjsim.estimation.parameters import Block, Parameters
 from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.problem import sheet_grid, sheet_plants
 from mjsim.estimation.samples import BLOCKS, GRID_STEPS
 from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.machine.chain import COORDINATES
 from mjsim.machine.model import Machine, build
 from mjsim.machine.sensitivity import BarSensitivity
-from mjsim.simulation.axes import AxesMotion
+from mjsim.simulation.axes import AxesMotion, motions_of
 
 _STEP = 0.02
 #: Prior width of an effect's parameters where nothing was measured, typical sizes.
@@ -44,7 +45,7 @@ class Explanation:
         base: The machine without the free effects, data sheet as printed.
         sheet_deviation: Deviations of its data sheet, (sheet,) standard deviations.
         effects: Free effects.
-        parameters: Blocks of bar length, data sheet and effects: what a new set-up does not change.
+        parameters: Blocks of the instrument, data sheet and effects: what a new set-up does not change.
         covariance: Of these, (p, p), in prior standard deviations and typical sizes.
     """
 
@@ -58,7 +59,7 @@ class Explanation:
     @classmethod
     def of_fit(cls, name: str, fit: Fit) -> Explanation:
         """From a fit."""
-        kept = _lasting(fit.base, fit.effects)
+        kept = _lasting(fit.base, fit.effects, [b for b in fit.parameters.blocks if b.name in (BAR_LENGTH, NEST)])
         at = fit.parameters.places(*(b.name for b in kept.blocks))
         return cls(name, fit.base, fit.sheet_deviation, fit.effects, kept, fit.covariance[np.ix_(at, at)])
 
@@ -133,7 +134,19 @@ class Separator:
 
     def of(self, test: BallBarTest) -> Separation:
         """Deviance and difference of one test."""
-        motion = AxesMotion(test, keep=12)
+        readings = [replace(test, component=c) for c in COORDINATES] if test.component else [test]
+        d, J, rows = (np.concatenate(x) for x in zip(*map(self._seen_by, motions_of(readings, 12)), strict=True))
+        if np.std(d) < 0.02 * self.noise.rms:
+            return Separation(test, 0.0, 0.0)
+        dw, Jw = rows[:, 0], rows[:, 1:]
+        adapted = ridge_solution(Jw.T @ Jw, Jw.T @ dw, 1.0)
+        rest = dw - Jw @ adapted
+        return Separation(test, float(max(dw @ rest, 0.0)), float(np.sqrt(np.mean((d - J @ adapted) ** 2))))
+
+    def _seen_by(self, motion: AxesMotion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of one reading the difference of the explanations, (n,) m, the derivatives of the second one, (n, p) m per
+        prior standard deviation, and both whitened, (rows, 1 + p).
+        """
         lo, hi = motion.program.measured_span
         time = motion.time[::GRID_STEPS]
         inside = np.flatnonzero((time >= lo) & (time <= hi))
@@ -145,40 +158,39 @@ class Separator:
 
         a, b = (motion.reading(p, GRID_STEPS) for p in self._plants)
         d = blocks(a - b)
-        if np.std(d) < 0.02 * self.noise.rms:
-            return Separation(test, 0.0, 0.0)
         columns = [blocks(c) for c in self._columns(motion, b)]
-        J = np.column_stack(columns)
-        root = self._prior_root(len(columns))  # in units of it the prior is a unit normal
-        rows = whitened(self.noise, np.column_stack([d, J @ root]))
-        dw, Jw = rows[:, 0], rows[:, 1:]
-        adapted = ridge_solution(Jw.T @ Jw, Jw.T @ dw, 1.0)
-        rest = dw - Jw @ adapted
-        return Separation(test, float(max(dw @ rest, 0.0)), float(np.sqrt(np.mean((d - J @ root @ adapted) ** 2))))
+        block = NEST if motion.test.component else BAR_LENGTH
+        # in units of the root the prior is a unit normal
+        J = np.column_stack(columns) @ self._prior_root(len(columns), block)
+        return d, J, whitened(self.noise, np.column_stack([d, J]))
 
-    def _prior_root(self, size: int) -> np.ndarray:
-        """Cholesky factor of the covariance of set-up and trigger, then length, data sheet of the axes concerned,
+    def _prior_root(self, size: int, instrument: str) -> np.ndarray:
+        """Cholesky factor of the covariance of set-up and trigger, then instrument, data sheet of the axes concerned,
         effects.
+
+        Args:
+            size: Number of columns.
+            instrument: Name of its block.
         """
         other = self.other
         sheet = [other.parameters.place(DATA_SHEET, data_sheet(other.base.chain)[j].label) for j in self._moved]
         effects = [b.name for b in other.parameters.blocks if not b.informative]
-        kept = [*other.parameters.places(BAR_LENGTH), *sheet, *other.parameters.places(*effects)]
+        kept = [*other.parameters.places(instrument), *sheet, *other.parameters.places(*effects)]
         new = size - len(kept)
         root = np.eye(size)
         root[new:, new:] = np.linalg.cholesky(other.covariance[np.ix_(kept, kept)] + 1e-12 * np.eye(len(kept)))
         return root
 
     def _columns(self, motion: AxesMotion, base: np.ndarray):
-        """Derivatives of the other explanation's reading: set-up, trigger, length, data sheet, effects; m per prior
+        """Derivatives of the other explanation's reading: set-up, trigger, instrument, data sheet, effects; m per prior
         unit.
         """
         plant, other = self._plants[1], self.other
         sens = motion.sensitivity(plant, GRID_STEPS)
-        yield from (sens.table * TABLE_BALL).T
-        yield from (sens.spindle * SPINDLE_BALL).T
+        set_up, own = set_up_columns(motion.test, sens, np.zeros((len(base), 3))), 3 if motion.test.component else 6
+        yield from set_up[:, :own].T
         yield -np.gradient(base, motion.time[GRID_STEPS]) * TRIGGER
-        yield np.full(len(base), LENGTH)
+        yield from set_up[:, own:].T
         yield from sheet_grid(motion, sens, plant, self._moved)[list(self._moved)]
         linear = Linearisation(Unmeasured((motion,), (sens,)), other.machine, np.zeros(0))
         for f in other.effects:
@@ -209,8 +221,10 @@ def competing_of(explanation: Explanation) -> CompetingModel:
     return CompetingModel(e.name, e.machine, Posterior(e.effects, e.covariance[np.ix_(places, places)]), 0.0)
 
 
-def _lasting(machine: Machine, effects: tuple[EffectVector, ...]) -> Parameters:
-    """Blocks of what a new set-up does not change."""
-    length = Block.normal(BAR_LENGTH, ("length",))
+def _lasting(
+    machine: Machine, effects: tuple[EffectVector, ...], instruments: Sequence[Block] | None = None
+) -> Parameters:
+    """Blocks of what a new set-up does not change; without ``instruments`` those of any."""
+    own = instrument_blocks() if instruments is None else instruments
     sheet = sheet_block(machine, np.zeros(len(data_sheet(machine.chain)), bool))
-    return Parameters((length, sheet, *(f.block for f in effects)))
+    return Parameters((*own, sheet, *(f.block for f in effects)))

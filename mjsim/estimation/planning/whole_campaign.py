@@ -20,21 +20,23 @@ from mjsim.estimation.data_sheet import sheet_of
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.noise import usual_noise
-from mjsim.estimation.nuisance import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER
-from mjsim.estimation.planning.candidates import reachable
+from mjsim.estimation.nuisance import TRIGGER, set_up_columns
+from mjsim.estimation.planning.candidates import motions_at, reachable, renamed
 from mjsim.estimation.planning.next_test import typical
 from mjsim.estimation.planning.separation import Unmeasured, whitened
 from mjsim.estimation.problem import sheet_grid, sheet_plants
 from mjsim.estimation.samples import BLOCKS, GRID_STEPS
 from mjsim.estimation.settings import PLAN
-from mjsim.instruments.ball_bar.files import test_table
 from mjsim.instruments.ball_bar.kinds import KINDS, kind_of
 from mjsim.instruments.ball_bar.kinds.base import place_name
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
+from mjsim.instruments.base import table_of
+from mjsim.instruments.r_test.measurement import USUAL_NOISE, SphereReading
+from mjsim.machine.chain import COORDINATES
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
-from mjsim.simulation.axes import AxesMotion
+from mjsim.simulation.axes import AxesMotion, motions_of
 from mjsim.threads import Workers, one_blas_thread
 from mjsim.units import MM
 
@@ -42,9 +44,10 @@ from mjsim.units import MM
 NEXT_TEST = 20.0
 #: Feed of the tests, m/s; bar and height of the table ball, m: those of a new campaign's template.
 FEED, BAR, HEIGHT = 1000 * MM / 60.0, 100 * MM, 155 * MM
+#: X of the sphere of an R-test, m.
+SPHERE = 100 * MM
 #: Standard deviations of an effect that its typical size has to be to show.
 _SHOWN = 3.0
-_SETUP_SIZE = 6  # numbers of a set-up: both balls' places
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,7 @@ class CampaignPlan:
         """Plain data, as ``mjsim plan --new --json`` prints it."""
         return {
             "minutes": round(self.minutes, 1),
-            "tests": [{**test_table(t), "started_s": round(t.started, 1)} for t in self.tests],
+            "tests": [{**table_of(t), "started_s": round(t.started, 1)} for t in self.tests],
             "told": list(self.told),
             "alike": [{"id": i, "like": other} for i, other in self.alike.items()],
             "hidden": list(self.hidden),
@@ -103,7 +106,8 @@ class CampaignPlanner:
         threads: Tests that are looked at side by side.
         progress: Called as work gets on.
         effects: What the tests may show; without it everything of the catalogue that has a typical size.
-        tests: That are looked at; without it all that the machine can run.
+        tests: That are looked at, all of one instrument, of an R-test one reading each; without it all ball-bar tests
+            that the machine can run.
 
     Raises:
         InputError: A ball bar runs no test on this machine.
@@ -118,7 +122,7 @@ class CampaignPlanner:
         tests: Sequence[BallBarTest] | None = None,
     ) -> None:
         self.machine, self._workers = machine, Workers(threads)
-        self._noise, self._plant = usual_noise(), build(machine)
+        self._plant = build(machine)
         self._sheet = sheet_of(machine)
         self._plants = sheet_plants(machine, machine.chain.letters)
         self._effects = _typical_effects(machine) if effects is None else effects
@@ -137,6 +141,10 @@ class CampaignPlanner:
                 f"and Z"
             )
         self._tests = tests
+        sensors = bool(tests[0].component)
+        self._noise = usual_noise(rms=USUAL_NOISE) if sensors else usual_noise()
+        # numbers of the instrument, which all set-ups share, and of each set-up
+        self._own, self._setup_size = (9, 3) if sensors else (1, 6)
         done = 0
         for n in range(0, len(tests), threads):
             self._add(tests[n : n + threads])
@@ -182,8 +190,13 @@ class CampaignPlanner:
         self._told |= dict(zip([t.name for t in new], self._workers.map(self._information_of, new), strict=True))
 
     def _information_of(self, test: BallBarTest) -> np.ndarray:
-        """What a test tells of effects, data sheet, length and balls, (p + 6, p + 6), its trigger unknown."""
-        motion = AxesMotion(test, keep=2)
+        """What a test tells of effects, data sheet, instrument and set-up, its trigger unknown."""
+        readings = [replace(test, component=c) for c in COORDINATES] if test.component else [test]
+        rows = _without_trigger(np.vstack([self._rows_of(m) for m in motions_of(readings, keep=2)]))
+        return rows.T @ rows
+
+    def _rows_of(self, motion: AxesMotion) -> np.ndarray:
+        """Whitened derivatives of one reading by effects, data sheet, instrument, set-up and trigger."""
         sens = motion.sensitivity(self._plant, GRID_STEPS)
         linear = Linearisation(Unmeasured((motion,), (sens,)), self.machine, np.zeros(0))
         lo, hi = motion.program.measured_span
@@ -194,12 +207,12 @@ class CampaignPlanner:
         reading = motion.reading(self._plant, GRID_STEPS)
         columns = [c for f in self._effects for c in self._columns(f, motion, sens, linear, reading)]
         columns += list(sheet_grid(motion, sens, self._plant, self._plants))
-        columns.append(np.full(len(time), LENGTH))
-        columns += [*(sens.table * TABLE_BALL).T, *(sens.spindle * SPINDLE_BALL).T]
+        set_up = set_up_columns(motion.test, sens, np.zeros((len(time), 3)))
+        first = self._setup_size
+        columns += [*set_up[:, first:].T, *set_up[:, :first].T]
         columns.append(-np.gradient(reading, time) * TRIGGER)
         blocks = np.column_stack([c[inside].reshape(-1, per_block).mean(axis=1) for c in columns])
-        rows = _without_trigger(whitened(self._noise, blocks))
-        return rows.T @ rows
+        return whitened(self._noise, blocks)
 
     def _columns(self, f: EffectVector, motion, sens, linear: Linearisation, reading: np.ndarray):
         """Change of the reading by each entry of an effect, m per typical size."""
@@ -221,14 +234,14 @@ class CampaignPlanner:
 
     def _information(self, tests: list[BallBarTest]) -> np.ndarray:
         """What is known of effects, data sheet and length after some tests, (p, p) in units of their priors."""
-        shared = self._count + len(self._sheet) + 1
+        shared = self._count + len(self._sheet) + self._own
         out = np.eye(shared)
         for setup in dict.fromkeys(t.setup for t in tests):
             of_setup = sum(self._told[t.name] for t in tests if t.setup == setup)
             assert isinstance(of_setup, np.ndarray)
             cross = of_setup[:shared, shared:]
-            balls = np.eye(_SETUP_SIZE) + of_setup[shared:, shared:]
-            out += of_setup[:shared, :shared] - cross @ np.linalg.solve(balls, cross.T)
+            places = np.eye(self._setup_size) + of_setup[shared:, shared:]
+            out += of_setup[:shared, :shared] - cross @ np.linalg.solve(places, cross.T)
         return out
 
     def told_by(self, test: BallBarTest) -> np.ndarray:
@@ -311,9 +324,17 @@ def possible_tests(machine: Machine) -> Iterator[BallBarTest]:
                 yield named
 
 
+def possible_motions(machine: Machine) -> Iterator[SphereReading]:
+    """R-tests that the machine can run, one reading of each: every rotary axis alone, and two together."""
+    for test in motions_at(machine.chain, (SPHERE, 0.0, HEIGHT)):
+        named = _named(replace(test, feed=FEED))
+        if not kind_of(named).out_of_reach(named) and reachable(named):
+            yield named
+
+
 def _named(test: BallBarTest) -> BallBarTest:
     """A test named by what it is; tests with the balls in one place have one set-up."""
-    return replace(test, name=kind_of(test).short_name(test), setup=place_name(test))
+    return renamed(test, kind_of(test).short_name(test), place_name(test))
 
 
 def minutes_of(tests: Iterable[BallBarTest]) -> float:

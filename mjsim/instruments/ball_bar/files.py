@@ -119,18 +119,23 @@ def test_of(file: Path, t: BallBarTable, chain: Chain) -> BallBarTest:
     test = kind.completed(test)
     if wrong := kind.wrong(test):
         raise InputError(f"{place}: {wrong}")
-    _check_duration(place, test)
+    check_duration(place, test)
     return test
 
 
-def _check_duration(place: str, test: BallBarTest) -> None:
+def check_duration(place: str, test: BallBarTest) -> None:
+    """Refuse a test that lasts too long, or whose measured part is too short.
+
+    Raises:
+        InputError: It does.
+    """
     program = Program(test)
     lo, hi = program.measured_span
     if not program.duration <= LONGEST or not hi - lo >= SHORTEST:
         raise InputError(
             f"{place}: its program would last {program.duration:.3g} s, {hi - lo:.3g} s of it measured; allowed: "
             f"up to {LONGEST:g} s, and "
-            f"at least {SHORTEST:g} s measured; check feed_mm_min, bar_length_mm, table_ball_mm and how far it goes"
+            f"at least {SHORTEST:g} s measured; check feed_mm_min, where the ball is, and how far it goes"
         )
 
 

@@ -29,6 +29,7 @@ class BallBar(Instrument[BallBarTest, Trace]):
     test_noun = "ball-bar test"
     beside = "ball_bar_tests"
     order = 0
+    in_motion = True
     own_keys: ClassVar[Mapping[str, tuple[Any, Any]]] = {
         "certificate": (Text, ""),
         "gain_ppm": (Annotated[float | None, Field(ge=-1e5, le=1e5)], None),

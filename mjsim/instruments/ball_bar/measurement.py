@@ -11,6 +11,9 @@ import numpy as np
 from mjsim.instruments.ball_bar.commanded import Commanded
 from mjsim.machine.chain import FIVE_AXIS, Chain
 
+#: RMS of one sample of an ordinary ball bar, m (assumed).
+USUAL_NOISE = 0.12e-6
+
 
 @dataclass(frozen=True)
 class BallBarTest:
@@ -23,7 +26,9 @@ class BallBarTest:
     is the clock time of the NC program's start in s. ``commanded`` is the motion of an NC file where one takes the
     place of the test's own program. ``spindle`` is the angle in rad at which the spindle is held: what the spindle ball
     is off its centreline turns with it. ``chain`` has the axes of the machine that runs the test. ``more`` holds the
-    keys that only one's own kinds have, SI.
+    keys that only one's own kinds have, SI. ``component`` is the coordinate (X, Y or Z) along which a sensor reads how
+    far the table's ball stands off the spindle's, in the machine frame; empty, it is the distance of the balls that is
+    read.
     """
 
     instrument: ClassVar[str] = "ball_bar"
@@ -49,6 +54,12 @@ class BallBarTest:
     commanded: Commanded | None = None
     chain: Chain = FIVE_AXIS
     more: Mapping[str, float | int | str] = field(default_factory=dict, hash=False)
+    component: str = ""
+
+    @property
+    def recording(self) -> str:
+        """Name of the recording that it comes from: readings of one share its clock."""
+        return self.name
 
 
 @dataclass(frozen=True)
@@ -94,6 +105,8 @@ class BallBarData:
     hysteresis: float = 0.1e-6
     temperature: float | None = None
     expansion: float = 0.0
+    usual_noise: ClassVar[float] = USUAL_NOISE
+    noise_stated: ClassVar[bool] = False
 
     @property
     def source(self) -> str:

@@ -44,7 +44,7 @@ class ComparedBarTest(ComparedTest):
 
     ``simulated`` has the nuisances applied. ``rms``, ``maximum`` (m) are of the residual; ``worst_phi`` (rad) is where
     the model fails most and ``worst_event`` the axis event there. ``iso`` holds ISO 230-4 figures (µm) of measured and
-    simulated.
+    simulated; of a coordinate of an R-test its range about the sphere's place (ISO 10791-6).
     """
 
     test: BallBarTest
@@ -86,8 +86,8 @@ class ComparedBarTest(ComparedTest):
             "worst_plot_angle_deg": _r(self.worst_phi / DEG % 360, 1),
             "worst_event": self.worst_event,
             "trigger_ms": _r(self.trigger * 1e3, 2),
-            "iso230_4": self.iso,
-        }
+            "iso230_4": {} if self.test.component else self.iso,
+        } | ({"iso10791_6": self.iso} if self.test.component else {})
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,9 @@ class BarComparison(ComparedPart):
     Attributes:
         noise: RMS of one sample's noise, m, and ``noise_source``, where it comes from. rms, maximum: of all residuals,
             m.
-        setups: table-ball and spindle-ball offsets per set-up (6,) m. length: bar-length offset, m.
+        setups: table-ball and spindle-ball offsets per set-up (6,) m; of an R-test the sphere's and the nest's.
+        length: bar-length offset, m.
+        nest: what else was fitted of the nest of an R-test, by name with the unit.
         bidirectional: ISO 230-4 figures of pairs of tests in both directions, µm.
         readings: simulated reading of each test on the engine's time grid, (n,) m, without nuisances.
     """
@@ -113,6 +115,7 @@ class BarComparison(ComparedPart):
     length: float
     bidirectional: list[dict] = field(default_factory=list)
     readings: tuple[np.ndarray, ...] = ()
+    nest: dict[str, float] = field(default_factory=dict)
 
     def to_json(self) -> dict:
         """Plain numbers in µm, degrees and ms, as ``mjsim compare --json`` prints them."""
@@ -131,6 +134,7 @@ class BarComparison(ComparedPart):
                 k: {"table_ball_um": [_r(x / UM, 2) for x in v[:3]], "spindle_ball_um": [_r(x / UM, 2) for x in v[3:]]}
                 for k, v in self.setups.items()
             },
+            **({"nest": {k: _r(v) for k, v in self.nest.items()}} if self.nest else {}),
             "length_um": _r(self.length / UM, 2),
             "iso230_4_bidirectional": self.bidirectional,
             "acceptance": self.acceptance,
@@ -149,9 +153,10 @@ class BarComparison(ComparedPart):
         """Tests that ask more of the axes than an ordinary machine can, and simulated readings beyond the sensor's
         range.
         """
-        reach = self.campaign.instrument.range
-        found = [w for t in self.tests for w in (*speed_warnings(t.test), range_warning(t.test, t.simulated, reach))]
-        return [w for w in found if w]
+        data, found = self.campaign.instruments, []
+        for t in self.tests:
+            found += [*speed_warnings(t.test), range_warning(t.test, t.simulated, data[t.test.instrument].range)]
+        return [w for w in dict.fromkeys(found) if w]
 
 
 def _r(x: float, digits: int = 4) -> float:
@@ -171,7 +176,7 @@ def compare_bars(
         InputError: no test of the campaign has a trace, or the traces show a mistake
             (:mod:`mjsim.estimation.mistakes`).
     """
-    campaign = campaign.of(BallBarTest.instrument)
+    campaign = campaign.in_motion
     campaign.need_traces("comparing needs at least one measured test")
     plant = build(machine)
     problem = problem or checked_problem(campaign, plant, threads, keep_motions=False)
@@ -197,9 +202,8 @@ def overlay(
     for k, s in enumerate(problem.samples):
         shift = problem.shift(k, nuisance)
         # the reading on its own fine grid: a vibration does not survive the coarse one
-        modelled = s.sample_all(simulations[k].deviation, shift, STEP) + s.sample_all(
-            problem.offsets(k, nuisance), shift
-        )
+        set_up = s.sample_all(problem.offsets(k, nuisance), shift)
+        modelled = s.sample_all(simulations[k].deviation, shift, STEP) + set_up
         residual = s.value - modelled
         good = s.valid
         phi = Program(s.test).phi(s.time - problem.shift(k, nuisance))
@@ -219,11 +223,13 @@ def overlay(
                 event_at(float(phi[worst]), events),
                 events,
                 problem.shift(k, nuisance),
-                _iso(s.test, phi[good], s.value[good], modelled[good]),
+                _ranges(s.value - set_up, modelled - set_up, good)
+                if s.test.component
+                else _iso(s.test, phi[good], s.value[good], modelled[good]),
                 problem.outliers[s.test.name],
                 s.time,
                 problem.campaign.traces[s.test.name].saturated,
-                problem.noise.rms,
+                problem.noise_of(k).rms,
             )
         )
         squares += float(residual[good] @ residual[good])
@@ -246,6 +252,7 @@ def overlay(
         problem.nuisances.length(nuisance),
         _pairs(tests),
         tuple(s.deviation for s in simulations),
+        problem.nuisances.nest(nuisance),
     )
 
 
@@ -262,6 +269,12 @@ def _iso(test: BallBarTest, phi: np.ndarray, measured: np.ndarray, simulated: np
         }
     except InputError:  # a gap of the trace leaves part of the circle open: the figures are not defined
         return {}
+
+
+def _ranges(measured: np.ndarray, simulated: np.ndarray, good: np.ndarray) -> dict:
+    """Range of a coordinate of an R-test without what the set-up makes of it, of measured and of simulated."""
+    both = {"measured": measured, "simulated": simulated}
+    return {who: {"range_um": _r(float(np.ptp(x[good])) / UM)} for who, x in both.items()}
 
 
 def _rounded(figures: CircularFigures | BidirectionalFigures) -> dict:

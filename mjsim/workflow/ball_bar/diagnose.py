@@ -56,7 +56,7 @@ def diagnose_bars(
     Raises:
         InputError: no measured test, or the traces show a mistake (:mod:`mjsim.estimation.mistakes`).
     """
-    campaign = campaign.of(BallBarTest.instrument)
+    campaign = campaign.in_motion
     campaign.need_traces("a diagnosis needs measured tests")
     return remembered(
         "diagnoses",

@@ -14,7 +14,6 @@ from mjsim.estimation.planning.separation import Explanation
 from mjsim.estimation.samples import BLOCKS
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.estimation.vibration import separate
-from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
@@ -44,7 +43,7 @@ def plan_bars(
     Raises:
         InputError: unknown effect; no traces and no ``between``.
     """
-    campaign = campaign.of(BallBarTest.instrument)
+    campaign = campaign.in_motion
     ids = tuple(i for i in between or () if i != NOTHING)
     for i in ids:
         registry.effect_class(i, machine.chain)

@@ -54,7 +54,10 @@ class Rotary(Turn):
         return float(np.hypot(away[first], away[second]))
 
     def words(self, test: BallBarTest) -> str:
-        return f"{test.axis} from {test.start / DEG:g}° to {test.stop / DEG:g}°, {test.sensitive}"
+        return f"{test.axis} from {test.start / DEG:g}° to {test.stop / DEG:g}°, {test.component or test.sensitive}"
+
+    def repeats(self, test: BallBarTest) -> bool:
+        return abs(test.stop - test.start) > 4 * np.pi - 1e-9
 
     def turns(self, test: BallBarTest) -> str:
         return test.axis
@@ -78,7 +81,8 @@ class Rotary(Turn):
         return super().cannot(chain) or ("" if chain.rotary else "it turns a rotary axis, and the machine has none")
 
     def short_name(self, test: BallBarTest) -> str:
-        return f"rotary-{test.axis.lower()}-{test.sensitive}-{self.way(test).lower()}-{place_name(test)}"
+        sensitive = "" if test.component else f"{test.sensitive}-"
+        return f"rotary-{test.axis.lower()}-{sensitive}{self.way(test).lower()}-{place_name(test)}"
 
     def proposals(self, chain: Chain, length: float, height: float) -> Iterator[BallBarTest]:
         turn = {a.letter: _first_turn(chain, a) for a in (*chain.turning, *chain.swivelling)}

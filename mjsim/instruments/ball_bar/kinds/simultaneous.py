@@ -99,16 +99,18 @@ class Simultaneous(Turn):
 
     def words(self, test: BallBarTest) -> str:
         start, stop = (float(test.more[k]) / DEG for k in ("second_start", "second_stop"))
+        seen = test.component or f"bar along {test.sensitive}"
         return (
             f"{test.axis} from {test.start / DEG:g}° to {test.stop / DEG:g}° with {_second(test)} from {start:g}° to "
-            f"{stop:g}°, bar along {test.sensitive}"
+            f"{stop:g}°, {seen}"
         )
 
     def short_name(self, test: BallBarTest) -> str:
         axes = f"{test.axis}{_second(test)}".lower()
         turns = test.stop - test.start, float(test.more["second_stop"]) - float(test.more["second_start"])
         ends = "-".join(number_name(round(v / DEG)) for v in turns)
-        return f"simultaneous-{axes}-{ends}-{test.sensitive.lower()}-{self.way(test).lower()}-{place_name(test)}"
+        sensitive = "" if test.component else f"{test.sensitive.lower()}-"
+        return f"simultaneous-{axes}-{ends}-{sensitive}{self.way(test).lower()}-{place_name(test)}"
 
     def proposals(self, chain: Chain, length: float, height: float) -> Iterator[BallBarTest]:
         if self.cannot(chain):
