@@ -48,6 +48,8 @@ def command(campaign, machine, fix, threads, as_json, quiet) -> None:
             show_check(mine)
         else:
             _show_plain(mine)
+    for sentence in data.get("temperature", ()):
+        common.paragraph(sentence)
 
 
 def _show_plain(data: dict) -> None:

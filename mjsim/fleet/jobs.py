@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mjsim.batch.describe import versions
+from mjsim.campaign.temperature import FILE
 from mjsim.errors import InputError
 from mjsim.io.cache import code
 
@@ -79,7 +80,7 @@ def job_of(folder: Path, options: Options) -> Job:
 def files_of(folder: Path) -> dict[str, bytes]:
     """What a campaign consists of: its files by their path relative to the folder. What is missing is left out."""
     folder = folder.resolve()
-    names = {_CAMPAIGN}
+    names = {_CAMPAIGN, FILE}
     campaign = _table(folder / _CAMPAIGN)
     machine = str(campaign.get("machine", "machine.toml"))
     names.add(machine)

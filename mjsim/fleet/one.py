@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 from mjsim.campaign.files import read_campaign
-from mjsim.campaign.machine_file import read_machine
+from mjsim.campaign.machine_file import machine_of
 from mjsim.errors import InputError, SimulationError, shortened
 from mjsim.fleet.jobs import Options, unpack
 from mjsim.io.files import finite
@@ -37,7 +37,7 @@ def diagnosed(folder: Path, options: Options, threads: int = 1) -> dict:
     row: dict = {"folder": str(folder), "campaign": folder.name, "machine": "", "configuration": "", "date": None}
     try:
         campaign = read_campaign(folder, as_is=options.as_is)
-        machine = read_machine(campaign.machine_file)
+        machine = machine_of(campaign)
         row |= {
             "campaign": campaign.name,
             "machine": machine.name,
