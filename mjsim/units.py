@@ -30,6 +30,7 @@ UNITS: dict[str, tuple[float, str]] = {
     "Nm_per_rad": (1.0, "N·m/rad"),
     "kg": (1.0, "kg"),
     "K": (1.0, "K"),
+    "um_per_K": (1e-6, "µm/K"),
 }
 
 #: Names that a plain number may have, alone or as an ending: ratios, orders and counts.

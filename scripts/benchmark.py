@@ -59,7 +59,7 @@ def with_every_effect(machine: Machine) -> Machine:
     """Every kind and subject of the catalogue at a typical size, elastic transmissions and sticking friction
     included.
     """
-    for effect_id in registry.all_ids():
+    for effect_id in registry.all_ids(sensors=False):
         present = machine.effect(effect_id)
         if present is not None:
             machine = machine.with_effect(present.replaced(static_ratio=1.2)) if present.kind == "friction" else machine

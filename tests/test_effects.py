@@ -16,11 +16,13 @@ from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS, chain_of
 from mjsim.machine.effect import Effect, Parameter
 from mjsim.machine.model import build
+from mjsim.machine.temperatures import Temperatures
 from mjsim.simulation.axes import AxesMotion
 from mjsim.simulation.multibody import simulate
 
 DEG, UM = math.pi / 180.0, 1e-6
 IDS = registry.all_ids()
+SENSOR = "spindle nose"
 #: Functional points that no ball is in line with: an angular error needs an arm to be seen.
 AWAY = tuple((a, (0.1, -0.2, 0.15)) for a in FIVE_AXIS.linear)
 
@@ -33,6 +35,8 @@ def typical(effect_id, off=False, direction=None):
         if p.kind == "choice":
             if direction:
                 values[p.name] = direction
+        elif p.kind == "sensor":
+            values[p.name] = SENSOR
         elif p.kind == "components":
             values[p.name] = [] if off else [[7.0, p.scale, 30.0], [20.5, -0.5 * p.scale, -170.0]]
         elif p.neutral is not None:
@@ -51,7 +55,8 @@ def short(cone):
 
 @pytest.fixture(scope="module")
 def empty(m1, bare):
-    return replace(bare(m1), functional_points=AWAY)
+    warming = Temperatures(np.array([0.0, 300.0]), (SENSOR,), np.array([[20.0], [21.0]]))
+    return replace(bare(m1), functional_points=AWAY, temperatures=warming)
 
 
 @pytest.fixture(scope="module")
@@ -167,7 +172,8 @@ def test_file_round_trip_of_directions(tmp_path, m1):
 
 
 def bad_values(p):
-    yield "text"
+    if p.kind != "sensor":
+        yield "text"
     yield True
     yield float("nan")
     if p.kind == "number":
@@ -178,6 +184,10 @@ def bad_values(p):
             yield float("inf")
     elif p.kind == "choice":
         yield 1.0
+    elif p.kind == "sensor":
+        yield 3.0
+        yield ""
+        yield "nose]"
     else:
         yield 3.0
         yield [[1.0, 2.0]]

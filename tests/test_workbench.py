@@ -3,6 +3,7 @@
 import json
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS
+from mjsim.machine.temperatures import Temperatures
 from mjsim.prediction.part_run import PartRun
 from mjsim.workbench import axis_data, catalogue, lines
 from mjsim.workbench.bodies import MachineBodies
@@ -106,17 +108,20 @@ def test_switch_keeps_the_values(bench):
 
 
 def test_every_effect_can_be_switched_on_and_has_sliders(bench):
+    warm = replace(bench.machine, temperatures=Temperatures(np.arange(2.0), ("spindle",), np.zeros((2, 1))))
     for effect_id in registry.all_ids():
-        effect = catalogue.switched_on(effect_id, FIVE_AXIS)
+        effect = catalogue.switched_on(effect_id, warm)
         assert effect.id == effect_id and not effect.is_neutral
         for p in effect.parameters_of(effect.subject):
             if p.kind == "number":
                 s = catalogue.slider(p, effect.values[p.name])
                 assert p.lower <= s.low < s.high <= p.upper and s.low <= effect.values[p.name] <= s.high
                 assert 100 <= (s.high - s.low) / s.step <= 5000
-    shown = catalogue.by_axis(bench.machine)
+    shown = catalogue.by_axis(warm)
     assert list(shown)[: FIVE_AXIS.count] == list(FIVE_AXIS.letters)
     assert sorted(e.id for rows in shown.values() for e in rows) == sorted(registry.all_ids())
+    without = {e.id for rows in catalogue.by_axis(bench.machine).values() for e in rows}
+    assert without == set(registry.all_ids(sensors=False))
     assert {e.axis for rows in shown.values() for e in rows} == set(FIVE_AXIS.letters)
 
 

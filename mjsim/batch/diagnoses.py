@@ -19,7 +19,7 @@ from pathlib import Path
 
 from mjsim.batch.tables import versions
 from mjsim.campaign.files import read_campaign
-from mjsim.campaign.machine_file import read_machine
+from mjsim.campaign.machine_file import machine_of
 from mjsim.errors import InputError, SimulationError, shortened
 from mjsim.io.cache import code
 from mjsim.io.files import finite
@@ -96,7 +96,7 @@ def job_of(folder: Path, options: Options) -> Job:
 def files_of(folder: Path) -> dict[str, bytes]:
     """What a campaign consists of: its files by their path relative to the folder. What is missing is left out."""
     folder = folder.resolve()
-    names = {_CAMPAIGN}
+    names = {_CAMPAIGN, FILE}
     campaign = _table(folder / _CAMPAIGN)
     machine = str(campaign.get("machine", "machine.toml"))
     names.add(machine)
@@ -154,7 +154,7 @@ def diagnosed(folder: Path, options: Options) -> dict:
     row: dict = {"folder": str(folder), "campaign": folder.name, "machine": "", "configuration": "", "date": None}
     try:
         campaign = read_campaign(folder, as_is=options.as_is)
-        machine = read_machine(campaign.machine_file)
+        machine = machine_of(campaign)
         row |= {
             "campaign": campaign.name,
             "machine": machine.name,

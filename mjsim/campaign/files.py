@@ -11,6 +11,7 @@ from mjsim.campaign.driven import driven
 from mjsim.campaign.instruments import grouped_tests, instrument_tables
 from mjsim.campaign.model import Campaign
 from mjsim.campaign.schema import CampaignTable, InstrumentTable, with_tests
+from mjsim.campaign.temperature import read_temperatures
 from mjsim.errors import InputError
 from mjsim.instruments.ball_bar.limits import acceptance_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
@@ -82,6 +83,7 @@ def campaign_from(
         as_is,
         acceptance_of(file, table.acceptance, [t for t in ordered if t.instrument == BallBarTest.instrument]),
         table.serial_number or "",
+        read_temperatures(file.parent) if traces else None,
     )
     if traces:
         _read_traces(file, campaign, spans)

@@ -16,6 +16,7 @@ from mjsim.campaign.chain_file import chain_of_file, functional_points, placed
 from mjsim.campaign.controllers import edit_controllers, read_controllers
 from mjsim.campaign.model import Campaign
 from mjsim.campaign.schema import machine_table
+from mjsim.campaign.temperature import in_campaign
 from mjsim.campaign.tolerance import check_tolerance
 from mjsim.effects import registry
 from mjsim.errors import InputError
@@ -39,12 +40,12 @@ DRIVE_KEYS = {
 
 
 def machine_of(campaign: Campaign, file: str | Path | None = None) -> Machine:
-    """The campaign's machine, or the one in ``file``.
+    """The campaign's machine, or the one in ``file``, with the campaign's temperatures.
 
     Raises:
-        InputError: The file cannot be read, or is no machine.
+        InputError: The file cannot be read, or is no machine, or it follows a sensor that the campaign lacks.
     """
-    return read_machine(file if file is not None else campaign.machine_file)
+    return in_campaign(read_machine(file if file is not None else campaign.machine_file), campaign)
 
 
 def read_machine(path: str | Path, text: str | None = None) -> Machine:

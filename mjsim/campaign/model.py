@@ -11,6 +11,7 @@ from typing import Any
 from mjsim.errors import InputError
 from mjsim.instruments.ball_bar.acceptance import Acceptance
 from mjsim.instruments.base import INSTRUMENTS
+from mjsim.machine.temperatures import Temperatures
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,7 @@ class Campaign:
         as_is: It is not to be searched for mistakes of the user's when it is compared with a machine.
         acceptance: Limits of figures, where the user states some.
         serial_number: Of the machine; empty where none is stated.
+        temperatures: Of temperature.csv; ``None`` where there is none.
     """
 
     name: str
@@ -40,6 +42,7 @@ class Campaign:
     as_is: bool = False
     acceptance: Acceptance | None = None
     serial_number: str = ""
+    temperatures: Temperatures | None = None
 
     @property
     def measured(self) -> tuple[Any, ...]:

@@ -82,8 +82,8 @@ def units_of(cls: type[Effect], chain: Chain) -> tuple[str, ...]:
 
 
 def _needs_a_place(parameters: tuple[Parameter, ...]) -> bool:
-    """Whether a shape other than the order of a wave has no default, as the place of a worn stretch."""
-    required = (p for p in parameters if not p.leading and p.default is None and p.kind == "number")
+    """Whether a shape other than the order of a wave has no default, as the place of a worn stretch or a sensor."""
+    required = (p for p in parameters if not p.leading and p.default is None and p.kind in ("number", "sensor"))
     return any(p.name != "order" for p in required)
 
 

@@ -98,9 +98,9 @@ def command(
 
             chosen()  # before anything imports MuJoCo, which fails where MUJOCO_GL names what is missing
             from mjsim.animation.movie import animate
-            from mjsim.campaign.machine_file import read_machine
+            from mjsim.campaign.machine_file import machine_of
 
-            m = read_machine(machine) if machine else None
+            m = machine_of(c, machine)
             film = animate(
                 c,
                 tests[0],

@@ -40,6 +40,8 @@ def command(campaign, machine, fix, threads) -> None:
             _show_bars(mine, part, fix, files)
         else:
             _show(mine)
+    for sentence in data.get("temperature", ()):
+        common.paragraph(sentence)
 
 
 #: What a check says of tests without a trace.

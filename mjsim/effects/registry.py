@@ -83,14 +83,21 @@ def _is_from_file(cls: type[Effect]) -> bool:
     return cls.__module__.startswith(own.USER_MODULE)
 
 
-def all_ids(chain: Chain = FIVE_AXIS, for_logs: bool = False) -> list[str]:
+def all_ids(chain: Chain = FIVE_AXIS, for_logs: bool = False, sensors: bool = True) -> list[str]:
     """Every ``kind.SUBJECT`` of the catalogue for a machine with these axes, without those of users' files.
 
     Args:
         chain: axes of the machine.
         for_logs: those that are looked for in axis logs only, instead of all others.
+        sensors: also those that follow a temperature sensor.
     """
-    return [f"{k}.{s}" for k, cls in kinds_of(()).items() if cls.for_logs == for_logs for s in cls.subjects_of(chain)]
+    return [
+        f"{k}.{s}"
+        for k, cls in kinds_of(()).items()
+        if cls.for_logs == for_logs
+        for s in cls.subjects_of(chain)
+        if sensors or not cls.follows_sensor(s)
+    ]
 
 
 def load_file(path: Path) -> type[Effect]:
@@ -168,8 +175,8 @@ def _wrong_parameter(p: Parameter) -> str:
     """What is wrong with a parameter, and what is allowed; nothing where all is well."""
     if not isinstance(p.name, str) or not p.name.isidentifier():
         return f"the parameter name {p.name!r}; allowed: a name of letters, digits and _"
-    if p.kind not in ("number", "components", "choice"):
-        return f"kind of the parameter {p.name} = {p.kind!r}; allowed: number, components, choice"
+    if p.kind not in ("number", "components", "choice", "sensor"):
+        return f"kind of the parameter {p.name} = {p.kind!r}; allowed: number, components, choice, sensor"
     if p.kind == "choice" and not (p.choices and all(isinstance(c, str) for c in p.choices)):
         return f"choices of the parameter {p.name} = {p.choices!r}; allowed: a tuple of texts"
     if p.kind != "number":

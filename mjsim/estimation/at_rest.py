@@ -594,7 +594,8 @@ class RestReader(Reader[RestProblem]):
         white = Bank(bank.candidates, model.problem.whiten_further(bank.matrix), bank.slices)
         limits = detection_limits(Projector(model.fit), white)
         limits |= {f.effect.id: 0.0 for f in model.fit.effects if self.resolves(f)}
-        every = registry.all_ids(self.search.machine.chain)
+        machine = self.search.machine
+        every = registry.all_ids(machine.chain, sensors=bool(machine.sensors))
         return tuple(sorted(i for i in every if limits.get(i, math.inf) > model.problem.settings.testable_size))
 
 

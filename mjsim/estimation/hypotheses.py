@@ -115,6 +115,11 @@ def log_odds_of(f: EffectVector, machine: Machine) -> float:
     return len(missing) * prior_log_odds(f.effect, sum(c.effect.id == f.effect.id for c in seeds(machine)))
 
 
+def widths_of(effect: Effect) -> np.ndarray:
+    """Prior widths of an effect's leading entries that are tried, typical sizes."""
+    return WIDTHS if effect.search.width is None else np.array([effect.search.width])
+
+
 def with_prior_of_size(f: EffectVector) -> EffectVector:
     """An effect with a prior of the least width that its size asks for; shapes keep theirs, or have one around where
     they are.
@@ -124,7 +129,8 @@ def with_prior_of_size(f: EffectVector) -> EffectVector:
     for _, entries in entries_of(f):
         mean[entries] = f.off[entries]
         size = np.abs(f.vector - f.off)[entries].max()
-        deviation[entries] = WIDTHS[min(int(np.searchsorted(WIDTHS, size)), len(WIDTHS) - 1)]
+        widths = widths_of(f.effect)
+        deviation[entries] = widths[min(int(np.searchsorted(widths, size)), len(widths) - 1)]
     return f.with_prior(mean, deviation)
 
 
@@ -174,7 +180,7 @@ class Hypotheses:
         width, p = bank.matrix.shape[1], fit.parameters.size
         count: dict[str, int] = {}
         for c in bank.candidates:
-            count[c.effect.key] = count.get(c.effect.key, 0) + 1
+            count[c.effect.id] = count.get(c.effect.id, 0) + 1
         inside, released, beyond = self._of_model(count)
         rows = [(h, width + at) for h, at in beyond]  # columns of the model stand behind those of the catalogue
         self.released = replace(fit, effects=tuple(released))
@@ -182,8 +188,10 @@ class Hypotheses:
         for c, at in zip(bank.candidates, bank.slices, strict=True):
             mine = have.get(c.effect.key)
             if at.stop > at.start and (mine is None or c.at_another_order(mine)):
-                odds = prior_log_odds(c.effect, count[c.effect.key])
-                rows.append((Hypothesis(c.effect.key, odds, WIDTHS, candidate=c), np.arange(at.start, at.stop)))
+                odds = prior_log_odds(c.effect, count[c.effect.id])
+                rows.append(
+                    (Hypothesis(c.effect.key, odds, widths_of(c.effect), candidate=c), np.arange(at.start, at.stop))
+                )
         products = products.extended(design[0])
         more: list[np.ndarray] = []
         place = width + p
@@ -192,8 +200,8 @@ class Hypotheses:
             gains = [(2.0 * (o - h.log_odds), h.candidate) for o, (h, _) in zip(odds[len(inside) :], rows, strict=True)]
             ranked = sorted(((gain, c) for gain, c in gains if c is not None), key=lambda row: -row[0])
             for c, columns in further(ranked):
-                odds = prior_log_odds(c.effect, count.get(c.effect.key, 1))
-                h = Hypothesis(c.effect.key, odds, WIDTHS, candidate=c)
+                odds = prior_log_odds(c.effect, count.get(c.effect.id, 1))
+                h = Hypothesis(c.effect.key, odds, widths_of(c.effect), candidate=c)
                 rows.append((h, place + np.arange(columns.shape[1])))
                 more.append(columns)
                 place += columns.shape[1]
@@ -231,15 +239,25 @@ class Hypotheses:
                 for wave, entries in entries_of(f):
                     if _is_given(f, wave, fit.base):
                         continue
-                    odds = prior_log_odds(f.effect, count.get(f.effect.key, 1))
-                    inside.append((Hypothesis(f.effect.key, odds, WIDTHS, f, wave, entries, present=True), at[entries]))
+                    odds = prior_log_odds(f.effect, count.get(f.effect.id, 1))
+                    inside.append(
+                        (
+                            Hypothesis(f.effect.key, odds, widths_of(f.effect), f, wave, entries, present=True),
+                            at[entries],
+                        )
+                    )
                 continue
             mean, deviation, own = mine.prior_of(f)
             released.append(f.with_prior(mean, deviation))
             for wave, entries in entries_of(f):
                 if not own[entries].all():
                     odds = prior_log_odds(f.effect, 1)
-                    inside.append((Hypothesis(f.effect.key, odds, WIDTHS, f, wave, entries, present=True), at[entries]))
+                    inside.append(
+                        (
+                            Hypothesis(f.effect.key, odds, widths_of(f.effect), f, wave, entries, present=True),
+                            at[entries],
+                        )
+                    )
                     continue
                 limit = LIMIT_DEVIATIONS * deviation[entries]
                 is_wider = f.prior is not None and bool((f.prior[1][entries] > 1.001 * deviation[entries]).any())

@@ -75,9 +75,9 @@ def seeds_of(cls: type[Effect], subject: str, machine: Machine) -> list[Candidat
     out, mine = [], [e for e in machine.effects if e.id == effect_id]
     for present in mine:
         out += [Candidate(present, names), *(Candidate(e, n) for e, n in hints.variants(present))]
-    if all(e.key != effect_id for e in mine):  # one that acts in one direction leaves room for the other
-        out += [Candidate(cls(subject, **v), names) for v in hints.seeds_of(parameters, subject, machine.chain)]
-    return out
+    # one that acts in one direction leaves room for the other, one that follows a sensor for those of others
+    missing = (cls(subject, **v) for v in hints.seeds_of(parameters, subject, machine.chain, machine.sensors))
+    return out + [Candidate(e, names) for e in missing if all(e.key != have.key for have in mine)]
 
 
 def feasible_share(machine: Machine, x: np.ndarray, c: Candidate) -> float:

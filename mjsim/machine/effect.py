@@ -23,6 +23,7 @@ from mjsim.machine.motion import Motion
 from mjsim.machine.parameter import Parameter
 from mjsim.machine.plant import Plant
 from mjsim.machine.remedy import UNKNOWN, Remedy
+from mjsim.machine.temperatures import SENSOR, SENSOR_NAMES
 
 #: Most components of one effect: each is an operation in every step of a simulation.
 MOST_COMPONENTS = 1000
@@ -92,6 +93,11 @@ class Effect(ABC):
         """Parameters for one subject (units can differ between linear and rotary axes)."""
         return cls.parameters
 
+    @classmethod
+    def follows_sensor(cls, subject: str) -> bool:
+        """Whether the effect on a subject is the effect of a temperature that a sensor recorded."""
+        return any(p.kind == "sensor" for p in cls.parameters_of(subject))
+
     def direction_sign(self, chain: Chain) -> float:
         """Sign of the velocity at which the effect acts: +1, −1, or 0 where it acts in both directions.
 
@@ -109,9 +115,10 @@ class Effect(ABC):
 
     @property
     def key(self) -> str:
-        """What must be unique in one machine: the id, and the direction where the effect has one."""
-        direction = self.values.get("direction") if hasattr(self, "values") else None
-        return f"{self.id}[{direction}]" if direction else self.id
+        """What must be unique in one machine: the id, and the direction or the sensor where the effect has one."""
+        values = getattr(self, "values", {})
+        one_of_many = values.get("direction") or values.get("sensor")
+        return f"{self.id}[{one_of_many}]" if one_of_many else self.id
 
     def _checked(self, p: Parameter, value: Any) -> Any:
         if p.kind == "choice":
@@ -120,6 +127,10 @@ class Effect(ABC):
             return value
         if p.kind == "components":
             return self._checked_components(p, value)
+        if p.kind == "sensor":
+            if not isinstance(value, str) or not SENSOR.fullmatch(value):
+                raise InputError(f"effect {self.id}: {p.name} = {shown(value)}; allowed: {SENSOR_NAMES}")
+            return value
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise InputError(f"effect {self.id}: {p.name} = {shown(value)} is not a number")
         if not p.lower <= value <= p.upper:

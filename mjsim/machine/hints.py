@@ -39,6 +39,8 @@ class SearchHints:
         looks_like: kinds of effects on the same axis in whose place it makes sense below ``least`` as well.
         within_tolerance: whether it is looked for only where the machine file states its tolerance, or has it already:
             what no single place of the ball can tell from other effects needs an expected size.
+        width: prior standard deviation of the leading parameters, typical sizes, where physics says it; by default
+            several are tried.
         variants: function of the effect that the user's machine has already: other ways in which it may be wrong.
     """
 
@@ -49,6 +51,7 @@ class SearchHints:
     least: float = 0.0
     looks_like: tuple[str, ...] = ()
     within_tolerance: bool = False
+    width: float | None = None
     variants: Callable[[Any], Starts] = _none
 
     def free_of(self, parameters: Sequence[Parameter]) -> tuple[str, ...]:
@@ -58,14 +61,20 @@ class SearchHints:
         known = {p.name for p in parameters}
         return tuple(n for n in self.free if n in known)
 
-    def seeds_of(self, parameters: Sequence[Parameter], subject: str, chain: Chain) -> list[Values]:
+    def seeds_of(
+        self, parameters: Sequence[Parameter], subject: str, chain: Chain, sensors: Sequence[str] = ()
+    ) -> list[Values]:
         """Values from which a diagnosis starts.
 
         Args:
             parameters: of the subject.
             subject: what the effect acts on.
             chain: axes of the machine.
+            sensors: of temperature that were recorded; an effect that follows one has seeds for each of them.
         """
         if self.seeds is None:
-            return [{p.name: p.neutral + p.scale for p in parameters if p.neutral is not None}]
-        return list(self.seeds(subject, chain) if callable(self.seeds) else self.seeds)
+            seeds: list[Values] = [{p.name: p.neutral + p.scale for p in parameters if p.neutral is not None}]
+        else:
+            seeds = list(self.seeds(subject, chain) if callable(self.seeds) else self.seeds)
+        follows = next((p.name for p in parameters if p.kind == "sensor"), None)
+        return seeds if follows is None else [{**s, follows: sensor} for s in seeds for sensor in sensors]

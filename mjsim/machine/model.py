@@ -14,6 +14,7 @@ from mjsim.machine.chain import FIVE_AXIS, SINGULAR, Chain, Placement, chain_of
 from mjsim.machine.control import Control, Controller
 from mjsim.machine.effect import Effect
 from mjsim.machine.plant import AxisPlant, Plant
+from mjsim.machine.temperatures import Temperatures
 
 #: One standard deviation of the data sheet (relative). Controller settings are exact numbers in the control; what hangs
 #: on the motor and the mechanics is not. Source: campaign format, "data sheet".
@@ -69,6 +70,7 @@ class Machine:
         tool_length: from the head's pivot to the spindle ball, m; ``None`` is that of the chain.
         singular: what the control does at a singular direction, one of :data:`mjsim.machine.chain.SINGULAR`.
         functional_points: of linear axes, by letter, in machine coordinates with all axes at 0, m.
+        temperatures: that were recorded while it was measured; ``None`` where none were.
         tolerance: Limits (two standard deviations) of what a machine of this class may have without being at fault, by
             kind of effect and unit, as in the machine file.
         controllers: By name what ran on each axis (axis logs). Where the drives have no gains of their own they stand
@@ -89,6 +91,12 @@ class Machine:
     tool_length: float | None = None
     singular: str = SINGULAR[0]
     functional_points: tuple[tuple[str, tuple[float, float, float]], ...] = ()
+    temperatures: Temperatures | None = None
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Names of the temperature sensors that were recorded."""
+        return self.temperatures.names if self.temperatures is not None else ()
 
     @property
     def chain(self) -> Chain:
@@ -197,7 +205,7 @@ def build(machine: Machine) -> Plant:
         )
         for a, d in ((a, machine.drives[a]) for a in machine.chain.letters)
     }
-    plant = Plant(axes, chain=machine.chain)
+    plant = Plant(axes, chain=machine.chain, temperatures=machine.temperatures)
     for effect in machine.effects:
         if effect.subject not in (allowed := effect.subjects_of(machine.chain)):
             raise InputError(f"effect {effect.id}: the machine has no {effect.subject}; allowed: {', '.join(allowed)}")

@@ -19,7 +19,8 @@ class Parameter:
         lower, upper: allowed closed range.
         neutral: the value that switches the effect off (leading parameters only).
         default: value when the file leaves it out; ``None`` makes it required.
-        kind: ``number``, ``components`` (a list of [order, amplitude, phase_deg]) or ``choice``.
+        kind: ``number``, ``components`` (a list of [order, amplitude, phase_deg]), ``choice``, or ``sensor`` (name of a
+            temperature sensor of the campaign).
         choices: allowed texts of a ``choice``.
         scale: a typical size, in the same unit: the step of numerical derivatives and of searches.
         inverse: fitted as its reciprocal (a stiffness is off at infinity; its compliance is off at zero).

@@ -12,6 +12,7 @@ from mjsim.machine.chain import FIVE_AXIS, Chain
 from mjsim.machine.control import Control
 from mjsim.machine.kinematics import Geometry
 from mjsim.machine.motion import Motion
+from mjsim.machine.temperatures import Temperatures
 
 #: Order in which position effects act, motor side to tool (docs/theory.md).
 STAGES = (
@@ -23,10 +24,13 @@ STAGES = (
     "straightness",
     "user",
     "thermal_drift",
+    "thermal_expansion",
     "vibration",
 )
 
-SINE, PLAY, BUMP, POLYNOMIAL, SCALE, SETTLE, VIBRATE = range(7)
+SINE, PLAY, BUMP, POLYNOMIAL, SCALE, SETTLE, VIBRATE, FOLLOW, KNOTS = range(9)
+#: Numbers of an operation.
+PARAMETERS = 6
 OP_SIZE = 10
 #: Column of an operation's stage in its row.
 STAGE = OP_SIZE - 1
@@ -115,13 +119,17 @@ class PythonEffect(Protocol):
 
 @dataclass
 class Plant:
-    """Drives, transmission operations in acting order, geometry, and the effects that are plain Python."""
+    """Drives, transmission operations in acting order, geometry, and the effects that are plain Python.
+
+    ``temperatures`` are those of the campaign; ``None`` where none were recorded.
+    """
 
     axes: dict[str, AxisPlant]
     ops: list[Op] = field(default_factory=list)
     geometry: Geometry = field(default_factory=Geometry)
     python_effects: list[PythonEffect] = field(default_factory=list)
     chain: Chain = FIVE_AXIS
+    temperatures: Temperatures | None = field(default=None, compare=False)
 
     @property
     def width(self) -> int:
@@ -163,6 +171,25 @@ class Plant:
             )
         )
 
+    def follow(self, stage: str, out: str, factor: float, time: np.ndarray, value: np.ndarray) -> None:
+        """Append an operation that displaces an axis by ``factor`` times a function of the campaign clock.
+
+        Its row in the table of operations is followed by rows that do nothing but hold the function.
+
+        Args:
+            stage: Where it acts.
+            out: The axis.
+            factor: m or rad per unit of the function.
+            time: (n,) s, growing; between them the function is a line, beyond the ends it stays.
+            value: (n,) of the function.
+        """
+        knots = np.column_stack([time, value])
+        short = -len(knots) % (PARAMETERS // 2)
+        knots = np.vstack([knots, np.repeat(knots[-1:], short, axis=0)])
+        self.add_op(stage, FOLLOW, out, factor, float(len(knots)))
+        for row in knots.reshape(-1, PARAMETERS):
+            self.add_op(stage, KNOTS, out, *row)
+
     def close_loops_on_loads(self) -> None:
         """Put the plays of axes whose position loop is closed on the load into that loop: such a drive gives the
         position of its load.
@@ -195,8 +222,8 @@ class Plant:
                 return f"{wrong[0]} = {getattr(axis, wrong[0]):g} into the {name} drive"
         for op in self.ops:
             if (
-                op.code not in range(VIBRATE + 1)
-                or len(op.parameters) > STAGE - 3
+                op.code not in range(KNOTS + 1)
+                or len(op.parameters) > PARAMETERS
                 or not np.all(np.isfinite(op.parameters))
             ):
                 return f"an operation with code {op.code!r} and parameters {op.parameters!r} into the transmission"

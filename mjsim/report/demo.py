@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mjsim.campaign.files import read_campaign
-from mjsim.campaign.machine_file import read_machine, write_machine
+from mjsim.campaign.machine_file import machine_of, write_machine
 from mjsim.errors import InputError
 from mjsim.io.files import check_writable, write_whole
 from mjsim.io.resources import examples
@@ -76,7 +76,7 @@ def prepare(out: Path) -> Path:
 def first_look(folder: Path, threads: int = 2, progress: Progress = silent) -> tuple[BarComparison, Path]:
     """Compare the campaign in a folder that :func:`prepare` has made; the comparison and its picture."""
     campaign = read_campaign(folder)
-    result = compare_bars(campaign, read_machine(campaign.machine_file), threads, progress)
+    result = compare_bars(campaign, machine_of(campaign), threads, progress)
     picture = folder / "measured-and-simulated.png"
     progress("plotting", 0, 1)
     overview_plot(result, picture)
@@ -89,7 +89,7 @@ def walk(folder: Path, threads: int = 2, progress: Progress = silent) -> Demo:
     The report is left out where the extra "report" is not installed.
     """
     campaign = read_campaign(folder)
-    machine = read_machine(campaign.machine_file)
+    machine = machine_of(campaign)
     result = diagnose(campaign, machine, threads=threads, progress=progress)
     rungs: list[tuple[str, str, BarComparison]] = [("start", "", result.before)]
     rungs += [("add", e.effect.id, c) for e, c in zip(result.effects, result.rungs[1:], strict=True)]

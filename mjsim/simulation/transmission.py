@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
-from mjsim.machine.plant import BUMP, PLAY, POLYNOMIAL, SCALE, SETTLE, SINE, STAGE, VIBRATE
+from mjsim.machine.plant import BUMP, FOLLOW, PLAY, POLYNOMIAL, SCALE, SETTLE, SINE, STAGE, VIBRATE
 
 MEMORY = 3
 #: Travel after a reversal over which a direction-dependent component fades in, rad (assumed: 0.05°).
@@ -41,6 +41,8 @@ def _value(code, a, b, c, x, clock):
         return a * (1.0 - math.exp(-clock / b))
     if code == VIBRATE:  # amplitude, angular frequency, phase
         return a * math.sin(b * clock + c)
+    if code == FOLLOW:  # factor; what it follows stands in the place of the clock
+        return a * clock
     return 0.0
 
 
@@ -82,14 +84,28 @@ def apply_ops(ops, memory, q, clock, first):
     while k < n:
         stage, end = ops[k, STAGE], k
         while end < n and ops[end, STAGE] == stage:
+            at, knots = clock, 0
+            if ops[end, 0] == FOLLOW:
+                knots = int(ops[end, 4])
+                low, high = 0, knots - 1
+                while high - low > 1:
+                    middle = (low + high) // 2
+                    if ops[end + 1 + middle // 3, 3 + 2 * (middle % 3)] > clock:
+                        high = middle
+                    else:
+                        low = middle
+                row, other, place, beside = end + 1 + low // 3, end + 1 + high // 3, 2 * (low % 3), 2 * (high % 3)
+                step = ops[other, 3 + beside] - ops[row, 3 + place]
+                share = min(1.0, max(0.0, (clock - ops[row, 3 + place]) / step)) if step > 0.0 else 0.0
+                at = ops[row, 4 + place] + share * (ops[other, 4 + beside] - ops[row, 4 + place])
             memory[end, 2], memory[end, 0], memory[end, 1] = _increment(
                 int(ops[end, 0]), ops[end, 3], ops[end, 4], ops[end, 5], ops[end, 6],
-                q[int(ops[end, 2])], clock, first, memory[end, 0], memory[end, 1],
+                q[int(ops[end, 2])], at, first, memory[end, 0], memory[end, 1],
             )  # fmt: skip
-            end += 1
-        for i in range(k, end):
-            q[int(ops[i, 1])] += memory[i, 2]
-        k = end
+            end += 1 + knots // 3  # behind it are the rows that hold its knots
+        while k < end:
+            q[int(ops[k, 1])] += memory[k, 2]
+            k += 1 + (int(ops[k, 4]) // 3 if ops[k, 0] == FOLLOW else 0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -9,7 +9,6 @@ from typing import Any
 
 from mjsim.digits import estimate, wave_ends
 from mjsim.effects import registry
-from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.machine.parameter import Parameter
@@ -85,6 +84,8 @@ def entries(machine: Machine, logs: bool = False) -> list[Entry]:
         if cls.for_logs != logs and not (logs and kind in _BOTH):
             continue
         for subject in cls.subjects_of(chain):
+            if cls.follows_sensor(subject) and not machine.sensors:
+                continue
             axis = axis_of_subject(subject, chain)
             out.append(Entry(f"{kind}.{subject}", cls.title, cls.definition, cls.signature, axis))
     return out
@@ -98,19 +99,19 @@ def by_axis(machine: Machine, logs: bool = False) -> dict[str, list[Entry]]:
     return {axis: rows for axis, rows in out.items() if rows}
 
 
-def switched_on(effect_id: str, chain: Chain) -> Effect:
+def switched_on(effect_id: str, machine: Machine) -> Effect:
     """An effect at the size from which its fits start.
 
     Args:
         effect_id: ``kind.SUBJECT``.
-        chain: Axes of the machine.
+        machine: Its axes and its temperature sensors count.
 
     Raises:
         InputError: There is no such effect.
     """
-    cls, subject = registry.effect_class(effect_id, chain)
+    cls, subject = registry.effect_class(effect_id, machine.chain)
     parameters = cls.parameters_of(subject)
-    seeds = cls.search.seeds_of(parameters, subject, chain)
+    seeds = cls.search.seeds_of(parameters, subject, machine.chain, machine.sensors)
     values = dict(seeds[0]) if seeds else {}
     for p in parameters:
         if p.kind == "components":

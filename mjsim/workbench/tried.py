@@ -129,7 +129,7 @@ class ChangedModel:
         return self._values.get(effect_id) or estimate or self._typical(effect_id)
 
     def _typical(self, effect_id: str) -> Effect:
-        return self.saved.effect(effect_id) or catalogue.switched_on(effect_id, self.machine.chain)
+        return self.saved.effect(effect_id) or catalogue.switched_on(effect_id, self.machine)
 
     def set(self, effect_id: str, **values: Any) -> None:
         """Change values of an effect; one that the model lacks is put in first.

@@ -9,6 +9,7 @@ from typing import Any
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.model import Campaign
+from mjsim.campaign.temperature import in_campaign, remarks_on
 from mjsim.errors import InputError
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.model import Machine
@@ -39,13 +40,19 @@ class CheckResult:
         return tuple(m for part in self.parts for m in part.mistakes)
 
     @property
+    def remarks(self) -> tuple[str, ...]:
+        """What the record of temperatures shows, a sentence each."""
+        return tuple(remarks_on(self.campaign))
+
+    @property
     def bars(self) -> CheckedBars | None:
         """Of the ball-bar tests; ``None`` where none was measured."""
         return next((p for p in self.parts if isinstance(p, CheckedBars)), None)
 
     def to_json(self) -> dict:
         """As ``mjsim check --json`` prints it."""
-        return joined(self.campaign, {p.instrument: p.to_json() for p in self.parts})
+        data = joined(self.campaign, {p.instrument: p.to_json() for p in self.parts})
+        return data if self.campaign.temperatures is None else {**data, "temperature": list(self.remarks)}
 
 
 def check(path: str | Path, machine: Machine | None = None, threads: int = 2) -> CheckResult:
@@ -61,7 +68,7 @@ def check(path: str | Path, machine: Machine | None = None, threads: int = 2) ->
     """
     campaign = read_campaign(path, spans=False)
     campaign.need_traces("there is nothing to check")
-    machine = machine or read_machine(campaign.machine_file)
+    machine = in_campaign(machine or read_machine(campaign.machine_file), campaign)
     parts = campaign.measured_parts.items()
     return CheckResult(campaign, tuple(_CHECK.get(name, check_plainly)(part, machine, threads) for name, part in parts))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mjsim.campaign.model import Campaign
+from mjsim.campaign.temperature import in_campaign
 from mjsim.estimation.problem import Problem
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.base import INSTRUMENTS
@@ -35,7 +36,7 @@ def compare(
         InputError: No test has a trace, or the traces show a mistake (:mod:`mjsim.estimation.mistakes`).
     """
     campaign.need_traces("comparing needs at least one measured test")
-    parts = []
+    machine, parts = in_campaign(machine, campaign), []
     for name, part in campaign.measured_parts.items():
         if INSTRUMENTS[name].in_motion:
             own = problem if problem is not None and set(problem.noises) == {name} else None

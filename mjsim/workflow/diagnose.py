@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mjsim.campaign.model import Campaign
+from mjsim.campaign.temperature import in_campaign
 from mjsim.errors import InputError
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest
@@ -45,7 +46,7 @@ def diagnose(
         InputError: Nothing was measured, the recordings show a mistake, or there is no diagnosis for an instrument.
     """
     campaign.need_traces("a diagnosis needs measured tests")
-    have = set(campaign.measured_parts)
+    machine, have = in_campaign(machine, campaign), set(campaign.measured_parts)
     if unable := sorted(have - set(diagnosable())):
         raise InputError(
             f"{campaign.folder / 'campaign.toml'}: no diagnosis works with tests of the instrument {unable[0]!r}; "

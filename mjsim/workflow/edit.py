@@ -7,6 +7,7 @@ from pathlib import Path
 
 from mjsim.campaign.machine_file import machine_document, machine_of, read_machine, text_without
 from mjsim.campaign.model import Campaign
+from mjsim.campaign.temperature import in_campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.estimation.bar_search import BarSearch
@@ -149,12 +150,13 @@ def remove(
     """
     path = Path(machine_file if machine_file is not None else campaign.machine_file)
     try:
-        machine = read_machine(path)
+        machine = machine_of(campaign, path)
     except InputError:
         text = text_without(path, effect)
         if text == read_text(path):
             raise
-        return _remove_unreadable(campaign, effect, read_machine(path, text), text, threads, progress)
+        without = in_campaign(read_machine(path, text), campaign)
+        return _remove_unreadable(campaign, effect, without, text, threads, progress)
     present = machine.effect(effect)
     if present is None:
         have = ", ".join(e.key for e in machine.effects) or "none"

@@ -244,7 +244,7 @@ def _typical_values(cls: type[Effect], subject: str, machine: Machine) -> dict:
     parameters = cls.parameters_of(subject)
     if any(p.kind == "components" for p in parameters):
         return {"components": []}
-    return next(iter(cls.search.seeds_of(parameters, subject, machine.chain)), {})
+    return next(iter(cls.search.seeds_of(parameters, subject, machine.chain, machine.sensors)), {})
 
 
 def probability_of(log_odds: float) -> float:

@@ -11,6 +11,7 @@ from pydantic import TypeAdapter
 
 from mjsim.campaign.machine_file import machine_text, read_machine
 from mjsim.campaign.model import Campaign
+from mjsim.campaign.temperature import in_campaign
 from mjsim.errors import InputError
 from mjsim.io import files
 from mjsim.io.inputs import file_bytes
@@ -93,7 +94,7 @@ def machine_of_step(campaign: Campaign, step: Step) -> Machine:
             f"{history_file(campaign)}: the step '{step.label}' was recorded without its machine; "
             f"move the file away and run `mjsim add {campaign.folder} EFFECT` to record the steps anew"
         )
-    return read_machine(campaign.folder / step.machine_file, step.model)
+    return in_campaign(read_machine(campaign.folder / step.machine_file, step.model), campaign)
 
 
 def record(campaign: Campaign, steps: list[Step]) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from mjsim.campaign.machine_file import machine_text, read_machine
 from mjsim.campaign.model import Campaign
+from mjsim.campaign.temperature import in_campaign
 from mjsim.errors import InputError
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.posterior import Posterior
@@ -92,7 +93,7 @@ def saved_file(campaign: Campaign) -> Path:
 def stamp(campaign: Campaign, machine: Machine) -> str:
     """Fingerprint of everything that a diagnosis starts from."""
     tests = [(test, campaign.traces[test.name]) for test in campaign.measured]
-    return fingerprint(_FORM, campaign.instruments, read_text(machine.file), tests)
+    return fingerprint(_FORM, campaign.instruments, read_text(machine.file), tests, campaign.temperatures)
 
 
 def keep(result: Diagnosis, given: Machine) -> SavedDiagnosis:
@@ -135,7 +136,7 @@ def read_saved(campaign: Campaign, given: Machine) -> SavedDiagnosis | None:
         data = json.loads(file_bytes(path, _LARGEST, "allowed: a file that mjsim has written"))
         if data["stamp"] != stamp(campaign, given):
             return None
-        machine = read_machine(campaign.folder / data["machine_file"], data["machine"])
+        machine = in_campaign(read_machine(campaign.folder / data["machine_file"], data["machine"]), campaign)
         effects = {e.key: e for e in machine.effects}
         known = tuple(
             Known(effects[k["key"]], k["ci95"], k["origin"], tuple(k["alternatives"]), k["observable"])

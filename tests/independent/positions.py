@@ -94,7 +94,8 @@ def write(
         errors: As :class:`Axis` takes them.
         tests: Each with ``name``, ``axis``, ``ends`` (mm or degrees), ``count`` of targets; and ``component``,
             ``line_mm``, ``at_mm``, ``runs`` where they are not the usual ones. ``extra`` is a cause outside the
-            catalogue: deviations (n,) m or rad at targets (n,).
+            catalogue: deviations (n,) m or rad at targets (n,). ``pause_s``: from reading to reading, where the file
+            has times; ``drift``: deviations (n,) at such times.
         noise: Of one reading, m and rad.
         instrument: More keys of its table.
         tolerance: More limits of the machine file.
@@ -112,6 +113,8 @@ def write(
         line = np.array(t.get("line_mm", (0.0, 0.0, 0.0))) * 1e-3
         found = Axis(errors).read(axis, component, told, side, line, at)
         found = found + (t["extra"](told) if "extra" in t else 0.0) + gain * told * (component[1] == axis)
+        clock = t.get("pause_s", 0.0) * np.arange(len(told))
+        found = found + (t["drift"](clock) if "drift" in t else 0.0)
         found = found + rng.normal(0.0, noise, len(told)) + rng.normal(0.0, 50e-6)
         angle = component[1] in "ABC"
         names = [
@@ -121,7 +124,10 @@ def write(
             "deviation_urad" if angle else "deviation_um",
         ]
         rows = zip(told / unit, run, side, found / MICRO, strict=True)
-        text = [",".join(names), *(f"{a:.4f},{b:.0f},{c:.0f},{d:.4f}" for a, b, c, d in rows), ""]
+        text = [",".join(names), *(f"{a:.4f},{b:.0f},{c:.0f},{d:.4f}" for a, b, c, d in rows)]
+        if "pause_s" in t:
+            text = [f"{row},{s}" for row, s in zip(text, ["time_s", *(f"{s:.1f}" for s in clock)], strict=True)]
+        text.append("")
         (folder / "traces" / f"{t['name']}.csv").write_text("\n".join(text))
         keys = {k: t[k] for k in ("component", "line_mm", "at_mm") if k in t}
         out.append({"name": t["name"], "kind": "positions", "axis": axis, "trace": f"traces/{t['name']}.csv", **keys})

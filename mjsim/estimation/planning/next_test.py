@@ -155,5 +155,7 @@ def typical(effect_id: str, chain: Chain) -> EffectVector:
     if not seeds:
         raise InputError(
             f"plan for {effect_id}: its orders are not known beforehand; measure any test in which its axis moves"
+            if not cls.follows_sensor(subject)
+            else f"plan for {effect_id}: nobody knows the temperatures beforehand; measure the same test cold and warm"
         )
     return EffectVector(cls(subject, **seeds[0]), cls.search.free_of(cls.parameters_of(subject)))

@@ -164,8 +164,9 @@ class EffectsPanel:
             with ui.element("div").classes("words"):
                 ui.label(f"{catalogue.spoken(p)}{f' in {p.unit}' if p.unit else ''}").tooltip(p.meaning)
                 interval = ui.label().classes("soft")
-            if p.kind == "choice":
-                options = {"": "both directions", **{c: c for c in p.choices}}
+            if p.kind in ("choice", "sensor"):
+                sensors = {s: s for s in self.live.bench.machine.sensors}
+                options = sensors if p.kind == "sensor" else {"": "both directions", **{c: c for c in p.choices}}
                 choice = ui.select(options, on_change=lambda e: self._chose(effect.key, p, e.value))
                 choice.props("dense").style("grid-column: 1 / -1")
                 self._controls[key] = [choice]
@@ -199,7 +200,7 @@ class EffectsPanel:
         if not controls:
             return
         value = effect.values.get(p.name, "")
-        if p.kind == "choice":
+        if p.kind in ("choice", "sensor"):
             controls[0].value = value
             return
         slider, number, interval = controls
