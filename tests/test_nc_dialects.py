@@ -611,7 +611,7 @@ def test_g53_3_turns_and_goes_at_once(tmp_path):
     assert nc.lines.tolist()[-3:] == [2, 4, 5]
     for at, place in ((-2, (10, 20, 100)), (-1, (10, 20, 90))):
         tip = spindle_in_work(chain, nc.motion.axes[[at]])[0]
-        np.testing.assert_allclose(tip * 1e3, turn.apply(place) + [50, 50, -50], rtol=0, atol=1e-6)
+        np.testing.assert_allclose(tip * 1e3, turn.apply(place) + np.array([50, 50, -50]), rtol=0, atol=1e-6)
         tool = tool_direction(chain, nc.motion.axes[[at]])[0]
         np.testing.assert_allclose(tool, turn.apply([0, 0, 1]), rtol=0, atol=1e-9)
 
