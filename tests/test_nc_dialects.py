@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from mjsim.errors import InputError
 from mjsim.instruments.ball_bar.program import driven_by
-from mjsim.machine.chain import FIVE_AXIS, chain_of
+from mjsim.machine.chain import FIVE_AXIS, Placement, chain_of
 from mjsim.machine.kinematics import rotation, spindle_in_work, tool_direction, work_to_machine
 from mjsim.nc.meanings import MEANINGS
 from mjsim.nc.read import parse_nc
@@ -545,6 +546,74 @@ def test_loops_and_subprograms_through_the_interpreter(tmp_path):
     ):
         with pytest.raises(InputError, match=words.replace("[", r"\[")):
             parse_nc(text, tmp_path / "p.ngc", "linuxcnc")
+
+
+BRIDGE = """[RS274NGC]
+[KINS]
+KINEMATICS = 5axiskins coordinates=xyzbcw
+[TRAJ]
+LINEAR_UNITS = mm
+[EMCIO]
+TOOL_TABLE = tools.tbl
+"""
+
+
+@pytest.mark.skipif(
+    shutil.which("rs274") is None, reason="rs274 of the Debian package linuxcnc-uspace is not installed"
+)
+def test_w_of_a_bridge_mill_moves_the_tool_along_itself(tmp_path):
+    """LinuxCNC's 5axiskins.c: the joints are where the pivot is, ``s2r`` away from the place in the program."""
+    (tmp_path / "mill.ini").write_text(BRIDGE)
+    (tmp_path / "tools.tbl").write_text("T1 P1 Z100 D10 ; a drill\n")
+    chain = chain_of("w-bYXZCB-t", (("B", Placement(sense="opposite")),), 0.25)
+
+    def read(text):
+        return parse_nc(text, tmp_path / "p.ngc", "linuxcnc", chain=chain, ini=tmp_path / "mill.ini")
+
+    nc = read(
+        "#1=-7\nT1 M6 G43\nG53 G0 Z0\nG10 L20 P0 Z0\nG0 X10 Y20 Z30 B0 C0 W0\nG0 B-35 C50\nG1 W#1 F100\nG0 W3\nG1 Z31 W3\nM2\n"
+    )
+    p, t = np.radians(180.0 + 35.0), np.radians(50.0)
+    ray = np.array([np.sin(p) * np.cos(t), np.sin(p) * np.sin(t), np.cos(p)])
+    for (x, y, z), w, at in (((10, 20, -70), -7, 1), ((10, 20, -70), 3, 2), ((10, 20, -69), 3, 3)):
+        joints = np.array([x, y, z]) - (250.0 + w) * ray - [0.0, 0.0, 250.0]
+        np.testing.assert_allclose(nc.motion.axes[at, :3] * 1e3, joints, rtol=0, atol=2e-4)
+    assert nc.motion.seconds[0] == pytest.approx(7 / 100 * 60)
+    for text, words in (
+        ("#1=0\nG0 X0 Y0 Z0 B0 C0\nG0 W5 B10\nM2\n", "line 3: W and another axis in one block"),
+        ("#1=0\nG0 X0 Y0 Z0 B0 C0\nG1 F9 W5 X1\nM2\n", "W and another axis in one block"),
+        ("#1=0\nM429\nG1 F9 W5\nM2\n", "without tool centre point control"),
+        ("#1=0\nG0 A5\nM2\n", "line 2: a move of A"),
+        ("#1=0\nG0 V5\nM2\n", "line 2: a move of V"),
+    ):
+        with pytest.raises(InputError, match=words):
+            read(text)
+
+
+@pytest.mark.parametrize(("option", "tip"), [("", True), (" sparm=identityfirst", False)])
+def test_the_configuration_says_whether_tool_centre_point_control_is_on_at_the_start(tmp_path, option, tip):
+    (tmp_path / "mill.ini").write_text(f"[KINS]\nKINEMATICS = xyzac-trt-kins{option}\n")
+    text = "G21 G90\nG0 X0 Y0 Z0 A0 C0\nG1 X1 A10 F100\nM2\n"
+    nc = parse_nc(text, tmp_path / "p.ngc", "linuxcnc", ini=tmp_path / "mill.ini")
+    assert np.all(nc.motion.tip) == tip
+
+
+@pytest.mark.skipif(
+    shutil.which("rs274") is None, reason="rs274 of the Debian package linuxcnc-uspace is not installed"
+)
+def test_g53_3_turns_and_goes_at_once(tmp_path):
+    """To the place in the plane, on a head whose axis leans by 55° as that of LinuxCNC's example does."""
+    lean = np.radians(55.0)
+    chain = chain_of("w-bXYZCB-t", (("B", Placement((0.0, np.sin(lean), np.cos(lean)))),), 0.25)
+    text = "#1=30\nG0 X0 Y0 Z100 B0 C0\nG68.2 X50 Y50 Z-50 Q121 I#1 J15\nG53.3 X10 Y20 Z100\nG0 Z90\nM2\n"
+    nc = parse_nc(text, tmp_path / "p.ngc", "linuxcnc", chain=chain)
+    turn = Rotation.from_euler("XY", [30.0, 15.0], degrees=True)
+    assert nc.lines.tolist()[-3:] == [2, 4, 5]
+    for at, place in ((-2, (10, 20, 100)), (-1, (10, 20, 90))):
+        tip = spindle_in_work(chain, nc.motion.axes[[at]])[0]
+        np.testing.assert_allclose(tip * 1e3, turn.apply(place) + np.array([50, 50, -50]), rtol=0, atol=1e-6)
+        tool = tool_direction(chain, nc.motion.axes[[at]])[0]
+        np.testing.assert_allclose(tool, turn.apply([0, 0, 1]), rtol=0, atol=1e-9)
 
 
 def test_without_the_interpreter_it_is_said(monkeypatch, tmp_path):

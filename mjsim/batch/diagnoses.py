@@ -20,6 +20,7 @@ from pathlib import Path
 from mjsim.batch.tables import versions
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import machine_of
+from mjsim.campaign.temperature import FILE
 from mjsim.errors import InputError, SimulationError, shortened
 from mjsim.io.cache import code
 from mjsim.io.files import finite

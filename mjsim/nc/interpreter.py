@@ -22,7 +22,7 @@ import numpy as np
 from mjsim.io.inputs import file_bytes
 from mjsim.machine.axis import ABOUT, ALONG, BESIDE, Axis
 from mjsim.machine.chain import Chain
-from mjsim.machine.kinematics import rotation, tool_side, work_side
+from mjsim.machine.kinematics import rotation, tool_direction, tool_side, work_side
 from mjsim.nc.modal import Modal
 from mjsim.nc.words import CENTRES, GCodeError
 from mjsim.units import MM
@@ -44,6 +44,13 @@ _HARMLESS = re.compile(
     r"USE_NO_SPINDLE|WAIT|SET_PLANNER|START_CHANGE"
 )
 _TOOLS = 200
+#: Kinematics in which W is a way along the tool (LinuxCNC, src/emc/kinematics/5axiskins.c, notes 4 and 5), and those
+#: that begin with tool centre point control (LinuxCNC, Switchable Kinematics: type 0).
+_BRIDGE = "5axiskins"
+_TIP_FIRST = (_BRIDGE, "maxkins", "xyzac-trt-kins", "xyzbc-trt-kins")
+_SIDE = BESIDE[-1]
+#: A comment, a name or the letter W before a number.
+_SIDE_WORD = re.compile(rf"\([^()]*\)|;.*|<[^>]*>|(?<![A-Za-z_])(?P<side>{_SIDE})(?=\s*[-+\d.#\[])", re.IGNORECASE)
 
 
 def needs_interpreter(text: str) -> bool:
@@ -52,14 +59,14 @@ def needs_interpreter(text: str) -> bool:
     return bool(_BY_ITSELF.search(plain))
 
 
-def carry_out(text: str, path: Path, modal: Modal, ini: Path | None = None) -> None:
+def carry_out(text: str, path: Path, modal: Modal, configuration: Configuration) -> None:
     """Run a program through ``rs274`` and give its motions to a control.
 
     Args:
         text: The program.
         path: Its file; subprograms are looked for in its folder.
         modal: The control.
-        ini: Configuration of LinuxCNC that says where other subprograms and the tools are.
+        configuration: Of LinuxCNC; it says where other subprograms and the tools are.
 
     Raises:
         GCodeError: the interpreter is not installed, refuses the program, or does what cannot be followed.
@@ -69,10 +76,9 @@ def carry_out(text: str, path: Path, modal: Modal, ini: Path | None = None) -> N
             "variables, subprograms or o-words; LinuxCNC's own interpreter rs274 (Debian package linuxcnc-uspace) "
             "reads them and is not installed; allowed without it: plain blocks"
         )
-    _check_axes(text, modal)
-    configuration = Configuration(ini)
+    _check_axes(text, modal, configuration)
     printed, error = canonical(text, path, modal.chain, configuration, modal.skip)
-    reader = _Canon(modal, configuration.tools is not None)
+    reader = _Canon(modal, configuration)
     for line in printed:
         call = _CALL.match(line)
         if call:
@@ -97,14 +103,14 @@ def canonical(
     """
     with tempfile.TemporaryDirectory() as folder:
         room = Path(folder)
+        if configuration.moves_tool:
+            text = _with_letter(text, free_letter(chain))
         (room / "program.ngc").write_text(_marked(_with_pins(text, configuration)))
         _write_remaps(room, chain)
         paths = [str(room), str(path.resolve().parent), *configuration.folders]
         (room / "settings.ini").write_text(_settings(room, paths))
-        tools = configuration.tools or room / "tools.tbl"
-        if not configuration.tools:
-            (room / "tools.tbl").write_text("".join(f"T{n} P{n} Z0 D0\n" for n in range(1, _TOOLS)))
-        command = ["rs274", "-g", "-i", "settings.ini", "-t", str(tools), *(["-b"] if skip else []), "program.ngc"]
+        (room / "tools.tbl").write_text(_tools(configuration))
+        command = ["rs274", "-g", "-i", "settings.ini", "-t", "tools.tbl", *(["-b"] if skip else []), "program.ngc"]
         try:
             done = subprocess.run(command, cwd=room, capture_output=True, timeout=_LONGEST, check=False)
         except subprocess.TimeoutExpired:
@@ -117,17 +123,43 @@ def canonical(
     return done.stdout.decode("utf-8", "replace").splitlines(), error.partition("\n")[0]
 
 
+def _tools(configuration: Configuration) -> str:
+    """Table of the tools. The interpreter takes its lengths for inches (src/emc/sai/saicanon.cc)."""
+    if configuration.tools is None:
+        return "".join(f"T{n} P{n} Z0 D0\n" for n in range(1, _TOOLS))
+    data = file_bytes(configuration.tools, 1_000_000, "allowed: a tool table of LinuxCNC", "no such file")
+    per = 1.0 if configuration.inch else 25.4
+    return "\n".join(
+        re.sub(
+            rf"(?<![A-Za-z])([{ALONG}{BESIDE}D])([-+]?(?:\d+\.?\d*|\.\d+))",
+            lambda word: f"{word[1]}{float(word[2]) / per:.12g}",
+            line.partition(";")[0],
+            flags=re.IGNORECASE,
+        )
+        for line in [*data.decode("utf-8", "replace").splitlines(), ""]
+    )
+
+
 class Configuration:
     """What an INI file of LinuxCNC says that a program needs.
 
     Args:
         ini: The file, or nothing.
+
+    Attributes:
+        folders: Where subprograms are.
+        tools: File of the tools, or nothing.
+        inch: Whether it has inches.
+        pins: Values of HAL pins; nothing without a file.
+        begins_at_tip: Whether tool centre point control is on before any code switches it.
+        moves_tool: Whether W moves the tool along itself, by the axes that are there.
     """
 
     def __init__(self, ini: Path | None) -> None:
         self.folders: list[str] = []
         self.tools: Path | None = None
         self.pins: dict[str, str] | None = None
+        self.inch = self.begins_at_tip = self.moves_tool = False
         if ini is None:
             return
         data = file_bytes(
@@ -142,6 +174,12 @@ class Configuration:
                 self.folders += [str((ini.parent / part).resolve()) for part in value.split(":") if part]
             elif key == "TOOL_TABLE" and (ini.parent / value).is_file():
                 self.tools = (ini.parent / value).resolve()
+            elif key == "LINEAR_UNITS":
+                self.inch = value.lower() in ("inch", "in", "imperial")
+            elif key == "KINEMATICS":
+                kinematics, *options = value.split() or [""]
+                self.begins_at_tip = kinematics in _TIP_FIRST and "sparm=identityfirst" not in options
+                self.moves_tool = kinematics == _BRIDGE
             elif key == "HALCMD":
                 words = value.replace("=>", " ").replace("<=", " ").split()
                 if words[:1] == ["setp"] and len(words) == 3:
@@ -165,13 +203,26 @@ def _with_pins(text: str, configuration: Configuration) -> str:
     return re.sub(r"#<_hal\[([^\]]*)\]>", value, text)
 
 
-def _check_axes(text: str, modal: Modal) -> None:
-    """Refuse moves of U, V, W, which the interpreter does not print."""
+def free_letter(chain: Chain) -> str:
+    """A rotary letter that the machine does not have. The interpreter prints it, and it does not print W."""
+    return next(a for a in ABOUT if a not in chain.letters)
+
+
+def _with_letter(text: str, letter: str) -> str:
+    """The program with another letter in place of W."""
+    return "\n".join(
+        _SIDE_WORD.sub(lambda found: letter if found["side"] else found[0], line) for line in text.splitlines()
+    )
+
+
+def _check_axes(text: str, modal: Modal, configuration: Configuration) -> None:
+    """Refuse moves of U, V, W, which the interpreter does not print, and of a letter that stands in for W."""
+    letters = BESIDE.replace(_SIDE, free_letter(modal.chain)) if configuration.moves_tool else BESIDE
     for modal.number, line in enumerate(text.splitlines(), start=1):
         plain = re.sub(r"\([^()]*\)|;.*|<[^>]*>", "", line)
-        for found in re.finditer(rf"(?<![A-Za-z_])([{BESIDE}])\s*([-+\d.#\[]+)", plain, re.IGNORECASE):
+        for found in re.finditer(rf"(?<![A-Za-z_])([{letters}])\s*([-+\d.#\[]+)", plain, re.IGNORECASE):
             if found[2].strip("0.+-"):
-                raise GCodeError(f"a move of {found[1].upper()}; allowed: linear axes {', '.join(ALONG)}")
+                raise GCodeError(f"a move of {found[1].upper()}; allowed: {', '.join(modal.chain.letters)}")
 
 
 def _marked(text: str) -> str:
@@ -254,11 +305,13 @@ class _Canon:
 
     Args:
         modal: The control.
-        tools: Whether the sizes of the tools are known.
+        configuration: Of LinuxCNC.
     """
 
-    def __init__(self, modal: Modal, tools: bool) -> None:
-        self.modal, self.tools = modal, tools
+    def __init__(self, modal: Modal, configuration: Configuration) -> None:
+        self.modal, self.tools = modal, configuration.tools is not None
+        self.side = free_letter(modal.chain) if configuration.moves_tool else ""  # the letter that stands for W
+        self.drawn = 0.0  # W: how far the tool is drawn back along itself, mm
         self.feed_mode, self.kinds = 94, set()
         self.letters: tuple[str, ...] = tuple(f"{a}" for a in ALONG + ABOUT)
         self.offset, self.preset, self.angle = np.zeros(6), np.zeros(6), 0.0
@@ -281,7 +334,7 @@ class _Canon:
         elif self.silent and name == "STRAIGHT_TRAVERSE":
             pass
         elif name in ("STRAIGHT_TRAVERSE", "STRAIGHT_FEED"):
-            end = self._end(_floats(text))
+            end = self._drawn_back(self._end(_floats(text)), _floats(text), name == "STRAIGHT_FEED")
             if np.abs(end - modal.at).max() > _PRINTED:
                 modal.straight(end, name == "STRAIGHT_TRAVERSE", True)
                 self._count(name == "STRAIGHT_FEED")
@@ -343,12 +396,8 @@ class _Canon:
         elif code in ("53.1", "53.3", "53.6"):
             if not modal.follows:
                 modal.refuse(f"G{code} without a tilted plane")
-            modal.orient(keep_tip=code == "53.6")
-            if code == "53.3":  # and go to a place of the plane
-                end = modal.at.copy()
-                for i, a in enumerate(ALONG):
-                    end[i] = words.get(a, end[i])
-                modal.straight(end, True, False)
+            goal = np.array([words.get(a, np.nan) for a in ALONG]) if code == "53.3" else None
+            modal.orient(keep_tip=code == "53.6", goal=goal)
         else:
             origin = np.array([words.get(a, 0.0) for a in ALONG])
             angles = np.radians([words.get(a, 0.0) for a in CENTRES])
@@ -403,9 +452,35 @@ class _Canon:
                 if self.away and self._kept(end[i]):
                     end[i] = modal.at[i]
         for a in self.letters:
-            if a not in modal.chain.letters and abs(given[a]) > 1e-9:
+            if a not in modal.chain.letters and a != self.side and abs(given[a]) > 1e-9:
                 raise GCodeError(f"a move of {a}; allowed: {', '.join(modal.chain.letters)}")
         return end
+
+    def _drawn_back(self, end: np.ndarray, values: list[float], cutting: bool) -> np.ndarray:
+        """The end of a move with the way W of the tool along itself, which X, Y and Z carry out."""
+        modal, chain = self.modal, self.modal.chain
+        if not self.side:
+            return end
+        column = self.letters.index(self.side)
+        drawn = values[column] + (self.offset + self.preset)[column]
+        if not (drawn or self.drawn):
+            return end
+        if modal.inch or not modal.tcp or self.away:
+            modal.refuse(f"{_SIDE} in inches, without tool centre point control or in a tilted plane")
+        linear, step = chain.linear_columns, end - modal.at
+        step[linear] += self.drawn * self._along(modal.at)
+        if np.abs(step[chain.rotary_columns]).max() > _PRINTED or (
+            cutting and drawn != self.drawn and np.abs(step[linear]).max() > _PRINTED
+        ):
+            modal.refuse(f"{_SIDE} and another axis in one block")
+        self.drawn = drawn
+        end = end.copy()
+        end[linear] += drawn * self._along(end)
+        return end
+
+    def _along(self, place: np.ndarray) -> np.ndarray:
+        """Direction from the tip to the spindle, in the coordinates of the program, (3,)."""
+        return self.modal.turn.T @ tool_direction(self.modal.chain, np.radians(place)[None])[0]
 
     def _kept(self, value: float) -> bool:
         return value < 0.5 * _AWAY

@@ -14,7 +14,7 @@ from mjsim.instruments.ball_bar.commanded import Commanded
 from mjsim.io.inputs import file_bytes
 from mjsim.machine.chain import FIVE_AXIS, Chain, is_rotary
 from mjsim.nc.dialects import dialect as find_dialect
-from mjsim.nc.interpreter import carry_out, needs_interpreter
+from mjsim.nc.interpreter import Configuration, carry_out, needs_interpreter
 from mjsim.nc.klartext import Klartext, statements
 from mjsim.nc.limits import scale
 from mjsim.nc.meanings import MEANINGS
@@ -72,7 +72,7 @@ def read_nc(
             ``None``: where it would turn by more than half a turn in a feed move, which is then said.
         chain: The machine's axes.
         skip: Whether blocks with ``/`` are left out.
-        ini: Configuration of LinuxCNC that says where its subprograms are.
+        ini: Configuration of LinuxCNC that says its kinematics, and where its subprograms and tools are.
 
     Raises:
         InputError: names file, line, what was found and what is allowed.
@@ -94,9 +94,12 @@ def parse_nc(
     """As :func:`read_nc` for a program's text; ``path`` is its name in messages."""
     d = find_dialect(dialect, reading=True)
     modal = Modal(d, MEANINGS[d.name](), chain, tuple(reversed), rollover, skip)
+    configuration = Configuration(None if ini is None else Path(ini))
     try:
+        if d.name == "linuxcnc" and configuration.begins_at_tip:
+            modal.switch_tip(True)
         if d.name == "linuxcnc" and needs_interpreter(text):
-            carry_out(text, path, modal, None if ini is None else Path(ini))
+            carry_out(text, path, modal, configuration)
         else:
             _run(text, modal)
         found = modal.result()

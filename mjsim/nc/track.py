@@ -223,12 +223,13 @@ class Track:
         assert best is not None
         return best[1]
 
-    def orient(self, sign: int = 0, keep_tip: bool = False) -> None:
+    def orient(self, sign: int = 0, keep_tip: bool = False, goal: np.ndarray | None = None) -> None:
         """Turn the rotary axes until the tool is normal to the tilted plane.
 
         Args:
             sign: As :meth:`aimed`.
             keep_tip: Whether the linear axes follow, so that the tip stays on the workpiece; otherwise they rest.
+            goal: (3,) place in the plane where all axes go together; not a number: the place of now.
         """
         self.flush()
         target = self.aimed(self.turn @ np.array([0.0, 0.0, 1.0]), sign=sign)
@@ -244,6 +245,11 @@ class Track:
             return
         after = before.copy()
         after[rotary] = target[rotary]
+        if goal is not None:
+            end = self._filled(self.at)
+            end[rotary] = target[rotary]
+            end[self.chain.linear_columns] = np.where(np.isnan(goal), end[self.chain.linear_columns], goal)
+            after = self._axes(self._in_work(end[None]), True)[0]
         if keep_tip:
             end = self.at.copy()
             end[rotary] = target[rotary]
