@@ -361,6 +361,32 @@ def test_the_written_effect_does_what_its_term_did(moves, tmp_path):
         assert np.abs(got - want).max() < 0.03 * np.abs(want).max() + 0.01e-6
 
 
+def test_an_oval_table_is_one_wave_along_the_radius():
+    """Two waves per turn are explained best by two waves per turn, not by a curve of any shape."""
+    from mjsim.estimation.curve_terms import RADIAL, CurveTerms
+    from mjsim.estimation.curve_waves import radial_curves
+    from mjsim.estimation.fit import Fitter
+    from mjsim.estimation.unknown_curves import best_curves
+
+    campaign = read_campaign(examples() / "healthy")
+    machine = read_machine(campaign.machine_file)
+    tests = tuple(t for t in campaign.tests if t.name in ("cone15-y50-ccw", "cone15-x50-ccw"))
+    problem = trusted_problem(
+        dataclasses.replace(campaign, tests=tests, traces={t.name: campaign.traces[t.name] for t in tests}),
+        build(machine),
+    )
+    (term,) = radial_curves(CurveTerms(problem, Fitter(problem, machine).fit([])))
+    oval = 3.0 * np.cos(2.0 * term.knots - 0.5)
+    samples = []
+    for s, columns in zip(problem.samples, term.columns, strict=True):
+        samples.append(s.without(-np.interp(s.time, s.centre, columns @ oval)))
+    problem = dataclasses.replace(problem, samples=tuple(samples))
+    odds, best = best_curves(problem, Fitter(problem, machine).fit([]), problem)[0]
+    assert (best.term.moves, best.prior) == (RADIAL, "lobes") and odds > 100.0
+    waves = np.abs(np.fft.rfft(best.root, axis=0))
+    assert waves.argmax(axis=0).tolist() == [2, 2]
+
+
 def test_one_machine_may_have_several_unknown_causes(tmp_path):
     """Effect files of different axes, motions and variables are effects of different kinds."""
     from mjsim.effects.registry import load_file
