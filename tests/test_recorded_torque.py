@@ -69,6 +69,15 @@ def test_a_recorded_torque_narrows_inertia_by_more_than_five_without_a_law(tmp_p
     assert fit.rms == pytest.approx(alone.rms, rel=0.02)
 
 
+def test_a_torque_may_count_against_the_direction_of_the_position(tmp_path):
+    campaign, machine = recorded(tmp_path, "X_torque_Nm", -1.0)
+    (d,) = axis_data(campaign, "X", machine)
+    given = campaign.traces["strokes"].axes["X"].torque
+    assert d.record.torque == pytest.approx(-given)
+    campaign, machine = recorded(tmp_path, "X_force_N", 2.0 * np.pi / 0.01)
+    assert axis_data(campaign, "X", machine)[0].record.force is campaign.traces["strokes"].axes["X"].force
+
+
 def test_a_torque_that_is_two_percent_off_does_not_make_the_inertia_surer_than_that(tmp_path):
     _, fit = fitted(*recorded(tmp_path, "X_torque_Nm", 1.02))
     low, high = intervals(fit)["drive.inertia"][1:]
@@ -130,10 +139,11 @@ def test_the_noise_of_a_row_is_that_of_its_samples(tmp_path):
 
 
 def test_a_user_is_told_what_a_torque_without_a_law_is_used_for(tmp_path):
-    campaign, machine = recorded(tmp_path, "X_torque_Nm")
+    campaign, machine = recorded(tmp_path, "X_torque_Nm", -1.0)
     result = diagnose_logs(campaign, machine, max_effects=1)
-    (said,) = (f for f in result.signals if f.kind == "used")
-    assert "held against the torque of the model; no gain of the control is read from it" in said.sentence
+    law, sign = sorted((f.sentence for f in result.signals if f.kind == "used"), reverse=True)
+    assert "held against the torque of the model; no gain of the control is read from it" in law
+    assert "the torque of X counts against the direction of the position; its sign is turned" in sign
     assert result.verdict == "nothing_found"
     (inertia,) = (s for s in result.sheet if s.name == "inertia")
     assert inertia.known and inertia.source == "motion"
