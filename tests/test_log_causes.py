@@ -8,7 +8,7 @@ import pytest
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.estimation.axis_logs.data import axis_data
-from mjsim.estimation.axis_logs.gains import read_gains
+from mjsim.estimation.axis_logs.gains import read_gains, speed_limit
 from mjsim.simulation.servo import smoothed
 from mjsim.workflow.axis_log.compare import checked_logs
 from mjsim.workflow.axis_log.diagnose import diagnose_logs
@@ -188,6 +188,22 @@ def test_a_torque_limit_that_is_not_stated_is_no_wrong_gain(tmp_path, control, l
     assert [e.effect.id for e in result.effects] == [f"current_clip.{letter}"]
     low, high = result.effects[0].ci95["torque_Nm"]
     assert low < limit < high and high < 1.1 * low
+
+
+def test_a_set_point_that_stands_says_the_limit_and_still_the_gain(tmp_path):
+    command, control = short_strokes(), Control(fastest=90.0)
+    actual, _ = record(FRICTION, control, command, 0.02e-6)
+    most = 90.0 * FRICTION.lead / (2.0 * np.pi)
+    v = np.clip(set_point(command, actual, control), -most, most)
+    rows = csv(command, actual).splitlines()
+    table = [rows[0] + ",X_velocity_command_mm_per_s"]
+    table += [f"{row},{1e3 * x:.7f}" for row, x in zip(rows[1:], v, strict=True)]
+    write_campaign(tmp_path, "\n".join(table) + "\n", machine_toml(FRICTION, Control(), False, 0.12))
+    campaign, machine = read_campaign(tmp_path), read_machine(tmp_path / "machine.toml")
+    data = axis_data(checked_logs(campaign, machine), "X", machine)
+    assert speed_limit(machine, data) == pytest.approx(90.0, rel=1e-3)
+    (gains,) = read_gains(machine, data)
+    assert gains.values["position_gain"] == pytest.approx(45.0, rel=0.005)
 
 
 @pytest.mark.parametrize(
